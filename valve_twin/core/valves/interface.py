@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What a valve has to bring: a model (what is identified, how it predicts) and a plant (what simulates it).
+
+A valve is one package under `valve_twin.core.valves` (or of a user, through the entry-point group
+`valve_twin.valves`) that exports `MODEL`, a `ValveModel`, and, where it can be simulated, `PLANT`, a `PlantFactory`.
+The rest of the house knows valves only through these protocols.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+from valve_twin.core.types import ByteArray, Cycle, Estimate, FloatArray, Parameter
+
+Options = Mapping[str, object]
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """One option of a model, as it stands in the valve's configuration.
+
+    `default` fixes the type (bool, int, float, str, list of str or of float); `lower` and `upper` limit numbers.
+    """
+
+    name: str
+    default: object
+    description: str
+    unit: str = "1"
+    lower: float | None = None
+    upper: float | None = None
+    choices: tuple[str, ...] = ()
+
+
+class ValveModel(Protocol):
+    """What is identified from a cycle, and how it predicts.
+
+    Attributes
+    ----------
+    name : str
+        Name in configurations, e.g. "press_cartridge".
+    inputs : tuple of str
+        Signal names of the commands, in the column order of `Frames.inputs`.
+    output : str
+        Signal name of the position.
+    parameters : tuple of Parameter
+        Every parameter that an estimator of this model may publish.
+    options : tuple of Option
+        Options of estimation and prediction with their defaults.
+    trend_estimator : str
+        Name of the estimator that feeds the trend and the predictions.
+    """
+
+    name: str
+    inputs: tuple[str, ...]
+    output: str
+    parameters: tuple[Parameter, ...]
+    options: tuple[Option, ...]
+    trend_estimator: str
+
+    def estimate(self, cycle: Cycle, options: Options) -> tuple[Estimate, ...]:
+        """Estimate every configured estimator's parameters from one cycle alone.
+
+        Deterministic; never raises for bad data: a refusal is an `Estimate` with its reason. Leaves `mse_test`,
+        `fit_test`, standard errors and limits that need other cycles at NaN: `estimation.sequence` fills them.
+        """
+        ...
+
+    def coefficients(self, values: Mapping[str, float], lag: int, period_s: float, options: Options) -> FloatArray:
+        """Return the (K,) coefficients of `predict` for parameter values by name (all finite)."""
+        ...
+
+    def initial_state(self) -> FloatArray:
+        """Return the (S,) state of `predict` before the first sample."""
+        ...
+
+    def predict(
+        self,
+        state: FloatArray,
+        coefficients: FloatArray,
+        position: FloatArray,
+        inputs: FloatArray,
+        restart: ByteArray,
+        predicted: FloatArray,
+        simulated: FloatArray,
+        validity: ByteArray,
+    ) -> None:
+        """Predict a block of N consecutive samples with one compiled kernel; same bits for any block length.
+
+        `state` (S,), `predicted`, `simulated` (N,) and `validity` (N,) are written in place. `position` is (N,),
+        `inputs` (N, M). `restart` (N,): 0 = go on, 1 = a new cycle starts here (the free run starts from the measured
+        position, the measured past stays), 2 = a gap or clock jump lies before this sample (forget the past),
+        3 = the sample is not valid (position may be NaN: hold, mark BAD_INPUT). A sample whose past is too short
+        gets NaN and STARTING; AT_SEAT and STALE as in `Validity`. `predicted[n]` may use positions before n only.
+        """
+        ...
