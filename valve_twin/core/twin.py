@@ -1,0 +1,315 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The twin of one valve: signals in; predictions, cycles and estimation jobs out.
+
+The live node and the offline command drive this same machine. It is deterministic: what it emits depends on the
+samples, never on when they arrived, on how they were cut into blocks, or on how long an estimation took. To that end
+jobs are sequential and never dropped, and the estimate of a cycle takes effect at the start of the second cycle after
+it; samples of that cycle wait if the estimate is not there yet.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from valve_twin.core.alignment import Aligner, SignalCounts, SignalRange
+from valve_twin.core.cycles import Closing, CycleConfig, Part, Segmenter
+from valve_twin.core.estimation.sequence import InForce, Memory, model_in_force
+from valve_twin.core.types import Cycle, Estimate, FloatArray, Frames, IntArray, Prediction
+from valve_twin.core.valves.interface import Options, ValveModel
+
+EFFECT_DELAY = 2
+"""The estimate of a cycle predicts from the start of this many cycles later."""
+
+GAP_PERIODS = 1.5
+"""A step between two stamps above this many periods is a gap: at least one sample is missing."""
+
+
+@dataclass(frozen=True, slots=True)
+class TwinConfig:
+    """What the twin of one valve needs to know.
+
+    Attributes
+    ----------
+    period_s : float
+        Nominal sampling time of the position [s].
+    signals : tuple of SignalRange
+        The position first, then the commands in the model's order.
+    counter, reference : SignalRange or None
+        Optional signals.
+    cycles : CycleConfig
+        How the stream is cut.
+    options : mapping
+        Options of the model, complete and checked.
+    hold_back_s : float
+        Longest delay by a silent signal [s].
+    """
+
+    period_s: float
+    signals: tuple[SignalRange, ...]
+    counter: SignalRange | None = None
+    reference: SignalRange | None = None
+    cycles: CycleConfig = field(default_factory=CycleConfig)
+    options: Options = field(default_factory=dict)
+    hold_back_s: float = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Estimated:
+    """The estimates of one cycle, every configured estimator; the cycle they come from."""
+
+    cycle: Cycle
+    estimates: tuple[Estimate, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ClockJump:
+    """The data's clock was set back; the running cycle was dropped, what was learnt is kept."""
+
+    dropped_cycle: int
+
+
+Event = Prediction | Cycle | Estimated | ClockJump
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One estimation to run: `estimate_cycle(model, options, cycle, memory)`, in any process."""
+
+    ordinal: int
+    cycle: Cycle
+    memory: Memory
+
+
+class Twin:
+    """Deterministic state machine of one valve.
+
+    Parameters
+    ----------
+    config : TwinConfig
+        Signals, cycle rule and model options.
+    model : ValveModel
+        The valve's model.
+    memory : Memory
+        What earlier cycles taught, from the history after a restart.
+    last_cycle : int
+        Number of the last stored cycle, 0 for a new valve.
+    """
+
+    def __init__(
+        self,
+        config: TwinConfig,
+        model: ValveModel,
+        *,
+        memory: Memory | None = None,
+        last_cycle: int = 0,
+    ) -> None:
+        self._config = config
+        self._model = model
+        self._aligner = Aligner(
+            config.signals,
+            counter=config.counter,
+            reference=config.reference,
+            hold_back_s=config.hold_back_s,
+        )
+        self._segmenter = Segmenter(
+            config.cycles,
+            model.inputs,
+            config.period_s,
+            last_cycle=last_cycle,
+            resumed=last_cycle > 0,
+        )
+        memory = memory if memory is not None else Memory.empty()
+        self._memory_after: dict[int, Memory] = {0: memory}
+        self._done = 0
+        self._jobs: deque[tuple[int, Cycle]] = deque()
+        self._running: Job | None = None
+        self._waiting: deque[Part] = deque()
+        self._ordinal = 0
+        self._in_force = self._force(memory)
+        self._state = model.initial_state()
+        self._last_ns: int | None = None
+        self._jumps = self._guessed = 0
+
+    @property
+    def in_force(self) -> InForce | None:
+        """The model that predicts now; None before the first accepted estimate."""
+        return self._in_force
+
+    @property
+    def cycle(self) -> int:
+        """Number of the running cycle, 0 between cycles."""
+        return self._segmenter.running
+
+    @property
+    def pending_jobs(self) -> int:
+        """Estimations asked for and not delivered."""
+        return len(self._jobs) + (self._running is not None)
+
+    def counts(self) -> dict[str, SignalCounts]:
+        """Return what happened to the samples of every signal."""
+        return self._aligner.counts()
+
+    def push(self, signal: str, stamp_ns: IntArray, values: FloatArray, *, header: bool = True) -> list[Event]:
+        """Take samples of one signal.
+
+        Parameters
+        ----------
+        signal : str
+            Signal name.
+        stamp_ns : (N,) int64 array
+            Stamps [ns].
+        values : (N,) array
+            Values, after scale and offset [unit of the signal].
+        header : bool
+            False where the stamps are receive times: the estimate then says that it is not reproducible.
+
+        Returns
+        -------
+        list of Event
+            Predictions, closed cycles and clock jumps, in stream order.
+        """
+        if not header:
+            self._segmenter.mark_irreproducible()
+        frames = self._aligner.push(signal, stamp_ns, values)
+        events: list[Event] = []
+        if self._aligner.jumps != self._jumps:
+            self._jumps = self._aligner.jumps
+            events += self.clock_jumped(data=False)
+        if self._aligner.guessed != self._guessed:
+            self._guessed = self._aligner.guessed
+            self._segmenter.mark_irreproducible()
+        return events + (self._advance(frames) if frames is not None else [])
+
+    def close_cycle(self) -> list[Event]:
+        """Close the running cycle on request."""
+        return self._take(self._segmenter.close(Closing.ASKED))
+
+    def finish(self) -> list[Event]:
+        """Release what is left and close the running cycle, at the end of a record."""
+        frames = self._aligner.flush()
+        events = self._advance(frames) if frames is not None else []
+        return events + self._take(self._segmenter.close(Closing.END))
+
+    def clock_jumped(self, *, data: bool = True) -> list[Event]:
+        """Drop the running cycle after the clock was set back; keep what was learnt."""
+        dropped = self._segmenter.running
+        self._segmenter.reset()
+        if data:
+            self._aligner.reset()
+        self._last_ns = None
+        return [ClockJump(dropped)]
+
+    def next_job(self) -> Job | None:
+        """Return the next estimation to run, or None; one at a time."""
+        if self._running is not None or not self._jobs:
+            return None
+        ordinal, cycle = self._jobs.popleft()
+        self._running = Job(ordinal, cycle, self._memory_after[self._done])
+        return self._running
+
+    def deliver(self, estimates: tuple[Estimate, ...], memory: Memory) -> list[Event]:
+        """Take the result of the running job; samples that waited for it go on.
+
+        Raises
+        ------
+        ValueError
+            If no job is running.
+        """
+        if self._running is None:
+            msg = "deliver: no estimation is running"
+            raise ValueError(msg)
+        job, self._running = self._running, None
+        self._finish_ordinal(job.ordinal, memory)
+        return [Estimated(job.cycle, estimates), *self._drain()]
+
+    def _finish_ordinal(self, ordinal: int, memory: Memory) -> None:
+        self._memory_after[ordinal] = memory
+        self._done = ordinal
+        for old in [k for k in self._memory_after if k < ordinal - EFFECT_DELAY]:
+            del self._memory_after[old]
+
+    def _advance(self, frames: Frames) -> list[Event]:
+        return self._take(self._segmenter.push(frames))
+
+    def _take(self, items: Sequence[Part | Cycle]) -> list[Event]:
+        events: list[Event] = []
+        for item in items:
+            if isinstance(item, Cycle):
+                events.append(item)
+                self._enqueue(item)
+            else:
+                self._ordinal = item.ordinal
+                self._waiting.append(item)
+        return events + self._drain()
+
+    def _enqueue(self, cycle: Cycle) -> None:
+        self._jobs.append((self._ordinal, cycle))
+
+    def _drain(self) -> list[Event]:
+        """Predict the parts whose model is known; the rest waits."""
+        events: list[Event] = []
+        while self._waiting and self._known(self._waiting[0].ordinal - EFFECT_DELAY):
+            part = self._waiting.popleft()
+            if part.opens:
+                self._in_force = self._force(self._memory_at(part.ordinal - EFFECT_DELAY))
+            events.append(self._predict(part))
+        return events
+
+    def _known(self, ordinal: int) -> bool:
+        return ordinal <= self._done
+
+    def _memory_at(self, ordinal: int) -> Memory:
+        usable = [k for k in self._memory_after if k <= max(ordinal, 0)]
+        return self._memory_after[max(usable, default=min(self._memory_after))]
+
+    def _force(self, memory: Memory) -> InForce | None:
+        return model_in_force(self._model, memory, self._config.period_s, self._config.options)
+
+    def _predict(self, part: Part) -> Prediction:
+        frames = part.frames
+        n = len(frames)
+        predicted, simulated = np.full(n, np.nan), np.full(n, np.nan)
+        validity = np.ones(n, dtype=np.uint8)
+        restart = self._restarts(part)
+        if self._in_force is None:
+            self._state = self._model.initial_state()
+        else:
+            self._model.predict(
+                self._state,
+                self._in_force.coefficients,
+                frames.position,
+                np.nan_to_num(frames.inputs, nan=0.0, posinf=0.0, neginf=0.0),
+                restart,
+                predicted,
+                simulated,
+                validity,
+            )
+        return Prediction(
+            cycle=part.number,
+            stamp_ns=frames.stamp_ns,
+            measured=frames.position,
+            predicted=predicted,
+            simulated=simulated,
+            residual=frames.position - predicted,
+            residual_sigma=self._in_force.residual_sigma if self._in_force is not None else np.nan,
+            validity=validity,
+        )
+
+    def _restarts(self, part: Part) -> np.ndarray[tuple[int], np.dtype[np.uint8]]:
+        """Tell the predictor where a cycle, a gap or an unusable sample begins."""
+        stamps = part.frames.stamp_ns
+        restart = np.zeros(len(stamps), dtype=np.uint8)
+        restart[0] = 1 if part.opens else 0
+        before = stamps[0] if self._last_ns is None else self._last_ns
+        steps = np.diff(np.concatenate(([before], stamps)))
+        restart[steps > GAP_PERIODS * self._config.period_s * 1e9] = 2
+        if self._last_ns is None:
+            restart[0] = 2
+        restart[~part.frames.valid] = 3
+        self._last_ns = int(stamps[-1])
+        return restart
