@@ -147,7 +147,9 @@ class Aligner:
             track.held_value = np.nan
         self._released_ns = None
 
-    def _fresh(self, track: _Track, stamp_ns: IntArray, values: FloatArray) -> tuple[IntArray, FloatArray]:
+    def _fresh(
+        self, track: _Track, stamp_ns: IntArray, values: FloatArray
+    ) -> tuple[IntArray, FloatArray]:
         """Drop duplicate and late samples, watch for a clock that was set back."""
         track.counts.received += len(stamp_ns)
         newest = track.last_ns
@@ -162,7 +164,7 @@ class Aligner:
         track.counts.late += int(np.count_nonzero(stamp_ns < running))
         older = [int(s) for s, r in zip(stamp_ns, running, strict=True) if r - s > self._jump_ns]
         if older and not keep.any():
-            return self._jumped(track, older, values[-1:])
+            return self._jumped(track, older, stamp_ns, values)
         return stamp_ns[keep], values[keep]
 
     def _too_late(self, track: _Track, stamp_ns: IntArray) -> int:
@@ -173,17 +175,23 @@ class Aligner:
         track.counts.late += late
         return late
 
-    def _jumped(self, track: _Track, older: list[int], value: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Confirm a backward jump by consecutive older stamps in rising order; then start over."""
+    def _jumped(
+        self, track: _Track, older: list[int], stamp_ns: IntArray, values: FloatArray
+    ) -> tuple[IntArray, FloatArray]:
+        """Confirm a backward jump by consecutive older stamps in rising order; then start over with this block."""
         if track.older and older[0] <= track.older[-1]:
             track.older.clear()
         track.older += older
         if len(track.older) < _JUMP_CONFIRMATIONS:
-            return np.empty(0, dtype=np.int64), np.empty(0)
-        stamp = track.older[-1]
+            return stamp_ns[:0], values[:0]
         self.jumps += 1
         self.reset()
-        return np.array([stamp], dtype=np.int64), value
+        first = (
+            int(np.flatnonzero(np.diff(stamp_ns) <= 0)[-1]) + 1
+            if np.any(np.diff(stamp_ns) <= 0)
+            else 0
+        )
+        return stamp_ns[first:], values[first:]
 
     def _watermark(self) -> int | None:
         """Stamp up to which every signal is known, or given up waiting for."""
@@ -232,7 +240,11 @@ def _take(track: _Track, watermark: int) -> tuple[IntArray, FloatArray]:
     values: list[FloatArray] = []
     while track.stamps and track.stamps[0][0] <= watermark:
         block, data = track.stamps.popleft(), track.values.popleft()
-        n = len(block) if block[-1] <= watermark else int(np.searchsorted(block, watermark, side="right"))
+        n = (
+            len(block)
+            if block[-1] <= watermark
+            else int(np.searchsorted(block, watermark, side="right"))
+        )
         if n < len(block):
             track.stamps.appendleft(block[n:])
             track.values.appendleft(data[n:])

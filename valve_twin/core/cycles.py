@@ -29,7 +29,11 @@ MIN_SAMPLES = 8
 """Fewest samples that are handed to estimation; a regression of paper 002, eq. (17) with one lag needs more than 4."""
 
 _STAY, _OPEN, _CLOSE = 0, 1, 2
-_START, _ACTIVE, _LAST = 0, 1, 2  # integer state: start of the cycle, last activity, last window or counter
+_START, _ACTIVE, _LAST = (
+    0,
+    1,
+    2,
+)  # integer state: start of the cycle, last activity, last window or counter
 _ARMED, _WAS_HIGH, _RUNNING, _SEEN = 0, 1, 2, 3  # flag state
 
 
@@ -117,7 +121,12 @@ def _mark_commands(
         elif not high:
             flags[_ARMED] = 1
         age = t - clock[_START]
-        if high and not flags[_WAS_HIGH] and flags[_ARMED] and (not flags[_RUNNING] or age >= limits_ns[0]):
+        if (
+            high
+            and not flags[_WAS_HIGH]
+            and flags[_ARMED]
+            and (not flags[_RUNNING] or age >= limits_ns[0])
+        ):
             marks[i] = _OPEN
             flags[_ARMED], flags[_RUNNING], clock[_START] = 0, 1, t
         elif flags[_RUNNING] and (age >= limits_ns[1] or t - clock[_ACTIVE] >= limits_ns[2]):
@@ -152,7 +161,9 @@ def _mark_reference(
 
 
 @njit(cache=True)  # type: ignore[untyped-decorator]
-def _mark_changes(keys: IntArray, known: ByteArray, clock: IntArray, flags: ByteArray, marks: ByteArray) -> None:
+def _mark_changes(
+    keys: IntArray, known: ByteArray, clock: IntArray, flags: ByteArray, marks: ByteArray
+) -> None:
     for i in range(len(keys)):
         if known[i] and (not flags[_SEEN] or keys[i] != clock[_LAST]):
             marks[i] = _OPEN
@@ -329,7 +340,11 @@ class Segmenter:
         frames = join_frames(self._parts)
         lost = _count_lost(frames.stamp_ns, self._period_s)
         enough = len(frames) >= MIN_SAMPLES
-        reason = why.value if enough else f"{len(frames)} samples, fewer than {MIN_SAMPLES}; {why.value}"
+        reason = (
+            why.value
+            if enough
+            else f"{len(frames)} samples, fewer than {MIN_SAMPLES}; {why.value}"
+        )
         cycle = Cycle(
             number=self._number,
             period_s=self._period_s,

@@ -126,7 +126,7 @@ class Twin:
         memory = memory if memory is not None else Memory.empty()
         self._memory_after: dict[int, Memory] = {0: memory}
         self._done = 0
-        self._jobs: deque[tuple[int, Cycle]] = deque()
+        self._jobs: deque[tuple[int, Cycle | None]] = deque()
         self._running: Job | None = None
         self._waiting: deque[Part] = deque()
         self._ordinal = 0
@@ -154,7 +154,9 @@ class Twin:
         """Return what happened to the samples of every signal."""
         return self._aligner.counts()
 
-    def push(self, signal: str, stamp_ns: IntArray, values: FloatArray, *, header: bool = True) -> list[Event]:
+    def push(
+        self, signal: str, stamp_ns: IntArray, values: FloatArray, *, header: bool = True
+    ) -> list[Event]:
         """Take samples of one signal.
 
         Parameters
@@ -198,18 +200,22 @@ class Twin:
     def clock_jumped(self, *, data: bool = True) -> list[Event]:
         """Drop the running cycle after the clock was set back; keep what was learnt."""
         dropped = self._segmenter.running
+        if dropped:
+            self._jobs.append((self._ordinal, None))
         self._segmenter.reset()
         if data:
             self._aligner.reset()
         self._last_ns = None
-        return [ClockJump(dropped)]
+        return [ClockJump(dropped), *self._drain()]
 
     def next_job(self) -> Job | None:
         """Return the next estimation to run, or None; one at a time."""
+        self._skip_dropped()
         if self._running is not None or not self._jobs:
             return None
         ordinal, cycle = self._jobs.popleft()
-        self._running = Job(ordinal, cycle, self._memory_after[self._done])
+        if cycle is not None:
+            self._running = Job(ordinal, cycle, self._memory_after[self._done])
         return self._running
 
     def deliver(self, estimates: tuple[Estimate, ...], memory: Memory) -> list[Event]:
@@ -226,6 +232,12 @@ class Twin:
         job, self._running = self._running, None
         self._finish_ordinal(job.ordinal, memory)
         return [Estimated(job.cycle, estimates), *self._drain()]
+
+    def _skip_dropped(self) -> None:
+        """A dropped cycle teaches nothing: the memory of its predecessor goes on."""
+        while self._running is None and self._jobs and self._jobs[0][1] is None:
+            ordinal, _ = self._jobs.popleft()
+            self._finish_ordinal(ordinal, self._memory_after[self._done])
 
     def _finish_ordinal(self, ordinal: int, memory: Memory) -> None:
         self._memory_after[ordinal] = memory
@@ -252,6 +264,7 @@ class Twin:
 
     def _drain(self) -> list[Event]:
         """Predict the parts whose model is known; the rest waits."""
+        self._skip_dropped()
         events: list[Event] = []
         while self._waiting and self._known(self._waiting[0].ordinal - EFFECT_DELAY):
             part = self._waiting.popleft()

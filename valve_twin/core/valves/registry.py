@@ -25,7 +25,9 @@ _BUILT_IN = ("press_cartridge", "positioner")
 
 def model_names() -> tuple[str, ...]:
     """Return the names of all known models, ours first."""
-    added = sorted(e.name for e in entry_points(group=ENTRY_POINT_GROUP) if e.name not in _BUILT_IN)
+    added = sorted(
+        e.name for e in entry_points(group=ENTRY_POINT_GROUP) if e.name not in _BUILT_IN
+    )
     return (*_BUILT_IN, *added)
 
 
@@ -72,7 +74,16 @@ def _default(option: Option) -> object:
 
 
 def _checked(model: object, name: str) -> ValveModel:
-    needed = ("inputs", "output", "parameters", "options", "trend_estimator", "estimate", "coefficients", "predict")
+    needed = (
+        "inputs",
+        "output",
+        "parameters",
+        "options",
+        "trend_estimator",
+        "estimate",
+        "coefficients",
+        "predict",
+    )
     missing = [a for a in needed if not hasattr(model, a)]
     if missing:
         msg = f"model: '{name}' is no valve model, it lacks {', '.join(missing)}"
