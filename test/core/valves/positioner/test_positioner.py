@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The positioner: what it recovers from a known valve, what it refuses, what it reaches on a real one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from valve_twin.core.types import Cycle, EstimateStatus, Frames, ParameterStatus
+from valve_twin.core.valves.positioner.model import MODEL
+from valve_twin.core.valves.registry import complete_options
+
+PERIOD_S = 0.01
+TRUTH = {
+    "rate_rising": 8.0,
+    "rate_falling": 5.0,
+    "slew_rising": 0.9,
+    "slew_falling": 0.6,
+    "dead_band": 0.01,
+}
+LAG = 7
+OPTIONS = complete_options(MODEL, {"max_delay_s": 0.2})
+BOILER = (
+    Path(__file__).parents[5] / "shared/data/damadics_boiler_valve/boiler_valve_first_half.csv"
+)
+
+
+def make_command(n=2000, seed=3):
+    """Steps of many sizes, so that both the rates and the limits show."""
+    rng = np.random.default_rng(seed)
+    return np.repeat(rng.uniform(0.1, 0.9, n // 100), 100) * np.where(
+        np.arange(n) % 400 < 200, 1.0, 0.9
+    )
+
+
+def run(values, lag, command, position, restart=None, cuts=(), options=OPTIONS, period_s=PERIOD_S):
+    """Predict with the model's kernel, in blocks cut where told."""
+    n = len(command)
+    restart = np.zeros(n, dtype=np.uint8) if restart is None else restart
+    restart[0] = 2
+    predicted, simulated = np.empty(n), np.empty(n)
+    validity = np.zeros(n, dtype=np.uint8)
+    state = MODEL.initial_state()
+    c = MODEL.coefficients(values, lag, period_s, options)
+    edges = [0, *sorted(cuts), n]
+    for a, b in zip(edges[:-1], edges[1:], strict=True):
+        MODEL.predict(
+            state,
+            c,
+            position[a:b],
+            np.ascontiguousarray(command[a:b].reshape(-1, 1)),
+            restart[a:b],
+            predicted[a:b],
+            simulated[a:b],
+            validity[a:b],
+        )
+    return predicted, simulated, validity
+
+
+def make_position(command, values=TRUTH, lag=LAG, start=0.5):
+    """Let the documented recursion move: written out here, not taken from the kernels."""
+    x = np.full(len(command), start)
+    for n in range(1, len(command)):
+        if n <= lag:
+            continue
+        e = command[n - lag] - x[n - 1]
+        up = min(values["rate_rising"] * (e - values["dead_band"]), values["slew_rising"])
+        down = max(values["rate_falling"] * (e + values["dead_band"]), -values["slew_falling"])
+        v = up if e > values["dead_band"] else down if e < -values["dead_band"] else 0.0
+        x[n] = x[n - 1] + PERIOD_S * v
+    return x
+
+
+def make_cycle(command, position, period_s=PERIOD_S, valid=None):
+    n = len(command)
+    nothing = np.full(n, np.nan)
+    stamps = np.arange(n, dtype=np.int64) * round(period_s * 1e9)
+    ok = np.ones(n, dtype=bool) if valid is None else valid
+    frames = Frames(stamps, position, command.reshape(-1, 1), nothing, nothing, ok)
+    return Cycle(1, period_s, frames)
+
+
+def estimate(command, position, options=OPTIONS, **kwargs):
+    (found,) = MODEL.estimate(make_cycle(command, position, **kwargs), options)
+    return found
+
+
+def test_recovers_a_known_valve_without_noise():
+    command = make_command()
+    found = estimate(command, make_position(command))
+    assert found.status is EstimateStatus.ACCEPTED
+    assert found.lag == LAG
+    for name, value in TRUTH.items():
+        assert found.value(name) == pytest.approx(value, rel=1e-6)
+
+
+def test_recovers_a_known_valve_within_its_noise():
+    errors = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        command = make_command(seed=seed)
+        found = estimate(command, make_position(command) + rng.normal(0, 2e-3, len(command)))
+        errors.append([found.value(k) / v - 1 for k, v in TRUTH.items()])
+    bias, scatter = np.mean(errors, axis=0), np.std(errors, axis=0, ddof=1)
+    assert np.all(np.abs(bias) < 3 * scatter / np.sqrt(12) + 1e-3)
+    assert np.all(scatter[:4] < 0.02)
+
+
+def test_the_one_step_prediction_of_the_true_valve_is_exact():
+    command = make_command()
+    position = make_position(command)
+    predicted, simulated, validity = run(TRUTH, LAG, command, position)
+    known = np.isfinite(predicted)
+    assert known.sum() == len(command) - LAG - 1
+    assert np.abs(predicted - position)[known].max() < 1e-12
+    assert np.abs(simulated - position)[known].max() < 1e-12
+    assert (validity[known] == 0).all()
+
+
+@given(st.lists(st.integers(1, 499), max_size=8))
+@settings(max_examples=25)
+def test_any_split_into_blocks_gives_the_same_bits(cuts):
+    command = make_command(500)
+    rng = np.random.default_rng(1)
+    position = make_position(command) + rng.normal(0, 1e-3, 500)
+    restart = np.zeros(500, dtype=np.uint8)
+    restart[[200, 300, 400]] = [1, 2, 3]
+    whole = run(TRUTH, LAG, command, position, restart.copy())
+    split = run(TRUTH, LAG, command, position, restart.copy(), cuts)
+    for a, b in zip(whole, split, strict=True):
+        assert a.tobytes() == b.tobytes()
+
+
+def test_an_unusable_sample_is_marked_and_does_not_spread():
+    command = make_command(500)
+    position = make_position(command)
+    restart = np.zeros(500, dtype=np.uint8)
+    restart[250] = 3
+    broken = position.copy()
+    broken[250] = np.nan
+    predicted, _, validity = run(TRUTH, LAG, command, broken, restart)
+    assert validity[250] == 5
+    assert np.abs(predicted - position)[251:].max() < 1e-12
+
+
+def test_a_limit_that_is_never_reached_is_refused_by_name():
+    command = 0.5 + 0.04 * np.sign(np.sin(np.arange(2000) / 60.0))
+    found = estimate(command, make_position(command))
+    status = {p.name: p.status for p in found.parameters}
+    assert found.status is EstimateStatus.PARTIAL
+    assert status["slew_rising"] is ParameterStatus.NOT_EXCITED
+    assert status["rate_rising"] is ParameterStatus.OK
+    assert "slew_rising" in found.reason
+
+
+@pytest.mark.parametrize(
+    ("command", "position", "reason"),
+    [
+        (np.full(500, 0.5), np.full(500, 0.5), "moved by 0 of the stroke"),
+        (np.full(500, 0.5), np.linspace(0, 1, 500), "command stayed at 0.5"),
+        (np.linspace(0, 1, 30), np.linspace(0, 1, 30), "30 usable samples"),
+        (np.full(500, np.nan), np.full(500, np.nan), "0 usable samples"),
+    ],
+)
+def test_a_cycle_that_says_nothing_is_refused_with_its_reason(command, position, reason):
+    found = estimate(command, position, valid=np.isfinite(position))
+    assert found.status is EstimateStatus.REFUSED
+    assert reason in found.reason
+    assert all(np.isnan(p.value) for p in found.parameters)
+
+
+def test_a_gap_leaves_the_longest_whole_stretch():
+    command = make_command()
+    position = make_position(command)
+    cycle = make_cycle(command, position)
+    keep = np.ones(2000, dtype=bool)
+    keep[500:520] = False
+    frames = Frames(*(getattr(cycle.frames, k)[keep] for k in Frames.__slots__))
+    (found,) = MODEL.estimate(Cycle(1, PERIOD_S, frames), OPTIONS)
+    assert found.counts.used == 1480
+    assert found.value("rate_falling") == pytest.approx(5.0, rel=0.01)
+
+
+def fit_percent(measured, simulated):
+    known = np.isfinite(simulated)
+    deviation = measured[known] - measured[known].mean()
+    error = (measured - simulated)[known]
+    return 100.0 * (1.0 - np.linalg.norm(error) / np.linalg.norm(deviation))
+
+
+@pytest.mark.skipif(not BOILER.exists(), reason=f"no measured data at {BOILER}")
+def test_the_boiler_valve_is_followed_on_data_not_trained_on():
+    """Structure and options were fixed on the first 900 s; a line through the origin would be 'position = command'."""
+    data = np.genfromtxt(BOILER, delimiter=",", names=True)
+    command = np.ascontiguousarray(data["LC74_20CV_pct"]) / 100.0
+    position = np.ascontiguousarray(data["LC74_20X_pct"]) / 100.0
+    options = complete_options(MODEL, {"max_delay_s": 4.0})
+    found = estimate(command[:900], position[:900], options, period_s=1.0)
+    values = {p.name: p.value for p in found.parameters if np.isfinite(p.value)}
+    _, simulated, _ = run(
+        values, found.lag, command[900:], position[900:], options=options, period_s=1.0
+    )
+    assert fit_percent(position[900:], simulated) >= 62.0
+    assert fit_percent(position[900:], command[900:]) < 0.0
+    assert found.value("slew_falling") == pytest.approx(0.0298, abs=0.0022)

@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Output-error fit of the positioner: bounded Levenberg-Marquardt, several starts, delay by scan.
+
+The cost has local minima (a fast valve that is slew-limited looks like a slow one that is not), so every fit starts
+from several places; the delay is an integer number of samples and is found by a scan from coarse to fine.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from valve_twin.core.types import BoolArray, FloatArray
+from valve_twin.core.valves.positioner.kernels import N_PARAMETERS, normal_equations
+
+_MAX_ITERATIONS = 60
+_RELATIVE_STEP = 1e-10
+_DAMPING_UP, _DAMPING_DOWN, _DAMPING_MAX = 4.0, 0.25, 1e12
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """What is fitted: measured position and command (N,) [1], weights (N,), sampling time [s], stops (2,) [1]."""
+
+    position: FloatArray
+    command: FloatArray
+    used: BoolArray
+    period_s: float
+    stops: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """Best parameters (5,), their delay [samples], cost, Gauss-Newton matrix (5, 5) and driven samples (5,)."""
+
+    parameters: FloatArray
+    lag: int
+    cost: float
+    hessian: FloatArray
+    active: FloatArray
+
+
+def bounds(period_s: float, max_dead_band: float) -> tuple[FloatArray, FloatArray]:
+    """Return the physical bounds (5,) each: 0 <= rate <= 1/period, 0 <= slew <= 1/period, 0 <= dead band."""
+    fastest = 1.0 / period_s
+    return np.zeros(N_PARAMETERS), np.array([fastest, fastest, fastest, fastest, max_dead_band])
+
+
+def fit_free_run(record: Record, *, max_lag: int, max_dead_band: float) -> Solution:
+    """Find parameters and delay that make the free run follow the measured position.
+
+    Parameters
+    ----------
+    record : Record
+        At least `max_lag` + 8 samples.
+    max_lag : int
+        Longest delay tried [samples].
+    max_dead_band : float
+        Upper bound of the dead band [1].
+
+    Returns
+    -------
+    Solution
+        The best of all starts and delays.
+    """
+    limits = bounds(record.period_s, max_dead_band)
+    starts = _starts(record, limits)
+    best: Solution | None = None
+    tried: set[int] = set()
+    for lags in _coarse_to_fine(max_lag):
+        centre = 0 if best is None else best.lag
+        for lag in sorted({min(max(centre + k, 0), max_lag) for k in lags} - tried):
+            tried.add(lag)
+            at = starts if best is None or len(tried) <= 2 else [best.parameters, *starts[:2]]  # noqa: PLR2004
+            for start in at:
+                found = _descend(record, start, lag, limits)
+                if best is None or found.cost < best.cost:
+                    best = found
+    assert best is not None  # the first scan always tries lag 0
+    for start in starts:
+        found = _descend(record, start, best.lag, limits)
+        best = found if found.cost < best.cost else best
+    return best
+
+
+def _coarse_to_fine(max_lag: int) -> list[list[int]]:
+    """Return scans around the best delay so far: all of 0..max_lag in at most 12 steps, then finer."""
+    step = max(1, -(-max_lag // 12))
+    scans = [list(range(0, max_lag + step, step))]
+    while step > 1:
+        step = max(1, step // 3)
+        scans.append([k * step for k in range(-3, 4)])
+    return scans
+
+
+def _starts(record: Record, limits: tuple[FloatArray, FloatArray]) -> list[FloatArray]:
+    """Guess rates and slew limits from the measured speeds: three rates x two slew limits."""
+    speed = np.diff(record.position) / record.period_s
+    error = record.command[:-1] - record.position[:-1]
+    rates, slews = np.empty(2), np.empty(2)
+    for j, sign in enumerate((1.0, -1.0)):
+        moving = (sign * speed > 0) & (sign * error > 0)
+        rates[j] = np.median(speed[moving] / error[moving]) if moving.any() else 1.0
+        slews[j] = np.quantile(np.abs(speed[moving]), 0.9) if moving.any() else 1.0
+    lower, upper = limits
+    out = []
+    for rate_scale in (1.0, 3.0, 0.3):
+        for slew_scale in (1.0, 4.0):
+            guess = np.array([*(rates * rate_scale), *(slews * slew_scale), 0.002])
+            out.append(np.clip(guess, lower, upper))
+    return out
+
+
+def _descend(
+    record: Record, start: FloatArray, lag: int, limits: tuple[FloatArray, FloatArray]
+) -> Solution:
+    """Levenberg-Marquardt with Marquardt scaling; parameters on a bound that pull outwards are held there."""
+    lower, upper = limits
+    p = start.copy()
+    here = _evaluate(record, p, lag)
+    damping = 1e-3
+    for _ in range(_MAX_ITERATIONS):
+        step = _step(p, here, damping, lower, upper)
+        trial = np.clip(p + step, lower, upper)
+        if np.all(np.abs(trial - p) <= _RELATIVE_STEP * (np.abs(p) + _RELATIVE_STEP)):
+            break
+        there = _evaluate(record, trial, lag)
+        if there[0] < here[0]:
+            gained = here[0] - there[0]
+            p, here = trial, there
+            damping *= _DAMPING_DOWN
+            if gained <= _RELATIVE_STEP * here[0]:
+                break
+        else:
+            damping *= _DAMPING_UP
+            if damping > _DAMPING_MAX:
+                break
+    return Solution(p, lag, here[0], here[2], here[3])
+
+
+def _evaluate(
+    record: Record, p: FloatArray, lag: int
+) -> tuple[float, FloatArray, FloatArray, FloatArray]:
+    gradient, active = np.empty(N_PARAMETERS), np.empty(N_PARAMETERS)
+    hessian = np.empty((N_PARAMETERS, N_PARAMETERS))
+    cost = normal_equations(
+        p,
+        record.position,
+        record.command,
+        record.used,
+        record.period_s,
+        lag,
+        record.stops,
+        gradient,
+        hessian,
+        active,
+    )
+    return float(cost), gradient, hessian, active
+
+
+def _step(
+    p: FloatArray,
+    at: tuple[float, FloatArray, FloatArray, FloatArray],
+    damping: float,
+    lower: FloatArray,
+    upper: FloatArray,
+) -> FloatArray:
+    _, gradient, hessian, _ = at
+    scale = np.diag(hessian).copy()
+    blocked = ((p <= lower) & (gradient < 0)) | ((p >= upper) & (gradient > 0)) | (scale <= 0)
+    free = np.flatnonzero(~blocked)
+    step = np.zeros(N_PARAMETERS)
+    if len(free):
+        matrix = hessian[np.ix_(free, free)] + damping * np.diag(scale[free])
+        root = np.sqrt(scale[free])
+        scaled = matrix / np.outer(root, root)
+        step[free] = np.linalg.solve(scaled, gradient[free] / root) / root
+    return step
