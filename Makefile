@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+# make demo and make test do all their own set-up on a machine with Python 3.10-3.13, make and a C++ compiler.
+# Another interpreter: make PYTHON=python3.12 test
+
+PYTHON ?= python3
+RUN := tools/run
+
+.PHONY: help setup demo test test-long lock clean
+
+help:
+	@echo "make demo       run a simulated aging press valve with its twin, aging monitor and recorder; ends with a report"
+	@echo "make test       lint, types, tests, short benchmark"
+	@echo "make test-long  the statistical campaigns that make test leaves out"
+	@echo "make setup      environment, messages, package, compiled kernels; the targets above call it themselves"
+	@echo "make lock       resolve the dependencies anew into requirements*.lock"
+	@echo "make clean      remove everything that was built, the environment included"
+
+setup:
+	@$(PYTHON) tools/bootstrap.py
+
+demo: setup
+	@$(RUN) python -m valve_twin.demo
+
+test: setup
+	@$(RUN) tools/check
+
+test-long: setup
+	@$(RUN) tools/check --long
+
+lock:
+	@$(PYTHON) tools/lock.py $(if $(UPGRADE),--upgrade)
+
+clean:
+	rm -rf .venv build install log .mypy_cache .pytest_cache .ruff_cache .coverage
+	find valve_twin test launch tools -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,7 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Digital twins of valves: physical parameters per production cycle, prediction, residual and aging trend."""
+
+__all__ = ["__version__"]
+
+__version__ = "0.1.0"
