@@ -1,0 +1,282 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Which samples of a cycle say nothing about the valve: on a seat, stuck, repeated by a slow sensor, or bad.
+
+Position and command samples are only worth something to a fit while the spool answers the command. Four masks take
+out the rest. They need no model, only the sign in which each command moves the position (`push`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from valve_twin.core.types import BoolArray, FloatArray, Frames, IntArray
+
+GAP_PERIODS = (
+    1.5  # stamps further apart than this many periods have a sample missing between them [1]
+)
+_MAX_REFRESH = 32  # longest refresh period looked for [samples]
+_MIN_RUNS = 6  # fewest changes of value in motion that establish a refresh period [1]
+_REFRESH_FOUND = 1.25  # a mean run this long is a slow sensor, not chance [samples]
+_FREEZE_RUN = (
+    5  # shortest repetition called a frozen sensor where noise is alive at rest [samples]
+)
+
+
+@dataclass(frozen=True, slots=True)
+class MaskOptions:
+    """When a sample is masked.
+
+    Attributes
+    ----------
+    lower_stop, upper_stop : float
+        Position at the two stops [1].
+    stop_margin : float
+        Distance from a stop that counts as resting on it [1].
+    active_command : float
+        Command above which an input acts [1].
+    max_lag : int
+        Longest command to position lag considered [samples].
+    stuck_command : float
+        Net command that must move the spool [1].
+    stuck_motion : float
+        Motion between the two halves of the window below which the spool is stuck [1].
+    stuck_window_s : float
+        Length of that window [s].
+    """
+
+    lower_stop: float = 0.0
+    upper_stop: float = 1.0
+    stop_margin: float = 0.01
+    active_command: float = 0.01
+    max_lag: int = 4
+    stuck_command: float = 0.1
+    stuck_motion: float = 5e-4
+    stuck_window_s: float = 0.6
+
+
+@dataclass(frozen=True, slots=True)
+class Masks:
+    """Samples to leave out, one flag a sample.
+
+    Attributes
+    ----------
+    seat : (N,) bool array
+        Near a stop while the command pushes, or has just pushed, into it.
+    stuck : (N,) bool array
+        Clearly commanded off the stops without any motion.
+    stale : (N,) bool array
+        The sensor repeats an old value: the position is missing here.
+    bad : (N,) bool array
+        Not valid or not finite.
+    gap : (N,) bool array
+        At least one sample is missing before this one, or the stamp does not advance.
+    refresh_period : float
+        Mean time between fresh sensor values in motion [samples]; 1 = every sample is fresh.
+    """
+
+    seat: BoolArray
+    stuck: BoolArray
+    stale: BoolArray
+    bad: BoolArray
+    gap: BoolArray
+    refresh_period: float = 1.0
+
+    @property
+    def any(self) -> BoolArray:
+        """Return the samples whose position must not enter a fit: (N,) bool."""
+        return self.seat | self.stuck | self.stale | self.bad
+
+
+def find_masks(
+    frames: Frames,
+    period_s: float,
+    *,
+    push: tuple[float, ...],
+    options: MaskOptions | None = None,
+) -> Masks:
+    """Find the samples of a cycle that must not enter a fit.
+
+    Parameters
+    ----------
+    frames : Frames
+        Samples of one cycle (N may be 0).
+    period_s : float
+        Nominal sampling time of the position [s].
+    push : tuple of float
+        For each input +1 where it raises the position, -1 where it lowers it, 0 where it does neither.
+    options : MaskOptions, optional
+        Limits; the defaults of `MaskOptions` where omitted.
+
+    Returns
+    -------
+    Masks
+        One flag a sample and the refresh period of the sensor.
+
+    Raises
+    ------
+    ValueError
+        `push` does not have one entry an input.
+    """
+    options = options or MaskOptions()
+    if frames.inputs.shape[1:] != (len(push),):
+        msg = (
+            f"push has {len(push)} entries, the frames have inputs of shape {frames.inputs.shape}"
+        )
+        raise ValueError(msg)
+    finite = np.isfinite(frames.position) & np.isfinite(frames.inputs).all(axis=1)
+    bad = ~(frames.valid & finite)
+    gap = find_gaps(frames.stamp_ns, period_s)
+    drive = np.where(np.isfinite(frames.inputs), frames.inputs, 0.0) @ np.asarray(push, float)
+    x = np.where(bad, np.nan, frames.position)
+    breaks = gap | bad
+    breaks[1:] |= bad[:-1]
+    stale, refresh = _find_stale(x, drive, breaks, options)
+    seat = _find_seat(x, drive, options)
+    window = max(6, round(options.stuck_window_s / period_s))
+    stuck = _find_stuck(x, drive, breaks, window, options) & ~seat & ~stale
+    return Masks(seat, stuck, stale, bad, gap, refresh)
+
+
+def find_gaps(stamp_ns: IntArray, period_s: float) -> BoolArray:
+    """Return (N,) bool: a sample is missing before this one, or its stamp does not advance.
+
+    Parameters
+    ----------
+    stamp_ns : (N,) int64 array
+        Stamps [ns].
+    period_s : float
+        Nominal sampling time [s].
+    """
+    gap = np.zeros(len(stamp_ns), bool)
+    step = np.diff(stamp_ns)
+    gap[1:] = (step > GAP_PERIODS * period_s * 1e9) | (step <= 0)
+    return gap
+
+
+def held_recently(flag: BoolArray, samples: int) -> BoolArray:
+    """Return (N,) bool: `flag` holds at this sample or at one of the `samples` before it."""
+    count = np.cumsum(flag)
+    before = np.zeros_like(count)
+    before[samples + 1 :] = count[: -samples - 1] if samples + 1 < len(count) else 0
+    return np.asarray(count > before)
+
+
+def _find_seat(x: FloatArray, drive: FloatArray, options: MaskOptions) -> BoolArray:
+    """Near a stop and pushed into it within the last `max_lag` + 2 samples.
+
+    The lookback covers the lag and the sample after the impact, whose speed the stop has cut off.
+    """
+    reach = options.max_lag + 2
+    down = held_recently(drive < -options.active_command, reach)
+    up = held_recently(drive > options.active_command, reach)
+    low = x <= options.lower_stop + options.stop_margin
+    high = x >= options.upper_stop - options.stop_margin
+    return (low & down) | (high & up)
+
+
+def _find_stuck(
+    x: FloatArray, drive: FloatArray, breaks: BoolArray, window: int, options: MaskOptions
+) -> BoolArray:
+    """Whole windows commanded one way, the lag ago and ever since, without motion above the noise."""
+    n = len(x)
+    stuck = np.zeros(n, bool)
+    half = window // 2
+    window = 2 * half
+    if n < window + options.max_lag:
+        return stuck
+    clear = np.zeros(n, bool)
+    for side in (drive > options.stuck_command, drive < -options.stuck_command):
+        clear |= ~held_recently(~side, window + options.max_lag - 1)
+    clear &= ~held_recently(breaks, window - 1)
+    filled = np.where(np.isfinite(x), x, 0.0)
+    mean = np.convolve(filled, np.full(half, 1.0 / half))[:n]
+    motion = np.abs(mean[half:] - mean[:-half])
+    spread = np.convolve(np.diff(filled, prepend=filled[:1]) ** 2, np.full(window, 1.0 / window))[
+        :n
+    ]
+    # standard deviation of the difference of two half means of white noise: sigma sqrt(2 / half)
+    floor = np.maximum(options.stuck_motion, 3.0 * np.sqrt(0.5 * spread * 2.0 / half))
+    clear[:half] = False
+    clear[: window + options.max_lag - 1] = False
+    clear[half:] &= motion < floor[half:]
+    for end in np.flatnonzero(clear):
+        stuck[end - window + 1 : end + 1] = True
+    return stuck
+
+
+def _runs(x: FloatArray, breaks: BoolArray) -> tuple[IntArray, IntArray]:
+    """First sample and length of each run of one repeated value; a break ends a run."""
+    change = np.ones(len(x), bool)
+    change[1:] = (x[1:] != x[:-1]) | breaks[1:]
+    first = np.flatnonzero(change)
+    return first, np.diff(np.append(first, len(x)))
+
+
+def _find_stale(
+    x: FloatArray, drive: FloatArray, breaks: BoolArray, options: MaskOptions
+) -> tuple[BoolArray, float]:
+    """Mark repeated values of a sensor that is slower than its log, and single freezes.
+
+    A repeat proves nothing at rest, on a quantised slow ramp or on a seat. It does where the value jumps by more
+    than two quanta at both ends of the run, and not back (that is a stop): there the spool moved meanwhile.
+    """
+    stale = np.zeros(len(x), bool)
+    first, length = _runs(x, breaks)
+    if len(first) < _MIN_RUNS:
+        return stale, 1.0
+    jump = np.zeros(len(first) + 1)
+    jump[1:-1] = np.where(breaks[first[1:]], 0.0, x[first[1:]] - x[first[1:] - 1])
+    size = np.abs(jump)
+    moved = size[size > 0.0]
+    if len(moved) == 0:
+        return stale, 1.0
+    quantum = moved.min()
+    before, after = jump[:-1], jump[1:]
+    moving = (np.abs(before) > 2.0 * quantum) & (np.abs(after) > 2.0 * quantum)
+    refresh = _refresh_period(length[moving])
+    if refresh > 1.0:
+        for i, n in zip(first[length > 1], length[length > 1], strict=True):
+            k = np.arange(1, n)
+            fresh = np.floor(k / refresh + 1e-9) > np.floor((k - 1) / refresh + 1e-9)
+            stale[i + 1 : i + n] = ~fresh
+        return stale, refresh
+    return _find_freezes(drive, first, length, moving & (before * after > 0.0), options), 1.0
+
+
+def _refresh_period(length: IntArray) -> float:
+    """Mean run length in motion where it is regular, else 1 [samples]."""
+    length = length[length <= _MAX_REFRESH]
+    if len(length) < _MIN_RUNS:
+        return 1.0
+    mode = int(np.argmax(np.bincount(length)))
+    regular = length[np.abs(length - mode) <= 1]
+    if len(regular) < 0.7 * len(length):
+        return 1.0
+    mean = float(regular.mean())
+    if mean < _REFRESH_FOUND:
+        return 1.0
+    return float(round(mean)) if abs(mean - round(mean)) < 0.1 else mean
+
+
+def _find_freezes(
+    drive: FloatArray,
+    first: IntArray,
+    length: IntArray,
+    through_motion: BoolArray,
+    options: MaskOptions,
+) -> BoolArray:
+    """Single long repetitions: through a motion, or where noise otherwise changes the value at rest."""
+    stale = np.zeros(len(drive), bool)
+    repeated = np.ones(len(drive), bool)
+    repeated[first] = False
+    long = length >= _FREEZE_RUN
+    outside = np.repeat(~long, length) & (np.abs(drive) <= options.active_command)
+    alive = outside.sum() >= 4 * _FREEZE_RUN and repeated[outside].mean() < 0.2
+    commanded = np.add.reduceat(np.abs(drive) > options.active_command, first)
+    frozen = long & (alive | (through_motion & (commanded > options.max_lag)))
+    for i, n in zip(first[frozen], length[frozen], strict=True):
+        stale[i + 1 : i + n] = True
+    return stale
