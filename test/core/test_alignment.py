@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Merging signals by stamp: independent of the order of delivery, honest about what came too late."""
+"""Merging signals by stamp: independent of the order of delivery, honest about what is late."""
 
 from __future__ import annotations
+
+import itertools
 
 import numpy as np
 import pytest
@@ -70,7 +72,7 @@ def test_the_order_of_delivery_does_not_matter(seed):
     queues = {}
     for name, (t, v) in data.items():
         edges = np.unique(np.concatenate(([0, len(t)], rng.integers(0, len(t), 20))))
-        pairs = zip(edges[:-1], edges[1:], strict=True)
+        pairs = itertools.pairwise(edges)
         queues[name] = [(name, t[a:b], v[a:b]) for a, b in pairs]
     messages = []
     while any(queues.values()):

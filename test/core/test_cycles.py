@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -45,7 +47,7 @@ def run(config, frames, cuts=(), **kwargs):
     segmenter = Segmenter(config, INPUTS, PERIOD_S, **kwargs)
     items = []
     edges = [0, *sorted(cuts), len(frames)]
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in itertools.pairwise(edges):
         if b > a:
             items += segmenter.push(frames[a:b])
     return segmenter, items

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Merge signals by stamp behind a watermark: samples of any signal in, frames at the position's stamps out.
+"""Merge signals by stamp behind a watermark: samples in, frames at the position's stamps out.
 
-A position sample is released once every other signal has been seen at or after its stamp, so that the frame does not
-depend on the order in which the network delivered the topics. A signal that falls silent holds the others back by at
-most `hold_back_s` of data time; what arrives later than that is counted as late and the running cycle is marked as
-not reproducible.
+A position sample is released once every other signal has been seen at or after its stamp, so that
+the frame does not depend on the order in which the network delivered the topics. A signal that
+falls silent holds the others back by at most `hold_back_s` of data time; what arrives later than
+that is counted as late and the running cycle is marked as not reproducible.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from valve_twin.core.types import FloatArray, Frames, IntArray
 
 POSITION = 0
-"""Index of the position among the signals; the commands follow, then counter and reference where mapped."""
+"""Index of the position among the signals; commands follow, then counter and reference."""
 
 _JUMP_CONFIRMATIONS = 3
 
@@ -68,7 +68,8 @@ class Aligner:
     hold_back_s : float
         Longest time, on the data's clock, by which a silent signal delays the others [s].
     jump_s : float
-        A signal whose stamps stay older than its newest one by more than this was set back: a clock jump [s].
+        A signal whose stamps stay older than its newest one by more than this was set back: a
+        clock jump [s].
     """
 
     def __init__(
@@ -111,7 +112,8 @@ class Aligner:
         stamp_ns : (N,) int64 array
             Stamps [ns].
         values : (N,) array
-            Values in the unit of the signal; anything but a finite number in range marks its frames as not valid.
+            Values in the unit of the signal; anything but a finite number in range marks its
+            frames as not valid.
 
         Returns
         -------
@@ -178,7 +180,7 @@ class Aligner:
     def _jumped(
         self, track: _Track, older: list[int], stamp_ns: IntArray, values: FloatArray
     ) -> tuple[IntArray, FloatArray]:
-        """Confirm a backward jump by consecutive older stamps in rising order; then start over with this block."""
+        """Confirm a backward jump by older stamps in rising order; start over with this block."""
         if track.older and older[0] <= track.older[-1]:
             track.older.clear()
         track.older += older
@@ -258,7 +260,7 @@ def _take(track: _Track, watermark: int) -> tuple[IntArray, FloatArray]:
 
 
 def _hold(track: _Track, at_ns: IntArray) -> FloatArray:
-    """Return the last value at or before each stamp, NaN before the first; forget what is older."""
+    """Return the last value at or before each stamp, NaN before the first; forget the older."""
     known = [np.array([track.held_ns], dtype=np.int64)] if track.held_ns is not None else []
     data = [np.array([track.held_value])] if track.held_ns is not None else []
     if track.stamps and track.stamps[0][0] <= at_ns[-1]:

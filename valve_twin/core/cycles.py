@@ -2,9 +2,10 @@
 # Copyright 2026 valve_twin maintainers
 """Cut a stream of frames into production cycles.
 
-A cycle opens when its rule fires and closes when the next one opens; a cycle cut from the commands also closes after
-a long idle time or at its greatest length, so that a night is not estimated. The decision for a sample depends on the
-samples before it and on nothing else: any split of the stream into blocks gives the same cycles.
+A cycle opens when its rule fires and closes when the next one opens; a cycle cut from the commands
+also closes after a long idle time or at its greatest length, so that a night is not estimated. The
+decision for a sample depends on the samples before it and on nothing else: any split of the stream
+into blocks gives the same cycles.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from valve_twin.core.types import (
 )
 
 MIN_SAMPLES = 8
-"""Fewest samples that are handed to estimation; a regression of paper 002, eq. (17) with one lag needs more than 4."""
+"""Fewest samples handed to estimation; a regression of paper 002, eq. (17) needs more than 4."""
 
 _STAY, _OPEN, _CLOSE = 0, 1, 2
 _START, _ACTIVE, _LAST = (
@@ -39,16 +40,20 @@ _ARMED, _WAS_HIGH, _RUNNING, _SEEN = 0, 1, 2, 3  # flag state
 
 @dataclass(frozen=True, slots=True)
 class CycleConfig:
-    """How the stream is cut into cycles; the thresholds are our assumptions, `valve-twin configure` proposes them.
+    """How the stream is cut into cycles.
+
+    The thresholds are our assumptions; `valve-twin configure` proposes them.
 
     Attributes
     ----------
     rule : CycleRule
         commands, counter, reference or window.
     start_signal : str
-        Command whose rise above `threshold` opens a cycle (rule commands); empty = the model's first command.
+        Command whose rise above `threshold` opens a cycle (rule commands); empty = the model's
+        first command.
     rearm_signal : str
-        Command that must have been above `threshold` since the last opening; empty = `start_signal` below it.
+        Command that must have been above `threshold` since the last opening; empty =
+        `start_signal` below it.
     threshold : float
         Command level that counts as active [1].
     min_cycle_s, max_cycle_s : float
@@ -58,7 +63,8 @@ class CycleConfig:
     window_s, window_offset_s : float
         Length and offset of fixed windows on the stamps (rule window) [s].
     reference_level, reference_hysteresis : float
-        A cycle opens where the reference rises through the level; it re-arms below level - hysteresis [1].
+        A cycle opens where the reference rises through the level; it re-arms below level -
+        hysteresis [1].
     """
 
     rule: CycleRule = CycleRule.COMMANDS
@@ -87,8 +93,8 @@ class Closing(Enum):
 class Part:
     """Consecutive frames of one cycle, or of none.
 
-    `ordinal` counts the cycles opened in this run (0 before the first), `number` is the published cycle number
-    (0 = between cycles), `opens` says that the first frame opens the cycle.
+    `ordinal` counts the cycles opened in this run (0 before the first), `number` is the published
+    cycle number (0 = between cycles), `opens` says that the first frame opens the cycle.
     """
 
     frames: Frames
@@ -97,7 +103,7 @@ class Part:
     opens: bool
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _mark_commands(
     stamp_ns: IntArray,
     inputs: FloatArray,
@@ -135,7 +141,7 @@ def _mark_commands(
         flags[_WAS_HIGH] = 1 if high else 0
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _mark_reference(
     stamp_ns: IntArray,
     reference: FloatArray,
@@ -160,7 +166,7 @@ def _mark_reference(
             flags[_RUNNING] = 0
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _mark_changes(
     keys: IntArray, known: ByteArray, clock: IntArray, flags: ByteArray, marks: ByteArray
 ) -> None:
@@ -184,7 +190,8 @@ class Segmenter:
     last_cycle : int
         Number of the last stored cycle; numbering goes on from there.
     resumed : bool
-        True when `last_cycle` comes from a history: what was missed in between is unknown unless a counter tells.
+        True when `last_cycle` comes from a history: what was missed in between is unknown unless a
+        counter tells.
 
     Raises
     ------
@@ -370,5 +377,5 @@ def _column(name: str, inputs: tuple[str, ...], key: str) -> int:
 
 def _count_lost(stamp_ns: IntArray, period_s: float) -> int:
     steps = np.diff(stamp_ns) / (period_s * 1e9)
-    gaps = steps[steps > 1.5]  # noqa: PLR2004  a gap: at least one sample is missing
+    gaps = steps[steps > 1.5]
     return int(np.rint(gaps - 1.0).sum())

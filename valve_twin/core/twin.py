@@ -2,17 +2,18 @@
 # Copyright 2026 valve_twin maintainers
 """The twin of one valve: signals in; predictions, cycles and estimation jobs out.
 
-The live node and the offline command drive this same machine. It is deterministic: what it emits depends on the
-samples, never on when they arrived, on how they were cut into blocks, or on how long an estimation took. To that end
-jobs are sequential and never dropped, and the estimate of a cycle takes effect at the start of the second cycle after
-it; samples of that cycle wait if the estimate is not there yet.
+The live node and the offline command drive this same machine. It is deterministic: what it emits
+depends on the samples, never on when they arrived, on how they were cut into blocks, or on how
+long an estimation took. To that end jobs are sequential and never dropped, and the estimate of a
+cycle takes effect at the start of the second cycle after it; samples of that cycle wait if the
+estimate is not there yet.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,7 +21,11 @@ from valve_twin.core.alignment import Aligner, SignalCounts, SignalRange
 from valve_twin.core.cycles import Closing, CycleConfig, Part, Segmenter
 from valve_twin.core.estimation.sequence import InForce, Memory, model_in_force
 from valve_twin.core.types import Cycle, Estimate, FloatArray, Frames, IntArray, Prediction
-from valve_twin.core.valves.interface import Options, ValveModel
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from valve_twin.core.valves.interface import Options, ValveModel
 
 EFFECT_DELAY = 2
 """The estimate of a cycle predicts from the start of this many cycles later."""
@@ -168,7 +173,8 @@ class Twin:
         values : (N,) array
             Values, after scale and offset [unit of the signal].
         header : bool
-            False where the stamps are receive times: the estimate then says that it is not reproducible.
+            False where the stamps are receive times: the estimate then says that it is not
+            reproducible.
 
         Returns
         -------
@@ -234,7 +240,7 @@ class Twin:
         return [Estimated(job.cycle, estimates), *self._drain()]
 
     def _skip_dropped(self) -> None:
-        """A dropped cycle teaches nothing: the memory of its predecessor goes on."""
+        """Pass over dropped cycles: the memory of the predecessor goes on."""
         while self._running is None and self._jobs and self._jobs[0][1] is None:
             ordinal, _ = self._jobs.popleft()
             self._finish_ordinal(ordinal, self._memory_after[self._done])

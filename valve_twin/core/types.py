@@ -2,8 +2,9 @@
 # Copyright 2026 valve_twin maintainers
 """Value types shared by every room of the core: samples, frames, cycles, estimates and events.
 
-Everything here is data. Stamps are integers in nanoseconds of the data's own clock (`*_ns`), durations are seconds
-(`*_s`), positions are normalised to the stroke [1] and commands to full scale [1] unless a signal says otherwise.
+Everything here is data. Stamps are integers in nanoseconds of the data's own clock (`*_ns`),
+durations are seconds (`*_s`), positions are normalised to the stroke [1] and commands to full
+scale [1] unless a signal says otherwise.
 """
 
 from __future__ import annotations
@@ -68,7 +69,8 @@ class Frames:
     position : (N,) array
         Measured position, after scale and offset [1]; NaN where the input was not a finite number.
     inputs : (N, M) array
-        Commands in the order of the model's `inputs`, held from the last sample at or before the stamp [1].
+        Commands in the order of the model's `inputs`, held from the last sample at or before the
+        stamp [1].
     counter : (N,) array
         Cycle counter, NaN where none is mapped.
     reference : (N,) array
@@ -184,8 +186,9 @@ class Parameter:
 class ParameterValue:
     """One parameter of one estimate.
 
-    `value` is NaN where `status` is NOT_EXCITED or REFUSED; `standard_error`, `lower_95` and `upper_95` are NaN
-    where they are not calibrated. Units as in the model's `Parameter` of the same name.
+    `value` is NaN where `status` is NOT_EXCITED or REFUSED; `standard_error`, `lower_95` and
+    `upper_95` are NaN where they are not calibrated. Units as in the model's `Parameter` of the
+    same name.
     """
 
     name: str
@@ -230,7 +233,8 @@ class Estimate:
     status, reason : EstimateStatus, str
         Whether it may be used, and why in one line.
     mse_test, fit_test : float
-        One-step mean squared error [1] and free-run fit [%] of the model in force before, on this cycle.
+        One-step mean squared error [1] and free-run fit [%] of the model in force before, on this
+        cycle.
     mse_train, fit_train : float
         The same of this estimate on this cycle.
     condition_number : float
@@ -285,7 +289,8 @@ class Prediction:
     stamp_ns : (N,) int64 array
         Stamps of the measured samples [ns].
     measured, predicted, simulated, residual : (N,) arrays
-        Measurement, one-step prediction, free-run simulation since the start of the cycle, measured - predicted [1].
+        Measurement, one-step prediction, free-run simulation since the start of the cycle,
+        measured - predicted [1].
     residual_sigma : float
         Expected standard deviation of the residual [1]; NaN = unknown.
     validity : (N,) uint8 array

@@ -1,19 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""What a valve has to bring: a model (what is identified, how it predicts) and a plant (what simulates it).
+"""What a valve has to bring: a model (identification, prediction) and a plant (simulation).
 
 A valve is one package under `valve_twin.core.valves` (or of a user, through the entry-point group
-`valve_twin.valves`) that exports `MODEL`, a `ValveModel`, and, where it can be simulated, `PLANT`, a `PlantFactory`.
-The rest of the house knows valves only through these protocols.
+`valve_twin.valves`) that exports `MODEL`, a `ValveModel`, and, where it can be simulated, `PLANT`,
+a `PlantFactory`. The rest of the house knows valves only through these protocols.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
-from valve_twin.core.types import ByteArray, Cycle, Estimate, FloatArray, Parameter
+if TYPE_CHECKING:
+    from valve_twin.core.types import ByteArray, Cycle, Estimate, FloatArray, Parameter
 
 Options = Mapping[str, object]
 
@@ -22,7 +23,8 @@ Options = Mapping[str, object]
 class Option:
     """One option of a model, as it stands in the valve's configuration.
 
-    `default` fixes the type (bool, int, float, str, list of str or of float); `lower` and `upper` limit numbers.
+    `default` fixes the type (bool, int, float, str, list of str or of float); `lower` and `upper`
+    limit numbers.
     """
 
     name: str
@@ -63,12 +65,15 @@ class ValveModel(Protocol):
     def estimate(self, cycle: Cycle, options: Options) -> tuple[Estimate, ...]:
         """Estimate every configured estimator's parameters from one cycle alone.
 
-        Deterministic; never raises for bad data: a refusal is an `Estimate` with its reason. Leaves `mse_test`,
-        `fit_test`, standard errors and limits that need other cycles at NaN: `estimation.sequence` fills them.
+        Deterministic; never raises for bad data: a refusal is an `Estimate` with its reason.
+        Leaves `mse_test`, `fit_test`, standard errors and limits that need other cycles at NaN:
+        `estimation.sequence` fills them.
         """
         ...
 
-    def coefficients(self, values: Mapping[str, float], lag: int, period_s: float, options: Options) -> FloatArray:
+    def coefficients(
+        self, values: Mapping[str, float], lag: int, period_s: float, options: Options
+    ) -> FloatArray:
         """Return the (K,) coefficients of `predict` for parameter values by name (all finite)."""
         ...
 
@@ -87,12 +92,13 @@ class ValveModel(Protocol):
         simulated: FloatArray,
         validity: ByteArray,
     ) -> None:
-        """Predict a block of N consecutive samples with one compiled kernel; same bits for any block length.
+        """Predict N consecutive samples with one compiled kernel; same bits for any block length.
 
-        `state` (S,), `predicted`, `simulated` (N,) and `validity` (N,) are written in place. `position` is (N,),
-        `inputs` (N, M). `restart` (N,): 0 = go on, 1 = a new cycle starts here (the free run starts from the measured
-        position, the measured past stays), 2 = a gap or clock jump lies before this sample (forget the past),
-        3 = the sample is not valid (position may be NaN: hold, mark BAD_INPUT). A sample whose past is too short
-        gets NaN and STARTING; AT_SEAT and STALE as in `Validity`. `predicted[n]` may use positions before n only.
+        `state` (S,), `predicted`, `simulated` (N,) and `validity` (N,) are written in place.
+        `position` is (N,), `inputs` (N, M). `restart` (N,): 0 = go on, 1 = a new cycle starts here
+        (the free run starts from the measured position, the measured past stays), 2 = a gap or
+        clock jump lies before this sample (forget the past), 3 = the sample is not valid (position
+        may be NaN: hold, mark BAD_INPUT). A sample whose past is too short gets NaN and STARTING;
+        AT_SEAT and STALE as in `Validity`. `predicted[n]` may use positions before n only.
         """
         ...

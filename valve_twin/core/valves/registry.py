@@ -10,13 +10,16 @@ A user's package registers a model without touching this one::
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from difflib import get_close_matches
 from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
+from typing import TYPE_CHECKING
 
-from valve_twin.core.valves.interface import Option, Options, ValveModel
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from valve_twin.core.valves.interface import Option, Options, ValveModel
 
 ENTRY_POINT_GROUP = "valve_twin.valves"
 
@@ -52,7 +55,7 @@ def get_model(name: str) -> ValveModel:
 
 
 def complete_options(model: ValveModel, given: Mapping[str, object]) -> Options:
-    """Return the options of a model with defaults filled in; the values given must have been checked.
+    """Return the options of a model with defaults filled in; values must have been checked.
 
     Raises
     ------

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""The positioner: what it recovers from a known valve, what it refuses, what it reaches on a real one."""
+"""The positioner: what it recovers of a known valve, refuses, and reaches on a real one."""
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -48,7 +49,7 @@ def run(values, lag, command, position, restart=None, cuts=(), options=OPTIONS, 
     state = MODEL.initial_state()
     c = MODEL.coefficients(values, lag, period_s, options)
     edges = [0, *sorted(cuts), n]
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in itertools.pairwise(edges):
         MODEL.predict(
             state,
             c,
@@ -195,7 +196,7 @@ def fit_percent(measured, simulated):
 
 @pytest.mark.skipif(not BOILER.exists(), reason=f"no measured data at {BOILER}")
 def test_the_boiler_valve_is_followed_on_data_not_trained_on():
-    """Structure and options were fixed on the first 900 s; a line through the origin would be 'position = command'."""
+    """Structure and options were fixed on the first 900 s; the trivial model is the command."""
     data = np.genfromtxt(BOILER, delimiter=",", names=True)
     command = np.ascontiguousarray(data["LC74_20CV_pct"]) / 100.0
     position = np.ascontiguousarray(data["LC74_20X_pct"]) / 100.0

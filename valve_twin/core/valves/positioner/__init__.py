@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Any valve or cylinder that follows a position command: delay, dead band, rate and slew limit by direction."""
+"""A valve or cylinder that follows a position command: delay, dead band, rates, slew limits."""
 
 from valve_twin.core.valves.positioner.model import MODEL
 

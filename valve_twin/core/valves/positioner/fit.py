@@ -2,18 +2,22 @@
 # Copyright 2026 valve_twin maintainers
 """Output-error fit of the positioner: bounded Levenberg-Marquardt, several starts, delay by scan.
 
-The cost has local minima (a fast valve that is slew-limited looks like a slow one that is not), so every fit starts
-from several places; the delay is an integer number of samples and is found by a scan from coarse to fine.
+The cost has local minima (a fast valve that is slew-limited looks like a slow one that is not), so
+every fit starts from several places; the delay is an integer number of samples and is found by a
+scan from coarse to fine.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.types import BoolArray, FloatArray
 from valve_twin.core.valves.positioner.kernels import N_PARAMETERS, normal_equations
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import BoolArray, FloatArray
 
 _MAX_ITERATIONS = 60
 _RELATIVE_STEP = 1e-10
@@ -22,7 +26,7 @@ _DAMPING_UP, _DAMPING_DOWN, _DAMPING_MAX = 4.0, 0.25, 1e12
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """What is fitted: measured position and command (N,) [1], weights (N,), sampling time [s], stops (2,) [1]."""
+    """What is fitted: position, command (N,) [1], weights (N,), period [s], stops (2,) [1]."""
 
     position: FloatArray
     command: FloatArray
@@ -33,7 +37,7 @@ class Record:
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """Best parameters (5,), their delay [samples], cost, Gauss-Newton matrix (5, 5) and driven samples (5,)."""
+    """Parameters (5,), delay [samples], cost, Gauss-Newton matrix (5, 5), driven samples (5,)."""
 
     parameters: FloatArray
     lag: int
@@ -43,7 +47,7 @@ class Solution:
 
 
 def bounds(period_s: float, max_dead_band: float) -> tuple[FloatArray, FloatArray]:
-    """Return the physical bounds (5,) each: 0 <= rate <= 1/period, 0 <= slew <= 1/period, 0 <= dead band."""
+    """Return the physical bounds (5,) each: rates and slew limits up to 1/period."""
     fastest = 1.0 / period_s
     return np.zeros(N_PARAMETERS), np.array([fastest, fastest, fastest, fastest, max_dead_band])
 
@@ -73,7 +77,7 @@ def fit_free_run(record: Record, *, max_lag: int, max_dead_band: float) -> Solut
         centre = 0 if best is None else best.lag
         for lag in sorted({min(max(centre + k, 0), max_lag) for k in lags} - tried):
             tried.add(lag)
-            at = starts if best is None or len(tried) <= 2 else [best.parameters, *starts[:2]]  # noqa: PLR2004
+            at = starts if best is None or len(tried) <= 2 else [best.parameters, *starts[:2]]
             for start in at:
                 found = _descend(record, start, lag, limits)
                 if best is None or found.cost < best.cost:
@@ -86,7 +90,7 @@ def fit_free_run(record: Record, *, max_lag: int, max_dead_band: float) -> Solut
 
 
 def _coarse_to_fine(max_lag: int) -> list[list[int]]:
-    """Return scans around the best delay so far: all of 0..max_lag in at most 12 steps, then finer."""
+    """Return scans around the best delay so far: 0..max_lag in at most 12 steps, then finer."""
     step = max(1, -(-max_lag // 12))
     scans = [list(range(0, max_lag + step, step))]
     while step > 1:
@@ -116,7 +120,7 @@ def _starts(record: Record, limits: tuple[FloatArray, FloatArray]) -> list[Float
 def _descend(
     record: Record, start: FloatArray, lag: int, limits: tuple[FloatArray, FloatArray]
 ) -> Solution:
-    """Levenberg-Marquardt with Marquardt scaling; parameters on a bound that pull outwards are held there."""
+    """Levenberg-Marquardt, scaled; parameters on a bound that pull outwards are held there."""
     lower, upper = limits
     p = start.copy()
     here = _evaluate(record, p, lag)

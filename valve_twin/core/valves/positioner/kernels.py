@@ -2,8 +2,8 @@
 # Copyright 2026 valve_twin maintainers
 """Compiled recursions of the positioner: prediction, and normal equations of the free run.
 
-The positioner moves towards its delayed command, faster the farther it is away, up to a slew limit, each direction
-with its own rate and limit, and not at all inside the dead band::
+The positioner moves towards its delayed command, faster the farther it is away, up to a slew
+limit, each direction with its own rate and limit, and not at all inside the dead band::
 
     e[n] = u[n - lag] - x[n-1]
     v[n] = min(rate_rising (e - dead_band), slew_rising)       e >  dead_band
@@ -12,7 +12,8 @@ with its own rate and limit, and not at all inside the dead band::
     x[n] = x[n-1] + period v[n]        between the stops
 
 Forward Euler with rate * period <= 1: at the bound the spool arrives within one sample. The structure is our
-assumption [A]; on the boiler valve a symmetric linear model fits 51, this one about 70 on unseen data.
+assumption [A]; on the boiler valve a symmetric linear model fits 51, this one about 70 on unseen
+data.
 """
 
 from __future__ import annotations
@@ -38,21 +39,21 @@ _STARTING, _BAD_INPUT = 2, 5
 _NEW_CYCLE, _GAP, _BAD = 1, 2, 3
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _velocity(e: float, p: FloatArray) -> float:
     if e > p[4]:
-        return min(p[0] * (e - p[4]), p[2])
+        return float(min(p[0] * (e - p[4]), p[2]))
     if e < -p[4]:
-        return max(p[1] * (e + p[4]), -p[3])
+        return float(max(p[1] * (e + p[4]), -p[3]))
     return 0.0
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _step(x: float, command: float, c: FloatArray) -> float:
-    return min(max(x + c[5] * _velocity(command - x, c), c[7]), c[8])
+    return float(min(max(x + c[5] * _velocity(command - x, c), c[7]), c[8]))
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def predict_block(
     state: FloatArray,
     c: FloatArray,
@@ -63,7 +64,7 @@ def predict_block(
     simulated: FloatArray,
     validity: ByteArray,
 ) -> None:
-    """Predict N samples; coefficients `c` = 5 parameters, period [s], lag [samples], lower and upper stop [1]."""
+    """Predict N samples; `c` = 5 parameters, period [s], lag [samples], lower, upper stop [1]."""
     lag = int(c[6])
     for n in range(len(position)):
         flag = restart[n]
@@ -95,8 +96,8 @@ def predict_block(
         state[_SEEN] += 1.0
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def normal_equations(
+@njit(cache=True)
+def normal_equations(  # noqa: PLR0912  one pass over the samples, a branch a regime
     p: FloatArray,
     position: FloatArray,
     command: FloatArray,

@@ -4,8 +4,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,6 +24,9 @@ from valve_twin.core.types import (
 from valve_twin.core.valves.interface import Option, Options
 from valve_twin.core.valves.positioner.fit import Record, Solution, bounds, fit_free_run
 from valve_twin.core.valves.positioner.kernels import MAX_LAG, STATE_SIZE, predict_block
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 _MIN_DRIVEN = 5
 """Fewest samples in which a parameter must have moved the spool to be reported [A]."""
@@ -95,9 +98,10 @@ class PositionerModel:
     def coefficients(
         self, values: Mapping[str, float], lag: int, period_s: float, options: Options
     ) -> FloatArray:
-        """Return the 9 coefficients of `predict`; what no cycle has shown yet does not limit the motion.
+        """Return the 9 coefficients of `predict`; what no cycle has shown does not limit it.
 
-        A rate known in one direction only serves both; an unknown slew limit is one stroke a sample.
+        A rate known in one direction only serves both; an unknown slew limit is one stroke a
+        sample.
         """
         fastest = 1.0 / period_s
         rising = values.get("rate_rising", values.get("rate_falling", fastest))
@@ -116,7 +120,7 @@ class PositionerModel:
         )
 
     def initial_state(self) -> FloatArray:
-        """Return the state before the first sample: last position, free run, samples seen, delay line."""
+        """Return the state before the first sample."""
         return np.zeros(STATE_SIZE)
 
     def predict(
@@ -240,7 +244,7 @@ def _value(name: str, value: float, upper: float, driven: int) -> ParameterValue
 
 
 def _condition(solution: Solution) -> float:
-    """Return the condition number of the column-scaled sensitivity matrix of the excited parameters."""
+    """Return the condition number of the column-scaled sensitivities of what is excited."""
     scale = np.sqrt(np.diag(solution.hessian))
     seen = scale > 0
     if not seen.any():
