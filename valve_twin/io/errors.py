@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Errors of files, configurations and databases: one clear line that says what, where, which value and what to do.
+
+ValveTwinError
+  ConfigError   a configuration key or value cannot be used
+  BagError      a bag or CSV file cannot be read or written
+  StoreError    the history database cannot be used
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+class ValveTwinError(Exception):
+    """Base of all errors that a user can cause and mend."""
+
+
+class ConfigError(ValveTwinError):
+    """A configuration key or value cannot be used."""
+
+
+class BagError(ValveTwinError):
+    """A bag or CSV file cannot be read or written."""
+
+
+class StoreError(ValveTwinError):
+    """The history database cannot be used."""
+
+
+def suggest(name: str, known: Iterable[str], *, shown: int = 12) -> str:
+    """Say which known name is nearest to a wrong one, or which there are.
+
+    Parameters
+    ----------
+    name : str
+        The name that is not known.
+    known : iterable of str
+        Valid names.
+    shown : int
+        How many names are listed at most where none is near.
+
+    Returns
+    -------
+    str
+        "did you mean 'x'?", "there are a, b, c" or "there are none".
+    """
+    names = list(dict.fromkeys(known))
+    near = get_close_matches(name, names, n=1)
+    if near:
+        return f"did you mean '{near[0]}'?"
+    if not names:
+        return "there are none"
+    more = f" and {len(names) - shown} more" if len(names) > shown else ""
+    return f"there are {', '.join(names[:shown])}{more}"
