@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The position controller of the press: P(I) with separate gains per direction, off inside a dead band in hold."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from valve_twin.core.physics.quantity import check_quantities, quantity
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import FloatArray
+
+STATE_SIZE = 2
+"""Length of the controller's state: integral of the error [s], latch "output is off" [0 or 1]."""
+
+
+class PlcSettings(NamedTuple):
+    """Numbers of `PlcConfig` as the compiled controller takes them, same names and units."""
+
+    period_s: float
+    gain_in: float
+    integral_in: float
+    gain_out: float
+    integral_out: float
+    limit: float
+    band_off: float
+    band_on: float
+
+
+@dataclass(frozen=True, slots=True)
+class PlcConfig:
+    """Numbers of the position controller; every field carries its unit, range and description."""
+
+    period_s: float = quantity(
+        0.01, "s", "Task period of the controller", lower=1e-4, upper=1.0, assumed=True
+    )
+    gain_in: float = quantity(
+        6.0, "1", "Command per position error, opening", lower=0.0, upper=1e3, assumed=True
+    )
+    integral_in: float = quantity(
+        2.0,
+        "1/s",
+        "Command per integral of the error, opening",
+        lower=0.0,
+        upper=1e3,
+        assumed=True,
+    )
+    gain_out: float = quantity(
+        3.0, "1", "Command per position error, closing", lower=0.0, upper=1e3, assumed=True
+    )
+    integral_out: float = quantity(
+        0.5,
+        "1/s",
+        "Command per integral of the error, closing",
+        lower=0.0,
+        upper=1e3,
+        assumed=True,
+    )
+    limit: float = quantity(
+        0.8, "1", "Largest command in either direction", lower=0.0, upper=1.0, assumed=True
+    )
+    band_off: float = quantity(
+        0.002,
+        "1",
+        "Error below which the output goes off in hold",
+        lower=0.0,
+        upper=1.0,
+        assumed=True,
+    )
+    band_on: float = quantity(
+        0.02,
+        "1",
+        "Error above which the output comes on again in hold",
+        lower=0.0,
+        upper=1.0,
+        assumed=True,
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse values outside their range."""
+        check_quantities(self)
+        if self.band_on < self.band_off:
+            message = f"PlcConfig.band_on = {self.band_on!r}: must not be below band_off = {self.band_off!r}"
+            raise ValueError(message)
+
+    def settings(self) -> PlcSettings:
+        """Return the numbers for `plc_step`."""
+        return PlcSettings(
+            float(self.period_s),
+            float(self.gain_in),
+            float(self.integral_in),
+            float(self.gain_out),
+            float(self.integral_out),
+            float(self.limit),
+            float(self.band_off),
+            float(self.band_on),
+        )
+
+
+def initial_state() -> FloatArray:
+    """Return the (2,) state of a controller whose output is off."""
+    return np.array([0.0, 1.0])
+
+
+@njit(cache=True)
+def plc_step(state: FloatArray, plc: PlcSettings, error: float, hold: bool) -> float:
+    """Run one task period of the controller.
+
+    Parameters
+    ----------
+    state : (2,) array
+        Integral of the error [s] and latch "output is off"; written in place.
+    plc : PlcSettings
+        Numbers of the controller.
+    error : float
+        Reference minus position [1].
+    hold : bool
+        Whether the reference stands still.
+
+    Returns
+    -------
+    float
+        Signed command [1]: positive opens (v_in), negative closes (v_out).
+    """
+    band = plc.band_on if state[1] > 0.5 else plc.band_off
+    if hold and abs(error) <= band:
+        state[0] = 0.0
+        state[1] = 1.0
+        return 0.0
+    state[1] = 0.0
+    if state[0] * error < 0.0:
+        state[0] = 0.0
+    gain = plc.gain_in if error > 0.0 else plc.gain_out
+    integral_gain = plc.integral_in if error > 0.0 else plc.integral_out
+    integral = state[0] + error * plc.period_s
+    command = gain * error + integral_gain * integral
+    if abs(command) <= plc.limit:
+        state[0] = integral
+        return command
+    return plc.limit if command > 0.0 else -plc.limit

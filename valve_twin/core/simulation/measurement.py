@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The measurement layer: what delay, refresh, noise, quantisation and offsets make of the true position."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from valve_twin.core.physics.quantity import check_quantities, quantity, whole
+from valve_twin.core.types import FloatArray
+
+RANDOM_PHASE = -1
+
+
+@dataclass(frozen=True, slots=True)
+class MeasurementConfig:
+    """Numbers of the measurement layer; every field carries its unit, range and description."""
+
+    delay: int = whole(
+        1, "samples", "Delay of the position sensor [A] assumption", lower=0, upper=1000
+    )
+    refresh: int = whole(
+        1,
+        "samples",
+        "The sensor gives a new value every that many samples [A] assumption",
+        lower=1,
+        upper=1000,
+    )
+    refresh_phase: int = whole(
+        RANDOM_PHASE,
+        "samples",
+        "Sample of a cycle that gets the first new value, -1 = drawn at random for each cycle",
+        lower=RANDOM_PHASE,
+        upper=999,
+    )
+    noise: float = quantity(
+        1e-3,
+        "1",
+        "Standard deviation of the white position noise",
+        lower=0.0,
+        upper=1.0,
+        assumed=True,
+    )
+    quantum: float = quantity(
+        0.0,
+        "1",
+        "Step of the position's quantisation, 0 = none",
+        lower=0.0,
+        upper=1.0,
+        assumed=True,
+    )
+    position_offset: float = quantity(
+        0.0, "1", "Offset of the measured position", lower=-1.0, upper=1.0, assumed=True
+    )
+    command_offsets: tuple[float, ...] = field(
+        default=(),
+        metadata={
+            "unit": "1",
+            "description": "Offset of each logged command, in the order of the inputs [A] assumption",
+            "lower": -1.0,
+            "upper": 1.0,
+        },
+    )
+    process_noise: float = quantity(
+        0.0,
+        "1",
+        "Standard deviation of the displacement that the process adds in one sample of motion",
+        lower=0.0,
+        upper=0.1,
+        assumed=True,
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse values outside their range."""
+        check_quantities(self)
+        if self.refresh_phase >= self.refresh:
+            message = (
+                f"MeasurementConfig.refresh_phase = {self.refresh_phase!r}: "
+                f"must be below refresh = {self.refresh!r} [samples]"
+            )
+            raise ValueError(message)
+
+
+@dataclass(frozen=True, slots=True)
+class SensorState:
+    """What the sensor remembers: the last `delay` true positions (D,) and the last value it gave [1]."""
+
+    past: FloatArray
+    held: float
+
+
+def start_sensor(config: MeasurementConfig, position: float) -> SensorState:
+    """Return the state of a sensor that has always seen `position` [1]."""
+    return SensorState(np.full(config.delay, position), position + config.position_offset)
+
+
+def measure(
+    state: SensorState,
+    config: MeasurementConfig,
+    position: FloatArray,
+    noise: FloatArray,
+    phase: int,
+    *,
+    frozen: bool,
+) -> tuple[SensorState, FloatArray]:
+    """Measure N positions.
+
+    Parameters
+    ----------
+    state : SensorState
+        What the sensor remembers.
+    config : MeasurementConfig
+        Numbers of the layer.
+    position, noise : (N,) arrays
+        True position [1] and standard normal numbers.
+    phase : int
+        Samples until the next new value, counted from the first of the N.
+    frozen : bool
+        The sensor repeats its last value.
+
+    Returns
+    -------
+    SensorState, (N,) array
+        What the sensor remembers then, and the measured positions [1].
+    """
+    count = len(position)
+    history = np.concatenate([state.past, position])
+    value = history[:count] + config.position_offset + config.noise * noise
+    if config.quantum > 0.0:
+        value = np.round(value / config.quantum) * config.quantum
+    index = np.arange(count)
+    fresh = (index - phase) % config.refresh == 0
+    if frozen:
+        fresh[:] = False
+    last = np.maximum.accumulate(np.where(fresh, index, -1))
+    measured = np.where(last >= 0, value[last], state.held)
+    held = float(measured[-1]) if count else state.held
+    return SensorState(history[count:], held), measured

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What a valve has to bring to be simulated: a plant that runs whole blocks of samples in compiled code.
+
+A plant is a frozen dataclass of quantities (`physics.quantity`); an aged plant is the same dataclass with replaced
+numbers. It holds no state: the state is an array that `run` writes in place.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from valve_twin.core.simulation.config import SimulationConfig
+    from valve_twin.core.types import BoolArray, FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """What acts on the plant during a block of N samples.
+
+    Attributes
+    ----------
+    reference : (N * K,) array
+        Position reference at every controller tick, K = `Plant.ticks_per_sample` [1].
+    hold : (N * K,) bool array
+        Whether the reference stands still at that tick.
+    commands : (N, M) array or None
+        Commands from outside, each held for one sample [1]; None = the plant's own controller runs.
+    disturbance : (N,) array
+        Displacement that the process noise adds over each sample while the spindle moves [1].
+    leak_rate : float
+        Extra leak fault: loss of stroke per second [1/s].
+    stuck : bool
+        Stuck fault: the spindle does not move.
+    frozen : bool
+        Sensor freeze fault: the controller goes on with the last position it has read.
+    """
+
+    reference: FloatArray
+    hold: BoolArray
+    commands: FloatArray | None
+    disturbance: FloatArray
+    leak_rate: float = 0.0
+    stuck: bool = False
+    frozen: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """What the plant did during a block of N samples.
+
+    Attributes
+    ----------
+    position : (N,) array
+        True position at the stamps of the samples [1].
+    inputs : (N, M) array
+        Commands in force from the stamps on [1].
+    """
+
+    position: FloatArray
+    inputs: FloatArray
+
+
+class Plant(Protocol):
+    """A simulated valve with its local controller.
+
+    Implementations are frozen dataclasses; their quantities can be replaced, aged and scattered by name.
+    """
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Return the names of the M commands, as in the valve's model."""
+        ...
+
+    def ticks_per_sample(self, period_s: float) -> int:
+        """Return how often the controller runs in one sample; ValueError where the periods do not fit."""
+        ...
+
+    def initial_state(self) -> FloatArray:
+        """Return the (S,) state at rest."""
+        ...
+
+    def run(self, state: FloatArray, drive: Drive, period_s: float) -> Response:
+        """Run N samples; `state` (S,) is written in place, same bits for any block length."""
+        ...
+
+    def steady_rate(self, inputs: FloatArray) -> float:
+        """Return the speed in mid-stroke under constant commands (M,), leak included [1/s]."""
+        ...
+
+
+class PlantFactory(Protocol):
+    """What a valve package exports as `PLANT`."""
+
+    name: str
+
+    def simulation(self) -> SimulationConfig:
+        """Return the valve's default simulation."""
+        ...

@@ -1,0 +1,279 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The plant of paper 002: a water hydraulic two-stage cartridge valve with compressible chamber, in a press.
+
+Two groups of pilot valves fill (in) and empty (out) the control chamber over the spindle:
+
+    chamber   (V0 + A_B s)/beta dPc/dt = Q_in - Q_out - Q_leak - A_B ds/dt          (paper 002, eqs. (5)-(9))
+    flows     Q_in = R1 y_in sqrt(2 (Pz - Pc)/rho), Q_out = R2 y_out sqrt(2 Pc/rho), Q_leak = k sqrt(Pc)
+    spindle   M d2s/dt2 + B ds/dt = A_B Pc - A_T Pz, with seats that push but do not pull
+
+Steps are fixed; pressure and speed are solved together, linearly implicit, so the stiff chamber needs no small step.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from scipy.optimize import brentq
+
+from valve_twin.core.control.plc import PlcConfig
+from valve_twin.core.control.plc import initial_state as plc_state
+from valve_twin.core.physics.orifice import signed_root
+from valve_twin.core.physics.quantity import check_quantities, quantity
+from valve_twin.core.simulation.config import Scatter, SimulationConfig
+from valve_twin.core.simulation.plant import Drive, PlantFactory, Response
+from valve_twin.core.valves.press_cartridge.plant_kernel import PressCoefficients, run_press
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class PressCartridgePlant:
+    """Numbers of the simulated valve; every field carries its unit, range and description."""
+
+    inputs: ClassVar[tuple[str, ...]] = ("v_in", "v_out")
+
+    area_in: float = quantity(
+        1.27e-5,
+        "m^2",
+        "Opening of the filling pilot group at full command (R1 of paper 002)",
+        lower=1e-8,
+        upper=1e-2,
+        assumed=True,
+    )
+    area_out: float = quantity(
+        1.27e-5,
+        "m^2",
+        "Opening of the emptying pilot group at full command (R2 of paper 002)",
+        lower=1e-8,
+        upper=1e-2,
+        assumed=True,
+    )
+    saturation_in: float = quantity(
+        0.05,
+        "1",
+        "Relative loss of filling pilot opening at full command: y ~ v (1 - s v)",
+        lower=0.0,
+        upper=0.5,
+        assumed=True,
+    )
+    saturation_out: float = quantity(
+        0.30,
+        "1",
+        "Relative loss of emptying pilot opening at full command: y ~ v (1 - s v)",
+        lower=0.0,
+        upper=0.5,
+        assumed=True,
+    )
+    offset_in: float = quantity(
+        0.0, "1", "Filling command below which the pilot stays shut (v0)", lower=0.0, upper=0.5
+    )
+    offset_out: float = quantity(
+        0.0, "1", "Emptying command below which the pilot stays shut (v0)", lower=0.0, upper=0.5
+    )
+    pilot_lag: float = quantity(
+        8e-3, "s", "Time constant of the pilot valves", lower=1e-4, upper=1.0, assumed=True
+    )
+    leak: float = quantity(
+        3.2e-10,
+        "m^3/(s Pa^0.5)",
+        "Chamber leak over the root of the chamber pressure",
+        lower=0.0,
+        upper=1e-6,
+        assumed=True,
+    )
+    piston_area: float = quantity(
+        2e-3,
+        "m^2",
+        "Area of the spindle in the chamber (A_B)",
+        lower=1e-6,
+        upper=1.0,
+        assumed=True,
+    )
+    area_ratio: float = quantity(
+        0.96,
+        "1",
+        "Area under supply pressure over the chamber area (A_T/A_B)",
+        lower=0.05,
+        upper=0.99,
+        assumed=True,
+    )
+    mass: float = quantity(
+        80.0, "kg", "Mass of the spindle (M)", lower=0.01, upper=1e4, assumed=True
+    )
+    damping: float = quantity(
+        2500.0, "N s/m", "Viscous damping of the spindle (B)", lower=0.0, upper=1e6, assumed=True
+    )
+    stroke: float = quantity(
+        0.9, "m", "Stroke of the spindle (x_max)", lower=1e-4, upper=10.0, assumed=True
+    )
+    supply_pressure: float = quantity(
+        3e7, "Pa", "Supply pressure (Pz)", lower=1e5, upper=2e8, assumed=True
+    )
+    density: float = quantity(
+        1000.0, "kg/m^3", "Density of the water", lower=100.0, upper=2000.0, assumed=True
+    )
+    bulk_modulus: float = quantity(
+        2.1e9,
+        "Pa",
+        "Bulk modulus of the water (beta_e); 4e8 with air",
+        lower=1e7,
+        upper=1e10,
+        assumed=True,
+    )
+    dead_volume: float = quantity(
+        1e-3,
+        "m^3",
+        "Chamber volume with the spindle closed (V0)",
+        lower=1e-6,
+        upper=1.0,
+        assumed=True,
+    )
+    step: float = quantity(
+        1e-4, "s", "Step of the integration", lower=1e-6, upper=1e-3, assumed=True
+    )
+    plc: PlcConfig = field(default_factory=PlcConfig)
+
+    def __post_init__(self) -> None:
+        """Refuse values outside their range and periods that do not divide."""
+        check_quantities(self)
+        _ratio(self.plc.period_s, self.step, "plc.period_s", "step")
+
+    def ticks_per_sample(self, period_s: float) -> int:
+        """Return how often the controller runs in one sample of `period_s`."""
+        return _ratio(period_s, self.plc.period_s, "period_s", "plc.period_s")
+
+    def initial_state(self) -> FloatArray:
+        """Return the (9,) state: spindle on its closed seat, chamber drained through the leak, pilots shut.
+
+        Position [1], speed [m/s], chamber pressure [Pa], pilot openings in and out [1], position read by the
+        controller [1], its integral [s] and off latch, and the volume that has flowed into the chamber [m^3].
+        """
+        return np.concatenate([np.zeros(6), plc_state(), np.zeros(1)])
+
+    def run(self, state: FloatArray, drive: Drive, period_s: float) -> Response:
+        """Run N samples; `state` is written in place."""
+        samples = len(drive.disturbance)
+        external = drive.commands is not None
+        commands = np.zeros((0, 2)) if drive.commands is None else drive.commands
+        position = np.empty(samples)
+        inputs = np.empty((samples, 2))
+        run_press(
+            state,
+            self._coefficients(),
+            self.plc.settings(),
+            _ratio(self.plc.period_s, self.step, "plc.period_s", "step"),
+            self.ticks_per_sample(period_s),
+            np.ascontiguousarray(drive.reference),
+            np.ascontiguousarray(drive.hold),
+            external,
+            np.ascontiguousarray(commands, dtype=np.float64),
+            drive.disturbance * (self.piston_area * self.stroke / period_s),
+            self._leak_coefficient(drive.leak_rate),
+            drive.stuck,
+            drive.frozen,
+            position,
+            inputs,
+        )
+        return Response(position, inputs)
+
+    def steady_rate(self, inputs: FloatArray) -> float:
+        """Return the speed in mid-stroke under constant commands, leak included [1/s].
+
+        Solves A_B v = Q_in - Q_out - Q_leak with the chamber pressure of a spindle that does not accelerate,
+        Pc = (A_T Pz + B v)/A_B.
+
+        Parameters
+        ----------
+        inputs : (2,) array
+            Commands v_in, v_out [1].
+        """
+        return self._steady_speed(inputs, self.leak) / self.stroke
+
+    def steady_rate_without_leak(self, inputs: FloatArray) -> float:
+        """Return the speed as `steady_rate` would with a tight chamber [1/s]; `inputs` (2,) [1]."""
+        return self._steady_speed(inputs, 0.0) / self.stroke
+
+    def _steady_speed(self, inputs: FloatArray, leak: float) -> float:
+        """Return the steady spindle speed [m/s] for a leak coefficient."""
+        root = math.sqrt(2.0 / self.density)
+        opening_in = _opening(float(inputs[0]), self.offset_in, self.saturation_in)
+        opening_out = _opening(float(inputs[1]), self.offset_out, self.saturation_out)
+
+        def imbalance(speed: float) -> float:
+            pressure = self.area_ratio * self.supply_pressure
+            pressure += self.damping * speed / self.piston_area
+            flow = self.area_in * root * opening_in * signed_root(self.supply_pressure - pressure)
+            flow -= self.area_out * root * opening_out * signed_root(pressure)
+            return flow - leak * signed_root(pressure) - self.piston_area * speed
+
+        span = (self.area_in + self.area_out) * root * math.sqrt(self.supply_pressure)
+        span = (span + leak * math.sqrt(self.supply_pressure)) / self.piston_area
+        return float(brentq(imbalance, -span, span, xtol=1e-14, rtol=1e-12))
+
+    def _leak_coefficient(self, rate: float) -> float:
+        """Return the leak coefficient that loses `rate` of stroke a second at balance pressure."""
+        balance = self.area_ratio * self.supply_pressure
+        return rate * self.piston_area * self.stroke / math.sqrt(balance)
+
+    def _coefficients(self) -> PressCoefficients:
+        """Return the numbers of the compiled kernel."""
+        root = math.sqrt(2.0 / self.density)
+        return PressCoefficients(
+            conductance_in=self.area_in * root,
+            conductance_out=self.area_out * root,
+            saturation_in=float(self.saturation_in),
+            saturation_out=float(self.saturation_out),
+            offset_in=float(self.offset_in),
+            offset_out=float(self.offset_out),
+            pilot_share=-math.expm1(-self.step / self.pilot_lag),
+            leak=float(self.leak),
+            piston_area=float(self.piston_area),
+            top_force=self.area_ratio * self.piston_area * self.supply_pressure,
+            mass=float(self.mass),
+            damping=float(self.damping),
+            stroke=float(self.stroke),
+            supply_pressure=float(self.supply_pressure),
+            bulk_modulus=float(self.bulk_modulus),
+            dead_volume=float(self.dead_volume),
+            step_s=float(self.step),
+        )
+
+
+def _opening(command: float, offset: float, saturation: float) -> float:
+    """Return the pilot opening for a command [1]."""
+    effective = min(max(command - offset, 0.0), 1.0)
+    return effective * (1.0 - saturation * effective)
+
+
+def _ratio(whole: float, part: float, whole_name: str, part_name: str) -> int:
+    """Return whole/part as an integer, or refuse."""
+    count = round(whole / part)
+    if count < 1 or abs(count * part - whole) > 1e-9 * whole:
+        message = (
+            f"{whole_name} = {whole!r}: must be a whole multiple of {part_name} = {part!r} [s]"
+        )
+        raise ValueError(message)
+    return count
+
+
+class _PressPlant:
+    """What makes the press valve simulable."""
+
+    name = "press_cartridge"
+
+    def simulation(self) -> SimulationConfig:
+        """Return the reference experiment: sensor delay 1 sample, noise 1e-3, supply pressure scatter 0.4 %."""
+        return SimulationConfig(
+            plant=PressCartridgePlant(),
+            rearm_command=1,
+            scatter=(Scatter("supply_pressure", 0.004),),
+        )
+
+
+PLANT: PlantFactory = _PressPlant()
