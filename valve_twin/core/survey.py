@@ -142,9 +142,8 @@ def _judgeable(signal: Signal) -> bool:
 def _is_counter(values: FloatArray) -> bool:
     steps = np.diff(values)
     whole = bool(np.all(values == np.rint(values)))
-    return (
-        whole and bool(np.all(steps >= 0)) and np.count_nonzero(steps) <= len(values) / MIN_SAMPLES
-    )
+    few = int(np.count_nonzero(steps)) <= len(values) // MIN_SAMPLES
+    return whole and few and bool(np.all(steps >= 0))
 
 
 def _grid(signal: Signal) -> tuple[IntArray, FloatArray]:
