@@ -20,12 +20,22 @@ def share_files(folder: str, *patterns: str) -> tuple[str, list[str]]:
 setup(
     name=PACKAGE,
     version="0.1.0",
-    description="Digital twins of valves: parameters per production cycle, prediction, residual, aging trend",
+    description="Digital twins of valves: parameters, prediction, residual and aging trend",
     maintainer="valve_twin maintainers",
     maintainer_email="maintainers@example.com",
     license="Apache-2.0",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={PACKAGE: ["py.typed", "**/*.mako", "**/*.sql", "**/*.json", "**/*.yaml", "**/*.html", "**/*.msg"]},
+    package_data={
+        PACKAGE: [
+            "py.typed",
+            "**/*.mako",
+            "**/*.sql",
+            "**/*.json",
+            "**/*.yaml",
+            "**/*.html",
+            "**/*.msg",
+        ]
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (SHARE, ["package.xml"]),

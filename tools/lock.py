@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Resolve requirements*.in into lock files that hold for Python 3.10-3.13 and name no download address."""
+"""Resolve requirements*.in into lock files for Python 3.10-3.13 that name no download address.
+
+`make lock` keeps the pins that still fit, `make lock UPGRADE=1` renews them all.
+"""
 
 import os
 import subprocess
@@ -25,19 +28,38 @@ def resolve(uv: Path, source: str, lock: str, *constraints: str) -> None:
     *constraints : str
         Lock files whose pins this one has to share.
     """
-    command = [str(uv), "pip", "compile", "--universal", "--python-version", "3.10", "--quiet", "--no-config"]
-    command += ["--no-emit-index-url", "--no-emit-find-links", "--no-header", "--no-annotate", source, "-o", lock]
+    command = [
+        str(uv),
+        "pip",
+        "compile",
+        "--universal",
+        "--python-version",
+        "3.10",
+        "--quiet",
+        "--no-config",
+    ]
+    command += [
+        "--no-emit-index-url",
+        "--no-emit-find-links",
+        "--no-header",
+        "--no-annotate",
+        source,
+        "-o",
+        lock,
+    ]
     command += [word for name in constraints for word in ("-c", name)]
     command += sys.argv[1:]
     environment = {**os.environ, "UV_PYTHON_DOWNLOADS": "never"}
     subprocess.run(command, cwd=ROOT, env=environment, check=True)
     path = ROOT / lock
-    path.write_text(HEADER.format(source=source) + path.read_text(encoding="utf-8"), encoding="utf-8")
+    path.write_text(
+        HEADER.format(source=source) + path.read_text(encoding="utf-8"), encoding="utf-8"
+    )
     print(f"lock: wrote {lock}")
 
 
 def main() -> None:
-    """Write both lock files with a resolver of their own; `make lock` keeps pins, `make lock UPGRADE=1` renews them."""
+    """Write both lock files with a resolver of their own."""
     with tempfile.TemporaryDirectory() as folder:
         subprocess.run([sys.executable, "-m", "venv", folder], check=True)
         tools = Path(folder, "bin")

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Digital twins of valves: physical parameters per production cycle, prediction, residual and aging trend."""
+"""Digital twins of valves: physical parameters, prediction, residual and aging trend."""
 
 __all__ = ["__version__"]
 

@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What every test shares: deterministic properties and the marker of the tests that need ROS 2."""
+
+from pathlib import Path
+
+import hypothesis
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+NODES = ROOT / "test" / "nodes"
+
+hypothesis.settings.register_profile(
+    "deterministic",
+    derandomize=True,  # the same examples on every machine: a failure is repeated by running again
+    database=None,
+    deadline=None,  # the first call of a kernel may load it from the cache
+    max_examples=50,
+)
+hypothesis.settings.load_profile("deterministic")
+
+
+def pytest_report_header() -> str:
+    return "random numbers: fixed seeds, named in each test; hypothesis profile: deterministic"
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if NODES in item.path.parents:
+            item.add_marker(pytest.mark.ros)
+
+
+@pytest.fixture(scope="session")
+def root() -> Path:
+    """Return the root of the repository."""
+    return ROOT

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Build the two packages, write the environment that tools/run sources, check it, warm it up."""
+
+import os
+import shlex
+import subprocess
+import sysconfig
+from collections.abc import Sequence
+from pathlib import Path
+
+from setup_steps.console import ROOT, SetupError, run, say
+from setup_steps.prefix import PYTHON, VENV, build_environment
+
+ENVIRONMENT = VENV / "valve_twin_env.sh"
+SEARCH_PATHS = (
+    "AMENT_PREFIX_PATH",
+    "CMAKE_PREFIX_PATH",
+    "LD_LIBRARY_PATH",
+    "PYTHONPATH",
+    "PATH",
+)
+REQUIRED_MODULES = (
+    "rclpy",
+    "diagnostic_msgs.msg",
+    "lifecycle_msgs.msg",
+    "rosgraph_msgs.msg",
+    "sensor_msgs.msg",
+    "std_msgs.msg",
+    "std_srvs.srv",
+    "valve_twin_msgs.msg",
+    "valve_twin_msgs.srv",
+    "valve_twin",
+    "alembic",
+    "cvxpy",
+    "daqp",
+    "lz4",
+    "mcap",
+    "numba",
+    "numpy",
+    "rich",
+    "rosbags",
+    "scipy",
+    "sqlalchemy",
+    "yaml",
+    "zstandard",
+)
+
+
+def colcon_build(packages: Sequence[str], distro: str) -> None:
+    """Build some of the two packages; Python sources are linked, so that later edits are live."""
+    names = " and ".join(packages)
+    duration = " (one to two minutes)" if "valve_twin_msgs" in packages else ""
+    say(f"building {names} with colcon{duration}")
+    command = [str(PYTHON), "-m", "colcon", "build", "--symlink-install"]
+    command += ["--packages-select", *packages]
+    command += ["--cmake-args", "-G", "Ninja", "-DCMAKE_BUILD_TYPE=Release"]
+    command += [f"-DPython3_EXECUTABLE={PYTHON}", "-DBUILD_TESTING=OFF", "--no-warn-unused-cli"]
+    run(command, f"colcon build of {names}", build_environment(distro))
+
+
+def write_environment(distro: str) -> None:
+    """Write the shell file that tools/run sources: what colcon's own set-up adds, found once."""
+    added = _paths_of_the_workspace()
+    added["PATH"].append(str(VENV / "bin"))
+    lines = ["# Written by tools/bootstrap.py, sourced by tools/run."]
+    if distro:
+        remedy = f"tools/run: this environment uses ROS 2 {distro}: source it first"
+        lines.append(f'[ -n "${{ROS_DISTRO:-}}" ] || {{ echo "{remedy}" >&2; exit 2; }}')
+    else:
+        site_packages = Path(sysconfig.get_path("purelib", vars={"base": str(VENV)}))
+        added["AMENT_PREFIX_PATH"].append(str(VENV))
+        added["CMAKE_PREFIX_PATH"].append(str(VENV))
+        added["LD_LIBRARY_PATH"].append(str(VENV / "lib"))
+        added["LD_LIBRARY_PATH"] += map(str, sorted(site_packages.glob("ros_*.libs")))
+        # With the library path set here the wheels need not start the interpreter twice.
+        lines += ["unset PYTHONHOME", "export _ROS_WHEELS_BOOTSTRAP_COMPLETE=1"]
+    lines.append(f"export VIRTUAL_ENV={shlex.quote(str(VENV))}")
+    for name, parts in added.items():
+        value = shlex.quote(os.pathsep.join(parts))
+        lines.append(f"export {name}={value}${{{name}:+:${name}}}")
+    ENVIRONMENT.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _paths_of_the_workspace() -> dict[str, list[str]]:
+    """Return what install/local_setup.sh puts on each search path."""
+    script = f"unset {' '.join(SEARCH_PATHS[:-1])}; PATH=/usr/bin:/bin; . install/local_setup.sh; "
+    script += "printf '%s\\n' " + " ".join(f'"${name}"' for name in SEARCH_PATHS)
+    environment = {**os.environ, "COLCON_PYTHON_EXECUTABLE": str(PYTHON)}
+    shell = subprocess.run(
+        ["/bin/sh", "-c", script],
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if shell.returncode != 0:
+        cause = " ".join(shell.stderr.split())
+        raise SetupError(f"install/local_setup.sh failed: {cause}; call make clean setup")
+    found = zip(SEARCH_PATHS, shell.stdout.splitlines(), strict=True)
+    return {name: [p for p in line.split(":") if p.startswith(str(ROOT))] for name, line in found}
+
+
+def check_imports(distro: str) -> None:
+    """Import every required package with the interpreter of the installed executables."""
+    say("checking that every required package imports")
+    command = _inside("python", "-c", f"import {', '.join(REQUIRED_MODULES)}")
+    run(command, "the import check", build_environment(distro))
+
+
+def warm_up(distro: str) -> None:
+    """Compile the numerical kernels into their cache, so that no node compiles while it runs."""
+    for cached in (ROOT / "valve_twin").rglob("__pycache__/*.nb[ci]"):
+        # numba looks at the file of a kernel only, not at those of the kernels it calls
+        cached.unlink(missing_ok=True)
+    if not (ROOT / "valve_twin" / "warmup.py").is_file():
+        return
+    say("compiling the numerical kernels")
+    command = _inside("python", "-m", "valve_twin.warmup")
+    run(command, "compiling the kernels", build_environment(distro))
+
+
+def _inside(*command: str) -> list[str]:
+    return [str(ROOT / "tools" / "run"), *command]
