@@ -19,6 +19,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from valve_twin.core.simulation.config import SimulationConfig
+    from valve_twin.core.simulation.plant import PlantFactory
     from valve_twin.core.valves.interface import Option, Options, ValveModel
 
 ENTRY_POINT_GROUP = "valve_twin.valves"
@@ -44,7 +46,7 @@ def get_model(name: str) -> ValveModel:
         If there is no such model; the message names the nearest one.
     """
     if name in _BUILT_IN:
-        return _checked(import_module(f"valve_twin.core.valves.{name}").MODEL, name)
+        return _checked(import_module(_package(name)).MODEL, name)
     for entry in entry_points(group=ENTRY_POINT_GROUP):
         if entry.name == name:
             return _checked(entry.load(), name)
@@ -52,6 +54,29 @@ def get_model(name: str) -> ValveModel:
     hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(model_names())}"
     msg = f"model: '{name}' is unknown; {hint}"
     raise ValueError(msg)
+
+
+def get_simulation(name: str) -> SimulationConfig:
+    """Return the default simulation of a valve by the name of its model.
+
+    Raises
+    ------
+    ValueError
+        If the model is unknown or its package exports no `PLANT`.
+    """
+    get_model(name)
+    plant: PlantFactory | None = getattr(import_module(_package(name)), "PLANT", None)
+    if plant is None:
+        msg = f"model: '{name}' cannot be simulated: its package exports no PLANT"
+        raise ValueError(msg)
+    return plant.simulation()
+
+
+def _package(name: str) -> str:
+    """Return the module that exports the model of that name."""
+    if name in _BUILT_IN:
+        return f"valve_twin.core.valves.{name}"
+    return next(e.module for e in entry_points(group=ENTRY_POINT_GROUP) if e.name == name)
 
 
 def complete_options(model: ValveModel, given: Mapping[str, object]) -> Options:

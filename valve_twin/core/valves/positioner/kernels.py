@@ -11,9 +11,9 @@ limit, each direction with its own rate and limit, and not at all inside the dea
          = 0                                                   else
     x[n] = x[n-1] + period v[n]        between the stops
 
-Forward Euler with rate * period <= 1: at the bound the spool arrives within one sample. The structure is our
-assumption [A]; on the boiler valve a symmetric linear model fits 51, this one about 70 on unseen
-data.
+Forward Euler with rate * period <= 1: at the bound the spool arrives within one sample. The
+structure is our assumption [A]; on the boiler valve a symmetric linear model fits 51, this one
+about 70 on unseen data.
 """
 
 from __future__ import annotations
@@ -40,7 +40,8 @@ _NEW_CYCLE, _GAP, _BAD = 1, 2, 3
 
 
 @njit(cache=True)
-def _velocity(e: float, p: FloatArray) -> float:
+def velocity(e: float, p: FloatArray) -> float:
+    """Return the speed [1/s] at distance `e` to the command [1]; `p` as in `N_PARAMETERS`."""
     if e > p[4]:
         return float(min(p[0] * (e - p[4]), p[2]))
     if e < -p[4]:
@@ -50,7 +51,7 @@ def _velocity(e: float, p: FloatArray) -> float:
 
 @njit(cache=True)
 def _step(x: float, command: float, c: FloatArray) -> float:
-    return float(min(max(x + c[5] * _velocity(command - x, c), c[7]), c[8]))
+    return float(min(max(x + c[5] * velocity(command - x, c), c[7]), c[8]))
 
 
 @njit(cache=True)
