@@ -9,12 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from valve_twin.core.simulation.valve import (
-    SimulatedValve,
-    join_blocks,
-    simulate_cycles,
-    to_frames,
-)
+from valve_twin.core.simulation import SimulatedValve, simulate_cycles, to_frames
+from valve_twin.core.simulation.block import join_blocks
 from valve_twin.core.types import Cycle, EstimateStatus
 from valve_twin.core.valves.positioner.model import MODEL
 from valve_twin.core.valves.positioner.plant import PositionerPlant
