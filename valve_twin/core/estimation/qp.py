@@ -1,0 +1,279 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Least squares under linear inequalities: minimise |u theta - y|^2 subject to A theta <= b (paper 002, eq. (22)).
+
+`solve_qp` works on the normal equations: columns scaled to unit length, a proximal term that makes a singular matrix
+regular, DAQP for the active set, then the equality-constrained solution on that set, corrected until the Karush-Kuhn-
+Tucker conditions hold to rounding. A column without excitation keeps its parameter at zero unless an inequality
+forbids it. `solve_qp_cvxpy` states the same problem in cvxpy, as the reference in cost.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import daqp
+import numpy as np
+
+from valve_twin.core.estimation.constraints import Inequalities
+from valve_twin.core.estimation.regression import Gram
+from valve_twin.core.types import BoolArray, FloatArray, IntArray
+
+KKT_TOLERANCE = 1e-10
+"""Largest Karush-Kuhn-Tucker residual of a solution in scaled variables [1]."""
+
+_PROX = 1e-9  # proximal weight beside a unit diagonal; three steps bring its effect below rounding
+_PROX_STEPS = 3
+_ACTIVE = 1e-11  # multiplier or violation that counts as zero, scaled [1]
+_RANK = 1e-13  # eigenvalue of the scaled matrix that counts as zero, relative [1]
+_CHANGES = 40  # most changes of the active set after DAQP
+
+
+@dataclass(frozen=True, slots=True)
+class QpSolution:
+    """Solution of a constrained least squares problem.
+
+    Attributes
+    ----------
+    theta : (K,) array
+        The parameters; NaN where `solved` is False.
+    active : (M,) bool array
+        Inequalities that hold with equality.
+    cost : float
+        Sum of squared errors, from the normal equations [1].
+    kkt : float
+        Largest violation of the Karush-Kuhn-Tucker conditions in scaled variables [1].
+    solved : bool
+        Whether the conditions hold to `KKT_TOLERANCE`.
+    reason : str
+        Why not; empty where solved.
+    """
+
+    theta: FloatArray
+    active: BoolArray
+    cost: float
+    kkt: float
+    solved: bool
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class _Scaled:
+    """The problem in s = theta * unit: columns of unit length, right-hand side of unit length, unit rows."""
+
+    g: FloatArray
+    f: FloatArray
+    a: FloatArray
+    b: FloatArray
+    unit: FloatArray
+
+
+def quadratic_cost(gram: Gram, theta: FloatArray) -> float:
+    """Return the sum of squared errors [1] of some parameters from the normal equations."""
+    return float(gram.power - 2.0 * gram.vector @ theta + theta @ gram.matrix @ theta)
+
+
+def column_condition(gram: Gram) -> float:
+    """Return the condition number of the regressor with its excited columns scaled to unit length [1].
+
+    From the normal equations, so it saturates near 1e8; infinite where columns depend on each other.
+    """
+    length = np.sqrt(np.diag(gram.matrix))
+    k = np.flatnonzero(length > 0.0)
+    if len(k) == 0:
+        return float("inf")
+    eigen = np.linalg.eigvalsh(gram.matrix[np.ix_(k, k)] / np.outer(length[k], length[k]))
+    return float(np.sqrt(eigen[-1] / eigen[0])) if eigen[0] > 0.0 else float("inf")
+
+
+def solve_qp(gram: Gram, inequalities: Inequalities) -> QpSolution:
+    """Minimise the sum of squared errors under linear inequalities, to rounding.
+
+    Parameters
+    ----------
+    gram : Gram
+        Normal equations of K terms; may be singular.
+    inequalities : Inequalities
+        Over the same K parameters; may be empty.
+
+    Returns
+    -------
+    QpSolution
+        With `solved` False where the inequalities contradict each other.
+    """
+    scaled = _scale(gram, inequalities)
+    if scaled is None:
+        return _unsolved(len(gram.vector), inequalities, _never_holds(inequalities))
+    start = _active_set(scaled)
+    if start is None:
+        return _unsolved(len(gram.vector), inequalities, "the constraints contradict each other")
+    s, multipliers = _polish(scaled, start)
+    kkt = _kkt(scaled, s, multipliers)
+    theta = _exact_bounds(s / scaled.unit, multipliers > 0.0, inequalities)
+    active = (multipliers > 0.0) | (np.abs(scaled.a @ s - scaled.b) <= _ACTIVE)
+    solved = kkt <= KKT_TOLERANCE
+    reason = "" if solved else f"the solver stopped at a residual of {kkt:.1e}"
+    return QpSolution(theta, active, quadratic_cost(gram, theta), kkt, solved, reason)
+
+
+def solve_qp_cvxpy(u: FloatArray, y: FloatArray, inequalities: Inequalities) -> QpSolution:
+    """Solve the same problem as stated in cvxpy, from the regression rows (paper 002, section 3.2 used CVX).
+
+    Parameters
+    ----------
+    u : (R, K) array
+        Regressor.
+    y : (R,) array
+        Right-hand side [1].
+    inequalities : Inequalities
+        Over the K parameters.
+
+    Returns
+    -------
+    QpSolution
+        `active` within 1e-6 in scaled variables; `kkt` is NaN.
+    """
+    import cvxpy
+
+    length = np.linalg.norm(u, axis=0)
+    length[length == 0.0] = 1.0
+    size = float(np.linalg.norm(y)) or 1.0
+    # an orthogonal reduction keeps the cost and spares the solver the many rows
+    q, r = np.linalg.qr(u / length)
+    target = q.T @ (y / size)
+    s = cvxpy.Variable(u.shape[1])
+    a = inequalities.matrix / length
+    norm = np.linalg.norm(a, axis=1)
+    norm[norm == 0.0] = 1.0
+    limits = [(a / norm[:, None]) @ s <= inequalities.bound / norm / size] if len(a) else []
+    problem = cvxpy.Problem(cvxpy.Minimize(cvxpy.sum_squares(r @ s - target)), limits)
+    problem.solve(
+        solver=cvxpy.CLARABEL, tol_gap_abs=1e-14, tol_gap_rel=1e-12, tol_feas=1e-12, max_iter=200
+    )
+    if s.value is None:
+        return _unsolved(u.shape[1], inequalities, f"cvxpy: the problem is {problem.status}")
+    theta = np.asarray(s.value, float) / length * size
+    slack = (inequalities.bound - inequalities.matrix @ theta) / norm / size
+    cost = float(np.sum((y - u @ theta) ** 2))
+    return QpSolution(theta, slack <= 1e-6, cost, float("nan"), True)
+
+
+def _unsolved(k: int, inequalities: Inequalities, reason: str) -> QpSolution:
+    nothing = np.zeros(len(inequalities.bound), bool)
+    return QpSolution(np.full(k, np.nan), nothing, float("nan"), float("nan"), False, reason)
+
+
+def _never_holds(inequalities: Inequalities) -> str:
+    empty = ~inequalities.matrix.any(axis=1) & (inequalities.bound < 0.0)
+    return f'the constraint "{inequalities.labels[int(np.argmax(empty))]}" can never hold'
+
+
+def _scale(gram: Gram, inequalities: Inequalities) -> _Scaled | None:
+    """Scale the problem; None where an inequality without coefficients is false."""
+    length = np.sqrt(np.diag(gram.matrix))
+    length[length == 0.0] = 1.0
+    size = np.sqrt(gram.power) if gram.power > 0.0 else 1.0
+    unit = length / size
+    a = inequalities.matrix / unit
+    norm = np.linalg.norm(a, axis=1)
+    if (inequalities.bound[norm == 0.0] < 0.0).any():
+        return None
+    norm[norm == 0.0] = 1.0
+    return _Scaled(
+        gram.matrix / np.outer(length, length),
+        gram.vector / (length * size),
+        a / norm[:, None],
+        inequalities.bound / norm,
+        unit,
+    )
+
+
+def _active_set(p: _Scaled) -> IntArray | None:
+    """Active inequalities by DAQP with proximal steps; None where there is no feasible point."""
+    k = len(p.f)
+    if len(p.b) == 0:
+        return np.zeros(0, np.int64)
+    h = np.ascontiguousarray(p.g + _PROX * np.eye(k))
+    a, b = np.ascontiguousarray(p.a), np.ascontiguousarray(p.b)
+    lower, sense = np.full(len(b), -1e30), np.zeros(len(b), np.int32)
+    s, multipliers = np.zeros(k), np.zeros(len(b))
+    for _ in range(_PROX_STEPS):
+        linear = np.ascontiguousarray(-p.f - _PROX * s)
+        s, _, flag, info = daqp.solve(
+            h, linear, a, b, lower, sense, primal_tol=1e-11, dual_tol=1e-13, eps_prox=0.0
+        )
+        if flag < 0:
+            return None
+        s, multipliers = np.asarray(s, float), np.asarray(info["lam"], float)
+    return np.flatnonzero(multipliers > 0.0)
+
+
+def _polish(p: _Scaled, start: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Solve exactly on the active set and correct the set until the signs are right: (s, multipliers (M,))."""
+    active = _independent(p.a, [int(i) for i in start])
+    s, multipliers = _on_set(p, active)
+    for _ in range(_CHANGES):
+        excess = p.a @ s - p.b
+        excess[active] = -np.inf
+        worst = int(np.argmax(excess)) if len(excess) else 0
+        least = int(np.argmin(multipliers[active])) if active else 0
+        if active and multipliers[active[least]] < -_ACTIVE:
+            active = active[:least] + active[least + 1 :]
+        elif len(excess) and excess[worst] > _ACTIVE:
+            active = _independent(p.a, [worst, *active])
+        else:
+            break
+        s, multipliers = _on_set(p, active)
+    return s, np.maximum(multipliers, 0.0)
+
+
+def _independent(a: FloatArray, candidates: list[int]) -> list[int]:
+    """Candidates in order, without those whose rows depend on earlier ones."""
+    chosen: list[int] = []
+    basis = np.zeros((0, a.shape[1]))
+    for i in candidates:
+        rest = a[i] - basis.T @ (basis @ a[i])
+        rest -= basis.T @ (basis @ rest)
+        size = np.linalg.norm(rest)
+        if size > 1e-9:
+            chosen.append(i)
+            basis = np.vstack([basis, rest / size])
+    return chosen
+
+
+def _on_set(p: _Scaled, active: list[int]) -> tuple[FloatArray, FloatArray]:
+    """Minimise with the active inequalities as equations, shortest solution where not unique."""
+    k, m = len(p.f), len(active)
+    s, free = np.zeros(k), np.eye(k)
+    if m:
+        q, r = np.linalg.qr(p.a[active].T, mode="complete")
+        s = q[:, :m] @ np.linalg.solve(r[:m].T, p.b[active])
+        free = q[:, m:]
+    eigen, vectors = np.linalg.eigh(free.T @ p.g @ free)
+    kept = eigen > _RANK * max(1.0, eigen[-1] if len(eigen) else 1.0)
+    span = free @ vectors[:, kept]
+    for _ in range(2):  # the second pass refines the first
+        s = s + span @ ((span.T @ (p.f - p.g @ s)) / eigen[kept])
+    multipliers = np.zeros(len(p.b))
+    if m:
+        multipliers[active] = np.linalg.solve(r[:m], q[:, :m].T @ (p.f - p.g @ s))
+    return s, multipliers
+
+
+def _kkt(p: _Scaled, s: FloatArray, multipliers: FloatArray) -> float:
+    """Return the largest violation of stationarity, feasibility and complementarity."""
+    slack = p.b - p.a @ s
+    stationarity = p.g @ s - p.f + p.a.T @ multipliers
+    complementarity = multipliers * slack
+    parts = (np.abs(stationarity), np.maximum(-slack, 0.0), np.abs(complementarity))
+    return float(max(part.max(initial=0.0) for part in parts))
+
+
+def _exact_bounds(theta: FloatArray, active: BoolArray, inequalities: Inequalities) -> FloatArray:
+    """Set parameters that rest on a bound of their own to the bound, bit for bit."""
+    theta = theta.copy()
+    for i in np.flatnonzero(active):
+        columns = np.flatnonzero(inequalities.matrix[i])
+        if len(columns) == 1:
+            theta[columns[0]] = inequalities.bound[i] / inequalities.matrix[i, columns[0]] + 0.0
+    return theta
