@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""The position controller of the press: P(I) with separate gains per direction, off inside a dead band in hold."""
+"""The position controller of the press: P(I), gains per direction, off in hold in a dead band."""
 
 from __future__ import annotations
 
@@ -85,7 +85,10 @@ class PlcConfig:
         """Refuse values outside their range."""
         check_quantities(self)
         if self.band_on < self.band_off:
-            message = f"PlcConfig.band_on = {self.band_on!r}: must not be below band_off = {self.band_off!r}"
+            message = (
+                f"PlcConfig.band_on = {self.band_on!r}: "
+                f"must not be below band_off = {self.band_off!r} [1]"
+            )
             raise ValueError(message)
 
     def settings(self) -> PlcSettings:
@@ -139,7 +142,7 @@ def plc_step(state: FloatArray, plc: PlcSettings, error: float, hold: bool) -> f
     integral_gain = plc.integral_in if error > 0.0 else plc.integral_out
     integral = state[0] + error * plc.period_s
     command = gain * error + integral_gain * integral
-    if abs(command) <= plc.limit:
-        state[0] = integral
-        return command
-    return plc.limit if command > 0.0 else -plc.limit
+    if abs(command) > plc.limit:
+        return float(plc.limit) if command > 0.0 else -float(plc.limit)
+    state[0] = integral
+    return float(command)

@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Physical quantities as dataclass fields: default, unit, allowed range and description in one place."""
+"""Physical quantities as dataclass fields: default, unit, allowed range and description."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import field, fields
+from difflib import get_close_matches
 from typing import TYPE_CHECKING, cast
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from _typeshed import DataclassInstance
 
 ASSUMPTION = "[A] assumption"
@@ -39,19 +42,14 @@ def quantity(
         Whether no source gives the value: the description then carries the tag "[A] assumption".
     """
     text = f"{description} {ASSUMPTION}" if assumed else description
-    return cast(
-        "float",
-        field(
-            default=default,
-            metadata={"unit": unit, "description": text, "lower": lower, "upper": upper},
-        ),
-    )
+    meta = {"unit": unit, "description": text, "lower": lower, "upper": upper}
+    return field(default=default, metadata=meta)
 
 
 def whole(default: int, unit: str, description: str, *, lower: int, upper: int) -> int:
     """Declare a dataclass field that holds a whole number; parameters as in `quantity`."""
     meta = {"unit": unit, "description": description, "lower": lower, "upper": upper}
-    return cast("int", field(default=default, metadata=meta))
+    return field(default=default, metadata=meta)
 
 
 def check_quantities(config: DataclassInstance) -> None:
@@ -78,3 +76,10 @@ def _check_number(name: str, number: object, lower: float, upper: float, unit: s
     if not (numeric and lower <= cast("float", number) <= upper):
         message = f"{name} = {number!r}: must be a number from {lower:g} to {upper:g} [{unit}]"
         raise ValueError(message)
+
+
+def nearest_hint(name: str, known: Iterable[str]) -> str:
+    """Return the end of a message about an unknown name: the nearest known one, else all."""
+    names = list(known)
+    near = get_close_matches(name, names, n=1, cutoff=0.5)
+    return f"; did you mean '{near[0]}'?" if near else f"; known are {', '.join(names)}"

@@ -19,8 +19,8 @@ class AgingRule:
     parameter : str
         Name of a plant parameter, e.g. "area_in".
     law : str
-        "linear": 1 + rate n; "exponential": (1 + rate)^n; "step": 1 + rate; "none": 1. n counts the cycles from
-        `start_cycle` on, 1 in the first.
+        "linear": 1 + rate n; "exponential": (1 + rate)^n; "step": 1 + rate; "none": 1. n counts
+        the cycles from `start_cycle` on, 1 in the first.
     rate : float
         Relative change a cycle, for "step" once [1].
     start_cycle : int
@@ -45,7 +45,10 @@ class AgingRule:
             )
             raise ValueError(message)
         if self.start_cycle < 0:
-            message = f"aging of {self.parameter}: start_cycle = {self.start_cycle!r}: must not be negative"
+            message = (
+                f"aging of {self.parameter}: start_cycle = {self.start_cycle!r}: "
+                "must not be negative"
+            )
             raise ValueError(message)
 
     def factor(self, cycle: int) -> float:

@@ -37,7 +37,7 @@ class Faults:
     present: tuple[Fault, ...] = field(default=())
 
     def with_fault(self, kind: str, severity: float, start: int, samples: int) -> Faults:
-        """Return these faults and one more from sample `start` on, for `samples` (0 = until cleared).
+        """Return these faults and one more from sample `start` on, for `samples` (0 = for good).
 
         A fault replaces one of the same kind; kind "none" clears all.
 

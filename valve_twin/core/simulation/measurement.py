@@ -1,15 +1,18 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""The measurement layer: what delay, refresh, noise, quantisation and offsets make of the true position."""
+"""The measurement layer: sensor delay, refresh, noise, quantisation and offsets."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from valve_twin.core.physics.quantity import check_quantities, quantity, whole
-from valve_twin.core.types import FloatArray
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import FloatArray
 
 RANDOM_PHASE = -1
 
@@ -58,7 +61,7 @@ class MeasurementConfig:
         default=(),
         metadata={
             "unit": "1",
-            "description": "Offset of each logged command, in the order of the inputs [A] assumption",
+            "description": "Offset of each logged command, in input order [A] assumption",
             "lower": -1.0,
             "upper": 1.0,
         },
@@ -85,7 +88,7 @@ class MeasurementConfig:
 
 @dataclass(frozen=True, slots=True)
 class SensorState:
-    """What the sensor remembers: the last `delay` true positions (D,) and the last value it gave [1]."""
+    """What the sensor remembers: its last `delay` positions (D,) and its last value [1]."""
 
     past: FloatArray
     held: float

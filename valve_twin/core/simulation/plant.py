@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""What a valve has to bring to be simulated: a plant that runs whole blocks of samples in compiled code.
+"""What a valve has to bring to be simulated: a plant that runs blocks of samples.
 
-A plant is a frozen dataclass of quantities (`physics.quantity`); an aged plant is the same dataclass with replaced
-numbers. It holds no state: the state is an array that `run` writes in place.
+A plant is a frozen dataclass of quantities (`physics.quantity`); an aged plant is the same
+dataclass with replaced numbers. It holds no state: the state is an array that `run` writes in
+place.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ class Drive:
     hold : (N * K,) bool array
         Whether the reference stands still at that tick.
     commands : (N, M) array or None
-        Commands from outside, each held for one sample [1]; None = the plant's own controller runs.
+        Commands from outside, each held for one sample [1]; None = the plant's own controller
+        runs.
     disturbance : (N,) array
         Displacement that the process noise adds over each sample while the spindle moves [1].
     leak_rate : float
@@ -66,7 +68,8 @@ class Response:
 class Plant(Protocol):
     """A simulated valve with its local controller.
 
-    Implementations are frozen dataclasses; their quantities can be replaced, aged and scattered by name.
+    Implementations are frozen dataclasses; their quantities can be replaced, aged and scattered
+    by name.
     """
 
     @property
@@ -75,7 +78,7 @@ class Plant(Protocol):
         ...
 
     def ticks_per_sample(self, period_s: float) -> int:
-        """Return how often the controller runs in one sample; ValueError where the periods do not fit."""
+        """Return how often the controller runs in a sample; ValueError if periods do not fit."""
         ...
 
     def initial_state(self) -> FloatArray:

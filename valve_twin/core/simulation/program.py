@@ -5,18 +5,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from valve_twin.core.physics.quantity import check_quantities, quantity
-from valve_twin.core.types import BoolArray, FloatArray
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import BoolArray, FloatArray
 
 KINDS = ("hold", "step", "ramp")
 
 
 @dataclass(frozen=True, slots=True)
 class Reference:
-    """Reference of one whole cycle: `position` (N,) [1] and `hold` (N,), True where it stands still."""
+    """Reference of a cycle: `position` (N,) [1]; `hold` (N,), True where it stands still."""
 
     position: FloatArray
     hold: BoolArray
@@ -31,8 +35,8 @@ class CycleProgram:
     times_s : tuple of float
         Start of each move from the start of the cycle; increasing, the first is 0 [s].
     kinds : tuple of str
-        "hold": the target applies at once and stands; "step": go to the target in `step_time_s`, then stand;
-        "ramp": go to the target until the next move starts.
+        "hold": the target applies at once and stands; "step": go to the target in `step_time_s`,
+        then stand; "ramp": go to the target until the next move starts.
     targets : tuple of float
         Target of each move [1].
     duration_s : float
@@ -75,15 +79,15 @@ class CycleProgram:
         check_quantities(self)
         if not len(self.times_s) == len(self.kinds) == len(self.targets) > 0:
             message = (
-                f"CycleProgram: times_s, kinds and targets have {len(self.times_s)}, {len(self.kinds)}"
-                f" and {len(self.targets)} entries: must have the same number, at least 1"
+                f"CycleProgram: times_s, kinds and targets have {len(self.times_s)}, "
+                f"{len(self.kinds)} and {len(self.targets)} entries: must be as many, at least 1"
             )
             raise ValueError(message)
         for kind in self.kinds:
             if kind not in KINDS:
                 message = f"CycleProgram.kinds = {kind!r}: must be one of {', '.join(KINDS)}"
                 raise ValueError(message)
-        rising = all(a < b for a, b in zip(self.times_s, (*self.times_s[1:], self.duration_s)))
+        rising = all(a < b for a, b in pairwise((*self.times_s, self.duration_s)))
         if self.times_s[0] != 0.0 or not rising:
             message = (
                 f"CycleProgram.times_s = {self.times_s!r}: must start at 0, increase, "
@@ -99,11 +103,11 @@ class CycleProgram:
         hold = np.ones(ticks, dtype=np.bool_)
         level = self.targets[0]
         ends = (*self.times_s[1:], self.duration_s)
-        for start, end, kind, target in zip(self.times_s, ends, self.kinds, self.targets):
+        moves = zip(self.times_s, ends, self.kinds, self.targets, strict=True)
+        for start, end, kind, target in moves:
             part = (t_s >= start - 1e-9) & (t_s < end - 1e-9)
-            rise = {"hold": 0.0, "step": min(self.step_time_s, end - start), "ramp": end - start}[
-                kind
-            ]
+            rise = end - start if kind == "ramp" else min(self.step_time_s, end - start)
+            rise = 0.0 if kind == "hold" else rise
             since = t_s[part] - start
             share = np.minimum(since / rise, 1.0) if rise > 0.0 else np.ones(len(since))
             position[part] = level + share * (target - level)

@@ -1,15 +1,53 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""What a cycle says about its operating point: the commands that did the moving."""
+"""The truth that estimates are judged by, computed from the plant."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.simulation.valve import SimulatedValve
+
 if TYPE_CHECKING:
+    from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.types import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class GainTruth:
+    """True steady gains of one cycle.
+
+    Attributes
+    ----------
+    commands : (M,) array
+        Displacement-weighted mean of each command over the cycle [1].
+    gains : (M,) array
+        Steady gain of each command there, displacement a sample over the command, leak included [1].
+    """
+
+    commands: FloatArray
+    gains: FloatArray
+
+
+def cycle_truth(config: SimulationConfig, cycle: int) -> GainTruth:
+    """Return the true gains of a production cycle of the aged plant, without scatter.
+
+    Parameters
+    ----------
+    config : SimulationConfig
+        The simulation; its measurement layer plays no part.
+    cycle : int
+        Cycle number.
+    """
+    plain = replace(config, controller="cycles", first_cycle=cycle, scatter=())
+    valve = SimulatedValve(plain)
+    block = valve.advance(plain.cycle_samples)
+    commands = displacement_weighted_command(block.true_position, block.inputs)
+    gains = [valve.steady_gain(cycle, v, input_index=i) for i, v in enumerate(commands)]
+    return GainTruth(commands, np.array(gains))
 
 
 def displacement_weighted_command(
@@ -17,8 +55,8 @@ def displacement_weighted_command(
 ) -> FloatArray:
     """Return each command's mean over a cycle, weighted with the displacement it caused.
 
-    The steady gain depends on the command; this is the command at which a gain estimated from the cycle compares
-    with the plant's steady gain.
+    The steady gain depends on the command; this is the command at which a gain estimated from the
+    cycle compares with the plant's steady gain.
 
     Parameters
     ----------

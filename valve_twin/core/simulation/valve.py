@@ -1,21 +1,25 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""The simulated valve: plant, production cycles, aging, faults and measurement, sample by sample."""
+"""The simulated valve: plant, production cycles, aging, faults and measurement."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
 from enum import IntEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from valve_twin.core.simulation.aging_laws import AgingRule
+from valve_twin.core.simulation.block import SimulationBlock, join_blocks
 from valve_twin.core.simulation.config import SimulationConfig, changed_plant, check_parameter
 from valve_twin.core.simulation.faults import Faults
 from valve_twin.core.simulation.measurement import RANDOM_PHASE, measure, start_sensor
 from valve_twin.core.simulation.plant import Drive, Plant
-from valve_twin.core.types import BoolArray, FloatArray, Frames, IntArray
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from valve_twin.core.types import BoolArray, FloatArray
 
 NS = 1_000_000_000
 
@@ -29,41 +33,8 @@ class _Stream(IntEnum):
     CYCLE = 4
 
 
-@dataclass(frozen=True, slots=True)
-class SimulationBlock:
-    """N consecutive samples of a simulated valve.
-
-    Attributes
-    ----------
-    stamp_ns : (N,) int64 array
-        Simulated time [ns].
-    cycle : (N,) int64 array
-        Cycle number.
-    reference : (N,) array
-        Position reference [1]; NaN with external commands.
-    inputs : (N, M) array
-        Commands in force from the stamp on, as logged [1].
-    position, true_position : (N,) arrays
-        Measured and true position [1].
-    delivered : (N,) bool array
-        False where the sample is lost: it must not be published.
-    """
-
-    stamp_ns: IntArray
-    cycle: IntArray
-    reference: FloatArray
-    inputs: FloatArray
-    position: FloatArray
-    true_position: FloatArray
-    delivered: BoolArray
-
-    def __len__(self) -> int:
-        """Return the number of samples N."""
-        return len(self.stamp_ns)
-
-
 class SimulatedValve:
-    """A valve that exists in the computer only; the same seed gives the same samples however they are asked for.
+    """A valve in the computer: the same seed gives the same samples however they are asked for.
 
     Parameters
     ----------
@@ -118,7 +89,7 @@ class SimulatedValve:
         samples : int
             How many (N), not negative.
         commands : (N, M) array, optional
-            Commands, each held for one sample [1]; needed with controller "external" and only there. Values
+            Commands, each held for one sample [1]; needed with controller "external" only. Values
             are limited to [0, 1].
 
         Raises
@@ -199,7 +170,7 @@ class SimulatedValve:
         return changed_plant(self.config.plant, factors)
 
     def steady_gain(self, cycle: int, command: float, *, input_index: int = 0) -> float:
-        """Return the true steady gain of the aged plant: displacement a sample over the command [1].
+        """Return the true steady gain of the aged plant: displacement a sample over command [1].
 
         Parameters
         ----------
@@ -222,7 +193,8 @@ class SimulatedValve:
             message = f"samples = {samples}: must not be negative"
             raise ValueError(message)
         if external != (commands is not None):
-            message = f"controller '{self.config.controller}' {'needs' if external else 'takes no'} commands"
+            needs = "needs" if external else "takes no"
+            message = f"controller '{self.config.controller}' {needs} commands"
             raise ValueError(message)
         if commands is None:
             return None
@@ -237,7 +209,8 @@ class SimulatedValve:
         """Return at which of the next N samples a new cycle starts, (N,)."""
         if commands is None:
             index = self._sample + np.arange(samples)
-            return (index > 0) & (index % self.config.cycle_samples == 0)
+            at_start: BoolArray = (index > 0) & (index % self.config.cycle_samples == 0)
+            return at_start
         config = self.config
         active = commands[:, config.start_command] > config.threshold
         rearm = np.ones(samples, dtype=np.bool_)
@@ -331,26 +304,3 @@ def simulate_cycles(
     valve = SimulatedValve(config, seed)
     for _ in range(cycles):
         yield valve.advance(config.cycle_samples)
-
-
-def to_frames(block: SimulationBlock) -> Frames:
-    """Return the delivered samples of a block as frames, with cycle counter and reference."""
-    kept = block.delivered
-    return Frames(
-        stamp_ns=block.stamp_ns[kept],
-        position=block.position[kept],
-        inputs=block.inputs[kept],
-        counter=block.cycle[kept].astype(np.float64),
-        reference=block.reference[kept],
-        valid=np.ones(int(kept.sum()), dtype=np.bool_),
-    )
-
-
-def join_blocks(parts: Sequence[SimulationBlock]) -> SimulationBlock:
-    """Concatenate consecutive blocks (at least one) in their order."""
-    if len(parts) == 1:
-        return parts[0]
-    columns = {
-        f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(parts[0])
-    }
-    return SimulationBlock(**columns)

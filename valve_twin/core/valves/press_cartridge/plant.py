@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""The plant of paper 002: a water hydraulic two-stage cartridge valve with compressible chamber, in a press.
+"""The plant of paper 002: a water hydraulic two-stage cartridge valve in a press.
 
 Two groups of pilot valves fill (in) and empty (out) the control chamber over the spindle:
 
-    chamber   (V0 + A_B s)/beta dPc/dt = Q_in - Q_out - Q_leak - A_B ds/dt          (paper 002, eqs. (5)-(9))
-    flows     Q_in = R1 y_in sqrt(2 (Pz - Pc)/rho), Q_out = R2 y_out sqrt(2 Pc/rho), Q_leak = k sqrt(Pc)
-    spindle   M d2s/dt2 + B ds/dt = A_B Pc - A_T Pz, with seats that push but do not pull
+    chamber   (V0 + A_B s)/beta dPc/dt = Q_in - Q_out - Q_leak - A_B ds/dt          (paper 002,
+    eqs. (5)-(9)) flows     Q_in = R1 y_in sqrt(2 (Pz - Pc)/rho), Q_out = R2 y_out sqrt(2 Pc/rho),
+    Q_leak = k sqrt(Pc) spindle   M d2s/dt2 + B ds/dt = A_B Pc - A_T Pz, with seats that push but
+    do not pull
 
-Steps are fixed; pressure and speed are solved together, linearly implicit, so the stiff chamber needs no small step.
+Steps are fixed; pressure and speed are solved together, linearly implicit, so the stiff chamber
+needs no small step.
 """
 
 from __future__ import annotations
@@ -149,10 +151,11 @@ class PressCartridgePlant:
         return _ratio(period_s, self.plc.period_s, "period_s", "plc.period_s")
 
     def initial_state(self) -> FloatArray:
-        """Return the (9,) state: spindle on its closed seat, chamber drained through the leak, pilots shut.
+        """Return the (9,) state: spindle on its closed seat, chamber drained, pilots shut.
 
-        Position [1], speed [m/s], chamber pressure [Pa], pilot openings in and out [1], position read by the
-        controller [1], its integral [s] and off latch, and the volume that has flowed into the chamber [m^3].
+        Position [1], speed [m/s], chamber pressure [Pa], pilot openings in and out [1], position
+        read by the controller [1], its integral [s] and off latch, and the volume that has flowed
+        into the chamber [m^3].
         """
         return np.concatenate([np.zeros(6), plc_state(), np.zeros(1)])
 
@@ -185,8 +188,8 @@ class PressCartridgePlant:
     def steady_rate(self, inputs: FloatArray) -> float:
         """Return the speed in mid-stroke under constant commands, leak included [1/s].
 
-        Solves A_B v = Q_in - Q_out - Q_leak with the chamber pressure of a spindle that does not accelerate,
-        Pc = (A_T Pz + B v)/A_B.
+        Solves A_B v = Q_in - Q_out - Q_leak with the chamber pressure of a spindle that does not
+        accelerate, Pc = (A_T Pz + B v)/A_B.
 
         Parameters
         ----------
@@ -196,7 +199,7 @@ class PressCartridgePlant:
         return self._steady_speed(inputs, self.leak) / self.stroke
 
     def steady_rate_without_leak(self, inputs: FloatArray) -> float:
-        """Return the speed as `steady_rate` would with a tight chamber [1/s]; `inputs` (2,) [1]."""
+        """Return `steady_rate` with a tight chamber [1/s]; `inputs` (2,) [1]."""
         return self._steady_speed(inputs, 0.0) / self.stroke
 
     def _steady_speed(self, inputs: FloatArray, leak: float) -> float:
@@ -268,7 +271,7 @@ class _PressPlant:
     name = "press_cartridge"
 
     def simulation(self) -> SimulationConfig:
-        """Return the reference experiment: sensor delay 1 sample, noise 1e-3, supply pressure scatter 0.4 %."""
+        """Return the reference experiment: sensor delay 1, noise 1e-3, supply scatter 0.4 %."""
         return SimulationConfig(
             plant=PressCartridgePlant(),
             rearm_command=1,

@@ -21,8 +21,8 @@ SHUT = 1e-30
 class PressCoefficients(NamedTuple):
     """Numbers of `PressCartridgePlant` as the kernel takes them, SI.
 
-    `conductance_*` are the pilot areas times sqrt(2/rho), `top_force` is A_T Pz, `pilot_share` is the part of the
-    way to its target that a pilot goes in one step.
+    `conductance_*` are the pilot areas times sqrt(2/rho), `top_force` is A_T Pz, `pilot_share` is
+    the part of the way to its target that a pilot goes in one step.
     """
 
     conductance_in: float
@@ -64,9 +64,12 @@ def _advance(
 ) -> None:
     """Integrate `steps` steps under constant pilot targets.
 
-    Pressure P and speed w at the end of the step solve, with the flow balance Q and its slope Q' at the start,
-        (1 - h Q') P + h A w = P0 + h (Q - Q' P0),   (1 + dt B/M) w - (dt A/M) P = w0 - dt F_top/M,   h = dt beta/V.
-    A spindle that would pass its seat stops there; the pressure then follows from the way it really went.
+    Pressure P and speed w at the end of the step solve, with the flow balance Q and its slope Q'
+    at the start,
+        (1 - h Q') P + h A w = P0 + h (Q - Q' P0),   (1 + dt B/M) w - (dt A/M) P = w0 - dt
+        F_top/M,   h = dt beta/V.
+    A spindle that would pass its seat stops there; the pressure then follows from the way it
+    really went.
     """
     travel = state[0] * c.stroke
     speed, pressure, y_in, y_out, volume = state[1], state[2], state[3], state[4], state[8]
@@ -91,10 +94,7 @@ def _advance(
         new_travel = travel + dt * new_speed
         blocked = stuck or new_travel < 0.0 or new_travel > c.stroke
         if blocked:
-            if stuck:
-                new_travel = travel
-            else:
-                new_travel = min(max(new_travel, 0.0), c.stroke)
+            new_travel = travel if stuck else min(max(new_travel, 0.0), c.stroke)
             new_pressure = (right - h * area * (new_travel - travel) / dt) / (1.0 - h * slope)
             new_speed = 0.0
         volume += dt * (flow + slope * (new_pressure - pressure))
@@ -123,7 +123,7 @@ def run_press(
     position: FloatArray,
     inputs: FloatArray,
 ) -> None:
-    """Run N samples of controller and plant; `state`, `position` (N,) and `inputs` (N, 2) are written in place."""
+    """Run N samples; writes `state`, `position` (N,) and `inputs` (N, 2) in place."""
     for n in range(len(position)):
         for k in range(ticks_per_sample):
             if not frozen:
