@@ -6,13 +6,194 @@ from __future__ import annotations
 
 from valve_twin.io.schema import Kind, Spec
 
-_COMMON = (Spec("autostart", Kind.BOOL, True, "Configure and activate by itself at start."),)
+_COMMON = (
+    Spec("autostart", Kind.BOOL, True, "Configure and activate by itself at start."),
+    Spec(
+        "executor",
+        Kind.STRING,
+        "events",
+        "Executor that drives the callbacks; events costs a quarter of single_threaded.",
+        choices=("events", "single_threaded"),
+    ),
+)
+
+_LIVE = (
+    Spec(
+        "allow_live",
+        Kind.BOOL,
+        False,
+        "Publish also to topics that already have a foreign publisher, and commands that somebody else takes.",
+    ),
+    Spec(
+        "lossless",
+        Kind.BOOL,
+        True,
+        "Wait for reliable subscribers rather than overwrite what they have not taken.",
+    ),
+    Spec(
+        "wait_for_subscribers",
+        Kind.INT,
+        0,
+        "Begin when every topic has this many subscribers.",
+        "1",
+        0,
+        1000,
+    ),
+)
+
+_SIMULATED_VALVE = (
+    Spec(
+        "publish_prefix",
+        Kind.STRING,
+        "/sim",
+        "Put before every topic that is published or taken, so that no real valve is moved.",
+    ),
+    Spec(
+        "rate",
+        Kind.FLOAT,
+        1.0,
+        "Simulated seconds a second; 0 = as fast as the subscribers follow.",
+        "1",
+        0.0,
+        1e4,
+    ),
+    Spec("clock", Kind.BOOL, False, "Publish /clock; a rate other than 1 always does."),
+    Spec("seed", Kind.INT, 0, "Seed of all random numbers.", "1", 0, 2**31),
+    Spec(
+        "start_time_s",
+        Kind.FLOAT,
+        0.0,
+        "Stamp of the first sample; 0 = the time at activation.",
+        "s",
+        0.0,
+        2e9,
+    ),
+    Spec("batch", Kind.INT, 1, "Samples a message; above 1 as Float64Series.", "1", 1, 10000),
+    Spec("cycles", Kind.INT, 0, "Stop after so many production cycles; 0 = never.", "1", 0, 10**9),
+)
+
+_TWIN = (
+    Spec(
+        "input_queue",
+        Kind.INT,
+        0,
+        "Queue depth of every input; 0 = all that the middleware can hold.",
+        "1",
+        0,
+        10**6,
+    ),
+    Spec(
+        "deadline_s",
+        Kind.FLOAT,
+        0.0,
+        "Longest time between two messages that publishers have to promise; 0 = none asked for.",
+        "s",
+        0.0,
+        3600.0,
+    ),
+    Spec(
+        "silence_s",
+        Kind.FLOAT,
+        5.0,
+        "After this long without a message an input is reported.",
+        "s",
+        0.1,
+        1e6,
+    ),
+    Spec(
+        "gather_s",
+        Kind.FLOAT,
+        0.005,
+        "Samples that arrive within this time are worked on together.",
+        "s",
+        0.0,
+        1.0,
+    ),
+    Spec(
+        "retry_s",
+        Kind.FLOAT,
+        1.0,
+        "Pause before a cycle that the database refused is offered again.",
+        "s",
+        0.01,
+        3600.0,
+    ),
+    Spec(
+        "busy_timeout_s",
+        Kind.FLOAT,
+        5.0,
+        "How long another program's lock of the database is waited for.",
+        "s",
+        0.0,
+        3600.0,
+    ),
+)
+
+_AGING_MONITOR = (
+    Spec(
+        "page",
+        Kind.INT,
+        200,
+        "Estimates asked of the twin at a time.",
+        "1",
+        1,
+        100000,
+    ),
+    Spec(
+        "retry_s",
+        Kind.FLOAT,
+        1.0,
+        "Pause before a twin that does not answer is asked again.",
+        "s",
+        0.01,
+        3600.0,
+    ),
+)
+
+_BAG_PLAYER = (
+    Spec("bag", Kind.STRING, "", "Folder of the bag."),
+    Spec(
+        "publish_prefix",
+        Kind.STRING,
+        "/replay",
+        "Put before every topic, so that no real valve is moved.",
+    ),
+    Spec("topics", Kind.STRINGS, (), "Topics to play; empty = all."),
+    Spec(
+        "rate",
+        Kind.FLOAT,
+        1.0,
+        "Bag seconds a second; 0 = as fast as the subscribers follow.",
+        "1",
+        0.0,
+        1e4,
+    ),
+    Spec("clock", Kind.BOOL, True, "Publish /clock with every message."),
+    Spec("start_paused", Kind.BOOL, False, "Wait for the service resume."),
+    Spec("start_offset_s", Kind.FLOAT, 0.0, "Begin this long after the first message.", "s", 0.0),
+)
+
+_BAG_RECORDER = (
+    Spec("bag", Kind.STRING, "", "Folder of the bag; empty = valve_twin_DATE in the working directory."),
+    Spec("topics", Kind.STRINGS, (), "Topics to record; empty = all under the node's namespace."),
+    Spec("all", Kind.BOOL, False, "Record all topics of every namespace."),
+    Spec("flush_s", Kind.FLOAT, 1.0, "Longest time until data is in the file.", "s", 0.05, 60.0),
+    Spec(
+        "queue",
+        Kind.INT,
+        100000,
+        "Messages that may wait for the disk; more are lost and counted.",
+        "1",
+        1,
+        10**8,
+    ),
+)
 
 NODE_PARAMETERS: dict[str, tuple[Spec, ...]] = {
-    "simulated_valve": _COMMON,
-    "twin": _COMMON,
-    "aging_monitor": _COMMON,
-    "bag_player": _COMMON,
-    "bag_recorder": _COMMON,
+    "simulated_valve": (*_COMMON, *_LIVE, *_SIMULATED_VALVE),
+    "twin": (*_COMMON, *_TWIN),
+    "aging_monitor": (*_COMMON, *_AGING_MONITOR),
+    "bag_player": (*_COMMON, *_LIVE, *_BAG_PLAYER),
+    "bag_recorder": (*_COMMON, *_BAG_RECORDER),
 }
 """Parameters by node name."""

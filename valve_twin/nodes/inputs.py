@@ -1,0 +1,290 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Subscriptions to the signals of a valve: any type, losses counted, every reason for silence named."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from rclpy.duration import Duration
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import (
+    HistoryPolicy,
+    QoSPolicyKind,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_policy_name_from_kind,
+)
+from rclpy.qos_overriding_options import QoSOverridingOptions
+
+from valve_twin.io.errors import suggest
+from valve_twin.io.mapping import Extractor, RosTypes, SignalBlock, SignalSource, message_class
+from valve_twin.nodes.runtime import STEADY
+
+OnBlock = Callable[[SignalBlock], None]
+
+
+@dataclass(frozen=True, slots=True)
+class InputConfig:
+    """How inputs are subscribed.
+
+    Attributes
+    ----------
+    depth : int
+        Queue depth [messages], 0 = keep all that the middleware can hold.
+    deadline_s : float
+        Longest time between two messages that a publisher has to promise [s], 0 = none asked for.
+    silence_s : float
+        After this long without a message a topic is called silent [s].
+    """
+
+    depth: int = 0
+    deadline_s: float = 0.0
+    silence_s: float = 5.0
+
+
+def seconds_now() -> float:
+    """Return the steady clock [s]."""
+    return float(STEADY.now().nanoseconds) * 1e-9
+
+
+class TopicInput:
+    """One topic that carries one or more signals.
+
+    Parameters
+    ----------
+    node : Node
+        Where to subscribe.
+    sources : sequence of SignalSource
+        The signals, all of one topic and type.
+    config : InputConfig
+        Queue, deadline and silence.
+    on_block : callable
+        Gets every block of samples.
+    now_ns : callable
+        Receive time on the node's clock, for messages without a stamp; 0 = not known yet [ns].
+
+    Raises
+    ------
+    ConfigError
+        If type or field do not exist.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        sources: Sequence[SignalSource],
+        config: InputConfig,
+        on_block: OnBlock,
+        now_ns: Callable[[], int],
+    ) -> None:
+        self._node = node
+        self._config = config
+        self._on_block = on_block
+        self._now_ns = now_ns
+        self.topic = sources[0].topic
+        self.type = sources[0].type
+        self.signals = tuple(s.signal for s in sources)
+        where = node.get_fully_qualified_name()
+        self._extractors = [Extractor(s, RosTypes(), where) for s in sources]
+        self._raw = all(e.is_raw_readable for e in self._extractors)
+        self._last_sequence = 0
+        self._only_publisher = True
+        self._since = seconds_now()
+        self._heard: float | None = None
+        self._reliable = not self._is_best_effort_offered()
+        self.received = self.lost = self.broken = self.deadlines_missed = 0
+        self.refused_policy = ""
+        self._subscription = self._subscribe()
+
+    def destroy(self) -> None:
+        """Stop listening."""
+        self._node.destroy_subscription(self._subscription)
+
+    def problem(self) -> str:
+        """Return in one line why this topic gives nothing, empty where it does; also adapts what can be."""
+        publishers = self._node.get_publishers_info_by_topic(self.topic)
+        self._only_publisher = len(publishers) <= 1
+        names = ", ".join(self.signals)
+        key = f"signals.{self.signals[0]}"
+        wrong = [p for p in publishers if p.topic_type != self.type]
+        if wrong and len(wrong) == len(publishers):
+            return (
+                f"topic '{self.topic}' (signal {names}) carries {wrong[0].topic_type}, not {self.type}: "
+                f"set {key}.type to {wrong[0].topic_type} and {key}.field to its field"
+            )
+        if not publishers:
+            return (
+                f"topic '{self.topic}' (signal {names}) has no publisher: start it or correct "
+                f"{key}.topic; {suggest(self.topic, self._candidates())}"
+            )
+        if self.refused_policy and self._heard is None:
+            return (
+                f"topic '{self.topic}' (signal {names}): its publisher {_name(publishers[0])} offers an "
+                f"incompatible {self.refused_policy}: change that policy there, or set "
+                f"qos_overrides.{self.topic}.subscription.{self.refused_policy.lower()}"
+            )
+        silent = seconds_now() - (self._heard if self._heard is not None else self._since)
+        if silent > self._config.silence_s:
+            return (
+                f"topic '{self.topic}' (signal {names}) is silent for {silent:.0f} s: look at its publisher "
+                f"{_name(publishers[0])}"
+            )
+        return ""
+
+    @property
+    def age_s(self) -> float:
+        """Time since the last message or since the start [s]."""
+        return seconds_now() - (self._heard if self._heard is not None else self._since)
+
+    def _candidates(self) -> Iterable[str]:
+        known = self._node.get_topic_names_and_types()
+        return [name for name, types in known if self.type in types and name != self.topic]
+
+    def _is_best_effort_offered(self) -> bool:
+        offered = self._node.get_publishers_info_by_topic(self.topic)
+        return any(p.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for p in offered)
+
+    def _subscribe(self) -> Any:  # noqa: ANN401  rclpy's subscription
+        config = self._config
+        profile = QoSProfile(
+            history=HistoryPolicy.KEEP_LAST if config.depth else HistoryPolicy.KEEP_ALL,
+            depth=config.depth or 1,
+            reliability=ReliabilityPolicy.RELIABLE if self._reliable else ReliabilityPolicy.BEST_EFFORT,
+        )
+        if config.deadline_s > 0.0:
+            profile.deadline = Duration(nanoseconds=round(config.deadline_s * 1e9))
+        subscription = self._node.create_subscription(
+            message_class(self.type),
+            self.topic,
+            self._on_message,
+            profile,
+            event_callbacks=SubscriptionEventCallbacks(
+                incompatible_qos=self._on_incompatible,
+                deadline=self._on_deadline if config.deadline_s > 0.0 else None,
+            ),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            raw=self._raw,
+        )
+        # the single threaded executor passes (message, info), the events executor one tuple of both
+        subscription._callback_type = subscription.CallbackType.WithMessageInfo
+        self._last_sequence = 0
+        return subscription
+
+    def _on_message(self, *arguments: Any) -> None:  # noqa: ANN401
+        message, info = arguments if len(arguments) == 2 else arguments[0]
+        self._count(int(info["publication_sequence_number"]))
+        now_ns = self._now_ns()
+        if now_ns == 0:
+            return  # simulated time has not begun
+        for extractor in self._extractors:
+            try:
+                block = extractor.from_raw(message, now_ns) if self._raw else extractor(message, now_ns)
+            except (ValueError, TypeError, AttributeError):
+                self.broken += 1
+                continue
+            if len(block.values):
+                self._on_block(block)
+
+    def _count(self, sequence: int) -> None:
+        """Count the gaps in the publisher's numbering; only of one publisher are they losses."""
+        self._heard = seconds_now()
+        self.received += 1
+        if self._only_publisher and 0 < self._last_sequence < sequence:
+            self.lost += sequence - self._last_sequence - 1
+        self._last_sequence = sequence
+
+    def _on_incompatible(self, event: Any) -> None:  # noqa: ANN401
+        policy = qos_policy_name_from_kind(event.last_policy_kind)
+        if event.last_policy_kind == QoSPolicyKind.RELIABILITY and self._reliable:
+            self._reliable = False
+            self._node.get_logger().info(
+                f"topic '{self.topic}' is offered best effort: taken so, losses are counted"
+            )
+            self._node.destroy_subscription(self._subscription)
+            self._subscription = self._subscribe()
+            return
+        self.refused_policy = policy
+
+    def _on_deadline(self, event: Any) -> None:  # noqa: ANN401
+        self.deadlines_missed = int(event.total_count)
+
+
+def _name(publisher: Any) -> str:  # noqa: ANN401
+    return f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"
+
+
+class Collector:
+    """Gathers blocks between two deliveries and hands them over in slices of data time.
+
+    Slices keep the order of the stamps across signals: after a stall no signal runs ahead of the others by more than
+    a part of the hold-back time.
+    """
+
+    def __init__(self, slice_ns: int) -> None:
+        self._slice_ns = max(slice_ns, 1)
+        self._blocks: dict[str, list[SignalBlock]] = {}
+
+    def __bool__(self) -> bool:
+        """Return whether something waits."""
+        return bool(self._blocks)
+
+    def add(self, block: SignalBlock) -> None:
+        """Take a block."""
+        self._blocks.setdefault(block.signal, []).append(block)
+
+    def take(self) -> Iterable[SignalBlock]:
+        """Yield what has been gathered and forget it."""
+        blocks, self._blocks = self._blocks, {}
+        joined = [_join(parts) for parts in blocks.values()]
+        if not joined:
+            return
+        begin = min(int(b.stamp_ns[0]) for b in joined)
+        end = max(int(b.stamp_ns[-1]) for b in joined)
+        if end - begin <= self._slice_ns:
+            yield from joined
+            return
+        yield from self._sliced(joined, begin, end)
+
+    def _sliced(self, joined: list[SignalBlock], begin: int, end: int) -> Iterable[SignalBlock]:
+        at = {b.signal: 0 for b in joined}
+        edge = begin
+        while edge <= end:
+            edge += self._slice_ns
+            for block in joined:
+                first = at[block.signal]
+                later = np.flatnonzero(block.stamp_ns[first:] > edge)
+                last = first + int(later[0]) if len(later) else len(block.stamp_ns)
+                if last > first:
+                    part = slice(first, last)
+                    yield SignalBlock(
+                        block.signal, block.stamp_ns[part], block.values[part], block.has_header
+                    )
+                at[block.signal] = last
+            waiting = [int(b.stamp_ns[at[b.signal]]) for b in joined if at[b.signal] < len(b.stamp_ns)]
+            if not waiting:
+                return
+            edge = max(edge, min(waiting) - self._slice_ns)
+
+
+def _join(parts: list[SignalBlock]) -> SignalBlock:
+    if len(parts) == 1:
+        return parts[0]
+    return SignalBlock(
+        parts[0].signal,
+        np.concatenate([p.stamp_ns for p in parts]),
+        np.concatenate([p.values for p in parts]),
+        all(p.has_header for p in parts),
+    )
+
+
+def by_topic(sources: Iterable[SignalSource]) -> list[list[SignalSource]]:
+    """Group the sources that share topic and type."""
+    groups: dict[tuple[str, str], list[SignalSource]] = {}
+    for source in sources:
+        groups.setdefault((source.topic, source.type), []).append(source)
+    return list(groups.values())

@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The one place for the spin loop, the signals and the life of a node."""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import ROSInterruptException
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.experimental import EventsExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.signals import SignalHandlerOptions
+
+from valve_twin.io.errors import ValveTwinError
+from valve_twin.io.node_parameters import NODE_PARAMETERS
+from valve_twin.nodes import signals
+from valve_twin.nodes.parameters import Parameters
+
+RCLError = rclpy_implementation.RCLError
+STEADY = Clock(clock_type=ClockType.STEADY_TIME)
+"""For liveness, diagnostics and pacing; never for the data."""
+
+SPIN_S = 0.1
+"""Longest wait of the loop: a signal is noticed within it [s]."""
+
+class ValveNode(LifecycleNode):  # type: ignore[misc]  # rclpy's class is untyped
+    """Lifecycle node that never dies of its input.
+
+    A subclass implements `configure`, `activate`, `deactivate` and `cleanup`. An error a user can mend
+    (`ValveTwinError`) in one of the first two is one log line; the node stays alive and can be configured again.
+    """
+
+    def __init__(self, name: str, **kwargs: Any) -> None:
+        super().__init__(name, **kwargs)
+        self.parameters = Parameters(self, is_idle=self._is_idle)
+        self.parameters.declare(NODE_PARAMETERS[name])
+        self._inbox: deque[Callable[[], None]] = deque()
+        self._answer_refused_transitions()
+
+    # -- to be implemented
+
+    def configure(self) -> None:
+        """Read the parameters and make what the node needs."""
+
+    def activate(self) -> None:
+        """Begin to take and give data."""
+
+    def deactivate(self) -> None:
+        """Stop taking and giving data."""
+
+    def cleanup(self) -> None:
+        """Free what `configure` made; callable at any time, also after a half configuration."""
+
+    # -- lifecycle
+
+    @property
+    def state(self) -> str:
+        """Lifecycle state: unconfigured, inactive, active or finalized."""
+        return str(self._state_machine.current_state[1])
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Configure; a failure frees what was made."""
+        del state
+        done = self._guarded(self.configure, "configure")
+        if not done:
+            self._guarded(self.cleanup, "clean up")
+        return _SUCCESS if done else _FAILURE
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Activate; a failure undoes what was begun."""
+        super().on_activate(state)
+        done = self._guarded(self.activate, "activate")
+        if not done:
+            self._guarded(self.deactivate, "deactivate")
+        return _SUCCESS if done else _FAILURE
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Deactivate."""
+        self._guarded(self.deactivate, "deactivate")
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Clean up."""
+        del state
+        self._guarded(self.cleanup, "clean up")
+        return _SUCCESS
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop and clean up from any state."""
+        if state.label == "active":
+            self._guarded(self.deactivate, "deactivate")
+        self._guarded(self.cleanup, "clean up")
+        return _SUCCESS
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Go back to unconfigured, so that a better configuration can be tried."""
+        del state
+        self._guarded(self.cleanup, "clean up")
+        return _SUCCESS
+
+    def start(self) -> None:
+        """Configure and activate where `autostart` says so."""
+        if self.parameters["autostart"] and self.trigger_configure() == _SUCCESS:
+            self.trigger_activate()
+
+    def stop(self) -> None:
+        """End in good order, whatever the state."""
+        self._guarded(self.trigger_shutdown, "shut down")
+
+    def _is_idle(self) -> bool:
+        return self.state == "unconfigured"
+
+    def _guarded(self, action: Callable[[], object], what: str) -> bool:
+        try:
+            action()
+        except ValveTwinError as err:
+            self.get_logger().error(f"cannot {what}: {err}")
+        except Exception as err:  # noqa: BLE001  whatever it is, the node lives on and says so
+            self.get_logger().error(f"cannot {what}: {type(err).__name__}: {err}\n{traceback.format_exc()}")
+        else:
+            return True
+        return False
+
+    def _answer_refused_transitions(self) -> None:
+        """Answer a transition that the present state does not know; rclpy would raise and leave the caller waiting."""
+        inner = self._service_change_state.callback
+
+        def change_state(request: Any, response: Any) -> Any:
+            try:
+                return inner(request, response)
+            except RCLError as err:
+                self.get_logger().warning(f"transition refused in state '{self.state}': {str(err).split(',')[0]}")
+                response.success = False
+                return response
+
+        self._service_change_state.callback = change_state
+
+    # -- work of other threads
+
+    def post(self, action: Callable[[], None]) -> None:
+        """Run `action` on the node's own thread soon; callable from any thread."""
+        self._inbox.append(action)
+        executor = self.executor
+        if executor is not None:
+            executor.create_task(_nothing)
+
+    def drain(self) -> None:
+        """Run what other threads posted."""
+        while self._inbox:
+            self._guarded(self._inbox.popleft(), "take a result")
+
+
+_SUCCESS = TransitionCallbackReturn.SUCCESS
+_FAILURE = TransitionCallbackReturn.FAILURE
+
+
+def _nothing() -> None:
+    """Wake the loop."""
+
+
+def make_executor(kind: str) -> Executor:
+    """Return the executor of that name."""
+    return EventsExecutor() if kind == "events" else SingleThreadedExecutor()
+
+
+def spin(node: ValveNode, executor: Executor) -> None:
+    """Drive the node until a signal or the end of the context; nothing that a callback raises ends it."""
+    while rclpy.ok() and not signals.stop_requested():
+        try:
+            executor.spin_once(timeout_sec=SPIN_S)
+        except (ExternalShutdownException, ROSInterruptException, KeyboardInterrupt):
+            return
+        except Exception as err:  # noqa: BLE001  the node outlives a failing callback
+            if not rclpy.ok():
+                return
+            node.get_logger().error(f"{type(err).__name__}: {err}\n{traceback.format_exc()}")
+        node.drain()
+
+
+def run(make: Callable[[], ValveNode], args: list[str] | None = None) -> int:
+    """Make a node and run it until SIGTERM or SIGINT.
+
+    Parameters
+    ----------
+    make : callable
+        Makes the node.
+    args : list of str, optional
+        Command line, default `sys.argv`.
+
+    Returns
+    -------
+    int
+        Exit code: 0, or 1 where the node could not be made.
+    """
+    signals.install()
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        node = make()
+    except Exception as err:  # noqa: BLE001  one line for the user
+        rclpy.logging.get_logger("valve_twin").error(f"cannot start: {err}")
+        return _leave(1)
+    executor = make_executor(str(node.parameters["executor"]))
+    signals.install()
+    signals.looping()
+    executor.add_node(node)
+    node.post(node.start)
+    spin(node, executor)
+    signals.ignore()
+    node.stop()
+    return _leave(0)
+
+
+def _leave(code: int) -> int:
+    """End the process here: the destructors of the middleware and of the executor take signals back and may hang."""
+    try:
+        rclpy.try_shutdown()
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)

@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Work that must not hold up the data path: one process for long computations, one thread for the database.
+
+Both take jobs in order, drop none and hand the results to a callback on their own thread; `ValveNode.post` brings
+them back to the node's loop.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import queue
+import signal
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from typing import Any
+
+Work = Callable[..., Any]
+Deliver = Callable[["Outcome"], None]
+
+ATTEMPTS = 3
+"""How often a job is tried that takes its process down."""
+
+NICENESS = 5
+"""Priority below the data path's, so that an estimation does not delay a prediction."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a job gave: its result or one line of error, and the computing time [s]."""
+
+    result: Any
+    error: str
+    wall_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Order:
+    work: Work
+    arguments: tuple[Any, ...]
+    deliver: Deliver
+
+
+class WorkerProcess:
+    """One process that runs module-level functions in order; started again when it dies, its job repeated."""
+
+    def __init__(self, warm_up: Work | None = None) -> None:
+        self._orders: queue.SimpleQueue[_Order | None] = queue.SimpleQueue()
+        self._warm_up = warm_up
+        self._process: Any = None
+        self._pipe: Connection | None = None
+        self._closing = False
+        self.restarts = -1
+        self._thread = threading.Thread(target=self._serve, name="worker", daemon=True)
+        self._thread.start()
+
+    @property
+    def pid(self) -> int | None:
+        """Process id, None while there is no process."""
+        return self._process.pid if self._process is not None else None
+
+    def submit(self, work: Work, arguments: tuple[Any, ...], deliver: Deliver) -> None:
+        """Run `work(*arguments)` in the process after all earlier jobs; `deliver` gets the outcome."""
+        self._orders.put(_Order(work, arguments, deliver))
+
+    def close(self) -> None:
+        """End the process now; what runs in it is lost."""
+        self._closing = True
+        self._orders.put(None)
+        if self._process is not None:
+            self._process.kill()
+        self._thread.join(timeout=0.5)
+
+    def _serve(self) -> None:
+        with suppress(OSError, EOFError):
+            self._start()
+        while not self._closing:
+            order = self._orders.get()
+            if order is None or self._closing:
+                return
+            outcome = self._try(order)
+            if not self._closing:
+                order.deliver(outcome)
+
+    def _try(self, order: _Order) -> Outcome:
+        for _ in range(ATTEMPTS):
+            try:
+                if self._pipe is None:
+                    self._start()
+                assert self._pipe is not None
+                self._pipe.send((order.work, order.arguments))
+                outcome: Outcome = self._pipe.recv()
+            except (OSError, EOFError):
+                self._pipe = None
+                if self._closing:
+                    break
+            else:
+                return outcome
+        return Outcome(None, f"the worker process died {ATTEMPTS} times on this job", 0.0)
+
+    def _start(self) -> None:
+        """Start a fresh interpreter: forking a process that holds DDS threads is not safe."""
+        context = multiprocessing.get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=_child, args=(theirs, self._warm_up), daemon=True)
+        self._process.start()
+        theirs.close()
+        self.restarts += 1
+
+
+def _child(pipe: Connection, warm_up: Work | None) -> None:
+    """Serve jobs until the parent closes the pipe, by whatever death."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    os.nice(NICENESS)
+    if warm_up is not None:
+        with suppress(Exception):
+            warm_up()
+    with suppress(EOFError, OSError):
+        while True:
+            work, arguments = pipe.recv()
+            pipe.send(_execute(work, arguments))
+
+
+def _execute(work: Work, arguments: tuple[Any, ...]) -> Outcome:
+    begin = time.perf_counter()
+    try:
+        result = work(*arguments)
+    except Exception as err:  # noqa: BLE001  a failed job is an outcome, the worker lives on
+        return Outcome(None, f"{type(err).__name__}: {err}", time.perf_counter() - begin)
+    return Outcome(result, "", time.perf_counter() - begin)
+
+
+class WorkerThread:
+    """One thread that runs closures in order, for the database and for files."""
+
+    def __init__(self, name: str) -> None:
+        self._orders: queue.SimpleQueue[_Order | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._serve, name=name, daemon=True)
+        self._thread.start()
+
+    @property
+    def waiting(self) -> int:
+        """Jobs not begun."""
+        return self._orders.qsize()
+
+    def submit(self, work: Work, deliver: Deliver) -> None:
+        """Run `work()` after all earlier jobs; `deliver` gets the outcome on this thread."""
+        self._orders.put(_Order(work, (), deliver))
+
+    def close(self, timeout_s: float = 1.0) -> bool:
+        """Finish what is queued within the time given; return whether it was enough."""
+        self._orders.put(None)
+        self._thread.join(timeout=timeout_s)
+        return not self._thread.is_alive()
+
+    def _serve(self) -> None:
+        while (order := self._orders.get()) is not None:
+            order.deliver(_execute(order.work, order.arguments))
