@@ -1,0 +1,21 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Follow each parameter over the life of a valve: trend, remaining life and verdict, from the stored history alone."""
+
+from valve_twin.core.aging.assess import Assessment, TrendDetail, assess
+from valve_twin.core.aging.config import AgingConfig, Axis, Commissioning, Threshold
+from valve_twin.core.aging.verdict import Trend, TrendStatus, Verdict, VerdictKind
+
+__all__ = [
+    "AgingConfig",
+    "Assessment",
+    "Axis",
+    "Commissioning",
+    "Threshold",
+    "Trend",
+    "TrendDetail",
+    "TrendStatus",
+    "Verdict",
+    "VerdictKind",
+    "assess",
+]

@@ -1,0 +1,249 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""From the stored history to one parameter over the aging axis, cut where the valve was maintained."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from valve_twin.core.aging.changepoint import best_lines, find_wild
+from valve_twin.core.aging.config import AgingConfig, Axis
+from valve_twin.core.aging.trend import residuals
+from valve_twin.core.types import (
+    BoolArray,
+    Estimate,
+    EstimateStatus,
+    FloatArray,
+    IntArray,
+    Maintenance,
+)
+
+_UNKNOWN = -1
+_CLEANING_ROUNDS = 2
+
+
+@dataclass(frozen=True, slots=True)
+class History:
+    """Every estimate of the trend's estimator, in the order of time.
+
+    Attributes
+    ----------
+    estimates : tuple of Estimate
+        N estimates, refused ones included: they count on the axis.
+    axis : (N,) array
+        Position on the axis, strictly increasing [axis unit].
+    unknown : (N,) bool array
+        An unknown number of cycles was missed before this one; the axis counts none.
+    """
+
+    estimates: tuple[Estimate, ...]
+    axis: FloatArray
+    unknown: BoolArray
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """Accepted values of one parameter.
+
+    Attributes
+    ----------
+    axis, values : (N,) arrays
+        Position [axis unit] and value [unit].
+    cycle, start_ns, end_ns : (N,) int64 arrays
+        Cycle number, first and last stamp of the cycle [ns].
+    unknown : (N,) bool array
+        An unknown number of cycles was missed since the value before.
+    """
+
+    axis: FloatArray
+    values: FloatArray
+    cycle: IntArray
+    start_ns: IntArray
+    end_ns: IntArray
+    unknown: BoolArray
+
+
+@dataclass(frozen=True, slots=True)
+class Pieces:
+    """Straight pieces of one series.
+
+    Attributes
+    ----------
+    starts : (K,) int64 array
+        First index of each piece; N where the last maintenance has no accepted value after it.
+    forced : (K,) bool array
+        Whether the piece begins with a maintenance event.
+    wild : (N,) bool array
+        Values left out of every fit.
+    """
+
+    starts: IntArray
+    forced: BoolArray
+    wild: BoolArray
+
+
+def order_history(history: Sequence[Estimate], axis: Axis) -> History:
+    """Sort the trend's estimates by their end, keep the last of each cycle, and place them on the axis.
+
+    Parameters
+    ----------
+    history : sequence of Estimate
+        Stored estimates of all estimators, in any order.
+    axis : Axis
+        Cycles and counter advance by the cycle number, or by the missed cycles where those are known to be more; a
+        number that goes back (counter reset) advances by one and is marked unknown. Hours count from the end of
+        the first cycle.
+
+    Returns
+    -------
+    History
+        The estimates with `used_by_trend`.
+    """
+    latest = {e.end_ns: e for e in history if e.used_by_trend}
+    estimates = tuple(latest[end] for end in sorted(latest))
+    number = np.array([e.cycle for e in estimates], dtype=np.int64)
+    missed = np.array([e.missed_cycles for e in estimates], dtype=np.int64)
+    step = np.diff(number, prepend=number[:1] - 1)
+    unknown = (missed == _UNKNOWN) | (step < 1)
+    if len(unknown):
+        unknown[0] = False
+    if axis is Axis.HOURS:
+        end = np.array([e.end_ns for e in estimates], dtype=np.int64)
+        place = (end - end[:1]) / 3.6e12
+    else:
+        place = (number[:1] - 1 + np.cumsum(np.maximum(step, 1 + np.maximum(missed, 0)))).astype(
+            np.float64
+        )
+        if len(missed) and missed[0] > 0:
+            place -= float(missed[0])
+    return History(estimates, place, unknown)
+
+
+def series_of(history: History, parameter: str) -> Series:
+    """Return the accepted values of one parameter; an unknown break before a refused cycle is carried on."""
+    rows: list[tuple[int, float, bool]] = []
+    broken = False
+    for i, estimate in enumerate(history.estimates):
+        broken = broken or bool(history.unknown[i])
+        value = _usable(estimate, parameter)
+        if value is not None:
+            rows.append((i, value, broken))
+            broken = False
+    index = np.array([r[0] for r in rows], dtype=np.int64)
+    chosen = [history.estimates[i] for i in index]
+    return Series(
+        axis=history.axis[index],
+        values=np.array([r[1] for r in rows], dtype=np.float64),
+        cycle=np.array([e.cycle for e in chosen], dtype=np.int64),
+        start_ns=np.array([e.start_ns for e in chosen], dtype=np.int64),
+        end_ns=np.array([e.end_ns for e in chosen], dtype=np.int64),
+        unknown=np.array([r[2] for r in rows], dtype=np.bool_),
+    )
+
+
+def _usable(estimate: Estimate, parameter: str) -> float | None:
+    if estimate.status is EstimateStatus.REFUSED:
+        return None
+    for item in estimate.parameters:
+        if item.name == parameter:
+            return item.value if item.usable and np.isfinite(item.value) else None
+    return None
+
+
+def first_after(series: Series, event: Maintenance) -> int:
+    """Return the index of the first value after a maintenance event, N where there is none yet.
+
+    The event's cycle decides; its stamp does where the event names no cycle or the numbers went back (counter reset).
+    """
+    monotone = bool(np.all(np.diff(series.cycle) > 0))
+    if event.cycle > 0 and monotone:
+        return int(np.searchsorted(series.cycle, event.cycle))
+    return int(np.searchsorted(series.start_ns, event.stamp_ns))
+
+
+def cut(series: Series, maintenance: Sequence[Maintenance], config: AgingConfig) -> Pieces:
+    """Cut a series at every maintenance event, and find the further changes in between.
+
+    Parameters
+    ----------
+    series : Series
+        Values of one parameter.
+    maintenance : sequence of Maintenance
+        Events of the valve, in any order.
+    config : AgingConfig
+        Sizes and prices.
+
+    Returns
+    -------
+    Pieces
+        At least one piece if there is a value.
+    """
+    n = len(series.values)
+    oldest = max(n - config.window, 0) if config.window else 0
+    events = {max(first_after(series, m), oldest) for m in maintenance} - {oldest}
+    edges = [oldest, *sorted(events)]
+    starts: list[int] = []
+    wild = np.zeros(n, dtype=np.bool_)
+    for first, last in zip(edges, [*edges[1:], n], strict=True):
+        inner, wild[first:last] = _pieces(
+            series.axis[first:last], series.values[first:last], config
+        )
+        starts.extend(first + inner)
+    wild[:oldest] = find_wild(series.axis[:oldest], series.values[:oldest], config.outlier_sigma)
+    where = np.array(starts, dtype=np.int64)
+    return Pieces(where, np.isin(where, sorted(events)), wild)
+
+
+def _pieces(x: FloatArray, y: FloatArray, config: AgingConfig) -> tuple[IntArray, BoolArray]:
+    """Return the starts of the pieces of one stretch and its wild values, each found in the light of the other."""
+    wild = find_wild(x, y, config.outlier_sigma)
+    starts = _starts(x, y, wild, config)
+    for _ in range(_CLEANING_ROUNDS):
+        again = _off_pieces(x, y, starts, wild, config.outlier_sigma)
+        if np.array_equal(again, wild):
+            break
+        wild = again
+        starts = _starts(x, y, wild, config)
+    return starts, wild
+
+
+def _starts(x: FloatArray, y: FloatArray, wild: BoolArray, config: AgingConfig) -> IntArray:
+    kept = np.flatnonzero(~wild)
+    if len(kept) < 2 * config.min_segment:
+        return np.zeros(1, dtype=np.int64)
+    bounds = best_lines(
+        x[kept],
+        y[kept],
+        least=config.min_segment,
+        most=config.max_segments,
+        max_candidates=config.max_candidates,
+        price_scale=config.penalty_scale,
+    )
+    return np.concatenate([np.zeros(1, dtype=np.int64), kept[bounds[1:-1]]])
+
+
+def _off_pieces(
+    x: FloatArray, y: FloatArray, starts: IntArray, wild: BoolArray, limit: float
+) -> BoolArray:
+    """Judge every value by the line of its piece; a value before a change may also belong to the next piece."""
+    out = wild.copy()
+    edges = [*starts, len(x)]
+    for first, last in zip(edges, edges[1:], strict=False):
+        kept = ~wild[first:last]
+        if np.count_nonzero(kept) < 7:
+            continue
+        u, v = x[first:last], y[first:last]
+        slope, mean_u, mean_v = _plain_line(u[kept], v[kept])
+        rest = residuals(u[kept], v[kept])
+        scale = float(np.sqrt(rest @ rest / (len(rest) - 2)))
+        off = np.abs(v - mean_v - slope * (u - mean_u))
+        out[first:last] = off > limit * scale + 1e-9 * float(np.abs(v).max())
+    return out
+
+
+def _plain_line(x: FloatArray, y: FloatArray) -> tuple[float, float, float]:
+    d = x - x.mean()
+    return float(d @ y / (d @ d)), float(x.mean()), float(y.mean())

@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""A straight line through estimates of many cycles, with intervals that hold under lag-1 autocorrelation.
+
+The line is ordinary least squares: unbiased, and nearly efficient under AR(1) scatter. Its covariance is
+sigma^2 (X'X)^-1 X' R X (X'X)^-1 with R[i, j] = rho^|i - j|. rho comes from the residuals, corrected for the bias that
+detrending causes (Kendall 1954, Marriott and Pope 1954: E[rho_hat] = rho - (2 + 4 rho)/n for one line), sigma^2 from
+the residual sum of squares divided by its exact expectation for that rho. Student's t is taken with n_eff - 2 degrees
+of freedom, n_eff = n (1 - rho)/(1 + rho). A negative rho is reported but not used: it would narrow the intervals.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from scipy.special import stdtr, stdtrit
+
+from valve_twin.core.types import FloatArray
+
+MAX_AUTOCORRELATION = 0.95
+"""Largest lag-1 autocorrelation that is corrected for [1]; beyond it the scatter is a random walk and no line."""
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A fitted line and what is known about it.
+
+    Attributes
+    ----------
+    samples : int
+        Estimates in the fit.
+    center : float
+        Mean of the axis values [axis unit].
+    mean, slope : float
+        Fitted value at `center` [unit] and slope [unit / axis unit].
+    sigma : float
+        Standard deviation of a single estimate about the line [unit].
+    autocorrelation : float
+        Lag-1 autocorrelation of the residuals, bias corrected [1].
+    freedom : float
+        Degrees of freedom of Student's t, corrected for autocorrelation [1].
+    var_mean, cov, var_slope : float
+        Covariance of (mean, slope).
+    """
+
+    samples: int
+    center: float
+    mean: float
+    slope: float
+    sigma: float
+    autocorrelation: float
+    freedom: float
+    var_mean: float
+    cov: float
+    var_slope: float
+
+    def level(self, x: float) -> float:
+        """Return the fitted value at axis position `x` [unit]."""
+        return self.mean + self.slope * (x - self.center)
+
+    def level_variance(self, x: float) -> float:
+        """Return the variance of the fitted value at `x` [unit^2]."""
+        d = x - self.center
+        return max(self.var_mean + 2.0 * d * self.cov + d * d * self.var_slope, 0.0)
+
+    def mean_interval(self, x: float, confidence: float = 0.95) -> tuple[float, float]:
+        """Return the interval of the fitted value at `x` [unit]."""
+        return self._around(self.level(x), self.level_variance(x), confidence)
+
+    def prediction_interval(self, x: float, confidence: float = 0.95) -> tuple[float, float]:
+        """Return the interval for one more estimate at `x` [unit]."""
+        return self._around(self.level(x), self.level_variance(x) + self.sigma**2, confidence)
+
+    def slope_interval(self, confidence: float = 0.95) -> tuple[float, float]:
+        """Return the interval of the slope [unit / axis unit]."""
+        return self._around(self.slope, self.var_slope, confidence)
+
+    @property
+    def p_value(self) -> float:
+        """Two-sided probability of so steep a slope without any drift [1]."""
+        if not self.var_slope > 0.0:
+            return 1.0 if self.slope == 0.0 else 0.0
+        return float(2.0 * stdtr(self.freedom, -abs(self.slope) / self.var_slope**0.5))
+
+    def _around(self, value: float, variance: float, confidence: float) -> tuple[float, float]:
+        half = quantile(self.freedom, confidence) * max(variance, 0.0) ** 0.5
+        return value - half, value + half
+
+
+def quantile(freedom: float, confidence: float) -> float:
+    """Return the two-sided quantile of Student's t for `freedom` degrees of freedom [1]."""
+    return float(stdtrit(freedom, 0.5 + 0.5 * confidence))
+
+
+@njit(cache=True)
+def ar1_product(u: FloatArray, v: FloatArray, rho: float) -> float:
+    """Return u' R v with R[i, j] = rho^|i - j| in one pass; `u`, `v` are (N,)."""
+    total, behind_u, behind_v = 0.0, 0.0, 0.0
+    for i in range(len(u)):
+        total += u[i] * v[i] + rho * (u[i] * behind_v + v[i] * behind_u)
+        behind_u = u[i] + rho * behind_u
+        behind_v = v[i] + rho * behind_v
+    return total
+
+
+def residuals(x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return the (N,) residuals of the least-squares line through `y` (N,) over `x` (N,)."""
+    d = x - x.mean()
+    e = y - y.mean()
+    sxx = float(d @ d)
+    return e - d * (float(d @ e) / sxx) if sxx > 0.0 else e
+
+
+def pooled_autocorrelation(parts: list[FloatArray]) -> float:
+    """Return the lag-1 autocorrelation of residuals of several lines, corrected for detrending [1].
+
+    Parameters
+    ----------
+    parts : list of (N_k,) arrays
+        Residuals of one line each, in the order of time. The scatter is taken to be the same process in all of them.
+
+    Returns
+    -------
+    float
+        In [-0.95, 0.95]; 0 where fewer than 8 residuals a line are there on average.
+    """
+    n, lines = sum(len(r) for r in parts), len(parts)
+    power = sum(float(r @ r) for r in parts)
+    if n < 8 * max(lines, 1) or not power > 0.0:
+        return 0.0
+    raw = sum(float(r[1:] @ r[:-1]) for r in parts) / power
+    corrected = (n * raw + 2.0 * lines) / (n - 4.0 * lines)
+    return float(np.clip(corrected, -MAX_AUTOCORRELATION, MAX_AUTOCORRELATION))
+
+
+def fit_line(x: FloatArray, y: FloatArray, autocorrelation: float | None = None) -> Line:
+    """Fit a line by least squares with the covariance of AR(1) scatter.
+
+    Parameters
+    ----------
+    x, y : (N,) arrays
+        Axis positions [axis unit], not all equal, and values [unit], in the order of time; N >= 3.
+    autocorrelation : float, optional
+        Lag-1 autocorrelation of the scatter [1]; from the residuals of this line where not given.
+
+    Returns
+    -------
+    Line
+        The fit.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than 3 values or all axis positions are equal.
+    """
+    n, center = len(x), float(x.mean())
+    d = x - center
+    sxx = float(d @ d)
+    if n < 3 or not sxx > 0.0:
+        msg = f"a line needs 3 values at different places, got {n} values and a spread of {sxx:g}"
+        raise ValueError(msg)
+    rest = residuals(x, y)
+    rho = pooled_autocorrelation([rest]) if autocorrelation is None else autocorrelation
+    used = max(rho, 0.0)
+    w_mean, w_slope = np.full(n, 1.0 / n), d / sxx
+    q_mean = ar1_product(w_mean, w_mean, used)
+    q_slope = ar1_product(w_slope, w_slope, used)
+    variance = float(rest @ rest) / max(n - n * q_mean - sxx * q_slope, 0.5)
+    return Line(
+        samples=n,
+        center=center,
+        mean=float(y.mean()),
+        slope=float(w_slope @ y),
+        sigma=variance**0.5,
+        autocorrelation=rho,
+        freedom=max(n * (1.0 - used) / (1.0 + used) - 2.0, 1.0),
+        var_mean=variance * q_mean,
+        cov=variance * ar1_product(w_mean, w_slope, used),
+        var_slope=variance * q_slope,
+    )
+
+
+def ratio_interval(
+    a: float, b: float, *, var_a: float, cov: float, var_b: float, t: float
+) -> tuple[float, float]:
+    """Return Fieller's limits of a/b; NaN where b cannot be told from zero.
+
+    `a`, `b` share a unit; `var_a`, `cov`, `var_b` are their covariance, `t` the quantile of Student's t. The set of all
+    R with (a - R b)^2 <= t^2 (var_a - 2 R cov + R^2 var_b) is bounded only where b differs from zero.
+    """
+    lead = b * b - t * t * var_b
+    if not lead > 0.0:
+        return float("nan"), float("nan")
+    half = a * b - t * t * cov
+    root = max(half * half - lead * (a * a - t * t * var_a), 0.0) ** 0.5
+    return (half - root) / lead, (half + root) / lead

@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""One word a maintenance engineer can act on, and the trends it rests on.
+
+Rule: `valve` if for any followed parameter
+(1) the fitted level is beyond its threshold and the drift against the reference is significant, or
+(2) the 95 % interval of the drift against the reference lies wholly beyond `alert_fraction` of the way to the threshold, or
+(3) the slope leads to the threshold beyond doubt (`verdict_significance`) within `horizon` axis units (median).
+`not enough data` if no parameter can be judged, else `ok`. A significant but small drift is reported in the trend
+and does not raise the verdict.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from valve_twin.core.aging.config import AgingConfig
+
+
+class TrendStatus(IntEnum):
+    """What a trend says; the numbers are those of Trend.msg."""
+
+    NOT_ENOUGH_DATA = 0
+    STEADY = 1
+    DRIFTING = 2
+    BEYOND_THRESHOLD = 3
+
+
+class VerdictKind(IntEnum):
+    """The verdict; the numbers are those of Verdict.msg."""
+
+    NOT_ENOUGH_DATA = 0
+    OK = 1
+    VALVE = 2
+    COMMAND = 3
+    SENSOR = 4
+    SUPPLY = 5
+
+    @property
+    def text(self) -> str:
+        """The word, as published."""
+        return self.name.lower().replace("_", " ")
+
+
+@dataclass(frozen=True, slots=True)
+class Trend:
+    """Aging trend of one parameter in the present segment; fields and units as in Trend.msg.
+
+    Dates are stamps of the data's clock [ns], 0 = none. Numbers that are not known are NaN.
+    """
+
+    stamp_ns: int
+    valve: str
+    parameter: str
+    unit: str
+    axis: str
+    status: TrendStatus
+    reason: str
+    samples: int
+    segments: int
+    segment_start: float
+    axis_value: float
+    level: float = np.nan
+    slope: float = np.nan
+    slope_lower_95: float = np.nan
+    slope_upper_95: float = np.nan
+    p_value: float = np.nan
+    autocorrelation: float = np.nan
+    mean_lower_95: float = np.nan
+    mean_upper_95: float = np.nan
+    prediction_lower_95: float = np.nan
+    prediction_upper_95: float = np.nan
+    reference: float = np.nan
+    reference_source: str = "first_cycles"
+    drift_reference: float = np.nan
+    drift_reference_lower_95: float = np.nan
+    drift_reference_upper_95: float = np.nan
+    drift_segment: float = np.nan
+    drift_segment_lower_95: float = np.nan
+    drift_segment_upper_95: float = np.nan
+    threshold: float = np.nan
+    unbounded: bool = True
+    remaining_low: float = np.inf
+    remaining_median: float = np.inf
+    remaining_high: float = np.inf
+    cycle_rate: float = np.nan
+    service_date_known: bool = False
+    service_date_ns: int = 0
+    service_date_early_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """One word with its evidence; fields as in Verdict.msg."""
+
+    stamp_ns: int
+    valve: str
+    verdict: VerdictKind
+    text: str
+    evidence: str
+    cycle: int
+
+
+def way_to_threshold(trend: Trend) -> float:
+    """Return the least share of the way from reference to threshold that is covered with 95 % confidence [1].
+
+    NaN where it is unknown; negative where the drift leads away or is not significant.
+    """
+    way = 100.0 * (trend.threshold / trend.reference - 1.0) if trend.reference else np.nan
+    ends = (
+        (trend.drift_reference_lower_95 / way, trend.drift_reference_upper_95 / way) if way else ()
+    )
+    return float(min(ends, default=np.nan))
+
+
+def concern(trend: Trend, config: AgingConfig) -> int:
+    """Return how grave a trend is: 3, 2, 1 for rules (1), (2), (3) of the module, 0 = nothing to act on."""
+    way = way_to_threshold(trend)
+    if trend.status is TrendStatus.NOT_ENOUGH_DATA or not np.isfinite(trend.threshold):
+        return 0
+    if trend.status is TrendStatus.BEYOND_THRESHOLD and (way > 0.0 or not np.isfinite(way)):
+        return 3
+    if way > config.alert_fraction:
+        return 2
+    near = trend.remaining_median <= config.horizon
+    return 1 if near and trend.p_value < config.verdict_significance else 0
+
+
+def decide(
+    trends: Sequence[Trend], config: AgingConfig, *, valve: str, stamp_ns: int, cycle: int
+) -> Verdict:
+    """Return the verdict from all trends of one valve (rule: see the module)."""
+    judged = [t for t in trends if t.status is not TrendStatus.NOT_ENOUGH_DATA]
+    graves = [(concern(t, config), -t.remaining_median, t) for t in judged]
+    worst = max(graves, key=lambda g: g[:2], default=None)
+    if worst is None:
+        kind = VerdictKind.NOT_ENOUGH_DATA
+        why = "; ".join(f"{t.parameter}: {t.reason}" for t in trends)
+        evidence = why or "no parameter is followed"
+    elif worst[0]:
+        kind, evidence = VerdictKind.VALVE, describe(worst[2])
+    else:
+        kind = VerdictKind.OK
+        evidence = f"largest drift: {describe(max(judged, key=_share))}"
+    return Verdict(stamp_ns, valve, kind, kind.text, evidence, cycle)
+
+
+def _share(trend: Trend) -> float:
+    """Order trends by how much of the way to the threshold they have gone (by plain drift where there is none)."""
+    way = trend.threshold / trend.reference - 1.0 if trend.reference else np.nan
+    share = trend.drift_reference / (100.0 * way) if way else np.nan
+    return float(share) if np.isfinite(share) else -1.0
+
+
+def describe(trend: Trend) -> str:
+    """Return one line in plain words and numbers, e.g. "K_in -13.9 % of new (95 %: -14.6 .. -13.2), ...\"."""
+    origin = "commissioning" if trend.reference_source == "commissioning" else "new"
+    if np.isfinite(trend.drift_reference):
+        low, high = trend.drift_reference_lower_95, trend.drift_reference_upper_95
+        drift = f"{trend.drift_reference:+.1f} % of {origin} (95 %: {low:+.1f} .. {high:+.1f})"
+    else:
+        low, high = trend.mean_lower_95, trend.mean_upper_95
+        drift = f"{trend.level:.4g} {trend.unit} (95 %: {low:.4g} .. {high:.4g})"
+    return f"{trend.parameter} {drift}, {describe_remaining(trend)}"
+
+
+def describe_remaining(trend: Trend) -> str:
+    """Return what remains to the threshold in words."""
+    unit = "hours" if trend.axis == "hours" else "cycles"
+    if not np.isfinite(trend.threshold):
+        return "no threshold set"
+    if trend.status is TrendStatus.BEYOND_THRESHOLD:
+        return f"beyond its threshold of {trend.threshold:.4g}"
+    if trend.unbounded and np.isinf(trend.remaining_median):
+        least = (
+            f", not before {trend.remaining_low:.0f} {unit}"
+            if np.isfinite(trend.remaining_low)
+            else ""
+        )
+        return f"threshold not in sight{least}"
+    high = "unbounded" if trend.unbounded else f"{trend.remaining_high:.0f}"
+    return f"{trend.remaining_median:.0f} {unit} left ({trend.remaining_low:.0f} .. {high})"
