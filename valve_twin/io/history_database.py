@@ -1,0 +1,312 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The database under the history: connections that are durable on commit, schema upgrades, errors in plain words.
+
+SQLite runs in WAL mode with synchronous=FULL: a commit returns after its bytes were flushed to the disk. Writers take
+the write lock at BEGIN, so that a transaction either waits or fails at its start and never in its middle.
+"""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.engine import URL, Connection, Engine, make_url
+from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError
+
+from valve_twin.io.errors import StoreError
+from valve_twin.io.history_tables import METADATA, SCHEMA_TABLE, SCHEMA_VERSION
+
+MIGRATIONS = Path(__file__).parent / "migrations"
+
+_ADVISORY_LOCK = 0x56414C56
+"""Key of the PostgreSQL lock that lets one process at a time upgrade the schema ("VALV")."""
+
+_SQLITE_REMEDIES = (
+    ("database is locked", "another program holds the write lock: close it or wait, then try again"),
+    ("database table is locked", "another program holds the write lock: close it or wait, then try again"),
+    ("readonly database", "the file or its folder is read-only: give this user write access to both"),
+    ("disk is full", "free some space, then try again; what is stored is intact"),
+    ("file is not a database", "this file is no SQLite database: name another file or move this one away"),
+    ("malformed", "the file is damaged: move it away and put the last backup in its place"),
+    ("unable to open", "the folder must exist and this user must be able to read and write there"),
+    ("no such table", "the file was changed by another program: put the last backup in its place"),
+    ("disk i/o error", "the disk or network share reports a fault: check it and the free space, then try again"),
+)
+_POSTGRESQL_REMEDIES = (
+    ("connection refused", "is the server running, and are host and port right?"),
+    ("could not translate host name", "check the host name in the URL"),
+    ("password authentication failed", "check user and password in the URL or in ~/.pgpass"),
+    ("does not exist", "create it or correct the URL"),
+    ("permission denied", "grant this user the right to create and write tables there"),
+    ("lock timeout", "another program holds a lock: close it or wait, then try again"),
+    ("read-only transaction", "the server is a read-only replica: name the primary"),
+    ("no space left", "free some space on the server, then try again; what is stored is intact"),
+)
+
+
+class Database:
+    """Connections to one database; every error that leaves it is a `StoreError` of one line.
+
+    Parameters
+    ----------
+    url : str
+        Path of a SQLite file, or a URL: sqlite:///relative.db, sqlite:////absolute.db, postgresql://user@host/name.
+    read_only : bool
+        Never write; the database must exist and be current.
+    busy_timeout_s : float
+        How long to wait for another program's lock [s].
+
+    Raises
+    ------
+    StoreError
+        If the database cannot be used.
+    """
+
+    def __init__(self, url: str, *, read_only: bool = False, busy_timeout_s: float = 5.0) -> None:
+        self.url = _parse_url(url)
+        self.read_only = read_only
+        self.file = Path(self.url.database or "") if self.is_sqlite else None
+        self.where = str(self.file) if self.file else self.url.render_as_string(hide_password=True)
+        self._busy_timeout_s = busy_timeout_s
+        self._identity: tuple[int, int] | None = None
+        self.engine = self._make_engine()
+        try:
+            with self.errors("opened"):
+                self._open()
+        except StoreError:
+            self.engine.dispose()
+            raise
+
+    @property
+    def is_sqlite(self) -> bool:
+        """Whether this is a SQLite file."""
+        return self.url.get_backend_name() == "sqlite"
+
+    def close(self) -> None:
+        """Give all connections back."""
+        self.engine.dispose()
+
+    @contextmanager
+    def write(self) -> Iterator[Connection]:
+        """Run one transaction that is on the disk when the block ends, or leaves nothing.
+
+        Raises
+        ------
+        StoreError
+            If it was not stored.
+        """
+        with self.errors("written"):
+            if self.read_only:
+                msg = f"{self.where}: cannot be written: it was opened for reading only"
+                raise StoreError(msg)
+            self.check_file()
+            with self.engine.connect().execution_options(valve_twin_write=True) as connection:
+                with connection.begin():
+                    yield connection
+            self.check_file()
+
+    @contextmanager
+    def read(self) -> Iterator[Connection]:
+        """Run reads that all see one state of the database."""
+        level: dict[str, Any] = {} if self.is_sqlite else {"isolation_level": "REPEATABLE READ"}
+        with self.errors("read"), self.engine.connect().execution_options(**level) as connection, connection.begin():
+            yield connection
+
+    @contextmanager
+    def errors(self, done: str) -> Iterator[None]:
+        """Turn the driver's errors into one line: what, why, what to do."""
+        try:
+            yield
+        except (DBAPIError, sqlite3.Error) as err:
+            msg = f"{self.where}: cannot be {done}: {_explain(err, sqlite=self.is_sqlite)}"
+            raise StoreError(msg) from err
+        except OSError as err:
+            msg = f"{self.where}: cannot be {done}: {err.strerror or err}: check the path and the access rights"
+            raise StoreError(msg) from err
+
+    def check_file(self) -> None:
+        """Refuse to go on with a SQLite file that was deleted or replaced: its commits would be lost.
+
+        Raises
+        ------
+        StoreError
+            If the path no longer leads to the file that was opened.
+        """
+        if self.file is None:
+            return
+        try:
+            status = os.stat(self.file)
+        except FileNotFoundError:
+            found = None
+        else:
+            found = (status.st_dev, status.st_ino)
+        if self._identity is None:
+            self._identity = found
+        if found is None or found != self._identity:
+            msg = (
+                f"{self.where}: the file was {'deleted' if found is None else 'replaced'} while in use, so nothing"
+                " can be stored: back up the history to another file now (what was stored can still be read), put"
+                " that file in its place and restart"
+            )
+            raise StoreError(msg)
+
+    def _make_engine(self) -> Engine:
+        if self.is_sqlite:
+            engine = sa.create_engine(self.url, creator=self._connect_sqlite, poolclass=sa.pool.QueuePool)
+            sa.event.listen(engine, "begin", _begin_sqlite)
+            return engine
+        timeout_ms = int(1e3 * self._busy_timeout_s)
+        options = f"-c synchronous_commit=on -c lock_timeout={timeout_ms}"
+        options += " -c default_transaction_read_only=on" if self.read_only else ""
+        given = self.url.query.get("options")
+        given_text = given if isinstance(given, str) else " ".join(given or ())
+        try:
+            return sa.create_engine(
+                self.url.difference_update_query(["options"]),
+                pool_pre_ping=True,
+                connect_args={"connect_timeout": 10, "options": f"{options} {given_text}".strip()},
+            )
+        except ImportError as err:
+            msg = f"{self.where}: cannot be opened: the driver is not installed: python -m pip install 'psycopg[binary]'"
+            raise StoreError(msg) from err
+
+    def _connect_sqlite(self) -> sqlite3.Connection:
+        assert self.file is not None
+        path = self.file.absolute()
+        mode = "ro" if self.read_only else ("rwc" if self._identity is None else "rw")
+        if self.read_only and not os.access(path.parent, os.W_OK) and not Path(f"{path}-wal").exists():
+            mode = "ro&immutable=1"  # a WAL database on read-only media: no lock file can be made and none is needed
+        connection = sqlite3.connect(
+            f"{path.as_uri()}?mode={mode}",
+            uri=True,
+            timeout=self._busy_timeout_s,
+            isolation_level=None,
+            check_same_thread=False,
+            cached_statements=256,
+        )
+        connection.execute("PRAGMA foreign_keys=ON")
+        connection.execute("PRAGMA synchronous=FULL")
+        return connection
+
+    def _open(self) -> None:
+        if self.file is not None:
+            if self.read_only and not self.file.exists():
+                msg = f"{self.where}: cannot be opened: there is no such file: check the path"
+                raise StoreError(msg)
+            with self.engine.connect() as connection:
+                self._check_content(connection)
+                if not self.read_only:
+                    connection.rollback()
+                    self._set_wal(connection)
+            self.check_file()
+        with self.engine.connect() as connection:
+            current = self._schema_is_current(connection)
+        if not current:
+            if self.read_only:
+                msg = f"{self.where}: cannot be read: its schema is old: open it once with write access to upgrade it"
+                raise StoreError(msg)
+            self._upgrade()
+
+    def _check_content(self, connection: Connection) -> None:
+        problem = connection.exec_driver_sql("PRAGMA quick_check(1)").scalar_one()
+        if problem != "ok":
+            msg = (
+                f"{self.where}: the file is damaged ({str(problem).splitlines()[-1]}): move it away and put the last"
+                " backup in its place"
+            )
+            raise StoreError(msg)
+
+    def _set_wal(self, connection: Connection) -> None:
+        driver = connection.connection.driver_connection
+        assert driver is not None
+        mode = driver.execute("PRAGMA journal_mode=WAL").fetchone()[0]
+        if mode != "wal":
+            msg = f"{self.where}: cannot be opened: this file system allows no WAL (mode '{mode}'): use a local disk"
+            raise StoreError(msg)
+
+    def _schema_is_current(self, connection: Connection) -> bool:
+        tables = set(sa.inspect(connection).get_table_names())
+        if SCHEMA_TABLE not in tables:
+            foreign = tables if self.is_sqlite else tables & set(METADATA.tables)
+            if foreign:
+                msg = (
+                    f"{self.where}: is a database of another application (table '{min(foreign)}'): name another"
+                    f" {'file' if self.is_sqlite else 'database or schema'}"
+                )
+                raise StoreError(msg)
+            return False
+        rows = connection.exec_driver_sql(f"SELECT version_num FROM {SCHEMA_TABLE}").scalars().all()
+        version = rows[0] if rows else ""
+        if version > SCHEMA_VERSION:
+            msg = (
+                f"{self.where}: was written by a newer valve_twin (schema {version}, this one knows {SCHEMA_VERSION}):"
+                " update valve_twin or name another database"
+            )
+            raise StoreError(msg)
+        return version == SCHEMA_VERSION
+
+    def _upgrade(self) -> None:
+        with self.engine.connect().execution_options(valve_twin_write=True) as connection, connection.begin():
+            if not self.is_sqlite:
+                connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({_ADVISORY_LOCK})")
+            if not self._schema_is_current(connection):  # another process may have been faster
+                migrate(connection)
+
+
+def migrate(connection: Connection, revision: str = "head") -> None:
+    """Bring the schema to a revision inside the running transaction.
+
+    Parameters
+    ----------
+    connection : Connection
+        Connection with an open write transaction.
+    revision : str
+        Revision to reach, "head" = the newest.
+    """
+    from alembic import command  # noqa: PLC0415  (0.2 s, needed for new or old databases only)
+    from alembic.config import Config  # noqa: PLC0415
+
+    config = Config()
+    config.set_main_option("script_location", str(MIGRATIONS).replace("%", "%%"))
+    config.attributes["connection"] = connection
+    command.upgrade(config, revision)
+
+
+def _parse_url(text: str) -> URL:
+    if "://" not in text:
+        text = f"sqlite:///{text}"
+    try:
+        url = make_url(text)
+        backend = url.get_backend_name()
+        if backend == "postgresql":
+            url = url.set(drivername="postgresql+psycopg")
+    except (ArgumentError, NoSuchModuleError) as err:
+        msg = f"history '{text}': no database URL: write a file path, sqlite:///file.db or postgresql://user@host/name"
+        raise StoreError(msg) from err
+    if backend not in {"sqlite", "postgresql"}:
+        shown = url.render_as_string(hide_password=True)
+        msg = f"history '{shown}': database '{backend}' is not supported: use sqlite:///file.db or postgresql://..."
+        raise StoreError(msg)
+    if backend == "sqlite" and url.database in {None, "", ":memory:"}:
+        msg = f"history '{text}': a history in memory would be lost: name a file, e.g. sqlite:///history.db"
+        raise StoreError(msg)
+    return url
+
+
+def _begin_sqlite(connection: Connection) -> None:
+    write = connection.get_execution_options().get("valve_twin_write", False)
+    connection.exec_driver_sql("BEGIN IMMEDIATE" if write else "BEGIN")
+
+
+def _explain(err: Exception, *, sqlite: bool) -> str:
+    original = err.orig if isinstance(err, DBAPIError) and err.orig is not None else err
+    text = (str(original).strip().splitlines() or [type(original).__name__])[0]
+    table = _SQLITE_REMEDIES if sqlite else _POSTGRESQL_REMEDIES
+    remedy = next((r for sign, r in table if sign in str(original).lower()), "see the database's own log")
+    return f"{text}: {remedy}"
