@@ -1,17 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Linear inequalities over named parameters: those of the valve's physics, and those a user writes as text."""
+"""Linear inequalities over named parameters: those of physics, and those a user writes."""
 
 from __future__ import annotations
 
 import ast
 import difflib
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.types import FloatArray
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from valve_twin.core.types import FloatArray
 
 THETA = tuple(f"theta_{k}" for k in range(1, 9))
 """Names of the eight parameters of paper 002, eq. (18)."""
@@ -48,7 +51,7 @@ class Inequalities:
         )
 
     def part(self, columns: Sequence[int]) -> Inequalities:
-        """Return the same inequalities with the other parameters at zero; those that then always hold are left out."""
+        """Return the same set with the others at zero, without what then always holds."""
         matrix = self.matrix[:, list(columns)]
         keep = np.flatnonzero((matrix != 0.0).any(axis=1) | (self.bound < 0.0))
         return Inequalities(
@@ -74,8 +77,9 @@ def physical_inequalities(
     v_in_max, v_out_max : float
         Greatest commands [1].
     extended : bool
-        With the four inequalities that the paper lacks (equations.md 2.2(7)): pole in [0, 1] at every command,
-        inflow and outflow monotone in the command; without them exactly paper 002, eq. (22)-(23).
+        With the four inequalities that the paper lacks (equations.md 2.2(7)): pole in [0, 1] at
+        every command, inflow and outflow monotone in the command; without them exactly paper 002,
+        eq. (22)-(23).
     """
     texts = [
         "theta_1 <= 0",
@@ -100,8 +104,8 @@ def physical_inequalities(
 def parse_inequalities(texts: Sequence[str], names: tuple[str, ...] = THETA) -> Inequalities:
     """Read linear inequalities such as "theta_2 + 0.3*theta_3 <= 0".
 
-    Numbers, the names, + - * / and parentheses; <=, >= or ==; chains such as "0 <= theta_2 <= 1". Nothing is
-    evaluated but the arithmetic of numbers.
+    Numbers, the names, + - * / and parentheses; <=, >= or ==; chains such as "0 <= theta_2 <= 1".
+    Nothing is evaluated but the arithmetic of numbers.
 
     Parameters
     ----------
@@ -113,7 +117,8 @@ def parse_inequalities(texts: Sequence[str], names: tuple[str, ...] = THETA) -> 
     Raises
     ------
     ValueError
-        The text is not a linear inequality over the names; one line that quotes it and says what to do.
+        The text is not a linear inequality over the names; one line that quotes it and says what
+        to do.
     """
     rows: list[FloatArray] = []
     labels: list[str] = []
@@ -183,16 +188,16 @@ def _combine(node: ast.BinOp, text: str, names: tuple[str, ...]) -> FloatArray:
     if isinstance(node.op, ast.Mult):
         if left[:-1].any() and right[:-1].any():
             raise _error(text, "a product of parameters is not linear")
-        return left * right[-1] if left[:-1].any() else right * left[-1]
+        factor, other = (right[-1], left) if left[:-1].any() else (left[-1], right)
+        return other * float(factor)
     if isinstance(node.op, ast.Div):
         if right[:-1].any() or right[-1] == 0.0:
             raise _error(text, "a quotient needs a number other than 0 below")
-        return left / right[-1]
+        return left / float(right[-1])
     raise _error(text, "only + - * / are understood")
 
 
 def _error(text: str, what: str) -> ValueError:
     """One line with the text, the fault and an example."""
-    return ValueError(
-        f'constraint "{text}": {what}; write a linear inequality such as "theta_2 + 0.3*theta_3 <= 0"'
-    )
+    remedy = 'write a linear inequality such as "theta_2 + 0.3*theta_3 <= 0"'
+    return ValueError(f'constraint "{text}": {what}; {remedy}')

@@ -5,11 +5,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from valve_twin.core.estimation.constraints import Inequalities, physical_inequalities
-from valve_twin.core.estimation.masks import Masks
 from valve_twin.core.estimation.qp import solve_qp
 from valve_twin.core.estimation.regression import (
     TERM_SETS,
@@ -18,7 +18,10 @@ from valve_twin.core.estimation.regression import (
     gram,
     mean_square_error,
 )
-from valve_twin.core.types import FloatArray, Frames
+
+if TYPE_CHECKING:
+    from valve_twin.core.estimation.masks import Masks
+    from valve_twin.core.types import FloatArray, Frames
 
 MAX_LAG = 4
 """Default end of the scan [samples]; the lag is the sensor delay + 1 (equations.md 2.4)."""
@@ -36,7 +39,8 @@ class LagScan:
     lag : int
         The lag with the least mean squared error [samples]; -1 where the cycle cannot tell.
     mse : (L,) array
-        Mean squared one-step error of QP4 at lags 0, 1, ... on the same rows [1]; NaN where not computed.
+        Mean squared one-step error of QP4 at lags 0, 1, ... on the same rows [1]; NaN where not
+        computed.
     sharpness : float
         Least relative rise of the error at any other lag [1]; NaN where there is no lag.
     reason : str
@@ -59,7 +63,8 @@ def scan_lag(
 ) -> LagScan:
     """Find the lag between command and position (equations.md 2.4, lag trap).
 
-    Every lag is fitted on the same rows, so that the errors compare. The smallest of equal lags wins.
+    Every lag is fitted on the same rows, so that the errors compare. The smallest of equal lags
+    wins.
 
     Parameters
     ----------

@@ -1,18 +1,21 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Which samples of a cycle say nothing about the valve: on a seat, stuck, repeated by a slow sensor, or bad.
+"""Which samples of a cycle say nothing about the valve: seat, stuck, stale and bad ones.
 
-Position and command samples are only worth something to a fit while the spool answers the command. Four masks take
-out the rest. They need no model, only the sign in which each command moves the position (`push`).
+Position and command samples are only worth something to a fit while the spool answers the command.
+Four masks take out the rest. They need no model, only the sign in which each command moves the
+position (`push`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.types import BoolArray, FloatArray, Frames, IntArray
+if TYPE_CHECKING:
+    from valve_twin.core.types import BoolArray, FloatArray, Frames, IntArray
 
 GAP_PERIODS = (
     1.5  # stamps further apart than this many periods have a sample missing between them [1]
@@ -106,7 +109,8 @@ def find_masks(
     period_s : float
         Nominal sampling time of the position [s].
     push : tuple of float
-        For each input +1 where it raises the position, -1 where it lowers it, 0 where it does neither.
+        For each input +1 where it raises the position, -1 where it lowers it, 0 where it does
+        neither.
     options : MaskOptions, optional
         Limits; the defaults of `MaskOptions` where omitted.
 
@@ -180,7 +184,7 @@ def _find_seat(x: FloatArray, drive: FloatArray, options: MaskOptions) -> BoolAr
 def _find_stuck(
     x: FloatArray, drive: FloatArray, breaks: BoolArray, window: int, options: MaskOptions
 ) -> BoolArray:
-    """Whole windows commanded one way, the lag ago and ever since, without motion above the noise."""
+    """Whole windows commanded one way, since the lag before, without motion above the noise."""
     n = len(x)
     stuck = np.zeros(n, bool)
     half = window // 2
@@ -220,8 +224,9 @@ def _find_stale(
 ) -> tuple[BoolArray, float]:
     """Mark repeated values of a sensor that is slower than its log, and single freezes.
 
-    A repeat proves nothing at rest, on a quantised slow ramp or on a seat. It does where the value jumps by more
-    than two quanta at both ends of the run, and not back (that is a stop): there the spool moved meanwhile.
+    A repeat proves nothing at rest, on a quantised slow ramp or on a seat. It does where the value
+    jumps by more than two quanta at both ends of the run, and not back (that is a stop): there the
+    spool moved meanwhile.
     """
     stale = np.zeros(len(x), bool)
     first, length = _runs(x, breaks)
@@ -268,7 +273,7 @@ def _find_freezes(
     through_motion: BoolArray,
     options: MaskOptions,
 ) -> BoolArray:
-    """Single long repetitions: through a motion, or where noise otherwise changes the value at rest."""
+    """Find single long repetitions: through a motion, or where noise is alive at rest."""
     stale = np.zeros(len(drive), bool)
     repeated = np.ones(len(drive), bool)
     repeated[first] = False

@@ -5,11 +5,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from valve_twin.core.estimation.masks import Masks, held_recently
-from valve_twin.core.types import BoolArray, Frames
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import BoolArray, Frames
 
 MIN_REST_SAMPLES = 20  # fewest differences at rest that give a noise level [1]
 
@@ -55,8 +58,8 @@ def rest_noise(
 ) -> RestNoise:
     """Measure the position noise at rest from first differences of fresh samples.
 
-    A leak drifts in hold: each stretch of rest is freed of its mean difference, so that a constant drift does not
-    count. Repeated values of a slow sensor are left out.
+    A leak drifts in hold: each stretch of rest is freed of its mean difference, so that a constant
+    drift does not count. Repeated values of a slow sensor are left out.
 
     Parameters
     ----------
@@ -84,6 +87,7 @@ def rest_noise(
     if count[count > 1].sum() < MIN_REST_SAMPLES:
         return RestNoise(float("nan"), len(step))
     mean = np.bincount(which, step) / count
-    # a stretch of k white differences with their mean removed keeps 2 (k - 1/k) sigma^2: the mean is telescoped
+    # a stretch of k white differences with their mean removed keeps 2 (k - 1/k) sigma^2: the mean
+    # is telescoped
     expected = float(np.sum(2.0 * (count - 1.0 / count)))
     return RestNoise(float(np.sqrt(np.sum((step - mean[which]) ** 2) / expected)), len(step))

@@ -1,23 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Least squares under linear inequalities: minimise |u theta - y|^2 subject to A theta <= b (paper 002, eq. (22)).
+"""Least squares under linear inequalities: min |u theta - y|^2, A theta <= b (paper 002, (22)).
 
-`solve_qp` works on the normal equations: columns scaled to unit length, a proximal term that makes a singular matrix
-regular, DAQP for the active set, then the equality-constrained solution on that set, corrected until the Karush-Kuhn-
-Tucker conditions hold to rounding. A column without excitation keeps its parameter at zero unless an inequality
-forbids it. `solve_qp_cvxpy` states the same problem in cvxpy, as the reference in cost.
+`solve_qp` works on the normal equations: columns scaled to unit length, a proximal term that makes
+a singular matrix regular, DAQP for the active set, then the equality-constrained solution on that
+set, corrected until the Karush-Kuhn- Tucker conditions hold to rounding. A column without
+excitation keeps its parameter at zero unless an inequality forbids it. `solve_qp_cvxpy` states the
+same problem in cvxpy, as the reference in cost.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import daqp
 import numpy as np
 
-from valve_twin.core.estimation.constraints import Inequalities
-from valve_twin.core.estimation.regression import Gram
-from valve_twin.core.types import BoolArray, FloatArray, IntArray
+if TYPE_CHECKING:
+    from valve_twin.core.estimation.constraints import Inequalities
+    from valve_twin.core.estimation.regression import Gram
+    from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
 KKT_TOLERANCE = 1e-10
 """Largest Karush-Kuhn-Tucker residual of a solution in scaled variables [1]."""
@@ -59,7 +62,7 @@ class QpSolution:
 
 @dataclass(frozen=True, slots=True)
 class _Scaled:
-    """The problem in s = theta * unit: columns of unit length, right-hand side of unit length, unit rows."""
+    """The problem in s = theta * unit: unit columns, unit right-hand side, unit rows."""
 
     g: FloatArray
     f: FloatArray
@@ -74,9 +77,10 @@ def quadratic_cost(gram: Gram, theta: FloatArray) -> float:
 
 
 def column_condition(gram: Gram) -> float:
-    """Return the condition number of the regressor with its excited columns scaled to unit length [1].
+    """Return the condition number of the regressor, its excited columns of unit length [1].
 
-    From the normal equations, so it saturates near 1e8; infinite where columns depend on each other.
+    From the normal equations, so it saturates near 1e8; infinite where columns depend on each
+    other.
     """
     length = np.sqrt(np.diag(gram.matrix))
     k = np.flatnonzero(length > 0.0)
@@ -84,6 +88,13 @@ def column_condition(gram: Gram) -> float:
         return float("inf")
     eigen = np.linalg.eigvalsh(gram.matrix[np.ix_(k, k)] / np.outer(length[k], length[k]))
     return float(np.sqrt(eigen[-1] / eigen[0])) if eigen[0] > 0.0 else float("inf")
+
+
+def unsolved(inequalities: Inequalities, reason: str) -> QpSolution:
+    """Return the value that says why a problem has no solution."""
+    m, k = inequalities.matrix.shape
+    nothing = float("nan")
+    return QpSolution(np.full(k, nothing), np.zeros(m, bool), nothing, nothing, False, reason)
 
 
 def solve_qp(gram: Gram, inequalities: Inequalities) -> QpSolution:
@@ -103,10 +114,10 @@ def solve_qp(gram: Gram, inequalities: Inequalities) -> QpSolution:
     """
     scaled = _scale(gram, inequalities)
     if scaled is None:
-        return _unsolved(len(gram.vector), inequalities, _never_holds(inequalities))
+        return unsolved(inequalities, _never_holds(inequalities))
     start = _active_set(scaled)
     if start is None:
-        return _unsolved(len(gram.vector), inequalities, "the constraints contradict each other")
+        return unsolved(inequalities, "the constraints contradict each other")
     s, multipliers = _polish(scaled, start)
     kkt = _kkt(scaled, s, multipliers)
     theta = _exact_bounds(s / scaled.unit, multipliers > 0.0, inequalities)
@@ -117,7 +128,7 @@ def solve_qp(gram: Gram, inequalities: Inequalities) -> QpSolution:
 
 
 def solve_qp_cvxpy(u: FloatArray, y: FloatArray, inequalities: Inequalities) -> QpSolution:
-    """Solve the same problem as stated in cvxpy, from the regression rows (paper 002, section 3.2 used CVX).
+    """Solve the same problem stated in cvxpy, from the regression rows (the paper used CVX).
 
     Parameters
     ----------
@@ -146,21 +157,17 @@ def solve_qp_cvxpy(u: FloatArray, y: FloatArray, inequalities: Inequalities) -> 
     norm = np.linalg.norm(a, axis=1)
     norm[norm == 0.0] = 1.0
     limits = [(a / norm[:, None]) @ s <= inequalities.bound / norm / size] if len(a) else []
-    problem = cvxpy.Problem(cvxpy.Minimize(cvxpy.sum_squares(r @ s - target)), limits)
-    problem.solve(
+    error = cvxpy.sum_squares(r @ s - target)  # type: ignore[attr-defined]
+    problem = cvxpy.Problem(cvxpy.Minimize(error), limits)
+    problem.solve(  # type: ignore[no-untyped-call]
         solver=cvxpy.CLARABEL, tol_gap_abs=1e-14, tol_gap_rel=1e-12, tol_feas=1e-12, max_iter=200
     )
     if s.value is None:
-        return _unsolved(u.shape[1], inequalities, f"cvxpy: the problem is {problem.status}")
+        return unsolved(inequalities, f"cvxpy: the problem is {problem.status}")
     theta = np.asarray(s.value, float) / length * size
     slack = (inequalities.bound - inequalities.matrix @ theta) / norm / size
     cost = float(np.sum((y - u @ theta) ** 2))
     return QpSolution(theta, slack <= 1e-6, cost, float("nan"), True)
-
-
-def _unsolved(k: int, inequalities: Inequalities, reason: str) -> QpSolution:
-    nothing = np.zeros(len(inequalities.bound), bool)
-    return QpSolution(np.full(k, np.nan), nothing, float("nan"), float("nan"), False, reason)
 
 
 def _never_holds(inequalities: Inequalities) -> str:
@@ -209,7 +216,7 @@ def _active_set(p: _Scaled) -> IntArray | None:
 
 
 def _polish(p: _Scaled, start: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Solve exactly on the active set and correct the set until the signs are right: (s, multipliers (M,))."""
+    """Solve on the active set, correct it until the signs are right: (s, multipliers (M,))."""
     active = _independent(p.a, [int(i) for i in start])
     s, multipliers = _on_set(p, active)
     for _ in range(_CHANGES):

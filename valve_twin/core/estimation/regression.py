@@ -3,18 +3,22 @@
 """The linear regression of paper 002, eq. (17)-(19), at any lag between command and position.
 
 y[n] = x[n] - 2 x[n-1] + x[n-2] = theta . u[n],
-u[n] = [dx, vi, vo, vi^2, vo^2, vi vo, vi dx, vo dx], dx = x[n-1] - x[n-2], commands at n - lag (the paper: lag 2).
+u[n] = [dx, vi, vo, vi^2, vo^2, vi vo, vi dx, vo dx], dx = x[n-1] - x[n-2], commands at n - lag
+(the paper: lag 2).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
 
 from valve_twin.core.estimation.masks import Masks, held_recently
-from valve_twin.core.types import BoolArray, FloatArray, Frames, IntArray
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import FloatArray, Frames, IntArray
 
 TERMS = 8
 """Number of terms of paper 002, eq. (19)."""
@@ -51,12 +55,12 @@ class Gram:
 
     def part(self, terms: tuple[int, ...]) -> Gram:
         """Return the normal equations of some terms, numbered from 1 as in the paper."""
-        k = np.asarray(terms) - 1
+        k = np.asarray(terms, np.int64) - 1
         return Gram(self.matrix[np.ix_(k, k)], self.vector[k], self.power, self.rows)
 
 
 def usable_rows(frames: Frames, masks: Masks, lag: int, *, keep_stale: bool = False) -> IntArray:
-    """Return the samples n whose whole row is measured, in one piece and off the masks: (R,) int64.
+    """Return the samples n whose row is measured, in one piece and off the masks: (R,) int64.
 
     Parameters
     ----------
@@ -67,8 +71,8 @@ def usable_rows(frames: Frames, masks: Masks, lag: int, *, keep_stale: bool = Fa
     lag : int
         Command to position lag [samples].
     keep_stale : bool
-        Use repeated values as if they were measured, as the paper does. Without it a sensor refreshed every second
-        sample or slower leaves no row at all.
+        Use repeated values as if they were measured, as the paper does. Without it a sensor
+        refreshed every second sample or slower leaves no row at all.
     """
     back = max(2, lag)
     lost = masks.bad | masks.seat | masks.stuck
@@ -84,7 +88,7 @@ def usable_rows(frames: Frames, masks: Masks, lag: int, *, keep_stale: bool = Fa
 def common_rows(
     frames: Frames, masks: Masks, max_lag: int, *, keep_stale: bool = False
 ) -> IntArray:
-    """Return the rows usable at every lag from 0 to `max_lag`, so that their errors compare: (R,) int64."""
+    """Return the rows usable at every lag from 0 to `max_lag`: (R,) int64."""
     return usable_rows(frames, masks, max(2, max_lag), keep_stale=keep_stale)
 
 
@@ -116,9 +120,10 @@ def gram(frames: Frames, rows: IntArray, lag: int) -> Gram:
 
 
 def mean_square_error(frames: Frames, rows: IntArray, lag: int, theta: FloatArray) -> float:
-    """Return the mean of (y - theta . u)^2 over the rows [1], formed sample by sample; NaN without rows.
+    """Return the mean of (y - theta . u)^2 over the rows [1]; NaN without rows.
 
-    Paper 002, eq. (24). The same from the normal equations would cancel on precise data.
+    Paper 002, eq. (24), formed sample by sample: the same from the normal equations would cancel
+    on precise data.
     """
     if len(rows) == 0:
         return float("nan")
@@ -128,10 +133,10 @@ def mean_square_error(frames: Frames, rows: IntArray, lag: int, theta: FloatArra
 
 
 def steady_gains(theta: FloatArray, v_in: float, v_out: float) -> tuple[float, float]:
-    """Return (K_in(v_in), K_out(v_out)) [1/sample of stroke per unit command]; NaN without a speed term.
+    """Return (K_in(v_in), K_out(v_out)) [1/sample]; NaN without a speed term.
 
-    K_in = (theta_2 + theta_4 v)/-(theta_1 + theta_7 v), K_out = -(theta_3 + theta_5 v)/-(theta_1 + theta_8 v):
-    equations.md 2.1 with all eight terms.
+    K_in = (theta_2 + theta_4 v)/-(theta_1 + theta_7 v), K_out = -(theta_3 + theta_5 v)/-(theta_1 +
+    theta_8 v): equations.md 2.1 with all eight terms.
 
     Parameters
     ----------
