@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Follow each parameter over the life of a valve: trend, remaining life and verdict, from the stored history alone."""
+"""Follow each parameter over a valve's life: trend, remaining life, verdict, from the history."""
 
 from valve_twin.core.aging.assess import Assessment, TrendDetail, assess
 from valve_twin.core.aging.config import AgingConfig, Axis, Commissioning, Threshold

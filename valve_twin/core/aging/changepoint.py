@@ -1,29 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Find where the trend of a parameter changes: straight pieces, never constant ones, since aging is not a jump.
+"""Find where a trend changes: straight pieces, never constant ones, since aging is not a jump.
 
-For every number of pieces K the best partition is found exactly (dynamic programming over the residual sums of squares,
-each from cumulative sums). K is then chosen by the likelihood of lines with AR(1) scatter,
+For every number of pieces K the best partition is found exactly (dynamic programming over the
+residual sums of squares, each from cumulative sums). K is then chosen by the likelihood of lines
+with AR(1) scatter,
 
     n log(S_K (1 - rho_K^2)) + (K - 1) price(n),
 
-with S_K and rho_K the residual sum of squares and the lag-1 autocorrelation about the K lines. The noise level is thus
-judged under each hypothesis and nothing has to be known beforehand; scatter that wanders (rho > 0) explains itself by
-rho_K and is not cut into steps. The price was calibrated by simulation, see `price`. Single wild values are found
-beforehand against a repeated-median line through their neighbours (Siegel 1982) and left out.
+with S_K and rho_K the residual sum of squares and the lag-1 autocorrelation about the K lines.
+The noise level is thus judged under each hypothesis and nothing has to be known beforehand;
+scatter that wanders (rho > 0) explains itself by rho_K and is not cut into steps. The price was
+calibrated by simulation, see `price`. Single wild values are found beforehand against a
+repeated-median line through their neighbours (Siegel 1982) and left out.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
 
-from valve_twin.core.types import BoolArray, FloatArray, IntArray
+if TYPE_CHECKING:
+    from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
 HALF_WINDOW = 5
-"""Neighbours on each side that judge whether a value is wild [1]; up to 4 wild values of 11 do no harm."""
+"""Neighbours on each side that judge a value [1]; up to 4 wild ones of 11 do no harm."""
 
 RESOLUTION = 1e-9
 """Scatter below this part of the largest value is taken for rounding, not for signal [1]."""
@@ -48,9 +52,10 @@ class Segmentation:
 def price(samples: int) -> float:
     """Return the price of one more piece, in units of twice the log-likelihood [1].
 
-    Calibrated on Gaussian scatter about one line, 150-1000 histories each of 20 to 500 values: the line is cut in 0.5-1 %
-    of them where the scatter is white, in about 2 % at rho = 0.3 and 3 % at rho = 0.5. A step of 3 standard
-    deviations in the middle of 120 values is worth about twice the price.
+    Calibrated on Gaussian scatter about one line, 150-1000 histories each of 20 to 500 values:
+    the line is cut in 0.5-1 % of them where the scatter is white, in about 2 % at rho = 0.3 and 3
+    % at rho = 0.5. A step of 3 standard deviations in the middle of 120 values is worth about
+    twice the price.
     """
     return 15.0 + 0.5 * float(np.log(samples))
 
@@ -78,8 +83,9 @@ def _repeated_median(x: FloatArray, y: FloatArray, half: int, out: FloatArray) -
 
 
 def find_wild(x: FloatArray, y: FloatArray, limit: float) -> BoolArray:
-    """Return which (N,) values lie more than `limit` robust standard deviations off a line through their neighbours.
+    """Return which (N,) values lie off a line through their neighbours.
 
+    Off is farther than `limit` robust standard deviations.
     `x` is strictly increasing. Fewer than 7 values are not judged.
     """
     n = len(x)
@@ -110,12 +116,13 @@ def _cost(sums: FloatArray, a: int, b: int) -> float:
     sxx = sums[b, 2] - sums[a, 2] - sx * sx / n
     sxy = sums[b, 3] - sums[a, 3] - sx * sy / n
     syy = sums[b, 4] - sums[a, 4] - sy * sy / n
-    return max(syy - sxy * sxy / sxx, 0.0)
+    cost: float = max(syy - sxy * sxy / sxx, 0.0)
+    return cost
 
 
 @njit(cache=True)
 def _partition(sums: FloatArray, places: IntArray, least: int, most: int) -> IntArray:
-    """Return (most, most + 1) boundaries: row K - 1 holds the K + 1 bounds of the best K pieces, then -1."""
+    """Return (most, most + 1) bounds: row K - 1 holds those of the best K pieces, then -1."""
     m = len(places)
     cost = np.full((m, m), np.inf)
     for a in range(m):
@@ -145,7 +152,7 @@ def _partition(sums: FloatArray, places: IntArray, least: int, most: int) -> Int
 
 @njit(cache=True)
 def _refine(sums: FloatArray, bounds: IntArray, least: int, reach: int) -> None:
-    """Shift the inner bounds by up to `reach` to their best places, in place, until nothing moves."""
+    """Shift the inner bounds by up to `reach` to their best places until nothing moves."""
     for _ in range(5):
         moved = False
         for k in range(1, len(bounds) - 1):
@@ -166,7 +173,7 @@ def _refine(sums: FloatArray, bounds: IntArray, least: int, reach: int) -> None:
 def _off_lines(
     sums: FloatArray, x: FloatArray, y: FloatArray, bounds: IntArray
 ) -> tuple[float, float]:
-    """Return the residual sum of squares and the sum of lag-1 products about the lines of one partition."""
+    """Return the sums of squares and of lag-1 products of the residuals of one partition."""
     power, product = 0.0, 0.0
     for k in range(len(bounds) - 1):
         a, b = bounds[k], bounds[k + 1]

@@ -27,8 +27,8 @@ class Threshold:
     parameter : str
         Name of the parameter.
     value : float
-        Change against the reference [% of it] where `relative`, else the limit itself [unit of the parameter].
-        NaN: this parameter has no limit.
+        Change against the reference [% of it] where `relative`, else the limit itself [unit of
+        the parameter]. NaN: this parameter has no limit.
     relative : bool
         Whether `value` is a change against the reference.
     """
@@ -57,15 +57,16 @@ class AgingConfig:
     Attributes
     ----------
     axis : Axis
-        What aging is counted in: cycles seen (and known to be missed), the cycle counter, or hours of data time.
+        What aging is counted in: cycles seen (and known to be missed), the cycle counter, or
+        hours of data time.
     parameters : tuple of str
         Parameters to follow; empty = all whose `Parameter.trend` is set.
     thresholds : tuple of Threshold
-        Service limits; several for one parameter are allowed (say one below and one above), the one expected to be
-        reached first is reported.
+        Service limits; several for one parameter are allowed (say one below and one above), the
+        one expected to be reached first is reported.
     default_percent : float
-        Limits at minus and plus this change [%] for a parameter without an entry in `thresholds`; 0 = none.
-        20 is the limit of the remaining-life study in equations.md 2.5.
+        Limits at minus and plus this change [%] for a parameter without an entry in `thresholds`;
+        0 = none. 20 is the limit of the remaining-life study in equations.md 2.5.
     commissioning : tuple of Commissioning
         Reference levels on record. A maintenance event with `new_reference` replaces them.
     reference_cycles : int
@@ -75,29 +76,34 @@ class AgingConfig:
     min_samples : int
         Accepted estimates that the present segment needs before it is judged [1].
     min_segment : int
-        Least number of estimates in a segment that is found (not forced) [1]. A change is reported this many cycles
-        after it happened at the earliest; fewer would let a few bad estimates look like a change.
+        Least number of estimates in a segment that is found (not forced) [1]. A change is
+        reported this many cycles after it happened at the earliest; fewer would let a few bad
+        estimates look like a change.
     max_segments : int
         Most segments between two maintenance events [1].
     max_candidates : int
-        Places tried for a change between two maintenance events [1]; up to this many estimates every place is tried
-        (exact), above it every g-th, g = ceil(samples / max_candidates), and the places found are then refined.
+        Places tried for a change between two maintenance events [1]; up to this many estimates
+        every place is tried (exact), above it every g-th, g = ceil(samples / max_candidates), and
+        the places found are then refined.
     penalty_scale : float
         Factor on the calibrated price of a segment [1]; larger finds fewer.
     outlier_sigma : float
-        An estimate farther than this from its neighbours [robust standard deviations] is left out.
+        An estimate farther than this from its neighbours [robust standard deviations] is left
+        out.
     window : int
-        Newest accepted estimates that are segmented [1]; 0 = the whole history. The reference is always taken from
-        the whole history.
+        Newest accepted estimates that are segmented [1]; 0 = the whole history. The reference is
+        always taken from the whole history.
     rate_cycles : int
         Newest accepted estimates that give the cycle rate [1].
     alert_fraction : float
-        Share of the way from reference to threshold [1] that raises the verdict when it is exceeded with 95 %
-        confidence.
+        Share of the way from reference to threshold [1] that raises the verdict when it is
+        exceeded with 95 % confidence.
     horizon : float
-        Remaining life [axis unit] below which the verdict is raised, if the slope is beyond doubt.
+        Remaining life [axis unit] below which the verdict is raised, if the slope is beyond
+        doubt.
     verdict_significance : float
-        Error probability of "beyond doubt" [1]; stricter than `significance`, because every cycle tests anew.
+        Error probability of "beyond doubt" [1]; stricter than `significance`, because every cycle
+        tests anew.
     """
 
     axis: Axis = Axis.CYCLES
@@ -140,8 +146,9 @@ class AgingConfig:
         for record in self.commissioning:
             if not (np.isfinite(record.value) and record.standard_error >= 0.0):
                 msg = (
-                    f"aging: the commissioning record of {record.parameter} is {record.value} with standard error "
-                    f"{record.standard_error}; both must be finite numbers, the error not negative"
+                    f"aging: the commissioning record of {record.parameter} is {record.value} "
+                    f"with standard error {record.standard_error}; "
+                    "both must be finite numbers, the error not negative"
                 )
                 raise ValueError(msg)
 

@@ -2,19 +2,25 @@
 # Copyright 2026 valve_twin maintainers
 """How far a line still is from its threshold, with Fieller's limits, and at what date.
 
-With gap g (threshold - level) and slope s, both counted towards the threshold, the line has covered the gap after r
-with the confidence P(r) = T_nu(Z(r)), Z(r) = (r s - g)/sqrt(r^2 var_s - 2 r cov + var_g). Low, median and high are
-the smallest r >= 0 with P = 2.5 %, 50 % and 97.5 %: low and high are the limits of Fieller (1954), cut at zero. Where Z never
-gets that far the limit is infinite, and that is an answer: the data do not exclude that the threshold is never
-reached.
+With gap g (threshold - level) and slope s, both counted towards the threshold, the line has
+covered the gap after r with the confidence P(r) = T_nu(Z(r)),
+
+    Z(r) = (r s - g)/sqrt(r^2 var_s - 2 r cov + var_g).
+
+Low, median and high are the smallest r >= 0 with P = 2.5 %, 50 % and 97.5 %: low and high are the
+limits of Fieller (1954), cut at zero. Where Z never gets that far the limit is infinite, and that
+is an answer: the data do not exclude that the threshold is never reached.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from valve_twin.core.aging.trend import quantile
-from valve_twin.core.types import FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import FloatArray, IntArray
 
 MAX_STAMP_NS = (2**31 - 1) * 10**9
 """Last date that builtin_interfaces/Time can carry [ns]."""
@@ -24,7 +30,8 @@ MAX_STAMP_NS = (2**31 - 1) * 10**9
 class Remaining:
     """What remains to a threshold, in axis units; infinite = none in sight.
 
-    `low` and `high` are the 95 % limits (or as asked), `high` is infinite where the remaining life is unbounded.
+    `low` and `high` are the 95 % limits (or as asked), `high` is infinite where the remaining
+    life is unbounded.
     """
 
     low: float
@@ -82,7 +89,7 @@ def remaining_life(
 def _first_crossing(
     gap: float, slope: float, spread: tuple[float, float, float], z: float
 ) -> float:
-    """Return the smallest r >= 0 with (r slope - gap) >= z sqrt(variance(r)), infinite where there is none."""
+    """Return the smallest r >= 0 with r slope - gap >= z sqrt(variance(r)), else infinity."""
     var_gap, cov, var_slope = spread
     if -gap >= z * var_gap**0.5:
         return 0.0
@@ -100,14 +107,14 @@ def _first_crossing(
 
 
 def axis_rate(axis: FloatArray, stamp_ns: IntArray, newest: int) -> float:
-    """Return axis units per second of data time over the `newest` estimates [1/s]; NaN = unknown."""
+    """Return axis units per second of data time over the `newest` estimates [1/s], or NaN."""
     a, t = axis[-newest:], stamp_ns[-newest:]
     seconds = float(t[-1] - t[0]) * 1e-9 if len(t) > 1 else 0.0
     return float(a[-1] - a[0]) / seconds if seconds > 0.0 and a[-1] > a[0] else float("nan")
 
 
 def date_after(stamp_ns: int, remaining: float, rate: float) -> int:
-    """Return the stamp at which `remaining` axis units are used up at `rate`; 0 where there is no such date."""
+    """Return the stamp at which `remaining` axis units are used up at `rate`; 0 = no date."""
     if not (rate > 0.0 and remaining < float("inf")):
         return 0
     ahead = remaining / rate * 1e9

@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""From the stored history to one parameter over the aging axis, cut where the valve was maintained."""
+"""From the stored history to one parameter over the axis, cut where it was maintained."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,6 +21,9 @@ from valve_twin.core.types import (
     IntArray,
     Maintenance,
 )
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 _UNKNOWN = -1
 _CLEANING_ROUNDS = 2
@@ -86,16 +90,16 @@ class Pieces:
 
 
 def order_history(history: Sequence[Estimate], axis: Axis) -> History:
-    """Sort the trend's estimates by their end, keep the last of each cycle, and place them on the axis.
+    """Sort the trend's estimates by their end, one a cycle, and place them on the axis.
 
     Parameters
     ----------
     history : sequence of Estimate
         Stored estimates of all estimators, in any order.
     axis : Axis
-        Cycles and counter advance by the cycle number, or by the missed cycles where those are known to be more; a
-        number that goes back (counter reset) advances by one and is marked unknown. Hours count from the end of
-        the first cycle.
+        Cycles and counter advance by the cycle number, or by the missed cycles where those are
+        known to be more; a number that goes back (counter reset) advances by one and is marked
+        unknown. Hours count from the end of the first cycle.
 
     Returns
     -------
@@ -123,7 +127,7 @@ def order_history(history: Sequence[Estimate], axis: Axis) -> History:
 
 
 def series_of(history: History, parameter: str) -> Series:
-    """Return the accepted values of one parameter; an unknown break before a refused cycle is carried on."""
+    """Return the accepted values of one parameter; unknown breaks pass over refused cycles."""
     rows: list[tuple[int, float, bool]] = []
     broken = False
     for i, estimate in enumerate(history.estimates):
@@ -156,7 +160,8 @@ def _usable(estimate: Estimate, parameter: str) -> float | None:
 def first_after(series: Series, event: Maintenance) -> int:
     """Return the index of the first value after a maintenance event, N where there is none yet.
 
-    The event's cycle decides; its stamp does where the event names no cycle or the numbers went back (counter reset).
+    The event's cycle decides; its stamp does where the event names no cycle or the numbers went
+    back (counter reset).
     """
     monotone = bool(np.all(np.diff(series.cycle) > 0))
     if event.cycle > 0 and monotone:
@@ -198,7 +203,7 @@ def cut(series: Series, maintenance: Sequence[Maintenance], config: AgingConfig)
 
 
 def _pieces(x: FloatArray, y: FloatArray, config: AgingConfig) -> tuple[IntArray, BoolArray]:
-    """Return the starts of the pieces of one stretch and its wild values, each found in the light of the other."""
+    """Return the starts of the pieces of one stretch and its wild values."""
     wild = find_wild(x, y, config.outlier_sigma)
     starts = _starts(x, y, wild, config)
     for _ in range(_CLEANING_ROUNDS):
@@ -228,10 +233,10 @@ def _starts(x: FloatArray, y: FloatArray, wild: BoolArray, config: AgingConfig) 
 def _off_pieces(
     x: FloatArray, y: FloatArray, starts: IntArray, wild: BoolArray, limit: float
 ) -> BoolArray:
-    """Judge every value by the line of its piece; a value before a change may also belong to the next piece."""
+    """Judge every value by the line of its piece."""
     out = wild.copy()
     edges = [*starts, len(x)]
-    for first, last in zip(edges, edges[1:], strict=False):
+    for first, last in itertools.pairwise(edges):
         kept = ~wild[first:last]
         if np.count_nonzero(kept) < 7:
             continue

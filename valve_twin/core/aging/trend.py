@@ -1,26 +1,30 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""A straight line through estimates of many cycles, with intervals that hold under lag-1 autocorrelation.
+"""A line through estimates of many cycles, with intervals that hold under autocorrelation.
 
-The line is ordinary least squares: unbiased, and nearly efficient under AR(1) scatter. Its covariance is
-sigma^2 (X'X)^-1 X' R X (X'X)^-1 with R[i, j] = rho^|i - j|. rho comes from the residuals, corrected for the bias that
-detrending causes (Kendall 1954, Marriott and Pope 1954: E[rho_hat] = rho - (2 + 4 rho)/n for one line), sigma^2 from
-the residual sum of squares divided by its exact expectation for that rho. Student's t is taken with n_eff - 2 degrees
-of freedom, n_eff = n (1 - rho)/(1 + rho). A negative rho is reported but not used: it would narrow the intervals.
+The line is ordinary least squares: unbiased, and nearly efficient under AR(1) scatter. Its
+covariance is sigma^2 (X'X)^-1 X' R X (X'X)^-1 with R[i, j] = rho^|i - j|. rho comes from the
+residuals, corrected for the bias that detrending causes (Kendall 1954, Marriott and Pope 1954:
+E[rho_hat] = rho - (2 + 4 rho)/n for one line), sigma^2 from the residual sum of squares divided
+by its exact expectation for that rho. Student's t is taken with n_eff - 2 degrees of freedom,
+n_eff = n (1 - rho)/(1 + rho). A negative rho is reported but not used: it would narrow the
+intervals.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
 from scipy.special import stdtr, stdtrit
 
-from valve_twin.core.types import FloatArray
+if TYPE_CHECKING:
+    from valve_twin.core.types import FloatArray
 
 MAX_AUTOCORRELATION = 0.95
-"""Largest lag-1 autocorrelation that is corrected for [1]; beyond it the scatter is a random walk and no line."""
+"""Largest lag-1 autocorrelation that is corrected for [1]; beyond it there is no line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,16 +114,18 @@ def residuals(x: FloatArray, y: FloatArray) -> FloatArray:
     d = x - x.mean()
     e = y - y.mean()
     sxx = float(d @ d)
-    return e - d * (float(d @ e) / sxx) if sxx > 0.0 else e
+    rest: FloatArray = e - d * (float(d @ e) / sxx) if sxx > 0.0 else e
+    return rest
 
 
 def pooled_autocorrelation(parts: list[FloatArray]) -> float:
-    """Return the lag-1 autocorrelation of residuals of several lines, corrected for detrending [1].
+    """Return the lag-1 autocorrelation of residuals of lines, corrected for detrending [1].
 
     Parameters
     ----------
     parts : list of (N_k,) arrays
-        Residuals of one line each, in the order of time. The scatter is taken to be the same process in all of them.
+        Residuals of one line each, in the order of time. The scatter is taken to be the same
+        process in all of them.
 
     Returns
     -------
@@ -141,7 +147,8 @@ def fit_line(x: FloatArray, y: FloatArray, autocorrelation: float | None = None)
     Parameters
     ----------
     x, y : (N,) arrays
-        Axis positions [axis unit], not all equal, and values [unit], in the order of time; N >= 3.
+        Axis positions [axis unit], not all equal, and values [unit], in the order of
+        time; N >= 3.
     autocorrelation : float, optional
         Lag-1 autocorrelation of the scatter [1]; from the residuals of this line where not given.
 
@@ -187,8 +194,9 @@ def ratio_interval(
 ) -> tuple[float, float]:
     """Return Fieller's limits of a/b; NaN where b cannot be told from zero.
 
-    `a`, `b` share a unit; `var_a`, `cov`, `var_b` are their covariance, `t` the quantile of Student's t. The set of all
-    R with (a - R b)^2 <= t^2 (var_a - 2 R cov + R^2 var_b) is bounded only where b differs from zero.
+    `a`, `b` share a unit; `var_a`, `cov`, `var_b` are their covariance, `t` the quantile of
+    Student's t. The set of all R with (a - R b)^2 <= t^2 (var_a - 2 R cov + R^2 var_b) is bounded
+    only where b differs from zero.
     """
     lead = b * b - t * t * var_b
     if not lead > 0.0:

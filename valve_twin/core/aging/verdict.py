@@ -3,22 +3,29 @@
 """One word a maintenance engineer can act on, and the trends it rests on.
 
 Rule: `valve` if for any followed parameter
-(1) the fitted level is beyond its threshold and the drift against the reference is significant, or
-(2) the 95 % interval of the drift against the reference lies wholly beyond `alert_fraction` of the way to the threshold, or
-(3) the slope leads to the threshold beyond doubt (`verdict_significance`) within `horizon` axis units (median).
-`not enough data` if no parameter can be judged, else `ok`. A significant but small drift is reported in the trend
-and does not raise the verdict.
+
+1. the fitted level is beyond its threshold and the drift against the reference is significant, or
+2. the 95 % interval of the drift against the reference lies wholly beyond `alert_fraction` of the
+   way to the threshold, or
+3. the slope leads to the threshold beyond doubt (`verdict_significance`) within `horizon` axis
+   units (median).
+
+`not enough data` if no parameter can be judged, else `ok`. A significant but small drift is
+reported in the trend and does not raise the verdict.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.aging.config import AgingConfig
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from valve_twin.core.aging.config import AgingConfig
 
 
 class TrendStatus(IntEnum):
@@ -106,7 +113,7 @@ class Verdict:
 
 
 def way_to_threshold(trend: Trend) -> float:
-    """Return the least share of the way from reference to threshold that is covered with 95 % confidence [1].
+    """Return the share of the way to the threshold that is covered with 95 % confidence [1].
 
     NaN where it is unknown; negative where the drift leads away or is not significant.
     """
@@ -118,7 +125,7 @@ def way_to_threshold(trend: Trend) -> float:
 
 
 def concern(trend: Trend, config: AgingConfig) -> int:
-    """Return how grave a trend is: 3, 2, 1 for rules (1), (2), (3) of the module, 0 = nothing to act on."""
+    """Return how grave a trend is: 3, 2, 1 for rules 1, 2, 3 of the module, else 0."""
     way = way_to_threshold(trend)
     if trend.status is TrendStatus.NOT_ENOUGH_DATA or not np.isfinite(trend.threshold):
         return 0
@@ -150,14 +157,14 @@ def decide(
 
 
 def _share(trend: Trend) -> float:
-    """Order trends by how much of the way to the threshold they have gone (by plain drift where there is none)."""
+    """Order trends by how much of the way to the threshold they have gone."""
     way = trend.threshold / trend.reference - 1.0 if trend.reference else np.nan
     share = trend.drift_reference / (100.0 * way) if way else np.nan
     return float(share) if np.isfinite(share) else -1.0
 
 
 def describe(trend: Trend) -> str:
-    """Return one line in plain words and numbers, e.g. "K_in -13.9 % of new (95 %: -14.6 .. -13.2), ...\"."""
+    """Return one line in plain words and numbers, `K_in -13.9 % of new (95 %: ...), ...`."""
     origin = "commissioning" if trend.reference_source == "commissioning" else "new"
     if np.isfinite(trend.drift_reference):
         low, high = trend.drift_reference_lower_95, trend.drift_reference_upper_95
