@@ -8,7 +8,6 @@ a number that is taken is refused, because something that was published as store
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -67,10 +66,10 @@ class History:
         self._database = Database(str(url), read_only=read_only, busy_timeout_s=busy_timeout_s)
         self._software = software
         self._valve_ids: dict[str, int] = {}
-        self._lock = threading.Lock()
         insert = sqlite.insert if self._database.is_sqlite else postgresql.insert
-        self._insert_cycle = insert(CYCLE).on_conflict_do_nothing()
         self._insert_valve = insert(VALVE).on_conflict_do_nothing()
+        self._insert_cycle = self._database.compile(insert(CYCLE).on_conflict_do_nothing())
+        self._insert_estimate = self._database.compile(ESTIMATE.insert().values(_names(ESTIMATE)))
 
     def __enter__(self) -> History:
         """Return the history itself."""
@@ -119,9 +118,9 @@ class History:
             valve_id = self._valve_id(connection, valve)
             row = cycle_row(valve_id, record)
             rows = [estimate_row(valve_id, i, e) for i, e in enumerate(estimates)]
-            if connection.execute(self._insert_cycle, row).rowcount == 1:
+            if connection.exec_driver_sql(self._insert_cycle, row).rowcount == 1:
                 if rows:
-                    connection.execute(ESTIMATE.insert(), rows)
+                    connection.exec_driver_sql(self._insert_estimate, rows)
                 new = True
             elif self._same(connection, row, rows):
                 new = False
@@ -276,6 +275,10 @@ class History:
 
 def _of_valve(table: sa.Table, valve: str) -> sa.Select[Any]:
     return sa.select(table).join(VALVE, VALVE.c.id == table.c.valve_id).where(VALVE.c.name == valve)
+
+
+def _names(table: sa.Table) -> dict[str, sa.BindParameter[Any]]:
+    return {c.name: sa.bindparam(c.name) for c in table.c if c.name != "id"}
 
 
 def _check_estimates(record: CycleRecord, estimates: Sequence[Estimate]) -> None:

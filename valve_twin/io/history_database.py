@@ -13,7 +13,7 @@ import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import sqlalchemy as sa
 from sqlalchemy.engine import URL, Connection, Engine, make_url
@@ -76,6 +76,7 @@ class Database:
         self._busy_timeout_s = busy_timeout_s
         self._identity: tuple[int, int] | None = None
         self.engine = self._make_engine()
+        self._writer = self.engine.execution_options(valve_twin_write=True)
         try:
             with self.errors("opened"):
                 self._open()
@@ -87,6 +88,10 @@ class Database:
     def is_sqlite(self) -> bool:
         """Whether this is a SQLite file."""
         return self.url.get_backend_name() == "sqlite"
+
+    def compile(self, statement: sa.Executable) -> str:
+        """Return the statement's text for `exec_driver_sql` with one dict a row: half the time of `execute`."""
+        return str(cast("sa.sql.ClauseElement", statement).compile(dialect=self.engine.dialect))
 
     def close(self) -> None:
         """Give all connections back."""
@@ -106,9 +111,8 @@ class Database:
                 msg = f"{self.where}: cannot be written: it was opened for reading only"
                 raise StoreError(msg)
             self.check_file()
-            with self.engine.connect().execution_options(valve_twin_write=True) as connection:
-                with connection.begin():
-                    yield connection
+            with self._writer.begin() as connection:
+                yield connection
             self.check_file()
 
     @contextmanager
@@ -158,7 +162,9 @@ class Database:
 
     def _make_engine(self) -> Engine:
         if self.is_sqlite:
-            engine = sa.create_engine(self.url, creator=self._connect_sqlite, poolclass=sa.pool.QueuePool)
+            engine = sa.create_engine(
+                self.url, creator=self._connect_sqlite, poolclass=sa.pool.QueuePool, paramstyle="named"
+            )
             sa.event.listen(engine, "begin", _begin_sqlite)
             return engine
         timeout_ms = int(1e3 * self._busy_timeout_s)
@@ -252,7 +258,7 @@ class Database:
         return version == SCHEMA_VERSION
 
     def _upgrade(self) -> None:
-        with self.engine.connect().execution_options(valve_twin_write=True) as connection, connection.begin():
+        with self._writer.begin() as connection:
             if not self.is_sqlite:
                 connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({_ADVISORY_LOCK})")
             if not self._schema_is_current(connection):  # another process may have been faster

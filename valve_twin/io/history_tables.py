@@ -46,6 +46,8 @@ SCHEMA_VERSION = "0002"
 SCHEMA_TABLE = "valve_twin_schema"
 """Table in which alembic keeps the revision, named so that another application's own does not clash with it."""
 
+_ENCODER = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
+
 METADATA = MetaData()
 _Id = BigInteger().with_variant(Integer, "sqlite")
 
@@ -211,7 +213,7 @@ def estimate_row(valve_id: int, position: int, estimate: Estimate) -> dict[str, 
         "lag": int(estimate.lag),
         "noise_sigma": _or_null(estimate.noise_sigma),
         "samples_used": int(counts.used),
-        "samples_masked": json.dumps([int(counts.seat), int(counts.stuck), int(counts.stale), int(counts.bad)]),
+        "samples_masked": _ENCODER.encode([int(counts.seat), int(counts.stuck), int(counts.stale), int(counts.bad)]),
         "missed_cycles": int(estimate.missed_cycles),
         "used_by_trend": bool(estimate.used_by_trend),
         "reproducible": bool(estimate.reproducible),
@@ -261,15 +263,13 @@ def row_maintenance(row: Mapping[str, Any]) -> Maintenance:
 
 def _encode_parameters(parameters: Sequence[ParameterValue]) -> str:
     numbers = [[p.value, p.standard_error, p.lower_95, p.upper_95] for p in parameters]
-    return json.dumps(
+    return _ENCODER.encode(
         {
             "names": [p.name for p in parameters],
             "status": [int(p.status) for p in parameters],
             "reasons": [p.reason for p in parameters],
             "values": [[_to_json(float(x)) for x in row] for row in numbers],
-        },
-        separators=(",", ":"),
-        allow_nan=False,
+        }
     )
 
 

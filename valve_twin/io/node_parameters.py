@@ -101,14 +101,6 @@ _TWIN = (
         1e6,
     ),
     Spec(
-        "gather_s",
-        Kind.FLOAT,
-        0.005,
-        "Samples that arrive within this time are worked on together.",
-        "s",
-        0.0,
-        1.0,
-    ),
     Spec(
         "retry_s",
         Kind.FLOAT,

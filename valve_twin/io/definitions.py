@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Message definitions for bags written without ROS: the text of a type with all types it holds, and its hash.
+
+Looked up, first hit wins: `msg_defs/msg` of the source tree or of the installed package for our own messages, the
+`share/PACKAGE/msg` folders of AMENT_PREFIX_PATH, the ROS 2 Jazzy definitions that come with rosbags.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+if TYPE_CHECKING:
+    from rosbags.typesys.store import Typestore
+
+OWN_PACKAGE = "valve_twin_msgs"
+
+_SEPARATOR = "=" * 80
+_PRIMITIVE = re.compile(
+    r"^(bool|byte|char|float32|float64|u?int(8|16|32|64)|w?string(<=\d+)?)$"
+)
+_FIELD = re.compile(r"^\s*([A-Za-z][\w/]*(?:<=\d+)?)(?:\[[^\]]*\])?\s+[A-Za-z]\w*\b(?!\s*=)")
+
+
+@cache
+def definition(type_name: str) -> str:
+    """Return the definition of a message type followed by those of all types in it ("ros2msg").
+
+    Parameters
+    ----------
+    type_name : str
+        Full name such as "valve_twin_msgs/msg/Float64Stamped".
+
+    Returns
+    -------
+    str
+        As the ROS 2 recorder embeds it.
+
+    Raises
+    ------
+    KeyError
+        If the type, or one that it holds, is found nowhere.
+    """
+    parts = [_text(type_name)]
+    parts += [
+        f"{_SEPARATOR}\nMSG: {package}/{name}\n{_text(f'{package}/msg/{name}')}"
+        for package, name in (d.split("/msg/") for d in _dependencies(type_name))
+    ]
+    return "\n".join(part.rstrip("\n") for part in parts) + "\n"
+
+
+@cache
+def type_hash(type_name: str) -> str:
+    """Return the REP-2016 hash of a type, "RIHS01_..."."""
+    return _store(type_name).hash_rihs01(type_name)
+
+
+def _store(type_name: str) -> Typestore:
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(definition(type_name), type_name))
+    return store
+
+
+def _dependencies(type_name: str) -> list[str]:
+    """Return the types that a type holds, each once, in the order of first use."""
+    found: dict[str, None] = {}
+    waiting = [type_name]
+    while waiting:
+        current = waiting.pop(0)
+        for inner in _held(current):
+            if inner not in found:
+                found[inner] = None
+                waiting.append(inner)
+    return list(found)
+
+
+def _held(type_name: str) -> list[str]:
+    package = type_name.split("/", maxsplit=1)[0]
+    held = []
+    for line in _text(type_name).splitlines():
+        match = _FIELD.match(line.split("#", 1)[0])
+        if match is None or _PRIMITIVE.match(match.group(1)):
+            continue
+        parts = match.group(1).split("/")
+        if parts == ["Header"]:
+            parts = ["std_msgs", "Header"]
+        held.append(f"{parts[0] if len(parts) > 1 else package}/msg/{parts[-1]}")
+    return held
+
+
+@cache
+def _text(type_name: str) -> str:
+    package, _, name = type_name.split("/")
+    for folder in _folders(package):
+        path = folder / f"{name}.msg"
+        if path.is_file():
+            return path.read_text(encoding="utf-8")
+    store = get_typestore(Stores.ROS2_JAZZY)
+    if type_name not in store.fielddefs:
+        raise KeyError(type_name)
+    text, _ = store.generate_msgdef(type_name, ros_version=2)
+    return text.split(_SEPARATOR, 1)[0]
+
+
+def _folders(package: str) -> list[Path]:
+    found = []
+    if package == OWN_PACKAGE:
+        for parent in Path(__file__).resolve().parents:
+            found += [parent / "msg_defs/msg", parent / "share/valve_twin/msg_defs/msg"]
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    found += [Path(prefix) / "share" / package / "msg" for prefix in prefixes if prefix]
+    return found

@@ -1,0 +1,283 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Read one MCAP file: its summary, and its chunks decompressed and checked."""
+
+from __future__ import annotations
+
+import mmap
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import zstandard
+
+from valve_twin.core.types import IntArray
+from valve_twin.io.errors import BagError
+from valve_twin.io.mcap_format import (
+    FOOTER_SIZE,
+    MAGIC,
+    MESSAGE_HEAD,
+    RECORD_HEAD,
+    Channel,
+    ChunkIndex,
+    Cursor,
+    Op,
+    Schema,
+    Statistics,
+    read_channel,
+    read_chunk_index,
+    read_schema,
+    read_statistics,
+)
+
+_FOREIGN = {
+    b"SQLite format 3": "a SQLite bag; convert it to MCAP with 'ros2 bag convert'",
+    b"#ROSBAG V": "a ROS 1 bag; convert it to a ROS 2 MCAP bag with 'rosbags-convert'",
+    b"\x28\xb5\x2f\xfd": "compressed as a whole file; unpack it with 'zstd -d'",
+}
+
+_MAX_CHUNK = 1 << 32
+_BROKEN = (struct.error, ValueError, IndexError, OverflowError)
+
+
+@dataclass(slots=True)
+class Summary:
+    """What a file says about itself; `statistics` is None where it says nothing."""
+
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    chunks: list[ChunkIndex] = field(default_factory=list)
+    statistics: Statistics | None = None
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class RawMessage:
+    """One message as it stands in a chunk; times in ns."""
+
+    channel: int
+    log_ns: int
+    publish_ns: int
+    data: bytes
+
+
+class McapFile:
+    """One open file.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+
+    Raises
+    ------
+    BagError
+        If it cannot be opened, is no MCAP file or was not finished; says what to do.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._map = _open(path)
+        try:
+            self.summary = self._read_summary()
+        except _BROKEN as err:
+            msg = f"{path}: the summary is damaged ({err}); rewrite the file with 'mcap recover'"
+            raise BagError(msg) from err
+
+    def close(self) -> None:
+        """Close the file."""
+        self._map.close()
+
+    def chunk(self, index: ChunkIndex) -> bytes:
+        """Return the decompressed records of a chunk.
+
+        Raises
+        ------
+        BagError
+            If it is damaged or compressed in an unknown way.
+        """
+        place = f"{self.path}: chunk at byte {index.offset}"
+        try:
+            op, length = RECORD_HEAD.unpack_from(self._map, index.offset)
+            begin = index.offset + RECORD_HEAD.size
+            cursor = Cursor(self._map[begin : begin + length])
+            _, _, size, crc = cursor.take("QQQI")
+            compression = cursor.text()
+            packed = cursor.raw(cursor.take("Q")[0])
+        except _BROKEN as err:
+            msg = f"{place}: cannot be read ({err}); rewrite the file with 'mcap recover'"
+            raise BagError(msg) from err
+        if op != Op.CHUNK or size > _MAX_CHUNK:
+            msg = f"{place}: there is no chunk; rewrite the file with 'mcap recover'"
+            raise BagError(msg)
+        data = _decompress(compression, packed, size, place)
+        if len(data) != size or (crc and zlib.crc32(data) != crc):
+            msg = f"{place}: its check sum is wrong; rewrite the file with 'mcap recover'"
+            raise BagError(msg)
+        return data
+
+    def offsets(self, index: ChunkIndex, channel: int) -> IntArray | None:
+        """Return where the messages of a channel lie in a decompressed chunk, None without an index."""
+        at = index.message_indexes.get(channel)
+        if at is None:
+            return np.empty(0, dtype=np.int64) if index.message_indexes else None
+        _, length = RECORD_HEAD.unpack_from(self._map, at)
+        body = self._map[at + RECORD_HEAD.size : at + RECORD_HEAD.size + length]
+        entries = np.frombuffer(body, dtype="<u8", offset=6)
+        return entries[1::2].astype(np.int64)
+
+    def loose_messages(self) -> bytes:
+        """Return the data section of a file that has messages outside chunks."""
+        return bytes(self._map[len(MAGIC) :])
+
+    def _read_summary(self) -> Summary:
+        footer = self._map[-FOOTER_SIZE : -len(MAGIC)]
+        op, _ = RECORD_HEAD.unpack_from(footer)
+        start, _, crc = struct.unpack_from("<QQI", footer, RECORD_HEAD.size)
+        if op != Op.FOOTER:
+            msg = "no footer"
+            raise ValueError(msg)
+        if start == 0:
+            return self._scan()
+        tail = self._map[start : len(self._map) - len(MAGIC)]
+        if crc and zlib.crc32(tail[:-4]) != crc:
+            msg = "check sum of the summary is wrong"
+            raise ValueError(msg)
+        summary = Summary()
+        for op, body, _ in _records(tail):
+            _add(summary, op, body)
+        if summary.statistics is None and not summary.chunks:
+            return self._scan()
+        for name, (offset, length) in _metadata_places(tail).items():
+            body = self._map[offset + RECORD_HEAD.size : offset + length]
+            cursor = Cursor(body)
+            summary.metadata[name] = {} if cursor.text() != name else cursor.text_map()
+        return summary
+
+    def _scan(self) -> Summary:
+        """Read the records of the data section one by one: there is no summary."""
+        summary = Summary()
+        data = self._map[len(MAGIC) : -len(MAGIC)]
+        for op, body, at in _records(data):
+            if op == Op.CHUNK:
+                start, end, size, _ = Cursor(body).take("QQQI")
+                offset = at + len(MAGIC)
+                length = len(body) + RECORD_HEAD.size
+                summary.chunks.append(ChunkIndex(start, end, offset, length, {}, 0, "", 0, size))
+            else:
+                _add(summary, op, body)
+        for chunk in summary.chunks:
+            for op, body, _ in _records(self.chunk(chunk)):
+                _add(summary, op, body)
+        return summary
+
+
+def _open(path: Path) -> mmap.mmap:
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(16)
+            size = path.stat().st_size
+            if not size:
+                msg = f"{path}: the file is empty; nothing was recorded"
+                raise BagError(msg)
+            data = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
+    except FileNotFoundError:
+        msg = f"{path}: there is no such file; give a bag folder, a metadata.yaml or an .mcap file"
+        raise BagError(msg) from None
+    except OSError as err:
+        msg = f"{path}: cannot be read ({err.strerror}); check the path and its permissions"
+        raise BagError(msg) from err
+    problem = _foreign(head, data, size)
+    if problem:
+        data.close()
+        msg = f"{path}: {problem}"
+        raise BagError(msg)
+    return data
+
+
+def _foreign(head: bytes, data: mmap.mmap, size: int) -> str:
+    for magic, what in _FOREIGN.items():
+        if head.startswith(magic):
+            return f"is no MCAP file but {what}"
+    if not head.startswith(MAGIC):
+        return "is no MCAP file; give a bag that a ROS 2 recorder wrote with MCAP storage"
+    if size < 2 * len(MAGIC) + FOOTER_SIZE or data[-len(MAGIC) :] != MAGIC:
+        return (
+            f"was cut after {size} bytes, its recorder did not finish it; "
+            "rewrite it with 'mcap recover'"
+        )
+    return ""
+
+
+def _decompress(compression: str, packed: bytes, size: int, place: str) -> bytes:
+    try:
+        if compression == "zstd":
+            return zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
+        if compression == "lz4":
+            import lz4.frame
+
+            return bytes(lz4.frame.decompress(packed))
+    except (zstandard.ZstdError, RuntimeError, MemoryError) as err:
+        msg = f"{place}: cannot be unpacked ({err}); rewrite the file with 'mcap recover'"
+        raise BagError(msg) from err
+    if compression:
+        msg = f"{place}: compression '{compression}' is unknown; record with zstd, lz4 or none"
+        raise BagError(msg)
+    return packed
+
+
+def _records(data: bytes) -> Iterator[tuple[int, bytes, int]]:
+    """Yield opcode, body and offset of the records of a section."""
+    at, end = 0, len(data)
+    while at + RECORD_HEAD.size <= end:
+        op, length = RECORD_HEAD.unpack_from(data, at)
+        begin = at + RECORD_HEAD.size
+        if begin + length > end:
+            return
+        yield op, data[begin : begin + length], at
+        at = begin + length
+
+
+def _add(summary: Summary, op: int, body: bytes) -> None:
+    if op == Op.SCHEMA:
+        schema = read_schema(body)
+        summary.schemas[schema.id] = schema
+    elif op == Op.CHANNEL:
+        channel = read_channel(body)
+        summary.channels[channel.id] = channel
+    elif op == Op.CHUNK_INDEX:
+        summary.chunks.append(read_chunk_index(body))
+    elif op == Op.STATISTICS:
+        summary.statistics = read_statistics(body)
+    elif op == Op.METADATA:
+        cursor = Cursor(body)
+        name = cursor.text()
+        summary.metadata[name] = cursor.text_map()
+
+
+def _metadata_places(tail: bytes) -> dict[str, tuple[int, int]]:
+    places = {}
+    for op, body, _ in _records(tail):
+        if op == Op.METADATA_INDEX:
+            cursor = Cursor(body)
+            offset, length = cursor.take("QQ")
+            places[cursor.text()] = (offset, length)
+    return places
+
+
+def messages(data: bytes, channels: set[int]) -> Iterator[RawMessage]:
+    """Yield the messages of some channels in a decompressed chunk, in file order."""
+    at, end, head = 0, len(data), MESSAGE_HEAD.size
+    while at + RECORD_HEAD.size <= end:
+        op, length = RECORD_HEAD.unpack_from(data, at)
+        following = at + RECORD_HEAD.size + length
+        if following > end:
+            return
+        if op == Op.MESSAGE:
+            _, _, channel, _, log_ns, publish_ns = MESSAGE_HEAD.unpack_from(data, at)
+            if channel in channels:
+                yield RawMessage(channel, log_ns, publish_ns, data[at + head : following])
+        at = following

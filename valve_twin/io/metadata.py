@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""metadata.yaml of a rosbag2 folder and the QoS profiles in it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from valve_twin.io.errors import BagError
+
+FILE_NAME = "metadata.yaml"
+VERSION = 9
+"""What the ROS 2 Jazzy recorder writes."""
+
+_ROOT = "rosbag2_bagfile_information"
+_FOREVER = {"sec": 9223372036, "nsec": 854775807}
+
+
+@dataclass(frozen=True, slots=True)
+class QosProfile:
+    """What a publisher offers; the words are those of rosbag2."""
+
+    reliability: str = "reliable"
+    durability: str = "volatile"
+    history: str = "keep_last"
+    depth: int = 10
+    liveliness: str = "automatic"
+
+    def as_map(self) -> dict[str, object]:
+        """Return it as it stands in the file."""
+        return {
+            "history": self.history,
+            "depth": self.depth,
+            "reliability": self.reliability,
+            "durability": self.durability,
+            "deadline": dict(_FOREVER),
+            "lifespan": dict(_FOREVER),
+            "liveliness": self.liveliness,
+            "liveliness_lease_duration": dict(_FOREVER),
+            "avoid_ros_namespace_conventions": False,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class TopicEntry:
+    """One topic of a bag with its message count."""
+
+    name: str
+    type: str
+    type_hash: str
+    qos: tuple[QosProfile, ...]
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class FileEntry:
+    """One file of a bag; times in ns."""
+
+    name: str
+    start_ns: int
+    duration_ns: int
+    count: int
+
+
+def qos_text(profiles: Sequence[QosProfile]) -> str:
+    """Return profiles as the text that channels carry."""
+    return yaml.safe_dump([p.as_map() for p in profiles], sort_keys=False).strip()
+
+
+def metadata_map(
+    files: Sequence[FileEntry], topics: Sequence[TopicEntry], custom: Mapping[str, str]
+) -> dict[str, object]:
+    """Return the content of a metadata.yaml below its root key."""
+    filled = [f for f in files if f.count]
+    start = min((f.start_ns for f in filled), default=0)
+    end = max((f.start_ns + f.duration_ns for f in filled), default=0)
+    return {
+        "version": VERSION,
+        "storage_identifier": "mcap",
+        "duration": {"nanoseconds": end - start},
+        "starting_time": {"nanoseconds_since_epoch": start},
+        "message_count": sum(f.count for f in files),
+        "topics_with_message_count": [
+            {
+                "topic_metadata": {
+                    "name": t.name,
+                    "type": t.type,
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": [p.as_map() for p in t.qos],
+                    "type_description_hash": t.type_hash,
+                },
+                "message_count": t.count,
+            }
+            for t in topics
+        ],
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [f.name for f in files],
+        "files": [
+            {
+                "path": f.name,
+                "starting_time": {"nanoseconds_since_epoch": f.start_ns},
+                "duration": {"nanoseconds": f.duration_ns},
+                "message_count": f.count,
+            }
+            for f in files
+        ],
+        "custom_data": dict(custom) or None,
+        "ros_distro": os.environ.get("ROS_DISTRO", "jazzy"),
+    }
+
+
+def metadata_text(content: Mapping[str, object]) -> str:
+    """Return the text of a metadata.yaml."""
+    return yaml.safe_dump({_ROOT: dict(content)}, sort_keys=False)
+
+
+@dataclass(frozen=True, slots=True)
+class BagMetadata:
+    """What a metadata.yaml says: files in their order, message counts by topic, the user's own values."""
+
+    files: tuple[str, ...]
+    counts: Mapping[str, int]
+    custom: Mapping[str, str]
+
+
+def read_metadata(path: Path) -> BagMetadata:
+    """Read a metadata.yaml of any version.
+
+    Raises
+    ------
+    BagError
+        If it is none, names no files, or the bag is of a kind that is not read.
+    """
+    try:
+        root = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = root[_ROOT]
+        files = tuple(str(f) for f in content.get("relative_file_paths") or ())
+        counts = {
+            str(t["topic_metadata"]["name"]): int(t["message_count"])
+            for t in content.get("topics_with_message_count") or ()
+        }
+        storage = str(content.get("storage_identifier", "mcap"))
+        mode = str(content.get("compression_mode") or "").lower()
+        custom = content.get("custom_data") or {}
+    except (OSError, yaml.YAMLError, UnicodeDecodeError, TypeError, KeyError, AttributeError) as err:
+        msg = f"{path}: is no metadata.yaml of a ROS 2 bag; give the .mcap file itself"
+        raise BagError(msg) from err
+    if storage != "mcap":
+        msg = f"{path}: storage '{storage}' is not read; convert it to MCAP with 'ros2 bag convert'"
+        raise BagError(msg)
+    if mode not in {"", "none", "storage"}:
+        msg = (
+            f"{path}: {mode} compression around MCAP is not read; "
+            "convert it with 'ros2 bag convert' and compression inside MCAP"
+        )
+        raise BagError(msg)
+    if not files:
+        msg = f"{path}: names no files; give the .mcap file itself"
+        raise BagError(msg)
+    return BagMetadata(files, counts, {str(k): str(v) for k, v in dict(custom).items()})

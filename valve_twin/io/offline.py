@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Drive the twin from a recorded bag: the same core step as the live node, without ROS."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.aging import Assessment, assess
+from valve_twin.core.estimation.sequence import estimate_cycle
+from valve_twin.core.twin import Estimated, Event
+from valve_twin.core.types import Cycle, Estimate, Prediction
+from valve_twin.core.valves.registry import complete_options, get_model
+from valve_twin.io.assembly import make_twin
+from valve_twin.io.bags import read_signals
+from valve_twin.io.history_tables import CycleRecord, cycle_record
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+    from pathlib import Path
+
+    from valve_twin.core.twin import Twin
+    from valve_twin.io.config import ValveConfig
+    from valve_twin.io.mapping import SignalBlock
+
+
+@dataclass(slots=True)
+class Record:
+    """What an offline run found, in the order of the record.
+
+    Attributes
+    ----------
+    cycles : list of CycleRecord
+        Every closed cycle, refused ones included.
+    estimates : list of Estimate
+        Every estimator's estimate of every cycle.
+    predictions : list of Prediction
+        Predictions of the last cycle that was closed.
+    """
+
+    cycles: list[CycleRecord] = field(default_factory=list)
+    estimates: list[Estimate] = field(default_factory=list)
+    predictions: list[Prediction] = field(default_factory=list)
+    _running: dict[int, list[Prediction]] = field(default_factory=dict)
+
+    def add(self, event: Event) -> None:
+        """Take one event of the twin."""
+        if isinstance(event, Prediction):
+            if event.cycle:
+                self._running.setdefault(event.cycle, []).append(event)
+        elif isinstance(event, Cycle):
+            self.cycles.append(cycle_record(event))
+        elif isinstance(event, Estimated):
+            self.estimates += event.estimates
+            self._keep_last()
+
+    def close(self) -> None:
+        """Settle which predictions belong to the last closed cycle."""
+        self._keep_last()
+
+    def _keep_last(self) -> None:
+        closed = {c.cycle for c in self.cycles[-3:]}
+        ready = [n for n in self._running if n in closed]
+        if ready:
+            last = max(ready)
+            self.predictions = self._running[last]
+            self._running = {n: p for n, p in self._running.items() if n >= last or n not in closed}
+
+
+def join_predictions(parts: list[Prediction]) -> Prediction | None:
+    """Join the predictions of one cycle, None where there are none."""
+    if not parts:
+        return None
+    names = ("stamp_ns", "measured", "predicted", "simulated", "residual", "validity")
+    joined = {k: np.concatenate([getattr(p, k) for p in parts]) for k in names}
+    return Prediction(
+        cycle=parts[0].cycle, residual_sigma=parts[-1].residual_sigma, **joined
+    )
+
+
+def drive(
+    twin: Twin, config: ValveConfig, blocks: Iterable[SignalBlock], *, close_last: bool = True
+) -> Iterator[Event]:
+    """Push signals through a twin and estimate in between.
+
+    Parameters
+    ----------
+    twin : Twin
+        The twin of the valve.
+    config : ValveConfig
+        Its configuration.
+    blocks : iterable of SignalBlock
+        Samples in the order in which they were recorded.
+    close_last : bool
+        Close the cycle in which the record ends; the live node cannot know that it has ended.
+
+    Yields
+    ------
+    Event
+        In stream order.
+    """
+    model = get_model(config.model)
+    options = complete_options(model, config.options)
+
+    def settle(events: list[Event]) -> Iterator[Event]:
+        yield from events
+        while (job := twin.next_job()) is not None:
+            estimates, memory = estimate_cycle(model, options, job.cycle, job.memory)
+            yield from twin.deliver(estimates, memory)
+
+    for block in blocks:
+        events = twin.push(block.signal, block.stamp_ns, block.values, header=block.has_header)
+        yield from settle(events)
+    if close_last:
+        yield from settle(twin.finish())
+
+
+def estimate_bag(
+    config: ValveConfig, bag: str | Path, *, close_last: bool = True
+) -> Iterator[Event]:
+    """Estimate every cycle of a bag.
+
+    Parameters
+    ----------
+    config : ValveConfig
+        The valve's configuration.
+    bag : path
+        Folder, metadata.yaml or .mcap file.
+    close_last : bool
+        See `drive`.
+
+    Yields
+    ------
+    Event
+        In stream order.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be read or lacks a topic.
+    ConfigError
+        If the configuration does not fit.
+    """
+    twin = make_twin(config)
+    blocks = read_signals(bag, list(config.signals.values()))
+    return drive(twin, config, blocks, close_last=close_last)
+
+
+def assess_record(config: ValveConfig, record: Record) -> Assessment:
+    """Return trends and verdict of everything an offline run found."""
+    parameters = get_model(config.model).parameters
+    return assess(record.estimates, (), config.aging, parameters=parameters, valve=config.name)
