@@ -25,7 +25,8 @@ class GainTruth:
     commands : (M,) array
         Displacement-weighted mean of each command over the cycle [1].
     gains : (M,) array
-        Steady gain of each command there, displacement a sample over the command, leak included [1].
+        Steady gain of each command there, leak included: displacement a sample over
+        the command [1].
     """
 
     commands: FloatArray

@@ -151,13 +151,12 @@ class PressCartridgePlant:
         return _ratio(period_s, self.plc.period_s, "period_s", "plc.period_s")
 
     def initial_state(self) -> FloatArray:
-        """Return the (9,) state: spindle on its closed seat, chamber drained, pilots shut.
+        """Return the (8,) state: spindle on its closed seat, chamber drained, pilots shut.
 
         Position [1], speed [m/s], chamber pressure [Pa], pilot openings in and out [1], position
-        read by the controller [1], its integral [s] and off latch, and the volume that has flowed
-        into the chamber [m^3].
+        read by the controller [1], its integral [s] and off latch.
         """
-        return np.concatenate([np.zeros(6), plc_state(), np.zeros(1)])
+        return np.concatenate([np.zeros(6), plc_state()])
 
     def run(self, state: FloatArray, drive: Drive, period_s: float) -> Response:
         """Run N samples; `state` is written in place."""
@@ -196,14 +195,6 @@ class PressCartridgePlant:
         inputs : (2,) array
             Commands v_in, v_out [1].
         """
-        return self._steady_speed(inputs, self.leak) / self.stroke
-
-    def steady_rate_without_leak(self, inputs: FloatArray) -> float:
-        """Return `steady_rate` with a tight chamber [1/s]; `inputs` (2,) [1]."""
-        return self._steady_speed(inputs, 0.0) / self.stroke
-
-    def _steady_speed(self, inputs: FloatArray, leak: float) -> float:
-        """Return the steady spindle speed [m/s] for a leak coefficient."""
         root = math.sqrt(2.0 / self.density)
         opening_in = _opening(float(inputs[0]), self.offset_in, self.saturation_in)
         opening_out = _opening(float(inputs[1]), self.offset_out, self.saturation_out)
@@ -213,11 +204,12 @@ class PressCartridgePlant:
             pressure += self.damping * speed / self.piston_area
             flow = self.area_in * root * opening_in * signed_root(self.supply_pressure - pressure)
             flow -= self.area_out * root * opening_out * signed_root(pressure)
-            return flow - leak * signed_root(pressure) - self.piston_area * speed
+            return flow - self.leak * signed_root(pressure) - self.piston_area * speed
 
         span = (self.area_in + self.area_out) * root * math.sqrt(self.supply_pressure)
-        span = (span + leak * math.sqrt(self.supply_pressure)) / self.piston_area
-        return float(brentq(imbalance, -span, span, xtol=1e-14, rtol=1e-12))
+        span = (span + self.leak * math.sqrt(self.supply_pressure)) / self.piston_area
+        speed = brentq(imbalance, -span, span, xtol=1e-14, rtol=1e-12)
+        return float(speed) / self.stroke
 
     def _leak_coefficient(self, rate: float) -> float:
         """Return the leak coefficient that loses `rate` of stroke a second at balance pressure."""

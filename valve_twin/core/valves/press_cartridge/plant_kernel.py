@@ -72,7 +72,7 @@ def _advance(
     really went.
     """
     travel = state[0] * c.stroke
-    speed, pressure, y_in, y_out, volume = state[1], state[2], state[3], state[4], state[8]
+    speed, pressure, y_in, y_out = state[1], state[2], state[3], state[4]
     dt, area = c.step_s, c.piston_area
     inertia = 1.0 + dt * c.damping / c.mass
     for _ in range(steps):
@@ -97,10 +97,9 @@ def _advance(
             new_travel = travel if stuck else min(max(new_travel, 0.0), c.stroke)
             new_pressure = (right - h * area * (new_travel - travel) / dt) / (1.0 - h * slope)
             new_speed = 0.0
-        volume += dt * (flow + slope * (new_pressure - pressure))
         travel, speed, pressure = new_travel, new_speed, new_pressure
     state[0] = travel / c.stroke
-    state[1], state[2], state[8] = speed, pressure, volume
+    state[1], state[2] = speed, pressure
     state[3] = y_in if y_in > SHUT else 0.0
     state[4] = y_out if y_out > SHUT else 0.0
 
