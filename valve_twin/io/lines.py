@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Results as lines of JSON: one object a cycle with the fields of Estimate, then the trends, then the verdict."""
+"""Results as lines of JSON: one object an estimate, then the trends, then the verdict."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 
 def estimate_fields(estimate: Estimate, valve: str) -> dict[str, Any]:
-    """Return an estimate as plain data under the names of Estimate.msg; a value that is not finite is null.
+    """Return an estimate as plain data under the names of Estimate.msg.
 
-    Wall time and `stored` are left out: the same record gives the same lines.
+    A value that is not a number is null. Wall time and `stored` are left out: the same record gives the same lines.
     """
     parameters = estimate.parameters
     return {

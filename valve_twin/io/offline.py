@@ -67,7 +67,8 @@ class Record:
         if ready:
             last = max(ready)
             self.predictions = self._running[last]
-            self._running = {n: p for n, p in self._running.items() if n >= last or n not in closed}
+            open_or_last = [n for n in self._running if n >= last or n not in closed]
+            self._running = {n: self._running[n] for n in open_or_last}
 
 
 def join_predictions(parts: list[Prediction]) -> Prediction | None:
@@ -76,9 +77,7 @@ def join_predictions(parts: list[Prediction]) -> Prediction | None:
         return None
     names = ("stamp_ns", "measured", "predicted", "simulated", "residual", "validity")
     joined = {k: np.concatenate([getattr(p, k) for p in parts]) for k in names}
-    return Prediction(
-        cycle=parts[0].cycle, residual_sigma=parts[-1].residual_sigma, **joined
-    )
+    return Prediction(cycle=parts[0].cycle, residual_sigma=parts[-1].residual_sigma, **joined)
 
 
 def drive(

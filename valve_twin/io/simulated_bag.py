@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Record a simulated valve straight into a bag, without ROS: what the node publishes, as fast as it can be computed."""
+"""Record a simulated valve straight into a bag, without ROS, as fast as it can be computed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from valve_twin.io.config import ValveConfig
 
 START_NS = 1_600_000_000_000_000_000
-"""Stamp of the first simulated sample [ns]: a fixed date, because stamp 0 means "no stamp" in ROS."""
+"""Stamp of the first sample [ns]: a fixed date, because stamp 0 means "no stamp" in ROS."""
 
 
 def simulation_of(config: ValveConfig, overrides: Sequence[str] = ()) -> SimulationConfig:
