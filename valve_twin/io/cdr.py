@@ -129,3 +129,9 @@ def decode_series(data: bytes) -> tuple[int, float, FloatArray]:
 
 def _broken(data: bytes, name: str) -> str:
     return f"{len(data)} bytes are no valid {name}"
+
+
+def encode_string(text: str) -> bytes:
+    """Serialize a std_msgs/msg/String."""
+    data = text.encode() + b"\0"
+    return _LITTLE + struct.pack("<I", len(data)) + data

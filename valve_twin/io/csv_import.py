@@ -1,0 +1,271 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Turn measured CSV files into a bag through the signal mapping of a valve.
+
+The bag holds the numbers as they stand in the file; scale and offset are applied where the bag is read, with the same
+configuration. Several files follow one another on one clock, each announced on the topic `run` by its name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from glob import glob
+from pathlib import Path
+
+import numpy as np
+
+from valve_twin.core.types import CycleRule, FloatArray, IntArray
+from valve_twin.io.bag_writer import BagWriter
+from valve_twin.io.cdr import encode_series, encode_stamped, encode_string
+from valve_twin.io.config import ValveConfig, resolve_topic
+from valve_twin.io.csv_table import Table, read_table
+from valve_twin.io.errors import BagError, ConfigError
+from valve_twin.io.mapping import SERIES_TYPE, STAMPED_TYPE, SignalSource
+from valve_twin.io.metadata import QosProfile
+
+RUN_TOPIC = "run"
+"""Topic below the valve's name with the name of the file whose rows follow."""
+
+STRING_TYPE = "std_msgs/msg/String"
+
+_SECOND_NS = 1_000_000_000
+_LATCHED = QosProfile(durability="transient_local", depth=1)
+_RAW_DEPTH = QosProfile(depth=1000)
+_IRREGULAR = 0.01
+"""A row whose step differs from the sampling time by more than this part begins a new batch [1]."""
+
+
+@dataclass(frozen=True, slots=True)
+class ImportedFile:
+    """One file as it lies in the bag: its name without endings, stamps of its first and last row [ns], rows."""
+
+    name: str
+    start_ns: int
+    end_ns: int
+    rows: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Stream:
+    """One topic to write: a column, and how many of its samples go into a message (0 = single samples)."""
+
+    topic: str
+    column: str
+    batch: int
+
+
+def csv_files(pattern: str | Path) -> list[Path]:
+    """Return the CSV files that a path, a folder or a pattern with * names, in natural order.
+
+    Raises
+    ------
+    BagError
+        If there are none.
+    """
+    path = Path(pattern)
+    if path.is_file():
+        return [path]
+    if path.is_dir():
+        found = [p for p in path.iterdir() if p.name.endswith((".csv", ".csv.gz"))]
+    else:
+        found = [Path(name) for name in glob(str(pattern)) if Path(name).is_file()]  # noqa: PTH207  absolute patterns
+    if not found:
+        msg = f"{pattern}: there is no such CSV file; give a file, a folder or a pattern such as 'runs/*.csv.gz'"
+        raise BagError(msg)
+    return sorted(found)
+
+
+def import_csv(
+    files: Sequence[Path],
+    config: ValveConfig,
+    out: str | Path,
+    *,
+    progress: Callable[[int, int], object] = lambda _done, _all: None,
+) -> list[ImportedFile]:
+    """Write CSV files into a new bag folder.
+
+    Parameters
+    ----------
+    files : sequence of Path
+        In the order in which they follow one another.
+    config : ValveConfig
+        Its signals name their columns; its `csv` section says how the time is read.
+    out : path
+        Bag folder to make.
+    progress : callable
+        Called with the number of files done and of all files.
+
+    Returns
+    -------
+    list of ImportedFile
+        One a file.
+
+    Raises
+    ------
+    BagError
+        If a file cannot be read or its time does not rise; names the file, the line and the value.
+    ConfigError
+        If no signal names a column, or the mapping cannot be written.
+    """
+    streams = _streams(config)
+    base_ns = _base_ns(config)
+    tables = [_read(path, config, streams) for path in files[:1]]  # a wrong column leaves no bag behind
+    with BagWriter(out, flush_s=60.0) as bag:
+        _add_topics(bag, config, streams)
+        done: list[ImportedFile] = []
+        for number, path in enumerate(files):
+            table = tables.pop() if tables else _read(path, config, streams)
+            after_ns = done[-1].end_ns + round(config.csv.gap_s * _SECOND_NS) if done else None
+            stamps = _stamps(table, config, base_ns, after_ns)
+            done.append(_write_file(bag, config, streams, table, stamps))
+            progress(number + 1, len(files))
+        bag.note({"valve": config.name, "model": config.model, "imported_files": len(done)})
+    return done
+
+
+def _streams(config: ValveConfig) -> list[_Stream]:
+    streams: dict[str, _Stream] = {}
+    for source in config.signals.values():
+        if not source.column:
+            continue
+        stream = _Stream(source.topic, source.column, _batch(source, config))
+        known = streams.setdefault(source.topic, stream)
+        if known != stream:
+            msg = (
+                f"valve {config.name}: topic '{source.topic}' takes column '{known.column}' and '{source.column}'; "
+                f"give signals.{source.signal}.topic a name of its own"
+            )
+            raise ConfigError(msg)
+    if not streams:
+        names = ", ".join(f"signals.{name}.column" for name in config.signals)
+        msg = f"valve {config.name}: no signal names its column of the CSV file; write {names}"
+        raise ConfigError(msg)
+    return list(streams.values())
+
+
+def _batch(source: SignalSource, config: ValveConfig) -> int:
+    fields = {STAMPED_TYPE: ("value", 0), SERIES_TYPE: ("values[]", config.csv.batch)}
+    name, batch = fields.get(source.type, ("", 0))
+    if source.field != name:
+        msg = (
+            f"valve {config.name}: signal '{source.signal}' is mapped to {source.field} of {source.type}, which an "
+            f"import does not write; write signals.{source.signal}.type: {STAMPED_TYPE} or {SERIES_TYPE}"
+        )
+        raise ConfigError(msg)
+    return batch
+
+
+def _base_ns(config: ValveConfig) -> int | None:
+    """Return the stamp of the first row, at the start of a window where cycles are windows; None = as in the file."""
+    text = config.csv.base_stamp
+    if not text:
+        return None
+    try:
+        when = datetime.fromisoformat(text.replace("Z", "+00:00"))
+    except ValueError:
+        msg = (
+            f"valve {config.name}: key 'csv.base_stamp': value '{text}' is no date and time; "
+            "write it as 2020-01-01T00:00:00Z"
+        )
+        raise ConfigError(msg) from None
+    when = when if when.tzinfo else when.replace(tzinfo=timezone.utc)
+    base_ns = round(when.timestamp() * 1e6) * 1000
+    if config.cycles.rule is CycleRule.WINDOW:
+        window_ns = round(config.cycles.window_s * 1e9)
+        offset_ns = round(config.cycles.window_offset_s * 1e9)
+        base_ns += -(base_ns - offset_ns) % window_ns
+    return base_ns
+
+
+def _read(path: Path, config: ValveConfig, streams: Sequence[_Stream]) -> Table:
+    time = [config.csv.time_column] if config.csv.time_column else []
+    names = [*time, *(s.column for s in streams)]
+    return read_table(path, names, separator=config.csv.separator, dates=bool(time))
+
+
+def _stamps(
+    table: Table, config: ValveConfig, base_ns: int | None, after_ns: int | None
+) -> IntArray:
+    """Return the (N,) stamps of the rows [ns]."""
+    if not config.csv.time_column:
+        ticks = np.arange(len(table.lines)) * config.period_s
+    else:
+        ticks = table.columns[0] * (1.0 if table.dated else config.csv.time_scale)
+        _check_time(table, ticks, config)
+    if table.dated or base_ns is None:
+        stamps = np.rint(ticks * 1e6).astype(np.int64) * 1000
+        if after_ns is not None and stamps[0] <= after_ns - round(config.csv.gap_s * _SECOND_NS):
+            msg = f"{table.path}: begins before the file before it ends; give the files in the order of their time"
+            raise BagError(msg)
+        return stamps
+    begin_ns = base_ns if after_ns is None else after_ns
+    return begin_ns + np.rint((ticks - ticks[0]) * 1e9).astype(np.int64)
+
+
+def _check_time(table: Table, ticks: FloatArray, config: ValveConfig) -> None:
+    name = config.csv.time_column
+    lost = np.flatnonzero(~np.isfinite(ticks))
+    if len(lost):
+        msg = f"{table.path}:{table.lines[lost[0]]}: column '{name}' has no time; remove the row"
+        raise BagError(msg)
+    back = np.flatnonzero(np.diff(ticks) <= 0.0)
+    if len(back):
+        at = int(back[0]) + 1
+        raw = table.columns[0]
+        what = "repeats the time" if raw[at] == raw[at - 1] else "goes back in time"
+        msg = (
+            f"{table.path}:{table.lines[at]}: column '{name}' {what}, {raw[at]:.12g} after {raw[at - 1]:.12g}; "
+            f"remove the row or sort the file ({len(back)} such rows)"
+        )
+        raise BagError(msg)
+
+
+def _add_topics(bag: BagWriter, config: ValveConfig, streams: Sequence[_Stream]) -> None:
+    for stream in streams:
+        bag.add_topic(stream.topic, SERIES_TYPE if stream.batch else STAMPED_TYPE, qos=(_RAW_DEPTH,))
+    bag.add_topic(resolve_topic(RUN_TOPIC, config.name), STRING_TYPE, qos=(_LATCHED,))
+
+
+def _write_file(
+    bag: BagWriter,
+    config: ValveConfig,
+    streams: Sequence[_Stream],
+    table: Table,
+    stamps: IntArray,
+) -> ImportedFile:
+    name = table.path.name.removesuffix(".gz").removesuffix(".csv")
+    start_ns = int(stamps[0])
+    bag.write(resolve_topic(RUN_TOPIC, config.name), encode_string(name), log_ns=start_ns)
+    offset = len(table.columns) - len(streams)
+    messages = [
+        (log_ns, number, stream.topic, data, stamp_ns)
+        for number, stream in enumerate(streams)
+        for log_ns, stamp_ns, data in _encode(
+            stream, stamps, table.columns[offset + number], config.period_s
+        )
+    ]
+    for log_ns, _, topic, data, stamp_ns in sorted(messages, key=lambda m: m[:2]):
+        bag.write(topic, data, log_ns=log_ns, publish_ns=stamp_ns)
+    return ImportedFile(name, start_ns, int(stamps[-1]), len(stamps))
+
+
+def _encode(
+    stream: _Stream, stamps: IntArray, values: FloatArray, period_s: float
+) -> Iterator[tuple[int, int, bytes]]:
+    """Yield log time, stamp and bytes of the messages; a batch is logged when its last sample is there."""
+    if not stream.batch:
+        for stamp, value in zip(stamps.tolist(), values.tolist(), strict=True):
+            yield stamp, stamp, encode_stamped(stamp, value)
+        return
+    period_ns = period_s * 1e9
+    breaks = np.flatnonzero(np.abs(np.diff(stamps) - period_ns) > _IRREGULAR * period_ns) + 1
+    edges = [0, *breaks.tolist(), len(stamps)]
+    for begin, end in zip(edges[:-1], edges[1:], strict=True):
+        for at in range(begin, end, stream.batch):
+            part = slice(at, min(at + stream.batch, end))
+            first, last = int(stamps[part][0]), int(stamps[part][-1])
+            count = len(stamps[part])
+            step_s = (last - first) / (count - 1) * 1e-9 if count > 1 else period_s
+            yield last, first, encode_series(first, step_s, values[part])

@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Read columns of numbers from CSV files of loggers and plant historians.
+
+Separator, header, byte-order mark, gzip, decimal commas and the encoding are found from the file; whatever cannot be a
+number is named with its line.
+"""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import math
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+
+import numpy as np
+
+from valve_twin.core.types import FloatArray, IntArray
+from valve_twin.io.errors import BagError, suggest
+
+_SEPARATORS = ";\t,|"
+_NO_VALUE = {"", "nan", "null", "none", "n/a", "na", "-", "bad", "#n/a"}
+_PROBE_LINES = 20
+_EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Columns of a file.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    lines : (N,) int64 array
+        Line of every row in the file, counted from 1.
+    columns : list of (N,) arrays
+        In the order they were asked for; NaN = no value.
+    dated : bool
+        Whether the first column held dates; its unit is then the second since 1970.
+    """
+
+    path: Path
+    lines: IntArray
+    columns: list[FloatArray]
+    dated: bool = False
+
+
+def read_table(path: Path, names: Sequence[str], *, separator: str = "", dates: bool = False) -> Table:
+    """Read some columns of a file.
+
+    Parameters
+    ----------
+    path : path
+        CSV file, plain or gzip.
+    names : sequence of str
+        Column names of the header, or numbers counted from 0.
+    separator : str
+        One character; empty = found from the first lines.
+    dates : bool
+        Whether the first column asked for may hold dates (ISO 8601) instead of numbers.
+
+    Returns
+    -------
+    Table
+        With at least one row.
+
+    Raises
+    ------
+    BagError
+        If the file is no CSV file, a column is missing, or a cell is no number; names the file, line and column.
+    """
+    text = _read_text(path)
+    numbered = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip()]
+    if not numbered:
+        msg = f"{path}: is empty; give a CSV file with rows"
+        raise BagError(msg)
+    mark = separator or _find_separator([line for _, line in numbered[:_PROBE_LINES]])
+    first = next(csv.reader([numbered[0][1]], delimiter=mark))
+    header = [] if all(_is_value(cell, mark) for cell in first) else [c.strip() for c in first]
+    rows = numbered[1:] if header else numbered
+    if not rows:
+        msg = f"{path}: has a header but no rows; export the data with it"
+        raise BagError(msg)
+    indexes = [_index(path, name, header, len(first)) for name in names]
+    lines = np.array([number for number, _ in rows], dtype=np.int64)
+    columns = _parse_fast([line for _, line in rows], mark, indexes)
+    if columns is not None:
+        return Table(path, lines, columns)
+    dated = dates and _is_date(_cell(rows[0][1], mark, indexes[0]))
+    return Table(path, lines, _parse_slow(path, rows, mark, indexes, names, dated=dated), dated)
+
+
+def _read_text(path: Path) -> str:
+    try:
+        data = path.read_bytes()
+        if data.startswith(b"\x1f\x8b"):
+            data = gzip.decompress(data)
+    except FileNotFoundError:
+        msg = f"{path}: there is no such file; give a CSV file"
+        raise BagError(msg) from None
+    except (OSError, EOFError, zlib.error) as err:
+        msg = f"{path}: cannot be read ({err}); give a whole CSV file, plain or gzip"
+        raise BagError(msg) from err
+    if data.startswith(b"PK") or b"\0" in data[:4096]:
+        if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+            return data.decode("utf-16")
+        msg = f"{path}: is no text; save the table as CSV"
+        raise BagError(msg)
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("cp1252", errors="replace")
+
+
+def _find_separator(lines: Sequence[str]) -> str:
+    """Return the separator that splits all first lines into equally many, and most, cells."""
+    best, most = ",", 0
+    for mark in _SEPARATORS:
+        counts = {len(row) for row in csv.reader(lines, delimiter=mark)}
+        cells = counts.pop() if len(counts) == 1 else 1
+        if cells > most:
+            best, most = mark, cells
+    return best
+
+
+def _number(cell: str, separator: str) -> float | None:
+    """Return the value of a cell, NaN for a known sign of no value, None for anything else."""
+    text = cell.strip()
+    if text.lower() in _NO_VALUE:
+        return math.nan
+    if separator != ",":
+        text = text.replace(",", ".")
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+def _is_value(cell: str, separator: str) -> bool:
+    return _number(cell, separator) is not None or _is_date(cell)
+
+
+def _is_date(cell: str) -> bool:
+    return _date_s(cell) is not None
+
+
+def _date_s(cell: str) -> float | None:
+    """Return seconds since 1970 of an ISO date and time, UTC unless it says otherwise."""
+    try:
+        when = datetime.fromisoformat(cell.strip().replace("Z", "+00:00"))
+    except ValueError:
+        return None
+    if when.tzinfo is None:
+        when = when.replace(tzinfo=timezone.utc)
+    return (when - _EPOCH).total_seconds()
+
+
+def _index(path: Path, name: str, header: Sequence[str], width: int) -> int:
+    if name in header:
+        return header.index(name)
+    if name.isdigit():
+        if int(name) < width:
+            return int(name)
+        msg = f"{path}: there is no column {name}, the last is {width - 1}; count from 0"
+        raise BagError(msg)
+    if not header:
+        msg = f"{path}: column '{name}': the file has no header; write the number of the column, counted from 0"
+        raise BagError(msg)
+    msg = f"{path}: there is no column '{name}'; {suggest(name, header)}"
+    raise BagError(msg)
+
+
+def _parse_fast(lines: Sequence[str], separator: str, indexes: Sequence[int]) -> list[FloatArray] | None:
+    """Parse plain numbers in one go; None where any cell needs a closer look."""
+    if separator != "," and "," in lines[0]:
+        lines = [line.replace(",", ".") for line in lines]
+    try:
+        table = np.loadtxt(
+            lines, delimiter=separator, usecols=list(indexes), ndmin=2, comments=None, quotechar='"'
+        )
+    except (ValueError, IndexError):
+        return None
+    return [np.ascontiguousarray(table[:, i]) for i in range(len(indexes))]
+
+
+def _cell(line: str, separator: str, index: int) -> str:
+    row = next(csv.reader([line], delimiter=separator))
+    return row[index] if index < len(row) else ""
+
+
+def _parse_slow(
+    path: Path,
+    rows: Sequence[tuple[int, str]],
+    separator: str,
+    indexes: Sequence[int],
+    names: Sequence[str],
+    *,
+    dated: bool,
+) -> list[FloatArray]:
+    columns = [np.empty(len(rows)) for _ in indexes]
+    cells_of = csv.reader((line for _, line in rows), delimiter=separator)
+    for at, ((number, _), cells) in enumerate(zip(rows, cells_of, strict=True)):
+        for column, (index, name) in enumerate(zip(indexes, names, strict=True)):
+            if index >= len(cells):
+                msg = f"{path}:{number}: the row has {len(cells)} cells, column '{name}' is missing; complete the row or remove it"
+                raise BagError(msg)
+            read = _date_s if dated and column == 0 else lambda cell: _number(cell, separator)
+            value = read(cells[index])
+            if value is None:
+                msg = f"{path}:{number}: column '{name}': '{cells[index]}' is no number; correct it or leave the cell empty"
+                raise BagError(msg)
+            columns[column][at] = value
+    return columns
