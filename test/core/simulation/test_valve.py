@@ -291,6 +291,18 @@ def test_aging_of_an_unknown_parameter_names_the_nearest():
         SimulatedValve(IDEAL).set_aging("areain", "linear", -0.01)
 
 
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("step", "plant parameter 'step' is unknown"),
+        ("offset_in", "'offset_in' = 0: no relative change moves it"),
+    ],
+)
+def test_refuses_aging_that_would_do_nothing_or_spoil_the_computation(name, text):
+    with pytest.raises(ValueError, match=text):
+        SimulatedValve(IDEAL).set_aging(name, "linear", 0.01)
+
+
 AGED = replace(IDEAL, first_cycle=429, aging=(AgingRule("area_in", "linear", -0.15 / 104, 430),))
 
 

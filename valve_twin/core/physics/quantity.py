@@ -25,6 +25,7 @@ def quantity(
     lower: float = -math.inf,
     upper: float = math.inf,
     assumed: bool = False,
+    ages: bool = True,
 ) -> float:
     """Declare a dataclass field that holds a physical number.
 
@@ -40,9 +41,11 @@ def quantity(
         Allowed range, both ends included, in `unit`.
     assumed : bool
         Whether no source gives the value: the description then carries the tag "[A] assumption".
+    ages : bool
+        Whether the quantity may age or scatter; False for numbers of the computation.
     """
     text = f"{description} {ASSUMPTION}" if assumed else description
-    meta = {"unit": unit, "description": text, "lower": lower, "upper": upper}
+    meta = {"unit": unit, "description": text, "lower": lower, "upper": upper, "ages": ages}
     return field(default=default, metadata=meta)
 
 

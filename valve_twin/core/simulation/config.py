@@ -171,16 +171,23 @@ class SimulationConfig:
 
 
 def check_parameter(plant: Plant, name: str) -> None:
-    """Refuse what is no number of the plant, naming the nearest.
+    """Refuse what cannot age or scatter.
 
     Raises
     ------
     ValueError
-        If the plant has no such parameter.
+        If the plant has no such parameter, naming the nearest; or if its value is 0, which no
+        relative change moves.
     """
-    known = [f.name for f in fields(cast("DataclassInstance", plant)) if "lower" in f.metadata]
+    known = [f.name for f in fields(cast("DataclassInstance", plant)) if f.metadata.get("ages")]
     if name not in known:
         message = f"plant parameter '{name}' is unknown{nearest_hint(name, known)}"
+        raise ValueError(message)
+    if getattr(plant, name) == 0.0:
+        message = (
+            f"plant parameter '{name}' = 0: no relative change moves it; "
+            f"give simulation.plant.{name} a value first"
+        )
         raise ValueError(message)
 
 

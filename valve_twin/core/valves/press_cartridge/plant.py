@@ -137,7 +137,13 @@ class PressCartridgePlant:
         assumed=True,
     )
     step: float = quantity(
-        1e-4, "s", "Step of the integration", lower=1e-6, upper=1e-3, assumed=True
+        1e-4,
+        "s",
+        "Step of the integration",
+        lower=1e-6,
+        upper=1e-3,
+        assumed=True,
+        ages=False,
     )
     plc: PlcConfig = field(default_factory=PlcConfig)
 
