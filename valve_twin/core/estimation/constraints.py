@@ -7,6 +7,7 @@ from __future__ import annotations
 import ast
 import difflib
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -67,6 +68,7 @@ def no_inequalities(names: tuple[str, ...] = THETA) -> Inequalities:
     return Inequalities(names, np.zeros((0, len(names))), np.zeros(0), ())
 
 
+@lru_cache(maxsize=32)
 def physical_inequalities(
     *, v_in_max: float = 1.0, v_out_max: float = 1.0, extended: bool = True
 ) -> Inequalities:
@@ -126,8 +128,10 @@ def parse_inequalities(texts: Sequence[str], names: tuple[str, ...] = THETA) -> 
         for row in _parse(str(text), names):
             rows.append(row)
             labels.append(" ".join(str(text).split()))
-    matrix = np.array(rows).reshape(-1, len(names) + 1)
-    return Inequalities(names, matrix[:, :-1], -matrix[:, -1], tuple(labels))
+    table = np.array(rows).reshape(-1, len(names) + 1)
+    matrix, bound = table[:, :-1].copy(), 0.0 - table[:, -1]
+    matrix.flags.writeable = bound.flags.writeable = False
+    return Inequalities(names, matrix, bound, tuple(labels))
 
 
 def _parse(text: str, names: tuple[str, ...]) -> list[FloatArray]:

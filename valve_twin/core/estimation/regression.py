@@ -71,12 +71,13 @@ def usable_rows(frames: Frames, masks: Masks, lag: int, *, keep_stale: bool = Fa
     lag : int
         Command to position lag [samples].
     keep_stale : bool
-        Use repeated values as if they were measured, as the paper does. Without it a sensor
-        refreshed every second sample or slower leaves no row at all.
+        Use the repeated values of a slow sensor as if they were measured, as the paper does:
+        without them a sensor refreshed every second sample or slower leaves no row at all. A
+        single freeze is always left out.
     """
     back = max(2, lag)
     lost = masks.bad | masks.seat | masks.stuck
-    if not keep_stale:
+    if not keep_stale or masks.refresh_period <= 1.0:
         lost = lost | masks.stale
     out = held_recently(lost, 2)
     out |= held_recently(masks.bad, back)
