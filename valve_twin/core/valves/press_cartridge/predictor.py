@@ -1,0 +1,136 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Compiled one-step prediction and free run of the press cartridge valve.
+
+Both follow paper 002, eq. (19), with a lag of L samples and a leak that acts off the lower seat only:
+
+    d[n] = (1 + theta_1 + theta_7 v_in + theta_8 v_out) d[n-1] + theta_2 v_in + theta_3 v_out
+           + theta_4 v_in^2 + theta_5 v_out^2 + theta_6 v_in v_out - leak,        v at n - L
+    x[n] = clip(x[n-1] + d[n], lower seat, upper seat),                           d[n] = x[n] - x[n-1]
+
+The kernel carries everything it knows in its state, so a stream gives the same bits however it is cut into blocks.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from valve_twin.core.types import ByteArray, FloatArray, Validity
+
+MAX_LAG = 8
+"""Longest lag between command and position that the delay line holds [samples]."""
+
+COEFFICIENTS = 16
+"""theta_1..theta_8, leak, lag, lower seat, upper seat, seat tolerance, offset in, offset out, dead command."""
+
+STATE = 6 + 2 * MAX_LAG
+"""x[n-1], x[n-2], samples since the last gap, free-run x, free-run d, free run on, past commands."""
+
+_VALID = int(Validity.VALID)
+_STARTING = int(Validity.STARTING)
+_AT_SEAT = int(Validity.AT_SEAT)
+_STALE = int(Validity.STALE)
+_BAD_INPUT = int(Validity.BAD_INPUT)
+
+
+@njit(cache=True)
+def increment(c: FloatArray, v_in: float, v_out: float, dx: float, off_seat: bool) -> float:
+    """Return d[n] [1] for the lagged commands [1] and the last increment dx [1]; `c` (16,) as `COEFFICIENTS`."""
+    d = (1.0 + c[0] + c[6] * v_in + c[7] * v_out) * dx
+    d += (c[1] + c[3] * v_in) * v_in + (c[2] + c[4] * v_out) * v_out + c[5] * v_in * v_out
+    if off_seat:
+        d -= c[8]
+    return d
+
+
+@njit(cache=True)
+def step(c: FloatArray, v_in: float, v_out: float, x: float, dx: float) -> float:
+    """Return the next position [1]: one increment from x, clipped to the seats."""
+    return min(max(x + increment(c, v_in, v_out, dx, x > c[10]), c[10]), c[11])
+
+
+@njit(cache=True)
+def predict_block(
+    state: FloatArray,
+    c: FloatArray,
+    position: FloatArray,
+    inputs: FloatArray,
+    restart: ByteArray,
+    predicted: FloatArray,
+    simulated: FloatArray,
+    validity: ByteArray,
+) -> None:
+    """Predict N consecutive samples; `state` (22,) and the three results (N,) are written in place.
+
+    Parameters
+    ----------
+    state : (22,) array
+        See `STATE`.
+    c : (16,) array
+        See `COEFFICIENTS`.
+    position : (N,) array
+        Measured position [1].
+    inputs : (N, 2) array
+        v_in, v_out [1].
+    restart : (N,) uint8 array
+        As in `ValveModel.predict`.
+    predicted, simulated : (N,) arrays
+        One-step prediction and free run [1].
+    validity : (N,) uint8 array
+        One `Validity` a sample.
+    """
+    lag = int(c[9])
+    low, high, tolerance = c[10], c[11], c[12]
+    for n in range(len(position)):
+        if restart[n] == 2:
+            state[2] = 0.0
+            state[5] = 0.0
+        v_in = max(inputs[n, 0] - c[13], 0.0)
+        v_out = max(inputs[n, 1] - c[14], 0.0)
+        known = state[2]
+        # The delay line: newest first, commands up to sample n - 1.
+        acting_in = v_in if lag == 0 else state[5 + lag]
+        acting_out = v_out if lag == 0 else state[5 + MAX_LAG + lag]
+        ready = known >= max(2, lag)
+        x1, x2 = state[0], state[1]
+        hat = step(c, acting_in, acting_out, x1, x1 - x2) if ready else np.nan
+        predicted[n] = hat
+        bad = restart[n] == 3 or not np.isfinite(position[n])
+        x = position[n]
+        if bad:
+            x = hat if ready else x1
+
+        if not bad and (restart[n] == 1 or state[5] == 0.0):
+            state[3] = x
+            state[4] = 0.0
+            state[5] = 1.0
+        elif state[5] == 1.0:
+            ahead = step(c, acting_in, acting_out, state[3], state[4])
+            state[4] = ahead - state[3]
+            state[3] = ahead
+        simulated[n] = state[3] if state[5] == 1.0 else np.nan
+
+        moving = acting_in > c[15] or acting_out > c[15]
+        if bad:
+            validity[n] = _BAD_INPUT
+        elif not ready:
+            validity[n] = _STARTING
+        elif (x <= low + tolerance and acting_in <= c[15]) or (
+            x >= high - tolerance and acting_out <= c[15]
+        ):
+            validity[n] = _AT_SEAT
+        elif moving and x == x1:
+            validity[n] = _STALE
+        else:
+            validity[n] = _VALID
+
+        if known > 0.0 or not bad:
+            state[1] = x1 if known > 0.0 else x
+            state[0] = x
+            state[2] = min(known + 1.0, 1e6)
+        for k in range(MAX_LAG - 1, 0, -1):
+            state[6 + k] = state[5 + k]
+            state[6 + MAX_LAG + k] = state[5 + MAX_LAG + k]
+        state[6] = v_in
+        state[6 + MAX_LAG] = v_out
