@@ -69,7 +69,7 @@ setup(
     entry_points={
         "console_scripts": [
             "valve-twin = valve_twin.cli:main",
-            *(f"{node} = valve_twin.nodes.{node}:main" for node in NODES),
+            *(f"{node} = valve_twin.nodes.executables:{node}" for node in NODES),
         ],
     },
 )

@@ -101,7 +101,6 @@ _TWIN = (
         1e6,
     ),
     Spec(
-    Spec(
         "retry_s",
         Kind.FLOAT,
         1.0,

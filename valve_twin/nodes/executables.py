@@ -4,38 +4,52 @@
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 
 from valve_twin.nodes import signals
 
 
+_NODES = {
+    "twin": "TwinNode",
+    "simulated_valve": "SimulatedValveNode",
+    "aging_monitor": "AgingMonitorNode",
+    "bag_player": "BagPlayerNode",
+    "bag_recorder": "BagRecorderNode",
+}
+
+
 def twin() -> int:
     """Run the twin of one or more valves."""
-    return _run("twin", "TwinNode")
+    return run("twin")
 
 
 def simulated_valve() -> int:
     """Run a simulated valve in place of the hardware."""
-    return _run("simulated_valve", "SimulatedValveNode")
+    return run("simulated_valve")
 
 
 def aging_monitor() -> int:
     """Run the aging monitor of one or more valves."""
-    return _run("aging_monitor", "AgingMonitorNode")
+    return run("aging_monitor")
 
 
 def bag_player() -> int:
     """Play a bag."""
-    return _run("bag_player", "BagPlayerNode")
+    return run("bag_player")
 
 
 def bag_recorder() -> int:
     """Record topics to a bag."""
-    return _run("bag_recorder", "BagRecorderNode")
+    return run("bag_recorder")
 
 
-def _run(module: str, node: str) -> int:
+def run(name: str) -> int:
+    """Run a node by its name; the signals are taken before the slow imports begin."""
     signals.install()
-    make = getattr(import_module(f"valve_twin.nodes.{module}"), node)
-    run = import_module("valve_twin.nodes.runtime").run
-    return int(run(make))
+    make = getattr(import_module(f"valve_twin.nodes.{name}"), _NODES[name])
+    return int(import_module("valve_twin.nodes.runtime").run(make))
+
+
+if __name__ == "__main__":
+    sys.exit(run(sys.argv.pop(1)))

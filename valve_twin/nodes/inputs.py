@@ -25,7 +25,7 @@ from valve_twin.io.errors import suggest
 from valve_twin.io.mapping import Extractor, RosTypes, SignalBlock, SignalSource, message_class
 from valve_twin.nodes.runtime import STEADY
 
-OnBlock = Callable[[SignalBlock], None]
+OnBlock = Callable[[SignalBlock, int], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ class TopicInput:
     config : InputConfig
         Queue, deadline and silence.
     on_block : callable
-        Gets every block of samples.
+        Gets every block of samples and when the middleware received it [ns].
     now_ns : callable
         Receive time on the node's clock, for messages without a stamp; 0 = not known yet [ns].
 
@@ -177,6 +177,7 @@ class TopicInput:
 
     def _on_message(self, *arguments: Any) -> None:  # noqa: ANN401
         message, info = arguments if len(arguments) == 2 else arguments[0]
+        received_ns = int(info["received_timestamp"])
         self._count(int(info["publication_sequence_number"]))
         now_ns = self._now_ns()
         if now_ns == 0:
@@ -188,7 +189,7 @@ class TopicInput:
                 self.broken += 1
                 continue
             if len(block.values):
-                self._on_block(block)
+                self._on_block(block, received_ns)
 
     def _count(self, sequence: int) -> None:
         """Count the gaps in the publisher's numbering; only of one publisher are they losses."""
@@ -228,13 +229,16 @@ class Collector:
     def __init__(self, slice_ns: int) -> None:
         self._slice_ns = max(slice_ns, 1)
         self._blocks: dict[str, list[SignalBlock]] = {}
+        self.oldest_ns = 0
 
     def __bool__(self) -> bool:
         """Return whether something waits."""
         return bool(self._blocks)
 
-    def add(self, block: SignalBlock) -> None:
-        """Take a block."""
+    def add(self, block: SignalBlock, received_ns: int) -> None:
+        """Take a block; `oldest_ns` is when the first of those that wait was received [ns]."""
+        if not self._blocks:
+            self.oldest_ns = received_ns
         self._blocks.setdefault(block.signal, []).append(block)
 
     def take(self) -> Iterable[SignalBlock]:

@@ -14,6 +14,7 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
+from rclpy.exceptions import ParameterUninitializedException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -48,8 +49,11 @@ class Parameters:
         node.add_on_set_parameters_callback(self._check_set)
 
     def __getitem__(self, name: str) -> Any:  # noqa: ANN401  bool, int, float, str or list by the spec
-        """Return the present value."""
-        return self._node.get_parameter(name).value
+        """Return the present value; an empty list of numbers is no value to rclpy."""
+        try:
+            return self._node.get_parameter(name).value
+        except ParameterUninitializedException:
+            return []
 
     def declare(self, specs: Iterable[Spec]) -> None:
         """Declare what is not declared yet; a wrong override is kept as an error for `check`."""

@@ -154,9 +154,17 @@ class ValveNode(LifecycleNode):  # type: ignore[misc]  # rclpy's class is untype
             executor.create_task(_nothing)
 
     def drain(self) -> None:
-        """Run what other threads posted."""
+        """Run what other threads posted, then what the node has to do between callbacks."""
         while self._inbox:
             self._guarded(self._inbox.popleft(), "take a result")
+        self._guarded(self.work, "work")
+
+    def work(self) -> None:
+        """Do what callbacks left to do; called after every callback."""
+
+    def due_s(self) -> float:
+        """Return after which time `work` wants to be called without a callback [s]."""
+        return SPIN_S
 
 
 _SUCCESS = TransitionCallbackReturn.SUCCESS
@@ -176,7 +184,7 @@ def spin(node: ValveNode, executor: Executor) -> None:
     """Drive the node until a signal or the end of the context; nothing that a callback raises ends it."""
     while rclpy.ok() and not signals.stop_requested():
         try:
-            executor.spin_once(timeout_sec=SPIN_S)
+            executor.spin_once(timeout_sec=min(node.due_s(), SPIN_S))
         except (ExternalShutdownException, ROSInterruptException, KeyboardInterrupt):
             return
         except Exception as err:  # noqa: BLE001  the node outlives a failing callback

@@ -20,6 +20,8 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any
 
+from valve_twin.io.errors import ValveTwinError
+
 Work = Callable[..., Any]
 Deliver = Callable[["Outcome"], None]
 
@@ -132,7 +134,8 @@ def _execute(work: Work, arguments: tuple[Any, ...]) -> Outcome:
     try:
         result = work(*arguments)
     except Exception as err:  # noqa: BLE001  a failed job is an outcome, the worker lives on
-        return Outcome(None, f"{type(err).__name__}: {err}", time.perf_counter() - begin)
+        text = str(err) if isinstance(err, ValveTwinError) else f"{type(err).__name__}: {err}"
+        return Outcome(None, text, time.perf_counter() - begin)
     return Outcome(result, "", time.perf_counter() - begin)
 
 

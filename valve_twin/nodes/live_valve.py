@@ -1,0 +1,296 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""One valve of the twin node: signals to the core, its events to topics, the history and the worker."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+from valve_twin.core.estimation.sequence import estimate_cycle, memory_from_history
+from valve_twin.core.twin import ClockJump, Estimated, Event, Job
+from valve_twin.core.types import Cycle, Estimate, Prediction
+from valve_twin.core.valves.interface import Options
+from valve_twin.core.valves.registry import complete_options, get_model
+from valve_twin.io.assembly import make_twin
+from valve_twin.io.config import ValveConfig
+from valve_twin.io.history import History
+from valve_twin.io.mapping import SignalBlock
+from valve_twin.nodes import convert
+from valve_twin.nodes.inputs import Collector, InputConfig, TopicInput, by_topic, seconds_now
+from valve_twin.nodes.runtime import STEADY, ValveNode
+from valve_twin.nodes.worker import Outcome, WorkerProcess, WorkerThread
+from valve_twin_msgs import msg
+
+MEMORY_CYCLES = 50
+"""Cycles that the memory of the estimation reaches back."""
+
+DUTY = 0.1
+"""Share of the time that gathering may be broken off for working on what was gathered: low rates are answered at
+once, high rates in blocks."""
+
+_DEEP = QoSProfile(depth=5000, reliability=ReliabilityPolicy.RELIABLE)
+LATCHED = QoSProfile(
+    depth=10,
+    history=HistoryPolicy.KEEP_LAST,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""State topics: a late reader of depth 1 gets the newest, a deeper one all estimators of the last cycle."""
+
+
+@dataclass(slots=True)
+class _Entry:
+    """One cycle on its way to the history."""
+
+    cycle: Cycle
+    estimates: tuple[Estimate, ...]
+    wall_s: float
+    published: bool = False
+
+
+def run_job(model: str, options: Options, job: Job) -> Any:  # noqa: ANN401  pickled result
+    """Estimate one cycle; runs in the worker process."""
+    return estimate_cycle(get_model(model), options, job.cycle, job.memory)
+
+
+def warm_up() -> None:
+    """Load what the estimation needs before the first cycle is there; runs in the worker process."""
+    for name in ("press_cartridge", "positioner"):
+        get_model(name)
+
+
+class LiveValve:
+    """One valve that is hosted.
+
+    Parameters
+    ----------
+    node : ValveNode
+        The twin node.
+    config : ValveConfig
+        The valve.
+    history : History
+        Where its cycles are stored.
+    worker : WorkerProcess
+        Runs the estimations.
+    writer : WorkerThread
+        Runs what touches the database.
+    retry_s : float
+        Pause before a refused cycle is offered again [s].
+    """
+
+    def __init__(
+        self,
+        node: ValveNode,
+        config: ValveConfig,
+        *,
+        history: History,
+        worker: WorkerProcess,
+        writer: WorkerThread,
+        retry_s: float,
+    ) -> None:
+        self._node, self.config, self.history = node, config, history
+        self._worker, self.writer, self._retry_s = worker, writer, retry_s
+        self.name = config.name
+        self.model = get_model(config.model)
+        self.units = convert.units_of(self.model.parameters)
+        self._options = dict(complete_options(self.model, config.options))
+        last = history.last_cycle(self.name)
+        memory = memory_from_history(history.recent_estimates(self.name, MEMORY_CYCLES))
+        self.twin = make_twin(config, memory=memory, last_cycle=last)
+        self._collector = Collector(round(config.hold_back_s * 0.25e9))
+        self.inputs: list[TopicInput] = []
+        self._job: Job | None = None
+        self._unsaved: deque[_Entry] = deque()
+        self._storing = False
+        self._retry_timer: Any = None
+        self._idle_until = 0.0
+        self.store_error = ""
+        self.last_stamp_ns = 0
+        self.last_cycle = last
+        self.stored = self.estimated = self.predicted = self.refused = 0
+        self.estimation_s = self.worst_latency_s = 0.0
+        self._open_publishers()
+
+    # -- life
+
+    def listen(self, config: InputConfig) -> None:
+        """Subscribe to all signals."""
+        now_ns = self._now_ns()
+        self.inputs = [
+            TopicInput(self._node, group, config, self._collector.add, now_ns)
+            for group in by_topic(self.config.signals.values())
+        ]
+
+    def silence(self) -> None:
+        """Take the subscriptions down; what was learnt stays."""
+        self.work(force=True)
+        for topic in self.inputs:
+            topic.destroy()
+        self.inputs = []
+
+    def close(self) -> None:
+        """Take the publishers down."""
+        for publisher in (self._prediction, self._cycle, self._estimate):
+            self._node.destroy_publisher(publisher)
+        if self._retry_timer is not None:
+            self._node.destroy_timer(self._retry_timer)
+
+    # -- data path
+
+    def work(self, *, force: bool = False) -> None:
+        """Hand what was gathered to the core and publish what comes of it."""
+        if not self._collector or (self.due_s() > 0.0 and not force):
+            return
+        begin, oldest_ns = seconds_now(), self._collector.oldest_ns
+        for block in self._collector.take():
+            self._push(block)
+        end = seconds_now()
+        self._idle_until = end + (end - begin) * (1.0 / DUTY - 1.0)
+        self.worst_latency_s = max(self.worst_latency_s, 1e-9 * (time.time_ns() - oldest_ns))
+
+    def due_s(self) -> float:
+        """Return when `work` is worth its while [s]; infinite where nothing waits."""
+        return max(self._idle_until - seconds_now(), 0.0) if self._collector else float("inf")
+
+    def clock_jumped(self) -> None:
+        """Drop the running cycle after the node's clock was set back."""
+        self.handle(self.twin.clock_jumped())
+
+    def handle(self, events: Iterable[Event], wall_s: float = 0.0) -> None:
+        """Publish and store what the core says."""
+        for event in events:
+            if isinstance(event, Prediction):
+                self._publish_prediction(event)
+            elif isinstance(event, Cycle):
+                self.last_cycle = event.number
+                self._cycle.publish(convert.cycle_message(self.name, event))
+            elif isinstance(event, Estimated):
+                self._unsaved.append(_Entry(event.cycle, event.estimates, wall_s))
+                self._store_next()
+            elif isinstance(event, ClockJump):
+                self._node.get_logger().warning(
+                    f"{self.name}: the clock of the data was set back: cycle {event.dropped_cycle} is "
+                    "dropped, what was learnt is kept"
+                )
+        self._start_job()
+
+    def _push(self, block: SignalBlock) -> None:
+        if block.signal == self.model.output:
+            self.last_stamp_ns = int(block.stamp_ns[-1])
+        events = self.twin.push(block.signal, block.stamp_ns, block.values, header=block.has_header)
+        if events:
+            self.handle(events)
+
+    def _publish_prediction(self, prediction: Prediction) -> None:
+        self.predicted += len(prediction.stamp_ns)
+        if self._batched:
+            for series in convert.prediction_series(prediction, self.config.period_s):
+                self._prediction.publish(series)
+            return
+        publish = self._prediction.publish
+        for data in convert.prediction_bytes(prediction):
+            publish(data)
+
+    # -- estimation
+
+    def _start_job(self) -> None:
+        if self._job is not None:
+            return
+        self._job = self.twin.next_job()
+        if self._job is not None:
+            arguments = (self.config.model, self._options, self._job)
+            self._worker.submit(run_job, arguments, self._on_worker)
+
+    def _on_worker(self, outcome: Outcome) -> None:
+        self._node.post(partial(self._deliver, outcome))
+
+    def _deliver(self, outcome: Outcome) -> None:
+        job, self._job = self._job, None
+        if job is None:
+            return
+        estimates, memory = outcome.result if not outcome.error else ((), job.memory)
+        if outcome.error:
+            self._node.get_logger().error(
+                f"{self.name}: cycle {job.cycle.number} is not estimated: {outcome.error}"
+            )
+        self.estimated += 1
+        self.refused += not any(e.used_by_trend for e in estimates)
+        self.estimation_s = outcome.wall_s
+        self.handle(self.twin.deliver(estimates, memory), outcome.wall_s)
+
+    # -- history
+
+    @property
+    def unsaved(self) -> int:
+        """Cycles that are not in the history yet."""
+        return len(self._unsaved)
+
+    def _store_next(self) -> None:
+        """Store the oldest unsaved cycle; one at a time keeps the order."""
+        if self.store_error:
+            for entry in self._unsaved:
+                self._publish_estimates(entry, stored=False)
+        if self._storing or self._retry_timer is not None or not self._unsaved:
+            return
+        self._storing = True
+        entry = self._unsaved[0]
+        work = partial(self.history.store, self.name, entry.cycle, entry.estimates)
+        self.writer.submit(work, lambda outcome: self._node.post(partial(self._on_stored, outcome)))
+
+    def _on_stored(self, outcome: Outcome) -> None:
+        self._storing = False
+        if outcome.error:
+            if not self.store_error:
+                self._node.get_logger().error(f"{self.name}: not stored, kept and tried again: {outcome.error}")
+            self.store_error = outcome.error
+            self._retry_timer = self._node.create_timer(self._retry_s, self._retry, clock=STEADY)
+        else:
+            entry = self._unsaved.popleft()
+            self.stored += 1
+            self._publish_estimates(entry, stored=True)
+            if self.store_error and not self._unsaved:
+                self._node.get_logger().info(f"{self.name}: all cycles are stored again")
+                self.store_error = ""
+        self._store_next()
+
+    def _retry(self) -> None:
+        self._node.destroy_timer(self._retry_timer)
+        self._retry_timer = None
+        self._store_next()
+
+    def _publish_estimates(self, entry: _Entry, *, stored: bool) -> None:
+        """Publish a cycle's estimates once, the one that feeds the trend last: a latched reader keeps it."""
+        if entry.published:
+            return
+        entry.published = True
+        trend = self.model.trend_estimator
+        for estimate in sorted(entry.estimates, key=lambda e: e.estimator == trend):
+            self._estimate.publish(
+                convert.estimate_message(
+                    self.name, estimate, self.units, stored=stored, wall_s=entry.wall_s
+                )
+            )
+
+    # -- wiring
+
+    def _open_publishers(self) -> None:
+        self._batched = self.config.signals[self.model.output].batched
+        kind = msg.PredictionSeries if self._batched else msg.Prediction
+        node, base = self._node, f"{self.name}/twin"
+        self._prediction = node.create_publisher(kind, f"{base}/prediction", _DEEP)
+        self._cycle = node.create_publisher(msg.CycleSummary, f"{base}/cycle", LATCHED)
+        self._estimate = node.create_publisher(msg.Estimate, f"{base}/estimate", LATCHED)
+
+    def _now_ns(self) -> Any:  # noqa: ANN401  a callable
+        """Return the receive clock: the node's; simulated time is 0 before the first /clock."""
+        if not self._node.get_parameter("use_sim_time").value:
+            return time.time_ns
+        clock = self._node.get_clock()
+        return lambda: clock.now().nanoseconds

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Publish serialized messages in order, without loss where the subscribers are to set the pace."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+from valve_twin.nodes.runtime import RCLError
+
+_DEPTH = 5000
+
+
+def sending_profile(*, lossless: bool) -> QoSProfile:
+    """Return the quality of service of data that is played: reliable, deep; lossless = never overwritten."""
+    history = HistoryPolicy.KEEP_ALL if lossless else HistoryPolicy.KEEP_LAST
+    return QoSProfile(history=history, depth=_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
+
+
+class Outbox:
+    """Messages of any topics that leave in their order.
+
+    With a lossless profile the middleware refuses a message after 0.1 s as long as a reliable subscriber has not taken
+    enough of the earlier ones; it then stays here and is offered again.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: deque[tuple[Any, Any]] = deque()
+        self.sent = 0
+
+    def __bool__(self) -> bool:
+        """Return whether messages wait."""
+        return bool(self._waiting)
+
+    def put(self, publisher: Any, message: Any) -> None:  # noqa: ANN401  message or bytes
+        """Append a message."""
+        self._waiting.append((publisher, message))
+
+    def send(self) -> bool:
+        """Publish what waits; return whether all of it left."""
+        while self._waiting:
+            publisher, message = self._waiting[0]
+            try:
+                publisher.publish(message)
+            except RCLError:
+                return False
+            self._waiting.popleft()
+            self.sent += 1
+        return True
+
+    def clear(self) -> None:
+        """Forget what waits."""
+        self._waiting.clear()
+
+
+def subscribers(node: Node, topics: list[str]) -> int:
+    """Return the least number of subscribers of the topics."""
+    return min((node.count_subscribers(t) for t in topics), default=0)

@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Topics and services of one simulated valve."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import numpy as np
+from rclpy.qos import QoSProfile
+
+from valve_twin.core.simulation.config import SimulationConfig
+from valve_twin.core.simulation.block import SimulationBlock
+from valve_twin.core.simulation.valve import SimulatedValve
+from valve_twin.core.valves.registry import get_model
+from valve_twin.io.cdr import encode_series, encode_stamped
+from valve_twin.io.config import ValveConfig, resolve_topic
+from valve_twin.io.mapping import STAMPED_TYPE, SignalSource
+from valve_twin.nodes.inputs import InputConfig, TopicInput
+from valve_twin.nodes.outlets import Outbox
+from valve_twin.nodes.runtime import ValveNode
+from valve_twin.nodes.safety import Outlet
+from valve_twin_msgs import msg, srv
+
+
+class SimulatedTopics:
+    """One simulated valve on the network.
+
+    Parameters
+    ----------
+    node : ValveNode
+        The node.
+    config : ValveConfig
+        Name and model of the valve.
+    simulation : SimulationConfig
+        The simulation.
+    seed : int
+        Seed of its random numbers.
+    prefix : str
+        What stands before all its topics.
+    batch : int
+        Samples a message.
+    """
+
+    def __init__(
+        self,
+        node: ValveNode,
+        config: ValveConfig,
+        simulation: SimulationConfig,
+        *,
+        seed: int,
+        prefix: str,
+        batch: int,
+    ) -> None:
+        self._node, self._config, self._batch = node, config, batch
+        self.simulation = simulation
+        model = get_model(config.model)
+        self._external = simulation.controller == "external"
+        topic = partial(resolve_topic, valve=config.name, prefix=prefix)
+        self._command_topics = {name: topic(f"command/{name}") for name in model.inputs}
+        self._topics = {"position": topic(model.output), "cycle": topic("cycle")}
+        if not self._external:
+            self._topics["reference"] = topic("reference")
+            self._topics |= self._command_topics
+        self.outlets = [
+            Outlet(t, command=k in model.inputs, awaited=k in model.inputs or k == "position")
+            for k, t in self._topics.items()
+        ]
+        self._inputs_order = model.inputs
+        self._valve = SimulatedValve(simulation, seed)
+        self._publishers: dict[str, Any] = {}
+        self._takers: list[TopicInput] = []
+        self._commands = np.zeros(len(model.inputs))
+        self._start_ns = 0
+        base = f"{config.name}/simulated_valve"
+        self._services = [
+            node.create_service(srv.SetAging, f"{base}/set_aging", self._set_aging),
+            node.create_service(srv.InjectFault, f"{base}/inject_fault", self._inject_fault),
+        ]
+
+    @property
+    def period_s(self) -> float:
+        """Time from one call of `advance` to the next [s]."""
+        return self.simulation.period_s * self._batch
+
+    def open(self, profile: QoSProfile, start_ns: int) -> None:
+        """Make the publishers; the first sample is stamped `start_ns`."""
+        kind = msg.Float64Stamped if self._batch == 1 else msg.Float64Series
+        self._publishers = {
+            name: self._node.create_publisher(kind, topic, profile) for name, topic in self._topics.items()
+        }
+        self._start_ns = start_ns - self._valve.time_ns
+        if self._external:
+            sources = [SignalSource(n, t, STAMPED_TYPE) for n, t in self._command_topics.items()]
+            self._takers = [
+                TopicInput(self._node, [s], InputConfig(), self._take, lambda: 1) for s in sources
+            ]
+
+    def close(self) -> None:
+        """Take publishers and subscriptions down."""
+        for publisher in self._publishers.values():
+            self._node.destroy_publisher(publisher)
+        for taker in self._takers:
+            taker.destroy()
+        self._publishers, self._takers = {}, []
+
+    def destroy(self) -> None:
+        """Take the services down."""
+        for service in self._services:
+            self._node.destroy_service(service)
+
+    def advance(self, outbox: Outbox, cycles: int) -> int:
+        """Simulate one message's samples and queue them, commands before the position.
+
+        Returns
+        -------
+        int
+            Stamp of the last sample [ns], 0 where `cycles` are done (0 = never).
+        """
+        if cycles and self._valve.time_ns >= cycles * self.simulation.cycle_samples * self._valve.period_ns:
+            return 0
+        given = np.tile(self._commands, (self._batch, 1)) if self._external else None
+        block = self._valve.advance(self._batch, given)
+        stamps = block.stamp_ns + self._start_ns
+        columns = self._columns(block)
+        for name, values in columns.items():
+            publisher = self._publishers[name]
+            if self._batch > 1:
+                outbox.put(publisher, encode_series(int(stamps[0]), self.simulation.period_s, values))
+            elif name != "position" or block.delivered[0]:
+                outbox.put(publisher, encode_stamped(int(stamps[0]), float(values[0])))
+        return int(stamps[-1])
+
+    def _columns(self, block: SimulationBlock) -> dict[str, Any]:
+        """Return what is published in its order; a lost sample of a batch has no value."""
+        columns: dict[str, Any] = {"cycle": block.cycle.astype(np.float64)}
+        if not self._external:
+            columns["reference"] = block.reference
+            for i, name in enumerate(self._inputs_order):
+                columns[name] = block.inputs[:, i]
+        columns["position"] = np.where(block.delivered, block.position, np.nan)
+        return columns
+
+    def _take(self, block: Any, received_ns: int) -> None:  # noqa: ANN401  SignalBlock
+        """Hold the newest command; one that is no number keeps the last."""
+        del received_ns
+        value = float(block.values[-1])
+        if np.isfinite(value):
+            self._commands[self._inputs_order.index(block.signal)] = value
+
+    def _set_aging(self, request: Any, response: Any) -> Any:  # noqa: ANN401
+        return _answer(
+            response,
+            lambda: self._valve.set_aging(
+                request.parameter, request.law, request.rate, int(request.start_cycle)
+            ),
+        )
+
+    def _inject_fault(self, request: Any, response: Any) -> Any:  # noqa: ANN401
+        return _answer(
+            response,
+            lambda: self._valve.set_fault(request.kind, request.severity, request.duration),
+        )
+
+
+def _answer(response: Any, action: Any) -> Any:  # noqa: ANN401
+    """Do it and say what was done, or what is wrong."""
+    try:
+        response.message = action()
+        response.success = True
+    except ValueError as err:
+        response.success, response.message = False, str(err)
+    return response

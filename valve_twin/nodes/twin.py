@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The twin node: hosts the twins of one or many valves; it never publishes a command."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from rclpy.clock import JumpThreshold, TimeJump
+from rclpy.duration import Duration
+
+from valve_twin.io.history import History
+from valve_twin.nodes.diagnostics import ERROR, STALE, WARN, Diagnostics, Report
+from valve_twin.nodes.inputs import InputConfig
+from valve_twin.nodes.live_valve import LiveValve, warm_up
+from valve_twin.nodes.runtime import SPIN_S, ValveNode
+from valve_twin.nodes.twin_services import TwinServices
+from valve_twin.nodes.valve_parameters import read_valves
+from valve_twin.nodes.worker import WorkerProcess, WorkerThread
+
+FLUSH_S = 1.0
+"""Time that is given to the database at the end [s]."""
+
+_BACKWARD_JUMP_S = 0.1
+
+
+class TwinNode(ValveNode):
+    """Lifecycle node of the twins."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("twin", **kwargs)
+        self._valves: list[LiveValve] = []
+        self._valve_services: list[TwinServices] = []
+        self._histories: dict[str, History] = {}
+        self._worker: WorkerProcess | None = None
+        self._writer: WorkerThread | None = None
+        self._diagnostics: Diagnostics | None = None
+        self._jump: Any = None
+        self._problems: dict[str, str] = {}
+
+    def configure(self) -> None:
+        """Open the histories and make the twins with what they had learnt."""
+        configs = read_valves(self)
+        self._worker = WorkerProcess(warm_up)
+        self._writer = WorkerThread("history")
+        timeout = float(self.parameters["busy_timeout_s"])
+        for config in configs:
+            if config.history_url not in self._histories:
+                self._histories[config.history_url] = History(config.history_url, busy_timeout_s=timeout)
+            valve = LiveValve(
+                self,
+                config,
+                history=self._histories[config.history_url],
+                worker=self._worker,
+                writer=self._writer,
+                retry_s=float(self.parameters["retry_s"]),
+            )
+            self._valves.append(valve)
+            self._valve_services.append(TwinServices(self, valve))
+            self.get_logger().info(
+                f"{valve.name}: {config.model}, cycles go on from {valve.last_cycle}, "
+                f"history {valve.history.where}"
+            )
+        self._diagnostics = Diagnostics(self, self._reports)
+
+    def activate(self) -> None:
+        """Listen to the signals."""
+        config = InputConfig(
+            depth=int(self.parameters["input_queue"]),
+            deadline_s=float(self.parameters["deadline_s"]),
+            silence_s=float(self.parameters["silence_s"]),
+        )
+        threshold = JumpThreshold(
+            min_forward=None,
+            min_backward=Duration(nanoseconds=-round(_BACKWARD_JUMP_S * 1e9)),
+            on_clock_change=False,
+        )
+        self._jump = self.get_clock().create_jump_callback(threshold, post_callback=self._on_jump)
+        for valve in self._valves:
+            valve.listen(config)
+
+    def deactivate(self) -> None:
+        """Stop listening."""
+        if self._jump is not None:
+            self._jump.unregister()
+            self._jump = None
+        for valve in self._valves:
+            valve.silence()
+
+    def cleanup(self) -> None:
+        """Write what waits, then let go of everything."""
+        if self._writer is not None and not self._writer.close(FLUSH_S):
+            self.get_logger().error("the database did not take all cycles in time; unsaved ones are lost")
+        if self._worker is not None:
+            self._worker.close()
+        for service in self._valve_services:
+            service.destroy()
+        for valve in self._valves:
+            valve.close()
+        for history in self._histories.values():
+            history.close()
+        if self._diagnostics is not None:
+            self._diagnostics.destroy()
+        self._valves, self._valve_services, self._histories = [], [], {}
+        self._worker = self._writer = self._diagnostics = None
+
+    def work(self) -> None:
+        """Work on what the inputs gathered."""
+        for valve in self._valves:
+            valve.work()
+
+    def due_s(self) -> float:
+        """Return when the first valve wants to work [s]."""
+        return min((v.due_s() for v in self._valves), default=SPIN_S)
+
+    def _on_jump(self, jump: TimeJump) -> None:
+        if jump.delta.nanoseconds < 0:
+            for valve in self._valves:
+                valve.clock_jumped()
+
+    def _reports(self) -> Iterable[Report]:
+        for valve in self._valves:
+            yield self._report(valve)
+
+    def _report(self, valve: LiveValve) -> Report:
+        report = Report(f"valve {valve.name}", valve.name, self._figures(valve))
+        for topic in valve.inputs:
+            problem = topic.problem()
+            if problem:
+                report.raise_to(STALE if topic.received else WARN, problem)
+            self._log_change(f"{valve.name} {topic.topic}", problem)
+            if topic.deadlines_missed:
+                report.raise_to(
+                    WARN, f"topic '{topic.topic}' missed its deadline {topic.deadlines_missed} times"
+                )
+        lost = sum(t.lost for t in valve.inputs)
+        if lost:
+            report.raise_to(WARN, f"{lost} messages were lost on the way")
+        if valve.store_error:
+            report.raise_to(
+                ERROR, f"{valve.unsaved} cycles wait for the database: {valve.store_error}"
+            )
+        if self.state != "active":
+            report.raise_to(STALE, f"the node is {self.state}")
+        return report
+
+    def _figures(self, valve: LiveValve) -> dict[str, object]:
+        worst, valve.worst_latency_s = valve.worst_latency_s, 0.0
+        figures: dict[str, object] = {
+            "model": valve.config.model,
+            "cycle": valve.twin.cycle or valve.last_cycle,
+            "samples predicted": valve.predicted,
+            "cycles estimated": valve.estimated,
+            "cycles refused": valve.refused,
+            "cycles stored": valve.stored,
+            "cycles unsaved": valve.unsaved,
+            "estimations pending": valve.twin.pending_jobs,
+            "last estimation [s]": f"{valve.estimation_s:.3f}",
+            "worst latency [ms]": f"{1e3 * worst:.2f}",
+            "worker restarts": max(self._worker.restarts, 0) if self._worker is not None else 0,
+        }
+        counts = valve.twin.counts()
+        for topic in valve.inputs:
+            figures[f"{topic.topic} received/lost/unreadable"] = (
+                f"{topic.received}/{topic.lost}/{topic.broken}"
+            )
+        for name, count in counts.items():
+            figures[f"{name} late/duplicate/bad"] = f"{count.late}/{count.duplicate}/{count.bad}"
+        return figures
+
+    def _log_change(self, key: str, problem: str) -> None:
+        """Log a problem when it comes, not while it stays."""
+        kind = problem.split(" for ")[0]
+        if kind != self._problems.get(key, ""):
+            self._problems[key] = kind
+            if problem:
+                self.get_logger().warning(problem)
+

@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Services of one valve of the twin: maintenance, estimate now, history."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+from valve_twin.core.types import Cycle, Maintenance
+from valve_twin.nodes import convert
+from valve_twin.nodes.live_valve import LiveValve
+from valve_twin.nodes.runtime import ValveNode
+from valve_twin.nodes.services import DeferredService, Done
+from valve_twin.nodes.worker import Outcome
+from valve_twin_msgs import srv
+
+DEFAULT_PAGE = 1000
+
+
+class TwinServices:
+    """The services of one valve; whatever touches the database runs on the writer's thread."""
+
+    def __init__(self, node: ValveNode, valve: LiveValve) -> None:
+        self._node, self._valve = node, valve
+        base = f"{valve.name}/twin"
+        self._estimate_now_service = node.create_service(
+            srv.EstimateNow, f"{base}/estimate_now", self._estimate_now
+        )
+        self._deferred = [
+            DeferredService(node, srv.MarkMaintenance, f"{base}/mark_maintenance", self._mark),
+            DeferredService(node, srv.GetHistory, f"{base}/get_history", self._get_history),
+            DeferredService(node, srv.BackupHistory, f"{base}/backup_history", self._backup),
+        ]
+
+    def destroy(self) -> None:
+        """Take the services down."""
+        self._node.destroy_service(self._estimate_now_service)
+        for service in self._deferred:
+            service.destroy()
+
+    def _estimate_now(self, request: Any, response: Any) -> Any:  # noqa: ANN401
+        del request
+        valve = self._valve
+        valve.work(force=True)
+        events = valve.twin.close_cycle()
+        closed = [e for e in events if isinstance(e, Cycle)]
+        valve.handle(events)
+        response.success = bool(closed)
+        response.cycle = closed[-1].number if closed else 0
+        response.message = (
+            f"cycle {closed[-1].number} closed: {closed[-1].reason}"
+            if closed
+            else f"{valve.name}: no cycle is running; wait for a command or look at the inputs"
+        )
+        return response
+
+    def _mark(self, request: Any, response: Any, done: Done) -> None:  # noqa: ANN401
+        valve = self._valve
+        cycle = int(request.cycle) or max(valve.twin.cycle, valve.last_cycle) + 1
+        stamp_ns = valve.last_stamp_ns or self._node.get_clock().now().nanoseconds
+        event = Maintenance(stamp_ns, cycle, request.note, bool(request.new_reference))
+        response.cycle = cycle
+
+        def answer(outcome: Outcome) -> None:
+            response.success = not outcome.error
+            response.message = outcome.error or f"{valve.name}: maintenance noted from cycle {cycle} on"
+            done(response)
+
+        self._in_background(partial(valve.history.add_maintenance, valve.name, event), answer)
+
+    def _get_history(self, request: Any, response: Any, done: Done) -> None:  # noqa: ANN401
+        valve = self._valve
+        estimator = request.estimator or valve.model.trend_estimator
+        first, limit = int(request.first_cycle), int(request.limit) or DEFAULT_PAGE
+
+        def read() -> Any:  # noqa: ANN401  a filled response
+            found = valve.history.estimates(valve.name, estimator, first, limit + 1)
+            page = found[:limit]
+            response.estimates = [
+                convert.estimate_message(valve.name, e, valve.units, stored=True) for e in page
+            ]
+            response.missed_cycles = [e.missed_cycles for e in page]
+            events = valve.history.maintenance(valve.name, first)
+            response.maintenance = [convert.maintenance_message(e) for e in events]
+            response.more = len(found) > limit
+            response.success = True
+            return response
+
+        def answer(outcome: Outcome) -> None:
+            if outcome.error:
+                response.success, response.message = False, outcome.error
+            done(response)
+
+        self._in_background(read, answer)
+
+    def _backup(self, request: Any, response: Any, done: Done) -> None:  # noqa: ANN401
+        valve = self._valve
+
+        def answer(outcome: Outcome) -> None:
+            response.success = not outcome.error
+            response.path = "" if outcome.error else str(outcome.result)
+            response.message = outcome.error or f"history copied to {outcome.result}"
+            done(response)
+
+        self._in_background(partial(valve.history.backup, request.path), answer)
+
+    def _in_background(self, work: Any, answer: Any) -> None:  # noqa: ANN401  callables
+        post = self._node.post
+        self._valve.writer.submit(work, lambda outcome: post(partial(answer, outcome)))
