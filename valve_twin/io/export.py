@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Copies of the history for safe keeping (one SQLite file) and for other programs (CSV, JSON lines).
+"""Copies of the history: for safe keeping (one SQLite file), for other programs (CSV, JSON).
 
 Files appear complete or not at all: they are written beside their place and renamed.
 """
@@ -12,19 +12,29 @@ import json
 import math
 import os
 import sqlite3
-from collections.abc import Iterator, Mapping
 from contextlib import closing
 from datetime import datetime, timezone
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import sqlalchemy as sa
-from sqlalchemy.engine import Connection
 
 from valve_twin.core.types import EstimateStatus, ParameterStatus
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history_database import Database
-from valve_twin.io.history_tables import CYCLE, ESTIMATE, MAINTENANCE, METADATA, VALVE, row_estimate
+from valve_twin.io.history_tables import (
+    CYCLE,
+    ESTIMATE,
+    MAINTENANCE,
+    METADATA,
+    VALVE,
+    row_estimate,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from sqlalchemy.engine import Connection
 
 _PAGE = 1000
 """Rows copied at a time."""
@@ -34,7 +44,10 @@ def default_backup_path(database: Database) -> Path:
     """Return a name that is free: the database's with the time (UTC) in it."""
     stem = database.file or Path(f"{database.url.database or 'history'}.db")
     moment = datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%SZ")
-    names = (stem.with_name(f"{stem.stem}-{moment}{tail}{stem.suffix}") for tail in ("", *map("-{}".format, range(2, 99))))
+    names = (
+        stem.with_name(f"{stem.stem}-{moment}{tail}{stem.suffix}")
+        for tail in ("", *map("-{}".format, range(2, 99)))
+    )
     return next(name for name in names if not name.exists())
 
 
@@ -51,7 +64,7 @@ def back_up_sqlite(database: Database, target: Path) -> None:
         with database.errors("backed up"), database.engine.connect() as connection:
             source = connection.connection.driver_connection
             assert isinstance(source, sqlite3.Connection)
-            with _writing(target), closing(sqlite3.connect(part)) as copy:
+            with _Writing(target), closing(sqlite3.connect(part)) as copy:
                 source.backup(copy)
                 _seal(copy, target)
         _move(part, target)
@@ -73,11 +86,13 @@ def copy_to_sqlite(database: Database, target: Path) -> None:
         with database.read() as source, copy.write() as sink:
             for table in METADATA.sorted_tables:
                 sink.execute(table.delete())
-                rows = source.execution_options(yield_per=_PAGE).execute(sa.select(table)).mappings()
+                rows = (
+                    source.execution_options(yield_per=_PAGE).execute(sa.select(table)).mappings()
+                )
                 for page in rows.partitions(_PAGE):
                     sink.execute(table.insert(), [dict(row) for row in page])
         copy.close()
-        with _writing(target), closing(sqlite3.connect(part)) as connection:
+        with _Writing(target), closing(sqlite3.connect(part)) as connection:
             _seal(connection, target)
         _move(part, target)
     finally:
@@ -86,14 +101,14 @@ def copy_to_sqlite(database: Database, target: Path) -> None:
 
 
 def export_files(database: Database, folder: Path) -> list[Path]:
-    """Write the CSV files and the JSON lines of `History.export`, all from one state of the database."""
+    """Write the files of `History.export`, all from one state of the database."""
     writers = {
         "cycles.csv": _write_cycles,
         "estimates.csv": _write_estimates,
         "maintenance.csv": _write_maintenance,
         "history.jsonl": _write_json_lines,
     }
-    with database.read() as connection, _writing(folder):
+    with database.read() as connection, _Writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         for name, write in writers.items():
             part = folder / f".{name}.part"
@@ -105,7 +120,7 @@ def export_files(database: Database, folder: Path) -> list[Path]:
     return [folder / name for name in writers]
 
 
-class _writing:  # noqa: N801  (used as a block)
+class _Writing:
     """Turn the system's errors about a target into one line."""
 
     def __init__(self, target: Path) -> None:
@@ -117,7 +132,10 @@ class _writing:  # noqa: N801  (used as a block)
     def __exit__(self, _: object, err: BaseException | None, __: object) -> None:
         if isinstance(err, (OSError, sqlite3.Error)):
             why = err.strerror if isinstance(err, OSError) and err.strerror else str(err)
-            msg = f"{self._target}: cannot be written: {why}: check the folder, its access rights and the free space"
+            msg = (
+                f"{self._target}: cannot be written: {why}: check the folder, its access rights"
+                " and the free space"
+            )
             raise StoreError(msg) from err
 
 
@@ -137,7 +155,7 @@ def _seal(copy: sqlite3.Connection, target: Path) -> None:
 
 
 def _move(part: Path, target: Path) -> None:
-    with _writing(target):
+    with _Writing(target):
         with open(part, "rb") as file:
             os.fsync(file.fileno())
         os.replace(part, target)
@@ -145,8 +163,12 @@ def _move(part: Path, target: Path) -> None:
 
 def _rows(connection: Connection, table: sa.Table) -> Iterator[Mapping[str, Any]]:
     order = [table.c[name] for name in ("cycle", "position", "id") if name in table.c]
-    query = sa.select(VALVE.c.name.label("valve"), table).join(VALVE, VALVE.c.id == table.c.valve_id)
-    result = connection.execution_options(yield_per=_PAGE).execute(query.order_by(VALVE.c.name, *order))
+    query = sa.select(VALVE.c.name.label("valve"), table).join(
+        VALVE, VALVE.c.id == table.c.valve_id
+    )
+    result = connection.execution_options(yield_per=_PAGE).execute(
+        query.order_by(VALVE.c.name, *order)
+    )
     hidden = {"id", "valve_id", "position"}
     for row in result.mappings():
         yield {name: value for name, value in row.items() if name not in hidden}
@@ -160,7 +182,11 @@ def _write_csv(path: Path, columns: list[str], rows: Iterator[Mapping[str, Any]]
 
 
 def _write_cycles(connection: Connection, path: Path) -> None:
-    _write_csv(path, ["valve", *(c.name for c in CYCLE.c if c.name != "valve_id")], _rows(connection, CYCLE))
+    _write_csv(
+        path,
+        ["valve", *(c.name for c in CYCLE.c if c.name != "valve_id")],
+        _rows(connection, CYCLE),
+    )
 
 
 def _write_maintenance(connection: Connection, path: Path) -> None:
@@ -169,12 +195,20 @@ def _write_maintenance(connection: Connection, path: Path) -> None:
 
 
 def _write_estimates(connection: Connection, path: Path) -> None:
-    parameter = ["parameter", "value", "standard_error", "lower_95", "upper_95", "parameter_status", "parameter_reason"]
+    parameter = [
+        "parameter",
+        "value",
+        "standard_error",
+        "lower_95",
+        "upper_95",
+        "parameter_status",
+        "parameter_reason",
+    ]
     shared = ["valve", "cycle", "estimator", "model", "start_ns", "end_ns", "status", "reason"]
     rest = [
-        "mse_test", "mse_train", "fit_test", "fit_train", "condition_number", "lag", "noise_sigma", "samples_used",
-        "samples_masked_seat", "samples_masked_stuck", "samples_masked_stale", "samples_masked_bad", "missed_cycles",
-        "used_by_trend", "reproducible",
+        "mse_test", "mse_train", "fit_test", "fit_train", "condition_number", "lag", "noise_sigma",
+        "samples_used", "samples_masked_seat", "samples_masked_stuck", "samples_masked_stale",
+        "samples_masked_bad", "missed_cycles", "used_by_trend", "reproducible",
     ]  # fmt: skip
     long = (
         {**row, **values}
@@ -186,7 +220,11 @@ def _write_estimates(connection: Connection, path: Path) -> None:
 
 def _write_json_lines(connection: Connection, path: Path) -> None:
     with open(path, "w", encoding="utf-8") as file:
-        for kind, table in (("cycle", CYCLE), ("estimate", ESTIMATE), ("maintenance", MAINTENANCE)):
+        for kind, table in (
+            ("cycle", CYCLE),
+            ("estimate", ESTIMATE),
+            ("maintenance", MAINTENANCE),
+        ):
             for row in _rows(connection, table):
                 content = _flat_estimate(row) if table is ESTIMATE else dict(row)
                 file.write(json.dumps({"kind": kind, **content}, allow_nan=False) + "\n")
@@ -213,8 +251,8 @@ def _flat_estimate(row: Mapping[str, Any]) -> dict[str, Any]:
     return flat
 
 
-def _finite(value: Any) -> Any:  # noqa: ANN401  (any column)
-    """Return NaN as None (JSON null, an empty CSV cell) and the infinities as words, which JSON has no numbers for."""
+def _finite(value: object) -> object:
+    """Return NaN as None (JSON null, an empty CSV cell) and the infinities as words."""
     if not isinstance(value, float) or math.isfinite(value):
         return value
     return None if math.isnan(value) else str(value)

@@ -1,20 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""The history of valves: every cycle, every estimate, every maintenance event, durable once acknowledged.
+"""The history of valves: cycles, estimates and maintenance events, durable once acknowledged.
 
-A stored cycle is a record: it is never changed. Storing the same cycle again does nothing; storing other content under
-a number that is taken is refused, because something that was published as stored would silently become untrue.
+A stored cycle is a record: it is never changed. Storing the same cycle again does nothing; storing
+other content under a number that is taken is refused, because something that was published as
+stored would silently become untrue.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql, sqlite
-from sqlalchemy.engine import Connection
 
 from valve_twin.core.types import Cycle, Estimate, Maintenance
 from valve_twin.io.errors import StoreError
@@ -35,18 +34,25 @@ from valve_twin.io.history_tables import (
     row_maintenance,
 )
 
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from sqlalchemy.engine import Connection
+
 __all__ = ["CycleRecord", "History", "cycle_record"]
 
 
 class History:
     """Cycles, estimates and maintenance events of any number of valves in one database.
 
-    Several processes may use one database, also for the same valve. Methods may be called from any thread.
+    Several processes may use one database, also for the same valve. Methods may be called from any
+    thread.
 
     Parameters
     ----------
     url : str
-        Path of a SQLite file (made where it is missing), sqlite:///file.db, or postgresql://user@host/name.
+        Path of a SQLite file (made where it is missing), sqlite:///file.db, or
+        postgresql://user@host/name.
     read_only : bool
         Never write; the database must exist.
     busy_timeout_s : float
@@ -57,11 +63,17 @@ class History:
     Raises
     ------
     StoreError
-        If the database cannot be used: locked, damaged, no database, of another application, of a newer version.
+        If the database cannot be used: locked, damaged, no database, of another application, of a
+        newer version.
     """
 
     def __init__(
-        self, url: str | Path, *, read_only: bool = False, busy_timeout_s: float = 5.0, software: str = ""
+        self,
+        url: str | Path,
+        *,
+        read_only: bool = False,
+        busy_timeout_s: float = 5.0,
+        software: str = "",
     ) -> None:
         self._database = Database(str(url), read_only=read_only, busy_timeout_s=busy_timeout_s)
         self._software = software
@@ -88,7 +100,9 @@ class History:
         """Give the connections back; what was stored is stored."""
         self._database.close()
 
-    def store(self, valve: str, cycle: CycleRecord | Cycle, estimates: Sequence[Estimate] = ()) -> bool:
+    def store(
+        self, valve: str, cycle: CycleRecord | Cycle, estimates: Sequence[Estimate] = ()
+    ) -> bool:
         """Store one cycle with all its estimates in one transaction; on the disk on return.
 
         Parameters
@@ -108,7 +122,8 @@ class History:
         Raises
         ------
         StoreError
-            If it is not stored: the database cannot be written, or the number is taken by other content.
+            If it is not stored: the database cannot be written, or the number is taken by other
+            content.
         ValueError
             If an estimate belongs to another cycle or an estimator occurs twice.
         """
@@ -126,7 +141,8 @@ class History:
                 new = False
             else:
                 msg = (
-                    f"{self.where}: cycle {record.cycle} of {valve} is already stored with other content and a stored"
+                    f"{self.where}: cycle {record.cycle} of {valve} is already stored with other"
+                    " content and a stored"
                     " cycle is never changed: number the cycles on, or write to another history"
                 )
                 raise StoreError(msg)
@@ -164,9 +180,16 @@ class History:
         query = _of_valve(CYCLE, valve).order_by(CYCLE.c.cycle.desc()).limit(1)
         return next((row_cycle(row) for row in self._rows(query)), None)
 
-    def cycles(self, valve: str, first_cycle: int = 0, limit: int | None = None) -> list[CycleRecord]:
+    def cycles(
+        self, valve: str, first_cycle: int = 0, limit: int | None = None
+    ) -> list[CycleRecord]:
         """Return the stored cycles from `first_cycle` on, oldest first, at most `limit`."""
-        query = _of_valve(CYCLE, valve).where(CYCLE.c.cycle >= first_cycle).order_by(CYCLE.c.cycle).limit(limit)
+        query = (
+            _of_valve(CYCLE, valve)
+            .where(CYCLE.c.cycle >= first_cycle)
+            .order_by(CYCLE.c.cycle)
+            .limit(limit)
+        )
         return [row_cycle(row) for row in self._rows(query)]
 
     def estimates(
@@ -178,7 +201,7 @@ class History:
         *,
         used_by_trend: bool | None = None,
     ) -> list[Estimate]:
-        """Return stored estimates, equal to what was stored, by cycle and then in the order they were stored.
+        """Return stored estimates, equal to what was stored, by cycle and in stored order.
 
         Parameters
         ----------
@@ -210,9 +233,12 @@ class History:
         return self.estimates(valve, first_cycle=min(found)) if found else []
 
     def maintenance(self, valve: str, first_cycle: int = 0) -> list[Maintenance]:
-        """Return the maintenance events from `first_cycle` on, by cycle and then in the order they were stored."""
+        """Return the maintenance events from `first_cycle` on, by cycle and in stored order."""
         query = _of_valve(MAINTENANCE, valve).where(MAINTENANCE.c.cycle >= first_cycle)
-        return [row_maintenance(r) for r in self._rows(query.order_by(MAINTENANCE.c.cycle, MAINTENANCE.c.id))]
+        return [
+            row_maintenance(r)
+            for r in self._rows(query.order_by(MAINTENANCE.c.cycle, MAINTENANCE.c.id))
+        ]
 
     def backup(self, path: str | Path = "") -> Path:
         """Write a consistent copy into a new SQLite file while the history stays in use.
@@ -220,7 +246,8 @@ class History:
         Parameters
         ----------
         path : str or Path
-            File to write; empty = beside the database (PostgreSQL: in the working directory), dated.
+            File to write; empty = beside the database (PostgreSQL: in the working directory),
+            dated.
 
         Returns
         -------
@@ -241,7 +268,7 @@ class History:
         return target
 
     def export(self, folder: str | Path) -> list[Path]:
-        """Write cycles.csv, estimates.csv, maintenance.csv and history.jsonl (all of it) into a folder.
+        """Write cycles.csv, estimates.csv, maintenance.csv and history.jsonl into a folder.
 
         Returns
         -------
@@ -250,18 +277,22 @@ class History:
         """
         return export_files(self._database, Path(folder))
 
-    def _rows(self, query: sa.Select[Any]) -> Iterable[Mapping[str, Any]]:
+    def _rows(self, query: sa.Select[Any]) -> Sequence[Mapping[str, Any]]:
         with self._database.read() as connection:
-            return connection.execute(query).mappings().all()
+            return cast("Sequence[Mapping[str, Any]]", connection.execute(query).mappings().all())
 
     def _valve_id(self, connection: Connection, valve: str) -> int:
         known = self._valve_ids.get(valve)
         if known is not None:
             return known
         connection.execute(self._insert_valve, {"name": valve})
-        return int(connection.execute(sa.select(VALVE.c.id).where(VALVE.c.name == valve)).scalar_one())
+        return int(
+            connection.execute(sa.select(VALVE.c.id).where(VALVE.c.name == valve)).scalar_one()
+        )
 
-    def _same(self, connection: Connection, row: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> bool:
+    def _same(
+        self, connection: Connection, row: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]
+    ) -> bool:
         key = {"valve_id": row["valve_id"], "cycle": row["cycle"]}
         stored = connection.execute(sa.select(CYCLE).filter_by(**key)).mappings().one()
         if any(stored[name] != value for name, value in row.items() if name != "software"):
@@ -269,12 +300,16 @@ class History:
         query = sa.select(ESTIMATE).filter_by(**key).order_by(ESTIMATE.c.position)
         kept = connection.execute(query).mappings().all()
         return len(kept) == len(rows) and all(
-            old[name] == value for old, new in zip(kept, rows, strict=True) for name, value in new.items()
+            old[name] == value
+            for old, new in zip(kept, rows, strict=True)
+            for name, value in new.items()
         )
 
 
 def _of_valve(table: sa.Table, valve: str) -> sa.Select[Any]:
-    return sa.select(table).join(VALVE, VALVE.c.id == table.c.valve_id).where(VALVE.c.name == valve)
+    return (
+        sa.select(table).join(VALVE, VALVE.c.id == table.c.valve_id).where(VALVE.c.name == valve)
+    )
 
 
 def _names(table: sa.Table) -> dict[str, sa.BindParameter[Any]]:

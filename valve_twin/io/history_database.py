@@ -1,19 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""The database under the history: connections that are durable on commit, schema upgrades, errors in plain words.
+"""The database under the history: durable commits, schema upgrades, errors in plain words.
 
-SQLite runs in WAL mode with synchronous=FULL: a commit returns after its bytes were flushed to the disk. Writers take
-the write lock at BEGIN, so that a transaction either waits or fails at its start and never in its middle.
+SQLite runs in WAL mode with synchronous=FULL: a commit returns after its bytes were flushed to the
+disk. Writers take the write lock at BEGIN, so that a transaction either waits or fails at its
+start and never in its middle.
 """
 
 from __future__ import annotations
 
 import os
 import sqlite3
-from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import sqlalchemy as sa
 from sqlalchemy.engine import URL, Connection, Engine, make_url
@@ -22,21 +22,39 @@ from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history_tables import METADATA, SCHEMA_TABLE, SCHEMA_VERSION
 
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
 MIGRATIONS = Path(__file__).parent / "migrations"
 
 _ADVISORY_LOCK = 0x56414C56
 """Key of the PostgreSQL lock that lets one process at a time upgrade the schema ("VALV")."""
 
 _SQLITE_REMEDIES = (
-    ("database is locked", "another program holds the write lock: close it or wait, then try again"),
-    ("database table is locked", "another program holds the write lock: close it or wait, then try again"),
-    ("readonly database", "the file or its folder is read-only: give this user write access to both"),
+    (
+        "database is locked",
+        "another program holds the write lock: close it or wait, then try again",
+    ),
+    (
+        "database table is locked",
+        "another program holds the write lock: close it or wait, then try again",
+    ),
+    (
+        "readonly database",
+        "the file or its folder is read-only: give this user write access to both",
+    ),
     ("disk is full", "free some space, then try again; what is stored is intact"),
-    ("file is not a database", "this file is no SQLite database: name another file or move this one away"),
+    (
+        "file is not a database",
+        "this file is no SQLite database: name another file or move this one away",
+    ),
     ("malformed", "the file is damaged: move it away and put the last backup in its place"),
     ("unable to open", "the folder must exist and this user must be able to read and write there"),
     ("no such table", "the file was changed by another program: put the last backup in its place"),
-    ("disk i/o error", "the disk or network share reports a fault: check it and the free space, then try again"),
+    (
+        "disk i/o error",
+        "the disk or network share reports a fault: check it and the free space, then try again",
+    ),
 )
 _POSTGRESQL_REMEDIES = (
     ("connection refused", "is the server running, and are host and port right?"),
@@ -56,7 +74,8 @@ class Database:
     Parameters
     ----------
     url : str
-        Path of a SQLite file, or a URL: sqlite:///relative.db, sqlite:////absolute.db, postgresql://user@host/name.
+        Path of a SQLite file, or a URL: sqlite:///relative.db, sqlite:////absolute.db,
+        postgresql://user@host/name.
     read_only : bool
         Never write; the database must exist and be current.
     busy_timeout_s : float
@@ -90,7 +109,7 @@ class Database:
         return self.url.get_backend_name() == "sqlite"
 
     def compile(self, statement: sa.Executable) -> str:
-        """Return the statement's text for `exec_driver_sql` with one dict a row: half the time of `execute`."""
+        """Return the text of a statement for `exec_driver_sql`, twice as fast as `execute`."""
         return str(cast("sa.sql.ClauseElement", statement).compile(dialect=self.engine.dialect))
 
     def close(self) -> None:
@@ -119,7 +138,11 @@ class Database:
     def read(self) -> Iterator[Connection]:
         """Run reads that all see one state of the database."""
         level: dict[str, Any] = {} if self.is_sqlite else {"isolation_level": "REPEATABLE READ"}
-        with self.errors("read"), self.engine.connect().execution_options(**level) as connection, connection.begin():
+        with (
+            self.errors("read"),
+            self.engine.connect().execution_options(**level) as connection,
+            connection.begin(),
+        ):
             yield connection
 
     @contextmanager
@@ -131,11 +154,14 @@ class Database:
             msg = f"{self.where}: cannot be {done}: {_explain(err, sqlite=self.is_sqlite)}"
             raise StoreError(msg) from err
         except OSError as err:
-            msg = f"{self.where}: cannot be {done}: {err.strerror or err}: check the path and the access rights"
+            msg = (
+                f"{self.where}: cannot be {done}: {err.strerror or err}: check the path and the"
+                " access rights"
+            )
             raise StoreError(msg) from err
 
     def check_file(self) -> None:
-        """Refuse to go on with a SQLite file that was deleted or replaced: its commits would be lost.
+        """Refuse a SQLite file that was deleted or replaced: its commits would be lost.
 
         Raises
         ------
@@ -154,8 +180,10 @@ class Database:
             self._identity = found
         if found is None or found != self._identity:
             msg = (
-                f"{self.where}: the file was {'deleted' if found is None else 'replaced'} while in use, so nothing"
-                " can be stored: back up the history to another file now (what was stored can still be read), put"
+                f"{self.where}: the file was {'deleted' if found is None else 'replaced'} while in"
+                " use, so nothing"
+                " can be stored: back up the history to another file now (what was stored can"
+                " still be read), put"
                 " that file in its place and restart"
             )
             raise StoreError(msg)
@@ -163,7 +191,10 @@ class Database:
     def _make_engine(self) -> Engine:
         if self.is_sqlite:
             engine = sa.create_engine(
-                self.url, creator=self._connect_sqlite, poolclass=sa.pool.QueuePool, paramstyle="named"
+                self.url,
+                creator=self._connect_sqlite,
+                poolclass=sa.pool.QueuePool,
+                paramstyle="named",
             )
             sa.event.listen(engine, "begin", _begin_sqlite)
             return engine
@@ -179,15 +210,19 @@ class Database:
                 connect_args={"connect_timeout": 10, "options": f"{options} {given_text}".strip()},
             )
         except ImportError as err:
-            msg = f"{self.where}: cannot be opened: the driver is not installed: python -m pip install 'psycopg[binary]'"
+            msg = (
+                f"{self.where}: cannot be opened: the driver is not installed: python -m pip"
+                " install 'psycopg[binary]'"
+            )
             raise StoreError(msg) from err
 
     def _connect_sqlite(self) -> sqlite3.Connection:
         assert self.file is not None
         path = self.file.absolute()
         mode = "ro" if self.read_only else ("rwc" if self._identity is None else "rw")
-        if self.read_only and not os.access(path.parent, os.W_OK) and not Path(f"{path}-wal").exists():
-            mode = "ro&immutable=1"  # a WAL database on read-only media: no lock file can be made and none is needed
+        if self.read_only and not _can_write(path.parent) and not Path(f"{path}-wal").exists():
+            # read-only media: the lock file of WAL cannot be made there and is not needed
+            mode = "ro&immutable=1"
         connection = sqlite3.connect(
             f"{path.as_uri()}?mode={mode}",
             uri=True,
@@ -196,8 +231,9 @@ class Database:
             check_same_thread=False,
             cached_statements=256,
         )
-        connection.execute("PRAGMA foreign_keys=ON")
-        connection.execute("PRAGMA synchronous=FULL")
+        if not self.read_only:
+            connection.execute("PRAGMA foreign_keys=ON")
+            connection.execute("PRAGMA synchronous=FULL")
         return connection
 
     def _open(self) -> None:
@@ -215,7 +251,10 @@ class Database:
             current = self._schema_is_current(connection)
         if not current:
             if self.read_only:
-                msg = f"{self.where}: cannot be read: its schema is old: open it once with write access to upgrade it"
+                msg = (
+                    f"{self.where}: cannot be read: its schema is old: open it once with write"
+                    " access to upgrade it"
+                )
                 raise StoreError(msg)
             self._upgrade()
 
@@ -223,7 +262,8 @@ class Database:
         problem = connection.exec_driver_sql("PRAGMA quick_check(1)").scalar_one()
         if problem != "ok":
             msg = (
-                f"{self.where}: the file is damaged ({str(problem).splitlines()[-1]}): move it away and put the last"
+                f"{self.where}: the file is damaged ({str(problem).splitlines()[-1]}): move it"
+                " away and put the last"
                 " backup in its place"
             )
             raise StoreError(msg)
@@ -233,7 +273,10 @@ class Database:
         assert driver is not None
         mode = driver.execute("PRAGMA journal_mode=WAL").fetchone()[0]
         if mode != "wal":
-            msg = f"{self.where}: cannot be opened: this file system allows no WAL (mode '{mode}'): use a local disk"
+            msg = (
+                f"{self.where}: cannot be opened: this file system allows no WAL (mode '{mode}'):"
+                " use a local disk"
+            )
             raise StoreError(msg)
 
     def _schema_is_current(self, connection: Connection) -> bool:
@@ -242,16 +285,20 @@ class Database:
             foreign = tables if self.is_sqlite else tables & set(METADATA.tables)
             if foreign:
                 msg = (
-                    f"{self.where}: is a database of another application (table '{min(foreign)}'): name another"
+                    f"{self.where}: is a database of another application (table '{min(foreign)}'):"
+                    " name another"
                     f" {'file' if self.is_sqlite else 'database or schema'}"
                 )
                 raise StoreError(msg)
             return False
-        rows = connection.exec_driver_sql(f"SELECT version_num FROM {SCHEMA_TABLE}").scalars().all()
+        rows = (
+            connection.exec_driver_sql(f"SELECT version_num FROM {SCHEMA_TABLE}").scalars().all()
+        )
         version = rows[0] if rows else ""
         if version > SCHEMA_VERSION:
             msg = (
-                f"{self.where}: was written by a newer valve_twin (schema {version}, this one knows {SCHEMA_VERSION}):"
+                f"{self.where}: was written by a newer valve_twin (schema {version}, this one"
+                f" knows {SCHEMA_VERSION}):"
                 " update valve_twin or name another database"
             )
             raise StoreError(msg)
@@ -275,8 +322,8 @@ def migrate(connection: Connection, revision: str = "head") -> None:
     revision : str
         Revision to reach, "head" = the newest.
     """
-    from alembic import command  # noqa: PLC0415  (0.2 s, needed for new or old databases only)
-    from alembic.config import Config  # noqa: PLC0415
+    from alembic import command
+    from alembic.config import Config
 
     config = Config()
     config.set_main_option("script_location", str(MIGRATIONS).replace("%", "%%"))
@@ -293,16 +340,29 @@ def _parse_url(text: str) -> URL:
         if backend == "postgresql":
             url = url.set(drivername="postgresql+psycopg")
     except (ArgumentError, NoSuchModuleError) as err:
-        msg = f"history '{text}': no database URL: write a file path, sqlite:///file.db or postgresql://user@host/name"
+        msg = (
+            f"history '{text}': no database URL: write a file path, sqlite:///file.db or"
+            " postgresql://user@host/name"
+        )
         raise StoreError(msg) from err
     if backend not in {"sqlite", "postgresql"}:
         shown = url.render_as_string(hide_password=True)
-        msg = f"history '{shown}': database '{backend}' is not supported: use sqlite:///file.db or postgresql://..."
+        msg = (
+            f"history '{shown}': database '{backend}' is not supported: use sqlite:///file.db or"
+            " postgresql://..."
+        )
         raise StoreError(msg)
     if backend == "sqlite" and url.database in {None, "", ":memory:"}:
-        msg = f"history '{text}': a history in memory would be lost: name a file, e.g. sqlite:///history.db"
+        msg = (
+            f"history '{text}': a history in memory would be lost: name a file, e.g."
+            " sqlite:///history.db"
+        )
         raise StoreError(msg)
     return url
+
+
+def _can_write(folder: Path) -> bool:
+    return os.access(folder, os.W_OK, effective_ids=os.access in os.supports_effective_ids)
 
 
 def _begin_sqlite(connection: Connection) -> None:
@@ -314,5 +374,7 @@ def _explain(err: Exception, *, sqlite: bool) -> str:
     original = err.orig if isinstance(err, DBAPIError) and err.orig is not None else err
     text = (str(original).strip().splitlines() or [type(original).__name__])[0]
     table = _SQLITE_REMEDIES if sqlite else _POSTGRESQL_REMEDIES
-    remedy = next((r for sign, r in table if sign in str(original).lower()), "see the database's own log")
+    remedy = next(
+        (r for sign, r in table if sign in str(original).lower()), "see the database's own log"
+    )
     return f"{text}: {remedy}"

@@ -2,17 +2,17 @@
 # Copyright 2026 valve_twin maintainers
 """Tables of the history database and how values become rows and come back exactly.
 
-Floating-point columns hold NaN as NULL (SQLite knows no NaN); arrays are JSON text with Python's shortest exact
-decimals, in which numbers that are not finite stand as the strings "nan", "inf" and "-inf".
+Floating-point columns hold NaN as NULL (SQLite knows no NaN); arrays are JSON text with Python's
+shortest exact decimals, in which numbers that are not finite stand as the strings "nan", "inf" and
+"-inf".
 """
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from sqlalchemy import (
@@ -40,11 +40,14 @@ from valve_twin.core.types import (
     ParameterValue,
 )
 
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
 SCHEMA_VERSION = "0002"
-"""Revision of the schema that this code reads and writes; the newest file in `migrations/versions`."""
+"""Revision of the schema of this code: the newest file in `migrations/versions`."""
 
 SCHEMA_TABLE = "valve_twin_schema"
-"""Table in which alembic keeps the revision, named so that another application's own does not clash with it."""
+"""Table of alembic's revision, named so that it is not another application's."""
 
 _ENCODER = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
 
@@ -192,7 +195,7 @@ def row_cycle(row: Mapping[str, Any]) -> CycleRecord:
 
 
 def estimate_row(valve_id: int, position: int, estimate: Estimate) -> dict[str, Any]:
-    """Return the row of table `estimate` for the estimate at `position` among those of its cycle."""
+    """Return the row of table `estimate`; `position` is its place among those of its cycle."""
     counts = estimate.counts
     return {
         "valve_id": valve_id,
@@ -213,7 +216,9 @@ def estimate_row(valve_id: int, position: int, estimate: Estimate) -> dict[str, 
         "lag": int(estimate.lag),
         "noise_sigma": _or_null(estimate.noise_sigma),
         "samples_used": int(counts.used),
-        "samples_masked": _ENCODER.encode([int(counts.seat), int(counts.stuck), int(counts.stale), int(counts.bad)]),
+        "samples_masked": _ENCODER.encode(
+            [int(counts.seat), int(counts.stuck), int(counts.stale), int(counts.bad)]
+        ),
         "missed_cycles": int(estimate.missed_cycles),
         "used_by_trend": bool(estimate.used_by_trend),
         "reproducible": bool(estimate.reproducible),
@@ -276,7 +281,9 @@ def _encode_parameters(parameters: Sequence[ParameterValue]) -> str:
 def _decode_parameters(text: str) -> tuple[ParameterValue, ...]:
     data = json.loads(text)
     return tuple(
-        ParameterValue(name, _from_json(v), ParameterStatus(status), reason, *(_from_json(x) for x in rest))
+        ParameterValue(
+            name, _from_json(v), ParameterStatus(status), reason, *(_from_json(x) for x in rest)
+        )
         for name, status, reason, (v, *rest) in zip(
             data["names"], data["status"], data["reasons"], data["values"], strict=True
         )
@@ -288,7 +295,7 @@ def _to_json(x: float) -> float | str:
 
 
 def _from_json(x: float | str) -> float:
-    # the one NaN object of numpy, so that == between dataclasses holds as it does between freshly made ones
+    # numpy's one NaN object: == between dataclasses holds as it does between fresh ones
     return np.nan if x == "nan" else float(x)
 
 

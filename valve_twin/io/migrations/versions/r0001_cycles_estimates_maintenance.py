@@ -26,7 +26,9 @@ def upgrade() -> None:
     )
     op.create_table(
         "cycle",
-        sa.Column("valve_id", _ID, sa.ForeignKey("valve.id"), primary_key=True, autoincrement=False),
+        sa.Column(
+            "valve_id", _ID, sa.ForeignKey("valve.id"), primary_key=True, autoincrement=False
+        ),
         sa.Column("cycle", sa.BigInteger, primary_key=True, autoincrement=False),
         sa.Column("start_ns", sa.BigInteger, nullable=False),
         sa.Column("end_ns", sa.BigInteger, nullable=False),
