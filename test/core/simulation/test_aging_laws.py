@@ -26,6 +26,11 @@ def test_factor_never_turns_negative_or_infinite():
     assert math.isfinite(AgingRule("leak", "exponential", 1.0).factor(10**9))
 
 
+def test_refuses_a_negative_start_cycle():
+    with pytest.raises(ValueError, match="start_cycle = -1: must not be negative"):
+        AgingRule("area_in", "linear", 0.1, -1)
+
+
 @pytest.mark.parametrize(
     ("law", "rate", "text"),
     [

@@ -172,6 +172,32 @@ def test_refuses_commands_when_it_runs_cycles_itself():
         SimulatedValve(IDEAL).advance(4, np.zeros((4, 2)))
 
 
+def test_refuses_a_negative_number_of_samples():
+    with pytest.raises(ValueError, match="samples = -1: must not be negative"):
+        SimulatedValve(IDEAL).advance(-1)
+
+
+def test_no_samples_give_an_empty_block_and_leave_the_time():
+    valve = SimulatedValve(IDEAL)
+    assert len(valve.advance(0)) == 0
+    assert valve.time_ns == 0
+
+
+def test_a_fixed_refresh_phase_starts_with_the_cycle():
+    config = configure(DEFAULT, {"measurement": {"refresh": 4, "refresh_phase": 2}})
+    for block in simulate_cycles(config, 2):
+        fresh = np.flatnonzero(np.diff(block.position) != 0.0) + 1
+        assert set(fresh % 4) == {2}
+
+
+def test_cycle_number_follows_the_samples():
+    valve = SimulatedValve(IDEAL)
+    valve.advance(850)
+    assert valve.cycle == 1  # the next one starts with its first sample
+    valve.advance(1)
+    assert valve.cycle == 2
+
+
 def test_cycles_are_numbered_from_the_first_and_stamps_run_on():
     blocks = list(simulate_cycles(replace(IDEAL, first_cycle=429), 3))
     assert [set(b.cycle) for b in blocks] == [{429}, {430}, {431}]
