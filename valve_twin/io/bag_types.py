@@ -5,13 +5,13 @@
 from __future__ import annotations
 
 import struct
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from valve_twin.io.errors import BagError
-from valve_twin.io.mapping import FieldType, full_type_name
+from valve_twin.io.mapping import FieldType, Message, full_type_name
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -45,10 +45,14 @@ class BagTypes:
             self.name = schema.name
         text = schema.data.decode(errors="replace")
         self._store = get_typestore(Stores.EMPTY)
-        readers = {"ros2msg": lambda: get_types_from_msg(text, self.name), "ros2idl": lambda: get_types_from_idl(text)}
+        readers = {
+            "ros2msg": lambda: get_types_from_msg(text, self.name),
+            "ros2idl": lambda: get_types_from_idl(text),
+        }
         if schema.encoding not in readers:
             msg = (
-                f"{where}: the definition of {schema.name} is of kind '{schema.encoding}', not ros2msg or ros2idl; "
+                f"{where}: the definition of {schema.name} is of kind "
+                f"'{schema.encoding}', not ros2msg or ros2idl; "
                 "record the topic anew with ROS 2 Jazzy"
             )
             raise BagError(msg)
@@ -56,14 +60,17 @@ class BagTypes:
             self._store.register(readers[schema.encoding]())
             self._store.fielddefs[self.name]
         except Exception as err:  # the parser of rosbags raises what its grammar meets
-            msg = f"{where}: the bag holds no readable definition of {schema.name}; record the topic anew"
+            msg = (
+                f"{where}: the bag holds no readable definition of {schema.name}; record the "
+                "topic anew"
+            )
             raise BagError(msg) from err
 
     def fields(self, type_name: str) -> Mapping[str, FieldType]:
         """Return the fields of a type; KeyError if the bag does not define it."""
         return {name: _field(node) for name, node in self._store.fielddefs[type_name][1]}
 
-    def decode(self, data: bytes, log_ns: int) -> Any:  # noqa: ANN401  classes made from the definition
+    def decode(self, data: bytes, log_ns: int) -> Message:
         """Return a message.
 
         Raises
@@ -74,11 +81,14 @@ class BagTypes:
         try:
             return self._store.deserialize_cdr(data, self.name)
         except _UNDECODABLE as err:
-            msg = f"{self._where}: the message at log time {log_ns} ns is no valid {self.name}; rewrite the bag without it"
+            msg = (
+                f"{self._where}: the message at log time {log_ns} ns is no valid {self.name}; "
+                "rewrite the bag without it"
+            )
             raise BagError(msg) from err
 
 
-def _field(node: Any) -> FieldType:  # noqa: ANN401  nested tuples of rosbags
+def _field(node: Message) -> FieldType:
     kind, detail = node
     if kind == Nodetype.BASE:
         return FieldType(str(detail[0]))

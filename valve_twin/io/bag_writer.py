@@ -6,12 +6,10 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
+from typing import TYPE_CHECKING
 
-from valve_twin.core.types import FloatArray
 from valve_twin.io.cdr import encode_series, encode_stamped
 from valve_twin.io.definitions import definition, type_hash
 from valve_twin.io.errors import BagError
@@ -26,6 +24,12 @@ from valve_twin.io.metadata import (
     metadata_text,
     qos_text,
 )
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from types import TracebackType
+
+    from valve_twin.core.types import FloatArray
 
 FLUSH_S = 1.0
 """Longest time that written messages stay in memory [s]."""
@@ -49,7 +53,8 @@ class BagWriter:
     path : path
         Folder to make; it must not exist.
     flush_s : float
-        Longest time after which what was written is put on disk and synced [s]; 0 = with every message.
+        Longest time after which what was written is put on disk and synced [s]; 0 = with every
+        message.
     clock : callable
         Steady clock [s] that times the flushing.
     sync : callable
@@ -119,14 +124,20 @@ class BagWriter:
         known = self._topics.get(topic)
         if known is not None:
             if known.type != type_name:
-                msg = f"{self.path}: topic '{topic}' is of type {known.type}, not {type_name}; use another name"
+                msg = (
+                    f"{self.path}: topic '{topic}' is of type {known.type}, not {type_name}; "
+                    "use another name"
+                )
                 raise BagError(msg)
             return
         try:
             text = definition(type_name) if message_definition is None else message_definition
             digest = type_hash(type_name) if definition_hash is None else definition_hash
         except (KeyError, ValueError) as err:
-            msg = f"{self.path}: topic '{topic}': message type {type_name} is defined nowhere; install its package"
+            msg = (
+                f"{self.path}: topic '{topic}': message type {type_name} is defined nowhere; "
+                "install its package"
+            )
             raise BagError(msg) from err
         key = (type_name, text)
         if key not in self._schemas:
@@ -135,7 +146,9 @@ class BagWriter:
         channel = self._mcap.add_channel(self._schemas[key], topic, metadata)
         self._topics[topic] = _Topic(topic, type_name, digest, qos, channel)
 
-    def write(self, topic: str, data: bytes, *, log_ns: int, publish_ns: int | None = None) -> None:
+    def write(
+        self, topic: str, data: bytes, *, log_ns: int, publish_ns: int | None = None
+    ) -> None:
         """Append a serialized message.
 
         Parameters
@@ -183,7 +196,7 @@ class BagWriter:
         *,
         log_ns: int | None = None,
     ) -> None:
-        """Append a Float64Series; its log time is the stamp of its first value unless one is given."""
+        """Append a Float64Series; its log time is its stamp unless one is given."""
         self.add_topic(topic, SERIES_TYPE)
         self._write_at(topic, encode_series(stamp_ns, period_s, values), stamp_ns, log_ns)
 
@@ -256,7 +269,8 @@ class BagWriter:
 
     def _full(self, err: OSError) -> BagError:
         return BagError(
-            f"{self._file}: cannot be written ({err.strerror}); free some space, what is written stays readable"
+            f"{self._file}: cannot be written ({err.strerror}); free some space, what is "
+            "written stays readable"
         )
 
     def __enter__(self) -> BagWriter:

@@ -2,29 +2,33 @@
 # Copyright 2026 valve_twin maintainers
 """Read bags: what is in them, and signals as columns in log-time order.
 
-A bag is a rosbag2 folder, its metadata.yaml or one .mcap file. Messages are decoded with the definitions in the bag,
-and what was read is counted against the summary of each file.
+A bag is a rosbag2 folder, its metadata.yaml or one .mcap file. Messages are decoded with the
+definitions in the bag, and what was read is counted against the summary of each file.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.types import BoolArray, FloatArray, IntArray
 from valve_twin.io.bag_types import BagTypes
 from valve_twin.io.bag_writer import BagWriter
 from valve_twin.io.columns import Columns, gather
-from valve_twin.io.errors import BagError, ConfigError, suggest
+from valve_twin.io.errors import BagError, suggest
 from valve_twin.io.mapping import Extractor, SignalBlock, SignalSource, TypeSystem, full_type_name
-from valve_twin.io.mcap_format import Channel, ChunkIndex
 from valve_twin.io.mcap_reader import McapFile, messages
 from valve_twin.io.metadata import FILE_NAME, QosProfile, read_metadata
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from valve_twin.core.types import BoolArray, FloatArray, IntArray
+    from valve_twin.io.mcap_format import Channel, ChunkIndex
 
 __all__ = [
     "BagInfo",
@@ -38,7 +42,8 @@ __all__ = [
 ]
 
 SLICE_S = 1.0
-"""Log time in one round of blocks: below the default of hold_back_s, so that no signal waits for another in vain."""
+"""Log time in one round of blocks [s]: below the default of hold_back_s, so that no signal waits
+for another in vain."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,7 +223,10 @@ def _types(file: McapFile, channel: Channel) -> BagTypes:
         msg = f"{place}: the file holds no definition of its type; record the topic anew"
         raise BagError(msg)
     if channel.encoding != "cdr":
-        msg = f"{place}: encoding '{channel.encoding}' is not read; record the topic with ROS 2 (cdr)"
+        msg = (
+            f"{place}: encoding '{channel.encoding}' is not read; record the topic with ROS 2 "
+            "(cdr)"
+        )
         raise BagError(msg)
     return BagTypes(schema, place)
 
@@ -258,9 +266,9 @@ class _Samples:
             np.concatenate(self.stamped),
         )
         if bool((log_ns[1:] >= log_ns[:-1]).all()):
-            return Columns(*parts, messages=0)
+            return Columns(*parts)
         order = np.argsort(log_ns, kind="stable")
-        return Columns(*(p[order] for p in parts), messages=0)  # type: ignore[arg-type]
+        return Columns(*(p[order] for p in parts))  # type: ignore[arg-type]
 
 
 def read_signals(
@@ -275,7 +283,8 @@ def read_signals(
     sources : iterable of SignalSource
         What is wanted; several may share a topic.
     slice_s : float
-        Log time in one round of blocks [s]: each signal has at most one block a round, in the order of `sources`.
+        Log time in one round of blocks [s]: each signal has at most one block a round, in the
+        order of `sources`.
 
     Returns
     -------
@@ -285,8 +294,8 @@ def read_signals(
     Raises
     ------
     BagError
-        If the bag cannot be read, a topic is missing, empty or of another type, or fewer messages were read than the
-        summary counts; one line with the file, the topic and what to do.
+        If the bag cannot be read, a topic is missing, empty or of another type, or fewer messages
+        were read than the summary counts; one line with the file, the topic and what to do.
     ConfigError
         If a field does not fit its type.
     """
@@ -313,7 +322,8 @@ def _columns_of(file: McapFile, wanted: Sequence[SignalSource]) -> list[_Column]
         for source in sources:
             if source.type != types.name:
                 msg = (
-                    f"{file.path}: topic '{source.topic}' is of type {types.name}, not {source.type}; "
+                    f"{file.path}: topic '{source.topic}' is of type {types.name}, not "
+                    f"{source.type}; "
                     f"write signals.{source.signal}.type: {types.name}"
                 )
                 raise BagError(msg)
@@ -372,7 +382,11 @@ def _groups(files: Sequence[McapFile]) -> Iterator[list[tuple[int, ChunkIndex | 
         yield chunks
         return
     ordered = sorted(
-        ((c.start_ns, c.end_ns, n, c) for n, file in enumerate(files) for c in file.summary.chunks),
+        (
+            (c.start_ns, c.end_ns, n, c)
+            for n, file in enumerate(files)
+            for c in file.summary.chunks
+        ),
         key=lambda item: item[:3],
     )
     group: list[tuple[int, ChunkIndex | None]] = []
@@ -474,14 +488,15 @@ def _check_counts(file: McapFile, columns: Sequence[_Column]) -> None:
         counted = statistics.counts.get(column.channel, 0)
         if column.read != counted:
             msg = (
-                f"{file.path}: topic '{column.source.topic}': {column.read} messages read, its summary counts "
+                f"{file.path}: topic '{column.source.topic}': {column.read} messages "
+                "read, its summary counts "
                 f"{counted}; the file is damaged, rewrite it with 'mcap recover'"
             )
             raise BagError(msg)
 
 
 def read_texts(path: str | Path, topic: str) -> list[tuple[int, str]]:
-    """Return the messages of a std_msgs/msg/String topic with their log times [ns]; empty if it is not there.
+    """Return log times [ns] and texts of a std_msgs/msg/String topic; empty if it is not there.
 
     Raises
     ------

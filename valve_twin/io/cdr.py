@@ -2,18 +2,21 @@
 # Copyright 2026 valve_twin maintainers
 """Serialize and read our own sample messages as CDR bytes, without ROS.
 
-Layout of Float64Stamped after the 4 bytes of encapsulation: int32 sec, uint32 nanosec, uint32 length of frame_id with
-its closing zero, frame_id, padding to 8, float64 value. Float64Series goes on with float64 period, uint32 count,
-padding to 8, float64 values. Alignment counts from behind the encapsulation.
+Layout of Float64Stamped after the 4 bytes of encapsulation: int32 sec, uint32 nanosec, uint32
+length of frame_id with its closing zero, frame_id, padding to 8, float64 value. Float64Series goes
+on with float64 period, uint32 count, padding to 8, float64 values. Alignment counts from behind
+the encapsulation.
 """
 
 from __future__ import annotations
 
 import struct
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.types import FloatArray
+if TYPE_CHECKING:
+    from valve_twin.core.types import FloatArray
 
 _LITTLE = b"\x00\x01\x00\x00"
 _SECOND_NS = 1_000_000_000
@@ -32,7 +35,10 @@ def _pad(size: int) -> int:
 def _header(stamp_ns: int, frame_id: str) -> bytes:
     sec, nanosec = divmod(int(stamp_ns), _SECOND_NS)
     if not 0 <= sec < _MAX_SECONDS:
-        msg = f"stamp {stamp_ns} ns does not fit into a message header, which holds the years 1970 to 2038"
+        msg = (
+            f"stamp {stamp_ns} ns does not fit into a message header, which holds the years "
+            "1970 to 2038"
+        )
         raise ValueError(msg)
     name = frame_id.encode() + b"\0"
     body = struct.pack("<iII", sec, nanosec, len(name)) + name

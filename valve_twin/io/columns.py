@@ -1,20 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Columns of our own sample messages taken from a decompressed chunk in one step, without a loop over messages.
+"""Take columns of our own sample messages out of a decompressed chunk in one step.
 
-All messages of a channel in a chunk must have the length and the layout words (byte order, length of frame_id, count
-of values) of the first; anything else is left to the general decoder.
+All messages of a channel in a chunk must have the length and the layout words (byte order, length
+of frame_id, count of values) of the first; anything else is left to the general decoder.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.types import BoolArray, FloatArray, IntArray
 from valve_twin.io.mapping import SERIES_TYPE, STAMPED_TYPE, SignalSource
 from valve_twin.io.mcap_format import MESSAGE_HEAD
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
 _LOG_AT = 15
 _LENGTH_AT = 1
@@ -43,7 +46,7 @@ class Columns:
     stamp_ns: IntArray
     values: FloatArray
     stamped: BoolArray
-    messages: int
+    messages: int = 0
 
 
 def gather(data: bytes, offsets: IntArray, source: SignalSource) -> Columns | None:

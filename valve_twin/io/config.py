@@ -2,21 +2,20 @@
 # Copyright 2026 valve_twin maintainers
 """The configuration of a valve: one YAML file for the nodes and for the offline command.
 
-A file holds ROS 2 parameters. One file may configure many valves: `valves` lists their names, and a section of a
-valve's name overrides the common keys for that valve.
+A file holds ROS 2 parameters. One file may configure many valves: `valves` lists their names, and
+a section of a valve's name overrides the common keys for that valve.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
 
 from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.cycles import CycleConfig
 from valve_twin.core.types import CycleRule
-from valve_twin.core.valves.interface import ValveModel
 from valve_twin.core.valves.registry import complete_options, get_model
 from valve_twin.io.csv_config import CsvConfig
 from valve_twin.io.errors import ConfigError, suggest
@@ -24,6 +23,13 @@ from valve_twin.io.mapping import SERIES_TYPE, STAMPED_TYPE, SignalSource, full_
 from valve_twin.io.node_parameters import NODE_PARAMETERS
 from valve_twin.io.parameter_file import Section, read_parameter_file
 from valve_twin.io.schema import Kind, Spec, build, dataclass_specs, option_specs
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from valve_twin.core.valves.interface import ValveModel
+
+T = TypeVar("T")
 
 DEFAULT_HISTORY = "sqlite:///valve_twin_history.sqlite"
 """History database in the working directory."""
@@ -83,7 +89,8 @@ VALVE_SPECS = (
         "valves",
         Kind.STRINGS,
         (),
-        "Names of the valves of this process, relative to the node's namespace; empty = one valve, the namespace itself.",
+        "Names of the valves of this process, relative to the node's namespace; empty = "
+        "one valve, the namespace itself.",
     ),
     Spec(
         "model",
@@ -134,7 +141,8 @@ def signal_specs(signal: str, topic: str) -> tuple[Spec, ...]:
             f"{prefix}field",
             Kind.STRING,
             "",
-            "Field of the message: value, position[2], pose.position.x, values[] for batches; empty = value or values[].",
+            "Field of the message: value, position[2], pose.position.x, values[] for "
+            "batches; empty = value or values[].",
         ),
         Spec(
             f"{prefix}scale",
@@ -170,7 +178,7 @@ def valve_specs(model: ValveModel) -> tuple[Spec, ...]:
     """Return every parameter of a valve of this model, in the order of the reference."""
     signals: list[Spec] = []
     for name in model.inputs:
-        signals += signal_specs(name, f"command/{name}")
+        signals += signal_specs(name, name if name == "command" else f"command/{name}")
     signals += signal_specs(model.output, model.output)
     for name in OPTIONAL_SIGNALS:
         signals += signal_specs(name, "")
@@ -254,7 +262,10 @@ def _check_distinct(configs: Sequence[ValveConfig], where: str) -> None:
     names = [c.name for c in configs]
     for valve in names:
         if names.count(valve) > 1:
-            msg = f"{where}: key 'valves': '{valve}' stands twice; give every valve a name of its own"
+            msg = (
+                f"{where}: key 'valves': '{valve}' stands twice; give every valve a name of "
+                "its own"
+            )
             raise ConfigError(msg)
 
 
@@ -309,7 +320,7 @@ def parse_config(
 def _of_valve(
     flat: Mapping[str, object], valve: str, valves: Sequence[str]
 ) -> tuple[dict[str, object], dict[str, str]]:
-    """Return the values of one valve, common ones overridden by its own, and the key each came from."""
+    """Return the values of one valve, its own over the common ones, and the key of each."""
     values: dict[str, object] = {}
     origin: dict[str, str] = {}
     for own in (False, True):
@@ -328,15 +339,16 @@ class _Reader:
         self._where = where
         self._lines = lines
 
-    def _error(self, key: str, problem: str) -> ConfigError:
+    def _at(self, key: str, problem: str) -> ConfigError:
         line = f":{self._lines[key]}" if key in self._lines else ""
         return ConfigError(f"{self._where}{line}: key '{key}': {problem}")
 
     def valves(self, flat: Mapping[str, object]) -> tuple[str, ...]:
+        key = VALVE_SPECS[0].name
         try:
-            names = VALVE_SPECS[0].check(flat.get("valves", ()))
+            names = VALVE_SPECS[0].check(flat.get(key, ()))
         except ValueError as err:
-            raise self._error("valves", str(err)) from None
+            raise self._at(key, str(err)) from None
         assert isinstance(names, tuple)
         for name in names:
             parts = name.strip("/").split("/")
@@ -344,11 +356,10 @@ class _Reader:
                 problem = (
                     f"'{name}' is no name; write letters, digits and _ only, parts divided by /"
                 )
-                raise self._error("valves", problem)
+                raise self._at(key, problem)
             if names.count(name) > 1:
-                raise self._error(
-                    "valves", f"'{name}' stands twice; give every valve a name of its own"
-                )
+                problem = f"'{name}' stands twice; give every valve a name of its own"
+                raise self._at(key, problem)
         return names
 
     def refuse_sections(self, flat: Mapping[str, object], valves: Sequence[str]) -> None:
@@ -357,7 +368,7 @@ class _Reader:
             known = {s.name.split(".", 1)[0] for s in VALVE_SPECS}
             if "/" in section and "." in key and section not in valves and section not in known:
                 problem = f"there is no valve '{section}' in 'valves'; {suggest(section, valves)}"
-                raise self._error(key, problem)
+                raise self._at(key, problem)
 
     def valve(
         self, name: str, values: Mapping[str, object], origin: Mapping[str, str]
@@ -373,7 +384,7 @@ class _Reader:
                 simulation[key.removeprefix("simulation.")] = value
             elif not _of_a_node(key):
                 known = [*specs, *_node_keys()]
-                raise self._error(origin[key], f"is unknown; {suggest(key, known)}")
+                raise self._at(origin[key], f"is unknown; {suggest(key, known)}")
         given = {k: v for k, v in checked.items() if k in values}
         return ValveConfig(
             name=name,
@@ -395,13 +406,13 @@ class _Reader:
         try:
             return get_model(str(name))
         except ValueError as err:
-            raise self._error(key, str(err).removeprefix("model: ")) from None
+            raise self._at(key, str(err).removeprefix("model: ")) from None
 
     def _checked(self, spec: Spec, value: object, key: str) -> object:
         try:
             return spec.check(value)
         except ValueError as err:
-            raise self._error(key, str(err)) from None
+            raise self._at(key, str(err)) from None
 
     def _signals(
         self,
@@ -420,15 +431,13 @@ class _Reader:
             topic_key = origin.get(prefix + "topic", prefix + "topic")
             if not part["topic"]:
                 if signal not in OPTIONAL_SIGNALS:
-                    raise self._error(
-                        topic_key, "is empty; write the topic that carries this signal"
-                    )
+                    raise self._at(topic_key, "is empty; write the topic that carries this signal")
                 continue
             self._check_numbers(prefix, numbers, origin)
             try:
                 type_name = full_type_name(str(part["type"]))
             except ValueError as err:
-                raise self._error(origin.get(prefix + "type", prefix + "type"), str(err)) from None
+                raise self._at(origin.get(prefix + "type", prefix + "type"), str(err)) from None
             topic = resolve_topic(str(part["topic"]), valve, str(checked["topic_prefix"]))
             sources[signal] = SignalSource(
                 signal=signal,
@@ -449,13 +458,16 @@ class _Reader:
                 problem = (
                     f"value {numbers[key]!r} makes every sample useless; write a finite number"
                 )
-                raise self._error(
+                raise self._at(
                     origin.get(full, full), problem + (" other than 0" if key == "scale" else "")
                 )
         if not numbers["lower"] < numbers["upper"]:
             full = prefix + "lower"
-            problem = f"value {numbers['lower']!r} is not below upper = {numbers['upper']!r}; swap or widen them"
-            raise self._error(origin.get(full, full), problem)
+            problem = (
+                f"value {numbers['lower']!r} is not below upper = {numbers['upper']!r}; swap "
+                "or widen them"
+            )
+            raise self._at(origin.get(full, full), problem)
 
     def _cycles(
         self,
@@ -469,19 +481,25 @@ class _Reader:
             name = getattr(cycles, key)
             if name and name not in model.inputs:
                 full = f"cycles.{key}"
-                problem = f"'{name}' is no command of model '{model.name}'; {suggest(name, model.inputs)}"
-                raise self._error(origin.get(full, full), problem)
+                problem = (
+                    f"'{name}' is no command of model '{model.name}'; "
+                    f"{suggest(name, model.inputs)}"
+                )
+                raise self._at(origin.get(full, full), problem)
         if cycles.max_cycle_s <= cycles.min_cycle_s:
             full = "cycles.max_cycle_s"
-            problem = f"value {cycles.max_cycle_s!r} s is not above cycles.min_cycle_s = {cycles.min_cycle_s!r} s; raise it"
-            raise self._error(origin.get(full, full), problem)
+            problem = (
+                f"value {cycles.max_cycle_s!r} s is not above cycles.min_cycle_s = "
+                f"{cycles.min_cycle_s!r} s; raise it"
+            )
+            raise self._at(origin.get(full, full), problem)
         needs = {CycleRule.COUNTER: "cycle_counter", CycleRule.REFERENCE: "reference"}
         signal = needs.get(cycles.rule)
         if signal and not checked[f"signals.{signal}.topic"]:
             problem = (
                 f"'{cycles.rule.value}' needs the signal '{signal}'; write signals.{signal}.topic"
             )
-            raise self._error(origin.get("cycles.rule", "cycles.rule"), problem)
+            raise self._at(origin.get("cycles.rule", "cycles.rule"), problem)
         return cycles
 
     def _options(self, model: ValveModel, given: Mapping[str, object]) -> dict[str, object]:
@@ -492,16 +510,17 @@ class _Reader:
         }
         return dict(complete_options(model, part))
 
-    def _built(self, cls: type, prefix: str, given: Mapping[str, object]) -> object:
+    def _built(self, cls: type[T], prefix: str, given: Mapping[str, object]) -> T:
         try:
-            return build(cls, prefix, given)
+            built: T = build(cls, prefix, given)
         except ValueError as err:
             msg = f"{self._where}: section '{prefix}': {err}"
             raise ConfigError(msg) from None
+        return built
 
 
 def resolve_topic(topic: str, valve: str, prefix: str = "") -> str:
-    """Return the absolute topic of a signal of a valve, with what the simulation or a player puts before it."""
+    """Return the absolute topic of a signal, with the prefix of a simulation or player."""
     absolute = topic if topic.startswith("/") else f"{valve.rstrip('/')}/{topic}"
     return f"/{prefix.strip('/')}{absolute}" if prefix.strip("/") else absolute
 

@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass, field
 
 BASE_STAMP = "2020-01-01T00:00:00Z"
-"""Where the clock of a file without dates starts: a fixed date, so that an import gives the same bag every time."""
+"""Where the clock of a file without dates starts: every import gives the same bag."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,8 +24,8 @@ class CsvConfig:
     time_scale : float
         Seconds in one unit of the time column, 0.001 for milliseconds [s].
     base_stamp : str
-        Date and time (ISO 8601, UTC) of time 0, moved up to the next start of a window where cycles are windows; empty
-        = the time column counts from 1970.
+        Date and time (ISO 8601, UTC) of time 0, moved up to the next start of a window where
+        cycles are windows; empty = the time column counts from 1970.
     batch : int
         Samples in one message of a signal of type Float64Series [1].
     gap_s : float

@@ -2,17 +2,19 @@
 # Copyright 2026 valve_twin maintainers
 """Turn measured CSV files into a bag through the signal mapping of a valve.
 
-The bag holds the numbers as they stand in the file; scale and offset are applied where the bag is read, with the same
-configuration. Several files follow one another on one clock, each announced on the topic `run` by its name.
+The bag holds the numbers as they stand in the file; scale and offset are applied where the bag is
+read, with the same configuration. Several files follow one another on one clock, each announced on
+the topic `run` by its name.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from glob import glob
+from itertools import pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,6 +27,9 @@ from valve_twin.io.errors import BagError, ConfigError
 from valve_twin.io.mapping import SERIES_TYPE, STAMPED_TYPE, SignalSource
 from valve_twin.io.metadata import QosProfile
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
 RUN_TOPIC = "run"
 """Topic below the valve's name with the name of the file whose rows follow."""
 
@@ -34,12 +39,12 @@ _SECOND_NS = 1_000_000_000
 _LATCHED = QosProfile(durability="transient_local", depth=1)
 _RAW_DEPTH = QosProfile(depth=1000)
 _IRREGULAR = 0.01
-"""A row whose step differs from the sampling time by more than this part begins a new batch [1]."""
+"""A row whose step is off the sampling time by more than this part begins a new batch [1]."""
 
 
 @dataclass(frozen=True, slots=True)
 class ImportedFile:
-    """One file as it lies in the bag: its name without endings, stamps of its first and last row [ns], rows."""
+    """One file as it lies in the bag: name without endings, stamps of first and last row [ns]."""
 
     name: str
     start_ns: int
@@ -48,8 +53,21 @@ class ImportedFile:
 
 
 @dataclass(frozen=True, slots=True)
+class ImportSummary:
+    """What an import wrote."""
+
+    files: tuple[ImportedFile, ...]
+    messages: int
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        rows = sum(f.rows for f in self.files)
+        return f"{len(self.files)} files, {rows} rows, {self.messages} messages"
+
+
+@dataclass(frozen=True, slots=True)
 class _Stream:
-    """One topic to write: a column, and how many of its samples go into a message (0 = single samples)."""
+    """One topic to write: its column, and the samples in a message (0 = single ones)."""
 
     topic: str
     column: str
@@ -70,37 +88,40 @@ def csv_files(pattern: str | Path) -> list[Path]:
     if path.is_dir():
         found = [p for p in path.iterdir() if p.name.endswith((".csv", ".csv.gz"))]
     else:
-        found = [Path(name) for name in glob(str(pattern)) if Path(name).is_file()]  # noqa: PTH207  absolute patterns
+        found = [Path(name) for name in glob(str(pattern)) if Path(name).is_file()]
     if not found:
-        msg = f"{pattern}: there is no such CSV file; give a file, a folder or a pattern such as 'runs/*.csv.gz'"
+        msg = (
+            f"{pattern}: there is no such CSV file; give a file, a folder or a pattern such "
+            "as 'runs/*.csv.gz'"
+        )
         raise BagError(msg)
     return sorted(found)
 
 
 def import_csv(
-    files: Sequence[Path],
+    files: Sequence[str | Path],
     config: ValveConfig,
     out: str | Path,
     *,
-    progress: Callable[[int, int], object] = lambda _done, _all: None,
-) -> list[ImportedFile]:
+    on_file: Callable[[], object] = lambda: None,
+) -> ImportSummary:
     """Write CSV files into a new bag folder.
 
     Parameters
     ----------
-    files : sequence of Path
-        In the order in which they follow one another.
+    files : sequence of path
+        Files, folders or patterns, in the order in which they follow one another.
     config : ValveConfig
         Its signals name their columns; its `csv` section says how the time is read.
     out : path
         Bag folder to make.
-    progress : callable
-        Called with the number of files done and of all files.
+    on_file : callable
+        Called after every file.
 
     Returns
     -------
-    list of ImportedFile
-        One a file.
+    ImportSummary
+        What lies in the bag.
 
     Raises
     ------
@@ -109,20 +130,22 @@ def import_csv(
     ConfigError
         If no signal names a column, or the mapping cannot be written.
     """
+    paths = [path for pattern in files for path in csv_files(pattern)]
     streams = _streams(config)
     base_ns = _base_ns(config)
-    tables = [_read(path, config, streams) for path in files[:1]]  # a wrong column leaves no bag behind
+    # a wrong column leaves no bag behind
+    tables = [_read(path, config, streams) for path in paths[:1]]
+    done: list[ImportedFile] = []
     with BagWriter(out, flush_s=60.0) as bag:
         _add_topics(bag, config, streams)
-        done: list[ImportedFile] = []
-        for number, path in enumerate(files):
+        for path in paths:
             table = tables.pop() if tables else _read(path, config, streams)
             after_ns = done[-1].end_ns + round(config.csv.gap_s * _SECOND_NS) if done else None
             stamps = _stamps(table, config, base_ns, after_ns)
             done.append(_write_file(bag, config, streams, table, stamps))
-            progress(number + 1, len(files))
+            on_file()
         bag.note({"valve": config.name, "model": config.model, "imported_files": len(done)})
-    return done
+        return ImportSummary(tuple(done), sum(bag.counts.values()))
 
 
 def _streams(config: ValveConfig) -> list[_Stream]:
@@ -134,7 +157,8 @@ def _streams(config: ValveConfig) -> list[_Stream]:
         known = streams.setdefault(source.topic, stream)
         if known != stream:
             msg = (
-                f"valve {config.name}: topic '{source.topic}' takes column '{known.column}' and '{source.column}'; "
+                f"valve {config.name}: topic '{source.topic}' takes column "
+                f"'{known.column}' and '{source.column}'; "
                 f"give signals.{source.signal}.topic a name of its own"
             )
             raise ConfigError(msg)
@@ -150,15 +174,17 @@ def _batch(source: SignalSource, config: ValveConfig) -> int:
     name, batch = fields.get(source.type, ("", 0))
     if source.field != name:
         msg = (
-            f"valve {config.name}: signal '{source.signal}' is mapped to {source.field} of {source.type}, which an "
-            f"import does not write; write signals.{source.signal}.type: {STAMPED_TYPE} or {SERIES_TYPE}"
+            f"valve {config.name}: signal '{source.signal}' is mapped to {source.field} "
+            f"of {source.type}, which an "
+            f"import does not write; write signals.{source.signal}.type: {STAMPED_TYPE} "
+            f"or {SERIES_TYPE}"
         )
         raise ConfigError(msg)
     return batch
 
 
 def _base_ns(config: ValveConfig) -> int | None:
-    """Return the stamp of the first row, at the start of a window where cycles are windows; None = as in the file."""
+    """Return the stamp of the first row, at the start of a window; None = as in the file."""
     text = config.csv.base_stamp
     if not text:
         return None
@@ -195,13 +221,17 @@ def _stamps(
         ticks = table.columns[0] * (1.0 if table.dated else config.csv.time_scale)
         _check_time(table, ticks, config)
     if table.dated or base_ns is None:
-        stamps = np.rint(ticks * 1e6).astype(np.int64) * 1000
+        stamps: IntArray = np.rint(ticks * 1e6).astype(np.int64) * 1000
         if after_ns is not None and stamps[0] <= after_ns - round(config.csv.gap_s * _SECOND_NS):
-            msg = f"{table.path}: begins before the file before it ends; give the files in the order of their time"
+            msg = (
+                f"{table.path}: begins before the file before it ends; give the files in the "
+                "order of their time"
+            )
             raise BagError(msg)
         return stamps
     begin_ns = base_ns if after_ns is None else after_ns
-    return begin_ns + np.rint((ticks - ticks[0]) * 1e9).astype(np.int64)
+    elapsed: IntArray = np.rint((ticks - ticks[0]) * 1e9).astype(np.int64)
+    return begin_ns + elapsed
 
 
 def _check_time(table: Table, ticks: FloatArray, config: ValveConfig) -> None:
@@ -216,7 +246,8 @@ def _check_time(table: Table, ticks: FloatArray, config: ValveConfig) -> None:
         raw = table.columns[0]
         what = "repeats the time" if raw[at] == raw[at - 1] else "goes back in time"
         msg = (
-            f"{table.path}:{table.lines[at]}: column '{name}' {what}, {raw[at]:.12g} after {raw[at - 1]:.12g}; "
+            f"{table.path}:{table.lines[at]}: column '{name}' {what}, {raw[at]:.12g} "
+            f"after {raw[at - 1]:.12g}; "
             f"remove the row or sort the file ({len(back)} such rows)"
         )
         raise BagError(msg)
@@ -224,7 +255,9 @@ def _check_time(table: Table, ticks: FloatArray, config: ValveConfig) -> None:
 
 def _add_topics(bag: BagWriter, config: ValveConfig, streams: Sequence[_Stream]) -> None:
     for stream in streams:
-        bag.add_topic(stream.topic, SERIES_TYPE if stream.batch else STAMPED_TYPE, qos=(_RAW_DEPTH,))
+        bag.add_topic(
+            stream.topic, SERIES_TYPE if stream.batch else STAMPED_TYPE, qos=(_RAW_DEPTH,)
+        )
     bag.add_topic(resolve_topic(RUN_TOPIC, config.name), STRING_TYPE, qos=(_LATCHED,))
 
 
@@ -254,7 +287,7 @@ def _write_file(
 def _encode(
     stream: _Stream, stamps: IntArray, values: FloatArray, period_s: float
 ) -> Iterator[tuple[int, int, bytes]]:
-    """Yield log time, stamp and bytes of the messages; a batch is logged when its last sample is there."""
+    """Yield log time, stamp and bytes of the messages; a batch is logged with its last sample."""
     if not stream.batch:
         for stamp, value in zip(stamps.tolist(), values.tolist(), strict=True):
             yield stamp, stamp, encode_stamped(stamp, value)
@@ -262,7 +295,7 @@ def _encode(
     period_ns = period_s * 1e9
     breaks = np.flatnonzero(np.abs(np.diff(stamps) - period_ns) > _IRREGULAR * period_ns) + 1
     edges = [0, *breaks.tolist(), len(stamps)]
-    for begin, end in zip(edges[:-1], edges[1:], strict=True):
+    for begin, end in pairwise(edges):
         for at in range(begin, end, stream.batch):
             part = slice(at, min(at + stream.batch, end))
             first, last = int(stamps[part][0]), int(stamps[part][-1])

@@ -2,8 +2,8 @@
 # Copyright 2026 valve_twin maintainers
 """Read columns of numbers from CSV files of loggers and plant historians.
 
-Separator, header, byte-order mark, gzip, decimal commas and the encoding are found from the file; whatever cannot be a
-number is named with its line.
+Separator, header, byte-order mark, gzip, decimal commas and the encoding are found from the file;
+whatever cannot be a number is named with its line.
 """
 
 from __future__ import annotations
@@ -12,15 +12,19 @@ import csv
 import gzip
 import math
 import zlib
-from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.types import FloatArray, IntArray
 from valve_twin.io.errors import BagError, suggest
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from valve_twin.core.types import FloatArray, IntArray
 
 _SEPARATORS = ";\t,|"
 _NO_VALUE = {"", "nan", "null", "none", "n/a", "na", "-", "bad", "#n/a"}
@@ -50,7 +54,9 @@ class Table:
     dated: bool = False
 
 
-def read_table(path: Path, names: Sequence[str], *, separator: str = "", dates: bool = False) -> Table:
+def read_table(
+    path: Path, names: Sequence[str], *, separator: str = "", dates: bool = False
+) -> Table:
     """Read some columns of a file.
 
     Parameters
@@ -72,7 +78,8 @@ def read_table(path: Path, names: Sequence[str], *, separator: str = "", dates: 
     Raises
     ------
     BagError
-        If the file is no CSV file, a column is missing, or a cell is no number; names the file, line and column.
+        If the file is no CSV file, a column is missing, or a cell is no number; names the file,
+        line and column.
     """
     text = _read_text(path)
     numbered = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip()]
@@ -169,19 +176,29 @@ def _index(path: Path, name: str, header: Sequence[str], width: int) -> int:
         msg = f"{path}: there is no column {name}, the last is {width - 1}; count from 0"
         raise BagError(msg)
     if not header:
-        msg = f"{path}: column '{name}': the file has no header; write the number of the column, counted from 0"
+        msg = (
+            f"{path}: column '{name}': the file has no header; write the number of the "
+            "column, counted from 0"
+        )
         raise BagError(msg)
     msg = f"{path}: there is no column '{name}'; {suggest(name, header)}"
     raise BagError(msg)
 
 
-def _parse_fast(lines: Sequence[str], separator: str, indexes: Sequence[int]) -> list[FloatArray] | None:
+def _parse_fast(
+    lines: Sequence[str], separator: str, indexes: Sequence[int]
+) -> list[FloatArray] | None:
     """Parse plain numbers in one go; None where any cell needs a closer look."""
     if separator != "," and "," in lines[0]:
         lines = [line.replace(",", ".") for line in lines]
     try:
         table = np.loadtxt(
-            lines, delimiter=separator, usecols=list(indexes), ndmin=2, comments=None, quotechar='"'
+            lines,
+            delimiter=separator,
+            usecols=list(indexes),
+            ndmin=2,
+            comments=None,
+            quotechar='"',
         )
     except (ValueError, IndexError):
         return None
@@ -207,12 +224,18 @@ def _parse_slow(
     for at, ((number, _), cells) in enumerate(zip(rows, cells_of, strict=True)):
         for column, (index, name) in enumerate(zip(indexes, names, strict=True)):
             if index >= len(cells):
-                msg = f"{path}:{number}: the row has {len(cells)} cells, column '{name}' is missing; complete the row or remove it"
+                msg = (
+                    f"{path}:{number}: the row has {len(cells)} cells, column '{name}' is "
+                    "missing; complete the row or remove it"
+                )
                 raise BagError(msg)
             read = _date_s if dated and column == 0 else lambda cell: _number(cell, separator)
             value = read(cells[index])
             if value is None:
-                msg = f"{path}:{number}: column '{name}': '{cells[index]}' is no number; correct it or leave the cell empty"
+                msg = (
+                    f"{path}:{number}: column '{name}': '{cells[index]}' is no number; "
+                    "correct it or leave the cell empty"
+                )
                 raise BagError(msg)
             columns[column][at] = value
     return columns

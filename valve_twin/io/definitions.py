@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Message definitions for bags written without ROS: the text of a type with all types it holds, and its hash.
+"""Find message definitions without ROS: the text of a type with all types it holds, its hash.
 
-Looked up, first hit wins: `msg_defs/msg` of the source tree or of the installed package for our own messages, the
-`share/PACKAGE/msg` folders of AMENT_PREFIX_PATH, the ROS 2 Jazzy definitions that come with rosbags.
+Looked up, first hit wins: `msg_defs/msg` of the source tree or of the installed package for our
+own messages, the `share/PACKAGE/msg` folders of AMENT_PREFIX_PATH, the ROS 2 Jazzy definitions
+that come with rosbags.
 """
 
 from __future__ import annotations
@@ -22,9 +23,7 @@ if TYPE_CHECKING:
 OWN_PACKAGE = "valve_twin_msgs"
 
 _SEPARATOR = "=" * 80
-_PRIMITIVE = re.compile(
-    r"^(bool|byte|char|float32|float64|u?int(8|16|32|64)|w?string(<=\d+)?)$"
-)
+_PRIMITIVE = re.compile(r"^(bool|byte|char|float32|float64|u?int(8|16|32|64)|w?string(<=\d+)?)$")
 _FIELD = re.compile(r"^\s*([A-Za-z][\w/]*(?:<=\d+)?)(?:\[[^\]]*\])?\s+[A-Za-z]\w*\b(?!\s*=)")
 
 

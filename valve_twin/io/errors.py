@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Errors of files, configurations and databases: one clear line that says what, where, which value and what to do.
+"""Errors of files and databases: one line that says what, where, which value and what to do.
 
 ValveTwinError
   ConfigError   a configuration key or value cannot be used
@@ -10,8 +10,11 @@ ValveTwinError
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from difflib import get_close_matches
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 
 class ValveTwinError(Exception):

@@ -2,24 +2,30 @@
 # Copyright 2026 valve_twin maintainers
 """Take signals out of messages of any type: one mapping for live topics, bags and CSV columns.
 
-A field path is checked against the message type when a connection is set up and compiled to a getter; in the data path
-nothing raises: a value that is missing or no number becomes NaN.
+A field path is checked against the message type when a connection is set up and compiled to a
+getter; in the data path nothing raises: a value that is missing or no number becomes NaN.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from operator import attrgetter
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 
-from valve_twin.core.types import FloatArray, IntArray
 from valve_twin.io.cdr import decode_series, decode_stamped
 from valve_twin.io.errors import ConfigError, suggest
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from valve_twin.core.types import FloatArray, IntArray
+
+Message: TypeAlias = Any
+"""A message of rclpy or of a bag, or a value in it: generated classes have no common base."""
 
 STAMPED_TYPE = "valve_twin_msgs/msg/Float64Stamped"
 SERIES_TYPE = "valve_twin_msgs/msg/Float64Series"
@@ -42,7 +48,8 @@ class SignalSource:
     signal : str
         Name of the signal.
     topic, type, field : str
-        Topic, full message type and field path, such as "position[2]", "pose.position.x" or "values[]".
+        Topic, full message type and field path, such as "position[2]", "pose.position.x" or
+        "values[]".
     scale, offset : float
         The signal is scale * field + offset.
     lower, upper : float
@@ -91,7 +98,7 @@ class SignalBlock:
 
 @dataclass(frozen=True, slots=True)
 class FieldType:
-    """Type of one field: `base` is a number type or a full message type, `is_array` covers arrays and sequences."""
+    """Type of one field: `base` is a number or full message type; sequences are arrays, too."""
 
     base: str
     is_array: bool = False
@@ -102,7 +109,7 @@ class TypeSystem(Protocol):
     """Says which fields a message type has."""
 
     def fields(self, type_name: str) -> Mapping[str, FieldType]:
-        """Return the fields of a full message type name in their order; KeyError if it is unknown."""
+        """Return the fields of a full message type name; KeyError if it is unknown."""
         ...
 
 
@@ -116,7 +123,7 @@ def full_type_name(name: str) -> str:
     """
     parts = name.strip().split("/")
     if len(parts) in {2, 3} and all(re.fullmatch(r"[A-Za-z]\w*", p) for p in parts):
-        return name.strip() if len(parts) == 3 else f"{parts[0]}/msg/{parts[1]}"  # noqa: PLR2004
+        return name.strip() if len(parts) == 3 else f"{parts[0]}/msg/{parts[1]}"
     msg = f"'{name}' is no message type; write it as package/msg/Name, for example {STAMPED_TYPE}"
     raise ValueError(msg)
 
@@ -132,9 +139,9 @@ class RosTypes:
         }
 
 
-def message_class(type_name: str) -> Any:  # noqa: ANN401  generated classes have no common base
+def message_class(type_name: str) -> Message:
     """Return the rclpy class of a full message type name; KeyError if it is not installed."""
-    from importlib import import_module  # noqa: PLC0415  only nodes have the message packages
+    from importlib import import_module
 
     package, kind, name = type_name.split("/")
     try:
@@ -160,7 +167,7 @@ def _base(text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Step:
-    """One step of a field path: an attribute and, where given, an index (-1 = the whole batch, None = no index)."""
+    """One step of a field path: an attribute and an index (-1 = whole batch, None = none)."""
 
     name: str
     index: int | None = None
@@ -184,7 +191,8 @@ class Extractor:
     Raises
     ------
     ConfigError
-        If the type is unknown, or the field is none of the type or holds no number; names the nearest valid one.
+        If the type is unknown, or the field is none of the type or holds no number; names the
+        nearest valid one.
     """
 
     def __init__(self, source: SignalSource, types: TypeSystem, where: str) -> None:
@@ -207,7 +215,7 @@ class Extractor:
         source = self.source
         return (source.type, source.field) in {(STAMPED_TYPE, "value"), (SERIES_TYPE, "values[]")}
 
-    def __call__(self, message: Any, receive_ns: int) -> SignalBlock:  # noqa: ANN401  any message class
+    def __call__(self, message: Message, receive_ns: int) -> SignalBlock:
         """Return the samples of a message.
 
         Parameters
@@ -230,7 +238,7 @@ class Extractor:
         return self._block(stamp, _to_float(self._period(message)), values, receive_ns)
 
     def from_raw(self, data: bytes, receive_ns: int) -> SignalBlock:
-        """Return the samples of serialized bytes of our own message types; the same as from the message.
+        """Return the samples of serialized bytes of our own types; the same as of the message.
 
         Raises
         ------
@@ -271,10 +279,11 @@ def batch_stamps(begin_ns: int, period_s: float, count: int) -> IntArray:
     """
     if count == 0:
         return np.empty(0, dtype=np.int64)
-    return begin_ns + np.rint(np.arange(count) * (period_s * 1e9)).astype(np.int64)
+    stamps: IntArray = np.rint(np.arange(count) * (period_s * 1e9)).astype(np.int64) + begin_ns
+    return stamps
 
 
-def _to_float(value: Any) -> float:  # noqa: ANN401  any number of any library
+def _to_float(value: Message) -> float:
     return math.nan if value is None else float(value)
 
 
@@ -290,7 +299,10 @@ def parse_path(path: str) -> tuple[_Step, ...]:
     for part in path.split("."):
         found = re.fullmatch(r"([A-Za-z]\w*)(?:\[(\d*)\])?", part)
         if not found:
-            msg = f"'{path}' is no field path; write for example value, position[2], pose.position.x or values[]"
+            msg = (
+                f"'{path}' is no field path; write for example value, position[2], "
+                "pose.position.x or values[]"
+            )
             raise ValueError(msg)
         index = found.group(2)
         steps.append(
@@ -331,7 +343,10 @@ def _check_path(source: SignalSource, types: TypeSystem, where: str) -> tuple[_S
             msg = f"{place}: field '{source.field}' is of type {current}, not a number{more}"
             raise ConfigError(msg)
         if not last and current in _NUMBERS | {"string", "wstring"}:
-            msg = f"{place}: field '{step.name}' of {source.type} is a plain {current}; end the path there"
+            msg = (
+                f"{place}: field '{step.name}' of {source.type} is a plain {current}; end the "
+                "path there"
+            )
             raise ConfigError(msg)
     return steps
 
@@ -340,7 +355,10 @@ def _fields(types: TypeSystem, name: str, place: str) -> Mapping[str, FieldType]
     try:
         return types.fields(name)
     except KeyError:
-        msg = f"{place}: message type {name} is unknown; install its package or correct the key 'type'"
+        msg = (
+            f"{place}: message type {name} is unknown; install its package or correct the key "
+            "'type'"
+        )
         raise ConfigError(msg) from None
 
 
@@ -369,7 +387,7 @@ def _compile(steps: tuple[_Step, ...]) -> Callable[[Any], Any]:
     if all(s.index is None or s.index == _BATCH for s in steps):
         return attrgetter(".".join(s.name for s in steps))
 
-    def get(message: Any) -> Any:  # noqa: ANN401  any message class
+    def get(message: Message) -> Message:
         for step in steps:
             message = getattr(message, step.name)
             if step.index is not None:
@@ -382,7 +400,7 @@ def _compile(steps: tuple[_Step, ...]) -> Callable[[Any], Any]:
 
 
 def _stamp_getter(source: SignalSource, types: TypeSystem) -> Callable[[Any], int] | None:
-    """Return the way to the stamp: of a std_msgs header, or of a field `stamp` of the message itself."""
+    """Return the way to the stamp, in a std_msgs header or a field `stamp` of the message."""
     fields = fields_of(types, source.type)
     path = ""
     if "header" in fields and fields["header"].base == _HEADER:
@@ -393,7 +411,7 @@ def _stamp_getter(source: SignalSource, types: TypeSystem) -> Callable[[Any], in
         return None
     get = attrgetter(path)
 
-    def stamp_ns(message: Any) -> int:  # noqa: ANN401  any message class
+    def stamp_ns(message: Message) -> int:
         stamp = get(message)
         return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
@@ -408,7 +426,8 @@ def _period_getter(
         current = types.fields(current)[step.name].base
     if "period" not in types.fields(current):
         msg = (
-            f"{where}: signal '{source.signal}', topic '{source.topic}': {current} has no field 'period' beside "
+            f"{where}: signal '{source.signal}', topic '{source.topic}': {current} has no "
+            "field 'period' beside "
             f"'{steps[-1].name}', so the samples of a batch have no time; publish {SERIES_TYPE}"
         )
         raise ConfigError(msg)

@@ -5,9 +5,12 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 MAGIC = b"\x89MCAP0\r\n"
 MESSAGE_HEAD = struct.Struct("<BQHIQQ")
@@ -58,7 +61,7 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class ChunkIndex:
-    """Where a chunk lies and what it holds; times in ns, offsets and sizes in bytes of the file."""
+    """Where a chunk lies and what it holds; times in ns, offsets and sizes in bytes."""
 
     start_ns: int
     end_ns: int

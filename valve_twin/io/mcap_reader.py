@@ -7,14 +7,12 @@ from __future__ import annotations
 import mmap
 import struct
 import zlib
-from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import zstandard
 
-from valve_twin.core.types import IntArray
 from valve_twin.io.errors import BagError
 from valve_twin.io.mcap_format import (
     FOOTER_SIZE,
@@ -32,6 +30,12 @@ from valve_twin.io.mcap_format import (
     read_schema,
     read_statistics,
 )
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from valve_twin.core.types import IntArray
 
 _FOREIGN = {
     b"SQLite format 3": "a SQLite bag; convert it to MCAP with 'ros2 bag convert'",
@@ -120,7 +124,7 @@ class McapFile:
         return data
 
     def offsets(self, index: ChunkIndex, channel: int) -> IntArray | None:
-        """Return where the messages of a channel lie in a decompressed chunk, None without an index."""
+        """Return where a channel's messages lie in a decompressed chunk, None without an index."""
         at = index.message_indexes.get(channel)
         if at is None:
             return np.empty(0, dtype=np.int64) if index.message_indexes else None

@@ -2,8 +2,8 @@
 # Copyright 2026 valve_twin maintainers
 """Write one MCAP file: small zstd chunks with CRC and index, so that a power cut costs little.
 
-Every chunk repeats the schemas and channels of its messages (a few hundred compressed bytes): each chunk that survives
-a damage can be read by itself.
+Every chunk repeats the schemas and channels of its messages (a few hundred compressed bytes): each
+chunk that survives a damage can be read by itself.
 """
 
 from __future__ import annotations
@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 CHUNK_SIZE = 64 * 1024
 """Bytes in a chunk before compression: 0.5 s at 1 kHz are at stake, 1 MiB would be 11 s."""
 
+_NEVER = 2**63 - 1
 _MESSAGE_BODY = MESSAGE_HEAD.size - RECORD_HEAD.size
 
 
@@ -64,7 +65,9 @@ class McapWriter:
         self._metadata: list[tuple[str, int, int]] = []
         self.statistics = Statistics()
         self._at = 0
-        self._begin_chunk()
+        self._body = bytearray()
+        self._index: dict[int, list[tuple[int, int]]] = {}
+        self._first_ns, self._last_ns = _NEVER, 0
         self._put(MAGIC + record(Op.HEADER, text("ros2") + text(f"valve_twin {_version()}")))
 
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
@@ -122,9 +125,7 @@ class McapWriter:
         packed = self._compressor.compress(body)
         head = struct.pack("<QQQI", self._first_ns, self._last_ns, len(body), zlib.crc32(body))
         offset = self._at
-        self._put(
-            record(Op.CHUNK, head + text("zstd") + struct.pack("<Q", len(packed)) + packed)
-        )
+        self._put(record(Op.CHUNK, head + text("zstd") + struct.pack("<Q", len(packed)) + packed))
         length = self._at - offset
         indexes = {channel: self._put_index(channel) for channel in self._index}
         self._chunks.append(
@@ -183,8 +184,8 @@ class McapWriter:
 
     def _begin_chunk(self) -> None:
         self._body = bytearray()
-        self._index: dict[int, list[tuple[int, int]]] = {}
-        self._first_ns, self._last_ns = 2**63 - 1, 0
+        self._index = {}
+        self._first_ns, self._last_ns = _NEVER, 0
 
     def _put(self, data: bytes) -> None:
         self._stream.write(data)
@@ -193,9 +194,7 @@ class McapWriter:
     def _put_index(self, channel: int) -> int:
         offset = self._at
         entries = np.array(self._index[channel], dtype="<u8").tobytes()
-        self._put(
-            record(Op.MESSAGE_INDEX, struct.pack("<HI", channel, len(entries)) + entries)
-        )
+        self._put(record(Op.MESSAGE_INDEX, struct.pack("<HI", channel, len(entries)) + entries))
         return offset
 
     def _count_chunk(self) -> None:

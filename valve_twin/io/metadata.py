@@ -5,13 +5,16 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import yaml
 
 from valve_twin.io.errors import BagError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
 
 FILE_NAME = "metadata.yaml"
 VERSION = 9
@@ -122,7 +125,7 @@ def metadata_text(content: Mapping[str, object]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class BagMetadata:
-    """What a metadata.yaml says: files in their order, message counts by topic, the user's own values."""
+    """What a metadata.yaml says: files in order, messages by topic, the user's own values."""
 
     files: tuple[str, ...]
     counts: Mapping[str, int]
@@ -148,11 +151,20 @@ def read_metadata(path: Path) -> BagMetadata:
         storage = str(content.get("storage_identifier", "mcap"))
         mode = str(content.get("compression_mode") or "").lower()
         custom = content.get("custom_data") or {}
-    except (OSError, yaml.YAMLError, UnicodeDecodeError, TypeError, KeyError, AttributeError) as err:
+    except (
+        OSError,
+        yaml.YAMLError,
+        UnicodeDecodeError,
+        TypeError,
+        KeyError,
+        AttributeError,
+    ) as err:
         msg = f"{path}: is no metadata.yaml of a ROS 2 bag; give the .mcap file itself"
         raise BagError(msg) from err
     if storage != "mcap":
-        msg = f"{path}: storage '{storage}' is not read; convert it to MCAP with 'ros2 bag convert'"
+        msg = (
+            f"{path}: storage '{storage}' is not read; convert it to MCAP with 'ros2 bag convert'"
+        )
         raise BagError(msg)
     if mode not in {"", "none", "storage"}:
         msg = (

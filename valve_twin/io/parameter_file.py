@@ -1,17 +1,20 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Read a ROS 2 parameter file without ROS: sections by node pattern, flat dotted names, the line of every key."""
+"""Read a ROS 2 parameter file without ROS: sections by node pattern, dotted names, lines."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import yaml
 
 from valve_twin.io.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
 
 WRAPPER = "ros__parameters"
 
@@ -60,7 +63,8 @@ def read_parameter_file(path: Path) -> list[Section]:
     Raises
     ------
     ConfigError
-        If the file cannot be read, is no YAML, holds a key twice or lacks the wrapper that nodes need.
+        If the file cannot be read, is no YAML, holds a key twice or lacks the wrapper that nodes
+        need.
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
@@ -78,10 +82,11 @@ def read_parameter_file(path: Path) -> list[Section]:
         msg = f"{path}: is no valid YAML ({_one_line(err)}); mend that line"
         raise ConfigError(msg) from err
     finally:
-        loader.dispose()  # type: ignore[no-untyped-call]
+        loader.dispose()
     if not sections:
         msg = (
-            f"{path}: no section with '{WRAPPER}:'; write '/**:' in the first line, '  {WRAPPER}:' in the second "
+            f"{path}: no section with '{WRAPPER}:'; write '/**:' in the first line, '  "
+            f"{WRAPPER}:' in the second "
             "and the parameters indented below"
         )
         raise ConfigError(msg)
@@ -106,7 +111,10 @@ def _flatten(
     loader: yaml.SafeLoader, node: yaml.Node, prefix: str, out: Section, path: Path
 ) -> None:
     if not isinstance(node, yaml.MappingNode):
-        msg = f"{path}:{node.start_mark.line + 1}: '{WRAPPER}' holds no keys; write 'key: value' lines below it"
+        msg = (
+            f"{path}:{node.start_mark.line + 1}: '{WRAPPER}' holds no keys; write 'key: "
+            "value' lines below it"
+        )
         raise ConfigError(msg)
     for key, value in node.value:
         name = f"{prefix}{key.value}"
@@ -115,7 +123,10 @@ def _flatten(
             _flatten(loader, value, f"{name}.", out, path)
             continue
         if name in out.values:
-            msg = f"{path}:{line}: key '{name}' stands twice, first in line {out.lines[name]}; remove one"
+            msg = (
+                f"{path}:{line}: key '{name}' stands twice, first in line {out.lines[name]}; "
+                "remove one"
+            )
             raise ConfigError(msg)
         out.values[name] = _value(loader, value)
         out.lines[name] = line
@@ -124,14 +135,14 @@ def _flatten(
 def _value(loader: yaml.SafeLoader, node: yaml.Node) -> object:
     if isinstance(node, yaml.SequenceNode):
         return [_value(loader, item) for item in node.value]
-    value = loader.construct_object(node)  # type: ignore[no-untyped-call]
+    value = loader.construct_object(node)
     if isinstance(value, str) and isinstance(node, yaml.ScalarNode) and node.style is None:
         return _ros_number(value)
     return value
 
 
 def _ros_number(text: str) -> object:
-    """Read a plain '1e-3' as the number that the ROS parser sees; YAML 1.1 alone takes it for text."""
+    """Read a plain '1e-3' as the number that ROS sees; YAML 1.1 alone takes it for text."""
     if not re.fullmatch(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+", text):
         return text
     return float(text)

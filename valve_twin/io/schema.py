@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""One table for every parameter: nodes declare from it, files are checked against it, the reference is written from it.
+"""Describe every parameter once: nodes declare from it, files are checked against it.
 
-Tables come from frozen dataclasses (types from the annotations, texts and units from the numpy docstring, limits from
-the field metadata) and from the options of a valve model, so that a field added there appears everywhere.
+Tables come from frozen dataclasses (types from the annotations, texts and units from the numpy
+docstring, limits from the field metadata) and from the options of a valve model, so that a field
+added there appears everywhere.
 """
 
 from __future__ import annotations
@@ -15,9 +16,14 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import MISSING, dataclass
 from enum import Enum
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, TypeAlias, get_args, get_origin, get_type_hints
 
-from valve_twin.core.valves.interface import Option
+if TYPE_CHECKING:
+    from valve_twin.core.valves.interface import Option
+
+
+Instance: TypeAlias = Any
+"""An instance of the class that was given."""
 
 
 class Kind(Enum):
@@ -69,7 +75,8 @@ class Spec:
         Raises
         ------
         ValueError
-            If the type is wrong or the value is outside its limits; says what is wrong and what to write.
+            If the type is wrong or the value is outside its limits; says what is wrong and what to
+            write.
         """
         return _CHECKS[self.kind](self, value)
 
@@ -199,9 +206,9 @@ def dataclass_specs(cls: type[Any], prefix: str, names: Sequence[str] = ()) -> t
     Parameters
     ----------
     cls : type
-        Frozen dataclass of bool, int, float, str, Enum, tuples of str or float, again such dataclasses, or tuples of
-        records whose first field is a name. Field metadata may give `description`, `unit`, `lower`, `upper`,
-        `choices`.
+        Frozen dataclass of bool, int, float, str, Enum, tuples of str or float, again such
+        dataclasses, or tuples of records whose first field is a name. Field metadata may give
+        `description`, `unit`, `lower`, `upper`, `choices`.
     prefix : str
         What stands before the field names, without the dot.
     names : sequence of str
@@ -281,8 +288,8 @@ def _class(hint: object) -> type[Any]:
     return hint
 
 
-def build(cls: type[Any], prefix: str, values: Mapping[str, object]) -> Any:  # noqa: ANN401  an instance of cls
-    """Build a configuration dataclass from checked values by full dotted name; what is not given keeps its default.
+def build(cls: type[Any], prefix: str, values: Mapping[str, object]) -> Instance:
+    """Build a configuration dataclass from checked values; what is not given keeps its default.
 
     Raises
     ------
@@ -317,7 +324,10 @@ def _build_records(
         given = {f.name: values.get(f"{begin}{name}.{f.name}", f.default) for f in others}
         lacking = [key for key, value in given.items() if value is MISSING]
         if lacking:
-            msg = f"'{begin}{name}.{lacking[0]}' is missing; write it or remove the section '{begin}{name}'"
+            msg = (
+                f"'{begin}{name}.{lacking[0]}' is missing; write it or remove the section "
+                f"'{begin}{name}'"
+            )
             raise ValueError(msg)
         built.append(record(**{first.name: name}, **given))
     return tuple(built)
