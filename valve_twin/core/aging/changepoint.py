@@ -23,14 +23,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
+from valve_twin.core.aging.trend import RESOLUTION
+
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
 HALF_WINDOW = 5
 """Neighbours on each side that judge a value [1]; up to 4 wild ones of 11 do no harm."""
-
-RESOLUTION = 1e-9
-"""Scatter below this part of the largest value is taken for rounding, not for signal [1]."""
 
 
 @dataclass(frozen=True, slots=True)

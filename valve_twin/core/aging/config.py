@@ -99,8 +99,8 @@ class AgingConfig:
         Share of the way from reference to threshold [1] that raises the verdict when it is
         exceeded with 95 % confidence.
     horizon : float
-        Remaining life [axis unit] below which the verdict is raised, if the slope is beyond
-        doubt.
+        Remaining life [axis unit] below which the verdict is raised, if the slope is beyond doubt
+        and the drift has covered half of `alert_fraction`.
     verdict_significance : float
         Error probability of "beyond doubt" [1]; stricter than `significance`, because every cycle
         tests anew.

@@ -12,7 +12,7 @@ import numpy as np
 
 from valve_twin.core.aging.changepoint import best_lines, find_wild
 from valve_twin.core.aging.config import AgingConfig, Axis
-from valve_twin.core.aging.trend import residuals
+from valve_twin.core.aging.trend import Line, fit_line
 from valve_twin.core.types import (
     BoolArray,
     Estimate,
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 _UNKNOWN = -1
 _CLEANING_ROUNDS = 2
+_FEWEST_JUDGES = 7
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,6 +213,23 @@ def _pieces(x: FloatArray, y: FloatArray, config: AgingConfig) -> tuple[IntArray
             break
         wild = again
         starts = _starts(x, y, wild, config)
+    return _reclaim(x, y, starts, wild, config.outlier_sigma)
+
+
+def _reclaim(
+    x: FloatArray, y: FloatArray, starts: IntArray, wild: BoolArray, limit: float
+) -> tuple[IntArray, BoolArray]:
+    """Give a piece the values just before it that look wild only because the change is large."""
+    starts, wild = starts.copy(), wild.copy()
+    for k in range(len(starts) - 1, 0, -1):
+        piece = slice(starts[k], starts[k + 1] if k + 1 < len(starts) else len(x))
+        line = _line_of(x[piece], y[piece], wild[piece])
+        if line is None:
+            continue
+        good = _off(line, x, y) <= limit
+        while wild[starts[k] - 1] and good[starts[k] - 1]:
+            starts[k] -= 1
+            wild[starts[k]] = False
     return starts, wild
 
 
@@ -235,20 +253,22 @@ def _off_pieces(
 ) -> BoolArray:
     """Judge every value by the line of its piece."""
     out = wild.copy()
-    edges = [*starts, len(x)]
-    for first, last in itertools.pairwise(edges):
-        kept = ~wild[first:last]
-        if np.count_nonzero(kept) < 7:
-            continue
-        u, v = x[first:last], y[first:last]
-        slope, mean_u, mean_v = _plain_line(u[kept], v[kept])
-        rest = residuals(u[kept], v[kept])
-        scale = float(np.sqrt(rest @ rest / (len(rest) - 2)))
-        off = np.abs(v - mean_v - slope * (u - mean_u))
-        out[first:last] = off > limit * scale + 1e-9 * float(np.abs(v).max())
+    for first, last in itertools.pairwise([*starts, len(x)]):
+        line = _line_of(x[first:last], y[first:last], wild[first:last])
+        if line:
+            out[first:last] = _off(line, x[first:last], y[first:last]) > limit
     return out
 
 
-def _plain_line(x: FloatArray, y: FloatArray) -> tuple[float, float, float]:
-    d = x - x.mean()
-    return float(d @ y / (d @ d)), float(x.mean()), float(y.mean())
+def _line_of(x: FloatArray, y: FloatArray, wild: BoolArray) -> Line | None:
+    """Return the line through the good values; None where they are too few to judge others."""
+    kept = ~wild
+    if np.count_nonzero(kept) < _FEWEST_JUDGES:
+        return None
+    return fit_line(x[kept], y[kept], autocorrelation=0.0)
+
+
+def _off(line: Line, x: FloatArray, y: FloatArray) -> FloatArray:
+    """Return how far (N,) values lie off a line, in its standard deviations."""
+    distance = np.abs(y - line.mean - line.slope * (x - line.center))
+    return np.asarray(distance / max(line.sigma, np.finfo(np.float64).tiny))

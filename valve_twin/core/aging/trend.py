@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 MAX_AUTOCORRELATION = 0.95
 """Largest lag-1 autocorrelation that is corrected for [1]; beyond it there is no line."""
 
+RESOLUTION = 1e-9
+"""Scatter below this part of the largest value is taken for rounding, not for signal [1]."""
+
 
 @dataclass(frozen=True, slots=True)
 class Line:
@@ -174,7 +177,8 @@ def fit_line(x: FloatArray, y: FloatArray, autocorrelation: float | None = None)
     w_mean, w_slope = np.full(n, 1.0 / n), d / sxx
     q_mean = ar1_product(w_mean, w_mean, used)
     q_slope = ar1_product(w_slope, w_slope, used)
-    variance = float(rest @ rest) / max(n - n * q_mean - sxx * q_slope, 0.5)
+    rounding = (RESOLUTION * float(np.abs(y).max())) ** 2
+    variance = max(float(rest @ rest) / max(n - n * q_mean - sxx * q_slope, 0.5), rounding)
     return Line(
         samples=n,
         center=center,

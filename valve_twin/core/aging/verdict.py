@@ -8,7 +8,8 @@ Rule: `valve` if for any followed parameter
 2. the 95 % interval of the drift against the reference lies wholly beyond `alert_fraction` of the
    way to the threshold, or
 3. the slope leads to the threshold beyond doubt (`verdict_significance`) within `horizon` axis
-   units (median).
+   units (median), and the drift has gone half as far as in 2. already; without this a short
+   segment that was cut out of wandering scatter raises false alarms.
 
 `not enough data` if no parameter can be judged, else `ok`. A significant but small drift is
 reported in the trend and does not raise the verdict.
@@ -134,7 +135,8 @@ def concern(trend: Trend, config: AgingConfig) -> int:
     if way > config.alert_fraction:
         return 2
     near = trend.remaining_median <= config.horizon
-    return 1 if near and trend.p_value < config.verdict_significance else 0
+    sure = trend.p_value < config.verdict_significance
+    return 1 if near and sure and not way < 0.5 * config.alert_fraction else 0
 
 
 def decide(

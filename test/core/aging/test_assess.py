@@ -1,0 +1,372 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+import itertools
+import random
+import time
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from valve_twin.core.aging import (
+    AgingConfig,
+    Axis,
+    Commissioning,
+    Threshold,
+    Trend,
+    TrendStatus,
+    Verdict,
+    VerdictKind,
+    assess,
+)
+from valve_twin.core.types import (
+    EstimateStatus,
+    Maintenance,
+    Parameter,
+    ParameterStatus,
+    ParameterValue,
+)
+
+PARAMETERS = [Parameter("K_in", "1", "gain", trend=True), Parameter("leak", "1/s", "leak")]
+CONFIG = AgingConfig()
+MESSAGES = Path(__file__).parents[3] / "msg_defs" / "msg"
+
+
+def aging(scatter, n=105, loss=0.15, sd=0.01, seed=0):
+    return 0.0098 * (1.0 - loss * np.arange(n) / (n - 1) + sd * scatter(seed, n))
+
+
+def judge(estimates, maintenance=(), config=CONFIG):
+    return assess(estimates, maintenance, config, parameters=PARAMETERS, valve="/press/valve_1")
+
+
+def trend_of(estimates, maintenance=(), config=CONFIG):
+    return judge(estimates, maintenance, config).trends[0]
+
+
+def same(a, b):
+    """Compare results bit by bit; NaN equals NaN."""
+    return repr((a.trends, a.verdict)) == repr((b.trends, b.verdict))
+
+
+@pytest.mark.parametrize(("kind", "name"), [(Trend, "Trend"), (Verdict, "Verdict")])
+def test_results_carry_the_fields_of_their_messages(kind, name):
+    lines = (MESSAGES / f"{name}.msg").read_text().splitlines()
+    words = [line.split("#")[0].split() for line in lines]
+    wanted = [w[1] for w in words if len(w) == 2 and "=" not in w[1]]
+    alias = {"header": "stamp_ns", "service_date": "service_date_ns"}
+    alias["service_date_early"] = "service_date_early_ns"
+    assert [alias.get(w, w) for w in wanted] == [f.name for f in fields(kind)]
+
+
+@pytest.mark.parametrize(("kind", "name"), [(TrendStatus, "Trend"), (VerdictKind, "Verdict")])
+def test_status_numbers_are_those_of_the_messages(kind, name):
+    lines = (MESSAGES / f"{name}.msg").read_text().splitlines()
+    pairs = [
+        line.split("#")[0].split()[1].split("=") for line in lines if line.startswith("uint8 ")
+    ]
+    wanted = {p[0]: int(p[1]) for p in pairs if len(p) == 2}
+    assert wanted == {k.name: k.value for k in kind}
+
+
+def test_aging_valve_is_called_by_name_with_numbers(history, scatter):
+    result = judge(history(K_in=aging(scatter)))
+    trend = result.trends[0]
+    assert trend.status is TrendStatus.DRIFTING
+    assert trend.drift_reference_lower_95 < -14.4 < trend.drift_reference_upper_95
+    assert result.verdict.text == "valve"
+    words = result.verdict.evidence
+    assert words.startswith(f"K_in {trend.drift_reference:+.1f} % of new (95 %: ")
+    assert f"{trend.remaining_median:.0f} cycles left" in words
+
+
+def test_level_intervals_are_nested(history, scatter):
+    t = trend_of(history(K_in=aging(scatter)))
+    assert (
+        t.prediction_lower_95 < t.mean_lower_95 < t.level < t.mean_upper_95 < t.prediction_upper_95
+    )
+    assert t.slope_lower_95 < t.slope < t.slope_upper_95 < 0.0
+    assert t.remaining_low < t.remaining_median < t.remaining_high < np.inf
+
+
+def test_monitor_that_was_down_says_the_same(history, scatter):
+    estimates = history(K_in=aging(scatter))
+    events = [Maintenance(0, 60, "spring", new_reference=False), Maintenance(0, 20, "seal")]
+    shuffled = estimates[:]
+    random.Random(1).shuffle(shuffled)
+    foreign = [replace(e, estimator="equation_error_qp4", used_by_trend=False) for e in estimates]
+    assert same(judge(estimates, events), judge(foreign + shuffled, events[::-1]))
+
+
+def test_one_wild_estimate_neither_cuts_nor_alarms(history, scatter):
+    clean = 0.0098 * (1.0 + 0.01 * scatter(3, 60))
+    for place, size in itertools.product((0, 5, 30, 58, 59), (-0.9, 0.5, 20.0)):
+        values = clean.copy()
+        values[place] *= 1.0 + size
+        result = judge(history(K_in=values))
+        assert result.trends[0].segments == 1
+        assert result.trends[0].status is TrendStatus.STEADY
+        assert result.verdict.verdict is VerdictKind.OK
+        assert result.details[0].wild[place]
+
+
+def test_newest_wild_estimates_are_named(history, scatter):
+    values = 0.0098 * (1.0 + 0.01 * scatter(3, 60))
+    values[-2:] *= 0.7
+    assert "the newest 2 estimates lie off the trend" in trend_of(history(K_in=values)).reason
+
+
+def test_maintenance_starts_a_segment_where_none_is_seen(history, scatter):
+    estimates = history(K_in=aging(scatter, loss=0.0))
+    trend = trend_of(estimates, [Maintenance(0, 81, "seal changed")])
+    assert (trend.segments, trend.segment_start, trend.samples) == (2, 81.0, 25)
+    assert trend.reference_source == "first_cycles"
+    by_stamp = trend_of(estimates, [Maintenance(estimates[80].start_ns, 0, "seal changed")])
+    assert by_stamp.segment_start == 81.0
+
+
+def test_after_maintenance_there_is_not_enough_data_at_first(history, scatter):
+    estimates = history(K_in=aging(scatter))
+    result = judge(estimates, [Maintenance(0, 106, "new cartridge", new_reference=True)])
+    assert result.trends[0].status is TrendStatus.NOT_ENOUGH_DATA
+    assert result.trends[0].samples == 0
+    assert result.verdict.text == "not enough data"
+    assert "0 of 10 estimates since maintenance" in result.verdict.evidence
+
+
+def test_new_reference_forgets_the_old_drift(history, scatter):
+    worn = aging(scatter)
+    fresh = 0.0098 * (1.0 + 0.01 * scatter(7, 40))
+    estimates = history(K_in=np.concatenate([worn, fresh]))
+    trend = trend_of(estimates, [Maintenance(0, 106, "new cartridge", new_reference=True)])
+    assert trend.reference == pytest.approx(fresh[:10].mean())
+    assert abs(trend.drift_reference) < 1.5
+    kept = trend_of(estimates, [Maintenance(0, 106, "cleaned")])
+    assert kept.reference == pytest.approx(worn[:10].mean())
+
+
+def test_commissioning_record_is_the_reference_until_it_is_replaced(history, scatter):
+    config = replace(CONFIG, commissioning=(Commissioning("K_in", 0.0110, 1e-5),))
+    estimates = history(K_in=aging(scatter))
+    result = judge(estimates, config=config)
+    trend = result.trends[0]
+    assert (trend.reference, trend.reference_source) == (0.0110, "commissioning")
+    assert trend.drift_reference == pytest.approx(100.0 * (trend.level / 0.0110 - 1.0))
+    assert "of commissioning" in result.verdict.evidence
+    renewed = trend_of(estimates, [Maintenance(0, 1, "", new_reference=True)], config)
+    assert renewed.reference_source == "first_cycles"
+
+
+def test_drift_interval_covers_the_truth(history, scatter):
+    true = 100.0 * (0.85 / (1.0 - 0.15 * 4.5 / 104) - 1.0)
+    hits = 0
+    for seed in range(400):
+        t = trend_of(history(K_in=aging(scatter, seed=seed)))
+        hits += t.drift_reference_lower_95 <= true <= t.drift_reference_upper_95
+    assert 0.92 <= hits / 400 <= 0.98  # binomial standard deviation 1.1 %
+
+
+def test_drift_since_the_segment_began(history, scatter):
+    t = trend_of(history(K_in=aging(scatter)))
+    assert t.drift_segment == pytest.approx(-15.0, abs=1.0)
+    assert t.drift_segment_lower_95 < -15.0 < t.drift_segment_upper_95
+
+
+def test_threshold_may_be_relative_or_absolute(history, scatter):
+    estimates = history(K_in=aging(scatter))
+    relative = trend_of(estimates, config=replace(CONFIG, thresholds=(Threshold("K_in", -30.0),)))
+    assert relative.threshold == pytest.approx(0.7 * relative.reference)
+    limit = Threshold("K_in", 0.0070, relative=False)
+    absolute = trend_of(estimates, config=replace(CONFIG, thresholds=(limit,)))
+    assert absolute.threshold == 0.0070
+    gap = absolute.level - 0.0070
+    assert absolute.remaining_median == pytest.approx(gap / -absolute.slope)
+
+
+def test_of_two_thresholds_the_one_ahead_is_reported(history, scatter):
+    up = aging(scatter, loss=-0.15)
+    assert trend_of(history(K_in=up)).threshold > up.max()
+    assert trend_of(history(K_in=aging(scatter))).threshold < up.min()
+
+
+def test_without_threshold_nothing_remains_to_be_said(history, scatter):
+    config = replace(CONFIG, default_percent=0.0)
+    result = judge(history(K_in=aging(scatter)), config=config)
+    trend = result.trends[0]
+    assert np.isnan(trend.threshold)
+    assert trend.unbounded
+    assert trend.remaining_low == trend.remaining_median == trend.remaining_high == np.inf
+    assert not trend.service_date_known
+    assert result.verdict.verdict is VerdictKind.OK
+    assert "no threshold set" in result.verdict.evidence
+
+
+def test_beyond_the_threshold(history, scatter):
+    result = judge(history(K_in=aging(scatter, loss=0.25)))
+    assert result.trends[0].status is TrendStatus.BEYOND_THRESHOLD
+    assert result.trends[0].remaining_median == 0.0
+    assert result.verdict.text == "valve"
+    assert "beyond its threshold" in result.verdict.evidence
+
+
+def test_small_certain_drift_is_reported_but_raises_no_verdict(history, scatter):
+    result = judge(history(K_in=aging(scatter, n=400, loss=0.03, sd=0.005)))
+    assert result.trends[0].status is TrendStatus.DRIFTING
+    assert result.verdict.verdict is VerdictKind.OK
+    assert result.verdict.evidence.startswith("largest drift: K_in -")
+
+
+def test_fast_drift_raises_the_verdict_before_half_of_the_way(history, scatter):
+    values = aging(scatter, n=31, loss=0.08, sd=0.004)
+    near, far = (replace(CONFIG, horizon=h) for h in (100.0, 10.0))
+    assert judge(history(K_in=values), config=near).verdict.text == "valve"
+    assert judge(history(K_in=values), config=far).verdict.text == "ok"
+
+
+def test_step_is_found_and_not_called_a_slope(history, scatter):
+    step = np.where(np.arange(105) >= 50, 0.85, 1.0) + 0.01 * scatter(1, 105)
+    result = judge(history(K_in=0.0098 * step))
+    trend = result.trends[0]
+    assert (trend.status, trend.segments) == (TrendStatus.STEADY, 2)
+    assert trend.segment_start == 51.0
+    assert trend.drift_reference == pytest.approx(-15.0, abs=1.5)
+    assert result.verdict.text == "valve"
+
+
+@pytest.mark.parametrize("n", [0, 1, 2, 9])
+def test_few_estimates_are_not_enough(n, history, scatter):
+    estimates = history(K_in=aging(scatter))[:n]
+    result = judge(estimates)
+    assert result.trends[0].status is TrendStatus.NOT_ENOUGH_DATA
+    assert result.verdict.text == "not enough data"
+    assert result.verdict.cycle == n
+    reason = f"{n} of 10 estimates" if n else "no accepted estimate yet"
+    assert reason in result.verdict.evidence
+
+
+def test_refused_values_count_on_the_axis_only(history, scatter):
+    estimates = history(K_in=aging(scatter), leak=np.ones(105))
+    bad = ParameterValue("K_in", np.nan, ParameterStatus.NOT_EXCITED)
+    bound = ParameterValue("K_in", 99.0, ParameterStatus.AT_BOUND)
+    leak = estimates[0].parameters[1]
+    estimates[40] = replace(estimates[40], parameters=(bad, leak), status=EstimateStatus.PARTIAL)
+    estimates[50] = replace(estimates[50], parameters=(bound, leak))
+    estimates[60] = replace(estimates[60], status=EstimateStatus.REFUSED)
+    trend = trend_of(estimates)
+    assert (trend.samples, trend.axis_value) == (102, 105.0)
+    both = judge(estimates, config=replace(CONFIG, parameters=("leak", "K_in")))
+    assert [t.samples for t in both.trends] == [104, 102]
+    assert both.trends[0].status is TrendStatus.STEADY
+
+
+def test_known_missed_cycles_stretch_the_axis(history, scatter):
+    estimates = history(K_in=aging(scatter))
+    estimates = [
+        replace(e, cycle=e.cycle + 100 * (e.cycle > 50), missed_cycles=100 * (e.cycle == 51))
+        for e in estimates
+    ]
+    trend = trend_of(estimates)
+    assert trend.axis_value == 205.0
+    assert "unknown" not in trend.reason
+
+
+def test_unknown_missed_cycles_are_named_and_not_invented(history, scatter):
+    estimates = history(K_in=aging(scatter))
+    estimates[50] = replace(estimates[50], missed_cycles=-1, status=EstimateStatus.REFUSED)
+    trend = trend_of(estimates)
+    assert trend.axis_value == 105.0
+    assert "1 breaks with unknown missed cycles" in trend.reason
+
+
+def test_counter_that_starts_again_goes_on_counting(history, scatter):
+    estimates = history(K_in=aging(scatter))
+    estimates = [replace(e, cycle=e.cycle - 60 * (e.cycle > 60)) for e in estimates]
+    trend = trend_of(estimates, config=replace(CONFIG, axis=Axis.COUNTER))
+    assert (trend.axis, trend.axis_value) == ("counter", 105.0)
+    assert "unknown missed cycles" in trend.reason
+
+
+def test_hours_come_from_the_stamps(history, scatter):
+    estimates = history(K_in=aging(scatter))
+    cycles = trend_of(estimates)
+    hours = trend_of(estimates, config=replace(CONFIG, axis=Axis.HOURS))
+    assert hours.axis_value == pytest.approx(104 * 30.0 / 3600.0)
+    assert hours.cycle_rate == pytest.approx(1 / 3600.0)
+    assert hours.remaining_median == pytest.approx(cycles.remaining_median * 30.0 / 3600.0)
+    assert hours.service_date_ns == pytest.approx(cycles.service_date_ns, abs=1e6)
+
+
+def test_service_date_from_the_recent_rate(history, scatter):
+    estimates = history(K_in=aging(scatter))
+    t = trend_of(estimates)
+    assert t.cycle_rate == pytest.approx(1 / 30.0)
+    assert t.service_date_known
+    assert t.service_date_ns == pytest.approx(t.stamp_ns + t.remaining_median * 30e9, abs=1e6)
+    assert t.stamp_ns < t.service_date_early_ns < t.service_date_ns
+
+
+def test_no_service_date_without_a_bounded_life(history, scatter):
+    t = trend_of(history(K_in=aging(scatter, loss=0.0)))
+    assert t.unbounded
+    assert not t.service_date_known
+    assert t.service_date_ns == t.service_date_early_ns == 0
+
+
+def test_window_bounds_the_past_but_keeps_the_reference(history, scatter):
+    values = aging(scatter, n=300)
+    trend = trend_of(history(K_in=values), config=replace(CONFIG, window=100))
+    assert (trend.samples, trend.segment_start) == (100, 201.0)
+    assert trend.reference == pytest.approx(values[:10].mean())
+
+
+def test_parameter_around_zero_has_no_relative_drift(history, scatter):
+    config = replace(CONFIG, parameters=("leak",))
+    result = judge(history(leak=1e-4 * scatter(1, 80)), config=config)
+    trend = result.trends[0]
+    assert np.isnan(trend.drift_reference)
+    assert np.isnan(trend.threshold)
+    assert trend.unit == "1/s"
+    assert "leak" in result.verdict.evidence
+
+
+def test_negative_parameter_loses_percent_of_its_size(history, scatter):
+    t = trend_of(history(K_in=-aging(scatter)))
+    assert t.drift_reference == pytest.approx(-14.4, abs=1.0)
+    assert t.threshold == pytest.approx(0.8 * t.reference)
+    assert t.remaining_median < 80.0
+
+
+def test_details_give_every_line_for_plots(history, scatter):
+    step = np.where(np.arange(80) >= 40, 0.9, 1.0) + 0.01 * scatter(1, 80)
+    detail = judge(history(K_in=step)).details[0]
+    assert list(detail.starts) == [0, 40]
+    assert [line.samples for line in detail.lines] == [40, 40]
+    assert detail.lines[0].level(20.0) == pytest.approx(1.0, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"min_segment": 2}, "min_segment is 2, it must be at least 4"),
+        ({"significance": 0.0}, "significance is 0.0, it must lie above 0"),
+        ({"horizon": float("nan")}, "horizon is nan"),
+        ({"commissioning": (Commissioning("K_in", float("inf")),)}, "record of K_in is inf"),
+    ],
+)
+def test_config_that_cannot_work_is_refused(change, words):
+    with pytest.raises(ValueError, match=words):
+        AgingConfig(**change)
+
+
+def test_thousand_cycles_of_four_parameters_in_50_ms(history, scatter):
+    columns = {f"p{k}": aging(scatter, n=1000, seed=k) for k in range(4)}
+    estimates = history(**columns)
+    parameters = [Parameter(name, "1", "", trend=True) for name in columns]
+    assess(estimates, [], CONFIG, parameters=parameters)
+    took = []
+    for _ in range(7):
+        begin = time.perf_counter()
+        assess(estimates, [], CONFIG, parameters=parameters)
+        took.append(time.perf_counter() - begin)
+    assert min(took) < 0.05
