@@ -20,8 +20,11 @@ from valve_twin.io.errors import ConfigError, ValveTwinError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+    from contextlib import AbstractContextManager
 
+    from valve_twin.core.aging import Assessment
     from valve_twin.io.config import ValveConfig
+    from valve_twin.io.offline import Record
 
 OK, FAILED, USAGE = 0, 1, 2
 
@@ -328,7 +331,7 @@ def _bench(arguments: argparse.Namespace) -> int:
 # -- shared
 
 
-def _run_offline(config: ValveConfig, bag: str, close_last: bool):  # noqa: ANN202
+def _run_offline(config: ValveConfig, bag: str, close_last: bool) -> tuple[Record, Assessment]:
     from valve_twin.core.types import Cycle
     from valve_twin.io.offline import Record, assess_record, estimate_bag
 
@@ -354,7 +357,7 @@ def _say(text: str) -> None:
     sys.stderr.write(f"{text}\n")
 
 
-def _progress(what: str, total: int | None):  # noqa: ANN202
+def _progress(what: str, total: int | None) -> AbstractContextManager[Callable[[], None]]:
     from valve_twin.progress import progress
 
     return progress(what, total)

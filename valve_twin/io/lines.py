@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 def estimate_fields(estimate: Estimate, valve: str) -> dict[str, Any]:
     """Return an estimate as plain data under the names of Estimate.msg.
 
-    A value that is not a number is null. Wall time and `stored` are left out: the same record gives the same lines.
+    A value that is not a number is null. Wall time and `stored` are left out, so that the same
+    record gives the same lines.
     """
     parameters = estimate.parameters
     return {
