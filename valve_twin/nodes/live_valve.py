@@ -13,23 +13,20 @@ from typing import Any
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from valve_twin.core.estimation.sequence import estimate_cycle, memory_from_history
+from valve_twin.core.estimation.sequence import MEMORY_CYCLES, Memory, memory_from_history
 from valve_twin.core.twin import ClockJump, Estimated, Event, Job
 from valve_twin.core.types import Cycle, Estimate, Prediction
-from valve_twin.core.valves.interface import Options
 from valve_twin.core.valves.registry import complete_options, get_model
 from valve_twin.io.assembly import make_twin
 from valve_twin.io.config import ValveConfig
 from valve_twin.io.history import History
 from valve_twin.io.mapping import SignalBlock
 from valve_twin.nodes import convert
+from valve_twin.nodes.estimation_job import MEMORY_LACKS, run_job
 from valve_twin.nodes.inputs import Collector, InputConfig, TopicInput, by_topic, seconds_now
 from valve_twin.nodes.runtime import STEADY, ValveNode
 from valve_twin.nodes.worker import Outcome, WorkerProcess, WorkerThread
 from valve_twin_msgs import msg
-
-MEMORY_CYCLES = 50
-"""Cycles that the memory of the estimation reaches back."""
 
 DUTY = 0.1
 """Share of the time that gathering may be broken off for working on what was gathered: low rates are answered at
@@ -53,17 +50,6 @@ class _Entry:
     estimates: tuple[Estimate, ...]
     wall_s: float
     published: bool = False
-
-
-def run_job(model: str, options: Options, job: Job) -> Any:  # noqa: ANN401  pickled result
-    """Estimate one cycle; runs in the worker process."""
-    return estimate_cycle(get_model(model), options, job.cycle, job.memory)
-
-
-def warm_up() -> None:
-    """Load what the estimation needs before the first cycle is there; runs in the worker process."""
-    for name in ("press_cartridge", "positioner"):
-        get_model(name)
 
 
 class LiveValve:
@@ -107,6 +93,7 @@ class LiveValve:
         self._collector = Collector(round(config.hold_back_s * 0.25e9))
         self.inputs: list[TopicInput] = []
         self._job: Job | None = None
+        self._jobs = 0
         self._unsaved: deque[_Entry] = deque()
         self._storing = False
         self._retry_timer: Any = None
@@ -205,21 +192,31 @@ class LiveValve:
             return
         self._job = self.twin.next_job()
         if self._job is not None:
-            arguments = (self.config.model, self._options, self._job)
-            self._worker.submit(run_job, arguments, self._on_worker)
+            self._jobs += 1
+            self._submit(None)
 
-    def _on_worker(self, outcome: Outcome) -> None:
-        self._node.post(partial(self._deliver, outcome))
+    def _submit(self, memory: Memory | None) -> None:
+        assert self._job is not None
+        arguments = (
+            self.name, self.config.model, self._options, self._job.cycle, self._jobs, memory
+        )  # fmt: skip
+        post = self._node.post
+        self._worker.submit(run_job, arguments, lambda done: post(partial(self._deliver, done)))
 
     def _deliver(self, outcome: Outcome) -> None:
-        job, self._job = self._job, None
+        job = self._job
         if job is None:
             return
-        estimates, memory = outcome.result if not outcome.error else ((), job.memory)
+        if not outcome.error and outcome.result is MEMORY_LACKS:
+            self._submit(job.memory)
+            return
+        self._job = None
+        estimates: tuple[Estimate, ...] = () if outcome.error else outcome.result
         if outcome.error:
             self._node.get_logger().error(
                 f"{self.name}: cycle {job.cycle.number} is not estimated: {outcome.error}"
             )
+        memory = job.memory.after(estimates) if estimates else job.memory
         self.estimated += 1
         self.refused += not any(e.used_by_trend for e in estimates)
         self.estimation_s = outcome.wall_s

@@ -58,7 +58,7 @@ class SimulatedTopics:
         model = get_model(config.model)
         self._external = simulation.controller == "external"
         topic = partial(resolve_topic, valve=config.name, prefix=prefix)
-        self._command_topics = {name: topic(f"command/{name}") for name in model.inputs}
+        self._command_topics = {n: topic(_command_topic(n)) for n in model.inputs}
         self._topics = {"position": topic(model.output), "cycle": topic("cycle")}
         if not self._external:
             self._topics["reference"] = topic("reference")
@@ -162,6 +162,11 @@ class SimulatedTopics:
             response,
             lambda: self._valve.set_fault(request.kind, request.severity, request.duration),
         )
+
+
+def _command_topic(name: str) -> str:
+    """Return the topic that a configuration maps a command to by default."""
+    return name if name == "command" else f"command/{name}"
 
 
 def _answer(response: Any, action: Any) -> Any:  # noqa: ANN401

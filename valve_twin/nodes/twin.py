@@ -12,8 +12,9 @@ from rclpy.duration import Duration
 
 from valve_twin.io.history import History
 from valve_twin.nodes.diagnostics import ERROR, STALE, WARN, Diagnostics, Report
+from valve_twin.nodes.estimation_job import warm_up
 from valve_twin.nodes.inputs import InputConfig
-from valve_twin.nodes.live_valve import LiveValve, warm_up
+from valve_twin.nodes.live_valve import LiveValve
 from valve_twin.nodes.runtime import SPIN_S, ValveNode
 from valve_twin.nodes.twin_services import TwinServices
 from valve_twin.nodes.valve_parameters import read_valves

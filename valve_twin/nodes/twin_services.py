@@ -81,7 +81,7 @@ class TwinServices:
                 convert.estimate_message(valve.name, e, valve.units, stored=True) for e in page
             ]
             response.missed_cycles = [e.missed_cycles for e in page]
-            events = valve.history.maintenance(valve.name, first)
+            events = valve.history.maintenance(valve.name)
             response.maintenance = [convert.maintenance_message(e) for e in events]
             response.more = len(found) > limit
             response.success = True

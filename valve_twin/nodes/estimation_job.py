@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What runs in the worker process: one estimation at a time, nothing of ROS.
+
+The memory of 50 cycles is large; the worker keeps it between jobs and is sent it only when it lacks it, so that the
+data path does not pack it every cycle.
+"""
+
+from __future__ import annotations
+
+from valve_twin.core.estimation.sequence import Memory, estimate_cycle
+from valve_twin.core.types import Cycle, Estimate
+from valve_twin.core.valves.interface import Options
+from valve_twin.core.valves.registry import get_model
+
+MEMORY_LACKS = None
+"""Result of a job whose memory the worker does not hold: to be sent again with it."""
+
+_kept: dict[str, tuple[int, Memory]] = {}
+
+
+def run_job(
+    valve: str, model: str, options: Options, cycle: Cycle, ordinal: int, memory: Memory | None
+) -> tuple[Estimate, ...] | None:
+    """Estimate one cycle.
+
+    Parameters
+    ----------
+    valve, model : str
+        Name of the valve and of its model.
+    options : mapping
+        Complete options of the model.
+    cycle : Cycle
+        The cycle.
+    ordinal : int
+        Count of the valve's jobs; the memory after job n is kept for job n + 1.
+    memory : Memory or None
+        What the cycles before taught; None = as kept.
+
+    Returns
+    -------
+    tuple of Estimate or None
+        One an estimator; None (`MEMORY_LACKS`) where the memory is needed and not kept.
+    """
+    if memory is None:
+        kept = _kept.get(valve)
+        if kept is None or kept[0] != ordinal:
+            return MEMORY_LACKS
+        memory = kept[1]
+    estimates, after = estimate_cycle(get_model(model), options, cycle, memory)
+    _kept[valve] = (ordinal + 1, after)
+    return estimates
+
+
+def warm_up() -> None:
+    """Load what the estimation needs before the first cycle is there."""
+    for name in ("press_cartridge", "positioner"):
+        get_model(name)
