@@ -17,15 +17,15 @@ import numpy as np
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray, Frames, IntArray
 
-GAP_PERIODS = (
-    1.5  # stamps further apart than this many periods have a sample missing between them [1]
-)
+GAP_PERIODS = 1.5
+"""Stamps further apart than this many periods have a sample missing between them [1]."""
+
 _MAX_REFRESH = 32  # longest refresh period looked for [samples]
 _MIN_RUNS = 6  # fewest changes of value in motion that establish a refresh period [1]
 _REFRESH_FOUND = 1.25  # a mean run this long is a slow sensor, not chance [samples]
-_FREEZE_RUN = (
-    5  # shortest repetition called a frozen sensor where noise is alive at rest [samples]
-)
+_FREEZE_RUN = 5  # shortest repetition that noise at rest makes a freeze [samples]
+_CHANCE = 1e-4  # accepted probability of a false freeze in a cycle [1]
+_ALIVE = 0.3  # share of reversals that is noise; white noise has 2/3 [1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,7 +248,8 @@ def _find_stale(
             fresh = np.floor(k / refresh + 1e-9) > np.floor((k - 1) / refresh + 1e-9)
             stale[i + 1 : i + n] = ~fresh
         return stale, refresh
-    return _find_freezes(drive, first, length, moving & (before * after > 0.0), options), 1.0
+    through_motion = moving & (before * after > 0.0)
+    return _find_freezes(x, drive, first, length, through_motion, options), 1.0
 
 
 def _refresh_period(length: IntArray) -> float:
@@ -267,21 +268,38 @@ def _refresh_period(length: IntArray) -> float:
 
 
 def _find_freezes(
+    x: FloatArray,
     drive: FloatArray,
     first: IntArray,
     length: IntArray,
     through_motion: BoolArray,
     options: MaskOptions,
 ) -> BoolArray:
-    """Find single long repetitions: through a motion, or where noise is alive at rest."""
-    stale = np.zeros(len(drive), bool)
-    repeated = np.ones(len(drive), bool)
-    repeated[first] = False
+    """Find single long repetitions: through a motion, or where noise is alive at rest.
+
+    Noise reverses, a leak does not. A run at the end of the range is a sensor that clips.
+    """
+    stale = np.zeros(len(x), bool)
+    idle = np.abs(drive) <= options.active_command
+    need = _surprising_run(x, idle, first, length)
+    alive = length >= need
     long = length >= _FREEZE_RUN
-    outside = np.repeat(~long, length) & (np.abs(drive) <= options.active_command)
-    alive = outside.sum() >= 4 * _FREEZE_RUN and repeated[outside].mean() < 0.2
     commanded = np.add.reduceat(np.abs(drive) > options.active_command, first)
-    frozen = long & (alive | (through_motion & (commanded > options.max_lag)))
+    frozen = alive | (long & through_motion & (commanded > options.max_lag))
+    frozen &= (x[first] > np.nanmin(x)) & (x[first] < np.nanmax(x))
     for i, n in zip(first[frozen], length[frozen], strict=True):
         stale[i + 1 : i + n] = True
     return stale
+
+
+def _surprising_run(x: FloatArray, idle: BoolArray, first: IntArray, length: IntArray) -> float:
+    """Shortest repetition that the noise at rest does not explain; infinite without noise."""
+    longest = int(np.argmax(length))
+    outside = idle.copy()
+    outside[first[longest] : first[longest] + length[longest]] = False
+    step = np.diff(x)
+    both = outside[1:-1] & outside[2:]
+    if both.sum() < 4 * _FREEZE_RUN or np.mean((step[1:] * step[:-1] < 0.0)[both]) < _ALIVE:
+        return float("inf")
+    repeats = max(float(np.mean(step[1:][both] == 0.0)), 1e-3)
+    return max(_FREEZE_RUN, 1.0 + float(np.log(_CHANCE / len(x)) / np.log(repeats)))
