@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""A live table of one valve's twin and aging monitor in the terminal."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from contextlib import nullcontext
+from typing import TYPE_CHECKING, Any
+
+import rclpy
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table
+from valve_twin_msgs.msg import Estimate, Trend, Verdict
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+ROWS = 12
+"""Cycles in the table."""
+
+EVERY = 10
+"""Without a terminal, one line is printed every so many cycles."""
+
+_LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class Watcher(Node):  # type: ignore[misc]  # rclpy's class is untyped
+    """Subscriber of estimates, trends and the verdict of one valve."""
+
+    def __init__(self, namespace: str) -> None:
+        super().__init__("watch", start_parameter_services=False)
+        self.estimates: deque[Any] = deque(maxlen=ROWS)
+        self.cycles: set[int] = set()
+        self.trends: dict[str, Any] = {}
+        self.verdict: Any = None
+        here = namespace.rstrip("/")
+        self.create_subscription(Estimate, f"{here}/twin/estimate", self._take, _LATCHED)
+        self.create_subscription(Verdict, f"{here}/aging_monitor/verdict", self._judge, _LATCHED)
+        self._trend_topics = f"{here}/aging_monitor/trend/"
+
+    def follow_trends(self) -> None:
+        """Subscribe to the trends that have appeared."""
+        for topic, _ in self.get_topic_names_and_types():
+            name = topic.removeprefix(self._trend_topics)
+            if topic.startswith(self._trend_topics) and name not in self.trends:
+                self.trends[name] = None
+                self.create_subscription(Trend, topic, self._trend, _LATCHED)
+
+    def _take(self, message: Any) -> None:  # noqa: ANN401  generated classes
+        if message.used_by_trend:
+            self.estimates.append(message)
+            self.cycles.add(int(message.cycle))
+
+    def _trend(self, message: Any) -> None:  # noqa: ANN401
+        self.trends[message.parameter] = message
+
+    def _judge(self, message: Any) -> None:  # noqa: ANN401
+        self.verdict = message
+
+
+def watch(
+    namespace: str, cycles: int, *, limit_s: float, alive: Callable[[], bool] = lambda: True
+) -> int:
+    """Show a valve until enough cycles are estimated.
+
+    Parameters
+    ----------
+    namespace : str
+        The valve.
+    cycles : int
+        How many cycles to wait for.
+    limit_s : float
+        Longest time to wait [s].
+    alive : callable
+        Says whether waiting still makes sense.
+
+    Returns
+    -------
+    int
+        Cycles seen.
+    """
+    rclpy.init()
+    node = Watcher(namespace)
+    console = Console()
+    live = Live(console=console, auto_refresh=False) if console.is_terminal else nullcontext()
+    end = time.monotonic() + limit_s
+    told = 0
+    try:
+        with live as table:
+            while len(node.cycles) < cycles and time.monotonic() < end and alive():
+                rclpy.spin_once(node, timeout_sec=0.2)
+                node.follow_trends()
+                if table is not None:
+                    table.update(render(node, cycles), refresh=True)
+                elif len(node.cycles) >= told + EVERY:
+                    told = len(node.cycles)
+                    console.print(_line(node, cycles), highlight=False)
+        if table is None:
+            console.print(render(node, cycles))
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+    return len(node.cycles)
+
+
+def render(node: Watcher, cycles: int) -> Group:
+    """Return the present table with trends and verdict below."""
+    names = list(node.estimates[-1].names) if node.estimates else []
+    table = Table(title=f"{len(node.cycles)} of {cycles} cycles", expand=False)
+    table.add_column("cycle", justify="right")
+    for name in names:
+        table.add_column(name, justify="right")
+    table.add_column("free run fit, test %", justify="right")
+    table.add_column("status")
+    for e in node.estimates:
+        cells = [_number(v) for v in e.values]
+        fit = "-" if math.isnan(e.fit_test) else f"{e.fit_test:.1f}"
+        table.add_row(str(e.cycle), *cells, fit, e.reason)
+    lines = [_trend_line(t) for t in node.trends.values() if t is not None]
+    if node.verdict is not None:
+        lines.append(f"verdict: {node.verdict.text}: {node.verdict.evidence}")
+    return Group(table, *lines)
+
+
+def _line(node: Watcher, cycles: int) -> str:
+    last = node.estimates[-1]
+    values = ", ".join(f"{n} {_number(v)}" for n, v in zip(last.names, last.values, strict=True))
+    return f"cycle {len(node.cycles)} of {cycles}: {values}"
+
+
+def _trend_line(trend: Any) -> str:  # noqa: ANN401  generated class
+    interval = f"{trend.drift_reference_lower_95:.1f} .. {trend.drift_reference_upper_95:.1f}"
+    life = "unbounded" if trend.unbounded else f"{trend.remaining_high:.0f}"
+    left = f"{trend.remaining_low:.0f} .. {life} {trend.axis} left"
+    return f"{trend.parameter}: {trend.drift_reference:+.1f} % of new (95 %: {interval}); {left}"
+
+
+def _number(value: float) -> str:
+    return "-" if math.isnan(value) else f"{value:.4g}"
