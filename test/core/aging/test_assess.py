@@ -5,6 +5,7 @@ import random
 import time
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,10 @@ from valve_twin.core.aging import (
     Verdict,
     VerdictKind,
     assess,
+    changepoint,
+    warm_up,
 )
+from valve_twin.core.aging.trend import ar1_product
 from valve_twin.core.types import (
     EstimateStatus,
     Maintenance,
@@ -349,7 +353,7 @@ def test_details_give_every_line_for_plots(history, scatter):
     ("change", "words"),
     [
         ({"min_segment": 2}, "min_segment is 2, it must be at least 4"),
-        ({"significance": 0.0}, "significance is 0.0, it must lie above 0"),
+        ({"significance": 0.0}, "significance is 0.0, it must be at least 1e-09 and at most 1"),
         ({"horizon": float("nan")}, "horizon is nan"),
         ({"commissioning": (Commissioning("K_in", float("inf")),)}, "record of K_in is inf"),
     ],
@@ -370,3 +374,20 @@ def test_thousand_cycles_of_four_parameters_in_50_ms(history, scatter):
         assess(estimates, [], CONFIG, parameters=parameters)
         took.append(time.perf_counter() - begin)
     assert min(took) < 0.05
+
+
+def test_warm_up_leaves_nothing_to_compile(history, scatter):
+    warm_up()
+    kernels: tuple[Any, ...] = (
+        changepoint._repeated_median,
+        changepoint._sums,
+        changepoint._partition,
+        changepoint._refine,
+        changepoint._off_lines,
+        ar1_product,
+    )
+    compiled = [len(k.signatures) for k in kernels]
+    assert all(compiled)
+    estimates = history(K_in=aging(scatter, n=700))
+    judge(estimates, [Maintenance(0, 300, "seal")])
+    assert [len(k.signatures) for k in kernels] == compiled

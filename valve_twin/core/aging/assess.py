@@ -32,19 +32,13 @@ from valve_twin.core.aging.trend import (
     residuals,
 )
 from valve_twin.core.aging.verdict import Trend, TrendStatus, Verdict, decide, describe_remaining
+from valve_twin.core.types import Estimate, EstimateStatus, Parameter, ParameterValue
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from valve_twin.core.aging.drift import Limit
-    from valve_twin.core.types import (
-        BoolArray,
-        Estimate,
-        FloatArray,
-        IntArray,
-        Maintenance,
-        Parameter,
-    )
+    from valve_twin.core.types import BoolArray, FloatArray, IntArray, Maintenance
 
 _NAN = float("nan")
 
@@ -135,6 +129,27 @@ def assess(
         cycle=last.cycle if last else 0,
     )
     return Assessment(trends, verdict, tuple(detail for _, detail in results))
+
+
+def warm_up() -> None:
+    """Compile every kernel of the aging monitor, so that no callback has to."""
+    cycles = np.arange(60)
+    history = [
+        Estimate(
+            model="",
+            estimator="",
+            cycle=int(cycle) + 1,
+            start_ns=int(cycle),
+            end_ns=int(cycle) + 1,
+            parameters=(ParameterValue("gain", 1.0 + 1e-3 * float(cycle % 7)),),
+            status=EstimateStatus.ACCEPTED,
+            reason="",
+            used_by_trend=True,
+        )
+        for cycle in cycles
+    ]
+    parameters = (Parameter("gain", "1", "", trend=True),)
+    assess(history, (), AgingConfig(max_candidates=20), parameters=parameters)
 
 
 def _assess_parameter(

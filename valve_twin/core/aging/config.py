@@ -4,10 +4,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from enum import Enum
+from typing import TypeVar
 
 import numpy as np
+
+_Number = TypeVar("_Number", int, float)
+
+
+def _limited(default: _Number, *, lower: float, upper: float = np.inf, unit: str = "1") -> _Number:
+    """Return a field with the limits that a configuration must keep and its unit."""
+    metadata: dict[str, object] = {"lower": lower, "upper": upper, "unit": unit}
+    made: _Number = field(default=default, metadata=metadata)
+    return made
 
 
 class Axis(Enum):
@@ -42,7 +52,14 @@ class Threshold:
 class Commissioning:
     """A reference level that was recorded when the valve was commissioned.
 
-    `value` and its `standard_error` (0 = exact) carry the unit of the parameter.
+    Attributes
+    ----------
+    parameter : str
+        Name of the parameter.
+    value : float
+        The level when new [unit of the parameter].
+    standard_error : float
+        Its standard error, 0 = exact [unit of the parameter].
     """
 
     parameter: str
@@ -53,6 +70,8 @@ class Commissioning:
 @dataclass(frozen=True, slots=True)
 class AgingConfig:
     """Rules of the aging monitor; every default is our assumption unless a source is named.
+
+    Numbers are dimensionless where no unit is named.
 
     Attributes
     ----------
@@ -65,65 +84,65 @@ class AgingConfig:
         Service limits; several for one parameter are allowed (say one below and one above), the
         one expected to be reached first is reported.
     default_percent : float
-        Limits at minus and plus this change [%] for a parameter without an entry in `thresholds`;
+        Limits at minus and plus this change for a parameter without an entry in `thresholds`;
         0 = none. 20 is the limit of the remaining-life study in equations.md 2.5.
     commissioning : tuple of Commissioning
         Reference levels on record. A maintenance event with `new_reference` replaces them.
     reference_cycles : int
-        Accepted estimates whose mean is the reference where no record is given [1].
+        Accepted estimates whose mean is the reference where no record is given.
     significance : float
-        Error probability of the word "drifting" for one parameter at one time [1].
+        Error probability of the word "drifting" for one parameter at one time.
     min_samples : int
-        Accepted estimates that the present segment needs before it is judged [1].
+        Accepted estimates that the present segment needs before it is judged.
     min_segment : int
-        Least number of estimates in a segment that is found (not forced) [1]. A change is
+        Least number of estimates in a segment that is found (not forced). A change is
         reported this many cycles after it happened at the earliest; fewer would let a few bad
         estimates look like a change.
     max_segments : int
-        Most segments between two maintenance events [1].
+        Most segments between two maintenance events.
     max_candidates : int
-        Places tried for a change between two maintenance events [1]; up to this many estimates
+        Places tried for a change between two maintenance events; up to this many estimates
         every place is tried (exact), above it every g-th, g = ceil(samples / max_candidates), and
         the places found are then refined.
     penalty_scale : float
-        Factor on the calibrated price of a segment [1]; larger finds fewer.
+        Factor on the calibrated price of a segment; larger finds fewer.
     outlier_sigma : float
         An estimate farther than this from its neighbours [robust standard deviations] is left
         out.
     window : int
-        Newest accepted estimates that are segmented [1]; 0 = the whole history. The reference is
+        Newest accepted estimates that are segmented; 0 = the whole history. The reference is
         always taken from the whole history.
     rate_cycles : int
-        Newest accepted estimates that give the cycle rate [1].
+        Newest accepted estimates that give the cycle rate.
     alert_fraction : float
-        Share of the way from reference to threshold [1] that raises the verdict when it is
+        Share of the way from reference to threshold that raises the verdict when it is
         exceeded with 95 % confidence.
     horizon : float
-        Remaining life [axis unit] below which the verdict is raised, if the slope is beyond doubt
+        Remaining life below which the verdict is raised, if the slope is beyond doubt
         and the drift has covered half of `alert_fraction`.
     verdict_significance : float
-        Error probability of "beyond doubt" [1]; stricter than `significance`, because every cycle
+        Error probability of "beyond doubt"; stricter than `significance`, because every cycle
         tests anew.
     """
 
     axis: Axis = Axis.CYCLES
     parameters: tuple[str, ...] = ()
     thresholds: tuple[Threshold, ...] = ()
-    default_percent: float = 20.0
+    default_percent: float = _limited(20.0, lower=0.0, unit="%")
     commissioning: tuple[Commissioning, ...] = ()
-    reference_cycles: int = 10
-    significance: float = 0.05
-    min_samples: int = 10
-    min_segment: int = 8
-    max_segments: int = 12
-    max_candidates: int = 500
-    penalty_scale: float = 1.0
-    outlier_sigma: float = 4.5
-    window: int = 0
-    rate_cycles: int = 50
-    alert_fraction: float = 0.5
-    horizon: float = 50.0
-    verdict_significance: float = 0.001
+    reference_cycles: int = _limited(10, lower=2)
+    significance: float = _limited(0.05, lower=1e-9, upper=1.0)
+    min_samples: int = _limited(10, lower=4)
+    min_segment: int = _limited(8, lower=4)
+    max_segments: int = _limited(12, lower=1, upper=100)
+    max_candidates: int = _limited(500, lower=20, upper=4000)
+    penalty_scale: float = _limited(1.0, lower=0.0)
+    outlier_sigma: float = _limited(4.5, lower=2.0)
+    window: int = _limited(0, lower=0)
+    rate_cycles: int = _limited(50, lower=2)
+    alert_fraction: float = _limited(0.5, lower=0.01, upper=1.0)
+    horizon: float = _limited(50.0, lower=0.0, unit="axis unit")
+    verdict_significance: float = _limited(0.001, lower=1e-9, upper=1.0)
 
     def __post_init__(self) -> None:
         """Refuse values that cannot work.
@@ -133,36 +152,18 @@ class AgingConfig:
         ValueError
             With the name of the field, its value and what it must be.
         """
-        for name, least in _LEAST.items():
-            value = getattr(self, name)
-            if not value >= least:
-                msg = f"aging: {name} is {value}, it must be at least {least}"
-                raise ValueError(msg)
-        for name in ("significance", "verdict_significance", "alert_fraction"):
-            value = getattr(self, name)
-            if not 0.0 < value <= 1.0:
-                msg = f"aging: {name} is {value}, it must lie above 0 and not above 1"
+        for item in fields(self):
+            value, lower = getattr(self, item.name), item.metadata.get("lower")
+            upper = item.metadata.get("upper", np.inf)
+            if lower is not None and not lower <= value <= upper:
+                upto = f" and at most {upper:g}" if upper < np.inf else ""
+                msg = f"{item.name} is {value}, it must be at least {lower:g}{upto}"
                 raise ValueError(msg)
         for record in self.commissioning:
             if not (np.isfinite(record.value) and record.standard_error >= 0.0):
                 msg = (
-                    f"aging: the commissioning record of {record.parameter} is {record.value} "
+                    f"the commissioning record of {record.parameter} is {record.value} "
                     f"with standard error {record.standard_error}; "
                     "both must be finite numbers, the error not negative"
                 )
                 raise ValueError(msg)
-
-
-_LEAST: dict[str, float] = {
-    "default_percent": 0.0,
-    "reference_cycles": 2,
-    "min_samples": 4,
-    "min_segment": 4,
-    "max_segments": 1,
-    "max_candidates": 20,
-    "penalty_scale": 0.0,
-    "outlier_sigma": 2.0,
-    "window": 0,
-    "rate_cycles": 2,
-    "horizon": 0.0,
-}
