@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The twin emits the same bits however its input is cut and however long an estimation takes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from valve_twin.core.alignment import SignalRange
+from valve_twin.core.cycles import CycleConfig
+from valve_twin.core.estimation.sequence import estimate_cycle
+from valve_twin.core.simulation import SimulatedValve
+from valve_twin.core.simulation.block import join_blocks
+from valve_twin.core.twin import ClockJump, Estimated, Twin, TwinConfig
+from valve_twin.core.types import Cycle, CycleRule, Prediction
+from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
+
+MODEL = get_model("positioner")
+OPTIONS = complete_options(MODEL, {"max_delay_s": 0.2})
+CONFIG = TwinConfig(
+    period_s=0.05,
+    signals=(SignalRange("position", -0.2, 1.2), SignalRange("command", -0.1, 1.1)),
+    counter=SignalRange("cycle_counter"),
+    cycles=CycleConfig(rule=CycleRule.COUNTER),
+    options=OPTIONS,
+)
+CYCLES = 6
+SAMPLES = 600
+
+
+@pytest.fixture(scope="module")
+def record():
+    """Six cycles of the simulated positioner and the beginning of a seventh."""
+    valve = SimulatedValve(get_simulation("positioner"), seed=7)
+    return join_blocks([valve.advance(SAMPLES) for _ in range(CYCLES)] + [valve.advance(20)])
+
+
+def push_all(twin, block, cuts=(), patience=0):
+    """Drive a twin; an estimation is delivered `patience` pushes after it was asked for."""
+    columns = {
+        "command": block.inputs[:, 0],
+        "cycle_counter": block.cycle.astype(float),
+        "position": block.position,
+    }
+    events, job, waited = [], None, 0
+    edges = [0, *sorted(cuts), len(block)]
+    for a, b in zip(edges[:-1], edges[1:], strict=True):
+        for name, values in columns.items():
+            if b > a:
+                events += twin.push(name, block.stamp_ns[a:b], values[a:b])
+            job = job or twin.next_job()
+            waited += job is not None
+            if job is not None and waited > patience:
+                events += deliver(twin, job)
+                job, waited = None, 0
+    while (job := job or twin.next_job()) is not None:
+        events += deliver(twin, job)
+        job = None
+    return events
+
+
+def deliver(twin, job):
+    return twin.deliver(*estimate_cycle(MODEL, OPTIONS, job.cycle, job.memory))
+
+
+def bits(events):
+    """All that was published, joined cycle by cycle."""
+    predictions = [e for e in events if isinstance(e, Prediction)]
+    names = ("stamp_ns", "predicted", "simulated", "residual", "validity")
+    joined = {k: np.concatenate([getattr(p, k) for p in predictions]).tobytes() for k in names}
+    numbers = np.concatenate([np.full(len(p.stamp_ns), p.cycle) for p in predictions]).tobytes()
+    sigmas = [p.residual_sigma for p in predictions for _ in p.stamp_ns]
+    estimates = [
+        repr(e) for event in events if isinstance(event, Estimated) for e in event.estimates
+    ]
+    return joined, numbers, repr(sigmas), estimates
+
+
+def test_every_sample_is_predicted_once_and_every_cycle_estimated(record):
+    events = push_all(Twin(CONFIG, MODEL), record)
+    predicted = sum(len(e.stamp_ns) for e in events if isinstance(e, Prediction))
+    assert predicted == len(record)
+    assert [e.number for e in events if isinstance(e, Cycle)] == [1, 2, 3, 4, 5, 6]
+    assert [e.cycle.number for e in events if isinstance(e, Estimated)] == [1, 2, 3, 4, 5, 6]
+
+
+def test_an_estimate_takes_effect_two_cycles_later(record):
+    events = push_all(Twin(CONFIG, MODEL), record)
+    known = {}
+    for e in events:
+        if isinstance(e, Prediction):
+            known[e.cycle] = known.get(e.cycle, 0) + np.count_nonzero(np.isfinite(e.predicted))
+    assert known[1] + known[2] == 0
+    assert known[3] > 0.9 * SAMPLES
+    residuals = [e.residual for e in events if isinstance(e, Prediction) and e.cycle >= 3]
+    assert np.nanstd(np.concatenate(residuals)) < 5e-3
+
+
+@given(
+    st.lists(st.integers(1, CYCLES * SAMPLES), max_size=25),
+    st.integers(0, 12),
+)
+@settings(max_examples=15)
+def test_neither_blocks_nor_slow_estimations_change_a_bit(record, cuts, patience):
+    whole = bits(push_all(Twin(CONFIG, MODEL), record))
+    assert bits(push_all(Twin(CONFIG, MODEL), record, cuts, patience)) == whole
+
+
+def test_samples_wait_for_the_estimate_they_need(record):
+    twin = Twin(CONFIG, MODEL)
+    block = record
+    events = []
+    for name, values in (("command", block.inputs[:, 0]), ("cycle_counter", block.cycle * 1.0)):
+        events += twin.push(name, block.stamp_ns, values)
+    events += twin.push("position", block.stamp_ns, block.position)
+    assert max(e.cycle for e in events if isinstance(e, Prediction)) == 2
+    assert twin.pending_jobs == CYCLES
+    events = deliver(twin, twin.next_job())
+    assert {e.cycle for e in events if isinstance(e, Prediction)} == {3}
+
+
+def test_one_job_at_a_time(record):
+    twin = Twin(CONFIG, MODEL)
+    with pytest.raises(ValueError, match="no estimation is running"):
+        twin.deliver((), None)
+    push_all(twin, record)
+    assert twin.next_job() is None
+
+
+def test_a_clock_set_back_drops_the_cycle_and_keeps_what_was_learnt(record):
+    twin = Twin(CONFIG, MODEL)
+    push_all(twin, record)
+    back = replace(record, stamp_ns=record.stamp_ns - 10**12, cycle=record.cycle + 6)
+    events = push_all(twin, back)
+    jumps = [e for e in events if isinstance(e, ClockJump)]
+    assert jumps[0].dropped_cycle == 7
+    numbers = [e.cycle.number for e in events if isinstance(e, Estimated)]
+    assert numbers == [7, 8, 9, 10, 11, 12]
+    first = next(e for e in events if isinstance(e, Prediction) and e.cycle == 7)
+    assert np.isfinite(first.residual_sigma)
+
+
+def test_a_sample_that_cannot_be_believed_is_marked_and_the_rest_predicted(record):
+    position = record.position.copy()
+    position[[1500, 1600]] = [np.nan, 7.0]
+    events = push_all(Twin(CONFIG, MODEL), replace(record, position=position))
+    validity = np.concatenate([e.validity for e in events if isinstance(e, Prediction)])
+    assert np.flatnonzero(validity == 5).tolist() == [1500, 1600]
+    assert (validity[1700:] == 0).all()
+
+
+def test_receive_times_are_said_to_be_not_reproducible(record):
+    twin = Twin(CONFIG, MODEL)
+    columns = {"command": record.inputs[:, 0], "cycle_counter": record.cycle * 1.0}
+    for name, values in columns.items():
+        twin.push(name, record.stamp_ns, values, header=False)
+    twin.push("position", record.stamp_ns, record.position, header=False)
+    job = twin.next_job()
+    assert not job.cycle.reproducible
+    assert not estimate_cycle(MODEL, OPTIONS, job.cycle, job.memory)[0][0].reproducible
