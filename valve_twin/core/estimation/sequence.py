@@ -86,7 +86,7 @@ def memory_from_history(estimates: Sequence[Estimate]) -> Memory:
     estimates : sequence of Estimate
         Estimates as stored, in any order; those of the last `MEMORY_CYCLES` cycles are enough.
     """
-    ordered = sorted(estimates, key=lambda e: (e.start_ns, e.cycle, e.estimator))
+    ordered = sorted(estimates, key=lambda e: (e.cycle, e.start_ns, e.estimator))
     return Memory(_last_cycles(tuple(ordered)))
 
 
@@ -161,7 +161,8 @@ def estimate_cycle(
         The memory with them.
     """
     if len(cycle.frames) == 0:
-        return (_nothing(model, cycle),), memory
+        nothing = (_nothing(model, cycle),)
+        return nothing, memory.after(nothing)
     results = model.estimate(cycle, options)
     if not cycle.accepted:
         results = tuple(_refused(e, cycle.reason) for e in results)

@@ -1,0 +1,266 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Compiled output error of a valve that is filled and emptied: normal equations, solver, pole search.
+
+For a fixed pole z the free run is linear in the rest. With g(v) = 2 v_max - v,
+
+    speed[n] = z speed[n-1] + (1 - z) (p_0 v_in + p_1 g(v_in) v_in - p_2 v_out - p_3 g(v_out) v_out - p_4),
+    x[n] = x[n-1] + speed[n]
+
+holds off the seats, all p >= 0; on a seat nothing moves. K(v) = p_0 + p_1 g(v) then falls with the command while
+K(v) v still rises up to v_max: the physical constraints of equations.md 2.2(7) are the signs of p, and the bounded
+problem is solved exactly by trying every set of positive parameters.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import BoolArray, FloatArray
+
+N_LINEAR = 5
+"""Inflow and its sag, outflow and its sag, leak."""
+
+N_COLUMNS = N_LINEAR + 2
+"""The linear columns, the sensitivity to the pole, the measured position."""
+
+POLE_MAX = 0.98
+"""Upper end of the pole search: at 1 the commands have no effect at all."""
+
+_GRID = 25
+_REFINEMENTS = 22
+_GOLDEN = 0.6180339887498949
+_SINGULAR = 1e-12  # relative pivot below which columns count as dependent
+
+
+@njit(cache=True)
+def accumulate(
+    y: FloatArray,
+    use: BoolArray,
+    free: BoolArray,
+    anchor: BoolArray,
+    moving: BoolArray,
+    v_in: FloatArray,
+    v_out: FloatArray,
+    pole: float,
+    v_max: float,
+    wander: float,
+    p: FloatArray,
+    gram: FloatArray,
+) -> tuple[float, int]:
+    """Write the (7, 7) normal equations of the free run; return log determinant of the weights, rows.
+
+    The level of each stretch is unknown; so is, with variance `wander` (in units of the noise variance) a sample in
+    motion, its random walk. A scalar filter takes both out of the measurement and of every column alike, which is
+    exactly the least squares with that covariance. `wander` = 0 is the plain output error with a free initial
+    position.
+
+    Parameters
+    ----------
+    y : (N,) array
+        Measured position [1].
+    use, free, anchor, moving : (N,) bool arrays
+        Sample has weight; spool is off the seats; level is unknown anew; a command acts.
+    v_in, v_out : (N,) arrays
+        Commands that act at the sample, lag included [1].
+    pole, v_max, wander : float
+        Pole [1], greatest command [1], random walk [1].
+    p : (5,) array
+        Parameters at which the sensitivity to the pole is taken.
+    gram : (7, 7) array
+        Result.
+    """
+    gram[:, :] = 0.0
+    speed = np.zeros(N_COLUMNS)
+    level = np.zeros(N_COLUMNS)
+    known = np.zeros(N_COLUMNS)
+    news = np.zeros(N_COLUMNS)
+    drive = np.zeros(N_LINEAR)
+    share = 1.0 - pole
+    variance = -1.0  # of the level, in units of the noise; negative = unknown
+    log_determinant = 0.0
+    rows = 0
+    last = N_COLUMNS - 1
+    for n in range(len(y)):
+        if anchor[n]:
+            variance = -1.0
+        if free[n]:
+            a, b = v_in[n], v_out[n]
+            drive[0] = a
+            drive[1] = a * (2.0 * v_max - a)
+            drive[2] = -b
+            drive[3] = -b * (2.0 * v_max - b)
+            drive[4] = -1.0
+            pull = 0.0
+            for k in range(N_LINEAR):
+                pull += p[k] * (speed[k] - drive[k])
+            for k in range(N_LINEAR):
+                speed[k] = pole * speed[k] + share * drive[k]
+                level[k] += speed[k]
+            speed[N_LINEAR] = pole * speed[N_LINEAR] + pull
+            level[N_LINEAR] += speed[N_LINEAR]
+            if moving[n]:
+                variance += wander if variance >= 0.0 else 0.0
+        else:
+            speed[:] = 0.0
+        if not use[n]:
+            continue
+        level[last] = y[n]
+        if variance < 0.0:
+            known[:] = level
+            variance = 1.0
+            continue
+        weight = 1.0 / (1.0 + variance)
+        gain = variance * weight
+        for k in range(N_COLUMNS):
+            news[k] = level[k] - known[k]
+            known[k] += gain * news[k]
+        variance = gain
+        for i in range(N_COLUMNS):
+            for j in range(i + 1):
+                gram[i, j] += weight * news[i] * news[j]
+        log_determinant -= np.log(weight)
+        rows += 1
+    for i in range(N_COLUMNS):
+        for j in range(i + 1, N_COLUMNS):
+            gram[i, j] = gram[j, i]
+    return log_determinant, rows
+
+
+@njit(cache=True)
+def solve_positive(gram: FloatArray, columns: BoolArray, p: FloatArray) -> float:
+    """Write the exact minimiser p >= 0 (5,) over the chosen columns; return its cost.
+
+    Every subset of columns is solved by Cholesky; the best whose solution is positive is the constrained minimum.
+    Dependent columns drop out: of two that cannot be told apart, one stays.
+    """
+    last = N_COLUMNS - 1
+    best = gram[last, last]
+    p[:] = 0.0
+    factor = np.zeros((N_LINEAR, N_LINEAR))
+    chosen = np.zeros(N_LINEAR, dtype=np.int64)
+    x = np.zeros(N_LINEAR)
+    for subset in range(1, 1 << N_LINEAR):
+        m = 0
+        possible = True
+        for k in range(N_LINEAR):
+            if (subset >> k) & 1:
+                possible = possible and columns[k]
+                chosen[m] = k
+                m += 1
+        cost = gram[last, last]
+        for i in range(m):
+            if not possible:
+                break
+            total = gram[chosen[i], last]
+            for j in range(i):
+                t = gram[chosen[i], chosen[j]]
+                for k in range(j):
+                    t -= factor[i, k] * factor[j, k]
+                factor[i, j] = t / factor[j, j]
+                total -= factor[i, j] * x[j]
+            pivot = gram[chosen[i], chosen[i]]
+            whole = pivot
+            for k in range(i):
+                pivot -= factor[i, k] * factor[i, k]
+            if pivot <= _SINGULAR * whole:
+                possible = False
+            else:
+                factor[i, i] = np.sqrt(pivot)
+                x[i] = total / factor[i, i]
+                cost -= x[i] * x[i]
+        if not possible or cost >= best:
+            continue
+        for i in range(m - 1, -1, -1):
+            for k in range(i + 1, m):
+                x[i] -= factor[k, i] * x[k]
+            x[i] /= factor[i, i]
+            possible = possible and x[i] >= 0.0
+        if possible:
+            best = cost
+            p[:] = 0.0
+            for i in range(m):
+                p[chosen[i]] = x[i]
+    return best
+
+
+@njit(cache=True)
+def _cost(
+    y: FloatArray,
+    use: BoolArray,
+    free: BoolArray,
+    anchor: BoolArray,
+    moving: BoolArray,
+    v_in: FloatArray,
+    v_out: FloatArray,
+    pole: float,
+    v_max: float,
+    wander: float,
+    columns: BoolArray,
+    p: FloatArray,
+    gram: FloatArray,
+) -> float:
+    """Return the least cost for one pole; `p` and `gram` are written."""
+    p[:] = 0.0
+    accumulate(y, use, free, anchor, moving, v_in, v_out, pole, v_max, wander, p, gram)
+    return float(solve_positive(gram, columns, p))
+
+
+@njit(cache=True)
+def search_pole(
+    y: FloatArray,
+    use: BoolArray,
+    free: BoolArray,
+    anchor: BoolArray,
+    moving: BoolArray,
+    v_in: FloatArray,
+    v_out: FloatArray,
+    v_max: float,
+    wander: float,
+    columns: BoolArray,
+    fixed: float,
+    refine: bool,
+    p: FloatArray,
+    gram: FloatArray,
+) -> tuple[float, float, float, int]:
+    """Minimise over the pole (grid, then golden section) and the rest; return pole, cost, log det, rows.
+
+    `p` (5,) and `gram` (7, 7), with the sensitivity to the pole, are written at the minimum. A `fixed` pole that is
+    not negative is taken as it is. Without `refine` the best grid point is enough. Other arguments as in `accumulate`.
+    """
+    pole = fixed
+    if fixed < 0.0:
+        step = POLE_MAX / (_GRID - 1)
+        best = np.inf
+        pole = 0.0
+        for k in range(_GRID):
+            cost = _cost(
+                y, use, free, anchor, moving, v_in, v_out, k * step, v_max, wander, columns, p, gram
+            )
+            if cost < best:
+                best, pole = cost, k * step
+        low, high = max(pole - step, 0.0), min(pole + step, POLE_MAX)
+        for _ in range(_REFINEMENTS if refine else 0):
+            left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+            f_left = _cost(
+                y, use, free, anchor, moving, v_in, v_out, left, v_max, wander, columns, p, gram
+            )
+            f_right = _cost(
+                y, use, free, anchor, moving, v_in, v_out, right, v_max, wander, columns, p, gram
+            )
+            if f_left < f_right:
+                high = right
+            else:
+                low = left
+            if min(f_left, f_right) < best:
+                best, pole = (f_left, left) if f_left < f_right else (f_right, right)
+    _cost(y, use, free, anchor, moving, v_in, v_out, pole, v_max, wander, columns, p, gram)
+    log_determinant, rows = accumulate(
+        y, use, free, anchor, moving, v_in, v_out, pole, v_max, wander, p, gram
+    )
+    cost = solve_positive(gram, columns, p)
+    return pole, cost, log_determinant, rows

@@ -1,0 +1,372 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The press cartridge valve: what is identified from one cycle, and how it predicts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, cast
+
+import numpy as np
+
+from valve_twin.core.estimation import output_error
+from valve_twin.core.estimation.constraints import THETA, parse_inequalities
+from valve_twin.core.estimation.equation_error import (
+    ESTIMATORS as EQUATION_ERROR,
+)
+from valve_twin.core.estimation.equation_error import (
+    EquationErrorOptions,
+    fit_equation_error,
+)
+from valve_twin.core.estimation.guards import GuardOptions
+from valve_twin.core.estimation.lag import scan_lag
+from valve_twin.core.estimation.masks import MaskOptions, Masks, find_masks
+from valve_twin.core.estimation.noise import rest_noise
+from valve_twin.core.estimation.output_error import OutputErrorOptions, fit_output_error
+from valve_twin.core.types import (
+    ByteArray,
+    Cycle,
+    Estimate,
+    EstimateStatus,
+    FloatArray,
+    MaskCounts,
+    Parameter,
+    ParameterValue,
+)
+from valve_twin.core.valves.interface import Option, Options
+from valve_twin.core.valves.press_cartridge.predictor import (
+    COEFFICIENTS,
+    MAX_LAG,
+    STATE,
+    predict_block,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+_GAIN = "1/sample of stroke per unit command"
+
+PARAMETERS = (
+    Parameter(
+        "pole", "1", "pole of the spool speed, z = 1 + theta_1 (paper 002, eq. (17))", 0.0, 1.0
+    ),
+    Parameter(
+        "K_in",
+        "1",
+        f"steady inflow gain theta_2/(-theta_1) at v_in_mean, {_GAIN}",
+        0.0,
+        trend=True,
+    ),
+    Parameter(
+        "K_in_slope", "1", "change of the inflow gain with the command (pilot saturation)", upper=0.0
+    ),
+    Parameter(
+        "v_in_mean", "1", "displacement-weighted mean inflow command of the cycle", 0.0, 1.0
+    ),
+    Parameter(
+        "K_out", "1", f"steady outflow gain -(theta_3 + theta_5 v)/(-theta_1) at v_ref, {_GAIN}", 0.0,
+        trend=True,
+    ),
+    Parameter(
+        "K_out_slope",
+        "1",
+        "change of the outflow gain with the command, theta_5/theta_1",
+        upper=0.0,
+    ),
+    Parameter("leak", "1/s", "loss of stroke off the seat", 0.0, trend=True),
+    Parameter("theta_1", "1", "paper 002, eq. (18): speed"),
+    Parameter("theta_2", "1", "paper 002, eq. (18): inflow command"),
+    Parameter("theta_3", "1", "paper 002, eq. (18): outflow command"),
+    Parameter("theta_4", "1", "paper 002, eq. (18): inflow command squared"),
+    Parameter("theta_5", "1", "paper 002, eq. (18): outflow command squared"),
+    Parameter("theta_6", "1", "paper 002, eq. (18): product of the commands"),
+    Parameter("theta_7", "1", "paper 002, eq. (18): inflow command times speed"),
+    Parameter("theta_8", "1", "paper 002, eq. (18): outflow command times speed"),
+)
+
+OPTIONS = (
+    Option(
+        "estimators",
+        [output_error.ESTIMATOR, "equation_error_qp4"],
+        "estimators to run",
+        choices=(output_error.ESTIMATOR, *EQUATION_ERROR),
+    ),
+    Option("v_ref", 0.3, "outflow command at which K_out is published [A]", "1", 0.0, 1.0),
+    Option("v_max", 0.8, "greatest command: gains are positive up to it [A]", "1", 0.01, 1.0),
+    Option("lag", -1, "command to position lag, -1 = search in each cycle", "samples", -1, MAX_LAG),
+    Option("max_lag", 4, "longest lag tried", "samples", 0, MAX_LAG),
+    Option("pole_fixed", -1.0, "pole of the output error, -1 = search", "1", -1.0, 0.98),
+    Option(
+        "wander",
+        0.01,
+        "random walk of the level in motion, variance a sample over noise variance [A]",
+        "1",
+        0.0,
+        1e6,
+    ),
+    Option("lower_seat", 0.0, "position on the lower seat", "1", -1.0, 2.0),
+    Option("upper_seat", 1.0, "position on the upper seat", "1", -1.0, 2.0),
+    Option("seat_margin", 0.01, "distance from a seat that counts as on it [A]", "1", 0.0, 0.2),
+    Option("v_offset_in", 0.0, "inflow command below which the pilots stay shut", "1", 0.0, 0.5),
+    Option("v_offset_out", 0.0, "outflow command below which the pilots stay shut", "1", 0.0, 0.5),
+    Option("active_command", 0.01, "command above which an input acts [A]", "1", 0.0, 0.5),
+    Option("min_travel", 2e-3, "least travel that tells a gain [A]", "1", 0.0, 1.0),
+    Option("min_hold", 30, "fewest samples of hold off the seat that tell a leak [A]", "samples", 1),
+    Option(
+        "extended_constraints",
+        True,  # noqa: FBT003
+        "equation error: also pole and monotone flows at every command, which the paper lacks",
+    ),
+    Option(
+        "constraints",
+        cast("list[str]", []),
+        'equation error: further linear inequalities, e.g. "theta_2 + 0.3*theta_3 <= 0"',
+    ),
+    Option("solver", "exact", "solver of the equation error", choices=("exact", "cvxpy")),
+)
+
+_PUSH = (1.0, -1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class PressCartridgeModel:
+    """Implements `ValveModel` for the two-stage cartridge valve of paper 002."""
+
+    name: str = "press_cartridge"
+    inputs: tuple[str, ...] = ("v_in", "v_out")
+    output: str = "spool_position"
+    parameters: tuple[Parameter, ...] = PARAMETERS
+    options: tuple[Option, ...] = OPTIONS
+    trend_estimator: str = output_error.ESTIMATOR
+
+    def estimate(self, cycle: Cycle, options: Options) -> tuple[Estimate, ...]:
+        """Estimate the cycle with every configured estimator, the output error always.
+
+        Parameters
+        ----------
+        cycle : Cycle
+            One cycle of N samples (N > 0).
+        options : mapping
+            The model's options, complete.
+
+        Returns
+        -------
+        tuple of Estimate
+            One an estimator; REFUSED with its reason where the cycle says nothing.
+        """
+        frames = cycle.frames
+        masks = find_masks(frames, cycle.period_s, push=_PUSH, options=_mask_options(options))
+        sigma = rest_noise(
+            frames, masks, active_command=_number(options, "active_command")
+        ).sigma
+        names = dict.fromkeys((self.trend_estimator, *_names(options, "estimators")))
+        return tuple(
+            self._output_error(cycle, masks, sigma, options)
+            if name == output_error.ESTIMATOR
+            else self._equation_error(name, cycle, masks, sigma, options)
+            for name in names
+        )
+
+    def coefficients(
+        self, values: Mapping[str, float], lag: int, period_s: float, options: Options
+    ) -> FloatArray:
+        """Return the (16,) coefficients of `predict`, from gains or from theta.
+
+        NaN stands where a gain that the prediction needs has never been estimated.
+        """
+        c = np.zeros(COEFFICIENTS)
+        if "theta_1" in values:
+            c[:8] = [values.get(name, 0.0) for name in THETA]
+        else:
+            _set_gains(c, values, period_s, options)
+        c[9] = min(max(lag, 0), MAX_LAG)
+        c[10:] = [
+            _number(options, name)
+            for name in (
+                "lower_seat",
+                "upper_seat",
+                "seat_margin",
+                "v_offset_in",
+                "v_offset_out",
+                "active_command",
+            )
+        ]
+        return c
+
+    def initial_state(self) -> FloatArray:
+        """Return the (22,) state before the first sample."""
+        return np.zeros(STATE)
+
+    def predict(
+        self,
+        state: FloatArray,
+        coefficients: FloatArray,
+        position: FloatArray,
+        inputs: FloatArray,
+        restart: ByteArray,
+        predicted: FloatArray,
+        simulated: FloatArray,
+        validity: ByteArray,
+    ) -> None:
+        """Predict a block of samples; see `ValveModel.predict`."""
+        predict_block(
+            state,
+            coefficients,
+            np.ascontiguousarray(position),
+            np.ascontiguousarray(inputs),
+            restart,
+            predicted,
+            simulated,
+            validity,
+        )
+
+    def _output_error(
+        self, cycle: Cycle, masks: Masks, sigma: float, options: Options
+    ) -> Estimate:
+        fit = fit_output_error(
+            cycle.frames,
+            masks,
+            cycle.period_s,
+            noise_sigma=sigma,
+            options=_output_error_options(options),
+        )
+        return self._estimate(
+            output_error.ESTIMATOR,
+            cycle,
+            fit.parameters,
+            (fit.status, fit.reason),
+            fit.condition_number,
+            fit.lag,
+            sigma,
+            fit.counts,
+        )
+
+    def _equation_error(
+        self, name: str, cycle: Cycle, masks: Masks, sigma: float, options: Options
+    ) -> Estimate:
+        lag = int(_number(options, "lag"))
+        if lag < 0:
+            lag = scan_lag(cycle.frames, masks, max_lag=int(_number(options, "max_lag"))).lag
+        fit = fit_equation_error(
+            cycle.frames,
+            masks,
+            name,
+            lag=lag,
+            noise_sigma=sigma,
+            options=_equation_error_options(options),
+        )
+        return self._estimate(
+            name,
+            cycle,
+            fit.parameters,
+            (fit.status, fit.reason),
+            fit.condition_number,
+            max(fit.lag, 0),
+            sigma,
+            fit.counts,
+        )
+
+    def _estimate(
+        self,
+        estimator: str,
+        cycle: Cycle,
+        parameters: tuple[ParameterValue, ...],
+        verdict: tuple[EstimateStatus, str],
+        condition_number: float,
+        lag: int,
+        sigma: float,
+        counts: MaskCounts,
+    ) -> Estimate:
+        return Estimate(
+            model=self.name,
+            estimator=estimator,
+            cycle=cycle.number,
+            start_ns=cycle.start_ns,
+            end_ns=cycle.end_ns,
+            parameters=parameters,
+            status=verdict[0],
+            reason=verdict[1],
+            condition_number=condition_number,
+            lag=lag,
+            noise_sigma=sigma,
+            counts=counts,
+            missed_cycles=cycle.missed_cycles,
+            used_by_trend=estimator == self.trend_estimator,
+            reproducible=cycle.reproducible,
+        )
+
+
+def _set_gains(
+    c: FloatArray, values: Mapping[str, float], period_s: float, options: Options
+) -> None:
+    """Write theta_1 ... theta_5 and the leak of the output error's parameters."""
+    pole = values.get("pole", 0.0)
+    share = 1.0 - pole
+    slope_in, slope_out = values.get("K_in_slope", 0.0), values.get("K_out_slope", 0.0)
+    at_in, at_out = values.get("v_in_mean", 0.0), _number(options, "v_ref")
+    c[0] = -share
+    c[1] = share * (values.get("K_in", np.nan) - slope_in * at_in)
+    c[2] = -share * (values.get("K_out", np.nan) - slope_out * at_out)
+    c[3] = share * slope_in
+    c[4] = -share * slope_out
+    c[8] = share * values.get("leak", 0.0) * period_s
+
+
+def _number(options: Options, name: str) -> float:
+    value = options[name]
+    assert isinstance(value, (int, float))  # checked when the configuration was read
+    return float(value)
+
+
+def _names(options: Options, name: str) -> list[str]:
+    return [str(item) for item in cast("Sequence[object]", options[name])]
+
+
+def _mask_options(options: Options) -> MaskOptions:
+    return MaskOptions(
+        lower_stop=_number(options, "lower_seat"),
+        upper_stop=_number(options, "upper_seat"),
+        stop_margin=_number(options, "seat_margin"),
+        active_command=_number(options, "active_command"),
+        max_lag=int(_number(options, "max_lag")),
+    )
+
+
+def _guard(options: Options) -> GuardOptions:
+    return GuardOptions(
+        active_command=_number(options, "active_command"),
+        min_travel=_number(options, "min_travel"),
+    )
+
+
+def _output_error_options(options: Options) -> OutputErrorOptions:
+    return OutputErrorOptions(
+        v_ref=_number(options, "v_ref"),
+        v_max=_number(options, "v_max"),
+        lag=int(_number(options, "lag")),
+        max_lag=int(_number(options, "max_lag")),
+        pole=_number(options, "pole_fixed"),
+        wander=_number(options, "wander"),
+        lower_seat=_number(options, "lower_seat"),
+        upper_seat=_number(options, "upper_seat"),
+        seat_margin=_number(options, "seat_margin"),
+        offset_in=_number(options, "v_offset_in"),
+        offset_out=_number(options, "v_offset_out"),
+        min_hold=int(_number(options, "min_hold")),
+        guard=_guard(options),
+    )
+
+
+def _equation_error_options(options: Options) -> EquationErrorOptions:
+    constraints = _names(options, "constraints")
+    return EquationErrorOptions(
+        v_in_max=_number(options, "v_max"),
+        v_out_max=_number(options, "v_max"),
+        extended=bool(options["extended_constraints"]),
+        constraints=parse_inequalities(constraints) if constraints else None,
+        solver=str(options["solver"]),
+        guard=_guard(options),
+    )
+
+
+MODEL = PressCartridgeModel()
