@@ -264,6 +264,22 @@ def test_refused_values_count_on_the_axis_only(history, scatter):
     assert both.trends[0].status is TrendStatus.STEADY
 
 
+def test_odd_values_are_answered_without_a_fault(history):
+    rng = np.random.default_rng(0)
+    oddities = (
+        np.zeros(60),
+        np.full(60, 1e49),
+        1e-300 * rng.standard_normal(60),
+        1e3 * rng.standard_cauchy(60),
+        rng.choice([0.0, 1.0], 60),
+        np.exp(np.arange(60.0)),
+        np.full(60, 1e300),
+    )
+    status = [trend_of(history(K_in=values)).status for values in oddities]
+    assert status[:2] == [TrendStatus.STEADY, TrendStatus.STEADY]
+    assert status[-1] is TrendStatus.NOT_ENOUGH_DATA  # no parameter is as large
+
+
 def test_known_missed_cycles_stretch_the_axis(history, scatter):
     estimates = history(K_in=aging(scatter))
     estimates = [
@@ -311,8 +327,10 @@ def test_service_date_from_the_recent_rate(history, scatter):
 
 
 def test_no_service_date_without_a_bounded_life(history, scatter):
-    t = trend_of(history(K_in=aging(scatter, loss=0.0)))
+    result = judge(history(K_in=aging(scatter, loss=0.0)))
+    t = result.trends[0]
     assert t.unbounded
+    assert f"not in sight, not before {t.remaining_low:.0f} cycles" in result.verdict.evidence
     assert not t.service_date_known
     assert t.service_date_ns == t.service_date_early_ns == 0
 

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 _UNKNOWN = -1
 _CLEANING_ROUNDS = 2
 _FEWEST_JUDGES = 7
+_LARGEST = 1e50  # fourth powers of what is used must not overflow; no parameter is as large
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,7 +155,7 @@ def _usable(estimate: Estimate, parameter: str) -> float | None:
         return None
     for item in estimate.parameters:
         if item.name == parameter:
-            return item.value if item.usable and np.isfinite(item.value) else None
+            return item.value if item.usable and abs(item.value) < _LARGEST else None
     return None
 
 

@@ -184,12 +184,14 @@ def describe_remaining(trend: Trend) -> str:
         return "no threshold set"
     if trend.status is TrendStatus.BEYOND_THRESHOLD:
         return f"beyond its threshold of {trend.threshold:.4g}"
-    if trend.unbounded and np.isinf(trend.remaining_median):
-        least = (
-            f", not before {trend.remaining_low:.0f} {unit}"
-            if np.isfinite(trend.remaining_low)
-            else ""
-        )
+    if trend.unbounded:
+        known = np.isfinite(trend.remaining_low)
+        least = f", not before {_count(trend.remaining_low)} {unit}" if known else ""
         return f"threshold not in sight{least}"
-    high = "unbounded" if trend.unbounded else f"{trend.remaining_high:.0f}"
-    return f"{trend.remaining_median:.0f} {unit} left ({trend.remaining_low:.0f} .. {high})"
+    low, high = _count(trend.remaining_low), _count(trend.remaining_high)
+    return f"{_count(trend.remaining_median)} {unit} left ({low} .. {high})"
+
+
+def _count(number: float) -> str:
+    """Return a number of cycles or hours as a person writes it."""
+    return f"{number:.0f}" if number < 1e6 else f"{number:.1e}"
