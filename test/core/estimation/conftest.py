@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Frames for the tests of estimation: made by hand, by the identified model, by the simulated plant."""
+"""Frames for the tests of estimation: made by hand or by the simulated plant."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def make_frames():
 
 @pytest.fixture(scope="session")
 def plant_cycles():
-    """Return a function that simulates cycles of the reference experiment with a measurement layer."""
+    """Return a function that simulates reference cycles with a measurement layer."""
 
     def simulate(count, seed, **layer):
         config = configure(PLANT.simulation(), {"measurement": layer})

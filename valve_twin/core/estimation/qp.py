@@ -120,8 +120,9 @@ def solve_qp(gram: Gram, inequalities: Inequalities) -> QpSolution:
         return unsolved(inequalities, "the constraints contradict each other")
     s, multipliers = _polish(scaled, start)
     kkt = _kkt(scaled, s, multipliers)
-    theta = _exact_bounds(s / scaled.unit, multipliers > 0.0, inequalities)
-    active = (multipliers > 0.0) | (np.abs(scaled.a @ s - scaled.b) <= _ACTIVE)
+    active = (multipliers > 0.0) | (scaled.a @ s - scaled.b >= -_ACTIVE)
+    shut = (np.diag(scaled.g) == 0.0) & (np.abs(s) <= _ACTIVE)
+    theta = _exact_bounds(np.where(shut, 0.0, s / scaled.unit), active, inequalities)
     solved = kkt <= KKT_TOLERANCE
     reason = "" if solved else f"the solver stopped at a residual of {kkt:.1e}"
     return QpSolution(theta, active, quadratic_cost(gram, theta), kkt, solved, reason)
