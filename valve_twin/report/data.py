@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What the report page shows: plain values from the history, the twin and the aging monitor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from valve_twin.core.aging import Assessment
+    from valve_twin.core.types import Estimate, Maintenance, Parameter, Prediction
+    from valve_twin.io.history_tables import CycleRecord
+
+
+@dataclass(frozen=True, slots=True)
+class ReportData:
+    """Everything on one page about one valve.
+
+    Attributes
+    ----------
+    valve, model : str
+        Name of the valve and of its model.
+    source : str
+        Bag or database the data come from.
+    parameters : tuple of Parameter
+        What the model publishes, with units and descriptions.
+    cycles : tuple of CycleRecord
+        All cycles, refused ones included, oldest first.
+    estimates : tuple of Estimate
+        All estimates of all estimators, oldest first.
+    assessment : Assessment or None
+        Trends and verdict; None = not assessed.
+    maintenance : tuple of Maintenance
+        All maintenance events.
+    prediction : Prediction or None
+        The samples of the last cycle.
+    label : str
+        Empty for an aging record; else what the cycles differ in, e.g. "by load at equal stroke,
+        not aging": then no trend, remaining life or verdict is shown.
+    options : mapping
+        Options of the model that were in force.
+    version : str
+        Version of valve_twin.
+    written_ns : int
+        When the page was written [ns since 1970], 0 = not stated.
+    notes : tuple of str
+        Further sentences for the reader, e.g. what a trivial model reaches.
+    """
+
+    valve: str
+    model: str
+    source: str
+    parameters: tuple[Parameter, ...]
+    cycles: tuple[CycleRecord, ...] = ()
+    estimates: tuple[Estimate, ...] = ()
+    assessment: Assessment | None = None
+    maintenance: tuple[Maintenance, ...] = ()
+    prediction: Prediction | None = None
+    label: str = ""
+    options: Mapping[str, object] = field(default_factory=dict)
+    version: str = ""
+    written_ns: int = 0
+    notes: tuple[str, ...] = ()
+
+    @property
+    def aging(self) -> bool:
+        """Whether the cycles are a record of aging."""
+        return not self.label
+
+    @property
+    def trend_estimates(self) -> tuple[Estimate, ...]:
+        """The estimates that feed the trend."""
+        return tuple(e for e in self.estimates if e.used_by_trend)
+
+    def parameter(self, name: str) -> Parameter | None:
+        """Return what is known about a parameter."""
+        return next((p for p in self.parameters if p.name == name), None)

@@ -1,0 +1,267 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The two charts of the page: the last cycle, and a parameter over cycles."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.types import ParameterStatus, Validity
+from valve_twin.report.svg import Panel, drawing, round_ticks, thin
+from valve_twin.report.text import MINUS, number
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from valve_twin.core.aging import Trend, TrendDetail
+    from valve_twin.core.types import Estimate, FloatArray, Maintenance, Prediction
+
+_BINS = 500
+"""Bins of the curves of one cycle; more samples than 4 a bin are thinned."""
+
+_MAX_POINTS = 3000
+"""Estimates drawn in a chart; of more, every n-th is drawn."""
+
+_MAX_BARS = 400
+"""Estimates up to which every one's 95 % limits are drawn."""
+
+
+def plot_cycle(prediction: Prediction) -> str:
+    """Draw measured, predicted and simulated position of a cycle, and the residual below.
+
+    Parameters
+    ----------
+    prediction : Prediction
+        All samples of the cycle, N >= 2.
+
+    Returns
+    -------
+    str
+        SVG element.
+    """
+    t = (prediction.stamp_ns - prediction.stamp_ns[0]) / 1e9
+    width, height, left, right = 960.0, 470.0, 64.0, 944.0
+    x = (0.0, float(t[-1]))
+    curves = (prediction.simulated, prediction.predicted, prediction.measured)
+    upper = Panel(left, 34.0, right - left, 262.0, x, _range(curves, floor=0.02))
+    sigma = prediction.residual_sigma
+    shown = [np.array([-3.0 * sigma, 3.0 * sigma])] if math.isfinite(sigma) else []
+    lower = Panel(
+        left, 346.0, right - left, 84.0, x, _range([prediction.residual, *shown], floor=1e-4)
+    )
+    upper.axes(y_label="spool position, share of the stroke", x_texts=False, y_ticks=5, x_ticks=8)
+    lower.axes(
+        x_label="time since the start of the cycle [s]",
+        y_label="residual: measured "
+        + MINUS
+        + (" predicted; band: ± 2 expected standard deviations" if shown else " predicted"),
+        y_ticks=3,
+        x_ticks=8,
+    )
+    unused = prediction.validity != Validity.VALID
+    for panel in (upper, lower):
+        panel.shade(t, unused, "unused")
+    upper.line(*thin(t, prediction.simulated, _BINS), "freerun")
+    upper.line(*thin(t, prediction.measured, _BINS), "measured")
+    upper.line(*thin(t, prediction.predicted, _BINS), "predicted")
+    if math.isfinite(sigma):
+        ends = np.array(x)
+        lower.band(ends, np.full(2, -2 * sigma), np.full(2, 2 * sigma), "expected")
+    lower.level(0.0, "axis")
+    lower.line(*thin(t, prediction.residual, _BINS), "residual")
+    title = f"Position and residual over cycle {prediction.cycle}"
+    return drawing(width, height, [upper, lower], title, "wide")
+
+
+@dataclass(frozen=True, slots=True)
+class Marks:
+    """What a parameter's chart shows beside its accepted estimates.
+
+    Attributes
+    ----------
+    trend : Trend or None
+        The published trend; None where the cycles are no record of aging.
+    detail : TrendDetail or None
+        What the trend was computed from.
+    maintenance : sequence of Maintenance
+        Events to mark.
+    """
+
+    trend: Trend | None = None
+    detail: TrendDetail | None = None
+    maintenance: Sequence[Maintenance] = ()
+
+
+def plot_parameter(name: str, estimates: Sequence[Estimate], marks: Marks, axis: str) -> str:
+    """Draw a parameter over cycles with its trend, its intervals and what happened.
+
+    Parameters
+    ----------
+    name : str
+        Parameter.
+    estimates : sequence of Estimate
+        Estimates of one estimator, oldest first.
+    marks : Marks
+        Trend and events.
+    axis : str
+        What the horizontal axis counts.
+
+    Returns
+    -------
+    str
+        SVG element.
+    """
+    found = [(e.cycle, p) for e in estimates for p in e.parameters if p.name == name]
+    cycle = np.array([c for c, _ in found], float)
+    x = _axis_of(cycle, marks.detail)
+    value = np.array([p.value for _, p in found])
+    low, high = (np.array([getattr(p, k) for _, p in found]) for k in ("lower_95", "upper_95"))
+    usable = np.array([p.usable for _, p in found], bool) & np.isfinite(value)
+    bound = np.array([p.status is ParameterStatus.AT_BOUND for _, p in found], bool)
+    trend = marks.trend
+    panel = _parameter_panel(x, value, low, high, usable | bound, marks)
+    panel.axes(x_label=axis, x_ticks=6, y_ticks=5)
+    if trend is not None and math.isfinite(trend.reference) and trend.reference:
+        _percent_axis(panel, trend.reference)
+    drawn = _bands(panel, marks)
+    for event in marks.maintenance:
+        at = float(_axis_of(np.array([float(event.cycle)]), marks.detail)[0])
+        if panel.x[0] <= at <= panel.x[1]:
+            panel.mark(at, "service")
+            panel.text(float(panel.place(at, 0.0)[0]) + 4, panel.top + 11, "▼ service", "note")
+    step = max(1, -(-len(x) // _MAX_POINTS))
+    part = np.flatnonzero(usable)[::step]
+    if len(part) <= _MAX_BARS:
+        panel.bars(x[part], low[part], high[part], "limits")
+    wild = _wild(cycle, marks.detail)
+    panel.dots(x[part[~wild[part]]], value[part[~wild[part]]], "estimate")
+    panel.crosses(x[part[wild[part]]], value[part[wild[part]]], "wild")
+    panel.dots(x[bound], value[bound], "estimate")
+    panel.dots(x[bound], value[bound], "atbound")
+    refused = ~usable & ~bound
+    floor = np.full(int(refused.sum()), panel.y[0])
+    panel.bars(x[refused], floor, floor + 0.035 * (panel.y[1] - panel.y[0]), "refused")
+    for line_x, line_y in drawn:
+        panel.line(line_x, line_y, "trend")
+    if trend is not None and math.isfinite(trend.threshold):
+        _threshold(panel, trend.threshold)
+    return drawing(480, 286, [panel], f"{name} over {axis}", "small")
+
+
+def _parameter_panel(
+    x: FloatArray,
+    value: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+    shown: FloatArray | np.ndarray[tuple[int], np.dtype[np.bool_]],
+    marks: Marks,
+) -> Panel:
+    trend = marks.trend
+    parts = [value[shown], low[shown], high[shown]] if len(x) <= _MAX_BARS else [value[shown]]
+    if trend is not None:
+        parts.append(np.array([trend.reference, trend.prediction_lower_95]))
+        parts.append(np.array([trend.prediction_upper_95]))
+        if _threshold_in_view(trend, value[shown]):
+            parts.append(np.array([trend.threshold]))
+    ends = (float(x.min()), float(x.max())) if len(x) else (0.0, 1.0)
+    pad = 0.02 * (ends[1] - ends[0]) or 0.5
+    return Panel(
+        58.0, 22.0, 372.0, 218.0, (ends[0] - pad, ends[1] + pad), _range(parts, floor=1e-9)
+    )
+
+
+def _threshold_in_view(trend: Trend, values: FloatArray) -> bool:
+    """Show the limit where that does not squeeze the estimates into a line."""
+    if not math.isfinite(trend.threshold) or not len(values):
+        return False
+    spread = float(np.ptp(values))
+    away = abs(trend.threshold - float(np.median(values)))
+    return away <= 0.5 * abs(trend.reference) or away <= 8.0 * spread
+
+
+def _threshold(panel: Panel, threshold: float) -> None:
+    if panel.y[0] <= threshold <= panel.y[1]:
+        panel.level(threshold, "threshold")
+        at = float(panel.place(0.0, threshold)[1])
+        below = at < panel.top + 16
+        panel.text(panel.left + 6, at + 13 if below else at - 5, "service limit", "limit")
+    else:
+        above = threshold > panel.y[1]
+        text = f"service limit {_plain(threshold)}, beyond this view {'▲' if above else '▼'}"
+        y = panel.top + 11 if above else panel.top + panel.height - 7
+        panel.text(panel.left + 6, y, text, "limit")
+
+
+def _percent_axis(panel: Panel, reference: float) -> None:
+    ends = sorted(100.0 * (y / reference - 1.0) for y in panel.y)
+    ticks = round_ticks(ends[0], ends[1], 5)
+    right = panel.left + panel.width
+    for tick in ticks:
+        at = float(panel.place(0.0, reference * (1.0 + tick / 100.0))[1])
+        places = 0 if abs(tick - round(tick)) < 1e-6 else 1
+        text = f"{tick:+.{places}f} %".replace("-", MINUS) if abs(tick) > 1e-9 else "new"
+        panel.parts.append(f'<path class="axis" d="M{right:.1f} {at:.1f}h4"/>')
+        panel.text(right + 6, at + 4, text, "tick")
+
+
+def _bands(panel: Panel, marks: Marks) -> list[tuple[FloatArray, FloatArray]]:
+    """Fill both intervals of every segment; return its line for drawing on top."""
+    detail, lines = marks.detail, []
+    if detail is None or marks.trend is None:
+        return []
+    ends = [*detail.starts.tolist(), len(detail.axis)]
+    for fit, (start, stop) in zip(detail.lines, pairwise(ends), strict=True):
+        if start > 0 and start < len(detail.axis):
+            gap = 0.5 * float(detail.axis[start - 1] + detail.axis[start])
+            panel.mark(gap, "segment")
+        if fit is None or stop - start < 2:
+            continue
+        x = np.linspace(float(detail.axis[start]), float(detail.axis[stop - 1]), 24)
+        single = np.array([fit.prediction_interval(v) for v in x.tolist()])
+        mean = np.array([fit.mean_interval(v) for v in x.tolist()])
+        panel.band(x, single[:, 0], single[:, 1], "prediction")
+        panel.band(x, mean[:, 0], mean[:, 1], "mean")
+        lines.append((x, np.array([fit.level(v) for v in x.tolist()])))
+    return lines
+
+
+def _axis_of(cycle: FloatArray, detail: TrendDetail | None) -> FloatArray:
+    """Return where cycles stand on the trend's axis; between accepted ones by interpolation."""
+    if detail is None or len(detail.axis) < 2:
+        return cycle
+    known, axis = detail.cycle.astype(float), detail.axis
+    rate = (axis[-1] - axis[0]) / max(known[-1] - known[0], 1.0)
+    at = np.interp(cycle, known, axis)
+    at += rate * (np.minimum(cycle - known[0], 0.0) + np.maximum(cycle - known[-1], 0.0))
+    result: FloatArray = at
+    return result
+
+
+def _wild(
+    cycle: FloatArray, detail: TrendDetail | None
+) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    if detail is None:
+        return np.zeros(len(cycle), bool)
+    return np.isin(cycle, detail.cycle[detail.wild].astype(float))
+
+
+def _range(curves: Sequence[FloatArray], *, floor: float) -> tuple[float, float]:
+    """Return the ends of an axis: all finite values with a margin, never narrower than `floor`."""
+    values = np.concatenate([np.ravel(c) for c in curves]) if curves else np.empty(0)
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return 0.0, 1.0
+    lower, upper = float(values.min()), float(values.max())
+    middle = 0.5 * (lower + upper)
+    half = max(0.5 * (upper - lower), 0.5 * floor, 1e-6 * abs(middle))
+    return middle - 1.08 * half, middle + 1.08 * half
+
+
+def _plain(x: float) -> str:
+    text = number(x, 3)
+    return f"{x:.2e}".replace("-", MINUS) if "<" in text else text

@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Numbers, dates and words as they stand on the page, escaped where they come from outside."""
+
+from __future__ import annotations
+
+import math
+from datetime import datetime, timezone
+from html import escape
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+_CALENDAR_NS = 10**18
+"""Stamps below (September 2001) are those of a clock that was not set, e.g. of a simulation."""
+
+NONE = "–"
+MINUS = "\u2212"
+
+
+def esc(text: object) -> str:
+    """Return text that shows itself in HTML and does nothing else."""
+    return escape(str(text), quote=True)
+
+
+def number(x: float, digits: int = 4) -> str:
+    """Return a number with `digits` significant digits; a dash for NaN, a sign for infinity."""
+    if math.isnan(x):
+        return NONE
+    if math.isinf(x):
+        return "∞" if x > 0 else f"{MINUS}∞"
+    if x == 0.0:
+        return "0"
+    exponent = math.floor(math.log10(abs(x)))
+    if -4 <= exponent < max(digits, 6):
+        text = f"{x:.{max(digits - 1 - exponent, 0)}f}"
+    else:
+        mantissa = f"{x / 10.0**exponent:.{digits - 1}f}"
+        text = f"{mantissa}·10<sup>{str(exponent).replace('-', MINUS)}</sup>"
+    return text.replace("-", MINUS)
+
+
+def fixed(x: float, decimals: int, *, sign: bool = False) -> str:
+    """Return a number with so many decimals; a dash where it is not finite."""
+    if not math.isfinite(x):
+        return NONE if math.isnan(x) else number(x)
+    return f"{x:{'+' if sign else ''}.{decimals}f}".replace("-", MINUS)
+
+
+def with_interval(value: float, lower: float, upper: float) -> str:
+    """Return a value and its interval with decimals that fit the interval's width."""
+    if math.isnan(value):
+        return NONE
+    if not (math.isfinite(lower) and math.isfinite(upper) and upper > lower):
+        return number(value)
+    decimals = 1 - math.floor(math.log10(upper - lower))
+    if not 0 <= decimals <= 8:
+        return f"{number(value)} ({number(lower)} … {number(upper)})"
+    a, b, c = (fixed(x, decimals) for x in (value, lower, upper))
+    return f"{a} ({b} … {c})"
+
+
+def percent(value: float, lower: float, upper: float) -> str:
+    """Return a change in percent with its interval."""
+    if math.isnan(value):
+        return NONE
+    text = f"{fixed(value, 1, sign=True)} %"
+    if math.isfinite(lower) and math.isfinite(upper):
+        text += f" ({fixed(lower, 1, sign=True)} … {fixed(upper, 1, sign=True)})"
+    return text
+
+
+def count(n: int) -> str:
+    """Return a whole number in groups of three."""
+    return f"{n:,}".replace(",", "\u202f")
+
+
+def unit(name: str) -> str:
+    """Return a unit in brackets, empty for a dimensionless one."""
+    return "" if name in {"", "1"} else f" [{esc(name)}]"
+
+
+def when(stamp_ns: int, *, seconds: bool = True) -> str:
+    """Return date and time (UTC) of a stamp, or the time since zero of a clock that is not set."""
+    if stamp_ns < _CALENDAR_NS:
+        total = stamp_ns // 10**9
+        hours, minutes = divmod(total // 60, 60)
+        return f"{hours}:{minutes:02d}:{total % 60:02d} on the data's clock"
+    moment = datetime.fromtimestamp(stamp_ns / 1e9, tz=timezone.utc)
+    return moment.strftime("%Y-%m-%d %H:%M:%S UTC" if seconds else "%Y-%m-%d %H:%M UTC")
+
+
+def day(stamp_ns: int) -> str:
+    """Return the date (UTC) of a stamp, or the time of a clock that is not set."""
+    if stamp_ns < _CALENDAR_NS:
+        return when(stamp_ns)
+    return datetime.fromtimestamp(stamp_ns / 1e9, tz=timezone.utc).strftime("%Y-%m-%d")
+
+
+def listed(words: Iterable[str]) -> str:
+    """Join words with commas, escaped."""
+    return ", ".join(esc(w) for w in words)
