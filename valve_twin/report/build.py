@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Fill the report from a record that was just estimated, or from the history."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+from valve_twin import __version__
+from valve_twin.core.aging import assess
+from valve_twin.core.valves.registry import complete_options, get_model
+from valve_twin.io.errors import StoreError
+from valve_twin.io.history import History
+from valve_twin.io.offline import join_predictions
+from valve_twin.report.data import ReportData
+from valve_twin.report.page import write_report
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from valve_twin.core.aging import Assessment
+    from valve_twin.io.config import ValveConfig
+    from valve_twin.io.offline import Record
+
+
+def report_bag(
+    config: ValveConfig,
+    bag: str | Path,
+    record: Record,
+    assessment: Assessment,
+    out: str | Path,
+    label: str = "",
+) -> Path:
+    """Write the page of an estimated bag.
+
+    Parameters
+    ----------
+    config : ValveConfig
+        The valve's configuration.
+    bag : path
+        Where the record comes from.
+    record : Record
+        What was found in it.
+    assessment : Assessment
+        Its trends and verdict.
+    out : path
+        Page to write.
+    label : str
+        What the axis is where it is not aging.
+
+    Returns
+    -------
+    Path
+        The page.
+    """
+    model = get_model(config.model)
+    data = ReportData(
+        valve=config.name,
+        model=config.model,
+        source=str(bag),
+        parameters=model.parameters,
+        cycles=tuple(record.cycles),
+        estimates=tuple(record.estimates),
+        assessment=assessment,
+        prediction=join_predictions(record.predictions),
+        label=label,
+        options=complete_options(model, config.options),
+        version=__version__,
+        written_ns=time.time_ns(),
+    )
+    return write_report(data, out)
+
+
+def report_history(config: ValveConfig, out: str | Path, label: str = "") -> Path:
+    """Write the page of what the history holds about a valve; it keeps no samples.
+
+    Raises
+    ------
+    StoreError
+        If the history cannot be read or does not know the valve.
+    """
+    model = get_model(config.model)
+    with History(config.history_url, read_only=True) as history:
+        if config.name not in history.valves():
+            known = ", ".join(history.valves()) or "no valve"
+            msg = f"{history.where}: knows nothing about {config.name}; it holds {known}"
+            raise StoreError(msg)
+        estimates = history.estimates(config.name)
+        maintenance = history.maintenance(config.name)
+        cycles = history.cycles(config.name)
+        where = history.where
+    data = ReportData(
+        valve=config.name,
+        model=config.model,
+        source=where,
+        parameters=model.parameters,
+        cycles=tuple(cycles),
+        estimates=tuple(estimates),
+        assessment=assess(
+            estimates, maintenance, config.aging, parameters=model.parameters, valve=config.name
+        ),
+        maintenance=tuple(maintenance),
+        label=label,
+        options=complete_options(model, config.options),
+        version=__version__,
+        written_ns=time.time_ns(),
+    )
+    return write_report(data, out)
