@@ -4,8 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from valve_twin.core.aging.verdict import TrendStatus, VerdictKind
 from valve_twin.nodes.diagnostics import ERROR, STALE, WARN, Diagnostics, Report
@@ -13,6 +12,9 @@ from valve_twin.nodes.monitored_valve import MonitoredValve
 from valve_twin.nodes.runtime import STEADY, ValveNode
 from valve_twin.nodes.valve_parameters import read_valves
 from valve_twin.nodes.worker import WorkerThread
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 FLUSH_S = 0.3
 
@@ -76,7 +78,9 @@ class AgingMonitorNode(ValveNode):
         }
         if not valve.twin_answers:
             report.raise_to(
-                STALE, f"service {valve.name}/twin/get_history is not there: start the twin of this valve"
+                STALE,
+                f"service {valve.name}/twin/get_history is not there: start the twin of this "
+                "valve",
             )
         if valve.failure:
             report.raise_to(ERROR, valve.failure)

@@ -6,11 +6,11 @@ from __future__ import annotations
 
 import struct
 from array import array
-from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
+from valve_twin_msgs import msg
 
 from valve_twin.core.types import (
     Cycle,
@@ -24,7 +24,9 @@ from valve_twin.core.types import (
     ParameterValue,
     Prediction,
 )
-from valve_twin_msgs import msg
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 SECOND_NS = 1_000_000_000
 _MAX_NS = (2**31 - 1) * SECOND_NS
@@ -44,7 +46,7 @@ def from_time(time: Time) -> int:
 
 
 def prediction_bytes(prediction: Prediction) -> Iterator[bytes]:
-    """Yield one serialized Prediction a sample; the layout is asserted against the message by a test."""
+    """Yield one serialized Prediction a sample, in the layout of the message."""
     sigma, cycle, pack = float(prediction.residual_sigma), prediction.cycle, _PREDICTION.pack
     columns = zip(
         prediction.stamp_ns.tolist(),
@@ -58,7 +60,17 @@ def prediction_bytes(prediction: Prediction) -> Iterator[bytes]:
     for stamp, measured, predicted, simulated, residual, validity in columns:
         sec, nanosec = divmod(stamp, SECOND_NS)
         yield pack(
-            _LITTLE, sec, nanosec, 1, cycle, measured, predicted, simulated, residual, sigma, validity
+            _LITTLE,
+            sec,
+            nanosec,
+            1,
+            cycle,
+            measured,
+            predicted,
+            simulated,
+            residual,
+            sigma,
+            validity,
         )
 
 
@@ -171,7 +183,9 @@ def estimate_value(message: msg.Estimate, missed_cycles: int = 0) -> Estimate:
         start_ns=from_time(message.start),
         end_ns=from_time(message.end),
         parameters=tuple(
-            ParameterValue(name, float(value), ParameterStatus(int(status)), reason, error, low, high)
+            ParameterValue(
+                name, float(value), ParameterStatus(int(status)), reason, error, low, high
+            )
             for name, value, status, reason, error, low, high in columns
         ),
         status=EstimateStatus(int(message.status)),
@@ -217,7 +231,7 @@ def maintenance_value(message: msg.Maintenance) -> Maintenance:
     )
 
 
-def filled(message: Any, value: Any, stamp_ns: int, *, skip: tuple[str, ...] = ()) -> Any:  # noqa: ANN401
+def filled(message: Any, value: Any, stamp_ns: int, *, skip: tuple[str, ...] = ()) -> Any:
     """Fill a message from a value whose fields carry the same names.
 
     Parameters
@@ -242,7 +256,7 @@ def filled(message: Any, value: Any, stamp_ns: int, *, skip: tuple[str, ...] = (
     return message
 
 
-def _same(value: Any) -> Any:  # noqa: ANN401  strings and lists go as they are
+def _same(value: Any) -> Any:
     return value
 
 

@@ -6,12 +6,15 @@ from __future__ import annotations
 
 import resource
 import time
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from valve_twin.nodes.runtime import STEADY, ValveNode
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
 
 PERIOD_S = 1.0
 OK, WARN, ERROR, STALE = (

@@ -2,16 +2,21 @@
 # Copyright 2026 valve_twin maintainers
 """What runs in the worker process: one estimation at a time, nothing of ROS.
 
-The memory of 50 cycles is large; the worker keeps it between jobs and is sent it only when it lacks it, so that the
+The memory of 50 cycles is large; the worker keeps it between jobs and is sent it only when it
+lacks it, so that the
 data path does not pack it every cycle.
 """
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from valve_twin.core.estimation.sequence import Memory, estimate_cycle
-from valve_twin.core.types import Cycle, Estimate
-from valve_twin.core.valves.interface import Options
 from valve_twin.core.valves.registry import get_model
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import Cycle, Estimate
+    from valve_twin.core.valves.interface import Options
 
 MEMORY_LACKS = None
 """Result of a job whose memory the worker does not hold: to be sent again with it."""

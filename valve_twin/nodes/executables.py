@@ -9,7 +9,6 @@ from importlib import import_module
 
 from valve_twin.nodes import signals
 
-
 _NODES = {
     "twin": "TwinNode",
     "simulated_valve": "SimulatedValveNode",

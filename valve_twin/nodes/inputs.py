@@ -1,17 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Subscriptions to the signals of a valve: any type, losses counted, every reason for silence named."""
+"""Subscriptions to the signals of a valve: losses counted, reasons for silence named."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.node import Node
 from rclpy.qos import (
     HistoryPolicy,
     QoSPolicyKind,
@@ -24,6 +23,9 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from valve_twin.io.errors import suggest
 from valve_twin.io.mapping import Extractor, RosTypes, SignalBlock, SignalSource, message_class
 from valve_twin.nodes.runtime import STEADY
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
 
 OnBlock = Callable[[SignalBlock, int], None]
 
@@ -106,7 +108,7 @@ class TopicInput:
         self._node.destroy_subscription(self._subscription)
 
     def problem(self) -> str:
-        """Return in one line why this topic gives nothing, empty where it does; also adapts what can be."""
+        """Return in one line why this topic gives nothing, empty where it does."""
         publishers = self._node.get_publishers_info_by_topic(self.topic)
         self._only_publisher = len(publishers) <= 1
         names = ", ".join(self.signals)
@@ -114,7 +116,8 @@ class TopicInput:
         wrong = [p for p in publishers if p.topic_type != self.type]
         if wrong and len(wrong) == len(publishers):
             return (
-                f"topic '{self.topic}' (signal {names}) carries {wrong[0].topic_type}, not {self.type}: "
+                f"topic '{self.topic}' (signal {names}) carries {wrong[0].topic_type}, not "
+                f"{self.type}: "
                 f"set {key}.type to {wrong[0].topic_type} and {key}.field to its field"
             )
         if not publishers:
@@ -124,14 +127,16 @@ class TopicInput:
             )
         if self.refused_policy and self._heard is None:
             return (
-                f"topic '{self.topic}' (signal {names}): its publisher {_name(publishers[0])} offers an "
+                f"topic '{self.topic}' (signal {names}): its publisher {_name(publishers[0])} "
+                "offers an "
                 f"incompatible {self.refused_policy}: change that policy there, or set "
                 f"qos_overrides.{self.topic}.subscription.{self.refused_policy.lower()}"
             )
         silent = seconds_now() - (self._heard if self._heard is not None else self._since)
         if silent > self._config.silence_s:
             return (
-                f"topic '{self.topic}' (signal {names}) is silent for {silent:.0f} s: look at its publisher "
+                f"topic '{self.topic}' (signal {names}) is silent for {silent:.0f} s: look at "
+                "its publisher "
                 f"{_name(publishers[0])}"
             )
         return ""
@@ -149,12 +154,14 @@ class TopicInput:
         offered = self._node.get_publishers_info_by_topic(self.topic)
         return any(p.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for p in offered)
 
-    def _subscribe(self) -> Any:  # noqa: ANN401  rclpy's subscription
+    def _subscribe(self) -> Any:
         config = self._config
         profile = QoSProfile(
             history=HistoryPolicy.KEEP_LAST if config.depth else HistoryPolicy.KEEP_ALL,
             depth=config.depth or 1,
-            reliability=ReliabilityPolicy.RELIABLE if self._reliable else ReliabilityPolicy.BEST_EFFORT,
+            reliability=ReliabilityPolicy.RELIABLE
+            if self._reliable
+            else ReliabilityPolicy.BEST_EFFORT,
         )
         if config.deadline_s > 0.0:
             profile.deadline = Duration(nanoseconds=round(config.deadline_s * 1e9))
@@ -170,12 +177,12 @@ class TopicInput:
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
             raw=self._raw,
         )
-        # the single threaded executor passes (message, info), the events executor one tuple of both
+        # SingleThreadedExecutor passes (message, info), EventsExecutor one tuple of both
         subscription._callback_type = subscription.CallbackType.WithMessageInfo
         self._last_sequence = 0
         return subscription
 
-    def _on_message(self, *arguments: Any) -> None:  # noqa: ANN401
+    def _on_message(self, *arguments: Any) -> None:
         message, info = arguments if len(arguments) == 2 else arguments[0]
         received_ns = int(info["received_timestamp"])
         self._count(int(info["publication_sequence_number"]))
@@ -184,7 +191,11 @@ class TopicInput:
             return  # simulated time has not begun
         for extractor in self._extractors:
             try:
-                block = extractor.from_raw(message, now_ns) if self._raw else extractor(message, now_ns)
+                block = (
+                    extractor.from_raw(message, now_ns)
+                    if self._raw
+                    else extractor(message, now_ns)
+                )
             except (ValueError, TypeError, AttributeError):
                 self.broken += 1
                 continue
@@ -199,7 +210,7 @@ class TopicInput:
             self.lost += sequence - self._last_sequence - 1
         self._last_sequence = sequence
 
-    def _on_incompatible(self, event: Any) -> None:  # noqa: ANN401
+    def _on_incompatible(self, event: Any) -> None:
         policy = qos_policy_name_from_kind(event.last_policy_kind)
         if event.last_policy_kind == QoSPolicyKind.RELIABILITY and self._reliable:
             self._reliable = False
@@ -211,18 +222,19 @@ class TopicInput:
             return
         self.refused_policy = policy
 
-    def _on_deadline(self, event: Any) -> None:  # noqa: ANN401
+    def _on_deadline(self, event: Any) -> None:
         self.deadlines_missed = int(event.total_count)
 
 
-def _name(publisher: Any) -> str:  # noqa: ANN401
+def _name(publisher: Any) -> str:
     return f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"
 
 
 class Collector:
     """Gathers blocks between two deliveries and hands them over in slices of data time.
 
-    Slices keep the order of the stamps across signals: after a stall no signal runs ahead of the others by more than
+    Slices keep the order of the stamps across signals: after a stall no signal runs ahead of the
+    others by more than
     a part of the hold-back time.
     """
 
@@ -269,7 +281,9 @@ class Collector:
                         block.signal, block.stamp_ns[part], block.values[part], block.has_header
                     )
                 at[block.signal] = last
-            waiting = [int(b.stamp_ns[at[b.signal]]) for b in joined if at[b.signal] < len(b.stamp_ns)]
+            waiting = [
+                int(b.stamp_ns[at[b.signal]]) for b in joined if at[b.signal] < len(b.stamp_ns)
+            ]
             if not waiting:
                 return
             edge = max(edge, min(waiting) - self._slice_ns)

@@ -1,36 +1,39 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""One valve of the twin node: signals to the core, its events to topics, the history and the worker."""
+"""One valve of the twin node: signals to the core, its events to topics and history."""
 
 from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from valve_twin_msgs import msg
 
 from valve_twin.core.estimation.sequence import MEMORY_CYCLES, Memory, memory_from_history
 from valve_twin.core.twin import ClockJump, Estimated, Event, Job
 from valve_twin.core.types import Cycle, Estimate, Prediction
 from valve_twin.core.valves.registry import complete_options, get_model
 from valve_twin.io.assembly import make_twin
-from valve_twin.io.config import ValveConfig
-from valve_twin.io.history import History
-from valve_twin.io.mapping import SignalBlock
 from valve_twin.nodes import convert
 from valve_twin.nodes.estimation_job import MEMORY_LACKS, run_job
 from valve_twin.nodes.inputs import Collector, InputConfig, TopicInput, by_topic, seconds_now
 from valve_twin.nodes.runtime import STEADY, ValveNode
-from valve_twin.nodes.worker import Outcome, WorkerProcess, WorkerThread
-from valve_twin_msgs import msg
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from valve_twin.io.config import ValveConfig
+    from valve_twin.io.history import History
+    from valve_twin.io.mapping import SignalBlock
+    from valve_twin.nodes.worker import Outcome, WorkerProcess, WorkerThread
 
 DUTY = 0.1
-"""Share of the time that gathering may be broken off for working on what was gathered: low rates are answered at
-once, high rates in blocks."""
+"""Share of the time that may go into handing samples on: low rates are answered at once,
+high rates in blocks."""
 
 _DEEP = QoSProfile(depth=5000, reliability=ReliabilityPolicy.RELIABLE)
 LATCHED = QoSProfile(
@@ -39,7 +42,7 @@ LATCHED = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-"""State topics: a late reader of depth 1 gets the newest, a deeper one all estimators of the last cycle."""
+"""State topics: a late reader of depth 1 gets the newest, a deeper one all estimators."""
 
 
 @dataclass(slots=True)
@@ -163,7 +166,8 @@ class LiveValve:
                 self._store_next()
             elif isinstance(event, ClockJump):
                 self._node.get_logger().warning(
-                    f"{self.name}: the clock of the data was set back: cycle {event.dropped_cycle} is "
+                    f"{self.name}: the clock of the data was set back: cycle "
+                    f"{event.dropped_cycle} is "
                     "dropped, what was learnt is kept"
                 )
         self._start_job()
@@ -171,7 +175,9 @@ class LiveValve:
     def _push(self, block: SignalBlock) -> None:
         if block.signal == self.model.output:
             self.last_stamp_ns = int(block.stamp_ns[-1])
-        events = self.twin.push(block.signal, block.stamp_ns, block.values, header=block.has_header)
+        events = self.twin.push(
+            block.signal, block.stamp_ns, block.values, header=block.has_header
+        )
         if events:
             self.handle(events)
 
@@ -239,13 +245,17 @@ class LiveValve:
         self._storing = True
         entry = self._unsaved[0]
         work = partial(self.history.store, self.name, entry.cycle, entry.estimates)
-        self.writer.submit(work, lambda outcome: self._node.post(partial(self._on_stored, outcome)))
+        self.writer.submit(
+            work, lambda outcome: self._node.post(partial(self._on_stored, outcome))
+        )
 
     def _on_stored(self, outcome: Outcome) -> None:
         self._storing = False
         if outcome.error:
             if not self.store_error:
-                self._node.get_logger().error(f"{self.name}: not stored, kept and tried again: {outcome.error}")
+                self._node.get_logger().error(
+                    f"{self.name}: not stored, kept and tried again: {outcome.error}"
+                )
             self.store_error = outcome.error
             self._retry_timer = self._node.create_timer(self._retry_s, self._retry, clock=STEADY)
         else:
@@ -263,7 +273,7 @@ class LiveValve:
         self._store_next()
 
     def _publish_estimates(self, entry: _Entry, *, stored: bool) -> None:
-        """Publish a cycle's estimates once, the one that feeds the trend last: a latched reader keeps it."""
+        """Publish a cycle's estimates once; the one that feeds the trend last, to be latched."""
         if entry.published:
             return
         entry.published = True
@@ -285,7 +295,7 @@ class LiveValve:
         self._cycle = node.create_publisher(msg.CycleSummary, f"{base}/cycle", LATCHED)
         self._estimate = node.create_publisher(msg.Estimate, f"{base}/estimate", LATCHED)
 
-    def _now_ns(self) -> Any:  # noqa: ANN401  a callable
+    def _now_ns(self) -> Any:
         """Return the receive clock: the node's; simulated time is 0 before the first /clock."""
         if not self._node.get_parameter("use_sim_time").value:
             return time.time_ns

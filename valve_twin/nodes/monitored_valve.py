@@ -2,26 +2,30 @@
 # Copyright 2026 valve_twin maintainers
 """One valve of the aging monitor: the stored history in, trends and verdict out.
 
-The history of the twin is the only source: an estimate on the topic says that there is something new to ask for. A
+The history of the twin is the only source: an estimate on the topic says that there is something
+new to ask for. A
 monitor that was down therefore sees exactly what one sees that was not.
 """
 
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from valve_twin_msgs import msg, srv
 
 from valve_twin.core.aging.assess import Assessment, assess
 from valve_twin.core.aging.verdict import VerdictKind
-from valve_twin.core.types import Estimate, Maintenance
 from valve_twin.core.valves.registry import get_model
-from valve_twin.io.config import ValveConfig
 from valve_twin.nodes import convert
 from valve_twin.nodes.inputs import seconds_now
 from valve_twin.nodes.live_valve import LATCHED
-from valve_twin.nodes.runtime import ValveNode
-from valve_twin.nodes.worker import Outcome, WorkerThread
-from valve_twin_msgs import msg, srv
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import Estimate, Maintenance
+    from valve_twin.io.config import ValveConfig
+    from valve_twin.nodes.runtime import ValveNode
+    from valve_twin.nodes.worker import Outcome, WorkerThread
 
 ANSWER_S = 5.0
 """A request that is not answered within this time is given up: the twin went away [s]."""
@@ -61,7 +65,9 @@ class MonitoredValve:
         self.assess_s = 0.0
         self._trends: dict[str, Any] = {}
         base = self.name
-        self._verdict = node.create_publisher(msg.Verdict, f"{base}/aging_monitor/verdict", LATCHED)
+        self._verdict = node.create_publisher(
+            msg.Verdict, f"{base}/aging_monitor/verdict", LATCHED
+        )
         self._client = node.create_client(srv.GetHistory, f"{base}/twin/get_history")
         self._subscription: Any = None
 
@@ -109,7 +115,7 @@ class MonitoredValve:
             self.ask(anew=True)
 
     def ask(self, *, anew: bool = False) -> None:
-        """Ask for what is new, if there is reason to and the twin is there; one request at a time."""
+        """Ask for what is new, if there is reason to and a twin; one request at a time."""
         self._again = self._again or anew
         if self._asked_s is not None and seconds_now() - self._asked_s > ANSWER_S:
             self._asked_s = None
@@ -121,7 +127,7 @@ class MonitoredValve:
         )
         self._client.call_async(request).add_done_callback(self._on_answer)
 
-    def _on_answer(self, future: Any) -> None:  # noqa: ANN401  rclpy's future
+    def _on_answer(self, future: Any) -> None:
         self._asked_s = None
         answer = future.result()
         if answer is None or not answer.success:
@@ -171,14 +177,18 @@ class MonitoredValve:
         verdict = outcome.result.verdict
         if before is None or before.verdict.verdict is not verdict.verdict:
             level = "warning" if verdict.verdict is VerdictKind.VALVE else "info"
-            getattr(self._node.get_logger(), level)(f"{self.name}: {verdict.text}: {verdict.evidence}")
+            getattr(self._node.get_logger(), level)(
+                f"{self.name}: {verdict.text}: {verdict.evidence}"
+            )
         self._assess()
 
     def _publish(self, assessment: Assessment) -> None:
         for trend in assessment.trends:
             if trend.parameter not in self._trends:
                 topic = f"{self.name}/aging_monitor/trend/{trend.parameter}"
-                self._trends[trend.parameter] = self._node.create_publisher(msg.Trend, topic, LATCHED)
+                self._trends[trend.parameter] = self._node.create_publisher(
+                    msg.Trend, topic, LATCHED
+                )
             message = convert.filled(msg.Trend(), trend, trend.stamp_ns)
             self._trends[trend.parameter].publish(message)
         verdict = assessment.verdict

@@ -5,18 +5,20 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from valve_twin.nodes.runtime import RCLError
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
 
 _DEPTH = 5000
 
 
 def sending_profile(*, lossless: bool) -> QoSProfile:
-    """Return the quality of service of data that is played: reliable, deep; lossless = never overwritten."""
+    """Return the profile of data that is played: reliable, deep; lossless = never overwritten."""
     history = HistoryPolicy.KEEP_ALL if lossless else HistoryPolicy.KEEP_LAST
     return QoSProfile(history=history, depth=_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
 
@@ -24,7 +26,8 @@ def sending_profile(*, lossless: bool) -> QoSProfile:
 class Outbox:
     """Messages of any topics that leave in their order.
 
-    With a lossless profile the middleware refuses a message after 0.1 s as long as a reliable subscriber has not taken
+    With a lossless profile the middleware refuses a message after 0.1 s as long as a reliable
+    subscriber has not taken
     enough of the earlier ones; it then stays here and is offered again.
     """
 
@@ -36,7 +39,7 @@ class Outbox:
         """Return whether messages wait."""
         return bool(self._waiting)
 
-    def put(self, publisher: Any, message: Any) -> None:  # noqa: ANN401  message or bytes
+    def put(self, publisher: Any, message: Any) -> None:
         """Append a message."""
         self._waiting.append((publisher, message))
 

@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Declare parameters from the one table, take a YAML integer for a number, name what nobody declared."""
+"""Declare parameters from the one table, take 1 for 1.0, name what nobody declared."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -15,14 +14,22 @@ from rcl_interfaces.msg import (
     SetParametersResult,
 )
 from rclpy.exceptions import ParameterUninitializedException
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from valve_twin.io.errors import ConfigError, suggest
 from valve_twin.io.node_parameters import NODE_PARAMETERS
 from valve_twin.io.schema import Kind, Spec
 
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from rclpy.node import Node
+
 _FOREIGN = ("qos_overrides.", "use_sim_time", "start_type_description_service", "simulation.")
+_OF_VALVES = (
+    *("valves", "model", "period_s", "hold_back_s", "topic_prefix", "history_url"),
+    *("signals.", "cycles.", "options.", "aging.", "csv."),
+)
 _LARGEST = 2**62
 
 
@@ -48,7 +55,7 @@ class Parameters:
         node.add_pre_set_parameters_callback(self._accept_integers)
         node.add_on_set_parameters_callback(self._check_set)
 
-    def __getitem__(self, name: str) -> Any:  # noqa: ANN401  bool, int, float, str or list by the spec
+    def __getitem__(self, name: str) -> Any:
         """Return the present value; an empty list of numbers is no value to rclpy."""
         try:
             return self._node.get_parameter(name).value
@@ -81,24 +88,31 @@ class Parameters:
             Naming parameter, value and remedy.
         """
         for message in self._errors.values():
-            raise ConfigError(f"{self._node.get_fully_qualified_name()}: {message}")
+            msg = f"{self._node.get_fully_qualified_name()}: {message}"
+            raise ConfigError(msg)
 
     def given(self) -> dict[str, object]:
-        """Return what was set from outside: overrides that are declared, and values other than the default."""
+        """Return what was set from outside: declared overrides and values that are no default."""
         return {
             name: _python_value(self[name])
             for name, spec in self._specs.items()
             if name in self.overrides or not _same(_python_value(self[name]), spec.default)
         }
 
-    def unknown(self) -> list[str]:
-        """Return one line for every override that no node declares, with the nearest name that exists."""
+    def warn_unknown(self, *, hosts_valves: bool) -> None:
+        """Log one line for every override that no node declares, with the nearest name.
+
+        A node that hosts no valves may be started with the file of one: the valve's keys are not
+        its business.
+        """
         others = {s.name for table in NODE_PARAMETERS.values() for s in table}
-        return [
-            f"parameter '{name}' is unknown and has no effect: {suggest(name, self._specs)}"
-            for name in sorted(self.overrides)
-            if name not in self._specs and name not in others and not name.startswith(_FOREIGN)
-        ]
+        foreign = _FOREIGN if hosts_valves else (*_FOREIGN, *_OF_VALVES)
+        for name in sorted(self.overrides):
+            if name in self._specs or name in others or name.startswith(foreign):
+                continue
+            self._node.get_logger().warning(
+                f"parameter '{name}' is unknown and has no effect: {suggest(name, self._specs)}"
+            )
 
     def _accept_integers(self, parameters: list[Parameter]) -> list[Parameter]:
         """Take 1 for 1.0 where a number is meant."""
@@ -106,7 +120,11 @@ class Parameters:
 
     def _as_declared(self, parameter: Parameter) -> Parameter:
         spec = self._specs.get(parameter.name)
-        if spec is not None and spec.kind is Kind.FLOAT and parameter.type_ == Parameter.Type.INTEGER:
+        if (
+            spec is not None
+            and spec.kind is Kind.FLOAT
+            and parameter.type_ == Parameter.Type.INTEGER
+        ):
             return Parameter(parameter.name, Parameter.Type.DOUBLE, float(parameter.value))
         return parameter
 
@@ -116,7 +134,7 @@ class Parameters:
             if spec is None:
                 continue
             if spec.read_only and not self._is_idle() and not self._declaring(parameter.name):
-                reason = f"'{spec.name}' takes effect at configure: clean up the node first, then set it"
+                reason = f"'{spec.name}' takes effect at configure: clean up the node, then set it"
                 return SetParametersResult(successful=False, reason=reason)
             try:
                 spec.check(_python_value(parameter.value))
@@ -132,14 +150,16 @@ class Parameters:
 def _same(value: object, default: object) -> bool:
     """Compare a value with a default; NaN is NaN, and an empty list is written as [""]."""
     if isinstance(value, list):
-        return [v for v in value if v != ""] == list(default)  # type: ignore[call-overload]
-    return value == default or (value != value and default != default)  # noqa: PLR0124
+        return bool([v for v in value if v != ""] == list(default))  # type: ignore[call-overload]
+    if isinstance(value, float) and isinstance(default, float) and math.isnan(value):
+        return math.isnan(default)
+    return bool(value == default)
 
 
 def _python_value(value: object) -> object:
     if isinstance(value, (str, bytes, bool, int, float)):
         return value
-    return [] if value is None else list(value)  # type: ignore[call-overload]  # rclpy holds arrays
+    return [] if value is None else list(value)  # type: ignore[call-overload]
 
 
 def _ros_value(spec: Spec, value: object) -> object:
@@ -147,7 +167,8 @@ def _ros_value(spec: Spec, value: object) -> object:
     if spec.kind is Kind.STRINGS:
         return list(value) or [""]  # type: ignore[call-overload]
     if spec.kind is Kind.FLOATS:
-        return [float(v) for v in value] or Parameter.Type.DOUBLE_ARRAY  # type: ignore[attr-defined]
+        numbers = [float(v) for v in value]  # type: ignore[attr-defined]
+        return numbers or Parameter.Type.DOUBLE_ARRAY
     if spec.kind is Kind.FLOAT:
         return float(value)  # type: ignore[arg-type]
     return value
@@ -156,7 +177,9 @@ def _ros_value(spec: Spec, value: object) -> object:
 def _descriptor(spec: Spec) -> ParameterDescriptor:
     unit = f" [{spec.unit}]" if spec.unit else ""
     choices = f"One of {', '.join(spec.choices)}." if spec.choices else ""
-    descriptor = ParameterDescriptor(description=f"{spec.description}{unit}", additional_constraints=choices)
+    descriptor = ParameterDescriptor(
+        description=f"{spec.description}{unit}", additional_constraints=choices
+    )
     if not (math.isfinite(spec.lower) or math.isfinite(spec.upper)):
         return descriptor
     if spec.kind is Kind.FLOAT and not math.isnan(float(spec.default)):  # type: ignore[arg-type]

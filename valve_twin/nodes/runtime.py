@@ -8,8 +8,7 @@ import os
 import sys
 import traceback
 from collections import deque
-from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import rclpy
 from rclpy.clock import Clock, ClockType
@@ -25,6 +24,9 @@ from valve_twin.io.node_parameters import NODE_PARAMETERS
 from valve_twin.nodes import signals
 from valve_twin.nodes.parameters import Parameters
 
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
 RCLError = rclpy_implementation.RCLError
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 """For liveness, diagnostics and pacing; never for the data."""
@@ -32,11 +34,14 @@ STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 SPIN_S = 0.1
 """Longest wait of the loop: a signal is noticed within it [s]."""
 
-class ValveNode(LifecycleNode):  # type: ignore[misc]  # rclpy's class is untyped
+
+class ValveNode(LifecycleNode):
     """Lifecycle node that never dies of its input.
 
-    A subclass implements `configure`, `activate`, `deactivate` and `cleanup`. An error a user can mend
-    (`ValveTwinError`) in one of the first two is one log line; the node stays alive and can be configured again.
+    A subclass implements `configure`, `activate`, `deactivate` and `cleanup`. An error a user can
+    mend
+    (`ValveTwinError`) in one of the first two is one log line; the node stays alive and can be
+    configured again.
     """
 
     def __init__(self, name: str, **kwargs: Any) -> None:
@@ -124,21 +129,25 @@ class ValveNode(LifecycleNode):  # type: ignore[misc]  # rclpy's class is untype
             action()
         except ValveTwinError as err:
             self.get_logger().error(f"cannot {what}: {err}")
-        except Exception as err:  # noqa: BLE001  whatever it is, the node lives on and says so
-            self.get_logger().error(f"cannot {what}: {type(err).__name__}: {err}\n{traceback.format_exc()}")
+        except Exception as err:
+            self.get_logger().error(
+                f"cannot {what}: {type(err).__name__}: {err}\n{traceback.format_exc()}"
+            )
         else:
             return True
         return False
 
     def _answer_refused_transitions(self) -> None:
-        """Answer a transition that the present state does not know; rclpy would raise and leave the caller waiting."""
+        """Answer a transition that the state does not know; rclpy would raise and not answer."""
         inner = self._service_change_state.callback
 
         def change_state(request: Any, response: Any) -> Any:
             try:
                 return inner(request, response)
             except RCLError as err:
-                self.get_logger().warning(f"transition refused in state '{self.state}': {str(err).split(',')[0]}")
+                self.get_logger().warning(
+                    f"transition refused in state '{self.state}': {str(err).split(',')[0]}"
+                )
                 response.success = False
                 return response
 
@@ -181,13 +190,13 @@ def make_executor(kind: str) -> Executor:
 
 
 def spin(node: ValveNode, executor: Executor) -> None:
-    """Drive the node until a signal or the end of the context; nothing that a callback raises ends it."""
+    """Drive the node until a signal or the end of the context; no callback error ends it."""
     while rclpy.ok() and not signals.stop_requested():
         try:
             executor.spin_once(timeout_sec=min(node.due_s(), SPIN_S))
         except (ExternalShutdownException, ROSInterruptException, KeyboardInterrupt):
             return
-        except Exception as err:  # noqa: BLE001  the node outlives a failing callback
+        except Exception as err:
             if not rclpy.ok():
                 return
             node.get_logger().error(f"{type(err).__name__}: {err}\n{traceback.format_exc()}")
@@ -213,7 +222,7 @@ def run(make: Callable[[], ValveNode], args: list[str] | None = None) -> int:
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     try:
         node = make()
-    except Exception as err:  # noqa: BLE001  one line for the user
+    except Exception as err:
         rclpy.logging.get_logger("valve_twin").error(f"cannot start: {err}")
         return _leave(1)
     executor = make_executor(str(node.parameters["executor"]))
@@ -228,7 +237,7 @@ def run(make: Callable[[], ValveNode], args: list[str] | None = None) -> int:
 
 
 def _leave(code: int) -> int:
-    """End the process here: the destructors of the middleware and of the executor take signals back and may hang."""
+    """End the process here: destructors of middleware and executor undo signals and may hang."""
     try:
         rclpy.try_shutdown()
     finally:

@@ -2,25 +2,29 @@
 # Copyright 2026 valve_twin maintainers
 """A simulated or replayed command must never move a real valve.
 
-A topic that already has a foreign publisher is refused, and so is a command outside the prefix that somebody else
-takes, unless the user allows it. Looked at before anything is published and again whenever the graph may have changed.
+A topic that already has a foreign publisher is refused, and so is a command outside the prefix
+that somebody else
+takes, unless the user allows it. Looked at before anything is published and again whenever the
+graph may have changed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
-
-from rclpy.node import Node
+from typing import TYPE_CHECKING, Any
 
 from valve_twin.io.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from rclpy.node import Node
 
 CHECK_S = 0.5
 """How often the graph is looked at [s]."""
 
 SETTLE_S = 1.0
-"""Time for the graph to become known before the first message goes to a topic outside the prefix [s]."""
+"""Time for the graph to become known before the first message to a topic without prefix [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +89,7 @@ class Guard:
         return self._foreign(self._node.get_publishers_info_by_topic(topic))
 
     def _foreign(self, endpoints: list[Any]) -> list[str]:
-        """Return the names of the nodes that are not this one; a second node of the same name is one."""
+        """Return the names of other nodes; a second node of this one's name is another."""
         own = self._node.get_fully_qualified_name()
         names = [f"{e.node_namespace.rstrip('/')}/{e.node_name}" for e in endpoints]
         twice = [own] if names.count(own) > 1 else []
@@ -94,7 +98,8 @@ class Guard:
     def _refuse(self, topic: str, what: str, nodes: list[str]) -> None:
         if nodes:
             msg = (
-                f"topic '{topic}' {what} node {nodes[0]}: nothing is published; set publish_prefix (for example "
+                f"topic '{topic}' {what} node {nodes[0]}: nothing is published; set "
+                "publish_prefix (for example "
                 "/sim or /replay), stop that node, or set allow_live to true if it may be driven"
             )
             raise ConfigError(msg)

@@ -9,7 +9,10 @@ from __future__ import annotations
 
 import os
 import signal
-from types import FrameType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from types import FrameType
 
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
@@ -22,7 +25,7 @@ class _Stop:
 
 
 def install() -> None:
-    """Take the signals; to be repeated after anything that takes them away (the events executor does)."""
+    """Take the signals; again after anything that takes them, as the events executor does."""
     for number in SIGNALS:
         signal.signal(number, _on_signal)
 

@@ -5,23 +5,26 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rclpy.qos import QoSProfile
+from valve_twin_msgs import msg, srv
 
-from valve_twin.core.simulation.config import SimulationConfig
-from valve_twin.core.simulation.block import SimulationBlock
 from valve_twin.core.simulation.valve import SimulatedValve
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.cdr import encode_series, encode_stamped
 from valve_twin.io.config import ValveConfig, resolve_topic
 from valve_twin.io.mapping import STAMPED_TYPE, SignalSource
 from valve_twin.nodes.inputs import InputConfig, TopicInput
-from valve_twin.nodes.outlets import Outbox
-from valve_twin.nodes.runtime import ValveNode
 from valve_twin.nodes.safety import Outlet
-from valve_twin_msgs import msg, srv
+
+if TYPE_CHECKING:
+    from rclpy.qos import QoSProfile
+
+    from valve_twin.core.simulation.block import SimulationBlock
+    from valve_twin.core.simulation.config import SimulationConfig
+    from valve_twin.nodes.outlets import Outbox
+    from valve_twin.nodes.runtime import ValveNode
 
 
 class SimulatedTopics:
@@ -88,7 +91,8 @@ class SimulatedTopics:
         """Make the publishers; the first sample is stamped `start_ns`."""
         kind = msg.Float64Stamped if self._batch == 1 else msg.Float64Series
         self._publishers = {
-            name: self._node.create_publisher(kind, topic, profile) for name, topic in self._topics.items()
+            name: self._node.create_publisher(kind, topic, profile)
+            for name, topic in self._topics.items()
         }
         self._start_ns = start_ns - self._valve.time_ns
         if self._external:
@@ -118,7 +122,11 @@ class SimulatedTopics:
         int
             Stamp of the last sample [ns], 0 where `cycles` are done (0 = never).
         """
-        if cycles and self._valve.time_ns >= cycles * self.simulation.cycle_samples * self._valve.period_ns:
+        if (
+            cycles
+            and self._valve.time_ns
+            >= cycles * self.simulation.cycle_samples * self._valve.period_ns
+        ):
             return 0
         given = np.tile(self._commands, (self._batch, 1)) if self._external else None
         block = self._valve.advance(self._batch, given)
@@ -127,7 +135,9 @@ class SimulatedTopics:
         for name, values in columns.items():
             publisher = self._publishers[name]
             if self._batch > 1:
-                outbox.put(publisher, encode_series(int(stamps[0]), self.simulation.period_s, values))
+                outbox.put(
+                    publisher, encode_series(int(stamps[0]), self.simulation.period_s, values)
+                )
             elif name != "position" or block.delivered[0]:
                 outbox.put(publisher, encode_stamped(int(stamps[0]), float(values[0])))
         return int(stamps[-1])
@@ -142,14 +152,14 @@ class SimulatedTopics:
         columns["position"] = np.where(block.delivered, block.position, np.nan)
         return columns
 
-    def _take(self, block: Any, received_ns: int) -> None:  # noqa: ANN401  SignalBlock
+    def _take(self, block: Any, received_ns: int) -> None:
         """Hold the newest command; one that is no number keeps the last."""
         del received_ns
         value = float(block.values[-1])
         if np.isfinite(value):
             self._commands[self._inputs_order.index(block.signal)] = value
 
-    def _set_aging(self, request: Any, response: Any) -> Any:  # noqa: ANN401
+    def _set_aging(self, request: Any, response: Any) -> Any:
         return _answer(
             response,
             lambda: self._valve.set_aging(
@@ -157,7 +167,7 @@ class SimulatedTopics:
             ),
         )
 
-    def _inject_fault(self, request: Any, response: Any) -> Any:  # noqa: ANN401
+    def _inject_fault(self, request: Any, response: Any) -> Any:
         return _answer(
             response,
             lambda: self._valve.set_fault(request.kind, request.severity, request.duration),
@@ -169,7 +179,7 @@ def _command_topic(name: str) -> str:
     return name if name == "command" else f"command/{name}"
 
 
-def _answer(response: Any, action: Any) -> Any:  # noqa: ANN401
+def _answer(response: Any, action: Any) -> Any:
     """Do it and say what was done, or what is wrong."""
     try:
         response.message = action()

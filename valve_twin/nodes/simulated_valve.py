@@ -4,8 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rosgraph_msgs.msg import Clock as ClockMessage
 
@@ -21,6 +20,9 @@ from valve_twin.nodes.runtime import STEADY, ValveNode
 from valve_twin.nodes.safety import CHECK_S, Guard
 from valve_twin.nodes.simulated_topics import SimulatedTopics
 from valve_twin.nodes.valve_parameters import read_valves
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 TICK_S = 0.005
 """Period of the pacing timer [s]."""
@@ -110,7 +112,7 @@ class SimulatedValveNode(ValveNode):
             return  # told when the valve is made
         self.parameters.declare(_spec(s) for s in list_settings(plain))
 
-    def _simulation(self, config: ValveConfig) -> Any:  # noqa: ANN401  SimulationConfig
+    def _simulation(self, config: ValveConfig) -> Any:
         where = self.get_fully_qualified_name()
         try:
             simulation = configure(get_simulation(config.model), config.simulation)
@@ -168,13 +170,14 @@ class SimulatedValveNode(ValveNode):
             self._begin_s += behind_s
             if not self._late:
                 self.get_logger().warning(
-                    f"rate {self._rate:g} is not reached: the subscribers or this machine are slower; no sample is lost"
+                    f"rate {self._rate:g} is not reached: the subscribers or this machine are "
+                    "slower; no sample is lost"
                 )
             self._late = True
         return min(due, MOST_SAMPLES)
 
     def _sample(self) -> None:
-        """Advance every valve by one sample of the first and queue what it gives; the clock goes first."""
+        """Advance every valve by one message and queue what it gives."""
         self._samples += 1
         for i, valve in enumerate(self._valves):
             stamp_ns = valve.advance(self._outbox, int(self.parameters["cycles"]))

@@ -4,8 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rclpy.clock import JumpThreshold, TimeJump
 from rclpy.duration import Duration
@@ -19,6 +18,9 @@ from valve_twin.nodes.runtime import SPIN_S, ValveNode
 from valve_twin.nodes.twin_services import TwinServices
 from valve_twin.nodes.valve_parameters import read_valves
 from valve_twin.nodes.worker import WorkerProcess, WorkerThread
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 FLUSH_S = 1.0
 """Time that is given to the database at the end [s]."""
@@ -48,7 +50,9 @@ class TwinNode(ValveNode):
         timeout = float(self.parameters["busy_timeout_s"])
         for config in configs:
             if config.history_url not in self._histories:
-                self._histories[config.history_url] = History(config.history_url, busy_timeout_s=timeout)
+                self._histories[config.history_url] = History(
+                    config.history_url, busy_timeout_s=timeout
+                )
             valve = LiveValve(
                 self,
                 config,
@@ -92,7 +96,9 @@ class TwinNode(ValveNode):
     def cleanup(self) -> None:
         """Write what waits, then let go of everything."""
         if self._writer is not None and not self._writer.close(FLUSH_S):
-            self.get_logger().error("the database did not take all cycles in time; unsaved ones are lost")
+            self.get_logger().error(
+                "the database did not take all cycles in time; unsaved ones are lost"
+            )
         if self._worker is not None:
             self._worker.close()
         for service in self._valve_services:
@@ -133,7 +139,8 @@ class TwinNode(ValveNode):
             self._log_change(f"{valve.name} {topic.topic}", problem)
             if topic.deadlines_missed:
                 report.raise_to(
-                    WARN, f"topic '{topic.topic}' missed its deadline {topic.deadlines_missed} times"
+                    WARN,
+                    f"topic '{topic.topic}' missed its deadline {topic.deadlines_missed} times",
                 )
         lost = sum(t.lost for t in valve.inputs)
         if lost:
@@ -172,9 +179,8 @@ class TwinNode(ValveNode):
 
     def _log_change(self, key: str, problem: str) -> None:
         """Log a problem when it comes, not while it stays."""
-        kind = problem.split(" for ")[0]
+        kind = problem.split(" for ", maxsplit=1)[0]
         if kind != self._problems.get(key, ""):
             self._problems[key] = kind
             if problem:
                 self.get_logger().warning(problem)
-

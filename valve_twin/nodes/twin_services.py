@@ -5,15 +5,18 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from valve_twin_msgs import srv
 
 from valve_twin.core.types import Cycle, Maintenance
 from valve_twin.nodes import convert
-from valve_twin.nodes.live_valve import LiveValve
-from valve_twin.nodes.runtime import ValveNode
 from valve_twin.nodes.services import DeferredService, Done
-from valve_twin.nodes.worker import Outcome
-from valve_twin_msgs import srv
+
+if TYPE_CHECKING:
+    from valve_twin.nodes.live_valve import LiveValve
+    from valve_twin.nodes.runtime import ValveNode
+    from valve_twin.nodes.worker import Outcome
 
 DEFAULT_PAGE = 1000
 
@@ -39,7 +42,7 @@ class TwinServices:
         for service in self._deferred:
             service.destroy()
 
-    def _estimate_now(self, request: Any, response: Any) -> Any:  # noqa: ANN401
+    def _estimate_now(self, request: Any, response: Any) -> Any:
         del request
         valve = self._valve
         valve.work(force=True)
@@ -55,7 +58,7 @@ class TwinServices:
         )
         return response
 
-    def _mark(self, request: Any, response: Any, done: Done) -> None:  # noqa: ANN401
+    def _mark(self, request: Any, response: Any, done: Done) -> None:
         valve = self._valve
         cycle = int(request.cycle) or max(valve.twin.cycle, valve.last_cycle) + 1
         stamp_ns = valve.last_stamp_ns or self._node.get_clock().now().nanoseconds
@@ -64,17 +67,19 @@ class TwinServices:
 
         def answer(outcome: Outcome) -> None:
             response.success = not outcome.error
-            response.message = outcome.error or f"{valve.name}: maintenance noted from cycle {cycle} on"
+            response.message = (
+                outcome.error or f"{valve.name}: maintenance noted from cycle {cycle} on"
+            )
             done(response)
 
         self._in_background(partial(valve.history.add_maintenance, valve.name, event), answer)
 
-    def _get_history(self, request: Any, response: Any, done: Done) -> None:  # noqa: ANN401
+    def _get_history(self, request: Any, response: Any, done: Done) -> None:
         valve = self._valve
         estimator = request.estimator or valve.model.trend_estimator
         first, limit = int(request.first_cycle), int(request.limit) or DEFAULT_PAGE
 
-        def read() -> Any:  # noqa: ANN401  a filled response
+        def read() -> Any:
             found = valve.history.estimates(valve.name, estimator, first, limit + 1)
             page = found[:limit]
             response.estimates = [
@@ -94,7 +99,7 @@ class TwinServices:
 
         self._in_background(read, answer)
 
-    def _backup(self, request: Any, response: Any, done: Done) -> None:  # noqa: ANN401
+    def _backup(self, request: Any, response: Any, done: Done) -> None:
         valve = self._valve
 
         def answer(outcome: Outcome) -> None:
@@ -105,6 +110,6 @@ class TwinServices:
 
         self._in_background(partial(valve.history.backup, request.path), answer)
 
-    def _in_background(self, work: Any, answer: Any) -> None:  # noqa: ANN401  callables
+    def _in_background(self, work: Any, answer: Any) -> None:
         post = self._node.post
         self._valve.writer.submit(work, lambda outcome: post(partial(answer, outcome)))

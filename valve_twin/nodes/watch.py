@@ -30,7 +30,7 @@ EVERY = 10
 _LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
-class Watcher(Node):  # type: ignore[misc]  # rclpy's class is untyped
+class Watcher(Node):
     """Subscriber of estimates, trends and the verdict of one valve."""
 
     def __init__(self, namespace: str) -> None:
@@ -52,15 +52,15 @@ class Watcher(Node):  # type: ignore[misc]  # rclpy's class is untyped
                 self.trends[name] = None
                 self.create_subscription(Trend, topic, self._trend, _LATCHED)
 
-    def _take(self, message: Any) -> None:  # noqa: ANN401  generated classes
+    def _take(self, message: Any) -> None:
         if message.used_by_trend:
             self.estimates.append(message)
             self.cycles.add(int(message.cycle))
 
-    def _trend(self, message: Any) -> None:  # noqa: ANN401
+    def _trend(self, message: Any) -> None:
         self.trends[message.parameter] = message
 
-    def _judge(self, message: Any) -> None:  # noqa: ANN401
+    def _judge(self, message: Any) -> None:
         self.verdict = message
 
 
@@ -134,7 +134,7 @@ def _line(node: Watcher, cycles: int) -> str:
     return f"cycle {len(node.cycles)} of {cycles}: {values}"
 
 
-def _trend_line(trend: Any) -> str:  # noqa: ANN401  generated class
+def _trend_line(trend: Any) -> str:
     interval = f"{trend.drift_reference_lower_95:.1f} .. {trend.drift_reference_upper_95:.1f}"
     life = "unbounded" if trend.unbounded else f"{trend.remaining_high:.0f}"
     left = f"{trend.remaining_low:.0f} .. {life} {trend.axis} left"

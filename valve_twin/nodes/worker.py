@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Work that must not hold up the data path: one process for long computations, one thread for the database.
+"""Work that must not hold up the data path: a process for computations, a thread for the database.
 
-Both take jobs in order, drop none and hand the results to a callback on their own thread; `ValveNode.post` brings
+Both take jobs in order, drop none and hand the results to a callback on their own thread;
+`ValveNode.post` brings
 them back to the node's loop.
 """
 
@@ -17,10 +18,12 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from multiprocessing.connection import Connection
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from valve_twin.io.errors import ValveTwinError
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
 
 Work = Callable[..., Any]
 Deliver = Callable[["Outcome"], None]
@@ -49,7 +52,7 @@ class _Order:
 
 
 class WorkerProcess:
-    """One process that runs module-level functions in order; started again when it dies, its job repeated."""
+    """Process that runs module-level functions in order; restarted when it dies, job repeated."""
 
     def __init__(self, warm_up: Work | None = None) -> None:
         self._orders: queue.SimpleQueue[_Order | None] = queue.SimpleQueue()
@@ -67,7 +70,7 @@ class WorkerProcess:
         return self._process.pid if self._process is not None else None
 
     def submit(self, work: Work, arguments: tuple[Any, ...], deliver: Deliver) -> None:
-        """Run `work(*arguments)` in the process after all earlier jobs; `deliver` gets the outcome."""
+        """Run `work(*arguments)` after all earlier jobs; `deliver` gets the outcome."""
         self._orders.put(_Order(work, arguments, deliver))
 
     def close(self) -> None:
@@ -133,7 +136,7 @@ def _execute(work: Work, arguments: tuple[Any, ...]) -> Outcome:
     begin = time.perf_counter()
     try:
         result = work(*arguments)
-    except Exception as err:  # noqa: BLE001  a failed job is an outcome, the worker lives on
+    except Exception as err:
         text = str(err) if isinstance(err, ValveTwinError) else f"{type(err).__name__}: {err}"
         return Outcome(None, text, time.perf_counter() - begin)
     return Outcome(result, "", time.perf_counter() - begin)
