@@ -94,7 +94,7 @@ class OutputErrorOptions:
     lag: int = -1
     max_lag: int = 4
     pole: float = -1.0
-    wander: float = 0.01
+    wander: float = 0.03
     lower_seat: float = 0.0
     upper_seat: float = 1.0
     seat_margin: float = 0.01
@@ -303,7 +303,7 @@ def _search(
     )
     rows = max(rows, 1)
     likelihood = float(np.log(max(cost, 1e-300) / rows) + log_determinant / rows)
-    mean = _mean_command(v_in, free, pole)
+    mean = _mean_command(run.position, v_in, free)
     return _Solution(pole, p, gram, columns, cost, rows, likelihood, mean)
 
 
@@ -317,14 +317,15 @@ def _seated(
     return low | high
 
 
-def _mean_command(v_in: FloatArray, free: BoolArray, pole: float) -> float:
-    """Return the inflow command, averaged with the displacement that it causes as weight [1]."""
-    speed = total = weighted = 0.0
-    for v in v_in[free & ((v_in > 0.0) | (_acting(v_in, 1) > 0.0))]:
-        speed = pole * speed + (1.0 - pole) * v
-        total += speed
-        weighted += speed * v
-    return float(weighted / total) if total > 0.0 else float("nan")
+def _mean_command(position: FloatArray, v_in: FloatArray, free: BoolArray) -> float:
+    """Return the inflow command, averaged with the displacement during it as weight [1].
+
+    The noise of the increments stays in the sum: it has mean zero there, but not in its positive part.
+    """
+    moved = np.diff(position, prepend=position[:1])
+    on = free & (v_in > 0.0)
+    total = float(np.sum(moved[on]))
+    return float(np.sum(moved[on] * v_in[on])) / total if total > 0.0 else float("nan")
 
 
 def _find_lag(run: _Run, columns: BoolArray, options: OutputErrorOptions) -> int:

@@ -98,7 +98,7 @@ OPTIONS = (
     Option("pole_fixed", -1.0, "pole of the output error, -1 = search", "1", -1.0, 0.98),
     Option(
         "wander",
-        0.01,
+        0.03,
         "random walk of the level in motion, variance a sample over noise variance [A]",
         "1",
         0.0,
