@@ -8,6 +8,7 @@ import struct
 from typing import TYPE_CHECKING
 
 from rosbags.interfaces import Nodetype
+from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
 from valve_twin.io.errors import BagError
@@ -18,7 +19,15 @@ if TYPE_CHECKING:
 
     from valve_twin.io.mcap_format import Schema
 
-_UNDECODABLE = (AssertionError, IndexError, KeyError, ValueError, TypeError, struct.error)
+_UNDECODABLE = (
+    SerdeError,
+    AssertionError,
+    IndexError,
+    KeyError,
+    ValueError,
+    TypeError,
+    struct.error,
+)
 
 
 class BagTypes:

@@ -132,7 +132,7 @@ class BagWriter:
             return
         try:
             text = definition(type_name) if message_definition is None else message_definition
-            digest = type_hash(type_name) if definition_hash is None else definition_hash
+            digest = definition_hash if definition_hash is not None else type_hash(type_name, text)
         except (KeyError, ValueError) as err:
             msg = (
                 f"{self.path}: topic '{topic}': message type {type_name} is defined nowhere; "

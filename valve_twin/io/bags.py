@@ -416,7 +416,7 @@ def _read_chunk(
     general = []
     for column in needed:
         offsets = file.offsets(chunk, column.channel) if chunk is not None else None
-        part = None if offsets is None else gather(data, offsets, column.source)
+        part = None if offsets is None else gather(data, offsets, column.source, column.channel)
         if part is None:
             general.append(column)
             continue
@@ -458,11 +458,11 @@ def _slices(
     samples: dict[int, _Samples], wanted: Sequence[SignalSource], slice_ns: int
 ) -> Iterator[SignalBlock]:
     """Cut the samples of a group of chunks into rounds of equal log time."""
-    ready = {i: s.ordered() for i, s in samples.items() if s.log_ns}
+    ready = {i: s.ordered() for i, s in samples.items() if any(map(len, s.log_ns))}
     if not ready:
         return
-    first = min(int(c.log_ns[0]) for c in ready.values() if len(c.log_ns))
-    last = max(int(c.log_ns[-1]) for c in ready.values() if len(c.log_ns))
+    first = min(int(c.log_ns[0]) for c in ready.values())
+    last = max(int(c.log_ns[-1]) for c in ready.values())
     edges = np.arange(first + slice_ns, last + slice_ns + 1, slice_ns, dtype=np.int64)
     cuts = {i: np.searchsorted(c.log_ns, edges, side="left") for i, c in ready.items()}
     begins = dict.fromkeys(ready, 0)

@@ -8,17 +8,22 @@ of frame_id, count of values) of the first; anything else is left to the general
 
 from __future__ import annotations
 
+import struct
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from valve_twin.io.mapping import SERIES_TYPE, STAMPED_TYPE, SignalSource
-from valve_twin.io.mcap_format import MESSAGE_HEAD
+from valve_twin.io.mcap_format import MESSAGE_HEAD, RECORD_HEAD, Op
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
+ByteTable = np.ndarray[tuple[int, int], np.dtype[np.uint8]]
+"""One row a record, one column a byte."""
+
+_RECORD = struct.Struct("<BQH")
 _LOG_AT = 15
 _LENGTH_AT = 1
 _LITTLE = 1
@@ -49,7 +54,7 @@ class Columns:
     messages: int = 0
 
 
-def gather(data: bytes, offsets: IntArray, source: SignalSource) -> Columns | None:
+def gather(data: bytes, offsets: IntArray, source: SignalSource, channel: int) -> Columns | None:
     """Take a channel's samples out of a chunk.
 
     Parameters
@@ -60,6 +65,8 @@ def gather(data: bytes, offsets: IntArray, source: SignalSource) -> Columns | No
         Where the channel's message records begin.
     source : SignalSource
         A signal of type Float64Stamped or Float64Series.
+    channel : int
+        Number of the channel.
 
     Returns
     -------
@@ -74,20 +81,23 @@ def gather(data: bytes, offsets: IntArray, source: SignalSource) -> Columns | No
     if offsets.min() < 0 or int(offsets.max()) + size > len(data):
         return None
     flat = np.frombuffer(data, dtype=np.uint8)
+    if not _is_uniform(flat[offsets[:, None] + np.arange(_RECORD.size)], size, channel):
+        return None
     rows = flat[offsets[:, None] + np.arange(size)]
     body = rows[:, MESSAGE_HEAD.size :]
-    if not _is_uniform(rows[:, :11], size - 9) or not _is_uniform_header(body):
+    if not _is_uniform_header(body):
         return None
     read = _stamped if source.type == STAMPED_TYPE else _series
     return read(rows, body, source)
 
 
-def _is_uniform(heads: np.ndarray[tuple[int, int], np.dtype[np.uint8]], size: int) -> bool:
-    """Return whether opcode, length and channel of all records are those of the first."""
-    return bool((heads == heads[0]).all()) and int(heads[0, 0]) == 5 and size > MESSAGE_HEAD.size
+def _is_uniform(heads: ByteTable, size: int, channel: int) -> bool:
+    """Return whether all records are messages of the channel with the same length."""
+    expected = _RECORD.pack(Op.MESSAGE, size - RECORD_HEAD.size, channel)
+    return size > MESSAGE_HEAD.size and bool((heads == np.frombuffer(expected, np.uint8)).all())
 
 
-def _is_uniform_header(body: np.ndarray[tuple[int, int], np.dtype[np.uint8]]) -> bool:
+def _is_uniform_header(body: ByteTable) -> bool:
     """Return whether all messages are little-endian with a frame_id of the same length."""
     if body.shape[1] < _BODY + 12 or not bool((body[:, 1] == _LITTLE).all()):
         return False
@@ -95,20 +105,20 @@ def _is_uniform_header(body: np.ndarray[tuple[int, int], np.dtype[np.uint8]]) ->
 
 
 def _column(
-    rows: np.ndarray[tuple[int, int], np.dtype[np.uint8]], at: int, kind: str, count: int = 1
+    rows: ByteTable, at: int, kind: str, count: int = 1
 ) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
     size = np.dtype(kind).itemsize * count
     return np.ascontiguousarray(rows[:, at : at + size]).view(kind)
 
 
-def _value_at(body: np.ndarray[tuple[int, int], np.dtype[np.uint8]]) -> int:
+def _value_at(body: ByteTable) -> int:
     end = 12 + int.from_bytes(body[0, 12:16].tobytes(), "little")
     return _BODY + end + (-end % 8)
 
 
 def _times(
-    rows: np.ndarray[tuple[int, int], np.dtype[np.uint8]],
-    body: np.ndarray[tuple[int, int], np.dtype[np.uint8]],
+    rows: ByteTable,
+    body: ByteTable,
 ) -> tuple[IntArray, IntArray, BoolArray]:
     """Return log times, stamps with the log time where there is none, and which are stamps."""
     log_ns = _column(rows, _LOG_AT, "<u8")[:, 0].astype(np.int64)
@@ -126,8 +136,8 @@ def _scaled(values: FloatArray, source: SignalSource) -> FloatArray:
 
 
 def _stamped(
-    rows: np.ndarray[tuple[int, int], np.dtype[np.uint8]],
-    body: np.ndarray[tuple[int, int], np.dtype[np.uint8]],
+    rows: ByteTable,
+    body: ByteTable,
     source: SignalSource,
 ) -> Columns | None:
     at = _value_at(body)
@@ -139,8 +149,8 @@ def _stamped(
 
 
 def _series(
-    rows: np.ndarray[tuple[int, int], np.dtype[np.uint8]],
-    body: np.ndarray[tuple[int, int], np.dtype[np.uint8]],
+    rows: ByteTable,
+    body: ByteTable,
     source: SignalSource,
 ) -> Columns | None:
     at = _value_at(body)

@@ -13,12 +13,8 @@ import os
 import re
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-if TYPE_CHECKING:
-    from rosbags.typesys.store import Typestore
 
 OWN_PACKAGE = "valve_twin_msgs"
 
@@ -55,15 +51,19 @@ def definition(type_name: str) -> str:
 
 
 @cache
-def type_hash(type_name: str) -> str:
-    """Return the REP-2016 hash of a type, "RIHS01_..."."""
-    return _store(type_name).hash_rihs01(type_name)
+def type_hash(type_name: str, text: str = "") -> str:
+    """Return the REP-2016 hash of a type, "RIHS01_...".
 
-
-def _store(type_name: str) -> Typestore:
+    Parameters
+    ----------
+    type_name : str
+        Full name.
+    text : str
+        Its full definition; looked up where empty.
+    """
     store = get_typestore(Stores.EMPTY)
-    store.register(get_types_from_msg(definition(type_name), type_name))
-    return store
+    store.register(get_types_from_msg(text or definition(type_name), type_name))
+    return store.hash_rihs01(type_name)
 
 
 def _dependencies(type_name: str) -> list[str]:

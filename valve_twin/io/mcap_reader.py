@@ -44,6 +44,7 @@ _FOREIGN = {
 }
 
 _MAX_CHUNK = 1 << 32
+_INDEX_HEAD = 6
 _BROKEN = (struct.error, ValueError, IndexError, OverflowError)
 
 
@@ -124,14 +125,22 @@ class McapFile:
         return data
 
     def offsets(self, index: ChunkIndex, channel: int) -> IntArray | None:
-        """Return where a channel's messages lie in a decompressed chunk, None without an index."""
+        """Return where a channel's messages lie in a chunk, None without a sound index."""
         at = index.message_indexes.get(channel)
         if at is None:
             return np.empty(0, dtype=np.int64) if index.message_indexes else None
-        _, length = RECORD_HEAD.unpack_from(self._map, at)
-        body = self._map[at + RECORD_HEAD.size : at + RECORD_HEAD.size + length]
-        entries = np.frombuffer(body, dtype="<u8", offset=6)
-        return entries[1::2].astype(np.int64)
+        try:
+            op, length = RECORD_HEAD.unpack_from(self._map, at)
+            begin = at + RECORD_HEAD.size
+            number, size = struct.unpack_from("<HI", self._map, begin)
+            if (op, number, size + _INDEX_HEAD) != (Op.MESSAGE_INDEX, channel, length):
+                return None
+            entries = np.frombuffer(self._map[begin + _INDEX_HEAD : begin + length], dtype="<u8")
+            offsets = entries.reshape(-1, 2)[:, 1].astype(np.int64)
+        except _BROKEN:
+            return None
+        # the index carries no check sum: what does not rise is not believed
+        return offsets if bool((np.diff(offsets) > 0).all()) else None
 
     def loose_messages(self) -> bytes:
         """Return the data section of a file that has messages outside chunks."""
@@ -153,8 +162,10 @@ class McapFile:
         summary = Summary()
         for op, body, _ in _records(tail):
             _add(summary, op, body)
-        if summary.statistics is None and not summary.chunks:
-            return self._scan()
+        counted = summary.statistics
+        if not summary.chunks and (counted is None or counted.chunk_count):
+            summary = self._scan()
+            summary.statistics = counted
         for name, (offset, length) in _metadata_places(tail).items():
             body = self._map[offset + RECORD_HEAD.size : offset + length]
             cursor = Cursor(body)
