@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""The constrained least squares is exact: by enumeration, BVLS, cvxpy and optimality conditions."""
+"""The constrained least squares is exact: enumeration, BVLS, cvxpy, optimality conditions."""
 
 import itertools
 
@@ -86,7 +86,7 @@ def test_bounds_are_those_of_bvls(seed):
     )
     cost = np.sum((u @ solution.theta - y) ** 2)
     assert cost <= np.sum((u @ (exact.x / scale) - y) ** 2) + 1e-12 * float(y @ y)
-    assert solution.theta * scale == pytest.approx(exact.x, abs=1e-7 * np.linalg.norm(y))
+    assert solution.theta * scale == pytest.approx(exact.x, abs=1e-7 * float(np.linalg.norm(y)))
 
 
 @given(st.integers(0, 10**6), st.integers(1, 8), st.booleans())
