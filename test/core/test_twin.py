@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -49,7 +50,7 @@ def push_all(twin, block, cuts=(), patience=0):
     }
     events, job, waited = [], None, 0
     edges = [0, *sorted(cuts), len(block)]
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in itertools.pairwise(edges):
         for name, values in columns.items():
             if b > a:
                 events += twin.push(name, block.stamp_ns[a:b], values[a:b])
