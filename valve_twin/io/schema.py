@@ -197,7 +197,7 @@ def example(value: object) -> str:
         return text if any(c in text for c in ".n") else text.replace("e", ".0e")
     if isinstance(value, (list, tuple)):
         return "[" + ", ".join(example(item) for item in (value or ("",))) + "]"
-    return f'"{value}"'
+    return str(value) if isinstance(value, int) else f'"{value}"'
 
 
 def dataclass_specs(cls: type[Any], prefix: str, names: Sequence[str] = ()) -> tuple[Spec, ...]:

@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The configurations that are shipped explain every key and fit the measured data."""
+
+import re
+
+import numpy as np
+import pytest
+
+from valve_twin.core.types import CycleRule
+from valve_twin.io.bags import bag_info, read_signals, read_texts
+from valve_twin.io.config import load_config
+from valve_twin.io.csv_import import import_csv
+
+NAMES = ["boiler_valve", "eha_cylinder"]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_key_is_explained(root, name):
+    lines = (root / "config" / f"{name}.yaml").read_text(encoding="utf-8").splitlines()
+    keys = [line for line in lines if re.match(r"^ {4,}\w[\w/]*:", line)]
+    sections = {"signals:", "cycles:", "options:", "aging:", "csv:", "simulation:"}
+    seen: set[str] = set()
+    for line in keys:
+        key = line.split(":")[0].strip()
+        explained = "#" in line or line.strip() in sections or key in seen
+        assert explained, line
+        seen.add(key)
+
+
+def samples(config, bag, name):
+    blocks = [b for b in read_signals(bag, config.signals.values()) if b.signal == name]
+    return np.concatenate([b.stamp_ns for b in blocks]), np.concatenate([b.values for b in blocks])
+
+
+def test_the_boiler_valve_is_imported(root, shared, tmp_path):
+    (config,) = load_config(root / "config" / "boiler_valve.yaml")
+    import_csv([shared / "damadics_boiler_valve"], config, tmp_path / "bag")
+    stamps, position = samples(config, tmp_path / "bag", "position")
+    _, command = samples(config, tmp_path / "bag", "command")
+    assert len(stamps) == 1800
+    assert stamps[0] % (300 * 10**9) == 0
+    assert (position.min(), position.max()) == (48.7 * 0.01, 77.1 * 0.01)
+    assert (command.min(), command.max()) == (40.5 * 0.01, 77.1 * 0.01)
+    assert config.cycles.rule is CycleRule.WINDOW
+
+
+def test_the_cylinder_is_imported_in_batches(root, shared, tmp_path):
+    (config,) = load_config(root / "config" / "eha_cylinder.yaml")
+    summary = import_csv([shared / "eha_cylinder"], config, tmp_path / "bag")
+    assert len(summary.files) == 20
+    stamps, position = samples(config, tmp_path / "bag", "position")
+    _, reference = samples(config, tmp_path / "bag", "reference")
+    assert len(stamps) == 20 * 31_000
+    assert bag_info(tmp_path / "bag").message_count == 2 * 6200 + 20
+    assert reference.max() == 1.0
+    assert np.abs(position).max() < 1.01
+    level, low = config.cycles.reference_level, config.cycles.reference_level / 4
+    rises = np.flatnonzero((reference[1:] >= level) & (reference[:-1] < level))
+    assert len(rises) == 40
+    assert low < level
+    names = [text for _, text in read_texts(tmp_path / "bag", "/eha_cylinder/run")]
+    assert (names[0], names[-1]) == ("exp_data_1_1", "exp_data_5_4")
