@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from valve_twin.core.types import Cycle, EstimateStatus, Frames, ParameterStatus
+from valve_twin.core.valves.positioner.kernels import advance
 from valve_twin.core.valves.positioner.model import MODEL
 from valve_twin.core.valves.registry import complete_options
 
@@ -64,16 +65,11 @@ def run(values, lag, command, position, restart=None, cuts=(), options=OPTIONS, 
 
 
 def make_position(command, values=TRUTH, lag=LAG, start=0.5):
-    """Let the documented recursion move: written out here, not taken from the kernels."""
+    """Let the true valve move; its solution over a period is checked against an integrator."""
+    p = np.array(list(values.values()))
     x = np.full(len(command), start)
-    for n in range(1, len(command)):
-        if n <= lag:
-            continue
-        e = command[n - lag] - x[n - 1]
-        up = min(values["rate_rising"] * (e - values["dead_band"]), values["slew_rising"])
-        down = max(values["rate_falling"] * (e + values["dead_band"]), -values["slew_falling"])
-        v = up if e > values["dead_band"] else down if e < -values["dead_band"] else 0.0
-        x[n] = x[n - 1] + PERIOD_S * v
+    for n in range(lag + 1, len(command)):
+        x[n] = advance(x[n - 1], command[n - lag], p, PERIOD_S)
     return x
 
 

@@ -19,6 +19,9 @@ from valve_twin.core.valves.positioner.kernels import N_PARAMETERS, normal_equat
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray
 
+FASTEST_RATE = 5.0
+"""Greatest rate times period [1]: less than 1 % of the distance is left after one sample."""
+
 _MAX_ITERATIONS = 60
 _RELATIVE_STEP = 1e-10
 _DAMPING_UP, _DAMPING_DOWN, _DAMPING_MAX = 4.0, 0.25, 1e12
@@ -47,9 +50,17 @@ class Solution:
 
 
 def bounds(period_s: float, max_dead_band: float) -> tuple[FloatArray, FloatArray]:
-    """Return the physical bounds (5,) each: rates and slew limits up to 1/period."""
-    fastest = 1.0 / period_s
-    return np.zeros(N_PARAMETERS), np.array([fastest, fastest, fastest, fastest, max_dead_band])
+    """Return the bounds (5,) each: nothing is negative, nothing faster than the sampling shows.
+
+    Parameters
+    ----------
+    period_s : float
+        Sampling time [s].
+    max_dead_band : float
+        Upper bound of the dead band [1].
+    """
+    rate, slew = FASTEST_RATE / period_s, 1.0 / period_s
+    return np.zeros(N_PARAMETERS), np.array([rate, rate, slew, slew, max_dead_band])
 
 
 def fit_free_run(record: Record, *, max_lag: int, max_dead_band: float) -> Solution:

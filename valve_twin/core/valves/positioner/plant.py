@@ -14,7 +14,7 @@ from valve_twin.core.physics.quantity import check_quantities, quantity
 from valve_twin.core.simulation.config import SimulationConfig
 from valve_twin.core.simulation.plant import Drive, PlantFactory, Response
 from valve_twin.core.simulation.program import CycleProgram
-from valve_twin.core.valves.positioner.kernels import velocity
+from valve_twin.core.valves.positioner.kernels import advance
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
@@ -44,10 +44,10 @@ def _run(
             state[_HEAD] = (head + 1) % _MAX_DELAY_TICKS
             command = state[_LINE + (head - delay) % _MAX_DELAY_TICKS]
             x = state[_POSITION]
-            v = velocity(command - x, p)
-            moved = v * tick_s - leak_rate * tick_s
-            if v != 0.0:
+            moved = advance(x, command, p, tick_s) - x
+            if moved != 0.0:
                 moved += disturbance[n] / ticks
+            moved -= leak_rate * tick_s
             if not stuck:
                 state[_POSITION] = min(max(x + moved, 0.0), 1.0)
 
@@ -76,7 +76,9 @@ class PositionerPlant:
     delay: float = quantity(
         0.05, "s", "Command to motion delay", lower=0.0, upper=10.0, assumed=True
     )
-    step: float = quantity(0.01, "s", "Step of the recursion", lower=1e-4, upper=1.0, assumed=True)
+    step: float = quantity(
+        0.01, "s", "Step of the recursion", lower=1e-4, upper=1.0, assumed=True, ages=False
+    )
 
     def __post_init__(self) -> None:
         """Refuse values outside their range, and a delay that the line cannot hold."""
@@ -119,7 +121,11 @@ class PositionerPlant:
 
     def steady_rate(self, inputs: FloatArray) -> float:
         """Return the speed at mid-stroke under a constant command (1,) [1/s]."""
-        return float(velocity(float(inputs[0]) - 0.5, self._parameters()))
+        e = float(inputs[0]) - 0.5
+        beyond = max(abs(e) - self.dead_band, 0.0)
+        if e > 0.0:
+            return min(self.rate_rising * beyond, self.slew_rising)
+        return -min(self.rate_falling * beyond, self.slew_falling)
 
     def _parameters(self) -> FloatArray:
         rates = (self.rate_rising, self.rate_falling, self.slew_rising, self.slew_falling)
