@@ -42,8 +42,8 @@ _ICONS = {  # a shape each, for those who see no difference in the colours
     "ok": '<circle cx="25" cy="25" r="24"/><path d="M14 26l8 8 15-17" class="sign"/>',
     "bad": '<path d="M25 2 49 46H1z"/><path d="M25 18v13M25 38v1" class="sign"/>',
     "warn": '<path d="M25 1 49 25 25 49 1 25z"/><path d="M25 13v15M25 35v1" class="sign"/>',
-    "unsure": '<rect x="2" y="2" width="46" height="46" rx="8"/><path d="M17 18c1-10 17-10 16 0-1 6-8 '
-    '6-8 12M25 37v1" class="sign"/>',
+    "unsure": '<rect x="2" y="2" width="46" height="46" rx="8"/>'
+    '<path d="M17 18c1-10 17-10 16 0-1 6-8 6-8 12M25 37v1" class="sign"/>',
 }
 _SIGN = ".sign { fill: none; stroke: #fff; stroke-width: 5; stroke-linecap: round; }"
 
@@ -123,7 +123,7 @@ def _header(data: ReportData) -> str:
 def _verdict(data: ReportData) -> str:
     if not data.aging:
         style, word = "unsure", "No aging verdict"
-        why = f"These cycles differ {data.label}: what changes between them is not wear."
+        why = f"The cycles differ ({data.label}); what changes between them is not taken for wear."
     elif data.assessment is None:
         style, word = _LIGHTS[VerdictKind.NOT_ENOUGH_DATA]
         why = "The trend was not assessed."
@@ -158,8 +158,9 @@ def _facts(data: ReportData) -> str:
     moving = [t for t in trends if math.isfinite(t.remaining_median)]
     if moving:
         first = min(moving, key=lambda t: t.remaining_median)
-        text = f"{count(max(round(first.remaining_median), 0))} {esc(first.axis)}"
-        facts.append(("First service limit in", text, f"{esc(first.parameter)}, median"))
+        left = max(round(first.remaining_median), 0)
+        text = f"in {count(left)} {esc(first.axis)}" if left else "reached"
+        facts.append(("First service limit", text, f"{esc(first.parameter)}, median"))
     items = "".join(
         f"<div><dt>{name}</dt><dd>{value}<small>{note}</small></dd></div>"
         for name, value, note in facts
@@ -240,9 +241,9 @@ def _parameter_figure(
         text = f"<b>{STATUS_WORDS[trend.status]}</b>: {esc(trend.reason)}"
     else:
         text = esc(known.description) if known else ""
-    about = f' <span class="soft">{esc(known.description)}</span>' if known and trend else ""
+    about = f"<small>{esc(known.description)}</small>" if known and trend else ""
     return (
-        f"<figure><h3>{esc(name)}{unit(known.unit) if known else ''}</h3><p>{text}{about}</p>"
+        f"<figure><h3>{esc(name)}{unit(known.unit) if known else ''}{about}</h3><p>{text}</p>"
         f"{plot_parameter(name, estimates, marks, axis)}</figure>"
     )
 

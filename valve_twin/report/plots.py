@@ -66,9 +66,9 @@ def plot_cycle(prediction: Prediction) -> str:
     unused = prediction.validity != Validity.VALID
     for panel in (upper, lower):
         panel.shade(t, unused, "unused")
-    upper.line(*thin(t, prediction.simulated, _BINS), "freerun")
     upper.line(*thin(t, prediction.measured, _BINS), "measured")
     upper.line(*thin(t, prediction.predicted, _BINS), "predicted")
+    upper.line(*thin(t, prediction.simulated, _BINS), "freerun")
     if math.isfinite(sigma):
         ends = np.array(x)
         lower.band(ends, np.full(2, -2 * sigma), np.full(2, 2 * sigma), "expected")
@@ -171,7 +171,7 @@ def _parameter_panel(
     ends = (float(x.min()), float(x.max())) if len(x) else (0.0, 1.0)
     pad = 0.02 * (ends[1] - ends[0]) or 0.5
     return Panel(
-        58.0, 22.0, 372.0, 218.0, (ends[0] - pad, ends[1] + pad), _range(parts, floor=1e-9)
+        58.0, 14.0, 352.0, 226.0, (ends[0] - pad, ends[1] + pad), _range(parts, floor=1e-9)
     )
 
 
@@ -216,7 +216,7 @@ def _bands(panel: Panel, marks: Marks) -> list[tuple[FloatArray, FloatArray]]:
         return []
     ends = [*detail.starts.tolist(), len(detail.axis)]
     for fit, (start, stop) in zip(detail.lines, pairwise(ends), strict=True):
-        if start > 0 and start < len(detail.axis):
+        if 0 < start < len(detail.axis) and not _forced(detail, start, marks.maintenance):
             gap = 0.5 * float(detail.axis[start - 1] + detail.axis[start])
             panel.mark(gap, "segment")
         if fit is None or stop - start < 2:
@@ -228,6 +228,12 @@ def _bands(panel: Panel, marks: Marks) -> list[tuple[FloatArray, FloatArray]]:
         panel.band(x, mean[:, 0], mean[:, 1], "mean")
         lines.append((x, np.array([fit.level(v) for v in x.tolist()])))
     return lines
+
+
+def _forced(detail: TrendDetail, start: int, events: Sequence[Maintenance]) -> bool:
+    """Tell whether a segment starts because of a maintenance event, which has its own mark."""
+    before, first = int(detail.cycle[start - 1]), int(detail.cycle[start])
+    return any(before < event.cycle <= first for event in events)
 
 
 def _axis_of(cycle: FloatArray, detail: TrendDetail | None) -> FloatArray:

@@ -33,7 +33,8 @@ p { margin: 4px 0 10px; max-width: 78ch; }
 .warn svg { fill: var(--warn); }
 .unsure { border-color: var(--unsure); } .unsure b { color: var(--unsure); }
 .unsure svg { fill: var(--unsure); }
-.facts { display: grid; grid-template-columns: repeat(auto-fit, minmax(150px, 1fr)); gap: 14px 22px;
+.facts { display: grid; grid-template-columns: repeat(auto-fit, minmax(150px, 1fr));
+  gap: 14px 22px;
   margin: 0; }
 .facts div { border-top: 2px solid var(--rule); padding-top: 5px; }
 .facts dt { color: var(--soft); font-size: 13px; }
@@ -46,7 +47,8 @@ svg { display: block; width: 100%; height: auto; font: inherit; }
   gap: 26px 34px; margin-top: 14px; }
 .pair figure { margin: 0; break-inside: avoid; }
 .pair p { font-size: 14px; margin: 0 0 6px; }
-.legend { display: flex; flex-wrap: wrap; gap: 4px 20px; margin: 8px 0 0; padding: 0; list-style: none;
+.legend { display: flex; flex-wrap: wrap; gap: 4px 20px; margin: 8px 0 0; padding: 0;
+  list-style: none;
   font-size: 13.5px; }
 .legend li { display: flex; align-items: center; gap: 7px; }
 .legend svg { width: 30px; height: 14px; flex: none; }
@@ -56,16 +58,19 @@ th, td { text-align: left; padding: 5px 14px 5px 0; border-bottom: 1px solid var
   vertical-align: top; }
 thead th { font-size: 13px; line-height: 1.3; color: var(--soft); font-weight: 600;
   vertical-align: bottom; border-bottom: 2px solid var(--rule); }
-td.n, th.n { white-space: nowrap; }
-tbody th { font-weight: 600; }
-td small, th small { display: block; color: var(--soft); font-weight: 400; font-size: 13px; }
-footer { margin-top: 38px; padding-top: 12px; border-top: 1px solid var(--rule); color: var(--soft);
+tbody th { font-weight: 600; } .figures td { white-space: nowrap; }
+td small, th small, h3 small { display: block; color: var(--soft); font-weight: 400;
+  font-size: 13px; }
+footer { margin-top: 38px; padding-top: 12px; border-top: 1px solid var(--rule);
+  color: var(--soft);
   font-size: 13px; }
 footer p { max-width: none; margin: 3px 0; overflow-wrap: anywhere; }
 sup { line-height: 0; font-size: 0.75em; }
 .grid { stroke: #e4e8ec; stroke-width: 1; fill: none; }
 .axis { stroke: #7b8591; stroke-width: 1; fill: none; }
-svg text { fill: var(--ink); font-size: 12px; stroke: none; }
+svg text { fill: var(--ink); font-size: 12px; stroke: #fff; stroke-width: 3.5px;
+  paint-order: stroke;
+  stroke-linejoin: round; }
 .tick { fill: var(--soft); } .end { text-anchor: end; } .mid { text-anchor: middle; }
 .label { fill: var(--soft); }
 .measured, .predicted, .freerun, .residual, .trend, .limits, .threshold, .wild, .refused, .service,
@@ -86,13 +91,15 @@ svg .limit { fill: var(--bad); font-weight: 600; }
 .service { stroke: #1b2026; stroke-width: 1.2; } .segment { stroke: #545d68; stroke-width: 1.2;
   stroke-dasharray: 2 3; }
 svg .note { font-weight: 600; }
-@media (max-width: 640px) { main { padding: 20px 16px 26px; } .scroll > svg.wide { min-width: 620px; }
+@media (max-width: 640px) { main { padding: 20px 16px 26px; }
+  .scroll > svg.wide { min-width: 620px; }
   .scroll > table { min-width: 560px; } .verdict { padding: 13px 14px; gap: 13px; }
-  svg.small text { font-size: 15px; } h1 { font-size: 23px; } }
-@media print { @page { size: A4; margin: 14mm 13mm; } body { background: #fff; font-size: 10.2pt; }
+  svg.small text { font-size: 15px; } svg.wide text { font-size: 17px; } h1 { font-size: 23px; } }
+@media print { .legend { break-after: avoid; } @page { size: A4; margin: 14mm 13mm; }
+  body { background: #fff; font-size: 10.2pt; }
   main { max-width: none; padding: 0; } h2 { break-after: avoid; margin-top: 22px; }
   tr, figure, .verdict, .facts { break-inside: avoid; } .scroll { overflow: visible; }
-  table { font-size: 9.2pt; } th, td { padding-right: 9px; } td.n, th.n { white-space: normal; }
+  table { font-size: 9.2pt; } th, td { padding-right: 9px; }
   .pair { grid-template-columns: 1fr 1fr; gap: 14px 18px; }
   * { -webkit-print-color-adjust: exact; print-color-adjust: exact; } }
 """

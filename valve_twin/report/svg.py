@@ -26,11 +26,14 @@ def round_ticks(lower: float, upper: float, count: int) -> list[float]:
     """Return about `count` round numbers inside [lower, upper]."""
     if not (math.isfinite(lower) and math.isfinite(upper) and upper > lower):
         return []
-    raw = (upper - lower) / max(count, 1)
-    power = 10.0 ** math.floor(math.log10(raw))
-    step = next(m * power for m in (1.0, 2.0, 2.5, 5.0, 10.0) if m * power >= raw * (1 - 1e-9))
-    first = math.ceil(lower / step - 1e-9)
-    return [k * step for k in range(first, math.floor(upper / step + 1e-9) + 1)]
+    for parts in (count, 2 * count, 4 * count):  # finer where fewer than two fit
+        raw = (upper - lower) / max(parts, 1)
+        power = 10.0 ** math.floor(math.log10(raw))
+        step = next(m * power for m in (1.0, 2.0, 2.5, 5.0, 10.0) if m * power >= raw * (1 - 1e-9))
+        first, last = math.ceil(lower / step - 1e-9), math.floor(upper / step + 1e-9)
+        if last > first:
+            break
+    return [k * step for k in range(first, last + 1)]
 
 
 def tick_texts(ticks: Sequence[float]) -> list[str]:
@@ -39,8 +42,9 @@ def tick_texts(ticks: Sequence[float]) -> list[str]:
         return []
     step = ticks[1] - ticks[0] if len(ticks) > 1 else abs(ticks[0]) or 1.0
     largest = max(abs(t) for t in ticks)
-    if step < 1e-4 or largest >= 1e6:
-        return [f"{t:.3g}".replace("-", MINUS) for t in ticks]
+    if largest < 1e-3 or largest >= 1e6:
+        digits = math.ceil(math.log10(largest / step)) + 1 if largest else 1
+        return [f"{t:.{digits}g}".replace("-", MINUS) for t in ticks]
     places = next((d for d in range(8) if abs(round(step, d) - step) < 1e-6 * step), 8)
     return [f"{t:.{places}f}".replace("-", MINUS) if t else "0" for t in ticks]
 
@@ -150,8 +154,8 @@ class Panel:
             a = float(self.place(x[start], 0.0)[0])
             b = float(self.place(x[min(stop, last)], 0.0)[0])
             self.parts.append(
-                f'<rect class="{style}" x="{a:.1f}" y="{self.top:.1f}" width="{max(b - a, 0.5):.1f}"'
-                f' height="{self.height:.1f}"/>'
+                f'<rect class="{style}" x="{a:.1f}" y="{self.top:.1f}"'
+                f' width="{max(b - a, 0.5):.1f}" height="{self.height:.1f}"/>'
             )
 
     def level(self, y: float, style: str) -> None:

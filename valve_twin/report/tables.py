@@ -43,7 +43,9 @@ STATUS_WORDS = {
 }
 
 
-def table(head: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "") -> str:
+def table(
+    head: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "", style: str = ""
+) -> str:
     """Return a table; cells are HTML already, the first of each row is its heading."""
     heads = "".join(f'<th scope="col">{h}</th>' for h in head)
     body = "\n".join(
@@ -52,7 +54,7 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "")
     )
     title = f"<caption>{caption}</caption>" if caption else ""
     return (
-        f'<div class="scroll"><table>{title}<thead><tr>{heads}</tr></thead>\n'
+        f'<div class="scroll"><table class="{style}">{title}<thead><tr>{heads}</tr></thead>\n'
         f"<tbody>{body}</tbody></table></div>"
     )
 
@@ -63,14 +65,14 @@ def life_table(trends: Sequence[Trend]) -> str:
     head = [
         "Parameter",
         "State",
-        "Level now<small>95 % interval of the line</small>",
-        "Change against new",
-        f"Slope<small>a 100 {axis}</small>",
+        "Level now<small>95 % interval</small>",
+        "Change against new<small>95 % interval</small>",
+        f"Slope in 100 {axis}<small>95 % interval</small>",
         "Service limit",
-        f"Remaining {axis}<small>median (95 % limits)</small>",
-        "Service date<small>early 95 % limit</small>",
+        f"Remaining {axis}<small>median, 95 % limits</small>",
+        "Service date<small>median, early 95 % limit</small>",
     ]
-    return table(head, [_life_row(t) for t in trends])
+    return table(head, [_life_row(t) for t in trends], style="figures")
 
 
 def _life_row(t: Trend) -> list[str]:
@@ -100,7 +102,7 @@ def _remaining(t: Trend) -> str:
         low = f"<small>at least {_cycles(t.remaining_low)}</small>"
         return "no end in sight" + (low if math.isfinite(t.remaining_low) else "")
     upper = "unbounded" if t.unbounded else _cycles(t.remaining_high)
-    return f"{_cycles(t.remaining_median)} ({_cycles(t.remaining_low)} … {upper})"
+    return f"{_cycles(t.remaining_median)}<small>{_cycles(t.remaining_low)} … {upper}</small>"
 
 
 def _cycles(x: float) -> str:
@@ -110,6 +112,8 @@ def _cycles(x: float) -> str:
 
 
 def _service_date(t: Trend) -> str:
+    if t.remaining_high <= 0.0:
+        return "due"
     if not t.service_date_known:
         return NONE
     early = f"<small>{day(t.service_date_early_ns)}</small>" if t.service_date_early_ns else ""

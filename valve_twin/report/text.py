@@ -49,16 +49,17 @@ def fixed(x: float, decimals: int, *, sign: bool = False) -> str:
 
 
 def with_interval(value: float, lower: float, upper: float) -> str:
-    """Return a value and its interval with decimals that fit the interval's width."""
+    """Return a value, and below it its interval, with decimals that fit the interval's width."""
     if math.isnan(value):
         return NONE
     if not (math.isfinite(lower) and math.isfinite(upper) and upper > lower):
         return number(value)
     decimals = 1 - math.floor(math.log10(upper - lower))
     if not 0 <= decimals <= 8:
-        return f"{number(value)} ({number(lower)} … {number(upper)})"
-    a, b, c = (fixed(x, decimals) for x in (value, lower, upper))
-    return f"{a} ({b} … {c})"
+        a, b, c = number(value), number(lower), number(upper)
+    else:
+        a, b, c = (fixed(x, decimals) for x in (value, lower, upper))
+    return f"{a}<small>{b} … {c}</small>"
 
 
 def percent(value: float, lower: float, upper: float) -> str:
@@ -67,7 +68,7 @@ def percent(value: float, lower: float, upper: float) -> str:
         return NONE
     text = f"{fixed(value, 1, sign=True)} %"
     if math.isfinite(lower) and math.isfinite(upper):
-        text += f" ({fixed(lower, 1, sign=True)} … {fixed(upper, 1, sign=True)})"
+        text += f"<small>{fixed(lower, 1, sign=True)} … {fixed(upper, 1, sign=True)}</small>"
     return text
 
 
