@@ -2,107 +2,57 @@
 # Copyright 2026 valve_twin maintainers
 """Output error of one cycle: pole, gains and leak of the valve from its free run.
 
-The free run of the model is compared with the whole measured cycle, so position noise does not bias it as it biases
-the equation error (equations.md 2.6). What the method rests on:
+The free run of the model is compared with the whole measured cycle, so position noise does not
+bias it as it biases the equation error (equations.md 2.6). What the method rests on:
 
-- the lag and the pole are searched, the rest is an exact bounded least squares (`output_error_kernel`);
-- the leak acts off the seats only, and the level of the run is unknown anew after each seat contact;
+- the lag and the pole are searched, the rest is an exact bounded least squares
+  (`output_error_kernel`);
+- the leak acts off the seats only, and the level of the run is unknown anew after each seat
+  contact;
 - repeated, stuck and bad samples have no weight: they are missing;
-- both gains may fall with the command (pilot saturation); without that freedom the drift of the gain is biased by what
-  the aging does to the commands;
-- in motion the level may wander a little, so that a disturbance early in the cycle does not spoil all that follows.
+- both gains may fall with the command (pilot saturation); without that freedom the drift of the
+  gain is biased by what the aging does to the commands;
+- in motion the level may wander a little, so that a disturbance early in the cycle does not spoil
+  all that follows.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.guards import Excitation, GuardOptions, assess_input
-from valve_twin.core.estimation.masks import held_recently
-from valve_twin.core.estimation.output_error_kernel import (
-    N_COLUMNS,
-    N_LINEAR,
-    POLE_MAX,
-    search_pole,
+from valve_twin.core.estimation.free_run import (
+    OutputErrorOptions,
+    Run,
+    Solution,
+    find_lag,
+    fit_lag,
+    hold_samples,
+    lay_out,
 )
+from valve_twin.core.estimation.guards import assess_input
+from valve_twin.core.estimation.output_error_kernel import N_LINEAR, POLE_MAX
 from valve_twin.core.estimation.regression import usable_rows
 from valve_twin.core.types import (
-    BoolArray,
     EstimateStatus,
     FloatArray,
-    Frames,
+    IntArray,
     MaskCounts,
     ParameterStatus,
     ParameterValue,
 )
 
 if TYPE_CHECKING:
+    from valve_twin.core.estimation.guards import Excitation
     from valve_twin.core.estimation.masks import Masks
+    from valve_twin.core.types import Frames
 
 ESTIMATOR = "output_error"
 
 NAMES = ("pole", "K_in", "K_in_slope", "v_in_mean", "K_out", "K_out_slope", "leak")
 """Parameters in the order in which they are published."""
-
-_LONG_GAP = 10
-"""A gap above this many samples is not bridged: the run starts anew behind it."""
-
-_NOISE_MARGIN = 4.0
-"""A seat is as wide as this many standard deviations of the noise."""
-
-_SETTLE = 5
-"""Samples after the last command that do not count as hold yet."""
-
-
-@dataclass(frozen=True, slots=True)
-class OutputErrorOptions:
-    """How the free run is fitted.
-
-    Attributes
-    ----------
-    v_ref : float
-        Command at which K_out is published [1].
-    v_max : float
-        Greatest command: gains are positive and flows rise up to it [1].
-    lag : int
-        Command to position lag [samples]; negative = search.
-    max_lag : int
-        Longest lag tried [samples].
-    pole : float
-        Pole [1]; negative = search.
-    wander : float
-        Variance that the level gains in each sample of motion, in units of the noise variance [1].
-    lower_seat, upper_seat : float
-        Positions of the seats [1].
-    seat_margin : float
-        Distance from a seat that counts as resting on it [1].
-    offset_in, offset_out : float
-        Commands below which the pilots stay shut [1].
-    min_hold : int
-        Fewest samples of hold off the seats that tell a leak.
-    guard : GuardOptions
-        When a gain is refused.
-    max_relative_error : float
-        A gain whose standard error, from the residuals alone, is above this share of it is refused [1].
-    """
-
-    v_ref: float = 0.3
-    v_max: float = 0.8
-    lag: int = -1
-    max_lag: int = 4
-    pole: float = -1.0
-    wander: float = 0.03
-    lower_seat: float = 0.0
-    upper_seat: float = 1.0
-    seat_margin: float = 0.01
-    offset_in: float = 0.0
-    offset_out: float = 0.0
-    min_hold: int = 30
-    guard: GuardOptions = field(default_factory=GuardOptions)
-    max_relative_error: float = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +68,8 @@ class OutputErrorFit:
     lag : int
         Command to position lag [samples].
     mse : float
-        Mean squared weighted residual of the free run [1]: the noise variance where the model holds.
+        Mean squared weighted residual of the free run [1]: the noise variance where the model
+        holds.
     condition_number : float
         Of the column-scaled sensitivities of what was fitted [1].
     counts : MaskCounts
@@ -163,12 +114,12 @@ def fit_output_error(
         A cycle that cannot be used is a value with its reason, never an exception.
     """
     options = options or OutputErrorOptions()
-    run = _lay_out(frames, masks, period_s, noise_sigma, options)
+    run = lay_out(frames, masks, period_s, noise_sigma, options)
     reason = _unusable(run, options)
     if reason:
         return _refused(reason, masks)
     columns = np.ones(N_LINEAR, np.bool_)
-    lag = options.lag if options.lag >= 0 else _find_lag(run, columns, options)
+    lag = options.lag if options.lag >= 0 else find_lag(run, columns, options)
     rows = usable_rows(frames, masks, lag, keep_stale=True)
     inflow, outflow = (
         assess_input(frames, rows, lag, k, noise_sigma=noise_sigma, options=options.guard)
@@ -176,88 +127,15 @@ def fit_output_error(
     )
     if not (inflow.excited or outflow.excited):
         return _refused(f"inflow: {inflow.reason}; outflow: {outflow.reason}", masks)
-    hold = _hold_samples(run, lag, options)
+    hold = hold_samples(run, lag, options)
     columns = np.array(
         [inflow.excited, inflow.graded, outflow.excited, outflow.graded, hold >= options.min_hold]
     )
-    solution = _search(run, lag, columns, options, refine=True)
+    solution = fit_lag(run, lag, columns, options, refine=True)
     return _publish(run, solution, lag, inflow, outflow, hold, masks, options)
 
 
-@dataclass(frozen=True, slots=True)
-class _Run:
-    """A cycle on a grid without holes."""
-
-    position: FloatArray
-    use: BoolArray
-    stuck: BoolArray
-    broken: BoolArray
-    v_in: FloatArray
-    v_out: FloatArray
-    margin: float
-    period_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class _Solution:
-    """Pole, linear parameters and their normal equations."""
-
-    pole: float
-    linear: FloatArray
-    gram: FloatArray
-    columns: BoolArray
-    cost: float
-    rows: int
-    likelihood: float
-    v_in_mean: float
-
-
-def _lay_out(
-    frames: Frames,
-    masks: Masks,
-    period_s: float,
-    noise_sigma: float,
-    options: OutputErrorOptions,
-) -> _Run:
-    """Put the samples on a grid of whole periods; missing ones have no weight, commands hold."""
-    steps = np.maximum(np.rint(np.diff(frames.stamp_ns) / (period_s * 1e9)), 1.0)
-    steps = np.minimum(steps, 1e6).astype(np.int64)
-    long = steps > _LONG_GAP
-    steps[long] = options.max_lag + 1
-    index = np.concatenate((np.zeros(min(len(frames), 1), np.int64), np.cumsum(steps)))
-    size = int(index[-1]) + 1 if len(index) else 0
-    source = np.searchsorted(index, np.arange(size), side="right") - 1
-    here = np.zeros(size, np.bool_)
-    here[index] = True
-    broken = np.zeros(size, np.bool_)
-    broken[index[1:][long]] = True
-    known = ~masks.bad & np.isfinite(frames.position)
-    position = _held(frames.position, known)
-    command = np.where(np.isfinite(frames.inputs), frames.inputs, 0.0)
-    margin = options.seat_margin
-    if np.isfinite(noise_sigma):
-        margin = max(margin, _NOISE_MARGIN * noise_sigma)
-    return _Run(
-        position=position[source],
-        use=(known & ~masks.any)[source] & here,
-        stuck=masks.stuck[source],
-        broken=broken,
-        v_in=np.clip(command[source, 0] - options.offset_in, 0.0, options.v_max),
-        v_out=np.clip(command[source, 1] - options.offset_out, 0.0, options.v_max),
-        margin=margin,
-        period_s=period_s,
-    )
-
-
-def _held(values: FloatArray, known: BoolArray) -> FloatArray:
-    """Replace unknown values by the last known one, before the first by that."""
-    if not known.any():
-        return np.zeros(len(values))
-    index = np.maximum.accumulate(np.where(known, np.arange(len(values)), -1))
-    return values[np.where(index < 0, int(np.argmax(known)), index)]
-
-
-def _unusable(run: _Run, options: OutputErrorOptions) -> str:
+def _unusable(run: Run, options: OutputErrorOptions) -> str:
     """Return why a cycle cannot be fitted at all, or nothing."""
     used = int(np.count_nonzero(run.use))
     least = options.max_lag + 3 * N_LINEAR
@@ -268,86 +146,9 @@ def _unusable(run: _Run, options: OutputErrorOptions) -> str:
     return ""
 
 
-def _acting(command: FloatArray, lag: int) -> FloatArray:
-    """Return the command that acts at each sample: `lag` samples old, the first one before that."""
-    return np.concatenate((np.full(min(lag, len(command)), command[0]), command[: len(command) - lag]))
-
-
-def _search(
-    run: _Run, lag: int, columns: BoolArray, options: OutputErrorOptions, *, refine: bool
-) -> _Solution:
-    """Fit for one lag."""
-    v_in, v_out = _acting(run.v_in, lag), _acting(run.v_out, lag)
-    seated = _seated(run, v_in, v_out, options)
-    anchor = run.broken | run.stuck
-    anchor[1:] |= seated[1:] & ~seated[:-1]
-    active = options.guard.active_command
-    moving = (v_in > active) | (v_out > active)
-    free = ~(seated | run.stuck)
-    p, gram = np.zeros(N_LINEAR), np.zeros((N_COLUMNS, N_COLUMNS))
-    pole, cost, log_determinant, rows = search_pole(
-        run.position,
-        run.use,
-        free,
-        anchor,
-        moving,
-        v_in,
-        v_out,
-        options.v_max,
-        options.wander,
-        columns,
-        options.pole,
-        refine,
-        p,
-        gram,
-    )
-    rows = max(rows, 1)
-    likelihood = float(np.log(max(cost, 1e-300) / rows) + log_determinant / rows)
-    mean = _mean_command(run.position, v_in, free)
-    return _Solution(pole, p, gram, columns, cost, rows, likelihood, mean)
-
-
-def _seated(
-    run: _Run, v_in: FloatArray, v_out: FloatArray, options: OutputErrorOptions
-) -> BoolArray:
-    """Return where the spool rests on a seat: near it, and nothing drives it away."""
-    active = options.guard.active_command
-    low = (run.position <= options.lower_seat + run.margin) & (v_in <= active)
-    high = (run.position >= options.upper_seat - run.margin) & (v_out <= active)
-    return low | high
-
-
-def _mean_command(position: FloatArray, v_in: FloatArray, free: BoolArray) -> float:
-    """Return the inflow command, averaged with the displacement during it as weight [1].
-
-    The noise of the increments stays in the sum: it has mean zero there, but not in its positive part.
-    """
-    moved = np.diff(position, prepend=position[:1])
-    on = free & (v_in > 0.0)
-    total = float(np.sum(moved[on]))
-    return float(np.sum(moved[on] * v_in[on])) / total if total > 0.0 else float("nan")
-
-
-def _find_lag(run: _Run, columns: BoolArray, options: OutputErrorOptions) -> int:
-    """Return the lag of greatest likelihood; the smallest of equal ones."""
-    fits = [
-        _search(run, lag, columns, options, refine=False) for lag in range(options.max_lag + 1)
-    ]
-    return int(np.argmin([f.likelihood for f in fits]))
-
-
-def _hold_samples(run: _Run, lag: int, options: OutputErrorOptions) -> int:
-    """Count usable samples at rest off the seats."""
-    v_in, v_out = _acting(run.v_in, lag), _acting(run.v_out, lag)
-    active = options.guard.active_command
-    busy = held_recently((v_in > active) | (v_out > active), _SETTLE)
-    rest = ~busy & ~_seated(run, v_in, v_out, options) & ~run.stuck & run.use
-    return int(np.count_nonzero(rest))
-
-
 def _publish(
-    run: _Run,
-    s: _Solution,
+    run: Run,
+    s: Solution,
     lag: int,
     inflow: Excitation,
     outflow: Excitation,
@@ -385,7 +186,7 @@ def _publish(
 
 def _gain(
     name: str,
-    s: _Solution,
+    s: Solution,
     first: int,
     command: float,
     excitation: Excitation,
@@ -410,7 +211,7 @@ def _gain(
     return gain, _bounded(slope_name, -sag, on_bound=base <= 0.0 or sag <= 0.0)
 
 
-def _pole(s: _Solution, error: float, options: OutputErrorOptions) -> ParameterValue:
+def _pole(s: Solution, error: float, options: OutputErrorOptions) -> ParameterValue:
     if options.pole >= 0.0:
         return ParameterValue("pole", s.pole, ParameterStatus.AT_BOUND, "fixed by configuration")
     on_bound = s.pole <= 0.0 or s.pole >= POLE_MAX
@@ -431,13 +232,13 @@ def _missing(name: str, reason: str) -> ParameterValue:
     return ParameterValue(name, float("nan"), ParameterStatus.NOT_EXCITED, reason)
 
 
-def _fitted(s: _Solution) -> FloatArray:
+def _fitted(s: Solution) -> IntArray:
     """Return the columns that are not on a bound, the pole with them."""
     free = np.append(s.linear > 0.0, s.pole > 0.0)
     return np.flatnonzero(free & (np.diag(s.gram)[: N_LINEAR + 1] > 0.0))
 
 
-def _covariance(s: _Solution, mse: float) -> FloatArray:
+def _covariance(s: Solution, mse: float) -> FloatArray:
     """Return the (6, 6) covariance from the residuals alone; infinite where there is none."""
     fitted = _fitted(s)
     covariance = np.full((N_LINEAR + 1, N_LINEAR + 1), np.inf)
@@ -449,20 +250,18 @@ def _covariance(s: _Solution, mse: float) -> FloatArray:
     return covariance
 
 
-def _standard_errors(s: _Solution, mse: float) -> FloatArray:
+def _standard_errors(s: Solution, mse: float) -> FloatArray:
     return np.sqrt(np.maximum(np.diag(_covariance(s, mse)), 0.0))
 
 
-def _combined_error(
-    s: _Solution, first: int, command: float, options: OutputErrorOptions
-) -> float:
-    """Standard error of base + sag (2 v_max - command)."""
+def _combined_error(s: Solution, first: int, command: float, options: OutputErrorOptions) -> float:
+    """Return the standard error of base + sag (2 v_max - command)."""
     block = _covariance(s, s.cost / s.rows)[first : first + 2, first : first + 2]
     weight = np.array([1.0, 2.0 * options.v_max - command])
     return float(np.sqrt(max(weight @ block @ weight, 0.0)))
 
 
-def _condition(s: _Solution) -> float:
+def _condition(s: Solution) -> float:
     """Return the condition number of the column-scaled sensitivities."""
     fitted = _fitted(s)
     if not len(fitted):

@@ -1,15 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Compiled output error of a valve that is filled and emptied: normal equations, solver, pole search.
+"""Compiled output error of a valve that is filled and emptied: equations, solver, pole search.
 
 For a fixed pole z the free run is linear in the rest. With g(v) = 2 v_max - v,
 
-    speed[n] = z speed[n-1] + (1 - z) (p_0 v_in + p_1 g(v_in) v_in - p_2 v_out - p_3 g(v_out) v_out - p_4),
-    x[n] = x[n-1] + speed[n]
+    drive = p_0 v_in + p_1 g(v_in) v_in - p_2 v_out - p_3 g(v_out) v_out - p_4
+    speed[n] = z speed[n-1] + (1 - z) drive[n],    x[n] = x[n-1] + speed[n]
 
-holds off the seats, all p >= 0; on a seat nothing moves. K(v) = p_0 + p_1 g(v) then falls with the command while
-K(v) v still rises up to v_max: the physical constraints of equations.md 2.2(7) are the signs of p, and the bounded
-problem is solved exactly by trying every set of positive parameters.
+holds off the seats, all p >= 0; on a seat nothing moves. K(v) = p_0 + p_1 g(v) then falls with the
+command while K(v) v still rises up to v_max: the physical constraints of equations.md 2.2(7) are
+the signs of p, and the bounded problem is solved exactly by trying every set of positive
+parameters.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import numpy as np
 from numba import njit
 
 if TYPE_CHECKING:
-    from valve_twin.core.types import BoolArray, FloatArray
+    from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
 N_LINEAR = 5
 """Inflow and its sag, outflow and its sag, leak."""
@@ -52,12 +53,12 @@ def accumulate(
     p: FloatArray,
     gram: FloatArray,
 ) -> tuple[float, int]:
-    """Write the (7, 7) normal equations of the free run; return log determinant of the weights, rows.
+    """Write the normal equations of the free run; return log determinant of weights, and rows.
 
-    The level of each stretch is unknown; so is, with variance `wander` (in units of the noise variance) a sample in
-    motion, its random walk. A scalar filter takes both out of the measurement and of every column alike, which is
-    exactly the least squares with that covariance. `wander` = 0 is the plain output error with a free initial
-    position.
+    The level of each stretch is unknown; so is, with variance `wander` (in units of the noise
+    variance) a sample in motion, its random walk. A scalar filter takes both out of the
+    measurement and of every column alike, which is exactly the least squares with that covariance.
+    `wander` = 0 is the plain output error with a free initial position.
 
     Parameters
     ----------
@@ -132,59 +133,62 @@ def accumulate(
 
 
 @njit(cache=True)
+def _solve_subset(
+    gram: FloatArray, chosen: IntArray, m: int, factor: FloatArray, x: FloatArray
+) -> float:
+    """Write the unconstrained minimiser over the first m chosen columns; return its cost."""
+    last = N_COLUMNS - 1
+    cost = gram[last, last]
+    for i in range(m):
+        total = gram[chosen[i], last]
+        pivot = gram[chosen[i], chosen[i]]
+        whole = pivot
+        for j in range(i):
+            t = gram[chosen[i], chosen[j]]
+            for k in range(j):
+                t -= factor[i, k] * factor[j, k]
+            factor[i, j] = t / factor[j, j]
+            total -= factor[i, j] * x[j]
+            pivot -= factor[i, j] * factor[i, j]
+        if pivot <= _SINGULAR * whole:
+            return np.inf
+        factor[i, i] = np.sqrt(pivot)
+        x[i] = total / factor[i, i]
+        cost -= x[i] * x[i]
+    for i in range(m - 1, -1, -1):
+        for k in range(i + 1, m):
+            x[i] -= factor[k, i] * x[k]
+        x[i] /= factor[i, i]
+    return float(cost)
+
+
+@njit(cache=True)
 def solve_positive(gram: FloatArray, columns: BoolArray, p: FloatArray) -> float:
     """Write the exact minimiser p >= 0 (5,) over the chosen columns; return its cost.
 
-    Every subset of columns is solved by Cholesky; the best whose solution is positive is the constrained minimum.
-    Dependent columns drop out: of two that cannot be told apart, one stays.
+    Every subset of columns is solved by Cholesky; the best whose solution is positive is the
+    constrained minimum. Dependent columns drop out: of two that cannot be told apart, one stays.
     """
-    last = N_COLUMNS - 1
-    best = gram[last, last]
+    best = float(gram[N_COLUMNS - 1, N_COLUMNS - 1])
     p[:] = 0.0
     factor = np.zeros((N_LINEAR, N_LINEAR))
-    chosen = np.zeros(N_LINEAR, dtype=np.int64)
     x = np.zeros(N_LINEAR)
+    chosen = np.zeros(N_LINEAR + 1, dtype=np.int64)
+    allowed = 0
+    for k in range(N_LINEAR):
+        allowed += (1 << k) * columns[k]
     for subset in range(1, 1 << N_LINEAR):
-        m = 0
-        possible = True
-        for k in range(N_LINEAR):
-            if (subset >> k) & 1:
-                possible = possible and columns[k]
-                chosen[m] = k
-                m += 1
-        cost = gram[last, last]
-        for i in range(m):
-            if not possible:
-                break
-            total = gram[chosen[i], last]
-            for j in range(i):
-                t = gram[chosen[i], chosen[j]]
-                for k in range(j):
-                    t -= factor[i, k] * factor[j, k]
-                factor[i, j] = t / factor[j, j]
-                total -= factor[i, j] * x[j]
-            pivot = gram[chosen[i], chosen[i]]
-            whole = pivot
-            for k in range(i):
-                pivot -= factor[i, k] * factor[i, k]
-            if pivot <= _SINGULAR * whole:
-                possible = False
-            else:
-                factor[i, i] = np.sqrt(pivot)
-                x[i] = total / factor[i, i]
-                cost -= x[i] * x[i]
-        if not possible or cost >= best:
+        if subset & ~allowed:
             continue
-        for i in range(m - 1, -1, -1):
-            for k in range(i + 1, m):
-                x[i] -= factor[k, i] * x[k]
-            x[i] /= factor[i, i]
-            possible = possible and x[i] >= 0.0
-        if possible:
+        m = 0
+        for k in range(N_LINEAR):
+            chosen[m] = k
+            m += (subset >> k) & 1
+        cost = _solve_subset(gram, chosen, m, factor, x)
+        if cost < best and x[:m].min() >= 0.0:
             best = cost
             p[:] = 0.0
-            for i in range(m):
-                p[chosen[i]] = x[i]
+            p[chosen[:m]] = x[:m]
     return best
 
 
@@ -227,10 +231,12 @@ def search_pole(
     p: FloatArray,
     gram: FloatArray,
 ) -> tuple[float, float, float, int]:
-    """Minimise over the pole (grid, then golden section) and the rest; return pole, cost, log det, rows.
+    """Minimise over the pole and the rest; return pole, cost, log determinant, rows.
 
-    `p` (5,) and `gram` (7, 7), with the sensitivity to the pole, are written at the minimum. A `fixed` pole that is
-    not negative is taken as it is. Without `refine` the best grid point is enough. Other arguments as in `accumulate`.
+    `p` (5,) and `gram` (7, 7), with the sensitivity to the pole, are written at the minimum. The
+    pole is searched on a grid, then by golden section; without `refine` the best grid point is
+    enough, and a `fixed` one that is not negative is taken as it is. Other arguments as in
+    `accumulate`.
     """
     pole = fixed
     if fixed < 0.0:
@@ -239,7 +245,19 @@ def search_pole(
         pole = 0.0
         for k in range(_GRID):
             cost = _cost(
-                y, use, free, anchor, moving, v_in, v_out, k * step, v_max, wander, columns, p, gram
+                y,
+                use,
+                free,
+                anchor,
+                moving,
+                v_in,
+                v_out,
+                k * step,
+                v_max,
+                wander,
+                columns,
+                p,
+                gram,
             )
             if cost < best:
                 best, pole = cost, k * step

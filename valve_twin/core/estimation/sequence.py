@@ -236,7 +236,9 @@ def _judged(
     known = {p.name: p for p in model.parameters}
     return replace(
         estimate,
-        parameters=tuple(_with_interval(p, known.get(p.name), before) for p in estimate.parameters),
+        parameters=tuple(
+            _with_interval(p, known.get(p.name), before) for p in estimate.parameters
+        ),
         mse_test=mse_test,
         fit_test=fit_test,
         mse_train=mse_train,
@@ -271,9 +273,7 @@ def _in_force(
     """Merge the newest finite value of each parameter into one model."""
     if not estimates:
         return None
-    values = {
-        p.name: p.value for e in estimates for p in e.parameters if np.isfinite(p.value)
-    }
+    values = {p.name: p.value for e in estimates for p in e.parameters if np.isfinite(p.value)}
     newest = estimates[-1]
     coefficients = model.coefficients(values, newest.lag, period_s, options)
     if not np.isfinite(coefficients).all():
@@ -323,9 +323,7 @@ def _refused(estimate: Estimate, reason: str) -> Estimate:
         ParameterValue(p.name, nothing, ParameterStatus.REFUSED, reason)
         for p in estimate.parameters
     )
-    return replace(
-        estimate, parameters=parameters, status=EstimateStatus.REFUSED, reason=reason
-    )
+    return replace(estimate, parameters=parameters, status=EstimateStatus.REFUSED, reason=reason)
 
 
 def _nothing(model: ValveModel, cycle: Cycle) -> Estimate:

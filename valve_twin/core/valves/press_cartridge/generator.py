@@ -2,9 +2,10 @@
 # Copyright 2026 valve_twin maintainers
 """Cycles that obey the identified model exactly, with known truth: for tests and for validation.
 
-Measurement noise on every sample, process noise on the increments in motion only, leak off the lower seat only, known
-seats and lag. The commands come from a proportional controller with a dead band that follows the reference of the
-press experiment: rest, near-step to 0.2, ramp to 0.28, hold, return.
+Measurement noise on every sample, process noise on the increments in motion only, leak off the
+lower seat only, known seats and lag. The commands come from a proportional controller with a dead
+band that follows the reference of the press experiment: rest, near-step to 0.2, ramp to 0.28,
+hold, return.
 """
 
 from __future__ import annotations
@@ -60,7 +61,7 @@ class Truth:
 
     @staticmethod
     def from_theta(theta: FloatArray, **others: float) -> Truth:
-        """Make the truth from theta_1, theta_2, theta_3, theta_5 of paper 002, eq. (32) (equations.md 2.6)."""
+        """Make the truth from theta_1, theta_2, theta_3, theta_5 of paper 002, eq. (32)."""
         speed = -theta[0]
         v_ref = others.get("v_ref", 0.3)
         return Truth(
@@ -102,7 +103,11 @@ def _closed_loop(
     measured: FloatArray,
     inputs: FloatArray,
 ) -> None:
-    """Run the model under its controller: gains 6 in and 3 out, |v| <= 0.8, off inside the dead band at constant reference."""
+    """Run the model under its controller.
+
+    Gains 6 in and 3 out, |v| <= 0.8, off inside the dead band at constant reference (equations.md
+    2.3 without the integral part).
+    """
     lag = int(c[9])
     low, high = c[10], c[11]
     x, dx = low, 0.0

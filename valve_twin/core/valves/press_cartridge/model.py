@@ -18,11 +18,12 @@ from valve_twin.core.estimation.equation_error import (
     EquationErrorOptions,
     fit_equation_error,
 )
+from valve_twin.core.estimation.free_run import OutputErrorOptions
 from valve_twin.core.estimation.guards import GuardOptions
 from valve_twin.core.estimation.lag import scan_lag
 from valve_twin.core.estimation.masks import MaskOptions, Masks, find_masks
 from valve_twin.core.estimation.noise import rest_noise
-from valve_twin.core.estimation.output_error import OutputErrorOptions, fit_output_error
+from valve_twin.core.estimation.output_error import fit_output_error
 from valve_twin.core.types import (
     ByteArray,
     Cycle,
@@ -58,13 +59,19 @@ PARAMETERS = (
         trend=True,
     ),
     Parameter(
-        "K_in_slope", "1", "change of the inflow gain with the command (pilot saturation)", upper=0.0
+        "K_in_slope",
+        "1",
+        "change of the inflow gain with the command (pilot saturation)",
+        upper=0.0,
     ),
     Parameter(
         "v_in_mean", "1", "displacement-weighted mean inflow command of the cycle", 0.0, 1.0
     ),
     Parameter(
-        "K_out", "1", f"steady outflow gain -(theta_3 + theta_5 v)/(-theta_1) at v_ref, {_GAIN}", 0.0,
+        "K_out",
+        "1",
+        f"steady outflow gain -(theta_3 + theta_5 v)/(-theta_1) at v_ref, {_GAIN}",
+        0.0,
         trend=True,
     ),
     Parameter(
@@ -93,7 +100,9 @@ OPTIONS = (
     ),
     Option("v_ref", 0.3, "outflow command at which K_out is published [A]", "1", 0.0, 1.0),
     Option("v_max", 0.8, "greatest command: gains are positive up to it [A]", "1", 0.01, 1.0),
-    Option("lag", -1, "command to position lag, -1 = search in each cycle", "samples", -1, MAX_LAG),
+    Option(
+        "lag", -1, "command to position lag, -1 = search in each cycle", "samples", -1, MAX_LAG
+    ),
     Option("max_lag", 4, "longest lag tried", "samples", 0, MAX_LAG),
     Option("pole_fixed", -1.0, "pole of the output error, -1 = search", "1", -1.0, 0.98),
     Option(
@@ -111,10 +120,12 @@ OPTIONS = (
     Option("v_offset_out", 0.0, "outflow command below which the pilots stay shut", "1", 0.0, 0.5),
     Option("active_command", 0.01, "command above which an input acts [A]", "1", 0.0, 0.5),
     Option("min_travel", 2e-3, "least travel that tells a gain [A]", "1", 0.0, 1.0),
-    Option("min_hold", 30, "fewest samples of hold off the seat that tell a leak [A]", "samples", 1),
+    Option(
+        "min_hold", 30, "fewest samples of hold off the seat that tell a leak [A]", "samples", 1
+    ),
     Option(
         "extended_constraints",
-        True,  # noqa: FBT003
+        True,
         "equation error: also pole and monotone flows at every command, which the paper lacks",
     ),
     Option(
@@ -156,9 +167,7 @@ class PressCartridgeModel:
         """
         frames = cycle.frames
         masks = find_masks(frames, cycle.period_s, push=_PUSH, options=_mask_options(options))
-        sigma = rest_noise(
-            frames, masks, active_command=_number(options, "active_command")
-        ).sigma
+        sigma = rest_noise(frames, masks, active_command=_number(options, "active_command")).sigma
         names = dict.fromkeys((self.trend_estimator, *_names(options, "estimators")))
         return tuple(
             self._output_error(cycle, masks, sigma, options)

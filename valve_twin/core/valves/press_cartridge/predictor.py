@@ -2,13 +2,15 @@
 # Copyright 2026 valve_twin maintainers
 """Compiled one-step prediction and free run of the press cartridge valve.
 
-Both follow paper 002, eq. (19), with a lag of L samples and a leak that acts off the lower seat only:
+Both follow paper 002, eq. (19), with a lag of L samples and a leak that acts off the lower seat
+only:
 
     d[n] = (1 + theta_1 + theta_7 v_in + theta_8 v_out) d[n-1] + theta_2 v_in + theta_3 v_out
            + theta_4 v_in^2 + theta_5 v_out^2 + theta_6 v_in v_out - leak,        v at n - L
-    x[n] = clip(x[n-1] + d[n], lower seat, upper seat),                           d[n] = x[n] - x[n-1]
+    x[n] = clip(x[n-1] + d[n], lower seat, upper seat),        then d[n] = x[n] - x[n-1]
 
-The kernel carries everything it knows in its state, so a stream gives the same bits however it is cut into blocks.
+The kernel carries everything it knows in its state, so a stream gives the same bits however it is
+cut into blocks.
 """
 
 from __future__ import annotations
@@ -22,10 +24,10 @@ MAX_LAG = 8
 """Longest lag between command and position that the delay line holds [samples]."""
 
 COEFFICIENTS = 16
-"""theta_1..theta_8, leak, lag, lower seat, upper seat, seat tolerance, offset in, offset out, dead command."""
+"""theta 1 to 8, leak, lag, lower and upper seat, seat margin, offset in and out, dead command."""
 
 STATE = 6 + 2 * MAX_LAG
-"""x[n-1], x[n-2], samples since the last gap, free-run x, free-run d, free run on, past commands."""
+"""x[n-1], x[n-2], samples since a gap, free-run x, free-run d, free run on, past commands."""
 
 _VALID = int(Validity.VALID)
 _STARTING = int(Validity.STARTING)
@@ -36,8 +38,8 @@ _BAD_INPUT = int(Validity.BAD_INPUT)
 
 @njit(cache=True)
 def increment(c: FloatArray, v_in: float, v_out: float, dx: float, off_seat: bool) -> float:
-    """Return d[n] [1] for the lagged commands [1] and the last increment dx [1]; `c` (16,) as `COEFFICIENTS`."""
-    d = (1.0 + c[0] + c[6] * v_in + c[7] * v_out) * dx
+    """Return d[n] [1] for the lagged commands and the last increment dx [1]; `c` is (16,)."""
+    d: float = (1.0 + c[0] + c[6] * v_in + c[7] * v_out) * dx
     d += (c[1] + c[3] * v_in) * v_in + (c[2] + c[4] * v_out) * v_out + c[5] * v_in * v_out
     if off_seat:
         d -= c[8]
@@ -47,7 +49,8 @@ def increment(c: FloatArray, v_in: float, v_out: float, dx: float, off_seat: boo
 @njit(cache=True)
 def step(c: FloatArray, v_in: float, v_out: float, x: float, dx: float) -> float:
     """Return the next position [1]: one increment from x, clipped to the seats."""
-    return min(max(x + increment(c, v_in, v_out, dx, x > c[10]), c[10]), c[11])
+    ahead: float = min(max(x + increment(c, v_in, v_out, dx, x > c[10]), c[10]), c[11])
+    return ahead
 
 
 @njit(cache=True)
@@ -61,7 +64,7 @@ def predict_block(
     simulated: FloatArray,
     validity: ByteArray,
 ) -> None:
-    """Predict N consecutive samples; `state` (22,) and the three results (N,) are written in place.
+    """Predict N consecutive samples; the state and the three results are written in place.
 
     Parameters
     ----------
