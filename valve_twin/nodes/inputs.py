@@ -61,8 +61,8 @@ class TopicInput:
     ----------
     node : Node
         Where to subscribe.
-    sources : sequence of SignalSource
-        The signals, all of one topic and type.
+    extractors : sequence of Extractor
+        Ways to the signals, all of one topic and type.
     config : InputConfig
         Queue, deadline and silence.
     on_block : callable
@@ -70,16 +70,12 @@ class TopicInput:
     now_ns : callable
         Receive time on the node's clock, for messages without a stamp; 0 = not known yet [ns].
 
-    Raises
-    ------
-    ConfigError
-        If type or field do not exist.
     """
 
     def __init__(
         self,
         node: Node,
-        sources: Sequence[SignalSource],
+        extractors: Sequence[Extractor],
         config: InputConfig,
         on_block: OnBlock,
         now_ns: Callable[[], int],
@@ -88,11 +84,10 @@ class TopicInput:
         self._config = config
         self._on_block = on_block
         self._now_ns = now_ns
-        self.topic = sources[0].topic
-        self.type = sources[0].type
-        self.signals = tuple(s.signal for s in sources)
-        where = node.get_fully_qualified_name()
-        self._extractors = [Extractor(s, RosTypes(), where) for s in sources]
+        self.topic = extractors[0].source.topic
+        self.type = extractors[0].source.type
+        self.signals = tuple(e.source.signal for e in extractors)
+        self._extractors = extractors
         self._raw = all(e.is_raw_readable for e in self._extractors)
         self._last_sequence = 0
         self._only_publisher = True
@@ -300,9 +295,17 @@ def _join(parts: list[SignalBlock]) -> SignalBlock:
     )
 
 
-def by_topic(sources: Iterable[SignalSource]) -> list[list[SignalSource]]:
-    """Group the sources that share topic and type."""
-    groups: dict[tuple[str, str], list[SignalSource]] = {}
+def by_topic(node: Node, sources: Iterable[SignalSource]) -> list[list[Extractor]]:
+    """Check the sources against their types and group those that share topic and type.
+
+    Raises
+    ------
+    ConfigError
+        If a type or a field does not exist; names the nearest.
+    """
+    groups: dict[tuple[str, str], list[Extractor]] = {}
+    where = node.get_fully_qualified_name()
     for source in sources:
-        groups.setdefault((source.topic, source.type), []).append(source)
+        extractor = Extractor(source, RosTypes(), where)
+        groups.setdefault((source.topic, source.type), []).append(extractor)
     return list(groups.values())

@@ -20,7 +20,7 @@ from valve_twin.core.valves.registry import complete_options, get_model
 from valve_twin.io.assembly import make_twin
 from valve_twin.nodes import convert
 from valve_twin.nodes.estimation_job import MEMORY_LACKS, run_job
-from valve_twin.nodes.inputs import Collector, InputConfig, TopicInput, by_topic, seconds_now
+from valve_twin.nodes.inputs import Collector, InputConfig, TopicInput, seconds_now
 from valve_twin.nodes.runtime import STEADY, ValveNode
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from valve_twin.io.config import ValveConfig
     from valve_twin.io.history import History
-    from valve_twin.io.mapping import SignalBlock
+    from valve_twin.io.mapping import Extractor, SignalBlock
     from valve_twin.nodes.worker import Outcome, WorkerProcess, WorkerThread
 
 DUTY = 0.1
@@ -64,6 +64,8 @@ class LiveValve:
         The twin node.
     config : ValveConfig
         The valve.
+    signals : list of list of Extractor
+        The signals by topic.
     history : History
         Where its cycles are stored.
     worker : WorkerProcess
@@ -78,6 +80,7 @@ class LiveValve:
         self,
         node: ValveNode,
         config: ValveConfig,
+        signals: list[list[Extractor]],
         *,
         history: History,
         worker: WorkerProcess,
@@ -88,6 +91,7 @@ class LiveValve:
         self._worker, self.writer, self._retry_s = worker, writer, retry_s
         self.name = config.name
         self.model = get_model(config.model)
+        self._signals = signals
         self.units = convert.units_of(self.model.parameters)
         self._options = dict(complete_options(self.model, config.options))
         last = history.last_cycle(self.name)
@@ -115,7 +119,7 @@ class LiveValve:
         now_ns = self._now_ns()
         self.inputs = [
             TopicInput(self._node, group, config, self._collector.add, now_ns)
-            for group in by_topic(self.config.signals.values())
+            for group in self._signals
         ]
 
     def silence(self) -> None:

@@ -67,17 +67,18 @@ class Parameters:
         for spec in specs:
             if spec.name in self._specs:
                 continue
-            value = spec.default
+            value, problem = spec.default, ""
             if spec.name in self.overrides:
                 try:
                     value = spec.check(self.overrides[spec.name])
-                    self._errors.pop(spec.name, None)
                 except ValueError as err:
-                    self._errors[spec.name] = f"parameter '{spec.name}': {err}"
+                    problem = f"parameter '{spec.name}': {err}"
             self._specs[spec.name] = spec
             self._node.declare_parameter(
                 spec.name, _ros_value(spec, value), _descriptor(spec), ignore_override=True
             )
+            if problem:
+                self._errors[spec.name] = problem
 
     def check(self) -> None:
         """Raise for the first override of a wrong type or outside its limits.

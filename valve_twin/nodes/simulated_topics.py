@@ -15,7 +15,7 @@ from valve_twin.core.valves.registry import get_model
 from valve_twin.io.cdr import encode_series, encode_stamped
 from valve_twin.io.config import ValveConfig, resolve_topic
 from valve_twin.io.mapping import STAMPED_TYPE, SignalSource
-from valve_twin.nodes.inputs import InputConfig, TopicInput
+from valve_twin.nodes.inputs import InputConfig, TopicInput, by_topic
 from valve_twin.nodes.safety import Outlet
 
 if TYPE_CHECKING:
@@ -98,7 +98,8 @@ class SimulatedTopics:
         if self._external:
             sources = [SignalSource(n, t, STAMPED_TYPE) for n, t in self._command_topics.items()]
             self._takers = [
-                TopicInput(self._node, [s], InputConfig(), self._take, lambda: 1) for s in sources
+                TopicInput(self._node, group, InputConfig(), self._take, lambda: 1)
+                for group in by_topic(self._node, sources)
             ]
 
     def close(self) -> None:

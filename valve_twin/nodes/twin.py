@@ -12,7 +12,7 @@ from rclpy.duration import Duration
 from valve_twin.io.history import History
 from valve_twin.nodes.diagnostics import ERROR, STALE, WARN, Diagnostics, Report
 from valve_twin.nodes.estimation_job import warm_up
-from valve_twin.nodes.inputs import InputConfig
+from valve_twin.nodes.inputs import InputConfig, by_topic
 from valve_twin.nodes.live_valve import LiveValve
 from valve_twin.nodes.runtime import SPIN_S, ValveNode
 from valve_twin.nodes.twin_services import TwinServices
@@ -45,17 +45,17 @@ class TwinNode(ValveNode):
     def configure(self) -> None:
         """Open the histories and make the twins with what they had learnt."""
         configs = read_valves(self)
+        signals = {c.name: by_topic(self, c.signals.values()) for c in configs}
+        timeout = float(self.parameters["busy_timeout_s"])
+        for url in dict.fromkeys(c.history_url for c in configs):
+            self._histories[url] = History(url, busy_timeout_s=timeout)
         self._worker = WorkerProcess(warm_up)
         self._writer = WorkerThread("history")
-        timeout = float(self.parameters["busy_timeout_s"])
         for config in configs:
-            if config.history_url not in self._histories:
-                self._histories[config.history_url] = History(
-                    config.history_url, busy_timeout_s=timeout
-                )
             valve = LiveValve(
                 self,
                 config,
+                signals[config.name],
                 history=self._histories[config.history_url],
                 worker=self._worker,
                 writer=self._writer,

@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Real nodes on real DDS: each test has its own domain and leaves no process behind."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import rclpy
+import yaml
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+_domains = itertools.cycle(range(1, 100))
+for _ in range(os.getpid() * 7 % 99):
+    next(_domains)
+
+NS = "/press/v1"
+QUIET = {"start_type_description_service": False}
+DEEP = QoSProfile(depth=100000)
+
+
+class NodeProcess:
+    """One node in a process of its own, its output in a file."""
+
+    def __init__(self, command, environment, log: Path) -> None:
+        self._log = log
+        with log.open("wb") as out:
+            self.process = subprocess.Popen(
+                command, env=environment, stdout=out, stderr=subprocess.STDOUT
+            )
+
+    @property
+    def pid(self) -> int:
+        return self.process.pid
+
+    @property
+    def log(self) -> str:
+        return self._log.read_text(errors="replace")
+
+    def takes_signals(self) -> bool:
+        """Whether the handlers of both signals stand (kernel's mask of caught signals)."""
+        status = Path(f"/proc/{self.pid}/status").read_text()
+        caught = int(next(x for x in status.splitlines() if x.startswith("SigCgt")).split()[1], 16)
+        return all(caught >> (number - 1) & 1 for number in (signal.SIGINT, signal.SIGTERM))
+
+    def end(self, number: int = signal.SIGTERM, timeout: float = 10.0) -> int:
+        """Send a signal and return the exit code."""
+        if self.process.poll() is None:
+            self.process.send_signal(number)
+        return self.process.wait(timeout)
+
+
+class Graph:
+    """The test's own view of its domain, the processes and nodes it started."""
+
+    def __init__(self, domain: int, folder: Path) -> None:
+        self.domain, self.folder = domain, folder
+        self.context = Context()
+        rclpy.init(args=[], context=self.context, domain_id=domain)
+        arguments = ["--ros-args", "-p", "start_type_description_service:=false"]
+        self.node = Node("test", context=self.context, cli_args=arguments, namespace="/test")
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.hosted: list = []
+        self.processes: list[NodeProcess] = []
+        self._count = itertools.count()
+
+    def start(self, name: str, ns: str = NS, extra=(), **parameters) -> NodeProcess:
+        """Start a node as `ros2 run` does."""
+        number = next(self._count)
+        command = [sys.executable, "-m", "valve_twin.nodes.executables", name]
+        command += self._arguments(f"{number}_{name}", ns, parameters, extra)
+        environment = {**os.environ, "ROS_DOMAIN_ID": str(self.domain), "PYTHONUNBUFFERED": "1"}
+        process = NodeProcess(command, environment, self.folder / f"{number}_{name}.log")
+        self.processes.append(process)
+        return process
+
+    def host(self, kind, ns: str = NS, extra=(), *, start: bool = True, **parameters):
+        """Run a node inside the test's process."""
+        number = next(self._count)
+        arguments = self._arguments(f"{number}_hosted", ns, parameters, extra)
+        node = kind(context=self.context, cli_args=arguments, use_global_arguments=False)
+        self.hosted.append(node)
+        self.executor.add_node(node)
+        if start:
+            node.start()
+        return node
+
+    def _arguments(self, label: str, ns: str, parameters, extra) -> list[str]:
+        path = self.folder / f"{label}.yaml"
+        content = {"/**": {"ros__parameters": {**QUIET, **parameters}}}
+        path.write_text(yaml.safe_dump(content))
+        return ["--ros-args", "-r", f"__ns:={ns}", *extra, "--params-file", str(path)]
+
+    def spin_until(self, condition, timeout: float = 20.0, what: str = ""):
+        """Run callbacks until the condition holds; return its value."""
+        end = time.monotonic() + timeout
+        while True:
+            value = condition()
+            if value:
+                return value
+            if time.monotonic() > end:
+                logs = "\n".join(p.log[-2000:] for p in self.processes)
+                pytest.fail(f"not within {timeout} s: {what or condition}\n{logs}")
+            self.executor.spin_once(timeout_sec=0.02)
+            for node in self.hosted:
+                node.drain()
+
+    def spin(self, seconds: float) -> None:
+        """Run callbacks for a time; only to see that something does not happen."""
+        end = time.monotonic() + seconds
+        self.spin_until(lambda: time.monotonic() > end, seconds + 5.0)
+
+    def record(self, topic: str, kind, qos: QoSProfile = DEEP) -> list:
+        """Return a list that fills with the messages of a topic."""
+        found: list = []
+        self.node.create_subscription(kind, topic, found.append, qos)
+        return found
+
+    def record_with_info(self, topic: str, kind) -> list:
+        """Return a list that fills with pairs of message and its transport times."""
+        found: list = []
+        self.node.create_subscription(kind, topic, lambda m, i: found.append((m, i)), DEEP)
+        return found
+
+    def call(self, kind, name: str, timeout: float = 20.0, **fields):
+        """Call a service of any node and return the response."""
+        client = self.node.create_client(kind, name)
+        self.spin_until(client.service_is_ready, timeout, f"service {name}")
+        future = client.call_async(kind.Request(**fields))
+        self.spin_until(future.done, timeout, f"answer of {name}")
+        self.node.destroy_client(client)
+        return future.result()
+
+    def close(self) -> None:
+        for process in self.processes:
+            if process.process.poll() is None:
+                process.process.kill()
+                process.process.wait(10)
+        for node in self.hosted:
+            node.stop()
+            self.executor.remove_node(node)
+            node.destroy_node()
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+
+def make_graph(folder: Path) -> Graph:
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    os.environ["OMP_NUM_THREADS"] = "1"
+    return Graph(next(_domains), folder)
+
+
+@pytest.fixture
+def graph(tmp_path):
+    made = make_graph(tmp_path)
+    yield made
+    made.close()

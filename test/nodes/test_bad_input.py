@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Whatever a user writes wrongly is told with name, value and remedy, and no node dies of it."""
+
+import pytest
+
+from valve_twin.nodes.aging_monitor import AgingMonitorNode
+from valve_twin.nodes.bag_player import BagPlayerNode
+from valve_twin.nodes.simulated_valve import SimulatedValveNode
+from valve_twin.nodes.twin import TwinNode
+
+
+@pytest.fixture
+def history(tmp_path):
+    return {"history_url": f"sqlite:///{tmp_path}/history.sqlite"}
+
+
+@pytest.mark.parametrize(
+    ("parameters", "words"),
+    [
+        (
+            {"signals.v_in.type": "sensor_msgs/msg/JointStat"},
+            ["signal 'v_in'", "sensor_msgs/msg/JointStat", "install its package or correct"],
+        ),
+        (
+            {"signals.v_in.field": "valu"},
+            ["signal 'v_in'", "no field 'valu'", "did you mean 'value'?"],
+        ),
+        (
+            {"signals.v_in.type": "sensor_msgs/msg/JointState", "signals.v_in.field": "position"},
+            ["signal 'v_in'", "is an array", "write position[0]"],
+        ),
+        (
+            {"signals.v_in.topic": ""},
+            ["'signals.v_in.topic'", "is empty", "write the topic"],
+        ),
+        ({"model": "pres_cartridge"}, ["'model'", "pres_cartridge", "did you mean 'press_cartridge'?"]),
+        ({"period_s": -0.03}, ["'period_s'", "-0.03", "write 1e-06 to 3600"]),
+        ({"period_s": "fast"}, ["'period_s'", "'fast'", "write for example"]),
+        ({"signals.v_in.scale": 0.0}, ["'signals.v_in.scale'", "0.0", "other than 0"]),
+        ({"cycles.rule": "reference"}, ["'cycles.rule'", "reference", "write signals.reference.topic"]),
+        ({"cycles.start_signal": "v_on"}, ["'cycles.start_signal'", "v_on", "did you mean 'v_in'?"]),
+    ],
+)
+def test_a_wrong_value_is_told_and_the_node_stays_to_be_configured(
+    graph, capfd, history, parameters, words
+):
+    node = graph.host(TwinNode, **history, **parameters)
+    said = capfd.readouterr().err
+    assert "cannot configure" in said
+    assert [w for w in words if w not in said] == []
+    assert "Traceback" not in said
+    assert node.state == "unconfigured"
+
+
+def test_an_unknown_key_is_named_with_the_nearest_valid_one(graph, capfd, history):
+    node = graph.host(TwinNode, **history, **{"cycles.min_cycl_s": 2.0})
+    said = capfd.readouterr().err
+    assert "'cycles.min_cycl_s' is unknown and has no effect: did you mean 'cycles.min_cycle_s'?" in said
+    assert node.state == "active"
+
+
+def test_an_integer_is_taken_for_a_number(graph, capfd, history):
+    node = graph.host(TwinNode, **history, **{"hold_back_s": 1, "signals.v_in.offset": 0})
+    assert node.state == "active"
+    assert node.get_parameter("hold_back_s").value == 1.0
+    assert "ERROR" not in capfd.readouterr().err
+
+
+def test_a_history_that_cannot_be_opened_is_named_with_its_file(graph, capfd, tmp_path):
+    broken = tmp_path / "broken.sqlite"
+    broken.write_bytes(b"this is no database" * 100)
+    node = graph.host(TwinNode, history_url=f"sqlite:///{broken}")
+    assert str(broken) in capfd.readouterr().err
+    assert node.state == "unconfigured"
+
+
+def test_a_missing_bag_is_named(graph, capfd, tmp_path):
+    node = graph.host(BagPlayerNode, bag=str(tmp_path / "nothing"))
+    said = capfd.readouterr().err
+    assert "cannot configure" in said
+    assert "nothing" in said
+    assert node.state == "unconfigured"
+
+
+def test_a_player_without_a_bag_says_which_key_to_write(graph, capfd):
+    graph.host(BagPlayerNode)
+    assert "key 'bag' is empty; write the folder of a bag" in capfd.readouterr().err
+
+
+def test_a_wrong_setting_of_the_simulation_is_named(graph, capfd):
+    node = graph.host(SimulatedValveNode, **{"simulation.aging.area_inn.rate": -0.01})
+    said = capfd.readouterr().err
+    assert "area_inn" in said
+    assert "did you mean 'area_in'?" in said
+    assert node.state == "unconfigured"
+
+
+def test_a_corrected_parameter_lets_the_same_node_be_configured(graph, capfd, history):
+    node = graph.host(AgingMonitorNode, **history, **{"hold_back_s": -1.0})
+    assert node.state == "unconfigured"
+    capfd.readouterr()
+    from rclpy.parameter import Parameter
+
+    results = node.set_parameters([Parameter("hold_back_s", Parameter.Type.INTEGER, 1)])
+    assert results[0].successful
+    node.start()
+    assert node.state == "active"
+
+
+def test_a_parameter_of_the_structure_is_refused_while_configured(graph, history):
+    from rclpy.parameter import Parameter
+
+    node = graph.host(TwinNode, **history)
+    result = node.set_parameters([Parameter("period_s", Parameter.Type.DOUBLE, 0.05)])[0]
+    assert not result.successful
+    assert "clean up the node" in result.reason
