@@ -327,6 +327,15 @@ class TestErrors:
             assert len(saved.estimates(VALVE)) == 6
         history.close()
 
+    def test_deleted_log(self, file: Path, tmp_path: Path) -> None:
+        history = filled(file)
+        Path(f"{file}-wal").unlink()
+        with pytest.raises(StoreError, match=r"history.db-wal: was deleted.*back up the history"):
+            history.store(VALVE, record(4), both(4))
+        with History(history.backup(tmp_path / "saved.db")) as saved:
+            assert saved.last_cycle(VALVE) >= 3
+        history.close()
+
     def test_replaced(self, file: Path) -> None:
         history = filled(file)
         file.rename(file.with_name("old.db"))

@@ -133,6 +133,7 @@ class Database:
             with self._writer.begin() as connection:
                 yield connection
             self.check_file()
+            self._check_log()
 
     @contextmanager
     def read(self) -> Iterator[Connection]:
@@ -185,6 +186,14 @@ class Database:
                 " can be stored: back up the history to another file now (what was stored can"
                 " still be read), put"
                 " that file in its place and restart"
+            )
+            raise StoreError(msg)
+
+    def _check_log(self) -> None:
+        if self.file is not None and not os.path.exists(f"{self.file}-wal"):
+            msg = (
+                f"{self.where}-wal: was deleted while in use, so the last cycles are in no file:"
+                " back up the history to another file now, put that file in its place and restart"
             )
             raise StoreError(msg)
 
