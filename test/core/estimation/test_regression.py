@@ -35,7 +35,8 @@ def moving(make_frames):
 @pytest.mark.parametrize("lag", [0, 1, 2, 4])
 def test_rows_are_those_of_the_paper(moving, lag):
     u, y = design(moving, np.array([10]), lag)
-    x, vi, vo = moving.position, *moving.inputs[10 - lag]
+    x = moving.position
+    vi, vo = moving.inputs[10 - lag]
     dx = x[9] - x[8]
     expected = [dx, vi, vo, vi**2, vo**2, vi * vo, vi * dx, vo * dx]
     assert u[0] == pytest.approx(expected, rel=1e-15)
