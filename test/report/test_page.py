@@ -205,6 +205,20 @@ class TestHonesty:
         assert "No cycle with a prediction is in these data." in text
         assert "No estimate is in these data." in text
 
+    def test_draws_no_line_where_the_monitor_has_not_enough_data(
+        self, example: ModuleType
+    ) -> None:
+        few = example.estimates(cycles=6)
+        made = example.report_data(estimates=tuple(few))
+        trends = example.assess(
+            few, (), example.AgingConfig(), parameters=example.PARAMETERS, valve="/v"
+        )
+        page = render_report(dataclasses.replace(made, assessment=trends, maintenance=()))
+        assert "Not enough data for a verdict" in page
+        for svg in svgs(page, "small"):
+            assert not any(paths(svg, style) for style in ("trend", "mean", "prediction"))
+            assert paths(svg, "estimate")
+
     def test_survives_a_history_of_refusals(self, example: ModuleType) -> None:
         refused = [
             dataclasses.replace(
@@ -221,6 +235,7 @@ class TestHonesty:
         assert "the newest 60 of 71" in text
         assert "69 " in text
         assert "spool did not move" in text
+        assert text.count("no cycle says anything about it") == 3
 
     def test_escapes_everything_that_comes_from_outside(self, data: ReportData) -> None:
         evil = '<script>alert("x")</script>&'

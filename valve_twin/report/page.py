@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from valve_twin.core.aging import VerdictKind
-from valve_twin.core.types import EstimateStatus
+from valve_twin.core.types import EstimateStatus, ParameterStatus
 from valve_twin.io.errors import ValveTwinError
-from valve_twin.report.plots import Marks, plot_cycle, plot_parameter
+from valve_twin.report.plots import Marks, has_line, plot_cycle, plot_parameter
 from valve_twin.report.style import CSS
 from valve_twin.report.tables import (
     STATUS_WORDS,
@@ -23,7 +23,7 @@ from valve_twin.report.tables import (
     refused_cycles_table,
     refused_parameters_table,
 )
-from valve_twin.report.text import count, esc, fixed, unit, when
+from valve_twin.report.text import count, describe, esc, fixed, unit, when
 
 if TYPE_CHECKING:
     from valve_twin.core.aging import Trend, TrendDetail, Verdict
@@ -203,7 +203,7 @@ def _parameters(data: ReportData) -> str:
         else ("none", "limits of single estimates: not calibrated (fewer than 10 cycles)")
     )
     keys = [("estimate", "one cycle"), limits]
-    if pairs:
+    if any(has_line(trend) for trend, _ in pairs.values()):
         keys += [
             ("trend", "trend"),
             ("mean", "95 % interval of the trend"),
@@ -211,9 +211,13 @@ def _parameters(data: ReportData) -> str:
             ("threshold", "service limit"),
             ("segment", "change found"),
         ]
-        keys += [("service", "maintenance")] if data.maintenance else []
         wild = any(d.wild.any() for _, d in pairs.values())
         keys += [("wild", "left out as an outlier")] if wild else []
+    keys += [("service", "maintenance")] if data.maintenance and pairs else []
+    states = {p.status for e in estimates for p in e.parameters if p.name in names}
+    keys += [("atbound", "on its bound: a limit, not a measurement")] * (
+        ParameterStatus.AT_BOUND in states
+    )
     keys += [("refused", "refused")]
     title = "Parameters over cycles" + (f" ({data.label})" if data.label else "")
     return f'<h2>{esc(title)}</h2>{_legend(*keys)}<div class="pair">{"".join(figures)}</div>'
@@ -240,8 +244,8 @@ def _parameter_figure(
     if trend is not None:
         text = f"<b>{STATUS_WORDS[trend.status]}</b>: {esc(trend.reason)}"
     else:
-        text = esc(known.description) if known else ""
-    about = f"<small>{esc(known.description)}</small>" if known and trend else ""
+        text = describe(known) if known else ""
+    about = f"<small>{describe(known)}</small>" if known and trend else ""
     return (
         f"<figure><h3>{esc(name)}{unit(known.unit) if known else ''}{about}</h3><p>{text}</p>"
         f"{plot_parameter(name, estimates, marks, axis)}</figure>"
@@ -326,6 +330,7 @@ _KEYS = {
     "freerun": '<path class="freerun" d="M1 7H29"/>',
     "unused": '<rect class="unused" width="30" height="14"/>',
     "estimate": '<path class="estimate" d="M15 7h0"/>',
+    "atbound": '<path class="estimate" d="M15 7h0"/><path class="atbound" d="M15 7h0"/>',
     "limits": '<path class="limits" d="M15 0v14"/>',
     "trend": '<path class="trend" d="M1 7H29"/>',
     "mean": '<rect class="mean" y="2" width="30" height="10"/>',

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.aging import TrendStatus
 from valve_twin.core.types import ParameterStatus, Validity
 from valve_twin.report.svg import Panel, drawing, round_ticks, thin
 from valve_twin.report.text import MINUS, number
@@ -128,7 +129,7 @@ def plot_parameter(name: str, estimates: Sequence[Estimate], marks: Marks, axis:
     panel.axes(x_label=axis, x_ticks=6, y_ticks=5)
     if trend is not None and math.isfinite(trend.reference) and trend.reference:
         _percent_axis(panel, trend.reference)
-    drawn = _bands(panel, marks)
+    drawn = _bands(panel, marks) if has_line(trend) else []
     for event in marks.maintenance:
         at = float(_axis_of(np.array([float(event.cycle)]), marks.detail)[0])
         if panel.x[0] <= at <= panel.x[1]:
@@ -146,6 +147,9 @@ def plot_parameter(name: str, estimates: Sequence[Estimate], marks: Marks, axis:
     refused = ~usable & ~bound
     floor = np.full(int(refused.sum()), panel.y[0])
     panel.bars(x[refused], floor, floor + 0.035 * (panel.y[1] - panel.y[0]), "refused")
+    if not (usable | bound).any():
+        middle = (panel.left + 0.5 * panel.width, panel.top + 0.5 * panel.height)
+        panel.text(*middle, "no cycle says anything about it", "label mid")
     for line_x, line_y in drawn:
         panel.line(line_x, line_y, "trend")
     if trend is not None and math.isfinite(trend.threshold):
@@ -163,7 +167,7 @@ def _parameter_panel(
 ) -> Panel:
     trend = marks.trend
     parts = [value[shown], low[shown], high[shown]] if len(x) <= _MAX_BARS else [value[shown]]
-    if trend is not None:
+    if trend is not None and has_line(trend):
         parts.append(np.array([trend.reference, trend.prediction_lower_95]))
         parts.append(np.array([trend.prediction_upper_95]))
         if _threshold_in_view(trend, value[shown]):
@@ -171,7 +175,12 @@ def _parameter_panel(
     ends = (float(x.min()), float(x.max())) if len(x) else (0.0, 1.0)
     pad = 0.02 * (ends[1] - ends[0]) or 0.5
     return Panel(
-        58.0, 14.0, 352.0, 226.0, (ends[0] - pad, ends[1] + pad), _range(parts, floor=1e-9)
+        58.0,
+        14.0,
+        352.0,
+        226.0,
+        (ends[0] - pad, ends[1] + pad),
+        _range(parts, floor=1e-3 if not np.any(value[shown]) else 0.0),
     )
 
 
@@ -230,6 +239,11 @@ def _bands(panel: Panel, marks: Marks) -> list[tuple[FloatArray, FloatArray]]:
     return lines
 
 
+def has_line(trend: Trend | None) -> bool:
+    """Tell whether a trend has enough data for its line and intervals to be shown."""
+    return trend is not None and trend.status is not TrendStatus.NOT_ENOUGH_DATA
+
+
 def _forced(detail: TrendDetail, start: int, events: Sequence[Maintenance]) -> bool:
     """Tell whether a segment starts because of a maintenance event, which has its own mark."""
     before, first = int(detail.cycle[start - 1]), int(detail.cycle[start])
@@ -264,7 +278,7 @@ def _range(curves: Sequence[FloatArray], *, floor: float) -> tuple[float, float]
         return 0.0, 1.0
     lower, upper = float(values.min()), float(values.max())
     middle = 0.5 * (lower + upper)
-    half = max(0.5 * (upper - lower), 0.5 * floor, 1e-6 * abs(middle))
+    half = max(0.5 * (upper - lower), 0.5 * floor, 0.01 * abs(middle))
     return middle - 1.08 * half, middle + 1.08 * half
 
 

@@ -16,6 +16,7 @@ from valve_twin.report.text import (
     NONE,
     count,
     day,
+    describe,
     esc,
     fixed,
     number,
@@ -127,7 +128,7 @@ def estimates_table(data: ReportData, last: Sequence[Estimate]) -> str:
     rows = []
     for name in names:
         known = data.parameter(name)
-        about = f"<small>{esc(known.description)}</small>" if known else ""
+        about = f"<small>{describe(known)}</small>" if known else ""
         label = f"{esc(name)}{unit(known.unit) if known else ''}{about}"
         found = [next((p for p in e.parameters if p.name == name), None) for e in last]
         rows.append([label, *(_value_cell(p) for p in found)])

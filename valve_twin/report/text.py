@@ -10,7 +10,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from valve_twin.core.types import Parameter
 
 _CALENDAR_NS = 10**18
 """Stamps below (September 2001) are those of a clock that was not set, e.g. of a simulation."""
@@ -99,6 +99,6 @@ def day(stamp_ns: int) -> str:
     return datetime.fromtimestamp(stamp_ns / 1e9, tz=timezone.utc).strftime("%Y-%m-%d")
 
 
-def listed(words: Iterable[str]) -> str:
-    """Join words with commas, escaped."""
-    return ", ".join(esc(w) for w in words)
+def describe(parameter: Parameter) -> str:
+    """Return a parameter's description, escaped, without the mark of an assumption of ours."""
+    return esc(parameter.description.removesuffix("[A]").rstrip())
