@@ -123,6 +123,21 @@ def test_a_frozen_sensor_is_stale_while_it_is_frozen():
     assert masks.refresh_period == 1.0
 
 
+def test_a_freeze_through_a_motion_is_found_without_noise():
+    frames = clean_cycle(sigma=0.0, process_noise=0.0)
+    position = frames.position.copy()
+    position[90:100] = position[89]
+    assert np.abs(frames.inputs[80:100]).max() > 0.05
+    masks = masks_of(replace(frames, position=position))
+    assert np.array_equal(np.flatnonzero(masks.stale), np.arange(90, 100))
+
+
+def test_a_sensor_that_clips_at_the_end_of_its_range_is_not_frozen():
+    frames = clean_cycle(sigma=1e-3)
+    masks = masks_of(replace(frames, position=np.maximum(frames.position, 0.005)))
+    assert not masks.stale.any()
+
+
 def test_what_is_not_valid_or_not_finite_is_bad(make_frames):
     frames = make_frames(np.linspace(0.2, 0.3, 12))
     position, inputs, valid = frames.position.copy(), frames.inputs.copy(), frames.valid.copy()

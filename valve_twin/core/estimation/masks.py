@@ -280,11 +280,10 @@ def _find_freezes(
     Noise reverses, a leak does not. A run at the end of the range is a sensor that clips.
     """
     stale = np.zeros(len(x), bool)
-    idle = np.abs(drive) <= options.active_command
-    need = _surprising_run(x, idle, first, length)
-    alive = length >= need
-    long = length >= _FREEZE_RUN
-    commanded = np.add.reduceat(np.abs(drive) > options.active_command, first)
+    active = np.abs(drive) > options.active_command
+    alive = length >= _surprising_run(x, ~active, first, length, noise=True)
+    long = length >= _surprising_run(x, active, first, length, noise=False)
+    commanded = np.add.reduceat(active, first, dtype=np.int64)
     frozen = alive | (long & through_motion & (commanded > options.max_lag))
     frozen &= (x[first] > np.nanmin(x)) & (x[first] < np.nanmax(x))
     for i, n in zip(first[frozen], length[frozen], strict=True):
@@ -292,14 +291,18 @@ def _find_freezes(
     return stale
 
 
-def _surprising_run(x: FloatArray, idle: BoolArray, first: IntArray, length: IntArray) -> float:
-    """Shortest repetition that the noise at rest does not explain; infinite without noise."""
+def _surprising_run(
+    x: FloatArray, where: BoolArray, first: IntArray, length: IntArray, *, noise: bool
+) -> float:
+    """Shortest repetition beyond chance; infinite where there is no noise but must be."""
     longest = int(np.argmax(length))
-    outside = idle.copy()
+    outside = where.copy()
     outside[first[longest] : first[longest] + length[longest]] = False
     step = np.diff(x)
     both = outside[1:-1] & outside[2:]
-    if both.sum() < 4 * _FREEZE_RUN or np.mean((step[1:] * step[:-1] < 0.0)[both]) < _ALIVE:
+    if both.sum() < 4 * _FREEZE_RUN:
         return float("inf")
-    repeats = max(float(np.mean(step[1:][both] == 0.0)), 1e-3)
+    if noise and np.mean((step[1:] * step[:-1] < 0.0)[both]) < _ALIVE:
+        return float("inf")
+    repeats = min(max(float(np.mean(step[1:][both] == 0.0)), 1e-3), 1.0 - 1e-9)
     return max(_FREEZE_RUN, 1.0 + float(np.log(_CHANCE / len(x)) / np.log(repeats)))
