@@ -87,7 +87,7 @@ def _fresh_folder(base: Path) -> Path:
 def _press(out: Path, cycles: int, rate: float) -> bool:
     parameters = {
         "rate": rate,
-        "cycles": cycles + 1,
+        "stop_after_cycles": cycles + 1,
         "wait_for_subscribers": 1,
         "history_url": f"sqlite:///{out / 'history.sqlite'}",
         "simulation": {"aging": {"area_in": {"law": "linear", "rate": AGING_RATE}}},
@@ -141,7 +141,7 @@ def _merged(files: list[Path], path: Path) -> Path:
         sections = yaml.safe_load(file.read_text(encoding="utf-8"))
         for section in sections.values():
             _merge(tree, section["ros__parameters"])
-    for key in ("rate", "cycles", "wait_for_subscribers"):
+    for key in ("rate", "stop_after_cycles", "wait_for_subscribers"):
         tree.pop(key, None)
     path.write_text(
         yaml.safe_dump({f"{NAMESPACE}/twin": {"ros__parameters": tree}}), encoding="utf-8"
@@ -207,6 +207,7 @@ def _boiler(out: Path, data: Path) -> bool:
             "history_url": f"sqlite:///{out / 'boiler_history.sqlite'}",
             "rate": 300.0,
             "wait_for_subscribers": 1,
+            "topics": ["/boiler_valve/command", "/boiler_valve/position"],
         },
     )
     _say("a real valve: half an hour of a boiler's feed-water valve, replayed 300 times as fast")

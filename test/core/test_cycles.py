@@ -38,6 +38,7 @@ def press_frames(cycles=3, n=300):
     for c in range(cycles):
         v_in[c * n + 20 : c * n + 60] = 0.5
         v_in[c * n + 100 : c * n + 104] = 0.1
+        v_out[c * n + 120 : c * n + 123] = 0.1
         v_in[c * n + 140 : c * n + 144] = 0.1
         v_out[c * n + 200 : c * n + 220] = 0.6
     return make_frames(cycles * n, v_in=v_in, v_out=v_out)

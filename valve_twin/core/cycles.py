@@ -52,10 +52,12 @@ class CycleConfig:
         Command whose rise above `threshold` opens a cycle (rule commands); empty = the model's
         first command.
     rearm_signal : str
-        Command that must have been above `threshold` since the last opening; empty =
-        `start_signal` below it.
+        Command that must have been above `rearm_threshold` since the last opening, such as that
+        of the return stroke; empty = `start_signal` below `threshold`.
     threshold : float
         Command level that counts as active [1].
+    rearm_threshold : float
+        Level of `rearm_signal` that no correction in a hold reaches [1].
     min_cycle_s, max_cycle_s : float
         Shortest and greatest length of a cycle cut from commands or reference [s].
     idle_close_s : float
@@ -71,6 +73,7 @@ class CycleConfig:
     start_signal: str = ""
     rearm_signal: str = ""
     threshold: float = 0.02
+    rearm_threshold: float = 0.2
     min_cycle_s: float = 1.0
     max_cycle_s: float = 600.0
     idle_close_s: float = 60.0
@@ -110,6 +113,7 @@ def _mark_commands(
     columns: IntArray,
     limits_ns: IntArray,
     threshold: float,
+    rearm_threshold: float,
     clock: IntArray,
     flags: ByteArray,
     marks: ByteArray,
@@ -122,7 +126,7 @@ def _mark_commands(
             if inputs[i, j] > threshold:
                 clock[_ACTIVE] = t
         if rearm_column >= 0:
-            if inputs[i, rearm_column] > threshold:
+            if inputs[i, rearm_column] > rearm_threshold:
                 flags[_ARMED] = 1
         elif not high:
             flags[_ARMED] = 1
@@ -294,6 +298,7 @@ class Segmenter:
                 self._columns,
                 self._limits_ns,
                 config.threshold,
+                config.rearm_threshold,
                 self._clock,
                 self._flags,
                 marks,

@@ -69,7 +69,7 @@ _SIMULATED_VALVE = (
         2e9,
     ),
     Spec("batch", Kind.INT, 1, "Samples a message; above 1 as Float64Series.", "1", 1, 10000),
-    Spec("cycles", Kind.INT, 0, "Stop after so many production cycles; 0 = never.", "1", 0, 10**9),
+    Spec("stop_after_cycles", Kind.INT, 0, "Stop after so many production cycles; 0 = never.", "1", 0, 10**9),
 )
 
 _TWIN = (
@@ -165,7 +165,12 @@ _BAG_PLAYER = (
 )
 
 _BAG_RECORDER = (
-    Spec("bag", Kind.STRING, "", "Folder of the bag; empty = valve_twin_DATE in the working directory."),
+    Spec(
+        "bag",
+        Kind.STRING,
+        "",
+        "Folder of the bag; empty = valve_twin_DATE in the working directory.",
+    ),
     Spec("topics", Kind.STRINGS, (), "Topics to record; empty = all under the node's namespace."),
     Spec("all", Kind.BOOL, False, "Record all topics of every namespace."),
     Spec("flush_s", Kind.FLOAT, 1.0, "Longest time until data is in the file.", "s", 0.05, 60.0),

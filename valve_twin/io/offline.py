@@ -144,7 +144,10 @@ def estimate_bag(
         If the configuration does not fit.
     """
     twin = make_twin(config)
-    blocks = read_signals(bag, list(config.signals.values()))
+    position = get_model(config.model).output
+    # the position comes last in each round of blocks: the commands it needs are then there
+    sources = sorted(config.signals.values(), key=lambda s: s.signal == position)
+    blocks = read_signals(bag, sources)
     return drive(twin, config, blocks, close_last=close_last)
 
 

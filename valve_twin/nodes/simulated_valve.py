@@ -180,7 +180,7 @@ class SimulatedValveNode(ValveNode):
         """Advance every valve by one message and queue what it gives."""
         self._samples += 1
         for i, valve in enumerate(self._valves):
-            stamp_ns = valve.advance(self._outbox, int(self.parameters["cycles"]))
+            stamp_ns = valve.advance(self._outbox, int(self.parameters["stop_after_cycles"]))
             if i == 0 and stamp_ns and self._clock_publisher is not None:
                 self._clock_publisher.publish(ClockMessage(clock=to_time(stamp_ns)))
 
