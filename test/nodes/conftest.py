@@ -72,6 +72,7 @@ class Graph:
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
         self.hosted: list = []
+        self.strangers: list[Node] = []
         self.processes: list[NodeProcess] = []
         self._count = itertools.count()
 
@@ -94,6 +95,14 @@ class Graph:
         self.executor.add_node(node)
         if start:
             node.start()
+        return node
+
+    def stranger(self, name: str) -> Node:
+        """Return a node of another participant, as one on another machine is."""
+        context = Context()
+        rclpy.init(args=[], context=context, domain_id=self.domain)
+        node = Node(name, context=context, namespace="/plant", start_parameter_services=False)
+        self.strangers.append(node)
         return node
 
     def _arguments(self, label: str, ns: str, parameters, extra) -> list[str]:
@@ -151,6 +160,9 @@ class Graph:
             node.stop()
             self.executor.remove_node(node)
             node.destroy_node()
+        for node in self.strangers:
+            node.destroy_node()
+            rclpy.shutdown(context=node.context)
         self.executor.shutdown()
         self.node.destroy_node()
         rclpy.shutdown(context=self.context)

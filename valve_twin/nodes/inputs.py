@@ -20,9 +20,10 @@ from rclpy.qos import (
 )
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
-from valve_twin.io.errors import suggest
+from valve_twin.io.errors import ConfigError, suggest
 from valve_twin.io.mapping import Extractor, RosTypes, SignalBlock, SignalSource, message_class
-from valve_twin.nodes.runtime import STEADY
+from valve_twin.nodes.runtime import STEADY, RCLError
+from valve_twin.nodes.safety import node_name
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -122,17 +123,17 @@ class TopicInput:
             )
         if self.refused_policy and self._heard is None:
             return (
-                f"topic '{self.topic}' (signal {names}): its publisher {_name(publishers[0])} "
+                f"topic '{self.topic}' (signal {names}): its publisher {node_name(publishers[0])} "
                 "offers an "
                 f"incompatible {self.refused_policy}: change that policy there, or set "
-                f"qos_overrides.{self.topic}.subscription.{self.refused_policy.lower()}"
+                f"{self._remedy()}"
             )
         silent = seconds_now() - (self._heard if self._heard is not None else self._since)
         if silent > self._config.silence_s:
             return (
                 f"topic '{self.topic}' (signal {names}) is silent for {silent:.0f} s: look at "
                 "its publisher "
-                f"{_name(publishers[0])}"
+                f"{node_name(publishers[0])}"
             )
         return ""
 
@@ -140,6 +141,11 @@ class TopicInput:
     def age_s(self) -> float:
         """Time since the last message or since the start [s]."""
         return seconds_now() - (self._heard if self._heard is not None else self._since)
+
+    def _remedy(self) -> str:
+        if self.refused_policy == "DEADLINE":
+            return "deadline_s here"
+        return f"qos_overrides.{self.topic}.subscription.{self.refused_policy.lower()} here"
 
     def _candidates(self) -> Iterable[str]:
         known = self._node.get_topic_names_and_types()
@@ -160,7 +166,22 @@ class TopicInput:
         )
         if config.deadline_s > 0.0:
             profile.deadline = Duration(nanoseconds=round(config.deadline_s * 1e9))
-        subscription = self._node.create_subscription(
+        try:
+            subscription = self._create(profile)
+        except RCLError as err:
+            msg = (
+                f"topic '{self.topic}' (signal {', '.join(self.signals)}) cannot be subscribed as "
+                f"{self.type}: {str(err).split(', at ')[0]}; correct signals.{self.signals[0]}.type"
+            )
+            raise ConfigError(msg) from err
+        # SingleThreadedExecutor passes (message, info), EventsExecutor one tuple of both
+        subscription._callback_type = subscription.CallbackType.WithMessageInfo
+        self._last_sequence = 0
+        return subscription
+
+    def _create(self, profile: QoSProfile) -> Any:
+        config = self._config
+        return self._node.create_subscription(
             message_class(self.type),
             self.topic,
             self._on_message,
@@ -169,13 +190,17 @@ class TopicInput:
                 incompatible_qos=self._on_incompatible,
                 deadline=self._on_deadline if config.deadline_s > 0.0 else None,
             ),
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            qos_overriding_options=self._overridable(),
             raw=self._raw,
         )
-        # SingleThreadedExecutor passes (message, info), EventsExecutor one tuple of both
-        subscription._callback_type = subscription.CallbackType.WithMessageInfo
-        self._last_sequence = 0
-        return subscription
+
+    def _overridable(self) -> QoSOverridingOptions:
+        """Offer the policies as parameters; reliability follows the publisher unless it is given."""
+        kinds = [QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY]
+        key = f"qos_overrides.{self.topic}.subscription.reliability"
+        if key in self._node._parameter_overrides:
+            kinds.append(QoSPolicyKind.RELIABILITY)
+        return QoSOverridingOptions(policy_kinds=kinds)
 
     def _on_message(self, *arguments: Any) -> None:
         message, info = arguments if len(arguments) == 2 else arguments[0]
@@ -219,10 +244,6 @@ class TopicInput:
 
     def _on_deadline(self, event: Any) -> None:
         self.deadlines_missed = int(event.total_count)
-
-
-def _name(publisher: Any) -> str:
-    return f"{publisher.node_namespace.rstrip('/')}/{publisher.node_name}"
 
 
 class Collector:

@@ -46,6 +46,13 @@ class Outlet:
     awaited: bool = True
 
 
+def node_name(endpoint: Any) -> str:
+    """Return the full name of the node that an endpoint belongs to."""
+    if endpoint.node_name.startswith("_NODE_NAME_UNKNOWN"):
+        return "(name not known yet)"
+    return f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
+
+
 class Guard:
     """Watches the topics that a node publishes.
 
@@ -91,7 +98,7 @@ class Guard:
     def _foreign(self, endpoints: list[Any]) -> list[str]:
         """Return the names of other nodes; a second node of this one's name is another."""
         own = self._node.get_fully_qualified_name()
-        names = [f"{e.node_namespace.rstrip('/')}/{e.node_name}" for e in endpoints]
+        names = [node_name(e) for e in endpoints]
         twice = [own] if names.count(own) > 1 else []
         return [n for n in names if n != own] + twice
 

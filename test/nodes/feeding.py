@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Publish the samples of a simulated press valve from a test."""
+
+from __future__ import annotations
+
+from rclpy.qos import QoSProfile
+
+from valve_twin.core.simulation.valve import SimulatedValve
+from valve_twin.core.valves.registry import get_simulation
+from valve_twin.io.cdr import encode_stamped
+from valve_twin_msgs.msg import Float64Stamped
+
+START_NS = 1_000_000_000_000
+REARM = {"cycles.rearm_signal": "v_out"}
+"""The press valve's cycle begins with v_in and re-arms with v_out."""
+
+
+class Feeder:
+    """Hardware of a test: position and both commands, deterministic."""
+
+    def __init__(self, graph, ns: str, *, seed: int = 1, qos: QoSProfile | None = None) -> None:
+        self._valve = SimulatedValve(get_simulation("press_cartridge"), seed)
+        self.cycle_samples = self._valve.config.cycle_samples
+        self.period_ns = self._valve.period_ns
+        profile = qos or QoSProfile(depth=20000)
+        make = graph.node.create_publisher
+        self._publishers = [
+            make(Float64Stamped, f"{ns}/{topic}", profile)
+            for topic in ("command/v_in", "command/v_out", "spool_position")
+        ]
+        graph.spin_until(
+            lambda: all(p.get_subscription_count() for p in self._publishers), what="subscribers"
+        )
+        self.sent = 0
+
+    def feed(self, samples: int, offset_ns: int = START_NS, position=None) -> None:
+        """Publish the next samples; `position` replaces the measured values."""
+        block = self._valve.advance(samples)
+        for i in range(samples):
+            stamp = int(block.stamp_ns[i]) + offset_ns
+            values = (block.inputs[i, 0], block.inputs[i, 1], block.position[i])
+            for publisher, value in zip(self._publishers, values, strict=True):
+                own = position is not None and publisher is self._publishers[2]
+                publisher.publish(encode_stamped(stamp, float(position if own else value)))
+            self.sent += 1
