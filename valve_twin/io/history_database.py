@@ -58,6 +58,7 @@ _SQLITE_REMEDIES = (
 )
 _POSTGRESQL_REMEDIES = (
     ("connection refused", "is the server running, and are host and port right?"),
+    ("is the server running", "start the server, or correct host and port in the URL"),
     ("could not translate host name", "check the host name in the URL"),
     ("password authentication failed", "check user and password in the URL or in ~/.pgpass"),
     ("does not exist", "create it or correct the URL"),
@@ -202,7 +203,7 @@ class Database:
             engine = sa.create_engine(
                 self.url,
                 creator=self._connect_sqlite,
-                poolclass=sa.pool.QueuePool,
+                max_overflow=-1,
                 paramstyle="named",
             )
             sa.event.listen(engine, "begin", _begin_sqlite)
