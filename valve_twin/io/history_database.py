@@ -377,7 +377,11 @@ def _can_write(folder: Path) -> bool:
 
 def _begin_sqlite(connection: Connection) -> None:
     write = connection.get_execution_options().get("valve_twin_write", False)
-    connection.exec_driver_sql("BEGIN IMMEDIATE" if write else "BEGIN")
+    driver = (
+        connection.connection.driver_connection
+    )  # past the layers above: BEGIN has no parameters
+    assert driver is not None
+    driver.execute("BEGIN IMMEDIATE" if write else "BEGIN")
 
 
 def _explain(err: Exception, *, sqlite: bool) -> str:
