@@ -14,18 +14,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.estimation.stale import find_stale
+
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray, Frames, IntArray
 
 GAP_PERIODS = 1.5
 """Stamps further apart than this many periods have a sample missing between them [1]."""
-
-_MAX_REFRESH = 32  # longest refresh period looked for [samples]
-_MIN_RUNS = 6  # fewest changes of value in motion that establish a refresh period [1]
-_REFRESH_FOUND = 1.25  # a mean run this long is a slow sensor, not chance [samples]
-_FREEZE_RUN = 5  # shortest repetition that noise at rest makes a freeze [samples]
-_CHANCE = 1e-4  # accepted probability of a false freeze in a cycle [1]
-_ALIVE = 0.3  # share of reversals that is noise; white noise has 2/3 [1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +132,9 @@ def find_masks(
     x = np.where(bad, np.nan, frames.position)
     breaks = gap | bad
     breaks[1:] |= bad[:-1]
-    stale, refresh = _find_stale(x, drive, breaks, options)
+    stale, refresh = find_stale(
+        x, np.abs(drive) > options.active_command, breaks, max_lag=options.max_lag
+    )
     seat = _find_seat(x, drive, options)
     window = max(6, round(options.stuck_window_s / period_s))
     stuck = _find_stuck(x, drive, breaks, window, options) & ~seat & ~stale
@@ -209,100 +206,3 @@ def _find_stuck(
     for end in np.flatnonzero(clear):
         stuck[end - window + 1 : end + 1] = True
     return stuck
-
-
-def _runs(x: FloatArray, breaks: BoolArray) -> tuple[IntArray, IntArray]:
-    """First sample and length of each run of one repeated value; a break ends a run."""
-    change = np.ones(len(x), bool)
-    change[1:] = (x[1:] != x[:-1]) | breaks[1:]
-    first = np.flatnonzero(change)
-    return first, np.diff(np.append(first, len(x)))
-
-
-def _find_stale(
-    x: FloatArray, drive: FloatArray, breaks: BoolArray, options: MaskOptions
-) -> tuple[BoolArray, float]:
-    """Mark repeated values of a sensor that is slower than its log, and single freezes.
-
-    A repeat proves nothing at rest, on a quantised slow ramp or on a seat. It does where the value
-    jumps by more than two quanta at both ends of the run, and not back (that is a stop): there the
-    spool moved meanwhile.
-    """
-    stale = np.zeros(len(x), bool)
-    first, length = _runs(x, breaks)
-    if len(first) < _MIN_RUNS:
-        return stale, 1.0
-    jump = np.zeros(len(first) + 1)
-    jump[1:-1] = np.where(breaks[first[1:]], 0.0, x[first[1:]] - x[first[1:] - 1])
-    size = np.abs(jump)
-    moved = size[size > 0.0]
-    if len(moved) == 0:
-        return stale, 1.0
-    quantum = moved.min()
-    before, after = jump[:-1], jump[1:]
-    moving = (np.abs(before) > 2.0 * quantum) & (np.abs(after) > 2.0 * quantum)
-    refresh = _refresh_period(length[moving])
-    if refresh > 1.0:
-        for i, n in zip(first[length > 1], length[length > 1], strict=True):
-            k = np.arange(1, n)
-            fresh = np.floor(k / refresh + 1e-9) > np.floor((k - 1) / refresh + 1e-9)
-            stale[i + 1 : i + n] = ~fresh
-        return stale, refresh
-    through_motion = moving & (before * after > 0.0)
-    return _find_freezes(x, drive, first, length, through_motion, options), 1.0
-
-
-def _refresh_period(length: IntArray) -> float:
-    """Mean run length in motion where it is regular, else 1 [samples]."""
-    length = length[length <= _MAX_REFRESH]
-    if len(length) < _MIN_RUNS:
-        return 1.0
-    mode = int(np.argmax(np.bincount(length)))
-    regular = length[np.abs(length - mode) <= 1]
-    if len(regular) < 0.7 * len(length):
-        return 1.0
-    mean = float(regular.mean())
-    if mean < _REFRESH_FOUND:
-        return 1.0
-    return float(round(mean)) if abs(mean - round(mean)) < 0.1 else mean
-
-
-def _find_freezes(
-    x: FloatArray,
-    drive: FloatArray,
-    first: IntArray,
-    length: IntArray,
-    through_motion: BoolArray,
-    options: MaskOptions,
-) -> BoolArray:
-    """Find single long repetitions: through a motion, or where noise is alive at rest.
-
-    Noise reverses, a leak does not. A run at the end of the range is a sensor that clips.
-    """
-    stale = np.zeros(len(x), bool)
-    active = np.abs(drive) > options.active_command
-    alive = length >= _surprising_run(x, ~active, first, length, noise=True)
-    long = length >= _surprising_run(x, active, first, length, noise=False)
-    commanded = np.add.reduceat(active, first, dtype=np.int64)
-    frozen = alive | (long & through_motion & (commanded > options.max_lag))
-    frozen &= (x[first] > np.nanmin(x)) & (x[first] < np.nanmax(x))
-    for i, n in zip(first[frozen], length[frozen], strict=True):
-        stale[i + 1 : i + n] = True
-    return stale
-
-
-def _surprising_run(
-    x: FloatArray, where: BoolArray, first: IntArray, length: IntArray, *, noise: bool
-) -> float:
-    """Shortest repetition beyond chance; infinite where there is no noise but must be."""
-    longest = int(np.argmax(length))
-    outside = where.copy()
-    outside[first[longest] : first[longest] + length[longest]] = False
-    step = np.diff(x)
-    both = outside[1:-1] & outside[2:]
-    if both.sum() < 4 * _FREEZE_RUN:
-        return float("inf")
-    if noise and np.mean((step[1:] * step[:-1] < 0.0)[both]) < _ALIVE:
-        return float("inf")
-    repeats = min(max(float(np.mean(step[1:][both] == 0.0)), 1e-3), 1.0 - 1e-9)
-    return max(_FREEZE_RUN, 1.0 + float(np.log(_CHANCE / len(x)) / np.log(repeats)))
