@@ -98,7 +98,7 @@ def _press(out: Path, cycles: int, rate: float) -> bool:
     with Processes(out) as processes:
         processes.start("twin", NAMESPACE, files)
         processes.start("aging_monitor", NAMESPACE, files)
-        recorded = ["-p", f"bag:={bag}", "-p", "topics:=[]", "-p", "all:=true"]
+        recorded = ["-p", f"bag:={bag}", "-p", "all:=true"]
         processes.start("bag_recorder", NAMESPACE, files, recorded)
         processes.start("simulated_valve", NAMESPACE, files)
         seen = _watch(processes, cycles, limit_s=max(60.0, 2.5 * 25.5 * cycles / rate))

@@ -27,6 +27,12 @@ ROWS = 12
 EVERY = 10
 """Without a terminal, one line is printed every so many cycles."""
 
+STATUS = {
+    Estimate.ACCEPTED: "accepted",
+    Estimate.PARTIAL: "in part",
+    Estimate.REFUSED: "refused",
+}
+
 _LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -111,21 +117,32 @@ def watch(
 
 def render(node: Watcher, cycles: int) -> Group:
     """Return the present table with trends and verdict below."""
-    names = list(node.estimates[-1].names) if node.estimates else []
+    names = _shown(node)
     table = Table(title=f"{len(node.cycles)} of {cycles} cycles", expand=False)
-    table.add_column("cycle", justify="right")
-    for name in names:
-        table.add_column(name, justify="right")
-    table.add_column("free run fit, test %", justify="right")
-    table.add_column("status")
+    for title in ("cycle", *names, "fit %"):
+        table.add_column(title, justify="right", no_wrap=True)
+    table.add_column("status", no_wrap=True)
     for e in node.estimates:
-        cells = [_number(v) for v in e.values]
+        values = dict(zip(e.names, e.values, strict=True))
+        cells = [_number(values.get(n, math.nan)) for n in names]
         fit = "-" if math.isnan(e.fit_test) else f"{e.fit_test:.1f}"
-        table.add_row(str(e.cycle), *cells, fit, e.reason)
-    lines = [_trend_line(t) for t in node.trends.values() if t is not None]
+        table.add_row(str(e.cycle), *cells, fit, STATUS[e.status])
+    lines = [_trend_line(t) for t in node.trends.values() if t is not None and _known(t)]
     if node.verdict is not None:
         lines.append(f"verdict: {node.verdict.text}: {node.verdict.evidence}")
     return Group(table, *lines)
+
+
+def _shown(node: Watcher) -> list[str]:
+    """Return the followed parameters, the first ones before there are trends."""
+    if not node.estimates:
+        return []
+    published = list(node.estimates[-1].names)
+    return [n for n in published if n in node.trends] or published[:4]
+
+
+def _known(trend: Any) -> bool:
+    return not math.isnan(trend.drift_reference)
 
 
 def _line(node: Watcher, cycles: int) -> str:
