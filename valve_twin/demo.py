@@ -243,7 +243,7 @@ class Processes:
 
     def __exit__(self, *_: object) -> None:
         """End all, newest first: SIGINT, and SIGKILL where that is not enough."""
-        for _, process in reversed(self._running):
+        for _name, process in reversed(self._running):
             process.send_signal(signal.SIGINT)
         for name, process in reversed(self._running):
             try:

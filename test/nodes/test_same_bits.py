@@ -73,7 +73,12 @@ def test_live_replayed_and_offline_give_the_same_bits(tmp_path, domain):
     live = write(
         tmp_path / "live.yaml",
         SOURCE
-        | {"history_url": live_url, "rate": 0.0, "stop_after_cycles": CYCLES + 1, "wait_for_subscribers": 2},
+        | {
+            "history_url": live_url,
+            "rate": 0.0,
+            "stop_after_cycles": CYCLES + 1,
+            "wait_for_subscribers": 2,
+        },
     )
     with Processes(tmp_path) as processes:
         processes.start("twin", "/valve_1", [live])

@@ -55,12 +55,35 @@ class ValveModel(Protocol):
         Name of the estimator that feeds the trend and the predictions.
     """
 
-    name: str
-    inputs: tuple[str, ...]
-    output: str
-    parameters: tuple[Parameter, ...]
-    options: tuple[Option, ...]
-    trend_estimator: str
+    @property
+    def name(self) -> str:
+        """Name in configurations."""
+        ...
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Signal names of the commands."""
+        ...
+
+    @property
+    def output(self) -> str:
+        """Signal name of the position."""
+        ...
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Every parameter that may be published."""
+        ...
+
+    @property
+    def options(self) -> tuple[Option, ...]:
+        """Options with their defaults."""
+        ...
+
+    @property
+    def trend_estimator(self) -> str:
+        """Name of the estimator that feeds trend and prediction."""
+        ...
 
     def estimate(self, cycle: Cycle, options: Options) -> tuple[Estimate, ...]:
         """Estimate every configured estimator's parameters from one cycle alone.
