@@ -88,7 +88,8 @@ def _press(out: Path, cycles: int, rate: float) -> bool:
     parameters = {
         "rate": rate,
         "stop_after_cycles": cycles + 1,
-        "wait_for_subscribers": 1,
+        "wait_for_subscribers": 2,  # the twin and the recorder, on every topic
+        "signals": {"cycle_counter": {"topic": "cycle"}, "reference": {"topic": "reference"}},
         "history_url": f"sqlite:///{out / 'history.sqlite'}",
         "simulation": {"aging": {"area_in": {"law": "linear", "rate": AGING_RATE}}},
     }

@@ -142,6 +142,16 @@ def test_too_short_a_cycle_is_refused_with_its_length():
     assert "4 samples, fewer than 8" in cycle.reason
 
 
+def test_a_cycle_cut_off_by_the_end_of_the_record_is_refused():
+    frames = press_frames(3)
+    for samples, accepted in ((895, True), (760, False)):
+        segmenter, _ = run(PRESS, frames[:samples])
+        (last,) = segmenter.close(Closing.END)
+        assert last.number == 3
+        assert last.accepted is accepted
+    assert "cut off: 140 samples of the usual 300" in last.reason
+
+
 def test_gaps_are_counted_as_lost_samples():
     frames = press_frames(2)
     keep = np.ones(600, dtype=bool)

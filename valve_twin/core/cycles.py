@@ -10,6 +10,7 @@ into blocks gives the same cycles.
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from enum import Enum
 
@@ -29,6 +30,10 @@ from valve_twin.core.types import (
 MIN_SAMPLES = 8
 """Fewest samples handed to estimation; a regression of paper 002, eq. (17) needs more than 4."""
 
+USUAL_SHARE = 0.9
+"""Share of the usual length that a cycle needs in which the record ends [A]."""
+
+_USUAL_CYCLES = 20  # closed cycles whose median length is the usual one
 _STAY, _OPEN, _CLOSE = 0, 1, 2
 _START, _ACTIVE, _LAST = (
     0,
@@ -226,6 +231,7 @@ class Segmenter:
         self._last_number = last_cycle
         self._missed_before = -1 if resumed else 0
         self._ordinal = 0
+        self._lengths: deque[int] = deque(maxlen=_USUAL_CYCLES)
         self._forget()
 
     def _forget(self) -> None:
@@ -351,24 +357,28 @@ class Segmenter:
             return []
         frames = join_frames(self._parts)
         lost = _count_lost(frames.stamp_ns, self._period_s)
-        enough = len(frames) >= MIN_SAMPLES
-        reason = (
-            why.value
-            if enough
-            else f"{len(frames)} samples, fewer than {MIN_SAMPLES}; {why.value}"
-        )
+        problem = self._too_short(len(frames), why)
         cycle = Cycle(
             number=self._number,
             period_s=self._period_s,
             frames=frames,
             lost=lost,
             missed_cycles=self._missed,
-            accepted=enough,
-            reason=reason,
+            accepted=not problem,
+            reason=f"{problem}; {why.value}" if problem else why.value,
             reproducible=self._reproducible and lost == 0,
         )
         self._parts, self._number, self._reproducible = [], 0, True
         return [cycle]
+
+    def _too_short(self, samples: int, why: Closing) -> str:
+        """Say why a cycle of that many samples cannot be estimated, empty if it can."""
+        usual = float(np.median(self._lengths)) if self._lengths else 0.0
+        if why is not Closing.END:
+            self._lengths.append(samples)
+        elif samples < USUAL_SHARE * usual:
+            return f"cut off: {samples} samples of the usual {usual:.0f}"
+        return f"{samples} samples, fewer than {MIN_SAMPLES}" if samples < MIN_SAMPLES else ""
 
 
 def _column(name: str, inputs: tuple[str, ...], key: str) -> int:

@@ -62,7 +62,7 @@ class Record:
         self._keep_last()
 
     def _keep_last(self) -> None:
-        closed = {c.cycle for c in self.cycles[-3:]}
+        closed = {c.cycle for c in self.cycles[-3:] if c.accepted}
         ready = [n for n in self._running if n in closed]
         if ready:
             last = max(ready)
