@@ -270,15 +270,20 @@ def _with_interval(
 def _in_force(
     model: ValveModel, estimates: tuple[Estimate, ...], period_s: float, options: Options
 ) -> InForce | None:
-    """Merge the newest finite value of each parameter into one model."""
+    """Merge what the cycles know into one model: the model's own `merge`, if it has one."""
     if not estimates:
         return None
-    values = {p.name: p.value for e in estimates for p in e.parameters if np.isfinite(p.value)}
+    values = getattr(model, "merge", _newest_values)(estimates)
     newest = estimates[-1]
     coefficients = model.coefficients(values, newest.lag, period_s, options)
     if not np.isfinite(coefficients).all():
         return None
     return InForce(coefficients, newest.lag, _expected_sigma(estimates), newest.cycle)
+
+
+def _newest_values(estimates: tuple[Estimate, ...]) -> dict[str, float]:
+    """Return the newest finite value of each parameter."""
+    return {p.name: p.value for e in estimates for p in e.parameters if np.isfinite(p.value)}
 
 
 def _expected_sigma(estimates: tuple[Estimate, ...]) -> float:

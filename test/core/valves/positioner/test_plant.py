@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from valve_twin.core.simulation import SimulatedValve, simulate_cycles, to_frames
+from valve_twin.core.simulation import SimulatedValve, to_frames
 from valve_twin.core.simulation.block import join_blocks
 from valve_twin.core.types import Cycle, EstimateStatus
 from valve_twin.core.valves.positioner.model import MODEL
@@ -24,15 +24,25 @@ def quiet_simulation():
     return replace(config, measurement=replace(config.measurement, noise=0.0, delay=0))
 
 
-def test_the_model_finds_the_plant_it_is_a_sampled_form_of():
-    (block,) = simulate_cycles(quiet_simulation(), 1)
+FITTED = ("rate_rising", "rate_falling", "slew_rising", "slew_falling", "dead_band")
+
+
+def held_commands():
+    levels = np.array([0.1, 0.8, 0.75, 0.3, 0.35, 0.9, 0.4, 0.1])
+    return np.repeat(levels, 80).reshape(-1, 1)
+
+
+@pytest.mark.parametrize("controller", ["cycles", "external"])
+def test_the_model_finds_the_plant_it_is_the_sampled_form_of(controller):
+    config = replace(quiet_simulation(), controller=controller)
+    commands = held_commands() if controller == "external" else None
+    block = SimulatedValve(config, seed=1).advance(640, commands)
     (found,) = MODEL.estimate(Cycle(1, 0.05, to_frames(block)), OPTIONS)
     plant = PositionerPlant()
     assert found.status is EstimateStatus.ACCEPTED
-    assert found.value("slew_rising") == pytest.approx(plant.slew_rising, rel=0.02)
-    assert found.value("slew_falling") == pytest.approx(plant.slew_falling, rel=0.02)
-    assert found.value("rate_rising") == pytest.approx(plant.rate_rising, rel=0.1)
-    assert found.value("rate_falling") == pytest.approx(plant.rate_falling, rel=0.1)
+    for name in ("rate_rising", "rate_falling", "slew_rising", "slew_falling", "dead_band"):
+        assert found.value(name) == pytest.approx(getattr(plant, name), rel=1e-6)
+    assert found.value("delay") == pytest.approx(plant.delay + 0.05)  # and the sample it acts in
 
 
 def test_blocks_of_any_length_give_the_same_samples():

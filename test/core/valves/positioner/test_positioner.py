@@ -5,15 +5,25 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
 
-from valve_twin.core.types import Cycle, EstimateStatus, Frames, ParameterStatus
-from valve_twin.core.valves.positioner.kernels import advance
+from valve_twin.core.estimation.sequence import Memory, model_in_force
+from valve_twin.core.types import (
+    Cycle,
+    Estimate,
+    EstimateStatus,
+    Frames,
+    ParameterStatus,
+    ParameterValue,
+)
+from valve_twin.core.valves.positioner.kernels import advance, motion, top_speed
 from valve_twin.core.valves.positioner.model import MODEL
 from valve_twin.core.valves.registry import complete_options
 
@@ -87,6 +97,56 @@ def estimate(command, position, options=OPTIONS, **kwargs):
     return found
 
 
+@given(
+    q=st.floats(0.0, 1.0),
+    rate=st.floats(0.1, 50.0),
+    slew=st.floats(0.05, 5.0),
+    duration=st.floats(1e-3, 1.0),
+)
+def test_the_motion_solves_its_equation(q, rate, slew, duration):
+    solved = solve_ivp(
+        lambda _, x: -np.minimum(rate * x, slew), (0.0, duration), [q], rtol=1e-9, atol=1e-12
+    )
+    way = motion(q, rate, slew, duration)[0]
+    assert way == pytest.approx(q - solved.y[0, -1], rel=1e-6, abs=1e-9)
+
+
+@given(
+    q=st.floats(1e-3, 1.0),
+    rate=st.floats(0.1, 50.0),
+    slew=st.floats(0.05, 5.0),
+    duration=st.floats(1e-3, 1.0),
+)
+def test_the_derivatives_of_the_motion_are_those_of_finite_differences(q, rate, slew, duration):
+    at = np.array([q, rate, slew])
+    found = motion(q, rate, slew, duration)[1:4]
+    for i, value in enumerate(found):
+        step = np.zeros(3)
+        step[i] = 1e-6 * at[i]
+        ahead, behind = (motion(a[0], a[1], a[2], duration)[0] for a in (at + step, at - step))
+        assert value == pytest.approx((ahead - behind) / (2 * step[i]), rel=1e-3, abs=1e-6)
+
+
+@given(
+    q=st.floats(0.0, 1.0),
+    rate=st.floats(0.0, 500.0),
+    slew=st.floats(0.0, 50.0),
+    duration=st.floats(1e-3, 1.0),
+)
+def test_the_motion_never_passes_the_command_nor_the_limit(q, rate, slew, duration):
+    way = motion(q, rate, slew, duration)[0]
+    assert 0.0 <= way <= min(q, slew * duration) * (1 + 1e-12)
+
+
+@given(st.floats(1e-3, 1.0), st.integers(1, 40))
+def test_the_motion_over_two_periods_is_that_of_one_after_the_other(q, parts):
+    whole = motion(q, 7.0, 0.6, 0.4)[0]
+    x = 0.0
+    for _ in range(parts):
+        x += motion(q - x, 7.0, 0.6, 0.4 / parts)[0]
+    assert x == pytest.approx(whole, rel=1e-12)
+
+
 def test_recovers_a_known_valve_without_noise():
     command = make_command()
     found = estimate(command, make_position(command))
@@ -153,6 +213,100 @@ def test_a_limit_that_is_never_reached_is_refused_by_name():
     assert status["slew_rising"] is ParameterStatus.NOT_EXCITED
     assert status["rate_rising"] is ParameterStatus.OK
     assert "slew_rising" in found.reason
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=6)
+def test_estimates_of_any_motion_keep_their_bounds(seed):
+    rng = np.random.default_rng(seed)
+    command = rng.uniform(0, 1, 400)
+    position = np.cumsum(rng.normal(0, 0.02, 400)) + 0.5
+    found = estimate(command, position)
+    for p, declared in zip(found.parameters, MODEL.parameters, strict=True):
+        assert p.name == declared.name
+        assert not p.value < declared.lower
+    assert not found.value("rate_rising") > 5.0 / PERIOD_S
+    assert not found.value("slew_falling") > 1.0 / PERIOD_S
+    assert not found.value("dead_band") > 0.05
+
+
+def test_a_parameter_on_its_bound_says_so():
+    command = make_command()
+    found = estimate(command, np.concatenate(([command[0]], command[:-1])))
+    at = {p.name: p for p in found.parameters}
+    assert at["rate_rising"].status is ParameterStatus.AT_BOUND
+    assert "faster than the sampling shows" in at["rate_rising"].reason
+    assert at["dead_band"].status is ParameterStatus.AT_BOUND
+
+
+def test_a_thinned_search_finds_the_same_valve():
+    """At 1 kHz a record of 8 s is searched on every 8th sample, then fitted whole."""
+    rng = np.random.default_rng(5)
+    command = np.repeat(make_command(800), 10)
+    p = np.array(list(TRUTH.values()))
+    position = np.full(8000, 0.5)
+    for n in range(124, 8000):
+        position[n] = advance(position[n - 1], command[n - 123], p, 1e-3)
+    options = complete_options(MODEL, {"max_delay_s": 0.4})
+    noisy = position + rng.normal(0, 5e-4, 8000)
+    found = estimate(command, noisy, options, period_s=1e-3)
+    assert abs(found.lag - 123) <= 1
+    for name in ("rate_rising", "rate_falling", "slew_rising", "slew_falling"):
+        assert found.value(name) == pytest.approx(TRUTH[name], rel=0.02)
+    assert found.value("response_rising") == pytest.approx(0.123 + 1 / 8.0, abs=2e-3)
+
+
+def test_the_speed_shown_is_that_of_the_steepest_part():
+    position = np.concatenate((np.zeros(50), np.linspace(0, 1, 101), np.linspace(1, 0, 401)[1:]))
+    assert top_speed(position, 0.2, 0.01) == pytest.approx(1.0)
+    assert top_speed(-position, 0.2, 0.01) == pytest.approx(0.25)
+    assert top_speed(position, 1.5, 0.01) == 0.0
+
+
+def test_stale_samples_are_left_out():
+    rng = np.random.default_rng(2)
+    command = make_command()
+    position = make_position(command) + rng.normal(0, 1e-3, len(command))
+    slow = np.repeat(position[::4], 4)
+    found = estimate(command, slow)
+    assert found.counts.stale > 500
+    assert found.value("rate_rising") == pytest.approx(TRUTH["rate_rising"], rel=0.05)
+
+
+def test_the_noise_is_measured_where_the_command_rests():
+    rng = np.random.default_rng(4)
+    command = make_command()
+    sigmas = [
+        estimate(command, make_position(command) + rng.normal(0, 2e-3, len(command))).noise_sigma
+        for _ in range(5)
+    ]
+    assert np.mean(sigmas) == pytest.approx(2e-3, rel=0.1)
+
+
+def in_force_after(*values):
+    estimates = tuple(
+        replace(
+            Estimate("positioner", "output_error", n + 1, 0, 1, (), EstimateStatus.PARTIAL, ""),
+            parameters=tuple(ParameterValue(k, v) for k, v in known.items()),
+        )
+        for n, known in enumerate(values)
+    )
+    return model_in_force(MODEL, Memory(estimates), PERIOD_S, OPTIONS)
+
+
+def test_a_model_comes_into_force_with_what_is_known():
+    force = in_force_after({"rate_rising": 8.0, "slew_rising": np.nan})
+    assert force is not None
+    assert force.coefficients[:5].tolist() == [8.0, 8.0, 100.0, 100.0, 0.0]
+
+
+def test_a_limit_stays_in_force_until_the_valve_is_seen_to_pass_it():
+    reached = {"rate_rising": 8.0, "slew_rising": 0.5, "speed_rising": 0.5}
+    slower = {"rate_rising": 7.0, "speed_rising": 0.3}
+    faster = {"rate_rising": 6.0, "speed_rising": 0.7}
+    assert in_force_after(reached, slower).coefficients[2] == 0.5
+    assert in_force_after(reached, faster, slower).coefficients[2] == 100.0
+    assert in_force_after(faster, reached).coefficients[2] == 0.5
 
 
 @pytest.mark.parametrize(

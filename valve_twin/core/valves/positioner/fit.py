@@ -10,18 +10,22 @@ scan from coarse to fine.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from valve_twin.core.valves.positioner.kernels import N_PARAMETERS, normal_equations
+from valve_twin.core.valves.positioner.kernels import N_PARAMETERS, normal_equations, top_speed
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray
 
+    Limits: TypeAlias = tuple[FloatArray, FloatArray]
+
 FASTEST_RATE = 5.0
 """Greatest rate times period [1]: less than 1 % of the distance is left after one sample."""
 
+_SHOWN_WAY = 0.2  # share of the motion over which a speed is measured: well above noise [A]
+_SEARCH_SAMPLES = 1000  # a record twice as long is searched on every second sample, and so on
 _MAX_ITERATIONS = 60
 _RELATIVE_STEP = 1e-10
 _DAMPING_UP, _DAMPING_DOWN, _DAMPING_MAX = 4.0, 0.25, 1e12
@@ -49,22 +53,44 @@ class Solution:
     active: FloatArray
 
 
-def bounds(period_s: float, max_dead_band: float) -> tuple[FloatArray, FloatArray]:
-    """Return the bounds (5,) each: nothing is negative, nothing faster than the sampling shows.
+def shown_speeds(record: Record) -> tuple[float, float]:
+    """Return the greatest rising and falling speed over a fifth of the record's motion [1/s].
+
+    Parameters
+    ----------
+    record : Record
+        With at least one used sample.
+    """
+    way = _SHOWN_WAY * float(np.ptp(record.position[record.used]))
+    if way <= 0.0:
+        return 0.0, 0.0
+    rising = top_speed(record.position, way, record.period_s)
+    return float(rising), float(top_speed(-record.position, way, record.period_s))
+
+
+def bounds(period_s: float, *, min_slew: float, max_dead_band: float) -> Limits:
+    """Return the bounds (5,) each: nothing negative, nothing faster than the sampling shows.
 
     Parameters
     ----------
     period_s : float
         Sampling time [s].
+    min_slew : float
+        Lower bound of the slew limits [1/s].
     max_dead_band : float
         Upper bound of the dead band [1].
     """
     rate, slew = FASTEST_RATE / period_s, 1.0 / period_s
-    return np.zeros(N_PARAMETERS), np.array([rate, rate, slew, slew, max_dead_band])
+    least = min(min_slew, slew)
+    lower = np.array([0.0, 0.0, least, least, 0.0])
+    return lower, np.array([rate, rate, slew, slew, max_dead_band])
 
 
-def fit_free_run(record: Record, *, max_lag: int, max_dead_band: float) -> Solution:
+def fit_free_run(record: Record, *, max_lag: int, limits: Limits) -> Solution:
     """Find parameters and delay that make the free run follow the measured position.
+
+    A long record is searched on every k-th sample first: the parameters are those of continuous
+    time, so what is found there starts the fit of all samples.
 
     Parameters
     ----------
@@ -72,15 +98,23 @@ def fit_free_run(record: Record, *, max_lag: int, max_dead_band: float) -> Solut
         At least `max_lag` + 8 samples.
     max_lag : int
         Longest delay tried [samples].
-    max_dead_band : float
-        Upper bound of the dead band [1].
+    limits : tuple of (5,) arrays
+        Lower and upper bounds, see `bounds`.
 
     Returns
     -------
     Solution
         The best of all starts and delays.
     """
-    limits = bounds(record.period_s, max_dead_band)
+    every = max(1, len(record.position) // _SEARCH_SAMPLES)
+    best = _search(_thin(record, every), -(-max_lag // every), limits)
+    if every > 1:
+        best = _refine(record, best, every, max_lag, limits)
+    return best
+
+
+def _search(record: Record, max_lag: int, limits: Limits) -> Solution:
+    """Scan the delay from coarse to fine, each from several starts."""
     starts = _starts(record, limits)
     best: Solution | None = None
     tried: set[int] = set()
@@ -100,6 +134,37 @@ def fit_free_run(record: Record, *, max_lag: int, max_dead_band: float) -> Solut
     return best
 
 
+def _refine(
+    record: Record, coarse: Solution, every: int, max_lag: int, limits: Limits
+) -> Solution:
+    """Fit all samples, with delays around the one found on every k-th."""
+    centre = min(coarse.lag * every, max_lag)
+    best = _descend(record, coarse.parameters, centre, limits)
+    tried = {centre}
+    step = every
+    while True:
+        lags = {min(max(best.lag + k * step, 0), max_lag) for k in (-1, 1)} - tried
+        tried |= lags
+        found = [_descend(record, best.parameters, lag, limits) for lag in sorted(lags)]
+        better = min(found, key=lambda s: s.cost, default=best)
+        if better.cost < best.cost:
+            best = better
+        elif step == 1:
+            return best
+        else:
+            step = -(-step // 3)
+
+
+def _thin(record: Record, every: int) -> Record:
+    return Record(
+        position=np.ascontiguousarray(record.position[::every]),
+        command=np.ascontiguousarray(record.command[::every]),
+        used=np.ascontiguousarray(record.used[::every]),
+        period_s=record.period_s * every,
+        stops=record.stops,
+    )
+
+
 def _coarse_to_fine(max_lag: int) -> list[list[int]]:
     """Return scans around the best delay so far: 0..max_lag in at most 12 steps, then finer."""
     step = max(1, -(-max_lag // 12))
@@ -110,7 +175,7 @@ def _coarse_to_fine(max_lag: int) -> list[list[int]]:
     return scans
 
 
-def _starts(record: Record, limits: tuple[FloatArray, FloatArray]) -> list[FloatArray]:
+def _starts(record: Record, limits: Limits) -> list[FloatArray]:
     """Guess rates and slew limits from the measured speeds: three rates x two slew limits."""
     speed = np.diff(record.position) / record.period_s
     error = record.command[:-1] - record.position[:-1]
@@ -128,9 +193,7 @@ def _starts(record: Record, limits: tuple[FloatArray, FloatArray]) -> list[Float
     return out
 
 
-def _descend(
-    record: Record, start: FloatArray, lag: int, limits: tuple[FloatArray, FloatArray]
-) -> Solution:
+def _descend(record: Record, start: FloatArray, lag: int, limits: Limits) -> Solution:
     """Levenberg-Marquardt, scaled; parameters on a bound that pull outwards are held there."""
     lower, upper = limits
     p = start.copy()

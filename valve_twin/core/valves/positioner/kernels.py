@@ -156,6 +156,30 @@ def predict_block(
 
 
 @njit(cache=True)
+def top_speed(position: FloatArray, way: float, period: float) -> float:
+    """Return the greatest mean speed [1/s] at which the position rose by `way`, 0 if never.
+
+    Parameters
+    ----------
+    position : (N,) array
+        Measured position [1]; pass it with its sign changed for the other direction.
+    way : float
+        Distance to cover, well above the noise [1].
+    period : float
+        Sampling time [s].
+    """
+    best = 0.0
+    start = 0
+    for n in range(1, len(position)):
+        if position[n] <= position[start]:
+            start = n
+        while position[n] - position[start] >= way:
+            best = max(best, (position[n] - position[start]) / ((n - start) * period))
+            start += 1
+    return best
+
+
+@njit(cache=True)
 def _move(
     x: float, command: float, p: FloatArray, period: float, d: FloatArray, active: FloatArray
 ) -> tuple[float, float]:

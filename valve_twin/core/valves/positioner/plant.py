@@ -133,9 +133,9 @@ class PositionerPlant:
 
     @staticmethod
     def _commands(drive: Drive, ticks: int) -> FloatArray:
-        if drive.commands is not None:
-            return np.ascontiguousarray(np.repeat(drive.commands[:, 0], ticks))
-        return np.ascontiguousarray(drive.reference)
+        """Return the command of every step: it is sent once a sample and held."""
+        sent = drive.reference[::ticks] if drive.commands is None else drive.commands[:, 0]
+        return np.ascontiguousarray(np.repeat(sent, ticks))
 
 
 class _PositionerPlant:

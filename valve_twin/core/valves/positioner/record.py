@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Take what can be fitted out of a cycle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.estimation.masks import GAP_PERIODS, MaskOptions, find_masks
+from valve_twin.core.estimation.noise import rest_noise
+from valve_twin.core.types import MaskCounts
+from valve_twin.core.valves.positioner.fit import Record
+from valve_twin.core.valves.positioner.kernels import MAX_LAG
+from valve_twin.core.valves.positioner.parameters import number
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import BoolArray, Cycle, FloatArray, Frames
+    from valve_twin.core.valves.interface import Options
+
+_LEAST_BEYOND_LAG = 20  # fewest samples beyond the longest delay that a fit needs [A]
+_SETTLE_SAMPLES = 15  # samples beyond the longest delay until the position counts as resting [A]
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """A cycle made ready.
+
+    Attributes
+    ----------
+    record : Record
+        The longest stretch without a gap.
+    max_lag : int
+        Longest delay to try [samples].
+    counts : MaskCounts
+        Samples used and left out.
+    noise_sigma : float
+        Position noise where the command rests [1]; NaN without rest.
+    refusal : str
+        Why the cycle cannot be fitted, empty if it can.
+    """
+
+    record: Record
+    max_lag: int
+    counts: MaskCounts
+    noise_sigma: float
+    refusal: str
+
+
+def prepare(cycle: Cycle, options: Options) -> Prepared:
+    """Find the stretch to fit, what to leave out of it, and whether it says anything.
+
+    The free run goes on over a sample that is left out; a stale one repeats an old value, so its
+    position is missing.
+
+    Parameters
+    ----------
+    cycle : Cycle
+        At least one sample.
+    options : mapping
+        The model's options, complete.
+    """
+    max_lag = _max_lag(options, cycle.period_s)
+    part = _longest_whole(cycle.frames, cycle.period_s)
+    bad = ~part.valid | ~np.isfinite(part.position)
+    command = _held(part.inputs[:, 0], np.isfinite(part.inputs[:, 0]))
+    position = _held(part.position, ~bad)
+    stale, sigma = _sensor(part, command, position, cycle.period_s, max_lag, options)
+    used = ~bad & ~stale
+    stops = np.array([number(options, "lower_stop"), number(options, "upper_stop")])
+    record = Record(position, command, used, cycle.period_s, stops)
+    n_stale = int(np.count_nonzero(stale))
+    n_used = int(np.count_nonzero(used))
+    counts = MaskCounts(n_used, stale=n_stale, bad=len(cycle.frames) - n_used - n_stale)
+    return Prepared(record, max_lag, counts, sigma, _refusal(record, max_lag, options))
+
+
+def _max_lag(options: Options, period_s: float) -> int:
+    return min(max(1, round(number(options, "max_delay_s") / period_s)), MAX_LAG)
+
+
+def _longest_whole(frames: Frames, period_s: float) -> Frames:
+    """Return the longest stretch without a gap, from its first usable sample on."""
+    gaps = np.diff(frames.stamp_ns) > GAP_PERIODS * 1e9 * period_s
+    edges = np.concatenate(([0], np.flatnonzero(gaps) + 1, [len(frames)]))
+    longest = int(np.argmax(np.diff(edges)))
+    part = frames[int(edges[longest]) : int(edges[longest + 1])]
+    usable = part.valid & np.isfinite(part.position)
+    return part[int(np.argmax(usable)) :]
+
+
+def _held(values: FloatArray, known: BoolArray) -> FloatArray:
+    """Repeat the last known value over unknown ones, 0 before the first."""
+    index = np.maximum.accumulate(np.where(known, np.arange(len(values)), 0))
+    return np.ascontiguousarray(np.nan_to_num(values[index], nan=0.0, posinf=0.0, neginf=0.0))
+
+
+def _sensor(
+    part: Frames,
+    command: FloatArray,
+    position: FloatArray,
+    period_s: float,
+    max_lag: int,
+    options: Options,
+) -> tuple[BoolArray, float]:
+    """Return stale samples (N,) and the noise at rest [1].
+
+    What drives a positioner is the distance to its command; it rests where the command does.
+    """
+    limits = MaskOptions(
+        lower_stop=number(options, "lower_stop"),
+        upper_stop=number(options, "upper_stop"),
+        max_lag=max_lag,
+    )
+    driven = replace(part, inputs=(command - position).reshape(-1, 1))
+    masks = find_masks(driven, period_s, push=(1.0,), options=limits)
+    steps = np.abs(np.diff(command, prepend=command[:1]))
+    commanded = replace(part, inputs=steps.reshape(-1, 1))
+    settle = max_lag + _SETTLE_SAMPLES
+    noise = rest_noise(commanded, masks, active_command=0.0, settle=settle)
+    return masks.stale, noise.sigma
+
+
+def _refusal(record: Record, max_lag: int, options: Options) -> str:
+    n = int(np.count_nonzero(record.used))
+    least = max_lag + _LEAST_BEYOND_LAG
+    if n < least:
+        return f"{n} usable samples without a gap, fewer than the {least} a fit needs"
+    span = float(np.ptp(record.position[record.used]))
+    wanted = number(options, "min_motion")
+    if span < wanted:
+        return f"the position moved by {span:.3g} of the stroke, less than min_motion {wanted:g}"
+    if float(np.ptp(record.command)) == 0.0:
+        return f"the command stayed at {record.command[0]:.3g}: the cycle excites nothing"
+    return ""
