@@ -26,11 +26,25 @@ def main() -> None:
     """Compile everything."""
     for name in MODELS:
         for rule in CycleRule:
-            _run(name, rule)
+            run_once(name, rule)
     aging.warm_up()
 
 
-def _run(name: str, rule: CycleRule) -> None:
+def run_once(name: str, rule: CycleRule) -> None:
+    """Run a short record of one valve through everything; a node does so before its first sample.
+
+    Parameters
+    ----------
+    name : str
+        Name of the model.
+    rule : CycleRule
+        Rule that cuts the record.
+
+    Raises
+    ------
+    ValueError
+        If the model is unknown or cannot be simulated.
+    """
     model = get_model(name)
     simulation = get_simulation(name)
     options = complete_options(model, {})

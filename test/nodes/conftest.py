@@ -142,6 +142,11 @@ class Graph:
         self.node.create_subscription(kind, topic, lambda m, i: found.append((m, i)), DEEP)
         return found
 
+    def connected(self, *topics: str) -> bool:
+        """Whether every one of the test's subscriptions of these topics has met a publisher."""
+        mine = [s for s in self.node.subscriptions if s.topic_name in topics]
+        return len(mine) == len(topics) and all(s.get_publisher_count() for s in mine)
+
     def call(self, kind, name: str, timeout: float = 20.0, **fields):
         """Call a service of any node and return the response."""
         client = self.node.create_client(kind, name)

@@ -34,12 +34,21 @@ def history(tmp_path):
             {"signals.v_in.topic": ""},
             ["'signals.v_in.topic'", "is empty", "write the topic"],
         ),
-        ({"model": "pres_cartridge"}, ["'model'", "pres_cartridge", "did you mean 'press_cartridge'?"]),
+        (
+            {"model": "pres_cartridge"},
+            ["'model'", "pres_cartridge", "did you mean 'press_cartridge'?"],
+        ),
         ({"period_s": -0.03}, ["'period_s'", "-0.03", "write 1e-06 to 3600"]),
         ({"period_s": "fast"}, ["'period_s'", "'fast'", "write for example"]),
         ({"signals.v_in.scale": 0.0}, ["'signals.v_in.scale'", "0.0", "other than 0"]),
-        ({"cycles.rule": "reference"}, ["'cycles.rule'", "reference", "write signals.reference.topic"]),
-        ({"cycles.start_signal": "v_on"}, ["'cycles.start_signal'", "v_on", "did you mean 'v_in'?"]),
+        (
+            {"cycles.rule": "reference"},
+            ["'cycles.rule'", "reference", "write signals.reference.topic"],
+        ),
+        (
+            {"cycles.start_signal": "v_on"},
+            ["'cycles.start_signal'", "v_on", "did you mean 'v_in'?"],
+        ),
     ],
 )
 def test_a_wrong_value_is_told_and_the_node_stays_to_be_configured(
@@ -56,7 +65,10 @@ def test_a_wrong_value_is_told_and_the_node_stays_to_be_configured(
 def test_an_unknown_key_is_named_with_the_nearest_valid_one(graph, capfd, history):
     node = graph.host(TwinNode, **history, **{"cycles.min_cycl_s": 2.0})
     said = capfd.readouterr().err
-    assert "'cycles.min_cycl_s' is unknown and has no effect: did you mean 'cycles.min_cycle_s'?" in said
+    assert (
+        "'cycles.min_cycl_s' is unknown and has no effect: did you mean 'cycles.min_cycle_s'?"
+        in said
+    )
     assert node.state == "active"
 
 

@@ -68,7 +68,9 @@ def test_a_missing_topic_is_named_with_the_remedy(graph, history, capfd):
     status = newest(diagnostics)
     assert status.level == DiagnosticStatus.WARN
     assert status.hardware_id == NS
-    assert f"topic '{NS}/spool_position' (signal spool_position) has no publisher" in status.message
+    assert (
+        f"topic '{NS}/spool_position' (signal spool_position) has no publisher" in status.message
+    )
     assert "start it or correct signals.spool_position.topic" in status.message
     assert "has no publisher" in capfd.readouterr().err
 
@@ -106,7 +108,11 @@ def test_signals_of_one_foreign_message_without_stamps_share_its_receive_time(gr
     joint = {"topic": "/plc/joints", "type": "sensor_msgs/msg/JointState"}
     mapping = {
         f"signals.{signal}.{key}": value
-        for signal, field in (("v_in", "effort[0]"), ("v_out", "effort[1]"), ("spool_position", "position[0]"))
+        for signal, field in (
+            ("v_in", "effort[0]"),
+            ("v_out", "effort[1]"),
+            ("spool_position", "position[0]"),
+        )
         for key, value in {**joint, "field": field, "scale": 0.001}.items()
     }
     graph.host(TwinNode, **history, **mapping)
@@ -121,7 +127,8 @@ def test_signals_of_one_foreign_message_without_stamps_share_its_receive_time(gr
 
 def test_a_batch_comes_back_as_a_batch(graph, history):
     series = {
-        f"signals.{s}.type": "valve_twin_msgs/msg/Float64Series" for s in ("v_in", "v_out", "spool_position")
+        f"signals.{s}.type": "valve_twin_msgs/msg/Float64Series"
+        for s in ("v_in", "v_out", "spool_position")
     }
     graph.host(TwinNode, **history, **series)
     found = graph.record(f"{NS}/twin/prediction", PredictionSeries)

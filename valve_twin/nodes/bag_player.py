@@ -143,10 +143,9 @@ class BagPlayerNode(ValveNode):
         """Begin when the graph is settled and enough subscribers are there."""
         if self._anchor is None:
             wanted = int(self.parameters["wait_for_subscribers"])
-            topics = [o.topic for o in self._outlets]
             if seconds_now() < self._earliest_s:
                 return False
-            if wanted and subscribers(self, topics) < wanted:
+            if wanted and subscribers(self._publishers_made.values()) < wanted:
                 return False
             self._guard.check(self._outlets)
             self._set_anchor()

@@ -9,13 +9,15 @@ data path does not pack it every cycle.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from valve_twin.core.estimation.sequence import Memory, estimate_cycle
 from valve_twin.core.valves.registry import get_model
+from valve_twin.warmup import run_once
 
 if TYPE_CHECKING:
-    from valve_twin.core.types import Cycle, Estimate
+    from valve_twin.core.types import Cycle, CycleRule, Estimate
     from valve_twin.core.valves.interface import Options
 
 MEMORY_LACKS = None
@@ -57,7 +59,14 @@ def run_job(
     return estimates
 
 
-def warm_up() -> None:
-    """Load what the estimation needs before the first cycle is there."""
-    for name in ("press_cartridge", "positioner"):
-        get_model(name)
+def warm_up(valves: tuple[tuple[str, CycleRule], ...]) -> None:
+    """Load what prediction and estimation need before the first sample is there.
+
+    Parameters
+    ----------
+    valves : tuple of (str, CycleRule)
+        Model and cycle rule of every valve.
+    """
+    for model, rule in valves:
+        with suppress(ValueError):  # a user's model may come without a simulation
+            run_once(model, rule)

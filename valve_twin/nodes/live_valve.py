@@ -35,6 +35,9 @@ DUTY = 0.1
 """Share of the time that may go into handing samples on: low rates are answered at once,
 high rates in blocks."""
 
+LONGEST_GATHER_S = 0.02
+"""No sample waits longer than this to be handed on [s]."""
+
 _DEEP = QoSProfile(depth=5000, reliability=ReliabilityPolicy.RELIABLE)
 LATCHED = QoSProfile(
     depth=10,
@@ -146,7 +149,7 @@ class LiveValve:
         for block in self._collector.take():
             self._push(block)
         end = seconds_now()
-        self._idle_until = end + (end - begin) * (1.0 / DUTY - 1.0)
+        self._idle_until = end + min((end - begin) * (1.0 / DUTY - 1.0), LONGEST_GATHER_S)
         self.worst_latency_s = max(self.worst_latency_s, 1e-9 * (time.time_ns() - oldest_ns))
 
     def due_s(self) -> float:

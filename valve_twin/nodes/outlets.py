@@ -5,14 +5,11 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from valve_twin.nodes.runtime import RCLError
-
-if TYPE_CHECKING:
-    from rclpy.node import Node
 
 _DEPTH = 5000
 
@@ -60,6 +57,6 @@ class Outbox:
         self._waiting.clear()
 
 
-def subscribers(node: Node, topics: list[str]) -> int:
-    """Return the least number of subscribers of the topics."""
-    return min((node.count_subscribers(t) for t in topics), default=0)
+def subscribers(publishers: Iterable[Any]) -> int:
+    """Return the least number of subscribers that the publishers have matched."""
+    return min((p.get_subscription_count() for p in publishers), default=0)

@@ -37,13 +37,10 @@ class Outlet:
         Absolute name.
     command : bool
         It could move a valve.
-    awaited : bool
-        A subscriber of it is waited for where waiting is asked for.
     """
 
     topic: str
     command: bool
-    awaited: bool = True
 
 
 def node_name(endpoint: Any) -> str:

@@ -66,10 +66,7 @@ class SimulatedTopics:
         if not self._external:
             self._topics["reference"] = topic("reference")
             self._topics |= self._command_topics
-        self.outlets = [
-            Outlet(t, command=k in model.inputs, awaited=k in model.inputs or k == "position")
-            for k, t in self._topics.items()
-        ]
+        self.outlets = [Outlet(t, command=k in model.inputs) for k, t in self._topics.items()]
         self._inputs_order = model.inputs
         self._valve = SimulatedValve(simulation, seed)
         self._publishers: dict[str, Any] = {}
@@ -86,6 +83,11 @@ class SimulatedTopics:
     def period_s(self) -> float:
         """Time from one call of `advance` to the next [s]."""
         return self.simulation.period_s * self._batch
+
+    @property
+    def awaited(self) -> list[Any]:
+        """Publishers of position and commands: what a twin cannot do without."""
+        return [p for n, p in self._publishers.items() if n not in {"cycle", "reference"}]
 
     def open(self, profile: QoSProfile, start_ns: int) -> None:
         """Make the publishers; the first sample is stamped `start_ns`."""

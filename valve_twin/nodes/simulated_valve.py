@@ -152,8 +152,8 @@ class SimulatedValveNode(ValveNode):
             return True
         now = seconds_now()
         wanted = int(self.parameters["wait_for_subscribers"])
-        topics = [o.topic for v in self._valves for o in v.outlets if o.awaited]
-        if now < self._earliest_s or (wanted and subscribers(self, topics) < wanted):
+        awaited = [p for v in self._valves for p in v.awaited]
+        if now < self._earliest_s or (wanted and subscribers(awaited) < wanted):
             return False
         self._check_safety()
         self._begin_s = now

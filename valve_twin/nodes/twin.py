@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from rclpy.clock import JumpThreshold, TimeJump
@@ -49,7 +50,9 @@ class TwinNode(ValveNode):
         timeout = float(self.parameters["busy_timeout_s"])
         for url in dict.fromkeys(c.history_url for c in configs):
             self._histories[url] = History(url, busy_timeout_s=timeout)
-        self._worker = WorkerProcess(warm_up)
+        kinds = tuple({(c.model, c.cycles.rule) for c in configs})
+        self._worker = WorkerProcess(partial(warm_up, kinds))
+        warm_up(kinds)
         self._writer = WorkerThread("history")
         for config in configs:
             valve = LiveValve(

@@ -82,7 +82,7 @@ class WorkerProcess:
         self._thread.join(timeout=0.5)
 
     def _serve(self) -> None:
-        with suppress(OSError, EOFError):
+        with suppress(Exception):  # tried again, and told, with the first job
             self._start()
         while not self._closing:
             order = self._orders.get()
@@ -104,6 +104,9 @@ class WorkerProcess:
                 self._pipe = None
                 if self._closing:
                     break
+            except Exception as err:
+                self._pipe = None
+                return Outcome(None, f"the worker cannot run: {type(err).__name__}: {err}", 0.0)
             else:
                 return outcome
         return Outcome(None, f"the worker process died {ATTEMPTS} times on this job", 0.0)

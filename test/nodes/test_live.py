@@ -1,0 +1,226 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""One live run at twenty times real time, with everything that happens to a plant.
+
+Simulated aging valve, twin, two aging monitors. One monitor is off for ten cycles; later the twin is
+killed and started again. The run is made once, each test asserts one thing about it.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from test.nodes.conftest import DEEP, NS, make_graph
+from test.nodes.feeding import REARM
+from valve_twin.io.history import History
+from valve_twin.nodes.convert import estimate_value, from_time
+from valve_twin_msgs.msg import CycleSummary, Estimate, Float64Stamped, Prediction, Trend, Verdict
+
+START_S = 1000.0
+RATE = 20.0
+TREND_ESTIMATOR = "output_error"
+ESTIMATORS = [
+    "output_error",
+    *(f"equation_error_{terms}" for terms in ("ls3", "ls5", "qp4", "qp8")),
+]
+"""All of them, solved by the slow reference, so that an estimation takes long enough to disturb."""
+
+
+@dataclass
+class Run:
+    """Everything that was seen on the network, pairs of message and transport times."""
+
+    history_url: str = ""
+    positions: list = field(default_factory=list)
+    predictions: list = field(default_factory=list)
+    cycles: list = field(default_factory=list)
+    estimates: list = field(default_factory=list)
+    diagnostics: list = field(default_factory=list)
+    interrupted: list = field(default_factory=list)
+    uninterrupted: list = field(default_factory=list)
+    verdicts: list = field(default_factory=list)
+    killed_at: int = 0
+    before_kill: dict = field(default_factory=dict)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("live")
+    graph = make_graph(folder)
+    try:
+        yield _live(graph, Run(f"sqlite:///{folder}/history.sqlite"))
+    finally:
+        graph.close()
+
+
+def _live(graph, run: Run) -> Run:
+    run.positions = graph.record_with_info(f"/sim{NS}/spool_position", Float64Stamped)
+    for command in ("v_in", "v_out"):
+        graph.record(f"/sim{NS}/command/{command}", Float64Stamped)
+    run.predictions = graph.record_with_info(f"{NS}/twin/prediction", Prediction)
+    run.cycles = graph.record_with_info(f"{NS}/twin/cycle", CycleSummary)
+    run.estimates = graph.record_with_info(f"{NS}/twin/estimate", Estimate)
+    run.diagnostics = graph.record("/diagnostics", DiagnosticArray)
+    run.interrupted = graph.record(f"{NS}/aging_monitor/trend/K_in", Trend)
+    run.uninterrupted = graph.record("/always/K_in", Trend)
+    run.verdicts = graph.record(f"{NS}/aging_monitor/verdict", Verdict)
+    twin_parameters = {
+        "history_url": run.history_url,
+        "topic_prefix": "/sim",
+        "options.estimators": ESTIMATORS,
+        "options.solver": "cvxpy",
+        **REARM,
+    }
+
+    def estimated() -> int:
+        return max(
+            (m.cycle for m, _ in run.estimates if m.estimator == TREND_ESTIMATOR), default=0
+        )
+
+    def reached(cycle: int):
+        graph.spin_until(lambda: estimated() >= cycle, 60.0, f"the estimate of cycle {cycle}")
+
+    twin = graph.start("twin", **twin_parameters)
+    own = [f"{NS}/twin/{name}" for name in ("prediction", "cycle", "estimate")]
+    graph.spin_until(lambda: graph.connected(*own), 60.0, "the twin's publishers")
+    names = ("trend/K_in", "trend/K_out", "trend/leak", "verdict")
+    elsewhere = [f"aging_monitor/{n}:=/always/{n.split('/')[-1]}" for n in names]
+    graph.start("aging_monitor", extra=[a for e in elsewhere for a in ("-r", e)], **REARM)
+    monitor = graph.start("aging_monitor", **REARM)
+    graph.start(
+        "simulated_valve",
+        rate=RATE,
+        start_time_s=START_S,
+        lossless=False,
+        wait_for_subscribers=2,
+        **{"simulation.aging.area_in.law": "linear", "simulation.aging.area_in.rate": -0.004},
+        extra=["-r", "__node:=plant"],
+    )
+    reached(4)
+    assert monitor.end() == 0
+    seen = estimated()
+    reached(seen + 10)
+    graph.start("aging_monitor", **REARM)
+    graph.spin_until(lambda: _same_cycle(run), 20.0, "both monitors at the same cycle")
+    reached(estimated() + 1)
+    run.before_kill = {"samples": len(run.predictions), "trend": run.uninterrupted[-1]}
+    run.killed_at = estimated()
+    twin.process.kill()
+    twin.process.wait()
+    graph.start("twin", **twin_parameters)
+    reached(run.killed_at + 4)
+    graph.spin_until(
+        lambda: from_time(run.uninterrupted[-1].header.stamp) >= _end(run, run.killed_at + 3),
+        20.0,
+        "a trend after the restart",
+    )
+    return run
+
+
+def _same_cycle(run: Run) -> bool:
+    return (
+        bool(run.interrupted)
+        and run.interrupted[-1].header == run.uninterrupted[-1].header
+        and (run.interrupted[-1].samples > 10)
+    )
+
+
+def _end(run: Run, cycle: int) -> int:
+    return next(from_time(m.end) for m, _ in run.estimates if m.cycle >= cycle)
+
+
+def _stamps(pairs) -> np.ndarray:
+    return np.array([from_time(m.header.stamp) for m, _ in pairs])
+
+
+def test_no_sample_is_lost_at_twenty_times_real_time(run):
+    predicted = _stamps(run.predictions[: run.before_kill["samples"]])
+    assert predicted[0] == START_S * 1e9
+    assert set(np.diff(predicted)) == {30_000_000}
+
+
+def test_the_run_is_twenty_times_as_fast_as_real_time(run):
+    part = run.predictions[: run.before_kill["samples"]]
+    data_s = 1e-9 * (from_time(part[-1][0].header.stamp) - from_time(part[0][0].header.stamp))
+    wall_s = 1e-9 * (part[-1][1]["source_timestamp"] - part[0][1]["source_timestamp"])
+    assert data_s / wall_s == pytest.approx(RATE, rel=0.05)
+
+
+def test_the_twin_counts_no_loss(run):
+    figures = [
+        v.value
+        for a in run.diagnostics
+        for s in a.status
+        for v in s.values
+        if "received/lost" in v.key
+    ]
+    assert figures
+    assert all(f.split("/")[1] == "0" for f in figures)
+
+
+def test_an_estimation_does_not_delay_the_predictions(run):
+    """Latency from the position leaving the plant to the prediction leaving the twin."""
+    sent = {from_time(m.header.stamp): i["source_timestamp"] for m, i in run.positions}
+    closed = {m.cycle: i["source_timestamp"] for m, i in run.cycles}
+    done = {m.cycle: i["source_timestamp"] for m, i in reversed(run.estimates)}
+    busy = np.array([(closed[c], done[c]) for c in closed if c in done])
+    latency, during = [], []
+    for message, info in run.predictions[: run.before_kill["samples"]]:
+        stamp, left = from_time(message.header.stamp), info["source_timestamp"]
+        if stamp in sent and message.validity != Prediction.NO_MODEL:
+            latency.append(left - sent[stamp])
+            during.append(bool(np.any((busy[:, 0] <= left) & (left <= busy[:, 1]))))
+    latency, during = np.array(latency), np.array(during)
+    assert during.sum() > 200
+    quiet, loud = np.percentile(latency[~during], 99), np.percentile(latency[during], 99)
+    assert loud <= 2.0 * quiet, f"p99 {1e-6 * loud:.2f} ms during, {1e-6 * quiet:.2f} ms without"
+
+
+def test_what_was_published_as_stored_is_in_the_history_after_a_kill(run):
+    published = [m for m, _ in run.estimates if m.stored]
+    with History(run.history_url, read_only=True) as history:
+        kept = {(e.cycle, e.estimator): e for e in history.estimates(NS)}
+    assert len(published) > 30
+    for message in published:
+        value = estimate_value(message)
+        stored = kept[value.cycle, value.estimator]
+        np.testing.assert_equal(
+            [p.value for p in value.parameters], [p.value for p in stored.parameters]
+        )
+
+
+def test_numbering_goes_on_after_a_restart_and_the_gap_is_told(run):
+    stored = [m for m, _ in run.estimates if m.stored and m.estimator == TREND_ESTIMATOR]
+    starts = [from_time(m.start) for m in stored]
+    assert [m.cycle for m in stored] == list(range(1, len(stored) + 1))
+    assert starts == sorted(starts)
+    told = {from_time(m.start): m.missed_cycles for m, _ in run.cycles}
+    after = next(m for m in stored if m.cycle > run.killed_at)
+    assert told[from_time(after.start)] == -1
+
+
+def test_the_twin_knows_its_model_from_the_first_sample_after_a_restart(run):
+    after = [m for m, _ in run.predictions if m.cycle > run.killed_at]
+    assert Prediction.NO_MODEL not in {m.validity for m in after}
+
+
+def test_the_trend_goes_on_after_a_restart(run):
+    assert run.uninterrupted[-1].samples >= run.before_kill["trend"].samples + 3
+    assert run.uninterrupted[-1].reference == run.before_kill["trend"].reference
+
+
+def test_a_monitor_that_was_off_for_ten_cycles_gives_the_identical_trend(run):
+    back = {from_time(t.header.stamp): t for t in run.interrupted}
+    always = {from_time(t.header.stamp): t for t in run.uninterrupted}
+    common = [stamp for stamp in back if stamp in always and back[stamp].samples > 10]
+    assert common
+    assert [back[s] for s in common] == [always[s] for s in common]
+
+
+def test_the_verdict_is_latched(run, tmp_path):
+    from valve_twin.nodes.live_valve import LATCHED
+
+    assert run.verdicts
+    assert LATCHED.durability.name == "TRANSIENT_LOCAL"
+    assert DEEP.durability.name != LATCHED.durability.name
