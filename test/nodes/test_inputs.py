@@ -10,11 +10,12 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
+from valve_twin_msgs.msg import Float64Series, Float64Stamped, Prediction, PredictionSeries
+
 from test.nodes.conftest import NS
 from test.nodes.feeding import START_NS, Feeder
 from valve_twin.nodes.convert import to_time
 from valve_twin.nodes.twin import TwinNode
-from valve_twin_msgs.msg import Float64Series, Float64Stamped, Prediction, PredictionSeries
 
 
 @pytest.fixture
@@ -118,7 +119,7 @@ def test_signals_of_one_foreign_message_without_stamps_share_its_receive_time(gr
     graph.host(TwinNode, **history, **mapping)
     found = graph.record(f"{NS}/twin/prediction", Prediction)
     publisher = graph.node.create_publisher(JointState, "/plc/joints", 10)
-    graph.spin_until(lambda: publisher.get_subscription_count())
+    graph.spin_until(publisher.get_subscription_count)
     publisher.publish(JointState(position=[500.0], effort=[100.0, 0.0]))
     graph.spin_until(lambda: found, what="a prediction")
     assert found[0].measured == 0.5

@@ -8,6 +8,7 @@ import time
 import pytest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
+
 from test.nodes.conftest import NS
 from valve_twin.io.bag_writer import BagWriter
 from valve_twin.nodes.aging_monitor import AgingMonitorNode
@@ -77,7 +78,7 @@ def test_a_signal_ends_a_running_node_at_once(graph, parameters, name, number):
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_a_node_at_any_moment_of_its_start(graph, parameters, number):
-    """Ten starts, the signal later each time: in the imports, in the configuration, in the loop."""
+    """Ten starts, the signal later each time: in imports, in the configuration, in the loop."""
     for i in range(10):
         process = graph.start("twin", **parameters["twin"])
         graph.spin_until(process.takes_signals, 30.0, "the handlers")

@@ -2,8 +2,8 @@
 # Copyright 2026 valve_twin maintainers
 """One live run at twenty times real time, with everything that happens to a plant.
 
-Simulated aging valve, twin, two aging monitors. One monitor is off for ten cycles; later the twin is
-killed and started again. The run is made once, each test asserts one thing about it.
+Simulated aging valve, twin, two aging monitors. One monitor is off for ten cycles; later the twin
+is killed and started again. The run is made once, each test asserts one thing about it.
 """
 
 from dataclasses import dataclass, field
@@ -11,11 +11,12 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
+from valve_twin_msgs.msg import CycleSummary, Estimate, Float64Stamped, Prediction, Trend, Verdict
+
 from test.nodes.conftest import DEEP, NS, make_graph
 from test.nodes.feeding import REARM
 from valve_twin.io.history import History
 from valve_twin.nodes.convert import estimate_value, from_time
-from valve_twin_msgs.msg import CycleSummary, Estimate, Float64Stamped, Prediction, Trend, Verdict
 
 START_S = 1000.0
 RATE = 20.0
@@ -24,7 +25,7 @@ ESTIMATORS = [
     "output_error",
     *(f"equation_error_{terms}" for terms in ("ls3", "ls5", "qp4", "qp8")),
 ]
-"""All of them, solved by the slow reference, so that an estimation takes long enough to disturb."""
+"""All of them, by the slow reference, so that an estimation takes long enough to disturb."""
 
 
 @dataclass

@@ -3,11 +3,12 @@
 """A simulated or replayed command never reaches a real valve."""
 
 import pytest
+from valve_twin_msgs.msg import Float64Stamped
+
 from test.nodes.conftest import NS
 from valve_twin.io.bag_writer import BagWriter
 from valve_twin.nodes.bag_player import BagPlayerNode
 from valve_twin.nodes.simulated_valve import SimulatedValveNode
-from valve_twin_msgs.msg import Float64Stamped
 
 POSITION, COMMAND = "/spool_position", "/command/v_in"
 

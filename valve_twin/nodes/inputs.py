@@ -169,9 +169,10 @@ class TopicInput:
         try:
             subscription = self._create(profile)
         except RCLError as err:
+            reason = str(err).split(", at ", maxsplit=1)[0]
             msg = (
                 f"topic '{self.topic}' (signal {', '.join(self.signals)}) cannot be subscribed as "
-                f"{self.type}: {str(err).split(', at ')[0]}; correct signals.{self.signals[0]}.type"
+                f"{self.type}: {reason}; correct signals.{self.signals[0]}.type"
             )
             raise ConfigError(msg) from err
         # SingleThreadedExecutor passes (message, info), EventsExecutor one tuple of both
@@ -195,7 +196,7 @@ class TopicInput:
         )
 
     def _overridable(self) -> QoSOverridingOptions:
-        """Offer the policies as parameters; reliability follows the publisher unless it is given."""
+        """Offer policies as parameters; reliability follows the publisher unless it is given."""
         kinds = [QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY]
         key = f"qos_overrides.{self.topic}.subscription.reliability"
         if key in self._node._parameter_overrides:

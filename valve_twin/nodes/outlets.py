@@ -5,11 +5,14 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from valve_twin.nodes.runtime import RCLError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 _DEPTH = 5000
 
