@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 import rclpy
@@ -71,7 +72,7 @@ class Graph:
         self.node = Node("test", context=self.context, cli_args=arguments, namespace="/test")
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
-        self.hosted: list = []
+        self.hosted: list[Any] = []
         self.strangers: list[Node] = []
         self.processes: list[NodeProcess] = []
         self._count = itertools.count()
@@ -130,16 +131,20 @@ class Graph:
         end = time.monotonic() + seconds
         self.spin_until(lambda: time.monotonic() > end, seconds + 5.0)
 
-    def record(self, topic: str, kind, qos: QoSProfile = DEEP) -> list:
+    def record(self, topic: str, kind, qos: QoSProfile = DEEP) -> list[Any]:
         """Return a list that fills with the messages of a topic."""
-        found: list = []
+        found: list[Any] = []
         self.node.create_subscription(kind, topic, found.append, qos)
         return found
 
-    def record_with_info(self, topic: str, kind) -> list:
+    def record_with_info(self, topic: str, kind) -> list[Any]:
         """Return a list that fills with pairs of message and its transport times."""
-        found: list = []
-        self.node.create_subscription(kind, topic, lambda m, i: found.append((m, i)), DEEP)
+        found: list[Any] = []
+
+        def take(message, info) -> None:
+            found.append((message, info))
+
+        self.node.create_subscription(kind, topic, take, DEEP)  # type: ignore[arg-type]
         return found
 
     def connected(self, *topics: str) -> bool:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
 from valve_twin_msgs.msg import Float64Stamped
 
@@ -33,6 +34,11 @@ class Feeder:
             lambda: all(p.get_subscription_count() for p in self._publishers), what="subscribers"
         )
         self.sent = 0
+
+    def wait_until_received(self) -> None:
+        """Wait until the middleware of every subscriber has what was sent."""
+        for publisher in self._publishers:
+            assert publisher.wait_for_all_acked(Duration(seconds=10))
 
     def feed(self, samples: int, offset_ns: int = START_NS, position=None) -> None:
         """Publish the next samples; `position` replaces the measured values."""

@@ -7,6 +7,7 @@ is killed and started again. The run is made once, each test asserts one thing a
 """
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,16 +34,16 @@ class Run:
     """Everything that was seen on the network, pairs of message and transport times."""
 
     history_url: str = ""
-    positions: list = field(default_factory=list)
-    predictions: list = field(default_factory=list)
-    cycles: list = field(default_factory=list)
-    estimates: list = field(default_factory=list)
-    diagnostics: list = field(default_factory=list)
-    interrupted: list = field(default_factory=list)
-    uninterrupted: list = field(default_factory=list)
-    verdicts: list = field(default_factory=list)
+    positions: list[Any] = field(default_factory=list)
+    predictions: list[Any] = field(default_factory=list)
+    cycles: list[Any] = field(default_factory=list)
+    estimates: list[Any] = field(default_factory=list)
+    diagnostics: list[Any] = field(default_factory=list)
+    interrupted: list[Any] = field(default_factory=list)
+    uninterrupted: list[Any] = field(default_factory=list)
+    verdicts: list[Any] = field(default_factory=list)
     killed_at: int = 0
-    before_kill: dict = field(default_factory=dict)
+    before_kill: dict[str, Any] = field(default_factory=dict)
 
 
 @pytest.fixture(scope="module")
@@ -166,13 +167,13 @@ def test_an_estimation_does_not_delay_the_predictions(run):
     closed = {m.cycle: i["source_timestamp"] for m, i in run.cycles}
     done = {m.cycle: i["source_timestamp"] for m, i in reversed(run.estimates)}
     busy = np.array([(closed[c], done[c]) for c in closed if c in done])
-    latency, during = [], []
+    latencies, estimating = [], []
     for message, info in run.predictions[: run.before_kill["samples"]]:
         stamp, left = from_time(message.header.stamp), info["source_timestamp"]
         if stamp in sent and message.validity != Prediction.NO_MODEL:
-            latency.append(left - sent[stamp])
-            during.append(bool(np.any((busy[:, 0] <= left) & (left <= busy[:, 1]))))
-    latency, during = np.array(latency), np.array(during)
+            latencies.append(left - sent[stamp])
+            estimating.append(bool(np.any((busy[:, 0] <= left) & (left <= busy[:, 1]))))
+    latency, during = np.array(latencies), np.array(estimating)
     assert during.sum() > 200
     quiet, loud = np.percentile(latency[~during], 99), np.percentile(latency[during], 99)
     assert loud <= 2.0 * quiet, f"p99 {1e-6 * loud:.2f} ms during, {1e-6 * quiet:.2f} ms without"

@@ -41,7 +41,7 @@ def test_everything_is_published_under_the_prefix_by_default(graph):
 
 @pytest.mark.parametrize("kind", ["simulated_valve", "bag_player"])
 def test_a_command_that_somebody_takes_is_refused(graph, capfd, bag, kind):
-    taken = []
+    taken: list[Float64Stamped] = []
     valve = graph.stranger("real_valve")
     valve.create_subscription(Float64Stamped, f"{NS}{COMMAND}", taken.append, 10)
     node = (
@@ -80,7 +80,7 @@ def test_a_valve_that_comes_later_stops_the_simulation(graph, capfd):
 
 def test_nothing_leaves_before_the_graph_is_known(graph):
     """A valve that is there from the start sees no command at all."""
-    taken = []
+    taken: list[Float64Stamped] = []
     valve = graph.stranger("real_valve")
     valve.create_subscription(Float64Stamped, f"{NS}{COMMAND}", taken.append, 10)
     node = graph.host(SimulatedValveNode, publish_prefix="")
@@ -90,7 +90,7 @@ def test_nothing_leaves_before_the_graph_is_known(graph):
 
 
 def test_a_user_may_allow_it(graph):
-    taken = []
+    taken: list[Float64Stamped] = []
     graph.node.create_subscription(Float64Stamped, f"{NS}{COMMAND}", taken.append, 10)
     node = graph.host(SimulatedValveNode, start=False, publish_prefix="", allow_live=True)
     settled(graph, node, f"{NS}{COMMAND}", "subscriber")

@@ -69,7 +69,15 @@ _SIMULATED_VALVE = (
         2e9,
     ),
     Spec("batch", Kind.INT, 1, "Samples a message; above 1 as Float64Series.", "1", 1, 10000),
-    Spec("stop_after_cycles", Kind.INT, 0, "Stop after so many production cycles; 0 = never.", "1", 0, 10**9),
+    Spec(
+        "stop_after_cycles",
+        Kind.INT,
+        0,
+        "Stop after so many production cycles; 0 = never.",
+        "1",
+        0,
+        10**9,
+    ),
 )
 
 _TWIN = (
@@ -161,6 +169,16 @@ _BAG_PLAYER = (
     ),
     Spec("clock", Kind.BOOL, True, "Publish /clock with every message."),
     Spec("start_paused", Kind.BOOL, False, "Wait for the service resume."),
+    Spec(
+        "start_delay_s",
+        Kind.FLOAT,
+        3.0,
+        "Longest wait for every topic to be subscribed before the first message.",
+        "s",
+        0.0,
+        3600.0,
+    ),
+    Spec("exit_at_end", Kind.BOOL, False, "End the process when the bag is played."),
     Spec("start_offset_s", Kind.FLOAT, 0.0, "Begin this long after the first message.", "s", 0.0),
 )
 

@@ -4,8 +4,10 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING, Any
 
+from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock as ClockMessage
 from valve_twin_msgs import srv
@@ -18,7 +20,7 @@ from valve_twin.io.playback import BagMessage, BagTopic, bag_topics, read_messag
 from valve_twin.nodes.convert import to_time
 from valve_twin.nodes.inputs import seconds_now
 from valve_twin.nodes.outlets import Outbox, sending_profile, subscribers
-from valve_twin.nodes.runtime import STEADY, ValveNode
+from valve_twin.nodes.runtime import STEADY, ValveNode, run
 from valve_twin.nodes.safety import CHECK_S, Guard, Outlet
 
 if TYPE_CHECKING:
@@ -29,6 +31,12 @@ TICK_S = 0.002
 
 MOST_MESSAGES = 256
 """Messages published in one tick: a callback has to end soon."""
+
+
+DRAIN_S = 5.0
+"""How long a subscriber may take for the last messages before the process ends [s]."""
+
+_NOW = Duration(nanoseconds=0)
 
 
 class BagPlayerNode(ValveNode):
@@ -47,8 +55,9 @@ class BagPlayerNode(ValveNode):
         self._paused = False
         self._rate = 1.0
         self._anchor: tuple[float, int] | None = None
-        self._earliest_s = 0.0
+        self._earliest_s = self._latest_s = 0.0
         self._played = 0
+        self._ended_s = 0.0
         for kind, name, callback in (
             (srv.Pause, "pause", self._on_pause),
             (srv.Resume, "resume", self._on_resume),
@@ -58,6 +67,12 @@ class BagPlayerNode(ValveNode):
             (srv.GetRate, "get_rate", self._on_get_rate),
         ):
             self.create_service(kind, f"~/{name}", callback)
+
+    def start(self) -> None:
+        """Start; a player that cannot play ends where it would end after playing."""
+        super().start()
+        if self.parameters["exit_at_end"] and self.state != "active":
+            self.exit_code = 1
 
     def configure(self) -> None:
         """Open the bag."""
@@ -91,9 +106,10 @@ class BagPlayerNode(ValveNode):
                 message_class(topic.type), outlet.topic, self._profile(topic)
             )
         if self.parameters["clock"]:
-            self._clock_publisher = self.create_publisher(ClockMessage, "/clock", 10)
+            self._clock_publisher = self.create_publisher(ClockMessage, "/clock", MOST_MESSAGES)
         self._anchor = None
         self._earliest_s = seconds_now() + self._guard.settle_s
+        self._latest_s = seconds_now() + float(self.parameters["start_delay_s"])
         self._timers_made = [
             self.create_timer(TICK_S, self._tick, clock=STEADY),
             self.create_timer(CHECK_S, self._watch, clock=STEADY),
@@ -119,7 +135,10 @@ class BagPlayerNode(ValveNode):
 
     def _tick(self) -> None:
         """Publish what is due."""
-        if not self._outbox.send() or self._paused or self._next is None:
+        if not self._outbox.send() or self._paused:
+            return
+        if self._next is None:
+            self._end()
             return
         if not self._is_released():
             return
@@ -139,13 +158,22 @@ class BagPlayerNode(ValveNode):
             if not self._outbox.send():
                 return
 
+    def _end(self) -> None:
+        """End the process where that is wanted and all subscribers have what was played."""
+        if not self.parameters["exit_at_end"]:
+            return
+        self._ended_s = self._ended_s or seconds_now()
+        acked = [p.wait_for_all_acked(_NOW) for p in self._publishers_made.values()]
+        if all(acked) or seconds_now() - self._ended_s > DRAIN_S:
+            self.exit_code = 0
+
     def _is_released(self) -> bool:
         """Begin when the graph is settled and enough subscribers are there."""
         if self._anchor is None:
-            wanted = int(self.parameters["wait_for_subscribers"])
-            if seconds_now() < self._earliest_s:
-                return False
-            if wanted and subscribers(self._publishers_made.values()) < wanted:
+            now, wanted = seconds_now(), int(self.parameters["wait_for_subscribers"])
+            found = subscribers(self._publishers_made.values()) >= max(wanted, 1)
+            given_up = not wanted and now > self._latest_s
+            if now < self._earliest_s or not (found or given_up):
                 return False
             self._guard.check(self._outlets)
             self._set_anchor()
@@ -224,3 +252,34 @@ class BagPlayerNode(ValveNode):
         del request
         response.rate = self._rate
         return response
+
+
+def play(bag: str, *, rate: float = 1.0, prefix: str = "/replay", clock: bool = False) -> int:
+    """Play a bag and end the process; what `valve-twin replay` does.
+
+    Parameters
+    ----------
+    bag : str
+        The bag.
+    rate : float
+        Playback seconds a second, 0 = as fast as the subscribers follow [1].
+    prefix : str
+        Put before every topic.
+    clock : bool
+        Publish /clock.
+
+    Returns
+    -------
+    int
+        Exit code; the process ends before it is returned.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be read.
+    """
+    bag_topics(bag)
+    values = {"bag": bag, "rate": float(rate), "publish_prefix": prefix, "clock": clock}
+    given = [f"{name}:={json.dumps(value)}" for name, value in values.items()]
+    arguments = [a for g in (*given, "exit_at_end:=true") for a in ("-p", g)]
+    return run(BagPlayerNode, ["--ros-args", *arguments])

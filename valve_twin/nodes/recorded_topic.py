@@ -67,7 +67,12 @@ class RecordedTopic:
         self._simulated = bool(node.get_parameter("use_sim_time").value)
 
     def silence(self) -> None:
-        """Stop listening."""
+        """Take what has arrived, then stop listening."""
+        subscription = self._subscription
+        while (
+            arrived := subscription.handle.take_message(subscription.msg_type, True)
+        ) is not None:
+            self._take(arrived)
         self._node.destroy_subscription(self._subscription)
 
     def _take(self, *arguments: Any) -> None:

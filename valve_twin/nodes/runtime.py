@@ -38,7 +38,8 @@ SPIN_S = 0.1
 class ValveNode(LifecycleNode):
     """Lifecycle node that never dies of its input.
 
-    A subclass implements `configure`, `activate`, `deactivate` and `cleanup`. An error a user can
+    A subclass implements `configure`, `activate`, `deactivate` and `cleanup`; setting `exit_code`
+    ends the process. An error a user can
     mend
     (`ValveTwinError`) in one of the first two is one log line; the node stays alive and can be
     configured again.
@@ -48,6 +49,7 @@ class ValveNode(LifecycleNode):
         super().__init__(name, **kwargs)
         self.parameters = Parameters(self, is_idle=self._is_idle)
         self.parameters.declare(NODE_PARAMETERS[name])
+        self.exit_code: int | None = None
         self._inbox: deque[Callable[[], None]] = deque()
         self._answer_refused_transitions()
 
@@ -191,7 +193,7 @@ def make_executor(kind: str) -> Executor:
 
 def spin(node: ValveNode, executor: Executor) -> None:
     """Drive the node until a signal or the end of the context; no callback error ends it."""
-    while rclpy.ok() and not signals.stop_requested():
+    while rclpy.ok() and not signals.stop_requested() and node.exit_code is None:
         try:
             executor.spin_once(timeout_sec=min(node.due_s(), SPIN_S))
         except (ExternalShutdownException, ROSInterruptException, KeyboardInterrupt):
@@ -233,7 +235,7 @@ def run(make: Callable[[], ValveNode], args: list[str] | None = None) -> int:
     spin(node, executor)
     signals.ignore()
     node.stop()
-    return _leave(0)
+    return _leave(node.exit_code or 0)
 
 
 def _leave(code: int) -> int:

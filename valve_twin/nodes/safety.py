@@ -23,8 +23,9 @@ if TYPE_CHECKING:
 CHECK_S = 0.5
 """How often the graph is looked at [s]."""
 
-SETTLE_S = 1.0
-"""Time for the graph to become known before the first message to a topic without prefix [s]."""
+SETTLE_S = 5.0
+"""Time for the graph to become known before the first message to a topic without prefix [s]; nodes
+of one machine were seen to need up to 2.6 s to find each other."""
 
 
 @dataclass(frozen=True, slots=True)
