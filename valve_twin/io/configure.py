@@ -4,11 +4,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.survey import Proposal, Signal, propose
+from valve_twin.core.survey import Proposal, Role, propose
+from valve_twin.core.survey_pairs import Signal
 from valve_twin.core.types import CycleRule
 from valve_twin.io.bags import bag_info, bag_types, read_signals
 from valve_twin.io.errors import BagError, ConfigError, suggest
@@ -24,9 +26,22 @@ if TYPE_CHECKING:
 MAX_ELEMENTS = 8
 """How many elements of an array without a fixed size are tried."""
 
+_EXPLAINED = {
+    "start_signal": "its rise opens a cycle ...",
+    "rearm_signal": "... if this one has been active since the last opening",
+    "threshold": "command that counts as active [1]",
+    "min_cycle_s": "half of the shortest cycle found [s]",
+    "reference_level": "a cycle opens where the reference rises through it [1]",
+    "reference_hysteresis": "it must have been this far below before [1]",
+    "window_s": "length of a window [s]",
+}
+_PRESS_LAG = 3  # its scan reaches farther than this by default [samples]
+_NAMED = 6  # fields named in a message
 _MAX_DEPTH = 4
-_SKIPPED = tuple(
-    ["std_msgs/msg/Header", "builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration"]
+_SKIPPED = (
+    "std_msgs/msg/Header",
+    "builtin_interfaces/msg/Time",
+    "builtin_interfaces/msg/Duration",
 )
 _NUMBERS = frozenset(
     ["float32", "float64", "float", "double"]
@@ -63,13 +78,21 @@ def propose_yaml(bag: str | Path, *, position: str = "") -> str:
     signals = _read(bag, sources)
     proposal = propose(signals, position=position)
     if proposal is None:
-        names = ", ".join(sources) or "none"
-        msg = (
-            f"{bag}: no command that moves a position was found among its numeric fields "
-            f"({names}); give --position, or write the configuration by hand"
-        )
-        raise BagError(msg)
+        raise BagError(_nothing(bag, sources, position))
     return _text(bag, proposal, sources)
+
+
+def _nothing(bag: str | Path, sources: dict[str, SignalSource], position: str) -> str:
+    names = ", ".join(list(sources)[:_NAMED]) or "none"
+    more = f" and {len(sources) - _NAMED} more" if len(sources) > _NAMED else ""
+    moved = f"'{position}'" if position else "a position"
+    remedy = "write the configuration by hand"
+    if not position and sources:
+        remedy = f"give --position, or {remedy}"
+    return (
+        f"{bag}: no command that moves {moved} was found among its numeric fields "
+        f"({names}{more}); {remedy}"
+    )
 
 
 def _numeric_sources(bag: str | Path) -> dict[str, SignalSource]:
@@ -129,57 +152,62 @@ def _read(bag: str | Path, sources: dict[str, SignalSource]) -> dict[str, Signal
 def _text(bag: str | Path, proposal: Proposal, sources: dict[str, SignalSource]) -> str:
     lines = [
         f"# Proposed from {bag}: every value is a guess with its reason; check each before use.",
+        f"#   valve-twin estimate {bag} --config FILE",
         "/**:",
         "  ros__parameters:",
         f"    model: {proposal.model}",
-        f"    period_s: {_number(proposal.period_s)}   # median step of the position's stamps [s]",
-        f"    # command to position lag: {proposal.lag} samples; every cycle is scanned for it anew",
+        f"    period_s: {_number(proposal.period_s)}   # {proposal.period_evidence} [s]",
+        f"    # lag from command to position: {proposal.lag} samples; every cycle is scanned anew",
         "    signals:",
     ]
-    for role in proposal.roles:
-        source = sources[role.source]
-        lines += [
-            f"      {role.signal}:   # {role.evidence}",
-            f"        topic: {source.topic}",
-            f"        type: {source.type}",
-            f'        field: "{source.field}"',
-            f"        scale: {_number(role.scale)}",
-            f"        offset: {_number(role.offset)}   # signal = field * scale + offset, 0..1",
-        ]
-    if proposal.rule is CycleRule.REFERENCE:
-        command = next(r for r in proposal.roles if r.signal == "command")
-        source = sources[command.source]
-        lines += [
-            "      reference:   # the command itself cuts the cycles",
-            f"        topic: {source.topic}",
-            f"        type: {source.type}",
-            f'        field: "{source.field}"',
-            f"        scale: {_number(command.scale)}",
-            f"        offset: {_number(command.offset)}",
-        ]
-    lines += ["    cycles:", f"      rule: {proposal.rule.value}   # {proposal.rule_reason}"]
-    lines += _rule_lines(proposal)
+    for role in _with_reference(proposal):
+        lines += _signal_lines(role, sources[role.source])
+    lines += [
+        "    cycles:",
+        f"      rule: {proposal.cycles.rule.value}   # {proposal.cycles.reason}",
+    ]
+    for key, value in proposal.cycles.values.items():
+        text = value if isinstance(value, str) else _number(value)
+        lines.append(f"      {key}: {text}   # {_EXPLAINED[key]}")
+    lines += _option_lines(proposal)
+    if proposal.left_out:
+        lines += ["    # left out, because nothing shows what they are:"]
+        lines += [f"    #   {name}" for name in proposal.left_out]
     return "\n".join(lines) + "\n"
 
 
-def _rule_lines(proposal: Proposal) -> list[str]:
-    shortest = _number(max(0.3 * proposal.cycle_s, 2 * proposal.period_s))
-    if proposal.rule is CycleRule.COMMANDS:
-        return [
-            "      start_signal: v_in     # its rise opens a cycle",
-            "      rearm_signal: v_out    # once the position has been driven back",
-            f"      min_cycle_s: {shortest}",
-        ]
-    if proposal.rule is CycleRule.REFERENCE:
-        return [
-            "      reference_level: 0.5   # of full scale",
-            f"      min_cycle_s: {shortest}",
-        ]
-    if proposal.rule is CycleRule.WINDOW:
-        return [f"      window_s: {_number(proposal.cycle_s)}"]
-    return []
+def _with_reference(proposal: Proposal) -> tuple[Role, ...]:
+    """Map the command again where it cuts the cycles."""
+    if proposal.cycles.rule is not CycleRule.REFERENCE:
+        return proposal.roles
+    command = next(r for r in proposal.roles if r.signal == "command")
+    return (*proposal.roles, replace(command, signal="reference", evidence="cuts the cycles"))
+
+
+def _signal_lines(role: Role, source: SignalSource) -> list[str]:
+    return [
+        f"      {role.signal}:   # {role.evidence}",
+        f"        topic: {source.topic}",
+        f"        type: {source.type}",
+        f'        field: "{source.field}"',
+        f"        scale: {_number(role.scale)}   # signal = scale * field + offset",
+        f"        offset: {_number(role.offset)}",
+    ]
+
+
+def _option_lines(proposal: Proposal) -> list[str]:
+    """Let the delay scan of the model reach well beyond the lag that was found."""
+    if proposal.model == "positioner":
+        reach = f"max_delay_s: {_number(proposal.max_delay_s)}   # longest delay tried [s]"
+    elif proposal.lag > _PRESS_LAG:
+        reach = f"max_lag: {proposal.lag + 2}   # longest lag tried [samples]"
+    else:
+        return []
+    return ["    options:", f"      {reach}"]
 
 
 def _number(value: float) -> str:
-    text = f"{value:.9g}"
-    return text if any(c in text for c in ".en") else f"{text}.0"
+    """Write a number so that YAML reads it as a float."""
+    text = f"{value + 0.0:.7g}"
+    mantissa, e, exponent = text.partition("e")
+    return f"{mantissa if '.' in mantissa else mantissa + '.0'}{e}{exponent}"

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 import yaml
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 
     from valve_twin.core.simulation import SimulationBlock, SimulationConfig
     from valve_twin.io.config import ValveConfig
+
+_EXPONENT = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+")
 
 START_NS = 1_600_000_000_000_000_000
 """Stamp of the first sample [ns]: a fixed date, because stamp 0 means "no stamp" in ROS."""
@@ -45,12 +48,30 @@ def simulation_of(config: ValveConfig, overrides: Sequence[str] = ()) -> Simulat
         if not equals:
             msg = f"--set {text}: write NAME=VALUE, e.g. aging.area_in.rate=-0.0015"
             raise ConfigError(msg)
-        given[name.removeprefix("simulation.")] = yaml.safe_load(value)
+        given[name.removeprefix("simulation.")] = _number_or_text(value)
     given.pop("seed", None)
     try:
         return configure(get_simulation(config.model), given)
     except ValueError as err:
         msg = f"{config.name}: {err}"
+        raise ConfigError(msg) from err
+
+
+def _number_or_text(text: str) -> object:
+    """Return a value as YAML reads it; 1e-3, a text to YAML 1.1, is a number."""
+    value: object = yaml.safe_load(text)
+    try:
+        return float(value) if isinstance(value, str) else value
+    except ValueError:
+        return value
+
+
+def _value(setting: str, text: str) -> object:
+    """Read a value as a parameter file does, where 1e-3 is a number."""
+    try:
+        return float(text) if _EXPONENT.fullmatch(text) else yaml.safe_load(text)
+    except yaml.YAMLError as err:
+        msg = f"--set {setting}: '{text}' is no value of YAML; write a number, a word or [a, b]"
         raise ConfigError(msg) from err
 
 
