@@ -10,6 +10,8 @@ Exit codes: 0 ok, 1 the data or a check failed, 2 wrong usage. Errors are one li
 from __future__ import annotations
 
 import argparse
+import errno
+import math
 import os
 import sys
 from pathlib import Path
@@ -53,19 +55,30 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
     verb: Callable[[argparse.Namespace], int] = arguments.run
     try:
-        return verb(arguments)
+        code = verb(arguments)
+        sys.stdout.flush()
     except ConfigError as err:
-        sys.stderr.write(f"valve-twin: {err}\n")
-        return USAGE
+        return _fail(str(err), USAGE)
     except ValveTwinError as err:
-        sys.stderr.write(f"valve-twin: {err}\n")
-        return FAILED
+        return _fail(str(err), FAILED)
     except BrokenPipeError:
+        # the reader has seen enough; nothing may be written when the interpreter ends
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return OK
+    except OSError as err:
+        return _fail(f"{err.filename or 'standard output'}: {err.strerror or err}; {_ACCESS}")
     except KeyboardInterrupt:
-        sys.stderr.write("valve-twin: interrupted\n")
-        return FAILED
+        return _fail("interrupted")
+    return code
+
+
+_ACCESS = "check the folder, its access rights and the free space"
+
+
+def _fail(text: str, code: int = FAILED) -> int:
+    """Say in one line why it ends."""
+    sys.stderr.write(f"valve-twin: {' '.join(text.split())}\n")
+    return code
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -89,6 +102,10 @@ def _parser() -> argparse.ArgumentParser:
 _Verbs = argparse._SubParsersAction
 
 
+def _add_bag(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("bag", metavar="BAG", help="folder, metadata.yaml or .mcap file")
+
+
 def _verb(
     verbs: _Verbs[_Parser], name: str, text: str, run: Callable[[argparse.Namespace], int]
 ) -> _Parser:
@@ -99,7 +116,9 @@ def _verb(
 
 def _add_config(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--config", required=True, metavar="FILE", help="YAML of the valve")
-    parser.add_argument("--valve", default="", help="which valve of the file, default the first")
+    parser.add_argument(
+        "--valve", default="", metavar="NAME", help="which valve of the file, default the first"
+    )
 
 
 def _config(arguments: argparse.Namespace) -> ValveConfig:
@@ -113,7 +132,7 @@ def _config(arguments: argparse.Namespace) -> ValveConfig:
         if config.name == wanted:
             return config
     names = ", ".join(c.name for c in configs)
-    msg = f"{arguments.config}: there is no valve '{wanted}'; there are {names}"
+    msg = f"{arguments.config}: there is no valve '{wanted}'; give one of {names}"
     raise ConfigError(msg)
 
 
@@ -125,8 +144,12 @@ def _add_simulate(verbs: _Verbs[_Parser]) -> None:
     parser = _verb(verbs, "simulate", text, _simulate)
     _add_config(parser)
     parser.add_argument("--out", required=True, metavar="BAG", help="folder of the bag to write")
-    parser.add_argument("--cycles", type=_positive, default=10, help="production cycles")
-    parser.add_argument("--seed", type=int, default=0, help="seed of all random numbers")
+    parser.add_argument(
+        "--cycles", type=_positive, default=10, metavar="N", help="production cycles"
+    )
+    parser.add_argument(
+        "--seed", type=_seed, default=0, metavar="N", help="seed of all random numbers"
+    )
     parser.add_argument(
         "--set",
         action="append",
@@ -178,7 +201,7 @@ def _import(arguments: argparse.Namespace) -> int:
 
 def _add_configure(verbs: _Verbs[_Parser]) -> None:
     parser = _verb(verbs, "configure", "Propose a commented YAML for an unknown bag.", _configure)
-    parser.add_argument("bag", metavar="BAG", help="folder, metadata.yaml or .mcap file")
+    _add_bag(parser)
     parser.add_argument("--out", metavar="FILE", help="file to write, default standard output")
     parser.add_argument(
         "--position", default="", metavar="TOPIC:FIELD", help="the position, where it is known"
@@ -204,7 +227,7 @@ def _add_estimate(verbs: _Verbs[_Parser]) -> None:
     parser = _verb(
         verbs, "estimate", "Estimate every cycle of a bag; one JSON object a line.", _estimate
     )
-    parser.add_argument("bag", metavar="BAG", help="folder, metadata.yaml or .mcap file")
+    _add_bag(parser)
     _add_config(parser)
     parser.add_argument("--json", metavar="OUT", help="file to write, default standard output")
     parser.add_argument(
@@ -218,6 +241,8 @@ def _estimate(arguments: argparse.Namespace) -> int:
     from valve_twin.io.lines import json_lines
 
     config = _config(arguments)
+    if arguments.json:
+        _check_writable(arguments.json)
     record, assessment = _run_offline(config, arguments.bag, not arguments.closed_cycles_only)
     lines = json_lines(record.estimates, assessment, config.name)
     text = "".join(f"{line}\n" for line in lines)
@@ -230,11 +255,19 @@ def _estimate(arguments: argparse.Namespace) -> int:
 
 
 def _no_cycle(config: ValveConfig, bag: str) -> int:
-    sys.stderr.write(
-        f"valve-twin: {bag}: no cycle found by rule '{config.cycles.rule.value}'; "
-        "check cycles.* in the configuration, valve-twin configure proposes it\n"
+    return _fail(
+        f"{bag}: no cycle found by rule '{config.cycles.rule.value}'; "
+        "check cycles.* in the configuration, valve-twin configure proposes it"
     )
-    return FAILED
+
+
+def _check_writable(path: str) -> None:
+    """Find out before the long work whether its result can be written."""
+    there = Path(path)
+    if there.is_dir():
+        raise IsADirectoryError(errno.EISDIR, "is a folder, not a file", path)
+    if not os.access(there if there.exists() else there.parent, os.W_OK):
+        raise PermissionError(errno.EACCES, "cannot be written", path)
 
 
 def _add_report(verbs: _Verbs[_Parser]) -> None:
@@ -270,9 +303,17 @@ def _add_replay(verbs: _Verbs[_Parser]) -> None:
         "Play a bag onto ROS topics, under /replay unless told otherwise; needs ROS 2.",
         _replay,
     )
-    parser.add_argument("bag", metavar="BAG", help="folder, metadata.yaml or .mcap file")
-    parser.add_argument("--rate", type=float, default=1.0, help="playback seconds a second")
-    parser.add_argument("--prefix", default="/replay", help="put before every topic")
+    _add_bag(parser)
+    parser.add_argument(
+        "--rate",
+        type=_rate,
+        default=1.0,
+        metavar="R",
+        help="playback seconds a second, 0 = as fast as the subscribers take it",
+    )
+    parser.add_argument(
+        "--prefix", default="/replay", metavar="NAME", help="put before every topic"
+    )
     parser.add_argument("--clock", action="store_true", help="publish /clock")
 
 
@@ -332,23 +373,41 @@ def _bench(arguments: argparse.Namespace) -> int:
 
 
 def _run_offline(config: ValveConfig, bag: str, close_last: bool) -> tuple[Record, Assessment]:
-    from valve_twin.core.types import Cycle
-    from valve_twin.io.offline import Record, assess_record, estimate_bag
+    from valve_twin.io.offline import assess_record, describe_bad, run_bag
 
-    record = Record()
     with _progress("estimating", None) as advance:
-        for event in estimate_bag(config, bag, close_last=close_last):
-            record.add(event)
-            if isinstance(event, Cycle):
-                advance()
-    record.close()
+        record = run_bag(config, bag, close_last=close_last, on_cycle=advance)
+    for line in describe_bad(config, bag, record):
+        _say(f"valve-twin: {line}")
     return record, assess_record(config, record)
 
 
 def _positive(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        msg = f"'{text}' must be 1 or more"
+    return _whole(text, 1)
+
+
+def _seed(text: str) -> int:
+    return _whole(text, 0)
+
+
+def _whole(text: str, least: int) -> int:
+    try:
+        value = int(text)
+    except ValueError:
+        value = least - 1
+    if value < least:
+        msg = f"'{text}' is refused: write a whole number, {least} or more"
+        raise argparse.ArgumentTypeError(msg)
+    return value
+
+
+def _rate(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 <= value < math.inf:
+        msg = f"'{text}' is refused: write a number, 0 or more"
         raise argparse.ArgumentTypeError(msg)
     return value
 
@@ -361,3 +420,7 @@ def _progress(what: str, total: int | None) -> AbstractContextManager[Callable[[
     from valve_twin.progress import progress
 
     return progress(what, total)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

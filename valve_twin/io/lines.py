@@ -1,6 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Results as lines of JSON: one object an estimate, then the trends, then the verdict."""
+"""Results as lines of JSON: one object an estimate, then the trends, then the verdict.
+
+Strict JSON has neither NaN nor infinity: a number that is not known is null, an unbounded one the
+word "Infinity", which most languages read as a number.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +13,8 @@ import json
 import math
 from enum import Enum
 from typing import TYPE_CHECKING, Any
+
+from valve_twin.core.valves.registry import get_model
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -20,10 +26,12 @@ if TYPE_CHECKING:
 def estimate_fields(estimate: Estimate, valve: str) -> dict[str, Any]:
     """Return an estimate as plain data under the names of Estimate.msg.
 
-    A value that is not a number is null. Wall time and `stored` are left out, so that the same
-    record gives the same lines.
+    A value that is not a number is null. `header`, `start` and `end` are integers of nanoseconds
+    (`start_ns`, `end_ns`), statuses are words. `wall_time` and `stored` are left out, so that the
+    same record gives the same lines.
     """
     parameters = estimate.parameters
+    units = {p.name: p.unit for p in get_model(estimate.model).parameters}
     return {
         "kind": "estimate",
         "valve": valve,
@@ -33,6 +41,7 @@ def estimate_fields(estimate: Estimate, valve: str) -> dict[str, Any]:
         "start_ns": estimate.start_ns,
         "end_ns": estimate.end_ns,
         "names": [p.name for p in parameters],
+        "units": [units[p.name] for p in parameters],
         "values": [_plain(p.value) for p in parameters],
         "standard_errors": [_plain(p.standard_error) for p in parameters],
         "lower_95": [_plain(p.lower_95) for p in parameters],
@@ -81,7 +90,7 @@ def _plain(value: Any) -> Any:  # noqa: ANN401  any field of our result types
     if isinstance(value, Enum):
         return value.name
     if isinstance(value, float) and not math.isfinite(value):
-        return None if math.isnan(value) else "inf" if value > 0 else "-inf"
+        return None if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
     if isinstance(value, (list, tuple)):
         return [_plain(v) for v in value]
     if dataclasses.is_dataclass(value) and not isinstance(value, type):

@@ -19,10 +19,12 @@ from valve_twin.io.bags import read_signals
 from valve_twin.io.history_tables import CycleRecord, cycle_record
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
     from pathlib import Path
 
+    from valve_twin.core.alignment import SignalCounts
     from valve_twin.core.twin import Twin
+    from valve_twin.core.types import Frames
     from valve_twin.io.config import ValveConfig
     from valve_twin.io.mapping import SignalBlock
 
@@ -39,11 +41,17 @@ class Record:
         Every estimator's estimate of every cycle.
     predictions : list of Prediction
         Predictions of the last cycle that was closed.
+    trivial_fits : dict
+        By cycle, the fit [%] of the trivial model "position = command" where there is one command.
+    counts : dict
+        What happened to the samples, by signal.
     """
 
     cycles: list[CycleRecord] = field(default_factory=list)
     estimates: list[Estimate] = field(default_factory=list)
     predictions: list[Prediction] = field(default_factory=list)
+    trivial_fits: dict[int, float] = field(default_factory=dict)
+    counts: dict[str, SignalCounts] = field(default_factory=dict)
     _running: dict[int, list[Prediction]] = field(default_factory=dict)
 
     def add(self, event: Event) -> None:
@@ -55,6 +63,7 @@ class Record:
             self.cycles.append(cycle_record(event))
         elif isinstance(event, Estimated):
             self.estimates += event.estimates
+            self.trivial_fits[event.cycle.number] = trivial_fit(event.cycle.frames)
             self._keep_last()
 
     def close(self) -> None:
@@ -69,6 +78,19 @@ class Record:
             self.predictions = self._running[last]
             open_or_last = [n for n in self._running if n >= last or n not in closed]
             self._running = {n: self._running[n] for n in open_or_last}
+
+
+def trivial_fit(frames: Frames) -> float:
+    """Return the free-run fit [%] of "position = command", NaN where there is not one command."""
+    if frames.inputs.shape[1] != 1:
+        return float("nan")
+    command, position = frames.inputs[:, 0], frames.position
+    known = frames.valid & np.isfinite(position) & np.isfinite(command)
+    spread = float(np.std(position[known])) if known.any() else 0.0
+    if spread == 0.0:
+        return float("nan")
+    error = float(np.sqrt(np.mean((position[known] - command[known]) ** 2)))
+    return 100.0 * (1.0 - error / spread)
 
 
 def join_predictions(parts: list[Prediction]) -> Prediction | None:
@@ -118,7 +140,7 @@ def drive(
 
 
 def estimate_bag(
-    config: ValveConfig, bag: str | Path, *, close_last: bool = True
+    config: ValveConfig, bag: str | Path, *, close_last: bool = True, twin: Twin | None = None
 ) -> Iterator[Event]:
     """Estimate every cycle of a bag.
 
@@ -130,6 +152,8 @@ def estimate_bag(
         Folder, metadata.yaml or .mcap file.
     close_last : bool
         See `drive`.
+    twin : Twin, optional
+        The twin to drive, default a new one.
 
     Yields
     ------
@@ -143,12 +167,75 @@ def estimate_bag(
     ConfigError
         If the configuration does not fit.
     """
-    twin = make_twin(config)
+    twin = make_twin(config) if twin is None else twin
     position = get_model(config.model).output
     # the position comes last in each round of blocks: the commands it needs are then there
     sources = sorted(config.signals.values(), key=lambda s: s.signal == position)
     blocks = read_signals(bag, sources)
     return drive(twin, config, blocks, close_last=close_last)
+
+
+def run_bag(
+    config: ValveConfig,
+    bag: str | Path,
+    *,
+    close_last: bool = True,
+    on_cycle: Callable[[], None] = lambda: None,
+) -> Record:
+    """Estimate every cycle of a bag and keep what was found.
+
+    Parameters
+    ----------
+    config : ValveConfig
+        The valve's configuration.
+    bag : path
+        Folder, metadata.yaml or .mcap file.
+    close_last : bool
+        See `drive`.
+    on_cycle : callable
+        Called after each cycle.
+
+    Returns
+    -------
+    Record
+        Cycles, estimates, the last cycle's predictions, and what happened to the samples.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be read or lacks a topic.
+    ConfigError
+        If the configuration does not fit.
+    """
+    twin = make_twin(config)
+    record = Record()
+    for event in estimate_bag(config, bag, close_last=close_last, twin=twin):
+        record.add(event)
+        if isinstance(event, Cycle):
+            on_cycle()
+    record.close()
+    record.counts = twin.counts()
+    return record
+
+
+def describe_bad(config: ValveConfig, bag: str | Path, record: Record) -> list[str]:
+    """Return one line a signal of which samples were left out: topic, how many, what to do."""
+    lines = []
+    for signal, counts in record.counts.items():
+        source = config.signals[signal]
+        where = f"{bag}: topic '{source.topic}': of {counts.received} values"
+        if counts.bad:
+            lines.append(
+                f"{where} {counts.bad} are no finite number or outside "
+                f"{source.lower:g} .. {source.upper:g}; they were left out: check the sensor, "
+                f"or signals.{signal}.lower and .upper"
+            )
+        if counts.late:
+            lines.append(
+                f"{where} {counts.late} came later than hold_back_s = {config.hold_back_s:g}; "
+                "they were left out: raise hold_back_s"
+            )
+    return lines
 
 
 def assess_record(config: ValveConfig, record: Record) -> Assessment:

@@ -48,22 +48,13 @@ def simulation_of(config: ValveConfig, overrides: Sequence[str] = ()) -> Simulat
         if not equals:
             msg = f"--set {text}: write NAME=VALUE, e.g. aging.area_in.rate=-0.0015"
             raise ConfigError(msg)
-        given[name.removeprefix("simulation.")] = _number_or_text(value)
+        given[name.removeprefix("simulation.")] = _value(text, value)
     given.pop("seed", None)
     try:
         return configure(get_simulation(config.model), given)
     except ValueError as err:
         msg = f"{config.name}: {err}"
         raise ConfigError(msg) from err
-
-
-def _number_or_text(text: str) -> object:
-    """Return a value as YAML reads it; 1e-3, a text to YAML 1.1, is a number."""
-    value: object = yaml.safe_load(text)
-    try:
-        return float(value) if isinstance(value, str) else value
-    except ValueError:
-        return value
 
 
 def _value(setting: str, text: str) -> object:

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import math
+import statistics
 import time
 from typing import TYPE_CHECKING
 
@@ -68,8 +70,29 @@ def report_bag(
         options=complete_options(model, config.options),
         version=__version__,
         written_ns=time.time_ns(),
+        notes=trivial_note(record),
     )
     return write_report(data, out)
+
+
+def trivial_note(record: Record) -> tuple[str, ...]:
+    """Say what the trivial model "position = command" reaches beside ours, if there is one.
+
+    Compares over the same cycles: those on which an earlier estimate was tested.
+    """
+    pairs = [
+        (e.fit_test, record.trivial_fits.get(e.cycle, math.nan))
+        for e in record.estimates
+        if e.used_by_trend
+    ]
+    both = [(ours, trivial) for ours, trivial in pairs if math.isfinite(ours + trivial)]
+    if not both:
+        return ()
+    ours, trivial = (statistics.median(column) for column in zip(*both, strict=True))
+    return (
+        f"Free-run fit of the previous estimate on a new cycle, median of {len(both)} cycles: "
+        f"{ours:.1f} %. The trivial model, position = command, reaches {trivial:.1f} % there.",
+    )
 
 
 def report_history(config: ValveConfig, out: str | Path, label: str = "") -> Path:

@@ -286,7 +286,8 @@ def _reason(trend: Trend) -> str:
     unit = "hour" if trend.axis == Axis.HOURS.value else "cycle"
     if trend.status is TrendStatus.STEADY:
         return f"no significant slope in {trend.samples} estimates (p = {trend.p_value:.2g})"
-    slope = f"slope {trend.slope:.3g} {trend.unit} per {unit} (p = {trend.p_value:.2g})"
+    what = "" if trend.unit == "1" else f" {trend.unit}"
+    slope = f"slope {trend.slope:.3g}{what} per {unit} (p = {trend.p_value:.2g})"
     if trend.status is TrendStatus.DRIFTING:
         return f"{slope} in {trend.samples} estimates, {describe_remaining(trend)}"
     inside = trend.mean_lower_95 <= trend.threshold <= trend.mean_upper_95
