@@ -152,11 +152,11 @@ class Graph:
         mine = [s for s in self.node.subscriptions if s.topic_name in topics]
         return len(mine) == len(topics) and all(s.get_publisher_count() for s in mine)
 
-    def call(self, kind, name: str, timeout: float = 20.0, **fields):
+    def call(self, service, name: str, /, timeout: float = 20.0, **fields):
         """Call a service of any node and return the response."""
-        client = self.node.create_client(kind, name)
+        client = self.node.create_client(service, name)
         self.spin_until(client.service_is_ready, timeout, f"service {name}")
-        future = client.call_async(kind.Request(**fields))
+        future = client.call_async(service.Request(**fields))
         self.spin_until(future.done, timeout, f"answer of {name}")
         self.node.destroy_client(client)
         return future.result()

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+from typing import Any
 
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -43,7 +44,7 @@ def bag(tmp_path):
 
 def listen(graph, prefix="/replay"):
     """Return what comes on all topics, in the order of its arrival."""
-    found: list = []
+    found: list[Any] = []
     for topic in TOPICS:
         graph.node.create_subscription(Float64Stamped, f"{prefix}{topic}", found.append, 1000)
     return found
@@ -123,7 +124,7 @@ def test_the_clock_goes_before_every_message(graph, bag):
 
 
 def test_the_rate_is_kept(graph, bag):
-    found: list = []
+    found: list[Any] = []
 
     def take(message, info) -> None:
         found.append((from_time(message.header.stamp), info["source_timestamp"]))
@@ -162,7 +163,7 @@ def test_a_slow_subscriber_sets_the_pace_and_loses_nothing(graph, tmp_path):
     with BagWriter(path) as writer:
         for i in range(15000):
             writer.write_sample(TOPICS[0], START_NS + i * PERIOD_NS, float(i))
-    values: list = []
+    values: list[Any] = []
     source = SignalSource("v_in", f"/replay{TOPICS[0]}")
     reader = TopicInput(
         graph.node,
