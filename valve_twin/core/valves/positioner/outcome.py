@@ -20,7 +20,7 @@ from valve_twin.core.valves.positioner.parameters import DERIVED, ESTIMATOR, FIT
 
 if TYPE_CHECKING:
     from valve_twin.core.types import Cycle
-    from valve_twin.core.valves.positioner.fit import Limits, Solution
+    from valve_twin.core.valves.positioner.fit import Limits, Record, Solution
     from valve_twin.core.valves.positioner.record import Prepared
 
 _MIN_DRIVEN = 5.0
@@ -116,7 +116,7 @@ def _fitted(name: str, value: float, lower: float, upper: float, driven: float) 
 def _derived(
     fitted: list[ParameterValue], prepared: Prepared, solution: Solution
 ) -> list[ParameterValue]:
-    """Return delay, response times and greatest speeds, in the order of `DERIVED`."""
+    """Return what follows from the fit or from the data alone, in the order of `DERIVED`."""
     delay = solution.lag * prepared.record.period_s
     responses = [
         replace(rate, name=name, value=delay + 1.0 / rate.value)
@@ -124,12 +124,20 @@ def _derived(
         else ParameterValue(name, np.nan, ParameterStatus.NOT_EXCITED, f"{rate.name}: no motion")
         for name, rate in zip(DERIVED[1:3], fitted[:2], strict=True)
     ]
-    speeds = zip(DERIVED[3:], shown_speeds(prepared.record), strict=True)
+    speeds = zip(DERIVED[3:5], shown_speeds(prepared.record), strict=True)
     return [
         ParameterValue(DERIVED[0], delay),
         *responses,
         *(ParameterValue(name, value) for name, value in speeds),
+        ParameterValue(DERIVED[5], _command_fit(prepared.record)),
     ]
+
+
+def _command_fit(record: Record) -> float:
+    """Return the fit of "the position is the command" [%]."""
+    y, u = record.position[record.used], record.command[record.used]
+    miss, spread = np.sum((y - u) ** 2), np.sum((y - y.mean()) ** 2)
+    return float(100.0 * (1.0 - np.sqrt(miss / spread)))
 
 
 def _condition(solution: Solution) -> float:

@@ -9,7 +9,14 @@ from valve_twin.core.valves.interface import Option, Options
 
 ESTIMATOR = "output_error"
 FITTED = ("rate_rising", "rate_falling", "slew_rising", "slew_falling", "dead_band")
-DERIVED = ("delay", "response_rising", "response_falling", "speed_rising", "speed_falling")
+DERIVED = (
+    "delay",
+    "response_rising",
+    "response_falling",
+    "speed_rising",
+    "speed_falling",
+    "command_fit",
+)
 
 PARAMETERS = (
     Parameter(
@@ -45,6 +52,12 @@ PARAMETERS = (
         0.0,
     ),
     Parameter("speed_falling", "1/s", "the same, falling position", 0.0),
+    Parameter(
+        "command_fit",
+        "%",
+        "fit of the trivial model, position = command: what fit_test has to beat",
+        upper=100.0,
+    ),
 )
 
 OPTIONS = (
