@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from valve_twin.core.alignment import SignalRange
 from valve_twin.core.cycles import CycleConfig
-from valve_twin.core.estimation.sequence import estimate_cycle
+from valve_twin.core.estimation.sequence import Memory, estimate_cycle
 from valve_twin.core.simulation import SimulatedValve
 from valve_twin.core.simulation.block import join_blocks
 from valve_twin.core.twin import ClockJump, Estimated, Twin, TwinConfig
@@ -92,10 +92,11 @@ def test_every_sample_is_predicted_once_and_every_cycle_estimated(record):
 
 def test_an_estimate_takes_effect_two_cycles_later(record):
     events = push_all(Twin(CONFIG, MODEL), record)
-    known = {}
+    known: dict[int, int] = {}
     for e in events:
         if isinstance(e, Prediction):
-            known[e.cycle] = known.get(e.cycle, 0) + np.count_nonzero(np.isfinite(e.predicted))
+            finite = int(np.count_nonzero(np.isfinite(e.predicted)))
+            known[e.cycle] = known.get(e.cycle, 0) + finite
     assert known[1] + known[2] == 0
     assert known[3] > 0.9 * SAMPLES
     residuals = [e.residual for e in events if isinstance(e, Prediction) and e.cycle >= 3]
@@ -128,7 +129,7 @@ def test_samples_wait_for_the_estimate_they_need(record):
 def test_one_job_at_a_time(record):
     twin = Twin(CONFIG, MODEL)
     with pytest.raises(ValueError, match="no estimation is running"):
-        twin.deliver((), None)
+        twin.deliver((), Memory.empty())
     push_all(twin, record)
     assert twin.next_job() is None
 
@@ -162,5 +163,6 @@ def test_receive_times_are_said_to_be_not_reproducible(record):
         twin.push(name, record.stamp_ns, values, header=False)
     twin.push("position", record.stamp_ns, record.position, header=False)
     job = twin.next_job()
+    assert job is not None
     assert not job.cycle.reproducible
     assert not estimate_cycle(MODEL, OPTIONS, job.cycle, job.memory)[0][0].reproducible
