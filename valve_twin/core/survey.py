@@ -114,7 +114,8 @@ def propose(signals: Mapping[str, Signal], *, position: str = "") -> Proposal | 
     """
     usable = {k: s for k, v in signals.items() if (s := _cleaned(v)) is not None}
     counters = [k for k, s in usable.items() if _is_counter(s.values)]
-    movers = {k: s for k, s in usable.items() if not _only_rises(s.values)}
+    names = sorted(usable, key=lambda k: k != position)  # the one that is named comes first
+    movers = {k: usable[k] for k in names if not _only_rises(usable[k].values)}
     views = Views(movers)
     targets = [position] if position else list(movers)
     found = find_driven(views, targets) or find_followed(views, targets)

@@ -12,6 +12,7 @@ import numpy as np
 from valve_twin.core.survey import Proposal, Role, propose
 from valve_twin.core.survey_pairs import Signal
 from valve_twin.core.types import CycleRule
+from valve_twin.core.valves.registry import get_model
 from valve_twin.io.bags import bag_info, bag_types, read_signals
 from valve_twin.io.errors import BagError, ConfigError, suggest
 from valve_twin.io.mapping import SignalSource
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
+    from valve_twin.core.types import FloatArray, IntArray
     from valve_twin.io.bags import TopicInfo
     from valve_twin.io.mapping import TypeSystem
 
@@ -36,6 +38,8 @@ _EXPLAINED = {
     "window_s": "length of a window [s]",
 }
 _PRESS_LAG = 3  # its scan reaches farther than this by default [samples]
+_HELD_BACK = "a silent signal delays the others by at most this"
+_MOST_SAMPLES = 2_000_000  # of one column; more tells nothing new
 _NAMED = 6  # fields named in a message
 _MAX_DEPTH = 4
 _SKIPPED = (
@@ -75,11 +79,11 @@ def propose_yaml(bag: str | Path, *, position: str = "") -> str:
     if position and position not in sources:
         msg = f"{bag}: --position '{position}' is no numeric field; {suggest(position, sources)}"
         raise ConfigError(msg)
-    signals = _read(bag, sources)
+    signals, received = _read(bag, sources)
     proposal = propose(signals, position=position)
     if proposal is None:
         raise BagError(_nothing(bag, sources, position))
-    return _text(bag, proposal, sources)
+    return _text(bag, proposal, sources, received)
 
 
 def _nothing(bag: str | Path, sources: dict[str, SignalSource], position: str) -> str:
@@ -134,22 +138,31 @@ def _paths(types: TypeSystem, type_name: str, prefix: str, depth: int = 0) -> It
             yield from _paths(types, kind.base, f"{path}.", depth + 1)
 
 
-def _read(bag: str | Path, sources: dict[str, SignalSource]) -> dict[str, Signal]:
-    stamps: dict[str, list[np.ndarray]] = {k: [] for k in sources}
-    values: dict[str, list[np.ndarray]] = {k: [] for k in sources}
+def _read(bag: str | Path, sources: dict[str, SignalSource]) -> tuple[dict[str, Signal], set[str]]:
+    """Return the columns of a bag, the first of a long one, and which carry receive times."""
+    stamps: dict[str, list[IntArray]] = {k: [] for k in sources}
+    values: dict[str, list[FloatArray]] = {k: [] for k in sources}
+    counts = dict.fromkeys(sources, 0)
+    received: set[str] = set()
     for block in read_signals(bag, sources.values()):
         stamps[block.signal].append(block.stamp_ns)
         values[block.signal].append(block.values)
+        counts[block.signal] += len(block.values)
+        if not block.has_header:
+            received.add(block.signal)
+        if counts[block.signal] >= _MOST_SAMPLES:
+            break
     signals = {}
-    for name in sources:
-        if stamps[name]:
-            t, v = np.concatenate(stamps[name]), np.concatenate(values[name])
-            rising = np.concatenate(([True], t[1:] > np.maximum.accumulate(t)[:-1]))
-            signals[name] = Signal(name, t[rising], v[rising])
-    return signals
+    for name in (k for k in sources if counts[k]):
+        t, v = np.concatenate(stamps[name]), np.concatenate(values[name])
+        rising = np.concatenate(([True], t[1:] > np.maximum.accumulate(t)[:-1]))
+        signals[name] = Signal(name, t[rising], v[rising])
+    return signals, received
 
 
-def _text(bag: str | Path, proposal: Proposal, sources: dict[str, SignalSource]) -> str:
+def _text(
+    bag: str | Path, proposal: Proposal, sources: dict[str, SignalSource], received: set[str]
+) -> str:
     lines = [
         f"# Proposed from {bag}: every value is a guess with its reason; check each before use.",
         f"#   valve-twin estimate {bag} --config FILE",
@@ -157,11 +170,12 @@ def _text(bag: str | Path, proposal: Proposal, sources: dict[str, SignalSource])
         "  ros__parameters:",
         f"    model: {proposal.model}",
         f"    period_s: {_number(proposal.period_s)}   # {proposal.period_evidence} [s]",
+        f"    hold_back_s: {_number(max(2.0, 5.0 * proposal.period_s))}   # {_HELD_BACK} [s]",
         f"    # lag from command to position: {proposal.lag} samples; every cycle is scanned anew",
         "    signals:",
     ]
     for role in _with_reference(proposal):
-        lines += _signal_lines(role, sources[role.source])
+        lines += _signal_lines(role, sources[role.source], role.source in received)
     lines += [
         "    cycles:",
         f"      rule: {proposal.cycles.rule.value}   # {proposal.cycles.reason}",
@@ -184,10 +198,11 @@ def _with_reference(proposal: Proposal) -> tuple[Role, ...]:
     return (*proposal.roles, replace(command, signal="reference", evidence="cuts the cycles"))
 
 
-def _signal_lines(role: Role, source: SignalSource) -> list[str]:
+def _signal_lines(role: Role, source: SignalSource, received: bool) -> list[str]:
+    clock = "   # it carries no stamp: the receive time stands for it" if received else ""
     return [
         f"      {role.signal}:   # {role.evidence}",
-        f"        topic: {source.topic}",
+        f"        topic: {source.topic}{clock}",
         f"        type: {source.type}",
         f'        field: "{source.field}"',
         f"        scale: {_number(role.scale)}   # signal = scale * field + offset",
@@ -197,10 +212,13 @@ def _signal_lines(role: Role, source: SignalSource) -> list[str]:
 
 def _option_lines(proposal: Proposal) -> list[str]:
     """Let the delay scan of the model reach well beyond the lag that was found."""
+    upper = {o.name: o.upper for o in get_model(proposal.model).options}
     if proposal.model == "positioner":
-        reach = f"max_delay_s: {_number(proposal.max_delay_s)}   # longest delay tried [s]"
+        longest = min(proposal.max_delay_s, upper["max_delay_s"] or np.inf)
+        reach = f"max_delay_s: {_number(longest)}   # longest delay tried [s]"
     elif proposal.lag > _PRESS_LAG:
-        reach = f"max_lag: {proposal.lag + 2}   # longest lag tried [samples]"
+        most = min(proposal.lag + 2, upper["max_lag"] or np.inf)
+        reach = f"max_lag: {most:.0f}   # longest lag tried [samples]"
     else:
         return []
     return ["    options:", f"      {reach}"]

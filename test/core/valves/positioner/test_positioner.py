@@ -239,6 +239,14 @@ def test_a_parameter_on_its_bound_says_so():
     assert at["dead_band"].status is ParameterStatus.AT_BOUND
 
 
+def test_a_delay_longer_than_those_tried_says_so():
+    command = make_command()
+    found = estimate(command, make_position(command, lag=30))
+    (delay,) = (p for p in found.parameters if p.name == "delay")
+    assert delay.status is ParameterStatus.AT_BOUND
+    assert "raise max_delay_s" in delay.reason
+
+
 def test_a_thinned_search_finds_the_same_valve():
     """At 1 kHz a record of 8 s is searched on every 8th sample, then fitted whole."""
     rng = np.random.default_rng(5)

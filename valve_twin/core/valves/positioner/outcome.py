@@ -126,11 +126,18 @@ def _derived(
     ]
     speeds = zip(DERIVED[3:5], shown_speeds(prepared.record), strict=True)
     return [
-        ParameterValue(DERIVED[0], delay),
+        _delay(delay, at_bound=0 < prepared.max_lag == solution.lag),
         *responses,
         *(ParameterValue(name, value) for name, value in speeds),
         ParameterValue(DERIVED[5], _command_fit(prepared.record)),
     ]
+
+
+def _delay(delay: float, *, at_bound: bool) -> ParameterValue:
+    if not at_bound:
+        return ParameterValue(DERIVED[0], delay)
+    reason = f"rests on the longest delay tried, {delay:.3g} s: raise max_delay_s"
+    return ParameterValue(DERIVED[0], delay, ParameterStatus.AT_BOUND, reason)
 
 
 def _command_fit(record: Record) -> float:
