@@ -92,6 +92,7 @@ def test_a_mirror_without_the_sensor_is_not_taken_for_the_measurement():
     found = propose(columns(true=y, command=u, sensor=sensor))
     assert found is not None
     assert role(found, "position").source == "sensor"
+    assert role(found, "command").source == "command"
 
 
 def test_a_counter_cuts_the_cycles():
@@ -132,9 +133,9 @@ def test_too_little_is_not_explained(columns_):
     assert propose(columns_) is None
 
 
-def press_columns():
+def press_columns(**sensor):
     config = get_simulation("press_cartridge")
-    layer = replace(config.measurement, noise=1e-3, delay=1)
+    layer = replace(config.measurement, **({"noise": 1e-3, "delay": 1} | sensor))
     blocks = list(simulate_cycles(replace(config, measurement=layer), CYCLES, seed=2))
     stamp_ns = np.concatenate([b.stamp_ns for b in blocks])
     inputs = np.concatenate([b.inputs for b in blocks])
@@ -159,6 +160,14 @@ def test_two_commands_that_drive_a_rate_make_a_press_valve(missing):
     assert found.cycles.rule is CycleRule.COMMANDS
     assert f"{CYCLES} in this record" in found.cycles.reason
     assert found.lag in {2, 3}
+
+
+@pytest.mark.parametrize("layer", [{"noise": 4e-3, "refresh": 4}, {"noise": 1e-2, "delay": 2}])
+def test_a_poor_sensor_hides_neither_the_valve_nor_its_rest(layer):
+    found = propose(press_columns(**layer))
+    assert found is not None
+    assert [r.source for r in found.roles] == ["x", "up", "down"]
+    assert all(r.offset == 0.0 for r in found.roles)
 
 
 def test_offsets_of_command_and_position_are_found():

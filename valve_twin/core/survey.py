@@ -37,6 +37,7 @@ _MIN_FINITE = 0.9  # share of finite numbers that a signal needs
 _PERCENT = (20.0, 110.0)  # a largest value in here is taken for percent
 _NORMALISED = 1.5  # a largest value up to here is taken as it is
 _SMALL_OFFSET = 0.005  # an offset below this share of full scale is not worth proposing
+_REST_BINS = 12  # over a quarter of the range: about 2 % of it each
 _DELAY_MARGIN = 4  # samples that the delay scan may reach beyond twice the lag found
 
 
@@ -227,9 +228,12 @@ def _scale(values: FloatArray) -> float:
 
 
 def _rest(values: FloatArray) -> float:
-    """Return the value around which the lowest tenth of the range lies; a rest is often taken."""
-    low = float(values.min())
-    return float(np.median(values[values <= low + 0.1 * float(np.ptp(values))]))
+    """Return the value that is taken most often in the lowest quarter of the range."""
+    low, span = float(values.min()), float(np.ptp(values))
+    counts, edges = np.histogram(values, bins=_REST_BINS, range=(low, low + 0.25 * span))
+    most, width = int(np.argmax(counts)), float(edges[1] - edges[0])
+    centre = 0.5 * float(edges[most] + edges[most + 1])
+    return float(np.median(values[np.abs(values - centre) <= width]))
 
 
 def _offset(value: float) -> float:

@@ -31,6 +31,7 @@ _LEVELS_ALIKE = 0.5  # correlation of the levels of a command and what follows i
 _ONE_SIDED = 0.02  # share of its span that a one-sided command may lie below zero
 _ACTIVE = 0.1  # share of its largest value above which a command is given
 _OVERLAP = 0.3  # share of the wider range that two columns of the same unit have in common
+_MIRROR, _MIRROR_LAG = 0.02, 3  # closer than this share of the range, and samples, is no command
 _TIE = 0.01  # correlations closer than this tell nothing
 
 
@@ -156,26 +157,37 @@ def find_driven(views: Views, targets: Sequence[str]) -> Driven | None:
 
 
 def _driven(views: Views, target: str) -> Driven | None:
+    """Match what one-sided commands add up to with the position, and its mirror image."""
     view = views.of(target)
-    rate = np.diff(view.columns[target])
-    rises: dict[str, FloatArray] = {}
+    y = view.columns[target]
+    up: tuple[float, str] = (0.0, "")
+    down: tuple[float, str] = (0.0, "")
     for name, u in view.columns.items():
-        if name != target and _one_sided(u):
-            rises[name] = _correlations(u[:-1], rate, view.max_lag)[view.max_lag :]
-    if len(rises) < 2:
+        if name == target or not _one_sided(u):
+            continue
+        total = _summed(u)
+        for sign in (1.0, -1.0):
+            match = _match(total, sign * y, view.max_lag, causal=True)
+            score = (0.0 if match is None else match.correlation, name)
+            if sign > 0.0:
+                up = max(up, score)
+            else:
+                down = max(down, score)
+    if not (up[1] and down[1]) or up[1] == down[1]:
         return None
-    up = max(rises, key=lambda k: float(rises[k].max()))
-    down = min(rises, key=lambda k: float(rises[k].min()))
-    rising, falling = float(rises[up].max()), float(rises[down].min())
-    if up == down or min(rising, -falling) < _ENOUGH:
-        return None
-    if not _alternate(view.columns[up], view.columns[down]):
+    if not _alternate(view.columns[up[1]], view.columns[down[1]]):
         return None
     near = views.liveliest(target) if view.every > 1 else view
-    both = near.columns[up] - near.columns[down]
-    over = near.columns[target]
-    together = _correlations(both[:-1], np.diff(over), near.max_lag)[near.max_lag :]
-    return Driven(target, up, down, int(np.argmax(together)) + 1, rising, falling)
+    both = _summed(near.columns[up[1]] - near.columns[down[1]])
+    match = _match(both, near.columns[target], near.max_lag, causal=True)
+    lag = 0 if match is None else match.lag
+    return Driven(target, up[1], down[1], lag + 1, up[0], -down[0])
+
+
+def _summed(u: FloatArray) -> FloatArray:
+    """Return the sum of all values before each."""
+    total: FloatArray = np.concatenate(([0.0], np.cumsum(u)[:-1]))
+    return total
 
 
 def find_followed(views: Views, targets: Sequence[str]) -> Followed | None:
@@ -203,6 +215,7 @@ def find_followed(views: Views, targets: Sequence[str]) -> Followed | None:
             }
             last = _last(views, sorted(family)) if same_unit else best.position
             own = [f for f in pairs if f.position == last]
+            own = [f for f in own if not _mirrors(views, f)] or own
             enough = max(f.correlation for f in own) - _TIE
             return _exact(views, min((f for f in own if f.correlation >= enough), key=_by_lag))
     return None
@@ -250,8 +263,8 @@ class _Match:
     over: int
 
 
-def _match(u: FloatArray, y: FloatArray, max_lag: int) -> _Match | None:
-    """Return the best match, None where none is beyond chance.
+def _match(u: FloatArray, y: FloatArray, max_lag: int, *, causal: bool = False) -> _Match | None:
+    """Return the best match, None where none is beyond chance; `causal`: u comes first.
 
     A slow valve answers a step over many samples: increments over more samples show it, but fewer
     of them are independent. The shortest that show it well tell the lag best.
@@ -261,6 +274,7 @@ def _match(u: FloatArray, y: FloatArray, max_lag: int) -> _Match | None:
         if len(y) < _LEAST_INCREMENTS * over:
             break
         r = _correlations(u[over:] - u[:-over], y[over:] - y[:-over], max_lag)
+        r[: max_lag if causal else 0] = -1.0
         found = _Match(float(r.max()), int(np.argmax(r)) - max_lag, over)
         chance = _CHANCE * np.sqrt(over / len(y))
         if found.correlation < max(_ENOUGH, chance):
@@ -270,6 +284,15 @@ def _match(u: FloatArray, y: FloatArray, max_lag: int) -> _Match | None:
         if best.correlation >= _CLEAR:
             break
     return best
+
+
+def _mirrors(views: Views, found: Followed) -> bool:
+    """Whether the "command" is the position itself, seen by another sensor."""
+    view = views.of(found.position)
+    lag = found.lag // view.every
+    u, y = view.columns[found.command], view.columns[found.position]
+    miss = y[lag:] - found.gain * u[: len(u) - lag]
+    return lag <= _MIRROR_LAG and float(np.std(miss)) < _MIRROR * float(np.ptp(y))
 
 
 def _last(views: Views, names: Sequence[str]) -> str:
