@@ -99,6 +99,13 @@ def _sections(
     if not isinstance(node, yaml.MappingNode):
         return
     for key, value in node.value:
+        if name and not isinstance(value, yaml.MappingNode) and key.value != WRAPPER:
+            parent = name.strip("/")
+            msg = (
+                f"{path}:{key.start_mark.line + 1}: key '{key.value}' below '{parent}' stands "
+                f"outside '{WRAPPER}:' and no node reads it; indent it below '{WRAPPER}:'"
+            )
+            raise ConfigError(msg)
         if key.value == WRAPPER:
             section = Section("/" + name.strip("/"))
             _flatten(loader, value, "", section, path)
