@@ -55,6 +55,12 @@ def lived():
     return run(cycles)
 
 
+def force_of(memory):
+    force = model_in_force(MODEL, memory, PERIOD_S, OPTIONS)
+    assert force is not None
+    return force
+
+
 def flat(history):
     return [estimate for estimates in history for estimate in estimates]
 
@@ -106,7 +112,7 @@ def test_the_trend_uses_one_estimator(lived):
 
 def test_test_errors_judge_the_model_before(lived):
     history, memories = lived
-    force = model_in_force(MODEL, memories[9], PERIOD_S, OPTIONS)
+    force = force_of(memories[9])
     expected = evaluate(MODEL, force.coefficients, cycle_of(11).frames, PERIOD_S)
     estimate = history[10][0]
     assert (estimate.mse_test, estimate.fit_test) == expected
@@ -117,7 +123,7 @@ def test_test_errors_judge_the_model_before(lived):
 def test_a_useless_cycle_leaves_the_model_in_force(lived):
     history, memories = lived
     assert history[3][0].status is EstimateStatus.REFUSED
-    before, after = (model_in_force(MODEL, memories[i], PERIOD_S, OPTIONS) for i in (2, 3))
+    before, after = (force_of(memories[i]) for i in (2, 3))
     assert before.coefficients.tobytes() == after.coefficients.tobytes()
     assert before.cycle == after.cycle == 3
 
@@ -132,8 +138,8 @@ def test_a_parameter_without_excitation_keeps_its_last_value(lived):
         for p in newest.parameters
     )
     later = replace(newest, cycle=4, start_ns=newest.start_ns + 1, parameters=silent)
-    force = model_in_force(MODEL, memory.after([later]), PERIOD_S, OPTIONS)
-    last = model_in_force(MODEL, memory, PERIOD_S, OPTIONS)
+    force = force_of(memory.after([later]))
+    last = force_of(memory)
     np.testing.assert_array_equal(force.coefficients, last.coefficients)
     assert force.cycle == 4
 
@@ -143,7 +149,7 @@ def test_no_model_before_the_first_estimate():
 
 
 def test_expects_the_residual_it_has(lived):
-    force = model_in_force(MODEL, lived[1][-1], PERIOD_S, OPTIONS)
+    force = force_of(lived[1][-1])
     mse = evaluate(MODEL, force.coefficients, cycle_of(CYCLES + 1).frames, PERIOD_S)[0]
     assert force.residual_sigma == pytest.approx(mse**0.5, rel=0.15)
 

@@ -3,6 +3,7 @@
 """The press valve's model: prediction kernel, options, and cycles that say nothing."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -32,7 +33,7 @@ def predict(cycle, coefficients, restart=None, cuts=()):
     validity = np.full(n, 99, np.uint8)
     state = MODEL.initial_state()
     edges = [0, *sorted(cuts), n]
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in pairwise(edges):
         MODEL.predict(
             state,
             coefficients,
