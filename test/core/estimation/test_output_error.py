@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Output error: exact on exact data, bounded by physics, silent about what a cycle does not tell."""
+"""Output error: exact on exact data, bounded by physics, silent on what a cycle does not tell."""
 
 from dataclasses import replace
 
