@@ -12,7 +12,7 @@ from valve_twin.io.bags import bag_info, read_signals, read_texts
 from valve_twin.io.config import load_config
 from valve_twin.io.csv_import import import_csv
 
-NAMES = ["boiler_valve", "eha_cylinder"]
+NAMES = ["boiler_valve", "eha_cylinder", "press_cartridge", "simulated_press"]
 
 
 @pytest.mark.parametrize("name", NAMES)

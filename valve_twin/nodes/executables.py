@@ -51,4 +51,4 @@ def run(name: str) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(run(sys.argv.pop(1)))
+    raise SystemExit(run(sys.argv.pop(1)))
