@@ -2,6 +2,7 @@
 # Copyright 2026 valve_twin maintainers
 import itertools
 import random
+import re
 import time
 from dataclasses import fields, replace
 from pathlib import Path
@@ -119,6 +120,14 @@ def test_newest_wild_estimates_are_named(history, scatter):
     values = 0.0098 * (1.0 + 0.01 * scatter(3, 60))
     values[-2:] *= 0.7
     assert "the newest 2 estimates lie off the trend" in trend_of(history(K_in=values)).reason
+
+
+def test_a_slope_is_told_with_its_unit_where_it_has_one(history, scatter):
+    values = aging(scatter, loss=0.15)
+    for unit, words in (("1", "per cycle"), ("1/s", "1/s per cycle")):
+        parameters = [Parameter("K_in", unit, "gain", trend=True)]
+        result = assess(history(K_in=values), (), CONFIG, parameters=parameters)
+        assert re.match(rf"slope -\S+ {words} \(p = ", result.trends[0].reason)
 
 
 def test_maintenance_starts_a_segment_where_none_is_seen(history, scatter):

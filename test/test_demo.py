@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""A short demo: live nodes, table, report page, recorded bag, no process left behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+pytestmark = pytest.mark.ros
+
+CYCLES = 14
+
+
+def members(session: int) -> list[int]:
+    """Return the ids of the processes of a session."""
+    found = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            fields = path.read_text().rsplit(")", 1)[1].split()
+            if int(fields[3]) == session and fields[0] != "Z":
+                found.append(int(path.parent.name))
+    return found
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory):
+    """Run it without measured data in a session of its own."""
+    out = tmp_path_factory.mktemp("demo")
+    command = [sys.executable, "-m", "valve_twin.demo", "--cycles", str(CYCLES)]
+    command += ["--rate", "60", "--out", str(out), "--data", str(out / "nothing")]
+    with (out / "told.txt").open("w+", encoding="utf-8") as told:
+        process = subprocess.Popen(
+            command, stdout=told, stderr=subprocess.STDOUT, start_new_session=True
+        )
+        try:
+            code = process.wait(120)
+            left = members(process.pid)
+        finally:
+            for pid in members(process.pid):
+                os.kill(pid, signal.SIGKILL)
+    text = (out / "told.txt").read_text(encoding="utf-8")
+    return SimpleNamespace(folder=out / "1", code=code, text=text, left=left)
+
+
+def test_the_demo_ends_well_or_says_what_it_missed(demo):
+    if "inside the interval" in demo.text:
+        assert demo.code == 0, demo.text
+    else:
+        assert demo.code == 1
+        assert "OUTSIDE the interval" in demo.text, demo.text
+
+
+def test_the_table_shows_the_cycles(demo):
+    assert f"{CYCLES} of {CYCLES} cycles" in demo.text
+    assert "K_in" in demo.text
+    assert "verdict: " in demo.text
+
+
+def test_what_was_left_out_is_told(demo):
+    assert "no measured data at" in demo.text
+
+
+def test_page_bag_and_history_are_there(demo):
+    page = (demo.folder / "press_report.html").read_text(encoding="utf-8")
+    assert "/press/valve_1" in page
+    assert (demo.folder / "press_bag" / "metadata.yaml").is_file()
+    assert (demo.folder / "history.sqlite").is_file()
+    for name in ("press_report.html", "press_bag", "history.sqlite"):
+        assert str(demo.folder / name) in demo.text
+
+
+def test_no_process_is_left(demo):
+    assert demo.left == []
+
+
+def test_no_node_complained(demo):
+    for log in demo.folder.glob("*.log"):
+        assert "Traceback" not in log.read_text(errors="replace"), log.name
