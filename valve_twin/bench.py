@@ -206,7 +206,7 @@ def _bag_reading(messages: int, repeats: int) -> Ratio:
             f"reading {messages} messages into columns",
             "rosbags",
             _median(lambda: _read_ours(path), repeats),
-            _median(lambda: _read_rosbags(path), max(1, repeats // 5)),
+            _median(lambda: _read_rosbags(path), max(3, repeats // 5)),
             20.0,
         )
 

@@ -464,11 +464,12 @@ def _slices(
     first = min(int(c.log_ns[0]) for c in ready.values())
     last = max(int(c.log_ns[-1]) for c in ready.values())
     edges = np.arange(first + slice_ns, last + slice_ns + 1, slice_ns, dtype=np.int64)
-    cuts = {i: np.searchsorted(c.log_ns, edges, side="left") for i, c in ready.items()}
+    cuts = {i: np.searchsorted(c.log_ns, edges, side="left").tolist() for i, c in ready.items()}
+    stamped = {i: bool(c.stamped.all()) for i, c in ready.items()}
     begins = dict.fromkeys(ready, 0)
     for number in range(len(edges)):
         for i, column in ready.items():
-            begin, end = begins[i], int(cuts[i][number])
+            begin, end = begins[i], cuts[i][number]
             begins[i] = end
             if end > begin:
                 part = slice(begin, end)
@@ -476,7 +477,7 @@ def _slices(
                     wanted[i].signal,
                     column.stamp_ns[part],
                     column.values[part],
-                    bool(column.stamped[part].all()),
+                    stamped[i] or bool(column.stamped[part].all()),
                 )
 
 

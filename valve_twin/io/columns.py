@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.lib.stride_tricks import as_strided
 
 from valve_twin.io.mapping import SERIES_TYPE, STAMPED_TYPE, SignalSource
 from valve_twin.io.mcap_format import MESSAGE_HEAD, RECORD_HEAD, Op
@@ -81,14 +82,26 @@ def gather(data: bytes, offsets: IntArray, source: SignalSource, channel: int) -
     if offsets.min() < 0 or int(offsets.max()) + size > len(data):
         return None
     flat = np.frombuffer(data, dtype=np.uint8)
-    if not _is_uniform(flat[offsets[:, None] + np.arange(_RECORD.size)], size, channel):
+    if not _is_uniform(_table(flat, offsets, _RECORD.size), size, channel):
         return None
-    rows = flat[offsets[:, None] + np.arange(size)]
+    rows = _table(flat, offsets, size)
     body = rows[:, MESSAGE_HEAD.size :]
     if not _is_uniform_header(body):
         return None
     read = _stamped if source.type == STAMPED_TYPE else _series
     return read(rows, body, source)
+
+
+def _table(
+    flat: np.ndarray[tuple[int], np.dtype[np.uint8]], offsets: IntArray, width: int
+) -> ByteTable:
+    """Return `width` bytes from each offset on; a view where the offsets are evenly spaced."""
+    step = int(offsets[1] - offsets[0]) if len(offsets) > 1 else 0
+    if step >= width and bool((np.diff(offsets) == step).all()):
+        shape = (len(offsets), width)
+        return as_strided(flat[int(offsets[0]) :], shape, (step, 1), writeable=False)
+    table: ByteTable = flat[offsets[:, None] + np.arange(width)]
+    return table
 
 
 def _is_uniform(heads: ByteTable, size: int, channel: int) -> bool:
