@@ -168,7 +168,7 @@ def test_a_slow_subscriber_sets_the_pace_and_loses_nothing(graph, tmp_path):
     reader = TopicInput(
         graph.node,
         by_topic(graph.node, [source])[0],
-        InputConfig(),
+        InputConfig(depth=0),
         lambda block, _: values.append(float(block.values[0])),
         lambda: 1,
     )

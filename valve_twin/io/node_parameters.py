@@ -84,8 +84,8 @@ _TWIN = (
     Spec(
         "input_queue",
         Kind.INT,
-        0,
-        "Queue depth of every input; 0 = all that the middleware can hold.",
+        100000,
+        "Queue depth of every input; 0 = what is not taken yet holds up a lossless publisher.",
         "1",
         0,
         10**6,

@@ -29,8 +29,9 @@ if TYPE_CHECKING:
 TICK_S = 0.002
 """Period of the pacing timer [s]."""
 
-MOST_MESSAGES = 256
-"""Messages published in one tick: a callback has to end soon."""
+MOST_MESSAGES = 32
+"""Messages published in one tick: a callback has to end soon and shared memory must not overflow:
+what it drops is sent again, but seconds later."""
 
 
 DRAIN_S = 5.0
@@ -106,7 +107,7 @@ class BagPlayerNode(ValveNode):
                 message_class(topic.type), outlet.topic, self._profile(topic)
             )
         if self.parameters["clock"]:
-            self._clock_publisher = self.create_publisher(ClockMessage, "/clock", MOST_MESSAGES)
+            self._clock_publisher = self.create_publisher(ClockMessage, "/clock", 1000)
         self._anchor = None
         self._earliest_s = seconds_now() + self._guard.settle_s
         self._latest_s = seconds_now() + float(self.parameters["start_delay_s"])

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import (
@@ -38,14 +37,15 @@ class InputConfig:
     Attributes
     ----------
     depth : int
-        Queue depth [messages], 0 = keep all that the middleware can hold.
+        Queue depth [messages]: deep, so that the topics of a valve stay in step. 0 = all: the
+        middleware refuses what it cannot hold and the publisher offers it again, seconds later.
     deadline_s : float
         Longest time between two messages that a publisher has to promise [s], 0 = none asked for.
     silence_s : float
         After this long without a message a topic is called silent [s].
     """
 
-    depth: int = 0
+    depth: int = 100_000
     deadline_s: float = 0.0
     silence_s: float = 5.0
 
@@ -245,76 +245,6 @@ class TopicInput:
 
     def _on_deadline(self, event: Any) -> None:
         self.deadlines_missed = int(event.total_count)
-
-
-class Collector:
-    """Gathers blocks between two deliveries and hands them over in slices of data time.
-
-    Slices keep the order of the stamps across signals: after a stall no signal runs ahead of the
-    others by more than
-    a part of the hold-back time.
-    """
-
-    def __init__(self, slice_ns: int) -> None:
-        self._slice_ns = max(slice_ns, 1)
-        self._blocks: dict[str, list[SignalBlock]] = {}
-        self.oldest_ns = 0
-
-    def __bool__(self) -> bool:
-        """Return whether something waits."""
-        return bool(self._blocks)
-
-    def add(self, block: SignalBlock, received_ns: int) -> None:
-        """Take a block; `oldest_ns` is when the first of those that wait was received [ns]."""
-        if not self._blocks:
-            self.oldest_ns = received_ns
-        self._blocks.setdefault(block.signal, []).append(block)
-
-    def take(self) -> Iterable[SignalBlock]:
-        """Yield what has been gathered and forget it."""
-        blocks, self._blocks = self._blocks, {}
-        joined = [_join(parts) for parts in blocks.values()]
-        if not joined:
-            return
-        begin = min(int(b.stamp_ns[0]) for b in joined)
-        end = max(int(b.stamp_ns[-1]) for b in joined)
-        if end - begin <= self._slice_ns:
-            yield from joined
-            return
-        yield from self._sliced(joined, begin, end)
-
-    def _sliced(self, joined: list[SignalBlock], begin: int, end: int) -> Iterable[SignalBlock]:
-        at = {b.signal: 0 for b in joined}
-        edge = begin
-        while edge <= end:
-            edge += self._slice_ns
-            for block in joined:
-                first = at[block.signal]
-                later = np.flatnonzero(block.stamp_ns[first:] > edge)
-                last = first + int(later[0]) if len(later) else len(block.stamp_ns)
-                if last > first:
-                    part = slice(first, last)
-                    yield SignalBlock(
-                        block.signal, block.stamp_ns[part], block.values[part], block.has_header
-                    )
-                at[block.signal] = last
-            waiting = [
-                int(b.stamp_ns[at[b.signal]]) for b in joined if at[b.signal] < len(b.stamp_ns)
-            ]
-            if not waiting:
-                return
-            edge = max(edge, min(waiting) - self._slice_ns)
-
-
-def _join(parts: list[SignalBlock]) -> SignalBlock:
-    if len(parts) == 1:
-        return parts[0]
-    return SignalBlock(
-        parts[0].signal,
-        np.concatenate([p.stamp_ns for p in parts]),
-        np.concatenate([p.values for p in parts]),
-        all(p.has_header for p in parts),
-    )
 
 
 def by_topic(node: Node, sources: Iterable[SignalSource]) -> list[list[Extractor]]:

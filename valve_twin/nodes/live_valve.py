@@ -19,8 +19,9 @@ from valve_twin.core.types import Cycle, Estimate, Prediction
 from valve_twin.core.valves.registry import complete_options, get_model
 from valve_twin.io.assembly import make_twin
 from valve_twin.nodes import convert
+from valve_twin.nodes.collector import Collector
 from valve_twin.nodes.estimation_job import MEMORY_LACKS, run_job
-from valve_twin.nodes.inputs import Collector, InputConfig, TopicInput, seconds_now
+from valve_twin.nodes.inputs import InputConfig, TopicInput, seconds_now
 from valve_twin.nodes.runtime import STEADY, ValveNode
 
 if TYPE_CHECKING:
@@ -100,7 +101,7 @@ class LiveValve:
         last = history.last_cycle(self.name)
         memory = memory_from_history(history.recent_estimates(self.name, MEMORY_CYCLES))
         self.twin = make_twin(config, memory=memory, last_cycle=last)
-        self._collector = Collector(round(config.hold_back_s * 0.25e9))
+        self._collector = Collector(config.signals, round(config.hold_back_s * 0.25e9))
         self.inputs: list[TopicInput] = []
         self._job: Job | None = None
         self._jobs = 0
@@ -121,8 +122,7 @@ class LiveValve:
         """Subscribe to all signals."""
         now_ns = self._now_ns()
         self.inputs = [
-            TopicInput(self._node, group, config, self._collector.add, now_ns)
-            for group in self._signals
+            TopicInput(self._node, group, config, self._gather, now_ns) for group in self._signals
         ]
 
     def silence(self) -> None:
@@ -146,7 +146,7 @@ class LiveValve:
         if not self._collector or (self.due_s() > 0.0 and not force):
             return
         begin, oldest_ns = seconds_now(), self._collector.oldest_ns
-        for block in self._collector.take():
+        for block in self._collector.take_all() if force else self._collector.take(begin):
             self._push(block)
         end = seconds_now()
         self._idle_until = end + min((end - begin) * (1.0 / DUTY - 1.0), LONGEST_GATHER_S)
@@ -154,7 +154,12 @@ class LiveValve:
 
     def due_s(self) -> float:
         """Return when `work` is worth its while [s]; infinite where nothing waits."""
-        return max(self._idle_until - seconds_now(), 0.0) if self._collector else float("inf")
+        if not self._collector:
+            return float("inf")
+        now = seconds_now()
+        if not self._collector.is_ready(now):
+            return LONGEST_GATHER_S
+        return max(self._idle_until - now, 0.0)
 
     def clock_jumped(self) -> None:
         """Drop the running cycle after the node's clock was set back."""
@@ -178,6 +183,9 @@ class LiveValve:
                     "dropped, what was learnt is kept"
                 )
         self._start_job()
+
+    def _gather(self, block: SignalBlock, received_ns: int) -> None:
+        self._collector.add(block, received_ns, seconds_now())
 
     def _push(self, block: SignalBlock) -> None:
         if block.signal == self.model.output:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
-_DEPTH = 5000
+_DEPTH = 100_000
 
 
 class QueuedMessage(NamedTuple):

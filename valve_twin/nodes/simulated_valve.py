@@ -27,8 +27,9 @@ if TYPE_CHECKING:
 TICK_S = 0.005
 """Period of the pacing timer [s]."""
 
-MOST_SAMPLES = 64
-"""Samples published in one tick: a callback has to end soon."""
+MOST_SAMPLES = 16
+"""Samples published in one tick: a callback has to end soon, and shared memory is not to overflow:
+what it drops is sent again, but seconds later."""
 
 LAG_S = 1.0
 """Behind its rate by more than this, the simulation gives up catching up [s]."""
