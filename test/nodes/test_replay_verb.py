@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""`valve-twin replay` on real DDS: a recorded valve comes back under its prefix and ends."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from valve_twin_msgs.msg import Float64Stamped
+
+from valve_twin.io.bags import BagWriter
+
+START_NS = 1_600_000_000_000_000_000
+TOPIC = "/press/v1/spool_position"
+
+
+@pytest.fixture
+def bag(tmp_path):
+    with BagWriter(tmp_path / "bag") as writer:
+        for n in range(200):
+            writer.write_sample(TOPIC, START_NS + n * 30_000_000, n / 8)
+    return tmp_path / "bag"
+
+
+def replay(graph, *arguments):
+    command = [sys.executable, "-m", "valve_twin.cli", "replay", *map(str, arguments)]
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(graph.domain)}
+    return subprocess.Popen(
+        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+def test_every_message_comes_back_and_the_command_ends(graph, bag):
+    found = graph.record(f"/replay{TOPIC}", Float64Stamped)
+    process = replay(graph, bag, "--rate", "0")
+    graph.spin_until(lambda: process.poll() is not None, 40.0, "end of the replay")
+    _, told = process.communicate()
+    assert process.returncode == 0, told
+    graph.spin_until(lambda: len(found) == 200, what="200 messages")
+    np.testing.assert_array_equal([m.value for m in found], np.arange(200) / 8)
+
+
+def test_a_missing_bag_is_told_in_one_line(graph, tmp_path):
+    process = replay(graph, tmp_path / "gone")
+    _, told = process.communicate(timeout=40)
+    assert process.returncode == 1
+    assert told.count("\n") == 1
+    assert f"{tmp_path / 'gone'}: there is no such file; give a bag folder" in told
