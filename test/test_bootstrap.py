@@ -99,7 +99,7 @@ def test_refuses_a_sourced_ros_of_another_python(
     step: Callable[[str], Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     prefix = step("prefix")
-    failed = subprocess.CompletedProcess([], 1)
+    failed: subprocess.CompletedProcess[str] = subprocess.CompletedProcess([], 1)
     monkeypatch.setattr(prefix.subprocess, "run", lambda *_args, **_kwargs: failed)
     with pytest.raises(step("console").SetupError, match=r"ROS 2 jazzy is sourced, but .* rclpy"):
         prefix.refuse_what_cannot_work("jazzy")
@@ -214,7 +214,7 @@ def test_a_second_call_does_nothing_and_is_quick(step: Callable[[str], Any]) -> 
 def test_run_without_an_environment_says_what_to_call(tmp_path: Path) -> None:
     (tmp_path / "tools").mkdir()
     shutil.copy(ROOT / "tools" / "run", tmp_path / "tools" / "run")
-    command = [tmp_path / "tools" / "run", "true"]
+    command = [str(tmp_path / "tools" / "run"), "true"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert "call make setup first" in done.stderr

@@ -2,6 +2,7 @@
 # Copyright 2026 valve_twin maintainers
 """Bags and configurations for the tests of files."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -21,7 +22,7 @@ def shared(root):
 
 
 @pytest.fixture
-def small_bag(tmp_path) -> Path:
+def small_bag(tmp_path: Path) -> Path:
     """Return a bag of 1000 commands and positions, 10 ms apart, the position 1 ms later."""
     path = tmp_path / "small"
     with BagWriter(path) as bag:
@@ -34,7 +35,7 @@ def small_bag(tmp_path) -> Path:
 
 
 @pytest.fixture
-def yaml_file(tmp_path):
+def yaml_file(tmp_path: Path) -> Callable[..., Path]:
     """Return a function that writes a parameter file from the lines below ros__parameters."""
 
     def write(text: str, name: str = "valve.yaml") -> Path:

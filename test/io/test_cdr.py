@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -71,7 +73,8 @@ def test_reads_big_endian_bytes(stamp_ns, value, frame_id):
 def test_string_bytes_are_those_of_rosbags():
     store = get_typestore(Stores.ROS2_JAZZY)
     data = encode_string("exp_data_1_1")
-    assert store.deserialize_cdr(data, "std_msgs/msg/String").data == "exp_data_1_1"
+    text: Any = store.deserialize_cdr(data, "std_msgs/msg/String")
+    assert text.data == "exp_data_1_1"
 
 
 @pytest.mark.parametrize("stamp_ns", [-1, 2**31 * 10**9])
