@@ -1,6 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Parameters of the nodes beside those of the valve: one table a node, declared and documented from here."""
+"""Parameters of the nodes beside those of the valve: one table a node.
+
+Declared and documented from here.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,8 @@ _LIVE = (
         "allow_live",
         Kind.BOOL,
         False,
-        "Publish also to topics that already have a foreign publisher, and commands that somebody else takes.",
+        "Publish also to topics that already have a foreign publisher, and commands that "
+        "somebody else takes.",
     ),
     Spec(
         "lossless",
