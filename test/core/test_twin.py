@@ -152,7 +152,9 @@ def test_a_sample_that_cannot_be_believed_is_marked_and_the_rest_predicted(recor
     position[[1500, 1600]] = [np.nan, 7.0]
     events = push_all(Twin(CONFIG, MODEL), replace(record, position=position))
     validity = np.concatenate([e.validity for e in events if isinstance(e, Prediction)])
+    residual = np.concatenate([e.residual for e in events if isinstance(e, Prediction)])
     assert np.flatnonzero(validity == 5).tolist() == [1500, 1600]
+    assert np.isnan(residual[[1500, 1600]]).all()
     assert (validity[1700:] == 0).all()
 
 

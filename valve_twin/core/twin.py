@@ -314,7 +314,7 @@ class Twin:
             measured=frames.position,
             predicted=predicted,
             simulated=simulated,
-            residual=frames.position - predicted,
+            residual=np.where(frames.valid, frames.position - predicted, np.nan),
             residual_sigma=self._in_force.residual_sigma if self._in_force is not None else np.nan,
             validity=validity,
         )
