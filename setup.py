@@ -42,6 +42,7 @@ setup(
         share_files("launch", "*.launch.py"),
         share_files("config", "*.yaml"),
         share_files("layouts", "*.xml", "*.json"),
+        share_files("msg_defs/msg", "*.msg"),  # bags are written without ROS, too
         ("bin", ["tools/valve-twin"]),
     ],
     zip_safe=False,

@@ -3,7 +3,7 @@
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from valve_twin.io.definitions import definition, type_hash
+from valve_twin.io.definitions import _folders, definition, type_hash
 
 OWN = ["CycleSummary", "Estimate", "Float64Series", "Float64Stamped", "Prediction", "Trend"]
 
@@ -49,3 +49,11 @@ def test_hash_is_that_of_the_built_package(root):
 def test_an_unknown_type_is_a_key_error():
     with pytest.raises(KeyError, match="nowhere_msgs"):
         definition("nowhere_msgs/msg/Nothing")
+
+
+def test_an_installed_package_carries_the_texts(root):
+    setup = (root / "setup.py").read_text(encoding="utf-8")
+    assert 'share_files("msg_defs/msg", "*.msg")' in setup
+    assert [
+        str(f).endswith("share/valve_twin/msg_defs/msg") for f in _folders("valve_twin_msgs")
+    ].count(True)
