@@ -19,7 +19,7 @@ from valve_twin.io.mapping import message_class
 from valve_twin.io.playback import BagMessage, BagTopic, bag_topics, read_messages
 from valve_twin.nodes.convert import to_time
 from valve_twin.nodes.inputs import seconds_now
-from valve_twin.nodes.outlets import Outbox, sending_profile, subscribers
+from valve_twin.nodes.outlets import Gate, Outbox, sending_profile
 from valve_twin.nodes.runtime import STEADY, ValveNode, run
 from valve_twin.nodes.safety import CHECK_S, Guard, Outlet
 
@@ -56,6 +56,7 @@ class BagPlayerNode(ValveNode):
         self._paused = False
         self._rate = 1.0
         self._anchor: tuple[float, int] | None = None
+        self._gate = Gate()
         self._earliest_s = self._latest_s = 0.0
         self._played = 0
         self._ended_s = 0.0
@@ -108,7 +109,7 @@ class BagPlayerNode(ValveNode):
             )
         if self.parameters["clock"]:
             self._clock_publisher = self.create_publisher(ClockMessage, "/clock", 1000)
-        self._anchor = None
+        self._anchor, self._gate = None, Gate()
         self._earliest_s = seconds_now() + self._guard.settle_s
         self._latest_s = seconds_now() + float(self.parameters["start_delay_s"])
         self._timers_made = [
@@ -172,7 +173,7 @@ class BagPlayerNode(ValveNode):
         """Begin when the graph is settled and enough subscribers are there."""
         if self._anchor is None:
             now, wanted = seconds_now(), int(self.parameters["wait_for_subscribers"])
-            found = subscribers(self._publishers_made.values()) >= max(wanted, 1)
+            found = self._gate.is_open(self._publishers_made.values(), max(wanted, 1), now)
             given_up = not wanted and now > self._latest_s
             if now < self._earliest_s or not (found or given_up):
                 return False

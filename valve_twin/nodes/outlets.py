@@ -14,6 +14,9 @@ from valve_twin.nodes.runtime import RCLError
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+MATCHED_S = 0.5
+"""How long subscribers must have been matched before the first sample leaves [s]."""
+
 _DEPTH = 5000
 
 
@@ -63,3 +66,22 @@ class Outbox:
 def subscribers(publishers: Iterable[Any]) -> int:
     """Return the least number of subscribers that the publishers have matched."""
     return min((p.get_subscription_count() for p in publishers), default=0)
+
+
+class Gate:
+    """Opens when every publisher has had enough subscribers for a while.
+
+    One side of a match knows of it before the other; what is sent in between may be lost.
+    """
+
+    def __init__(self) -> None:
+        self._since_s: float | None = None
+
+    def is_open(self, publishers: Iterable[Any], wanted: int, now_s: float) -> bool:
+        """Return whether to begin, at `now_s` on a steady clock [s]."""
+        if subscribers(publishers) < wanted:
+            self._since_s = None
+            return False
+        if self._since_s is None:
+            self._since_s = now_s
+        return now_s - self._since_s >= MATCHED_S

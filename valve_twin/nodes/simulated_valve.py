@@ -15,7 +15,7 @@ from valve_twin.io.errors import ConfigError
 from valve_twin.io.schema import Kind, Spec
 from valve_twin.nodes.convert import to_time
 from valve_twin.nodes.inputs import seconds_now
-from valve_twin.nodes.outlets import Outbox, sending_profile, subscribers
+from valve_twin.nodes.outlets import Gate, Outbox, sending_profile
 from valve_twin.nodes.runtime import STEADY, ValveNode
 from valve_twin.nodes.safety import CHECK_S, Guard
 from valve_twin.nodes.simulated_topics import SimulatedTopics
@@ -45,6 +45,7 @@ class SimulatedValveNode(ValveNode):
         self._timers_made: list[Any] = []
         self._clock_publisher: Any = None
         self._begin_s: float | None = None
+        self._gate = Gate()
         self._earliest_s = 0.0
         self._samples = 0
         self._late = False
@@ -79,7 +80,7 @@ class SimulatedValveNode(ValveNode):
         start = float(self.parameters["start_time_s"]) or self.get_clock().now().nanoseconds * 1e-9
         for valve in self._valves:
             valve.open(profile, round(start * 1e9))
-        self._begin_s, self._samples = None, 0
+        self._begin_s, self._samples, self._gate = None, 0, Gate()
         self._earliest_s = seconds_now() + self._guard.settle_s
         self._timers_made = [
             self.create_timer(TICK_S, self._tick, clock=STEADY),
@@ -154,7 +155,9 @@ class SimulatedValveNode(ValveNode):
         now = seconds_now()
         wanted = int(self.parameters["wait_for_subscribers"])
         awaited = [p for v in self._valves for p in v.awaited]
-        if now < self._earliest_s or (wanted and subscribers(awaited) < wanted):
+        if now < self._earliest_s:
+            return False
+        if wanted and not self._gate.is_open(awaited, wanted, now):
             return False
         self._check_safety()
         self._begin_s = now
