@@ -114,6 +114,13 @@ def test_counter_after_a_restart_tells_what_was_missed():
     assert [(c.number, c.missed_cycles) for c in cycles_of(items)] == [(20, 7)]
 
 
+def test_counter_that_starts_again_goes_on_counting_and_says_so():
+    counter = np.repeat([40.0, 41.0, 1.0, 2.0, 4.0, 5.0], 50)
+    _, items = run(CycleConfig(rule=CycleRule.COUNTER), make_frames(300, counter=counter))
+    found = [(c.number, c.missed_cycles) for c in cycles_of(items)]
+    assert found == [(40, 0), (41, 0), (42, -1), (43, 0), (45, 1)]
+
+
 def test_commands_after_a_restart_leave_the_missed_cycles_unknown():
     _, items = run(PRESS, press_frames(3), last_cycle=41, resumed=True)
     assert [(c.number, c.missed_cycles) for c in cycles_of(items)] == [(42, -1), (43, 0)]

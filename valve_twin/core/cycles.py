@@ -17,6 +17,7 @@ from enum import Enum
 import numpy as np
 from numba import njit
 
+from valve_twin.core.gaps import count_lost
 from valve_twin.core.types import (
     ByteArray,
     Cycle,
@@ -231,6 +232,7 @@ class Segmenter:
         self._last_number = last_cycle
         self._missed_before = -1 if resumed else 0
         self._ordinal = 0
+        self._counted_before = 0
         self._lengths: deque[int] = deque(maxlen=_USUAL_CYCLES)
         self._forget()
 
@@ -339,13 +341,23 @@ class Segmenter:
         self._number = previous + 1
         self._missed = self._missed_before
         if self._config.rule is CycleRule.COUNTER:
-            self._number = int(frames.counter[at])
-            gap = self._number - previous - 1
-            fresh = previous == 0 and self._missed_before == 0
-            self._missed = 0 if fresh else gap if gap >= 0 else -1
+            self._number, self._missed = self._count(int(frames.counter[at]))
         self._missed_before = 0
         self._last_number = self._number
         self._ordinal += 1
+
+    def _count(self, counter: int) -> tuple[int, int]:
+        """Return number and missed cycles of a cycle with that counter.
+
+        A counter that starts again goes on counting from the last number, which never repeats.
+        """
+        previous, number = self._last_number, counter + self._counted_before
+        if number < previous:
+            self._counted_before = previous + 1 - counter
+            return previous + 1, -1
+        gap = number - previous - 1
+        fresh = previous == 0 and self._missed_before == 0
+        return number, 0 if fresh else max(gap, -1)
 
     def _extend(self, frames: Frames, *, opens: bool) -> Part:
         if self._number:
@@ -356,7 +368,7 @@ class Segmenter:
         if not self._number:
             return []
         frames = join_frames(self._parts)
-        lost = _count_lost(frames.stamp_ns, self._period_s)
+        lost = count_lost(frames.stamp_ns, self._period_s)
         problem = self._too_short(len(frames), why)
         cycle = Cycle(
             number=self._number,
@@ -388,9 +400,3 @@ def _column(name: str, inputs: tuple[str, ...], key: str) -> int:
         msg = f"cycles.{key}: '{name}' is no command of this model; it has {', '.join(inputs)}"
         raise ValueError(msg)
     return inputs.index(name)
-
-
-def _count_lost(stamp_ns: IntArray, period_s: float) -> int:
-    steps = np.diff(stamp_ns) / (period_s * 1e9)
-    gaps = steps[steps > 1.5]
-    return int(np.rint(gaps - 1.0).sum())

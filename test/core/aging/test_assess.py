@@ -316,6 +316,24 @@ def test_counter_that_starts_again_goes_on_counting(history, scatter):
     assert "unknown missed cycles" in trend.reason
 
 
+def test_a_clock_that_is_set_back_does_not_mix_the_cycles(history, scatter):
+    """A simulation started again, a bag played twice: numbers go on, stamps begin anew."""
+    estimates = history(K_in=aging(scatter))
+    back = 59 * 30_000_000_000
+    moved = [
+        replace(
+            e, start_ns=e.start_ns - back, end_ns=e.end_ns - back, missed_cycles=-(e.cycle == 61)
+        )
+        if e.cycle > 60
+        else e
+        for e in estimates
+    ]
+    expected, trend = trend_of(estimates), trend_of(moved)
+    assert trend.axis_value == 105.0
+    assert (trend.level, trend.slope) == (expected.level, expected.slope)
+    assert trend.cycle_rate == pytest.approx(1 / 30.0)
+
+
 def test_hours_come_from_the_stamps(history, scatter):
     estimates = history(K_in=aging(scatter))
     cycles = trend_of(estimates)

@@ -17,6 +17,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from valve_twin.core.aging.trend import quantile
 
 if TYPE_CHECKING:
@@ -107,8 +109,14 @@ def _first_crossing(
 
 
 def axis_rate(axis: FloatArray, stamp_ns: IntArray, newest: int) -> float:
-    """Return axis units per second of data time over the `newest` estimates [1/s], or NaN."""
+    """Return axis units per second of data time over the `newest` estimates [1/s], or NaN.
+
+    Only those count that came after the clock was last set back.
+    """
     a, t = axis[-newest:], stamp_ns[-newest:]
+    back = np.flatnonzero(np.diff(t) < 0)
+    if len(back):
+        a, t = a[back[-1] + 1 :], t[back[-1] + 1 :]
     seconds = float(t[-1] - t[0]) * 1e-9 if len(t) > 1 else 0.0
     return float(a[-1] - a[0]) / seconds if seconds > 0.0 and a[-1] > a[0] else float("nan")
 

@@ -92,7 +92,10 @@ class Pieces:
 
 
 def order_history(history: Sequence[Estimate], axis: Axis) -> History:
-    """Sort the trend's estimates by their end, one a cycle, and place them on the axis.
+    """Sort the trend's estimates, one a cycle, and place them on the axis.
+
+    The number of a cycle says what came after what: it goes on where a clock is set back. Numbers
+    that repeat do not; then, and for hours, the end of the cycle does.
 
     Parameters
     ----------
@@ -108,8 +111,10 @@ def order_history(history: Sequence[Estimate], axis: Axis) -> History:
     History
         The estimates with `used_by_trend`.
     """
-    latest = {e.end_ns: e for e in history if e.used_by_trend}
-    estimates = tuple(latest[end] for end in sorted(latest))
+    latest = {(e.cycle, e.end_ns): e for e in history if e.used_by_trend}
+    repeated = len({cycle for cycle, _ in latest}) < len(latest)
+    sort_key = 1 if repeated or axis is Axis.HOURS else 0
+    estimates = tuple(latest[key] for key in sorted(latest, key=lambda k: k[sort_key]))
     number = np.array([e.cycle for e in estimates], dtype=np.int64)
     missed = np.array([e.missed_cycles for e in estimates], dtype=np.int64)
     step = np.diff(number, prepend=number[:1] - 1)
