@@ -20,6 +20,7 @@ import numpy as np
 from valve_twin.core.alignment import Aligner, SignalCounts, SignalRange
 from valve_twin.core.cycles import Closing, CycleConfig, Part, Segmenter
 from valve_twin.core.estimation.sequence import InForce, Memory, model_in_force
+from valve_twin.core.gaps import find_gaps
 from valve_twin.core.types import Cycle, Estimate, FloatArray, Frames, IntArray, Prediction
 
 if TYPE_CHECKING:
@@ -29,9 +30,6 @@ if TYPE_CHECKING:
 
 EFFECT_DELAY = 2
 """The estimate of a cycle predicts from the start of this many cycles later."""
-
-GAP_PERIODS = 1.5
-"""A step between two stamps above this many periods is a gap: at least one sample is missing."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -324,9 +322,9 @@ class Twin:
         stamps = part.frames.stamp_ns
         restart = np.zeros(len(stamps), dtype=np.uint8)
         restart[0] = 1 if part.opens else 0
-        before = stamps[0] if self._last_ns is None else self._last_ns
-        steps = np.diff(np.concatenate(([before], stamps)))
-        restart[steps > GAP_PERIODS * self._config.period_s * 1e9] = 2
+        before = stamps[0] - 1 if self._last_ns is None else self._last_ns
+        gaps = find_gaps(np.concatenate(([before], stamps)), self._config.period_s)
+        restart[gaps[1:]] = 2
         if self._last_ns is None:
             restart[0] = 2
         restart[~part.frames.valid] = 3

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from valve_twin.core.estimation.masks import MaskOptions, find_gaps, find_masks, held_recently
+from valve_twin.core.estimation.masks import MaskOptions, find_masks, held_recently
+from valve_twin.core.gaps import find_gaps
 from valve_twin.core.valves.press_cartridge.generator import Truth, generate_cycle
 
 PERIOD_S = 0.03

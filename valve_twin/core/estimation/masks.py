@@ -15,12 +15,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.estimation.stale import find_stale
+from valve_twin.core.gaps import find_gaps
 
 if TYPE_CHECKING:
-    from valve_twin.core.types import BoolArray, FloatArray, Frames, IntArray
-
-GAP_PERIODS = 1.5
-"""Stamps further apart than this many periods have a sample missing between them [1]."""
+    from valve_twin.core.types import BoolArray, FloatArray, Frames
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,22 +137,6 @@ def find_masks(
     window = max(6, round(options.stuck_window_s / period_s))
     stuck = _find_stuck(x, drive, breaks, window, options) & ~seat & ~stale
     return Masks(seat, stuck, stale, bad, gap, refresh)
-
-
-def find_gaps(stamp_ns: IntArray, period_s: float) -> BoolArray:
-    """Return (N,) bool: a sample is missing before this one, or its stamp does not advance.
-
-    Parameters
-    ----------
-    stamp_ns : (N,) int64 array
-        Stamps [ns].
-    period_s : float
-        Nominal sampling time [s].
-    """
-    gap = np.zeros(len(stamp_ns), bool)
-    step = np.diff(stamp_ns)
-    gap[1:] = (step > GAP_PERIODS * period_s * 1e9) | (step <= 0)
-    return gap
 
 
 def held_recently(flag: BoolArray, samples: int) -> BoolArray:

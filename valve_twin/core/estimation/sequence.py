@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.estimation.scatter import scatter_between_cycles
+from valve_twin.core.gaps import find_gaps
 from valve_twin.core.types import (
     Cycle,
     Estimate,
@@ -38,9 +39,6 @@ MEMORY_CYCLES = 50
 
 _SIGMA_CYCLES = 10
 """How many cycles the expected residual is taken from."""
-
-_GAP_PERIODS = 1.5
-"""A step between two stamps above this many periods is a gap."""
 
 _MIN_SAMPLES = 3
 """Fewest samples that give an error or a fit."""
@@ -316,7 +314,7 @@ def _restarts(frames: Frames, period_s: float) -> ByteArray:
     """Tell the predictor where gaps and unusable samples are."""
     restart = np.zeros(len(frames), dtype=np.uint8)
     restart[0] = 2
-    restart[1:][np.diff(frames.stamp_ns) > _GAP_PERIODS * period_s * 1e9] = 2
+    restart[find_gaps(frames.stamp_ns, period_s)] = 2
     restart[~frames.valid] = 3
     return restart
 

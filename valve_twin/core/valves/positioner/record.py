@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.masks import GAP_PERIODS, MaskOptions, find_masks
+from valve_twin.core.estimation.masks import MaskOptions, find_masks
 from valve_twin.core.estimation.noise import rest_noise
+from valve_twin.core.gaps import find_gaps
 from valve_twin.core.types import MaskCounts
 from valve_twin.core.valves.positioner.fit import Record
 from valve_twin.core.valves.positioner.kernels import MAX_LAG
@@ -83,8 +84,8 @@ def _max_lag(options: Options, period_s: float) -> int:
 
 def _longest_whole(frames: Frames, period_s: float) -> Frames:
     """Return the longest stretch without a gap, from its first usable sample on."""
-    gaps = np.diff(frames.stamp_ns) > GAP_PERIODS * 1e9 * period_s
-    edges = np.concatenate(([0], np.flatnonzero(gaps) + 1, [len(frames)]))
+    gaps = find_gaps(frames.stamp_ns, period_s)
+    edges = np.concatenate(([0], np.flatnonzero(gaps), [len(frames)]))
     longest = int(np.argmax(np.diff(edges)))
     part = frames[int(edges[longest]) : int(edges[longest + 1])]
     usable = part.valid & np.isfinite(part.position)
