@@ -241,9 +241,14 @@ class Database:
             check_same_thread=False,
             cached_statements=256,
         )
-        if not self.read_only:
+        if self.read_only:
+            return connection
+        try:
             connection.execute("PRAGMA foreign_keys=ON")
             connection.execute("PRAGMA synchronous=FULL")
+        except sqlite3.Error:
+            connection.close()
+            raise
         return connection
 
     def _open(self) -> None:
