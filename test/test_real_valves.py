@@ -201,5 +201,8 @@ def test_the_cylinder_answers_more_slowly_under_load_at_equal_stroke(cylinder):
 
 def test_no_verdict_of_aging_is_given_for_the_cylinder(cylinder):
     (verdict,) = [line for line in cylinder.lines if line["kind"] == "verdict"]
-    assert verdict["text"] != "valve"
-    assert "no threshold" in verdict["evidence"]
+    assert verdict["text"] == "not enough data"
+    assert "by load at equal stroke, not aging" in verdict["evidence"]
+    trends = [line for line in cylinder.lines if line["kind"] == "trend"]
+    assert trends
+    assert all("not aging" in trend["reason"] for trend in trends)

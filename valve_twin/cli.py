@@ -275,7 +275,9 @@ def _add_report(verbs: _Verbs[_Parser]) -> None:
     parser.add_argument("bag", nargs="?", metavar="BAG", help="bag to estimate; else the history")
     _add_config(parser)
     parser.add_argument("--out", required=True, metavar="HTML", help="page to write")
-    parser.add_argument("--label", default="", help='what the axis is, e.g. "by load, not aging"')
+    parser.add_argument(
+        "--label", default="", help="what the axis is where it is no aging, default aging.label"
+    )
 
 
 def _report(arguments: argparse.Namespace) -> int:

@@ -49,7 +49,7 @@ def report_bag(
     out : path
         Page to write.
     label : str
-        What the axis is where it is not aging.
+        What the axis is where it is not aging, default `aging.label` of the configuration.
 
     Returns
     -------
@@ -66,7 +66,7 @@ def report_bag(
         estimates=tuple(record.estimates),
         assessment=assessment,
         prediction=join_predictions(record.predictions),
-        label=label,
+        label=label or config.aging.label,
         options=complete_options(model, config.options),
         version=__version__,
         written_ns=time.time_ns(),
@@ -124,7 +124,7 @@ def report_history(config: ValveConfig, out: str | Path, label: str = "") -> Pat
             estimates, maintenance, config.aging, parameters=model.parameters, valve=config.name
         ),
         maintenance=tuple(maintenance),
-        label=label,
+        label=label or config.aging.label,
         options=complete_options(model, config.options),
         version=__version__,
         written_ns=time.time_ns(),

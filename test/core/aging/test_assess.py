@@ -334,6 +334,15 @@ def test_a_clock_that_is_set_back_does_not_mix_the_cycles(history, scatter):
     assert trend.cycle_rate == pytest.approx(1 / 30.0)
 
 
+def test_cycles_that_differ_by_something_else_give_no_verdict(history, scatter):
+    label = "by load at equal stroke, not aging"
+    config = replace(CONFIG, label=label)
+    found = judge(history(K_in=aging(scatter)), (), config)
+    assert found.verdict.verdict is VerdictKind.NOT_ENOUGH_DATA
+    assert label in found.verdict.evidence
+    assert all(label in trend.reason for trend in found.trends)
+
+
 def test_hours_come_from_the_stamps(history, scatter):
     estimates = history(K_in=aging(scatter))
     cycles = trend_of(estimates)

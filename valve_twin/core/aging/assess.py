@@ -119,7 +119,8 @@ def assess(
         )
         for name in names
     ]
-    trends = tuple(trend for trend, _ in results)
+    label = f" ({config.label})" if config.label else ""
+    trends = tuple(replace(trend, reason=trend.reason + label) for trend, _ in results)
     last = ordered.estimates[-1] if ordered.estimates else None
     verdict = decide(
         trends,

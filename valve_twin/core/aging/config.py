@@ -75,6 +75,9 @@ class AgingConfig:
 
     Attributes
     ----------
+    label : str
+        What the cycles differ in where their order is no aging, such as "by load at equal stroke,
+        not aging"; trends carry it, and no verdict is given. Empty = aging.
     axis : Axis
         What aging is counted in: cycles seen (and known to be missed), the cycle counter, or
         hours of data time.
@@ -125,6 +128,7 @@ class AgingConfig:
         tests anew.
     """
 
+    label: str = ""
     axis: Axis = Axis.CYCLES
     parameters: tuple[str, ...] = ()
     thresholds: tuple[Threshold, ...] = ()

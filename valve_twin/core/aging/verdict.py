@@ -11,7 +11,8 @@ Rule: `valve` if for any followed parameter
    units (median), and the drift has gone half as far as in 2. already; without this a short
    segment that was cut out of wandering scatter raises false alarms.
 
-`not enough data` if no parameter can be judged, else `ok`. A significant but small drift is
+`not enough data` if no parameter can be judged or a label says that the cycles' order is no
+aging, else `ok`. A significant but small drift is
 reported in the trend and does not raise the verdict.
 """
 
@@ -146,7 +147,10 @@ def decide(
     judged = [t for t in trends if t.status is not TrendStatus.NOT_ENOUGH_DATA]
     graves = [(concern(t, config), -t.remaining_median, t) for t in judged]
     worst = max(graves, key=lambda g: g[:2], default=None)
-    if worst is None:
+    if config.label:
+        kind = VerdictKind.NOT_ENOUGH_DATA
+        evidence = f"the cycles differ ({config.label}): what changes is not taken for wear"
+    elif worst is None:
         kind = VerdictKind.NOT_ENOUGH_DATA
         why = "; ".join(f"{t.parameter}: {t.reason}" for t in trends)
         evidence = why or "no parameter is followed"
