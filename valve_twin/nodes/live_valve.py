@@ -177,10 +177,11 @@ class LiveValve:
                 self._unsaved.append(_Entry(event.cycle, event.estimates, wall_s))
                 self._store_next()
             elif isinstance(event, ClockJump):
+                number = event.dropped_cycle
+                dropped = f"cycle {number} is dropped" if number else "no cycle was running"
                 self._node.get_logger().warning(
-                    f"{self.name}: the clock of the data was set back: cycle "
-                    f"{event.dropped_cycle} is "
-                    "dropped, what was learnt is kept"
+                    f"{self.name}: the clock of the data was set back: {dropped}, "
+                    "what was learnt is kept"
                 )
         self._start_job()
 
