@@ -31,7 +31,8 @@ def fingerprints(distro: str) -> dict[str, str]:
     dict
         Hexadecimal hash by step, in the order of the steps.
     """
-    base = os.environ.get("AMENT_PREFIX_PATH", "") if distro else ""
+    sourced = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if distro else []
+    base = os.pathsep.join(part for part in sourced if not part.startswith(str(ROOT)))
     abi = f"{sysconfig.get_config_var('SOABI')} {sys.base_prefix}"
     words = [FORMAT, str(ROOT), abi, distro, base]
     interpreter = _fingerprint(words)
