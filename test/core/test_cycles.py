@@ -159,6 +159,13 @@ def test_a_cycle_cut_off_by_the_end_of_the_record_is_refused():
     assert "cut off: 140 samples of the usual 300" in last.reason
 
 
+def test_a_wrong_sampling_time_is_named_not_estimated():
+    segmenter = Segmenter(PRESS, INPUTS, 1.0)
+    cycles = cycles_of(segmenter.push(press_frames(3)))
+    assert [c.accepted for c in cycles] == [False, False]
+    assert "0.03 s apart (median) but period_s is 1 s: correct period_s" in cycles[0].reason
+
+
 def test_gaps_are_counted_as_lost_samples():
     frames = press_frames(2)
     keep = np.ones(600, dtype=bool)

@@ -34,6 +34,9 @@ MIN_SAMPLES = 8
 USUAL_SHARE = 0.9
 """Share of the usual length that a cycle needs in which the record ends [A]."""
 
+PERIOD_TOLERANCE = 0.1
+"""How far the median step of the stamps may be off the sampling time, relative [A]."""
+
 _USUAL_CYCLES = 20  # closed cycles whose median length is the usual one
 _STAY, _OPEN, _CLOSE = 0, 1, 2
 _START, _ACTIVE, _LAST = (
@@ -369,7 +372,7 @@ class Segmenter:
             return []
         frames = join_frames(self._parts)
         lost = count_lost(frames.stamp_ns, self._period_s)
-        problem = self._too_short(len(frames), why)
+        problem = self._too_short(len(frames), why) or self._off_period(frames.stamp_ns)
         cycle = Cycle(
             number=self._number,
             period_s=self._period_s,
@@ -382,6 +385,16 @@ class Segmenter:
         )
         self._parts, self._number, self._reproducible = [], 0, True
         return [cycle]
+
+    def _off_period(self, stamp_ns: IntArray) -> str:
+        """Say that the sampling time is not the configured one, empty if it is."""
+        step_s = 1e-9 * float(np.median(np.diff(stamp_ns)))
+        if abs(step_s - self._period_s) <= PERIOD_TOLERANCE * self._period_s:
+            return ""
+        return (
+            f"the stamps are {step_s:.4g} s apart (median) but period_s is "
+            f"{self._period_s:g} s: correct period_s"
+        )
 
     def _too_short(self, samples: int, why: Closing) -> str:
         """Say why a cycle of that many samples cannot be estimated, empty if it can."""

@@ -148,8 +148,10 @@ class TopicInput:
         return f"qos_overrides.{self.topic}.subscription.{self.refused_policy.lower()} here"
 
     def _candidates(self) -> Iterable[str]:
+        """Return topics of the same type that somebody publishes."""
         known = self._node.get_topic_names_and_types()
-        return [name for name, types in known if self.type in types and name != self.topic]
+        count = self._node.count_publishers
+        return [name for name, types in known if self.type in types and count(name) > 0]
 
     def _is_best_effort_offered(self) -> bool:
         offered = self._node.get_publishers_info_by_topic(self.topic)
