@@ -148,7 +148,8 @@ def solve_qp_cvxpy(u: FloatArray, y: FloatArray, inequalities: Inequalities) -> 
     a = inequalities.matrix / length
     norm = np.linalg.norm(a, axis=1)
     norm[norm == 0.0] = 1.0
-    limits = [(a / norm[:, None]) @ s <= inequalities.bound / norm / size] if len(a) else []
+    rows = cvxpy.Constant(a / norm[:, None])
+    limits = [rows @ s <= inequalities.bound / norm / size] if len(a) else []
     error = cvxpy.sum_squares(r @ s - target)  # type: ignore[attr-defined]
     problem = cvxpy.Problem(cvxpy.Minimize(error), limits)
     problem.solve(  # type: ignore[no-untyped-call]
