@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
 _LEVEL = 0.02  # share of a command's range above its rest that opens a cycle [A]
+_RETURN = 0.3  # share of the greatest return command that no correction in a hold reaches [A]
 _AT_REST = 0.1  # share of the record that a command must rest for a rule on it [A]
 _LEAST_CYCLES = 2
 _SHORTEST = 0.5  # of the shortest interval found: the least length that is proposed
@@ -67,15 +68,17 @@ def plan_cycles(commands: Sequence[Signal], period_s: float, *, has_counter: boo
 
 def _from_commands(start: Signal, rearm: Signal, period_s: float) -> CyclePlan:
     threshold = min(CycleConfig().threshold, 0.1 * float(start.values.max()))
+    returning = min(CycleConfig().rearm_threshold, _RETURN * float(rearm.values.max()))
     edges = _rises(start.values, threshold, threshold)
     opened: list[int] = []
-    active = rearm.stamp_ns[rearm.values > threshold]
+    active = rearm.stamp_ns[rearm.values > returning]
     for stamp in start.stamp_ns[edges].tolist():
         if not opened or np.any((active > opened[-1]) & (active < stamp)):
             opened.append(stamp)
     values: dict[str, float | str] = {
         "start_signal": start.name,
         "rearm_signal": rearm.name,
+        "rearm_threshold": returning,
         "threshold": threshold,
         "min_cycle_s": _least(opened, period_s),
     }

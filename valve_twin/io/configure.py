@@ -30,7 +30,8 @@ MAX_ELEMENTS = 8
 
 _EXPLAINED = {
     "start_signal": "its rise opens a cycle ...",
-    "rearm_signal": "... if this one has been active since the last opening",
+    "rearm_signal": "... if this one, the return stroke, has been above ...",
+    "rearm_threshold": "... this level since the last opening [1]",
     "threshold": "command that counts as active [1]",
     "min_cycle_s": "half of the shortest cycle found [s]",
     "reference_level": "a cycle opens where the reference rises through it [1]",
