@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from valve_twin.core.types import FloatArray, Frames, IntArray
+from valve_twin.core.types import BoolArray, FloatArray, Frames, IntArray
 
 POSITION = 0
 """Index of the position among the signals; commands follow, then counter and reference."""
@@ -92,11 +92,6 @@ class Aligner:
         self._released_ns: int | None = None
         self.jumps = 0
         self.guessed = 0
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the signals it takes."""
-        return tuple(self._names)
 
     def counts(self) -> dict[str, SignalCounts]:
         """Return the counters of every signal by name."""
@@ -188,11 +183,8 @@ class Aligner:
             return stamp_ns[:0], values[:0]
         self.jumps += 1
         self.reset()
-        first = (
-            int(np.flatnonzero(np.diff(stamp_ns) <= 0)[-1]) + 1
-            if np.any(np.diff(stamp_ns) <= 0)
-            else 0
-        )
+        falls = np.flatnonzero(np.diff(stamp_ns) <= 0)
+        first = int(falls[-1]) + 1 if len(falls) else 0
         return stamp_ns[first:], values[first:]
 
     def _watermark(self) -> int | None:
@@ -230,8 +222,10 @@ class Aligner:
         )
 
 
-def _believed(track: _Track, values: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    good = (values >= track.signal.lower) & (values <= track.signal.upper) & np.isfinite(values)
+def _believed(track: _Track, values: FloatArray) -> BoolArray:
+    good: BoolArray = (
+        (values >= track.signal.lower) & (values <= track.signal.upper) & np.isfinite(values)
+    )
     track.counts.bad += int(np.count_nonzero(~good))
     return good
 

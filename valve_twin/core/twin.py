@@ -20,7 +20,7 @@ import numpy as np
 from valve_twin.core.alignment import Aligner, SignalCounts, SignalRange
 from valve_twin.core.cycles import Closing, CycleConfig, Part, Segmenter
 from valve_twin.core.estimation.sequence import InForce, Memory, model_in_force
-from valve_twin.core.gaps import find_gaps
+from valve_twin.core.prediction import restart_marks, run_model
 from valve_twin.core.types import Cycle, Estimate, FloatArray, Frames, IntArray, Prediction
 
 if TYPE_CHECKING:
@@ -288,45 +288,22 @@ class Twin:
         return model_in_force(self._model, memory, self._config.period_s, self._config.options)
 
     def _predict(self, part: Part) -> Prediction:
-        frames = part.frames
-        n = len(frames)
-        predicted, simulated = np.full(n, np.nan), np.full(n, np.nan)
-        validity = np.ones(n, dtype=np.uint8)
-        restart = self._restarts(part)
-        if self._in_force is None:
+        frames, force = part.frames, self._in_force
+        restart = restart_marks(
+            frames, self._config.period_s, before_ns=self._last_ns, opens=part.opens
+        )
+        self._last_ns = int(frames.stamp_ns[-1])
+        if force is None:
             self._state = self._model.initial_state()
-        else:
-            self._model.predict(
-                self._state,
-                self._in_force.coefficients,
-                frames.position,
-                np.nan_to_num(frames.inputs, nan=0.0, posinf=0.0, neginf=0.0),
-                restart,
-                predicted,
-                simulated,
-                validity,
-            )
+        coefficients = force.coefficients if force is not None else None
+        run = run_model(self._model, self._state, coefficients, frames, restart)
         return Prediction(
             cycle=part.number,
             stamp_ns=frames.stamp_ns,
             measured=frames.position,
-            predicted=predicted,
-            simulated=simulated,
-            residual=np.where(frames.valid, frames.position - predicted, np.nan),
-            residual_sigma=self._in_force.residual_sigma if self._in_force is not None else np.nan,
-            validity=validity,
+            predicted=run.predicted,
+            simulated=run.simulated,
+            residual=np.where(frames.valid, frames.position - run.predicted, np.nan),
+            residual_sigma=force.residual_sigma if force is not None else np.nan,
+            validity=run.validity,
         )
-
-    def _restarts(self, part: Part) -> np.ndarray[tuple[int], np.dtype[np.uint8]]:
-        """Tell the predictor where a cycle, a gap or an unusable sample begins."""
-        stamps = part.frames.stamp_ns
-        restart = np.zeros(len(stamps), dtype=np.uint8)
-        restart[0] = 1 if part.opens else 0
-        before = stamps[0] - 1 if self._last_ns is None else self._last_ns
-        gaps = find_gaps(np.concatenate(([before], stamps)), self._config.period_s)
-        restart[gaps[1:]] = 2
-        if self._last_ns is None:
-            restart[0] = 2
-        restart[~part.frames.valid] = 3
-        self._last_ns = int(stamps[-1])
-        return restart

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.estimation.scatter import scatter_between_cycles
-from valve_twin.core.gaps import find_gaps
+from valve_twin.core.prediction import restart_marks, run_model
 from valve_twin.core.types import (
     Cycle,
     Estimate,
@@ -31,7 +31,6 @@ from valve_twin.core.types import (
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from valve_twin.core.types import ByteArray
     from valve_twin.core.valves.interface import Options, ValveModel
 
 MEMORY_CYCLES = 50
@@ -187,29 +186,18 @@ def evaluate(
     period_s : float
         Sampling time [s].
     """
-    n = len(frames)
-    predicted, simulated = np.full(n, np.nan), np.full(n, np.nan)
-    validity = np.ones(n, dtype=np.uint8)
-    model.predict(
-        model.initial_state(),
-        coefficients,
-        np.ascontiguousarray(frames.position),
-        np.nan_to_num(frames.inputs, nan=0.0, posinf=0.0, neginf=0.0),
-        _restarts(frames, period_s),
-        predicted,
-        simulated,
-        validity,
-    )
+    restart = restart_marks(frames, period_s)
+    run = run_model(model, model.initial_state(), coefficients, frames, restart)
     y = frames.position
-    good = (validity == Validity.VALID) & np.isfinite(predicted)
-    known = frames.valid & np.isfinite(y) & np.isfinite(simulated)
+    good = (run.validity == Validity.VALID) & np.isfinite(run.predicted)
+    known = frames.valid & np.isfinite(y) & np.isfinite(run.simulated)
     mse = fit = float("nan")
     if np.count_nonzero(good) >= _MIN_SAMPLES:
-        mse = float(np.mean((y[good] - predicted[good]) ** 2))
+        mse = float(np.mean((y[good] - run.predicted[good]) ** 2))
     if np.count_nonzero(known) >= _MIN_SAMPLES:
         spread = float(np.sqrt(np.sum((y[known] - y[known].mean()) ** 2)))
         if spread > 0.0:
-            miss = float(np.sqrt(np.sum((y[known] - simulated[known]) ** 2)))
+            miss = float(np.sqrt(np.sum((y[known] - run.simulated[known]) ** 2)))
             fit = 100.0 * (1.0 - miss / spread)
     return mse, fit
 
@@ -308,15 +296,6 @@ def _last_cycles(estimates: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
         if i == 0 or (e.cycle, e.start_ns) != (estimates[i - 1].cycle, estimates[i - 1].start_ns)
     ]
     return estimates[starts[-MEMORY_CYCLES] :] if len(starts) > MEMORY_CYCLES else estimates
-
-
-def _restarts(frames: Frames, period_s: float) -> ByteArray:
-    """Tell the predictor where gaps and unusable samples are."""
-    restart = np.zeros(len(frames), dtype=np.uint8)
-    restart[0] = 2
-    restart[find_gaps(frames.stamp_ns, period_s)] = 2
-    restart[~frames.valid] = 3
-    return restart
 
 
 def _refused(estimate: Estimate, reason: str) -> Estimate:
