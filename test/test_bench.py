@@ -9,10 +9,11 @@ import re
 import numpy as np
 import pytest
 
-from valve_twin import bench
-from valve_twin.bench import Ratio, describe, run_benchmarks
+from valve_twin.bench import Ratio, describe, estimation, require_equal, run, run_benchmarks
 
-LINE = re.compile(r"(.+): (\S+) x (.+) \(goal (\S+) x; (\S+) ms against (\S+) ms\) ok")
+LINE = re.compile(
+    r"(.+): (\S+) x (.+) \(goal (\S+) x(?:, committed \S+ x)?; (\S+) ms against (\S+) ms\) ok"
+)
 
 
 def test_every_comparison_reaches_half_its_goal():
@@ -40,14 +41,19 @@ def test_a_ratio_below_half_its_goal_fails():
 
 def test_one_failed_comparison_fails_the_benchmark(monkeypatch):
     ratios = [Ratio("a", "b", 1.0, 1.0, 20.0), Ratio("c", "d", 1.0, 30.0, 20.0)]
-    monkeypatch.setattr(bench, "_comparisons", lambda *_: iter(ratios))
+    monkeypatch.setattr(run, "_comparisons", lambda *_: iter(ratios))
     lines: list[str] = []
     assert not run_benchmarks(quick=True, write=lines.append)
     assert sum("BELOW HALF" in line for line in lines) == 1
 
 
+def test_the_committed_ratio_stands_beside_the_measured_one():
+    ratio = Ratio("ours", "theirs", 1.0, 30.0, goal=20.0)
+    assert "30 x theirs (goal 20 x, committed 31.5 x; " in describe(ratio, 31.5)
+
+
 def test_no_ratio_is_given_of_results_that_differ():
     with pytest.raises(AssertionError, match="predictions differ from those of a loop"):
-        bench._require_equal(np.ones(3), np.array([1.0, 1.0, 2.0]), "predictions", "a loop")
+        require_equal(np.ones(3), np.array([1.0, 1.0, 2.0]), "predictions", "a loop")
     with pytest.raises(AssertionError, match="costs differ"):
-        bench._same_cost(1.001, 1.0)
+        estimation._same_cost(1.001, 1.0)

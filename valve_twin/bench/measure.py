@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""One comparison: how it is timed, held to its goal and said in a line."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from valve_twin.core.types import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """How much is measured: `quick` for seconds, else minutes.
+
+    Attributes
+    ----------
+    quick : bool
+        Smaller inputs.
+    repeats : int
+        Repetitions whose median is taken [1].
+    """
+
+    quick: bool
+    repeats: int
+
+
+@dataclass(frozen=True, slots=True)
+class Ratio:
+    """One comparison: how many times less time ours takes, and the goal it is held to.
+
+    A goal below 1 allows an overhead over a peer that does less.
+    """
+
+    name: str
+    peer: str
+    ours_s: float
+    peer_s: float
+    goal: float
+
+    @property
+    def value(self) -> float:
+        """Peer over ours [1]."""
+        return self.peer_s / self.ours_s
+
+    @property
+    def passed(self) -> bool:
+        """Whether it reaches half its goal: machines are noisy."""
+        return self.value >= 0.5 * self.goal
+
+
+def describe(ratio: Ratio, committed: float | None = None) -> str:
+    """Return a comparison as one line, beside the ratio measured when it was committed."""
+    before = "" if committed is None else f", committed {committed:.3g} x"
+    mark = "ok" if ratio.passed else "BELOW HALF ITS GOAL"
+    return (
+        f"{ratio.name}: {ratio.value:.3g} x {ratio.peer} (goal {ratio.goal:.3g} x{before}; "
+        f"{ratio.ours_s * 1e3:.3g} ms against {ratio.peer_s * 1e3:.4g} ms) {mark}"
+    )
+
+
+def median(
+    action: Callable[[], object], repeats: int, clock: Callable[[], float] = time.process_time
+) -> float:
+    """Return the median time of an action after a warm-up [s], CPU time unless told otherwise."""
+    action()
+    times = []
+    for _ in range(repeats):
+        begin = clock()
+        action()
+        times.append(clock() - begin)
+    return max(statistics.median(times), 1e-9)
+
+
+def require_equal(ours: FloatArray, peer: FloatArray, what: str, whom: str) -> None:
+    """Refuse to compare the times of different results."""
+    if not np.array_equal(ours, peer, equal_nan=True):
+        msg = f"the {what} differ from those of {whom}"
+        raise AssertionError(msg)

@@ -1,0 +1,37 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""`valve-twin bench`: speed against what a user would write otherwise."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING
+
+from valve_twin.cli.common import FAILED, OK, USAGE, add_verb, fail
+from valve_twin.io.errors import suggest
+
+if TYPE_CHECKING:
+    import argparse
+
+    from valve_twin.cli.common import Verbs
+
+
+def add(verbs: Verbs) -> None:
+    """Add the verb."""
+    parser = add_verb(
+        verbs, "bench", "Measure against what a user would write otherwise, in one run.", _bench
+    )
+    parser.add_argument(
+        "area", nargs="*", metavar="AREA", help="only these, e.g. reading; default all"
+    )
+    parser.add_argument("--quick", action="store_true", help="seconds instead of minutes")
+
+
+def _bench(arguments: argparse.Namespace) -> int:
+    from valve_twin.bench import AREAS, run_benchmarks
+
+    for area in arguments.area:
+        if area not in AREAS:
+            return fail(f"bench: there is no area '{area}'; {suggest(area, AREAS)}", USAGE)
+    passed = run_benchmarks(quick=arguments.quick, write=sys.stdout.write, areas=arguments.area)
+    return OK if passed else FAILED

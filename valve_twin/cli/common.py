@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What the verbs share: arguments, checks and the one line in which they speak."""
+
+from __future__ import annotations
+
+import argparse
+import errno
+import math
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, NoReturn, TypeAlias
+
+from valve_twin.io.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from contextlib import AbstractContextManager
+
+    from valve_twin.core.aging import Assessment
+    from valve_twin.io.config import ValveConfig
+    from valve_twin.io.offline import Record
+
+    Verbs: TypeAlias = "argparse._SubParsersAction[Parser]"
+
+OK, FAILED, USAGE = 0, 1, 2
+
+
+class Parser(argparse.ArgumentParser):
+    """Say what is wrong in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """End with the usage exit code."""
+        sys.stderr.write(f"{self.prog}: {message}; see {self.prog} --help\n")
+        raise SystemExit(USAGE)
+
+
+def add_verb(
+    verbs: Verbs, name: str, text: str, run: Callable[[argparse.Namespace], int]
+) -> Parser:
+    """Add one verb: its line of help and what it runs."""
+    parser = verbs.add_parser(name, help=text, description=text)
+    parser.set_defaults(run=run)
+    return parser
+
+
+def add_bag(parser: argparse.ArgumentParser) -> None:
+    """Add the bag as argument."""
+    parser.add_argument("bag", metavar="BAG", help="folder, metadata.yaml or .mcap file")
+
+
+def add_config(parser: argparse.ArgumentParser) -> None:
+    """Add --config and --valve."""
+    parser.add_argument("--config", required=True, metavar="FILE", help="YAML of the valve")
+    parser.add_argument(
+        "--valve", default="", metavar="NAME", help="which valve of the file, default the first"
+    )
+
+
+def chosen_config(arguments: argparse.Namespace) -> ValveConfig:
+    """Return the configuration of the wanted valve, default the first of the file."""
+    from valve_twin.io.config import load_config
+
+    configs = load_config(arguments.config)
+    if not arguments.valve:
+        return configs[0]
+    wanted = "/" + arguments.valve.strip("/")
+    for config in configs:
+        if config.name == wanted:
+            return config
+    names = ", ".join(c.name for c in configs)
+    msg = f"{arguments.config}: there is no valve '{wanted}'; give one of {names}"
+    raise ConfigError(msg)
+
+
+def run_offline(config: ValveConfig, bag: str, close_last: bool) -> tuple[Record, Assessment]:
+    """Estimate a bag and assess its trends; say on stderr what was bad in it."""
+    from valve_twin.io.offline import assess_record, describe_bad, run_bag
+
+    with progress_of("estimating", None) as advance:
+        record = run_bag(config, bag, close_last=close_last, on_cycle=advance)
+    for line in describe_bad(config, bag, record):
+        say(f"valve-twin: {line}")
+    return record, assess_record(config, record)
+
+
+def no_cycle(config: ValveConfig, bag: str) -> int:
+    """Say that a bag holds no cycle."""
+    return fail(
+        f"{bag}: no cycle found by rule '{config.cycles.rule.value}'; "
+        "check cycles.* in the configuration, valve-twin configure proposes it"
+    )
+
+
+def check_writable(path: str) -> None:
+    """Find out before the long work whether its result can be written."""
+    there = Path(path)
+    if there.is_dir():
+        raise IsADirectoryError(errno.EISDIR, "is a folder, not a file", path)
+    if not os.access(there if there.exists() else there.parent, os.W_OK):
+        raise PermissionError(errno.EACCES, "cannot be written", path)
+
+
+def positive(text: str) -> int:
+    """Read a whole number, 1 or more."""
+    return whole_number(text, 1)
+
+
+def seed_number(text: str) -> int:
+    """Read a whole number, 0 or more."""
+    return whole_number(text, 0)
+
+
+def whole_number(text: str, least: int) -> int:
+    """Read a whole number of at least `least`."""
+    try:
+        value = int(text)
+    except ValueError:
+        value = least - 1
+    if value < least:
+        msg = f"'{text}' is refused: write a whole number, {least} or more"
+        raise argparse.ArgumentTypeError(msg)
+    return value
+
+
+def rate_number(text: str) -> float:
+    """Read a finite number, 0 or more."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 <= value < math.inf:
+        msg = f"'{text}' is refused: write a number, 0 or more"
+        raise argparse.ArgumentTypeError(msg)
+    return value
+
+
+def fail(text: str, code: int = FAILED) -> int:
+    """Say in one line why it ends."""
+    sys.stderr.write(f"valve-twin: {' '.join(text.split())}\n")
+    return code
+
+
+def say(text: str) -> None:
+    """Write one line to stderr: stdout carries results only."""
+    sys.stderr.write(f"{text}\n")
+
+
+def progress_of(what: str, total: int | None) -> AbstractContextManager[Callable[[], None]]:
+    """Show a progress bar on stderr; call what it gives once a step."""
+    from valve_twin.progress import progress
+
+    return progress(what, total)

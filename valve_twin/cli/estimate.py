@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""`valve-twin estimate`: every cycle of a bag, one JSON object a line."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from valve_twin.cli.common import (
+    OK,
+    add_bag,
+    add_config,
+    add_verb,
+    check_writable,
+    chosen_config,
+    no_cycle,
+    run_offline,
+    say,
+)
+
+if TYPE_CHECKING:
+    import argparse
+
+    from valve_twin.cli.common import Verbs
+
+
+def add(verbs: Verbs) -> None:
+    """Add the verb."""
+    parser = add_verb(
+        verbs, "estimate", "Estimate every cycle of a bag; one JSON object a line.", _estimate
+    )
+    add_bag(parser)
+    add_config(parser)
+    parser.add_argument("--json", metavar="OUT", help="file to write, default standard output")
+    parser.add_argument(
+        "--closed-cycles-only",
+        action="store_true",
+        help="leave out the cycle in which the record ends, as the live node does",
+    )
+
+
+def _estimate(arguments: argparse.Namespace) -> int:
+    from valve_twin.io.lines import json_lines
+
+    config = chosen_config(arguments)
+    if arguments.json:
+        check_writable(arguments.json)
+    record, assessment = run_offline(config, arguments.bag, not arguments.closed_cycles_only)
+    lines = json_lines(record.estimates, assessment, config.name)
+    text = "".join(f"{line}\n" for line in lines)
+    if arguments.json:
+        Path(arguments.json).write_text(text, encoding="utf-8")
+        say(f"{arguments.json}: {len(record.cycles)} cycles; {assessment.verdict.evidence}")
+    else:
+        sys.stdout.write(text)
+    return OK if record.cycles else no_cycle(config, arguments.bag)

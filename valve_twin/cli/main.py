@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Run one verb of the offline command and turn errors into one line and an exit code."""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import TYPE_CHECKING
+
+from valve_twin import __version__
+from valve_twin.cli import (
+    bench,
+    configure,
+    estimate,
+    history,
+    import_,
+    replay,
+    report,
+    simulate,
+)
+from valve_twin.cli.common import FAILED, OK, USAGE, Parser, fail
+from valve_twin.io.errors import ConfigError, ValveTwinError
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Callable, Sequence
+
+VERBS = (simulate, import_, configure, estimate, replay, report, history, bench)
+"""One module a verb, in the order of the help."""
+
+_ACCESS = "check the folder, its access rights and the free space"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one verb.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments, default `sys.argv[1:]`.
+
+    Returns
+    -------
+    int
+        Exit code.
+    """
+    arguments = _parser().parse_args(argv)
+    verb: Callable[[argparse.Namespace], int] = arguments.run
+    try:
+        code = verb(arguments)
+        sys.stdout.flush()
+    except ConfigError as err:
+        return fail(str(err), USAGE)
+    except ValveTwinError as err:
+        return fail(str(err), FAILED)
+    except BrokenPipeError:
+        # the reader has seen enough; nothing may be written when the interpreter ends
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return OK
+    except OSError as err:
+        return fail(f"{err.filename or 'standard output'}: {err.strerror or err}; {_ACCESS}")
+    except KeyboardInterrupt:
+        return fail("interrupted")
+    return code
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser(prog="valve-twin", description="Digital twins of valves, offline.")
+    parser.add_argument("--version", action="version", version=f"valve-twin {__version__}")
+    verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
+    for verb in VERBS:
+        verb.add(verbs)
+    return parser

@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""`valve-twin report`: one self-contained HTML page."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from valve_twin.cli.common import (
+    OK,
+    add_config,
+    add_verb,
+    chosen_config,
+    no_cycle,
+    run_offline,
+    say,
+)
+
+if TYPE_CHECKING:
+    import argparse
+
+    from valve_twin.cli.common import Verbs
+
+
+def add(verbs: Verbs) -> None:
+    """Add the verb."""
+    parser = add_verb(verbs, "report", "Write one self-contained HTML page.", _report)
+    parser.add_argument("bag", nargs="?", metavar="BAG", help="bag to estimate; else the history")
+    add_config(parser)
+    parser.add_argument("--out", required=True, metavar="HTML", help="page to write")
+    parser.add_argument(
+        "--label", default="", help="what the axis is where it is no aging, default aging.label"
+    )
+
+
+def _report(arguments: argparse.Namespace) -> int:
+    from valve_twin.report.build import report_bag, report_history
+
+    config = chosen_config(arguments)
+    if arguments.bag:
+        record, assessment = run_offline(config, arguments.bag, close_last=True)
+        if not record.cycles:
+            return no_cycle(config, arguments.bag)
+        report_bag(config, arguments.bag, record, assessment, arguments.out, arguments.label)
+    else:
+        report_history(config, arguments.out, arguments.label)
+    say(f"{arguments.out}: written")
+    return OK
