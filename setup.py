@@ -64,6 +64,8 @@ setup(
         "zstandard",
     ],
     extras_require={
+        "dask": ["distributed"],
+        "parquet": ["pyarrow"],
         "postgresql": ["psycopg[binary]"],
         "test": ["hypothesis", "pytest", "pytest-timeout"],
     },
