@@ -78,8 +78,7 @@ def test_two_signals_may_share_a_topic(small_bag):
 )
 def test_round_trip_of_any_values_and_frame_names(tmp_path_factory, rows, chunk):
     path = tmp_path_factory.mktemp("bags") / "bag"
-    with BagWriter(path) as bag:
-        bag._mcap._chunk_size = chunk
+    with BagWriter(path, chunk_size=chunk) as bag:
         bag.add_topic("/a", STAMPED_TYPE)
         for i, (value, name) in enumerate(rows):
             stamp = START_NS + i

@@ -6,15 +6,17 @@ from __future__ import annotations
 
 import os
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from valve_twin.io.bag_file import BagFile, TopicDescription, sync_folder
 from valve_twin.io.cdr import encode_series, encode_stamped
 from valve_twin.io.definitions import definition, type_hash
 from valve_twin.io.errors import BagError
 from valve_twin.io.mapping import SERIES_TYPE, STAMPED_TYPE
-from valve_twin.io.mcap_writer import McapWriter
+from valve_twin.io.mcap_writer import CHUNK_SIZE
 from valve_twin.io.metadata import (
     FILE_NAME,
     FileEntry,
@@ -22,7 +24,6 @@ from valve_twin.io.metadata import (
     TopicEntry,
     metadata_map,
     metadata_text,
-    qos_text,
 )
 
 if TYPE_CHECKING:
@@ -35,14 +36,41 @@ FLUSH_S = 1.0
 """Longest time that written messages stay in memory [s]."""
 
 
+@dataclass(frozen=True, slots=True)
+class SplitRule:
+    """When a bag begins a new file and how many it keeps; 0 = never, and all.
+
+    Attributes
+    ----------
+    size : int
+        Bytes after which a file is full [B].
+    duration_s : float
+        Log time that a file spans at most [s].
+    keep : int
+        Files kept, the running one included; older ones are deleted [1].
+    """
+
+    size: int = 0
+    duration_s: float = 0.0
+    keep: int = 0
+
+
 @dataclass(slots=True)
 class _Topic:
-    name: str
-    type: str
-    type_hash: str
-    qos: tuple[QosProfile, ...]
-    channel: int
+    about: TopicDescription
+    channel: int = 0
+    file: BagFile | None = None
     count: int = 0
+
+
+@dataclass(slots=True)
+class _Closed:
+    """A file that is not written to any more."""
+
+    path: Path
+    entry: FileEntry
+    counts: dict[str, int]
+    size: int
 
 
 class BagWriter:
@@ -59,6 +87,10 @@ class BagWriter:
         Steady clock [s] that times the flushing.
     sync : callable
         Called with the file number after every flush.
+    split : SplitRule
+        When a new file begins and how many are kept.
+    chunk_size : int
+        Bytes in a chunk before compression.
 
     Raises
     ------
@@ -73,25 +105,31 @@ class BagWriter:
         flush_s: float = FLUSH_S,
         clock: Callable[[], float] = time.monotonic,
         sync: Callable[[int], object] = os.fsync,
+        split: SplitRule | None = None,
+        chunk_size: int = CHUNK_SIZE,
     ) -> None:
         self.path = Path(path)
         self._flush_s, self._clock, self._sync = flush_s, clock, sync
+        self._rule = split or SplitRule()
+        self._chunk_size = chunk_size
+        self._span_ns = int(self._rule.duration_s * 1e9)
         self._topics: dict[str, _Topic] = {}
-        self._schemas: dict[tuple[str, str], int] = {}
         self._custom: dict[str, str] = {}
-        self._closed = False
+        self._done: list[_Closed] = []
+        self._unfinished: list[BagFile] = []
+        self._file: BagFile | None = None
+        self._next = 0
+        self._ended = False
         try:
             self.path.mkdir(parents=True)
-            self._file = self.path / f"{self.path.name}_0.mcap"
-            self._stream = self._file.open("xb")
         except FileExistsError:
             msg = f"{self.path}: exists already; give a new folder or remove it"
             raise BagError(msg) from None
         except OSError as err:
-            msg = f"{self.path}: cannot be written ({err.strerror}); check the path and free space"
-            raise BagError(msg) from err
-        self._mcap = McapWriter(self._stream)
-        self._flushed_s = clock()
+            raise self._unwritable(err) from err
+        self.open_next()
+
+    # -- topics
 
     def add_topic(
         self,
@@ -123,10 +161,10 @@ class BagWriter:
         """
         known = self._topics.get(topic)
         if known is not None:
-            if known.type != type_name:
+            if known.about.type != type_name:
                 msg = (
-                    f"{self.path}: topic '{topic}' is of type {known.type}, not {type_name}; "
-                    "use another name"
+                    f"{self.path}: topic '{topic}' is of type {known.about.type}, "
+                    f"not {type_name}; use another name"
                 )
                 raise BagError(msg)
             return
@@ -139,12 +177,20 @@ class BagWriter:
                 "install its package"
             )
             raise BagError(msg) from err
-        key = (type_name, text)
-        if key not in self._schemas:
-            self._schemas[key] = self._mcap.add_schema(type_name, encoding, text.encode())
-        metadata = {"offered_qos_profiles": qos_text(qos), "topic_type_hash": digest}
-        channel = self._mcap.add_channel(self._schemas[key], topic, metadata)
-        self._topics[topic] = _Topic(topic, type_name, digest, qos, channel)
+        about = TopicDescription(topic, type_name, digest, qos, encoding, text)
+        self._topics[topic] = _Topic(about)
+        if self._file is not None:
+            self._declare(self._topics[topic], self._file)
+
+    def offer(self, topic: str, qos: tuple[QosProfile, ...]) -> None:
+        """Note what the publishers of a topic offer now; it stands in the files that follow."""
+        self._topics[topic].about.qos = qos
+
+    def _declare(self, topic: _Topic, file: BagFile) -> int:
+        topic.channel, topic.file = file.declare(topic.about), file
+        return topic.channel
+
+    # -- messages
 
     def write(
         self, topic: str, data: bytes, *, log_ns: int, publish_ns: int | None = None
@@ -163,22 +209,23 @@ class BagWriter:
         Raises
         ------
         BagError
-            If the topic was not added or the disk is full.
+            If the topic was not added or the disk is full; the messages of the running chunk are
+            then lost and no more counted.
         """
         entry = self._topics.get(topic)
         if entry is None:
             msg = f"{self.path}: topic '{topic}' was not added; call add_topic first"
             raise BagError(msg)
+        file = self._file_for(log_ns)
+        channel = entry.channel if entry.file is file else self._declare(entry, file)
         entry.count += 1
         sent = log_ns if publish_ns is None else publish_ns
         try:
-            self._mcap.write(
-                entry.channel, data, log_ns=log_ns, publish_ns=sent, sequence=entry.count
-            )
+            file.write(channel, data, log_ns=log_ns, publish_ns=sent, sequence=entry.count)
             if self._clock() - self._flushed_s >= self._flush_s:
-                self.flush()
+                self._flush(file)
         except OSError as err:
-            raise self._full(err) from err
+            raise self._failed(file, err) from err
 
     def write_sample(
         self, topic: str, stamp_ns: int, value: float, *, log_ns: int | None = None
@@ -208,21 +255,144 @@ class BagWriter:
         self._custom.update({str(key): str(value) for key, value in values.items()})
 
     def flush(self) -> None:
-        """Put everything written so far on disk."""
-        self._mcap.end_chunk()
-        self._stream.flush()
-        self._sync(self._stream.fileno())
+        """Put everything written so far on disk.
+
+        Raises
+        ------
+        BagError
+            If the disk is full.
+        """
+        file = self._file
+        if file is None:
+            return
+        try:
+            self._flush(file)
+        except OSError as err:
+            raise self._failed(file, err) from err
+
+    def _flush(self, file: BagFile) -> None:
+        file.flush()
         self._flushed_s = self._clock()
 
-    @property
-    def counts(self) -> dict[str, int]:
-        """Messages written by topic."""
-        return {t.name: t.count for t in self._topics.values()}
+    # -- files
 
-    @property
-    def size(self) -> int:
-        """Bytes written so far [B]."""
-        return self._mcap.size
+    def _file_for(self, log_ns: int) -> BagFile:
+        """Return the file that the next message belongs to, a new one where the rule says so."""
+        file = self._file
+        if file is None:
+            return self.open_next()
+        full = 0 < self._rule.size <= file.size
+        if self._span_ns and file.first_ns >= 0:
+            full = full or log_ns - file.first_ns >= self._span_ns
+        if full:
+            self.split()
+            assert self._file is not None
+            return self._file
+        return file
+
+    def open_next(self) -> BagFile:
+        """Begin the next file.
+
+        Raises
+        ------
+        BagError
+            If it cannot be made.
+        """
+        path = self.path / f"{self.path.name}_{self._next}.mcap"
+        try:
+            file = BagFile(path, sync=self._sync, chunk_size=self._chunk_size)
+            sync_folder(self.path, os.fsync)
+        except OSError as err:
+            raise self._unwritable(err) from err
+        self._next += 1
+        for topic in list(self._topics.values()):
+            self._declare(topic, file)
+        self._file, self._flushed_s = file, self._clock()
+        self._retry_unfinished()
+        while 0 < self._rule.keep <= len(self._done) and self.drop_oldest():
+            pass
+        if self._done:
+            self._save_metadata()
+        return file
+
+    def split(self, notes: Mapping[str, Mapping[str, str]] | None = None) -> tuple[str, str]:
+        """Finish the running file and begin the next; return their names.
+
+        A file without a message goes on: its name is returned twice.
+
+        Parameters
+        ----------
+        notes : mapping, optional
+            Metadata records for the finished file by name.
+
+        Raises
+        ------
+        BagError
+            If the disk is full.
+        """
+        file = self._file or self.open_next()
+        if file.message_count == 0:
+            return file.path.name, file.path.name
+        try:
+            self._finish(file, notes)
+        except OSError as err:
+            raise self._failed(file, err) from err
+        self._file = None
+        return file.path.name, self.open_next().path.name
+
+    def suspend(self) -> None:
+        """Close the running file as well as the disk allows; `write` or `open_next` goes on.
+
+        A file for whose summary there is no space is finished when there is.
+        """
+        file, self._file = self._file, None
+        if file is None:
+            return
+        try:
+            self._finish(file)
+        except OSError:
+            self._lose(file)
+            self._unfinished.append(file)
+            self._done.append(_Closed(file.path, file.entry(), file.counts(), file.size))
+        with suppress(OSError):
+            self._write_metadata()
+
+    def drop_oldest(self) -> int:
+        """Delete the oldest file that is closed; return its size, 0 where there is none [B]."""
+        if not self._done:
+            return 0
+        oldest = self._done.pop(0)
+        for file in [f for f in self._unfinished if f.path == oldest.path]:
+            self._unfinished.remove(file)
+            file.abandon()
+        self._save_metadata()
+        oldest.path.unlink(missing_ok=True)
+        return max(oldest.size, 1)
+
+    def _finish(self, file: BagFile, notes: Mapping[str, Mapping[str, str]] | None = None) -> None:
+        """Finish a file and list it; the metadata in it are its own."""
+        entry, counts = self._closing_entry(file), file.counts()
+        text = metadata_text(metadata_map([entry], self._topic_entries([counts]), self._custom))
+        records: dict[str, Mapping[str, str]] = {"rosbag2": {"serialized_metadata": text}}
+        if self._custom:
+            records["valve_twin"] = self._custom
+        file.finish({**records, **(notes or {})})
+        if file not in self._unfinished:
+            self._done.append(_Closed(file.path, entry, counts, file.size))
+
+    @staticmethod
+    def _closing_entry(file: BagFile) -> FileEntry:
+        file.mcap.end_chunk()
+        return file.entry()
+
+    def _retry_unfinished(self) -> None:
+        for file in list(self._unfinished):
+            try:
+                self._finish(file)
+            except OSError:
+                self._lose(file)
+            else:
+                self._unfinished.remove(file)
 
     def close(self) -> None:
         """Finish the file and write metadata.yaml; a second call does nothing.
@@ -232,45 +402,102 @@ class BagWriter:
         BagError
             If the disk is full.
         """
-        if self._closed:
+        if self._ended:
             return
-        self._closed = True
+        self._ended = True
+        file, self._file = self._file, None
         try:
-            self._mcap.end_chunk()
-            content = self._content()
-            self._mcap.add_metadata("rosbag2", {"serialized_metadata": metadata_text(content)})
-            if self._custom:
-                self._mcap.add_metadata("valve_twin", self._custom)
-            self._mcap.finish()
-            self._stream.flush()
-            self._sync(self._stream.fileno())
-            self._write_metadata(metadata_text(content))
+            if file is not None and file.message_count == 0 and self._done:
+                file.abandon()
+                file.path.unlink(missing_ok=True)
+            elif file is not None:
+                self._finish(file)
+            self._retry_unfinished()
+            self._write_metadata()
         except OSError as err:
+            if file is not None:
+                self._lose(file)
             raise self._full(err) from err
         finally:
-            self._stream.close()
+            for left in (*self._unfinished, *([file] if file is not None else [])):
+                left.abandon()
+
+    # -- what is there
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Messages written by topic."""
+        return {t.about.name: t.count for t in list(self._topics.values())}
+
+    @property
+    def size(self) -> int:
+        """Bytes of the files that are kept [B]."""
+        running = 0 if self._file is None else self._file.size
+        return running + sum(d.size for d in list(self._done))
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Names of the files in their order, the running one included."""
+        running = () if self._file is None else (self._file.path.name,)
+        return (*(d.path.name for d in list(self._done)), *running)
+
+    # -- metadata
+
+    def _topic_entries(self, counts: list[dict[str, int]]) -> list[TopicEntry]:
+        return [
+            TopicEntry(a.name, a.type, a.type_hash, a.qos, sum(c.get(a.name, 0) for c in counts))
+            for a in (t.about for t in self._topics.values())
+        ]
 
     def _content(self) -> dict[str, object]:
-        s = self._mcap.statistics
-        files = [FileEntry(self._file.name, s.start_ns, s.end_ns - s.start_ns, s.message_count)]
-        topics = [
-            TopicEntry(t.name, t.type, t.type_hash, t.qos, t.count) for t in self._topics.values()
-        ]
-        return metadata_map(files, topics, self._custom)
+        entries, counts = [d.entry for d in self._done], [d.counts for d in self._done]
+        if self._file is not None:
+            entries.append(self._file.entry())
+            counts.append(self._file.counts())
+        return metadata_map(entries, self._topic_entries(counts), self._custom)
 
-    def _write_metadata(self, text: str) -> None:
+    def _save_metadata(self) -> None:
+        """Write metadata.yaml of a bag that goes on; it is written again at the end."""
+        try:
+            self._write_metadata()
+        except OSError as err:
+            raise self._unwritable(err) from err
+
+    def _write_metadata(self) -> None:
         """Write the file beside and rename it: it is whole or not there."""
         beside = self.path / f"{FILE_NAME}.new"
-        with beside.open("w", encoding="utf-8") as stream:
-            stream.write(text)
-            stream.flush()
-            self._sync(stream.fileno())
+        try:
+            with beside.open("w", encoding="utf-8") as stream:
+                stream.write(metadata_text(self._content()))
+                stream.flush()
+                self._sync(stream.fileno())
+        except OSError:
+            beside.unlink(missing_ok=True)
+            raise
         beside.replace(self.path / FILE_NAME)
+        sync_folder(self.path, os.fsync)
 
-    def _full(self, err: OSError) -> BagError:
+    # -- errors
+
+    def _lose(self, file: BagFile) -> None:
+        """Cut what an error left half written; its messages count no more."""
+        with suppress(OSError):
+            for name, count in file.give_up().items():
+                self._topics[name].count -= count
+
+    def _failed(self, file: BagFile, err: OSError) -> BagError:
+        self._lose(file)
+        return self._full(err, file.path)
+
+    def _full(self, err: OSError, path: Path | None = None) -> BagError:
         return BagError(
-            f"{self._file}: cannot be written ({err.strerror}); free some space, what is "
+            f"{path or self.path}: cannot be written ({err.strerror}); free some space, what is "
             "written stays readable"
+        )
+
+    def _unwritable(self, err: OSError) -> BagError:
+        return BagError(
+            f"{self.path}: cannot be written ({err.strerror}); check the path and free space"
         )
 
     def __enter__(self) -> BagWriter:

@@ -144,6 +144,20 @@ class McapWriter:
         self._count_chunk()
         self._begin_chunk()
 
+    def drop_chunk(self, at: int) -> dict[int, int]:
+        """Go on at a byte offset after a failed write; return the messages lost by channel.
+
+        The running chunk and the records at and behind the offset are forgotten; the caller cuts
+        the stream there.
+        """
+        lost = {channel: len(entries) for channel, entries in self._index.items()}
+        for channel, count in lost.items():
+            self.statistics.counts[channel] -= count
+        self._metadata = [m for m in self._metadata if m[1] < at]
+        self._at = at
+        self._begin_chunk()
+        return lost
+
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Append a metadata record."""
         self.end_chunk()
