@@ -189,6 +189,40 @@ def _mark_changes(
             clock[_LAST], flags[_SEEN], flags[_RUNNING] = keys[i], 1, 1
 
 
+@dataclass(frozen=True, slots=True)
+class Announced:
+    """The last cycle that others were told of, whether it was stored or not.
+
+    Attributes
+    ----------
+    number : int
+        Its number, 0 = none.
+    start_ns : int
+        Its first stamp [ns].
+    """
+
+    number: int = 0
+    start_ns: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Resume:
+    """Where a valve's cycles go on after a restart.
+
+    Attributes
+    ----------
+    start_ns, end_ns : int
+        First and last stamp of the last stored cycle [ns]; the last before the first =
+        none is stored.
+    announced : Announced
+        Its number is not given to a cycle that begins later, even if it was never stored.
+    """
+
+    start_ns: int = 0
+    end_ns: int = -(10**18)
+    announced: Announced = Announced()
+
+
 class Segmenter:
     """Deterministic cutter: frames in, parts and closed cycles out.
 
@@ -204,7 +238,9 @@ class Segmenter:
         Number of the last stored cycle; numbering goes on from there.
     resumed : bool
         True when `last_cycle` comes from a history: what was missed in between is unknown unless a
-        counter tells.
+        counter tells or the stream goes on where that cycle ended.
+    resume : Resume, optional
+        What is known beside the number.
 
     Raises
     ------
@@ -220,6 +256,7 @@ class Segmenter:
         *,
         last_cycle: int = 0,
         resumed: bool = False,
+        resume: Resume | None = None,
     ) -> None:
         self._config = config
         self._period_s = period_s
@@ -234,6 +271,10 @@ class Segmenter:
         self._limits_ns = np.array([round(s * 1e9) for s in limits], dtype=np.int64)
         self._last_number = last_cycle
         self._missed_before = -1 if resumed else 0
+        self._resume = resume
+        self._first_ns: int | None = None
+        self._step_ns = round(1.5e9 * period_s)
+        self._inside = self._goes_on = False
         self._ordinal = 0
         self._counted_before = 0
         self._lengths: deque[int] = deque(maxlen=_USUAL_CYCLES)
@@ -258,6 +299,12 @@ class Segmenter:
         """Drop the running cycle (clock jump); numbering goes on, missed cycles are unknown."""
         self._forget()
         self._missed_before = -1
+        self._first_ns = 0 if self._first_ns is None else self._first_ns
+        self._inside = self._goes_on = False
+
+    def number_from(self, last_cycle: int) -> None:
+        """Give the cycles to come numbers above `last_cycle`."""
+        self._last_number = max(self._last_number, last_cycle)
 
     def mark_irreproducible(self) -> None:
         """Note that the running cycle lost or guessed input."""
@@ -276,6 +323,11 @@ class Segmenter:
         list of Part or Cycle
             In stream order; a `Cycle` follows its last part.
         """
+        if self._resume is not None:
+            stored = self._skip_stored(frames)
+            if stored:
+                before = [Part(frames[:stored], self._ordinal, 0, opens=False)]
+                return [*before, *(self.push(frames[stored:]) if stored < len(frames) else [])]
         marks = self._mark(frames)
         out: list[Part | Cycle] = []
         begin = 0
@@ -340,6 +392,8 @@ class Segmenter:
         return np.where(known, frames.counter, 0.0).astype(np.int64), known.astype(np.uint8)
 
     def _open(self, frames: Frames, at: int) -> None:
+        if self._resume is not None:
+            self._go_on(self._resume, int(frames.stamp_ns[at]))
         previous = self._last_number
         self._number = previous + 1
         self._missed = self._missed_before
@@ -348,6 +402,47 @@ class Segmenter:
         self._missed_before = 0
         self._last_number = self._number
         self._ordinal += 1
+
+    def _skip_stored(self, frames: Frames) -> int:
+        """Return how many of the frames belong to the last stored cycle, given once more.
+
+        Where the stream begins elsewhere inside a cycle, its rest is not taken for a whole one.
+        """
+        last = self._resume
+        assert last is not None
+        if self._first_ns is None:
+            self._first_ns = first_ns = int(frames.stamp_ns[0])
+            self._inside = last.start_ns <= first_ns <= last.end_ns
+            self._goes_on = last.start_ns <= first_ns <= last.end_ns + self._step_ns
+            again = last.end_ns < last.start_ns and first_ns <= last.announced.start_ns
+            if not self._goes_on and not again:
+                self._start_late(frames)
+        if not self._inside:
+            return 0
+        stored = int(np.searchsorted(frames.stamp_ns, last.end_ns, side="right"))
+        if stored:
+            self._mark(frames[:stored])
+            self._flags[_RUNNING] = 0
+        self._inside = stored == len(frames)
+        if not self._inside and self._config.rule is CycleRule.COMMANDS:
+            self._flags[_ARMED] = 1
+        return stored
+
+    def _start_late(self, frames: Frames) -> None:
+        self._flags[_WAS_HIGH], self._flags[_ARMED] = 1, 0
+        if self._config.rule in {CycleRule.COUNTER, CycleRule.WINDOW}:
+            keys, known = self._keys(frames)
+            if known.any():
+                self._clock[_LAST], self._flags[_SEEN] = keys[np.argmax(known)], 1
+
+    def _go_on(self, last: Resume, start_ns: int) -> None:
+        """Take up the numbering at the first cycle after a restart."""
+        if self._goes_on and start_ns > last.end_ns:
+            self._missed_before = 0
+        if start_ns > last.announced.start_ns:
+            self._last_number = max(self._last_number, last.announced.number)
+            self._resume = None
+        self._goes_on = False
 
     def _count(self, counter: int) -> tuple[int, int]:
         """Return number and missed cycles of a cycle with that counter.

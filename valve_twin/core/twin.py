@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.alignment import Aligner, SignalCounts, SignalRange
-from valve_twin.core.cycles import Closing, CycleConfig, Part, Segmenter
+from valve_twin.core.cycles import Closing, CycleConfig, Part, Resume, Segmenter
 from valve_twin.core.estimation.sequence import InForce, Memory, model_in_force
 from valve_twin.core.prediction import restart_marks, run_model
 from valve_twin.core.types import Cycle, Estimate, FloatArray, Frames, IntArray, Prediction
@@ -101,6 +101,8 @@ class Twin:
         What earlier cycles taught, from the history after a restart.
     last_cycle : int
         Number of the last stored cycle, 0 for a new valve.
+    resume : Resume, optional
+        What is known of it and of the cycles told of since.
     """
 
     def __init__(
@@ -110,6 +112,7 @@ class Twin:
         *,
         memory: Memory | None = None,
         last_cycle: int = 0,
+        resume: Resume | None = None,
     ) -> None:
         self._config = config
         self._model = model
@@ -125,6 +128,7 @@ class Twin:
             config.period_s,
             last_cycle=last_cycle,
             resumed=last_cycle > 0,
+            resume=resume,
         )
         memory = memory if memory is not None else Memory.empty()
         self._memory_after: dict[int, Memory] = {0: memory}
@@ -156,6 +160,10 @@ class Twin:
     def counts(self) -> dict[str, SignalCounts]:
         """Return what happened to the samples of every signal."""
         return self._aligner.counts()
+
+    def number_from(self, last_cycle: int) -> None:
+        """Give the cycles to come numbers above `last_cycle`."""
+        self._segmenter.number_from(last_cycle)
 
     def push(
         self, signal: str, stamp_ns: IntArray, values: FloatArray, *, header: bool = True

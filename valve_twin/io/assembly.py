@@ -13,6 +13,7 @@ from valve_twin.core.valves.registry import complete_options, get_model
 from valve_twin.io.errors import ConfigError
 
 if TYPE_CHECKING:
+    from valve_twin.core.cycles import Resume
     from valve_twin.core.estimation.sequence import Memory
     from valve_twin.core.valves.interface import ValveModel
     from valve_twin.io.config import ValveConfig
@@ -63,7 +64,13 @@ def twin_config(config: ValveConfig, model: ValveModel) -> TwinConfig:
     )
 
 
-def make_twin(config: ValveConfig, *, memory: Memory | None = None, last_cycle: int = 0) -> Twin:
+def make_twin(
+    config: ValveConfig,
+    *,
+    memory: Memory | None = None,
+    last_cycle: int = 0,
+    resume: Resume | None = None,
+) -> Twin:
     """Return the twin of a configured valve.
 
     Parameters
@@ -74,6 +81,8 @@ def make_twin(config: ValveConfig, *, memory: Memory | None = None, last_cycle: 
         What the stored cycles taught.
     last_cycle : int
         Number of the last stored cycle, 0 = none.
+    resume : Resume, optional
+        What is known of it and of the cycles told of since.
 
     Raises
     ------
@@ -83,7 +92,7 @@ def make_twin(config: ValveConfig, *, memory: Memory | None = None, last_cycle: 
     model = get_model(config.model)
     core = twin_config(config, model)
     try:
-        return Twin(core, model, memory=memory, last_cycle=last_cycle)
+        return Twin(core, model, memory=memory, last_cycle=last_cycle, resume=resume)
     except ValueError as err:
         msg = f"{config.name}: {err}"
         raise ConfigError(msg) from err

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Who writes the cycles of a valve, and the last cycle that it told of.
+
+Beside a SQLite history lies a small file `<history>-writers` with one slot a valve. Whoever writes
+a valve's cycles holds the lock of its slot; the system takes it back when the process ends, by
+whatever death. The slot also says which cycle was last told of, stored or not, so that its number
+is not given to another cycle after a restart. It is written past the database: at once, also while
+that is locked; what a killed process wrote there stays.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import socket
+import struct
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from valve_twin.core.cycles import Announced
+from valve_twin.io.errors import StoreError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+_SLOT = struct.Struct("<qqq64s400s")
+"""Number and start of the last announced cycle [ns], process id, host, name of the valve."""
+
+_LOCK = struct.Struct("hhqqi4x")
+"""The system's struct flock: type, whence, start, length, process."""
+
+_ALL = 1 << 40
+"""Place of the lock that guards the file as a whole, beyond all slots."""
+
+
+class Claim:
+    """The right to write one valve's cycles, until it is released or the process ends.
+
+    Parameters
+    ----------
+    path : Path
+        The file of all writers of a history; made where it is missing.
+    valve : str
+        Name of the valve.
+
+    Raises
+    ------
+    StoreError
+        If another writer has it.
+    OSError
+        If the file cannot be used.
+    """
+
+    def __init__(self, path: Path, valve: str) -> None:
+        self._path, self._valve = path, valve
+        self._file = self._place = -1
+        self.announced = Announced()
+        self.renew()
+
+    def renew(self) -> None:
+        """Claim again, in the file that is there now; what was announced stays known."""
+        file = _open(self._path)
+        try:
+            place, found = _find(file, self._valve)
+            _take(file, place, self._valve, self._path)
+        except BaseException:
+            os.close(file)
+            raise
+        self.release()
+        self._file, self._place = file, place
+        self.announced = max(self.announced, found, key=lambda a: a.start_ns)
+        self.announce(self.announced)
+
+    def announce(self, cycle: Announced) -> None:
+        """Note, before others are told of it, that the number of a cycle is taken."""
+        self.announced = cycle
+        if self._file >= 0:
+            os.pwrite(self._file, _slot(cycle, self._valve), self._place)
+
+    def release(self) -> None:
+        """Let others write the valve."""
+        if self._file >= 0:
+            os.close(self._file)
+            self._file = -1
+
+
+@contextmanager
+def only_one(path: Path) -> Iterator[None]:
+    """Keep all other writers of a history out of the same block, in any process."""
+    file = _open(path)
+    try:
+        with _alone(file):
+            yield
+    finally:
+        os.close(file)
+
+
+def _open(path: Path) -> int:
+    return os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+
+
+def _slot(cycle: Announced, valve: str) -> bytes:
+    host, name = socket.gethostname().encode()[:64], valve.encode()
+    return _SLOT.pack(cycle.number, cycle.start_ns, os.getpid(), host, name)
+
+
+def _find(file: int, valve: str) -> tuple[int, Announced]:
+    """Return the place of a valve's slot, a new one if it has none, and what stands there."""
+    with _alone(file):
+        size = os.fstat(file).st_size
+        for place in range(0, size - size % _SLOT.size, _SLOT.size):
+            number, start_ns, _, _, name = _read(file, place)
+            if name == valve:
+                return place, Announced(number, start_ns)
+        place = size - size % _SLOT.size
+        os.pwrite(file, _slot(Announced(), valve), place)
+        os.fsync(file)
+        return place, Announced()
+
+
+def _read(file: int, place: int) -> tuple[int, int, int, str, str]:
+    number, start_ns, pid, host, name = _SLOT.unpack(os.pread(file, _SLOT.size, place))
+    texts = (text.rstrip(b"\0").decode(errors="replace") for text in (host, name))
+    host_text, name_text = texts
+    return number, start_ns, pid, host_text, name_text
+
+
+def _take(file: int, place: int, valve: str, path: Path) -> None:
+    try:
+        _lock(file, fcntl.F_WRLCK, place, _SLOT.size)
+    except (BlockingIOError, PermissionError) as err:
+        _, _, pid, host, _ = _read(file, place)
+        msg = (
+            f"{path}: {valve} is already written by process {pid} on {host}: stop that twin, or"
+            " give this one another namespace or another history"
+        )
+        raise StoreError(msg) from err
+
+
+@contextmanager
+def _alone(file: int) -> Iterator[None]:
+    _lock(file, fcntl.F_WRLCK, _ALL, 1, wait=True)
+    try:
+        yield
+    finally:
+        _lock(file, fcntl.F_UNLCK, _ALL, 1)
+
+
+def _lock(file: int, kind: int, start: int, length: int, *, wait: bool = False) -> None:
+    """Lock a part of the file for this open file alone, not for the process as a whole."""
+    command = fcntl.F_OFD_SETLKW if wait else fcntl.F_OFD_SETLK
+    fcntl.fcntl(file, command, _LOCK.pack(kind, os.SEEK_SET, start, length, 0))
