@@ -478,6 +478,7 @@ def _slices(
                     column.stamp_ns[part],
                     column.values[part],
                     stamped[i] or bool(column.stamped[part].all()),
+                    column.log_ns[part],
                 )
 
 

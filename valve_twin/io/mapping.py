@@ -88,12 +88,15 @@ class SignalBlock:
         Values in the unit of the signal; NaN = no value.
     has_header : bool
         Whether all stamps come from the messages.
+    log_ns : (N,) int64 array, optional
+        When each sample was recorded, not decreasing [ns]; None = not known.
     """
 
     signal: str
     stamp_ns: IntArray
     values: FloatArray
     has_header: bool
+    log_ns: IntArray | None = None
 
 
 @dataclass(frozen=True, slots=True)
