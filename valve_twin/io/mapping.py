@@ -169,8 +169,16 @@ def _base(text: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class _Step:
-    """One step of a field path: an attribute and an index (-1 = whole batch, None = none)."""
+class Step:
+    """One step of a field path.
+
+    Attributes
+    ----------
+    name : str
+        Attribute.
+    index : int, optional
+        Element, -1 = the whole batch, None = no array.
+    """
 
     name: str
     index: int | None = None
@@ -290,7 +298,7 @@ def _to_float(value: Message) -> float:
     return math.nan if value is None else float(value)
 
 
-def parse_path(path: str) -> tuple[_Step, ...]:
+def parse_path(path: str) -> tuple[Step, ...]:
     """Split a field path into steps.
 
     Raises
@@ -309,7 +317,7 @@ def parse_path(path: str) -> tuple[_Step, ...]:
             raise ValueError(msg)
         index = found.group(2)
         steps.append(
-            _Step(found.group(1), None if index is None else int(index) if index else _BATCH)
+            Step(found.group(1), None if index is None else int(index) if index else _BATCH)
         )
     if any(s.index == _BATCH for s in steps[:-1]):
         msg = f"'{path}' has [] before its end; write [] only after the last field"
@@ -317,7 +325,7 @@ def parse_path(path: str) -> tuple[_Step, ...]:
     return tuple(steps)
 
 
-def _check_path(source: SignalSource, types: TypeSystem, where: str) -> tuple[_Step, ...]:
+def _check_path(source: SignalSource, types: TypeSystem, where: str) -> tuple[Step, ...]:
     """Walk the type along the path; name the step that does not fit."""
     place = f"{where}: signal '{source.signal}', topic '{source.topic}'"
     try:
@@ -373,7 +381,7 @@ def fields_of(types: TypeSystem, name: str) -> Mapping[str, FieldType]:
         return {}
 
 
-def _check_index(step: _Step, found: FieldType, place: str) -> None:
+def _check_index(step: Step, found: FieldType, place: str) -> None:
     if found.is_array and step.index is None:
         msg = f"{place} is an array; write {step.name}[0] for one element"
         raise ConfigError(msg)
@@ -385,7 +393,7 @@ def _check_index(step: _Step, found: FieldType, place: str) -> None:
         raise ConfigError(msg)
 
 
-def _compile(steps: tuple[_Step, ...]) -> Callable[[Any], Any]:
+def _compile(steps: tuple[Step, ...]) -> Callable[[Any], Any]:
     """Return a getter; None where an index lies beyond the end of a sequence."""
     if all(s.index is None or s.index == _BATCH for s in steps):
         return attrgetter(".".join(s.name for s in steps))
@@ -402,14 +410,18 @@ def _compile(steps: tuple[_Step, ...]) -> Callable[[Any], Any]:
     return get
 
 
-def _stamp_getter(source: SignalSource, types: TypeSystem) -> Callable[[Any], int] | None:
-    """Return the way to the stamp, in a std_msgs header or a field `stamp` of the message."""
+def stamp_path(source: SignalSource, types: TypeSystem) -> str:
+    """Return where the stamp is: a std_msgs header, a field `stamp` of the message, or nowhere."""
     fields = fields_of(types, source.type)
-    path = ""
     if "header" in fields and fields["header"].base == _HEADER:
-        path = "header.stamp"
-    elif "stamp" in fields and fields["stamp"].base == _TIME:
-        path = "stamp"
+        return "header.stamp"
+    if "stamp" in fields and fields["stamp"].base == _TIME:
+        return "stamp"
+    return ""
+
+
+def _stamp_getter(source: SignalSource, types: TypeSystem) -> Callable[[Any], int] | None:
+    path = stamp_path(source, types)
     if not path:
         return None
     get = attrgetter(path)
@@ -422,7 +434,7 @@ def _stamp_getter(source: SignalSource, types: TypeSystem) -> Callable[[Any], in
 
 
 def _period_getter(
-    source: SignalSource, steps: tuple[_Step, ...], types: TypeSystem, where: str
+    source: SignalSource, steps: tuple[Step, ...], types: TypeSystem, where: str
 ) -> Callable[[Any], Any]:
     current = source.type
     for step in steps[:-1]:
@@ -434,4 +446,4 @@ def _period_getter(
             f"'{steps[-1].name}', so the samples of a batch have no time; publish {SERIES_TYPE}"
         )
         raise ConfigError(msg)
-    return _compile((*steps[:-1], _Step("period")))
+    return _compile((*steps[:-1], Step("period")))
