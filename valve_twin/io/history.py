@@ -9,6 +9,7 @@ stored would silently become untrue.
 
 from __future__ import annotations
 
+from collections import deque
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -18,6 +19,7 @@ from sqlalchemy.dialects import postgresql, sqlite
 from valve_twin.core.types import Cycle, Estimate, Maintenance
 from valve_twin.io.errors import StoreError
 from valve_twin.io.export import back_up_sqlite, copy_to_sqlite, default_backup_path, export_files
+from valve_twin.io.history_claim import make_claim, writers_file
 from valve_twin.io.history_database import Database
 from valve_twin.io.history_tables import (
     CYCLE,
@@ -39,14 +41,21 @@ if TYPE_CHECKING:
 
     from sqlalchemy.engine import Connection
 
-__all__ = ["CycleRecord", "History", "cycle_record"]
+    from valve_twin.io.history_claim import Claim
+
+__all__ = ["CycleRecord", "CycleTakenError", "History", "cycle_record"]
+
+
+class CycleTakenError(StoreError):
+    """Another cycle is stored under the number; trying again is of no use."""
 
 
 class History:
     """Cycles, estimates and maintenance events of any number of valves in one database.
 
-    Several processes may use one database, also for the same valve. Methods may be called from any
-    thread.
+    Several processes may use one database; one at a time may claim a valve to write its cycles.
+    Methods may be called from any thread. A SQLite file that is deleted or replaced while in use
+    is mended with the next write (`history_rescue`); `notices` says so.
 
     Parameters
     ----------
@@ -78,6 +87,8 @@ class History:
         self._database = Database(str(url), read_only=read_only, busy_timeout_s=busy_timeout_s)
         self._software = software
         self._valve_ids: dict[str, int] = {}
+        self._claims: dict[str, Claim] = {}
+        self.notices: deque[str] = deque(maxlen=100)
         insert = sqlite.insert if self._database.is_sqlite else postgresql.insert
         self._insert_valve = insert(VALVE).on_conflict_do_nothing()
         self._insert_cycle = self._database.compile(insert(CYCLE).on_conflict_do_nothing())
@@ -97,8 +108,45 @@ class History:
         return self._database.where
 
     def close(self) -> None:
-        """Give the connections back; what was stored is stored."""
+        """Give the connections and the claims back; what was stored is stored."""
+        for claim in self._claims.values():
+            claim.release()
+        self._claims.clear()
         self._database.close()
+
+    def claim(self, valve: str) -> Claim:
+        """Claim the right to write a valve's cycles, until the history is closed.
+
+        Returns
+        -------
+        Claim
+            Knows the last cycle that was announced; to be told of each before others are.
+
+        Raises
+        ------
+        StoreError
+            If another process, or another history of this one, writes the valve.
+        """
+        with self._database.errors("claimed"):
+            self._claims[valve] = claim = make_claim(self._database, valve)
+        return claim
+
+    def mend(self) -> None:
+        """Make a SQLite file that was deleted or replaced while in use usable again.
+
+        Raises
+        ------
+        StoreError
+            If that cannot be done now.
+        """
+        if self._database.trouble() is None or self._database.read_only:
+            return
+        from valve_twin.io.history_rescue import mend
+
+        self._database, note = mend(self._database, writers_file(self._database))
+        self._valve_ids.clear()
+        if note:
+            self.notices.append(note)
 
     def store(
         self, valve: str, cycle: CycleRecord | Cycle, estimates: Sequence[Estimate] = ()
@@ -129,25 +177,21 @@ class History:
         """
         record = cycle_record(cycle, self._software) if isinstance(cycle, Cycle) else cycle
         _check_estimates(record, estimates)
-        with self._database.write() as connection:
-            valve_id = self._valve_id(connection, valve)
-            row = cycle_row(valve_id, record)
-            rows = [estimate_row(valve_id, i, e) for i, e in enumerate(estimates)]
-            if connection.exec_driver_sql(self._insert_cycle, row).rowcount == 1:
-                if rows:
-                    connection.exec_driver_sql(self._insert_estimate, rows)
-                new = True
-            elif self._same(connection, row, rows):
-                new = False
-            else:
-                msg = (
-                    f"{self.where}: cycle {record.cycle} of {valve} is already stored with other"
-                    " content and a stored"
-                    " cycle is never changed: number the cycles on, or write to another history"
-                )
-                raise StoreError(msg)
-        self._valve_ids[valve] = valve_id
-        return new
+        self.mend()
+        if valve in self._claims:
+            with self._database.errors("claimed"):
+                self._claims[valve].hold()
+        insert = self._insert_direct if self._database.is_sqlite else self._insert
+        if insert(valve, record, estimates):
+            return True
+        if self._is_stored(valve, record, estimates):
+            return False
+        msg = (
+            f"{self.where}: cycle {record.cycle} of {valve} is already stored with other"
+            " content and a stored"
+            " cycle is never changed: number the cycles on, or write to another history"
+        )
+        raise CycleTakenError(msg)
 
     def add_maintenance(self, valve: str, event: Maintenance) -> bool:
         """Store a maintenance event; on the disk on return.
@@ -157,6 +201,7 @@ class History:
         bool
             False if exactly this event was stored before.
         """
+        self.mend()
         with self._database.write() as connection:
             row = maintenance_row(self._valve_id(connection, valve), event)
             same = sa.and_(*(MAINTENANCE.c[name] == value for name, value in row.items()))
@@ -281,6 +326,38 @@ class History:
         with self._database.read() as connection:
             return cast("Sequence[Mapping[str, Any]]", connection.execute(query).mappings().all())
 
+    def _insert_direct(
+        self, valve: str, record: CycleRecord, estimates: Sequence[Estimate]
+    ) -> bool:
+        """Insert a cycle where its number is free, through SQLite's driver; return if it was."""
+        with self._database.commit() as driver:
+            valve_id = self._valve_ids.get(valve)
+            if valve_id is None:
+                driver.execute(
+                    "INSERT INTO valve (name) VALUES (?) ON CONFLICT DO NOTHING", (valve,)
+                )
+                found = driver.execute("SELECT id FROM valve WHERE name = ?", (valve,))
+                valve_id = int(found.fetchone()[0])
+            row = cycle_row(valve_id, record)
+            new = driver.execute(self._insert_cycle, row).rowcount == 1
+            if new and estimates:
+                rows = [estimate_row(valve_id, i, e) for i, e in enumerate(estimates)]
+                driver.executemany(self._insert_estimate, rows)
+        self._valve_ids[valve] = valve_id
+        return new
+
+    def _insert(self, valve: str, record: CycleRecord, estimates: Sequence[Estimate]) -> bool:
+        """Insert a cycle where its number is free, in any database; return if it was."""
+        with self._database.write() as connection:
+            valve_id = self._valve_id(connection, valve)
+            row = cycle_row(valve_id, record)
+            new = connection.exec_driver_sql(self._insert_cycle, row).rowcount == 1
+            if new and estimates:
+                rows = [estimate_row(valve_id, i, e) for i, e in enumerate(estimates)]
+                connection.exec_driver_sql(self._insert_estimate, rows)
+        self._valve_ids[valve] = valve_id
+        return new
+
     def _valve_id(self, connection: Connection, valve: str) -> int:
         known = self._valve_ids.get(valve)
         if known is not None:
@@ -290,15 +367,16 @@ class History:
             connection.execute(sa.select(VALVE.c.id).where(VALVE.c.name == valve)).scalar_one()
         )
 
-    def _same(
-        self, connection: Connection, row: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]
-    ) -> bool:
-        key = {"valve_id": row["valve_id"], "cycle": row["cycle"]}
-        stored = connection.execute(sa.select(CYCLE).filter_by(**key)).mappings().one()
+    def _is_stored(self, valve: str, record: CycleRecord, estimates: Sequence[Estimate]) -> bool:
+        """Return whether exactly this is stored."""
+        valve_id = self._valve_ids[valve]
+        row = cycle_row(valve_id, record)
+        rows = [estimate_row(valve_id, i, e) for i, e in enumerate(estimates)]
+        key = {"valve_id": valve_id, "cycle": row["cycle"]}
+        (stored,) = self._rows(sa.select(CYCLE).filter_by(**key))
         if any(stored[name] != value for name, value in row.items() if name != "software"):
             return False
-        query = sa.select(ESTIMATE).filter_by(**key).order_by(ESTIMATE.c.position)
-        kept = connection.execute(query).mappings().all()
+        kept = self._rows(sa.select(ESTIMATE).filter_by(**key).order_by(ESTIMATE.c.position))
         return len(kept) == len(rows) and all(
             old[name] == value
             for old, new in zip(kept, rows, strict=True)

@@ -15,6 +15,7 @@ import fcntl
 import os
 import socket
 import struct
+import zlib
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -25,18 +26,42 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
+    from sqlalchemy.engine import Connection
+
+    from valve_twin.io.history_database import Database
+
 _SLOT = struct.Struct("<qqq64s400s")
 """Number and start of the last announced cycle [ns], process id, host, name of the valve."""
 
 _LOCK = struct.Struct("hhqqi4x")
 """The system's struct flock: type, whence, start, length, process."""
 
+_SERVER_KEY = 0x56414C56
+"""First half of the keys of claims on a PostgreSQL server ("VALV")."""
+
 _ALL = 1 << 40
 """Place of the lock that guards the file as a whole, beyond all slots."""
 
 
 class Claim:
-    """The right to write one valve's cycles, until it is released or the process ends.
+    """The right to write one valve's cycles, until it is released or the process ends."""
+
+    announced = Announced()
+    """The last cycle that others were told of."""
+
+    def hold(self) -> None:
+        """Claim again where the lock was lost; what was announced stays known."""
+
+    def announce(self, cycle: Announced) -> None:
+        """Note, before others are told of it, that the number of a cycle is taken."""
+        self.announced = cycle
+
+    def release(self) -> None:
+        """Let others write the valve."""
+
+
+class FileClaim(Claim):
+    """A claim in the file beside a SQLite history.
 
     Parameters
     ----------
@@ -56,11 +81,12 @@ class Claim:
     def __init__(self, path: Path, valve: str) -> None:
         self._path, self._valve = path, valve
         self._file = self._place = -1
-        self.announced = Announced()
-        self.renew()
+        self.hold()
 
-    def renew(self) -> None:
-        """Claim again, in the file that is there now; what was announced stays known."""
+    def hold(self) -> None:
+        """Claim in the file that is there now."""
+        if self._file >= 0 and _is_open(self._file, self._path):
+            return
         file = _open(self._path)
         try:
             place, found = _find(file, self._valve)
@@ -70,8 +96,7 @@ class Claim:
             raise
         self.release()
         self._file, self._place = file, place
-        self.announced = max(self.announced, found, key=lambda a: a.start_ns)
-        self.announce(self.announced)
+        self.announce(max(self.announced, found, key=lambda a: a.start_ns))
 
     def announce(self, cycle: Announced) -> None:
         """Note, before others are told of it, that the number of a cycle is taken."""
@@ -86,6 +111,60 @@ class Claim:
             self._file = -1
 
 
+class ServerClaim(Claim):
+    """A claim that a PostgreSQL server keeps as long as a connection lasts.
+
+    What was announced is not kept over a restart: the numbers go on from the last stored cycle.
+
+    Raises
+    ------
+    StoreError
+        If another writer has it.
+    """
+
+    def __init__(self, database: Database, valve: str) -> None:
+        self._database, self._valve = database, valve
+        self._connection: Connection | None = None
+        self.hold()
+
+    def hold(self) -> None:
+        """Claim over a connection that lasts."""
+        if self._connection is not None and not self._connection.invalidated:
+            return
+        connection = self._database.engine.connect()
+        key = zlib.crc32(self._valve.encode())
+        taken = f"SELECT pg_try_advisory_lock({_SERVER_KEY}, {key - (1 << 31)})"
+        if not connection.exec_driver_sql(taken).scalar_one():
+            connection.close()
+            msg = (
+                f"{self._database.where}: {self._valve} is already written by another twin: stop"
+                " that one, or give this one another namespace or another history"
+            )
+            raise StoreError(msg)
+        connection.commit()
+        self._connection = connection
+
+    def release(self) -> None:
+        """Let others write the valve."""
+        if self._connection is not None:
+            self._connection.invalidate()  # the server gives the lock back with the connection
+            self._connection.close()
+            self._connection = None
+
+
+def writers_file(database: Database) -> Path:
+    """Return the file of the writers of a SQLite history."""
+    assert database.file is not None
+    return database.file.with_name(f"{database.file.name}-writers")
+
+
+def make_claim(database: Database, valve: str) -> Claim:
+    """Claim a valve in a history of any kind; see `History.claim`."""
+    if database.is_sqlite:
+        return FileClaim(writers_file(database), valve)
+    return ServerClaim(database, valve)
+
+
 @contextmanager
 def only_one(path: Path) -> Iterator[None]:
     """Keep all other writers of a history out of the same block, in any process."""
@@ -95,6 +174,14 @@ def only_one(path: Path) -> Iterator[None]:
             yield
     finally:
         os.close(file)
+
+
+def _is_open(file: int, path: Path) -> bool:
+    """Return whether an open file is the one of that name."""
+    try:
+        return os.path.samestat(os.fstat(file), os.stat(path))
+    except FileNotFoundError:
+        return False
 
 
 def _open(path: Path) -> int:

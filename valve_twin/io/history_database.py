@@ -11,7 +11,9 @@ from __future__ import annotations
 
 import os
 import sqlite3
+import threading
 from contextlib import contextmanager
+from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -20,6 +22,7 @@ from sqlalchemy.engine import URL, Connection, Engine, make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError
 
 from valve_twin.io.errors import StoreError
+from valve_twin.io.history_errors import explain
 from valve_twin.io.history_tables import METADATA, SCHEMA_TABLE, SCHEMA_VERSION
 
 if TYPE_CHECKING:
@@ -30,43 +33,13 @@ MIGRATIONS = Path(__file__).parent / "migrations"
 _ADVISORY_LOCK = 0x56414C56
 """Key of the PostgreSQL lock that lets one process at a time upgrade the schema ("VALV")."""
 
-_SQLITE_REMEDIES = (
-    (
-        "database is locked",
-        "another program holds the write lock: close it or wait, then try again",
-    ),
-    (
-        "database table is locked",
-        "another program holds the write lock: close it or wait, then try again",
-    ),
-    (
-        "readonly database",
-        "the file or its folder is read-only: give this user write access to both",
-    ),
-    ("disk is full", "free some space, then try again; what is stored is intact"),
-    (
-        "file is not a database",
-        "this file is no SQLite database: name another file or move this one away",
-    ),
-    ("malformed", "the file is damaged: move it away and put the last backup in its place"),
-    ("unable to open", "the folder must exist and this user must be able to read and write there"),
-    ("no such table", "the file was changed by another program: put the last backup in its place"),
-    (
-        "disk i/o error",
-        "the disk or network share reports a fault: check it and the free space, then try again",
-    ),
-)
-_POSTGRESQL_REMEDIES = (
-    ("connection refused", "is the server running, and are host and port right?"),
-    ("is the server running", "start the server, or correct host and port in the URL"),
-    ("could not translate host name", "check the host name in the URL"),
-    ("password authentication failed", "check user and password in the URL or in ~/.pgpass"),
-    ("does not exist", "create it or correct the URL"),
-    ("permission denied", "grant this user the right to create and write tables there"),
-    ("lock timeout", "another program holds a lock: close it or wait, then try again"),
-    ("read-only transaction", "the server is a read-only replica: name the primary"),
-    ("no space left", "free some space on the server, then try again; what is stored is intact"),
-)
+
+class Trouble(Enum):
+    """What can happen to the file under an open history."""
+
+    DELETED = "the file was deleted while in use"
+    REPLACED = "the file was replaced while in use"
+    LOG_DELETED = "its write-ahead log was deleted while in use"
 
 
 class Database:
@@ -95,13 +68,17 @@ class Database:
         self.where = str(self.file) if self.file else self.url.render_as_string(hide_password=True)
         self._busy_timeout_s = busy_timeout_s
         self._identity: tuple[int, int] | None = None
+        self._log = f"{self.file}-wal"
+        self._log_identity: tuple[int, int] | None = None
+        self._direct: sqlite3.Connection | None = None
+        self._turn = threading.Lock()
         self.engine = self._make_engine()
         self._writer = self.engine.execution_options(valve_twin_write=True)
         try:
             with self.errors("opened"):
                 self._open()
         except StoreError:
-            self.engine.dispose()
+            self.close()
             raise
 
     @property
@@ -116,6 +93,15 @@ class Database:
     def close(self) -> None:
         """Give all connections back."""
         self.engine.dispose()
+        if self._direct is not None:
+            self._direct.close()
+            self._direct = None
+
+    def again(self) -> Database:
+        """Open what stands under the name now, as at the first time."""
+        return Database(
+            self.url.render_as_string(hide_password=False), busy_timeout_s=self._busy_timeout_s
+        )
 
     @contextmanager
     def write(self) -> Iterator[Connection]:
@@ -134,7 +120,6 @@ class Database:
             with self._writer.begin() as connection:
                 yield connection
             self.check_file()
-            self._check_log()
 
     @contextmanager
     def read(self) -> Iterator[Connection]:
@@ -153,7 +138,7 @@ class Database:
         try:
             yield
         except (DBAPIError, sqlite3.Error) as err:
-            msg = f"{self.where}: cannot be {done}: {_explain(err, sqlite=self.is_sqlite)}"
+            msg = f"{self.where}: cannot be {done}: {explain(err, sqlite=self.is_sqlite)}"
             raise StoreError(msg) from err
         except OSError as err:
             msg = (
@@ -162,39 +147,69 @@ class Database:
             )
             raise StoreError(msg) from err
 
-    def check_file(self) -> None:
-        """Refuse a SQLite file that was deleted or replaced: its commits would be lost.
+    @contextmanager
+    def commit(self) -> Iterator[sqlite3.Connection]:
+        """Run one SQLite transaction past the layers above the driver: the daily way to store.
 
         Raises
         ------
         StoreError
-            If the path no longer leads to the file that was opened.
+            If it was not stored.
         """
+        with self.errors("written"), self._turn:
+            self.check_file()
+            driver = self.direct()
+            driver.execute("BEGIN IMMEDIATE")
+            try:
+                yield driver
+                driver.execute("COMMIT")
+            except BaseException:
+                if driver.in_transaction:
+                    driver.execute("ROLLBACK")
+                raise
+            self.check_file()
+
+    def direct(self) -> sqlite3.Connection:
+        """Return the one connection that lives as long as the database is open (SQLite)."""
+        if self.read_only:
+            msg = f"{self.where}: cannot be written: it was opened for reading only"
+            raise StoreError(msg)
+        if self._direct is None:
+            self._direct = self._connect_sqlite()
+        return self._direct
+
+    def trouble(self) -> Trouble | None:
+        """Return what happened to the SQLite file: its commits would be lost."""
         if self.file is None:
-            return
-        try:
-            status = os.stat(self.file)
-        except FileNotFoundError:
-            found = None
-        else:
-            found = (status.st_dev, status.st_ino)
+            return None
+        found = _identity(self.file)
         if self._identity is None:
             self._identity = found
-        if found is None or found != self._identity:
-            msg = (
-                f"{self.where}: the file was {'deleted' if found is None else 'replaced'} while in"
-                " use, so nothing"
-                " can be stored: back up the history to another file now (what was stored can"
-                " still be read), put"
-                " that file in its place and restart"
-            )
-            raise StoreError(msg)
+        if found is None:
+            return Trouble.DELETED
+        if found != self._identity:
+            return Trouble.REPLACED
+        if self._log_identity is None or self.log_is_own():
+            return None
+        return Trouble.LOG_DELETED
 
-    def _check_log(self) -> None:
-        if self.file is not None and not os.path.exists(f"{self.file}-wal"):
+    def log_is_own(self) -> bool:
+        """Return whether the write-ahead log under its name is the one that was opened."""
+        return self._log_identity is not None and _identity(self._log) == self._log_identity
+
+    def check_file(self) -> None:
+        """Refuse to go on with a SQLite file that is no longer there.
+
+        Raises
+        ------
+        StoreError
+            If the path no longer leads to the files that were opened.
+        """
+        trouble = self.trouble()
+        if trouble is not None:
             msg = (
-                f"{self.where}-wal: was deleted while in use, so the last cycles are in no file:"
-                " back up the history to another file now, put that file in its place and restart"
+                f"{self.where}: cannot be written: {trouble.value}: what was stored is kept and"
+                " written again as soon as the place can be written"
             )
             raise StoreError(msg)
 
@@ -272,6 +287,14 @@ class Database:
                 )
                 raise StoreError(msg)
             self._upgrade()
+        if self.file is not None and not self.read_only:
+            self._keep_open()
+
+    def _keep_open(self) -> None:
+        """Hold one connection, so that the files stay reachable whatever happens to the path."""
+        driver = self.direct()
+        driver.execute(f"SELECT count(*) FROM {SCHEMA_TABLE}").fetchone()
+        self._log_identity = _identity(self._log)
 
     def _check_content(self, connection: Connection) -> None:
         problem = connection.exec_driver_sql("PRAGMA quick_check(1)").scalar_one()
@@ -376,6 +399,15 @@ def _parse_url(text: str) -> URL:
     return url
 
 
+def _identity(path: Path | str) -> tuple[int, int] | None:
+    """Return what tells a file from another one under the same name, None if there is none."""
+    try:
+        status = os.stat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    return status.st_dev, status.st_ino
+
+
 def _can_write(folder: Path) -> bool:
     return os.access(folder, os.W_OK, effective_ids=os.access in os.supports_effective_ids)
 
@@ -387,13 +419,3 @@ def _begin_sqlite(connection: Connection) -> None:
     )  # past the layers above: BEGIN has no parameters
     assert driver is not None
     driver.execute("BEGIN IMMEDIATE" if write else "BEGIN")
-
-
-def _explain(err: Exception, *, sqlite: bool) -> str:
-    original = err.orig if isinstance(err, DBAPIError) and err.orig is not None else err
-    text = (str(original).strip().splitlines() or [type(original).__name__])[0]
-    table = _SQLITE_REMEDIES if sqlite else _POSTGRESQL_REMEDIES
-    remedy = next(
-        (r for sign, r in table if sign in str(original).lower()), "see the database's own log"
-    )
-    return f"{text}: {remedy}"
