@@ -12,10 +12,14 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from valve_twin.core.types import BoolArray, FloatArray, Frames, IntArray
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 POSITION = 0
 """Index of the position among the signals; commands follow, then counter and reference."""
@@ -120,6 +124,27 @@ class Aligner:
         KeyError
             If the signal is unknown.
         """
+        self._add(name, stamp_ns, values)
+        return self._release(self._watermark())
+
+    def push_round(self, parts: Iterable[tuple[str, IntArray, FloatArray]]) -> Frames | None:
+        """Add samples of several signals at once, then release what has become complete.
+
+        Parameters
+        ----------
+        parts : iterable of (str, (N,) int64 array, (N,) array)
+            Signal name, stamps [ns] and values, as for `push`.
+
+        Returns
+        -------
+        Frames or None
+            Newly complete frames, oldest first.
+        """
+        for name, stamp_ns, values in parts:
+            self._add(name, stamp_ns, values)
+        return self._release(self._watermark())
+
+    def _add(self, name: str, stamp_ns: IntArray, values: FloatArray) -> None:
         track = self._tracks[self._names[name]]
         stamp_ns, values = self._fresh(track, stamp_ns, values)
         if len(stamp_ns):
@@ -127,7 +152,6 @@ class Aligner:
             track.stamps.append(stamp_ns)
             track.values.append(values)
             track.last_ns = int(stamp_ns[-1])
-        return self._release(self._watermark())
 
     def flush(self) -> Frames | None:
         """Release everything that is left, at the end of a record."""

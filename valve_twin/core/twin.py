@@ -24,7 +24,7 @@ from valve_twin.core.prediction import restart_marks, run_model
 from valve_twin.core.types import Cycle, Estimate, FloatArray, Frames, IntArray, Prediction
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from valve_twin.core.valves.interface import Options, ValveModel
 
@@ -189,7 +189,24 @@ class Twin:
         """
         if not header:
             self._segmenter.mark_irreproducible()
-        frames = self._aligner.push(signal, stamp_ns, values)
+        return self._released(self._aligner.push(signal, stamp_ns, values))
+
+    def push_round(self, parts: Iterable[tuple[str, IntArray, FloatArray]]) -> list[Event]:
+        """Take samples of several signals at once, all with stamps of their own.
+
+        Parameters
+        ----------
+        parts : iterable of (str, (N,) int64 array, (N,) array)
+            Signal name, stamps [ns] and values, as for `push`.
+
+        Returns
+        -------
+        list of Event
+            In stream order.
+        """
+        return self._released(self._aligner.push_round(parts))
+
+    def _released(self, frames: Frames | None) -> list[Event]:
         events: list[Event] = []
         if self._aligner.jumps != self._jumps:
             self._jumps = self._aligner.jumps

@@ -15,11 +15,12 @@ from valve_twin.core.twin import Estimated, Event
 from valve_twin.core.types import Cycle, Estimate, Prediction
 from valve_twin.core.valves.registry import complete_options, get_model
 from valve_twin.io.assembly import make_twin
-from valve_twin.io.bags import read_signals
+from valve_twin.io.bags import SLICE_S, read_signals
 from valve_twin.io.history_tables import CycleRecord, cycle_record
+from valve_twin.io.rounds import LARGE_S, in_large_rounds
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator, Sequence
     from pathlib import Path
 
     from valve_twin.core.alignment import SignalCounts
@@ -103,7 +104,11 @@ def join_predictions(parts: list[Prediction]) -> Prediction | None:
 
 
 def drive(
-    twin: Twin, config: ValveConfig, blocks: Iterable[SignalBlock], *, close_last: bool = True
+    twin: Twin,
+    config: ValveConfig,
+    rounds: Iterable[Sequence[SignalBlock]],
+    *,
+    close_last: bool = True,
 ) -> Iterator[Event]:
     """Push signals through a twin and estimate in between.
 
@@ -113,8 +118,8 @@ def drive(
         The twin of the valve.
     config : ValveConfig
         Its configuration.
-    blocks : iterable of SignalBlock
-        Samples in the order in which they were recorded.
+    rounds : iterable of sequence of SignalBlock
+        Samples in the order in which they were recorded; those of one round together.
     close_last : bool
         Close the cycle in which the record ends; the live node cannot know that it has ended.
 
@@ -132,8 +137,12 @@ def drive(
             estimates, memory = estimate_cycle(model, options, job.cycle, job.memory)
             yield from twin.deliver(estimates, memory)
 
-    for block in blocks:
-        events = twin.push(block.signal, block.stamp_ns, block.values, header=block.has_header)
+    for parts in rounds:
+        if len(parts) == 1:
+            (block,) = parts
+            events = twin.push(block.signal, block.stamp_ns, block.values, header=block.has_header)
+        else:
+            events = twin.push_round((b.signal, b.stamp_ns, b.values) for b in parts)
         yield from settle(events)
     if close_last:
         yield from settle(twin.finish())
@@ -171,8 +180,13 @@ def estimate_bag(
     position = get_model(config.model).output
     # the position comes last in each round of blocks: the commands it needs are then there
     sources = sorted(config.signals.values(), key=lambda s: s.signal == position)
-    blocks = read_signals(bag, sources)
-    return drive(twin, config, blocks, close_last=close_last)
+    rounds = in_large_rounds(
+        read_signals(bag, sources, slice_s=LARGE_S),
+        [source.signal for source in sources],
+        hold_back_s=config.hold_back_s,
+        slice_s=SLICE_S,
+    )
+    return drive(twin, config, rounds, close_last=close_last)
 
 
 def run_bag(

@@ -98,6 +98,12 @@ OPTIONS = (
         "estimators to run",
         choices=(output_error.ESTIMATOR, *EQUATION_ERROR),
     ),
+    Option(
+        "output_error",
+        True,
+        "run the output error in every cycle, which trend and prediction need; false = only the "
+        "estimators listed, to re-estimate an archive by constrained least squares",
+    ),
     Option("v_ref", 0.3, "outflow command at which K_out is published [A]", "1", 0.0, 1.0),
     Option("v_max", 0.8, "greatest command: gains are positive up to it [A]", "1", 0.01, 1.0),
     Option(
@@ -159,7 +165,7 @@ class PressCartridgeModel:
     trend_estimator: str = output_error.ESTIMATOR
 
     def estimate(self, cycle: Cycle, options: Options) -> tuple[Estimate, ...]:
-        """Estimate the cycle with every configured estimator, the output error always.
+        """Estimate the cycle with every configured estimator, the output error unless it is off.
 
         Parameters
         ----------
@@ -177,7 +183,8 @@ class PressCartridgeModel:
         masks = find_masks(frames, cycle.period_s, push=_PUSH, options=_mask_options(options))
         sigma = rest_noise(frames, masks, active_command=_number(options, "active_command")).sigma
         scan = _scan(cycle, masks, options)
-        names = dict.fromkeys((self.trend_estimator, *_names(options, "estimators")))
+        always = (self.trend_estimator,) if options["output_error"] else ()
+        names = dict.fromkeys((*always, *_names(options, "estimators")))
         return tuple(
             self._output_error(cycle, masks, sigma, scan, options)
             if name == output_error.ESTIMATOR
