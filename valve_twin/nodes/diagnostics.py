@@ -11,10 +11,14 @@ from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
+from valve_twin.core.faults import Severity
+from valve_twin.nodes.faults import key_values
 from valve_twin.nodes.runtime import STEADY, ValveNode
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
+
+    from valve_twin.core.faults import Fault
 
 PERIOD_S = 1.0
 OK, WARN, ERROR, STALE = (
@@ -24,6 +28,7 @@ OK, WARN, ERROR, STALE = (
     DiagnosticStatus.STALE,
 )
 _GRAVITY = {OK: 0, WARN: 1, STALE: 2, ERROR: 3}
+_LEVEL = {Severity.WARN: WARN, Severity.ERROR: ERROR, Severity.STALE: STALE}
 
 
 @dataclass(slots=True)
@@ -50,6 +55,13 @@ class Report:
         if _GRAVITY[level] > _GRAVITY[self.level]:
             self.level = level
 
+    def add_faults(self, faults: list[Fault]) -> None:
+        """Take the level and the words of what is confirmed, the key-values of all faults."""
+        for fault in faults:
+            if fault.is_active:
+                self.raise_to(_LEVEL[fault.kind.severity], fault.evidence)
+        self.values |= key_values(faults)
+
 
 class Load:
     """CPU share and memory of this process since the last look."""
@@ -74,7 +86,7 @@ class Diagnostics:
     node : ValveNode
         The node.
     reports : callable
-        Makes the reports; called once a second.
+        Makes the reports of the valves and files their faults; called once a second.
     """
 
     def __init__(self, node: ValveNode, reports: Callable[[], Iterable[Report]]) -> None:
@@ -95,7 +107,7 @@ class Diagnostics:
         message = DiagnosticArray()
         message.header.stamp = self._node.get_clock().now().to_msg()
         own = self._node.get_fully_qualified_name()
-        for report in self._reports():
+        for report in self._all_reports():
             figures = {**report.values, **load}
             message.status.append(
                 DiagnosticStatus(
@@ -107,3 +119,12 @@ class Diagnostics:
                 )
             )
         self._publisher.publish(message)
+
+    def _all_reports(self) -> Iterable[Report]:
+        """Return a report of every valve, then one of the node, faults included."""
+        reports = list(self._reports())
+        self._node.faults.step()
+        own = Report("node", "", {"state": self._node.state})
+        for report in (*reports, own):
+            report.add_faults(self._node.faults.faults(report.hardware_id))
+        return (*reports, own)

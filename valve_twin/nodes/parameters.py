@@ -30,6 +30,7 @@ _OF_VALVES = (
     *("valves", "model", "period_s", "hold_back_s", "topic_prefix", "history_url"),
     *("signals.", "cycles.", "options.", "aging.", "csv."),
 )
+_AT_START = ("simulation.aging.", "simulation.scatter.")
 _LARGEST = 2**62
 
 
@@ -114,6 +115,16 @@ class Parameters:
             self._node.get_logger().warning(
                 f"parameter '{name}' is unknown and has no effect: {suggest(name, self._specs)}"
             )
+
+    def unknown(self, names: Iterable[str]) -> str:
+        """Return in one line which of the names is no parameter of this node and what to do."""
+        name = next((n for n in names if not self._node.has_parameter(n)), "")
+        if name.startswith(_AT_START):
+            return (
+                f"'{name}' is read at start only: start the node with it, or call "
+                "simulated_valve/set_aging to change the aging of a running valve"
+            )
+        return f"'{name}' is no parameter of this node: {suggest(name, self._specs)}"
 
     def _accept_integers(self, parameters: list[Parameter]) -> list[Parameter]:
         """Take 1 for 1.0 where a number is meant."""

@@ -11,8 +11,9 @@ from collections import deque
 from typing import TYPE_CHECKING, Any
 
 import rclpy
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
-from rclpy.exceptions import ROSInterruptException
+from rclpy.exceptions import ParameterNotDeclaredException, ROSInterruptException
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.experimental import EventsExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -22,10 +23,13 @@ from rclpy.signals import SignalHandlerOptions
 from valve_twin.io.errors import ValveTwinError
 from valve_twin.io.node_parameters import NODE_PARAMETERS
 from valve_twin.nodes import signals
+from valve_twin.nodes.faults import FaultDesk
 from valve_twin.nodes.parameters import Parameters
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from rclpy.parameter import Parameter
 
 RCLError = rclpy_implementation.RCLError
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
@@ -47,6 +51,7 @@ class ValveNode(LifecycleNode):
 
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
+        self.faults = FaultDesk(self)
         self.parameters = Parameters(self, is_idle=self._is_idle)
         self.parameters.declare(NODE_PARAMETERS[name])
         self.exit_code: int | None = None
@@ -122,6 +127,17 @@ class ValveNode(LifecycleNode):
     def stop(self) -> None:
         """End in good order, whatever the state."""
         self._guarded(self.trigger_shutdown, "shut down")
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """Set all or none; a refusal says why and is filed as a fault, too."""
+        try:
+            result = super().set_parameters_atomically(parameter_list)
+        except ParameterNotDeclaredException:
+            reason = self.parameters.unknown(p.name for p in parameter_list)
+            result = SetParametersResult(successful=False, reason=reason)
+        if not result.successful:
+            self.faults.report("parameter.refused", f"parameter refused: {result.reason}")
+        return result
 
     def _is_idle(self) -> bool:
         return self.state == "unconfigured"
