@@ -130,7 +130,10 @@ def _carry_over(old: Database, new: Database) -> str:
     try:
         valves = old.direct().execute("SELECT name, id FROM valve").fetchall()
         with new.commit() as sink:
-            count = sum(_carry_valve(old.direct(), sink, *valve, new.where) for valve in valves)
+            count = sum(
+                _carry_valve(old.direct(), sink, name, number, new.where)
+                for name, number in valves
+            )
     except sqlite3.DatabaseError as err:
         if not any(sign in str(err) for sign in _DAMAGED):
             raise

@@ -122,6 +122,16 @@ _TWIN = (
         3600.0,
     ),
     Spec(
+        "unsaved_limit",
+        Kind.INT,
+        10000,
+        "Cycles kept in memory while the database refuses them; beyond it the oldest are lost "
+        "and counted.",
+        "1",
+        1,
+        10**7,
+    ),
+    Spec(
         "busy_timeout_s",
         Kind.FLOAT,
         5.0,
@@ -161,7 +171,22 @@ _BAG_PLAYER = (
         "/replay",
         "Put before every topic, so that no real valve is moved.",
     ),
-    Spec("topics", Kind.STRINGS, (), "Topics to play; empty = all."),
+    Spec("topics", Kind.STRINGS, (), "Topics to play; empty with an empty regex = all."),
+    Spec("regex", Kind.STRING, "", "Play also topics in whose name this expression is found."),
+    Spec("exclude_topics", Kind.STRINGS, (), "Topics not to play."),
+    Spec(
+        "exclude_regex",
+        Kind.STRING,
+        "",
+        "Do not play topics in whose name this expression is found.",
+    ),
+    Spec("remap", Kind.STRINGS, (), "New names before the prefix is put, each /old:=/new."),
+    Spec(
+        "qos_overrides_path",
+        Kind.STRING,
+        "",
+        "YAML file of policies by recorded topic, as ros2 bag play takes it.",
+    ),
     Spec(
         "rate",
         Kind.FLOAT,
@@ -171,8 +196,36 @@ _BAG_PLAYER = (
         0.0,
         1e4,
     ),
-    Spec("clock", Kind.BOOL, True, "Publish /clock with every message."),
+    Spec(
+        "window",
+        Kind.INT,
+        5000,
+        "Messages at rate 0 between two answers of all subscribing nodes; at most their queue "
+        "depth, 0 = do not ask.",
+        "1",
+        0,
+        10**6,
+    ),
+    Spec("clock", Kind.BOOL, True, "Publish /clock, in place of a recorded one."),
+    Spec(
+        "clock_hz",
+        Kind.FLOAT,
+        0.0,
+        "How often /clock is published; 0 = before every message.",
+        "1/s",
+        0.0,
+        1000.0,
+    ),
+    Spec(
+        "clock_topics",
+        Kind.STRINGS,
+        (),
+        "Recorded topics before whose messages /clock is published where clock_hz is 0; "
+        "empty = all.",
+    ),
     Spec("start_paused", Kind.BOOL, False, "Wait for the service resume."),
+    Spec("loop", Kind.BOOL, False, "Begin again at the end."),
+    Spec("delay_s", Kind.FLOAT, 0.0, "Pause before playing, before every loop too.", "s", 0.0),
     Spec(
         "start_delay_s",
         Kind.FLOAT,
@@ -183,7 +236,26 @@ _BAG_PLAYER = (
         3600.0,
     ),
     Spec("exit_at_end", Kind.BOOL, False, "End the process when the bag is played."),
+    Spec(
+        "acked_wait_s",
+        Kind.FLOAT,
+        5.0,
+        "Longest wait at the end until every message is acknowledged.",
+        "s",
+        0.0,
+        3600.0,
+    ),
     Spec("start_offset_s", Kind.FLOAT, 0.0, "Begin this long after the first message.", "s", 0.0),
+    Spec("duration_s", Kind.FLOAT, 0.0, "Bag time to play; 0 = to the end.", "s", 0.0),
+    Spec(
+        "until_ns",
+        Kind.INT,
+        0,
+        "Log time to stop at, the earlier of this and duration_s counts; 0 = the end.",
+        "ns",
+        0,
+        2**62,
+    ),
 )
 
 _BAG_RECORDER = (

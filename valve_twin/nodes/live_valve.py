@@ -5,14 +5,13 @@
 from __future__ import annotations
 
 import time
-from collections import deque
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from valve_twin_msgs import msg
 
+from valve_twin.core.cycles import Announced
 from valve_twin.core.estimation.sequence import MEMORY_CYCLES, Memory, memory_from_history
 from valve_twin.core.twin import ClockJump, Estimated, Event, Job
 from valve_twin.core.types import Cycle, Estimate, Prediction
@@ -22,15 +21,16 @@ from valve_twin.nodes import convert
 from valve_twin.nodes.collector import Collector
 from valve_twin.nodes.estimation_job import MEMORY_LACKS, run_job
 from valve_twin.nodes.inputs import InputConfig, TopicInput, seconds_now
-from valve_twin.nodes.runtime import STEADY, ValveNode
+from valve_twin.nodes.keeper import where_to_go_on
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from valve_twin.io.config import ValveConfig
-    from valve_twin.io.history import History
     from valve_twin.io.mapping import Extractor, SignalBlock
-    from valve_twin.nodes.worker import Outcome, WorkerProcess, WorkerThread
+    from valve_twin.nodes.keeper import Keeper, Kept
+    from valve_twin.nodes.runtime import ValveNode
+    from valve_twin.nodes.worker import Outcome, WorkerProcess
 
 DUTY = 0.1
 """Share of the time that may go into handing samples on: low rates are answered at once,
@@ -49,16 +49,6 @@ LATCHED = QoSProfile(
 """State topics: a late reader of depth 1 gets the newest, a deeper one all estimators."""
 
 
-@dataclass(slots=True)
-class _Entry:
-    """One cycle on its way to the history."""
-
-    cycle: Cycle
-    estimates: tuple[Estimate, ...]
-    wall_s: float
-    published: bool = False
-
-
 class LiveValve:
     """One valve that is hosted.
 
@@ -70,14 +60,10 @@ class LiveValve:
         The valve.
     signals : list of list of Extractor
         The signals by topic.
-    history : History
-        Where its cycles are stored.
+    keeper : Keeper
+        The way into its history.
     worker : WorkerProcess
         Runs the estimations.
-    writer : WorkerThread
-        Runs what touches the database.
-    retry_s : float
-        Pause before a refused cycle is offered again [s].
     """
 
     def __init__(
@@ -86,33 +72,29 @@ class LiveValve:
         config: ValveConfig,
         signals: list[list[Extractor]],
         *,
-        history: History,
+        keeper: Keeper,
         worker: WorkerProcess,
-        writer: WorkerThread,
-        retry_s: float,
     ) -> None:
-        self._node, self.config, self.history = node, config, history
-        self._worker, self.writer, self._retry_s = worker, writer, retry_s
+        self._node, self.config, self._worker = node, config, worker
+        self.history = keeper.history
         self.name = config.name
         self.model = get_model(config.model)
         self._signals = signals
         self.units = convert.units_of(self.model.parameters)
         self._options = dict(complete_options(self.model, config.options))
-        last = history.last_cycle(self.name)
-        memory = memory_from_history(history.recent_estimates(self.name, MEMORY_CYCLES))
-        self.twin = make_twin(config, memory=memory, last_cycle=last)
+        self._claim = self.history.claim(self.name)
+        memory = memory_from_history(self.history.recent_estimates(self.name, MEMORY_CYCLES))
+        last, resume = where_to_go_on(self.history, self._claim, self.name)
+        self.twin = make_twin(config, memory=memory, last_cycle=last, resume=resume)
+        self.kept = keeper.open(self.name, self._publish_estimates, self.twin.number_from)
         self._collector = Collector(config.signals, round(config.hold_back_s * 0.25e9))
         self.inputs: list[TopicInput] = []
         self._job: Job | None = None
         self._jobs = 0
-        self._unsaved: deque[_Entry] = deque()
-        self._storing = False
-        self._retry_timer: Any = None
         self._idle_until = 0.0
-        self.store_error = ""
         self.last_stamp_ns = 0
         self.last_cycle = last
-        self.stored = self.estimated = self.predicted = self.refused = 0
+        self.estimated = self.predicted = self.refused = 0
         self.estimation_s = self.worst_latency_s = 0.0
         self._open_publishers()
 
@@ -136,8 +118,6 @@ class LiveValve:
         """Take the publishers down."""
         for publisher in (self._prediction, self._cycle, self._estimate):
             self._node.destroy_publisher(publisher)
-        if self._retry_timer is not None:
-            self._node.destroy_timer(self._retry_timer)
 
     # -- data path
 
@@ -172,10 +152,10 @@ class LiveValve:
                 self._publish_prediction(event)
             elif isinstance(event, Cycle):
                 self.last_cycle = event.number
+                self._claim.announce(Announced(event.number, event.start_ns))
                 self._cycle.publish(convert.cycle_message(self.name, event))
             elif isinstance(event, Estimated):
-                self._unsaved.append(_Entry(event.cycle, event.estimates, wall_s))
-                self._store_next()
+                self.kept.add(event.cycle, event.estimates, wall_s)
             elif isinstance(event, ClockJump):
                 number = event.dropped_cycle
                 dropped = f"cycle {number} is dropped" if number else "no cycle was running"
@@ -249,55 +229,25 @@ class LiveValve:
     @property
     def unsaved(self) -> int:
         """Cycles that are not in the history yet."""
-        return len(self._unsaved)
+        return self.kept.waiting
 
-    def _store_next(self) -> None:
-        """Store the oldest unsaved cycle; one at a time keeps the order."""
-        if self.store_error:
-            for entry in self._unsaved:
-                self._publish_estimates(entry, stored=False)
-        if self._storing or self._retry_timer is not None or not self._unsaved:
-            return
-        self._storing = True
-        entry = self._unsaved[0]
-        work = partial(self.history.store, self.name, entry.cycle, entry.estimates)
-        self.writer.submit(
-            work, lambda outcome: self._node.post(partial(self._on_stored, outcome))
-        )
+    @property
+    def stored(self) -> int:
+        """Cycles stored in this run."""
+        return self.kept.stored
 
-    def _on_stored(self, outcome: Outcome) -> None:
-        self._storing = False
-        if outcome.error:
-            if not self.store_error:
-                self._node.get_logger().error(
-                    f"{self.name}: not stored, kept and tried again: {outcome.error}"
-                )
-            self.store_error = outcome.error
-            self._retry_timer = self._node.create_timer(self._retry_s, self._retry, clock=STEADY)
-        else:
-            entry = self._unsaved.popleft()
-            self.stored += 1
-            self._publish_estimates(entry, stored=True)
-            if self.store_error and not self._unsaved:
-                self._node.get_logger().info(f"{self.name}: all cycles are stored again")
-                self.store_error = ""
-        self._store_next()
+    @property
+    def store_error(self) -> str:
+        """Why the history does not take cycles, empty where it does."""
+        return self.kept.keeper.error
 
-    def _retry(self) -> None:
-        self._node.destroy_timer(self._retry_timer)
-        self._retry_timer = None
-        self._store_next()
-
-    def _publish_estimates(self, entry: _Entry, *, stored: bool) -> None:
-        """Publish a cycle's estimates once; the one that feeds the trend last, to be latched."""
-        if entry.published:
-            return
-        entry.published = True
+    def _publish_estimates(self, kept: Kept, stored: bool) -> None:
+        """Publish a cycle's estimates; the one that feeds the trend last, to be latched."""
         trend = self.model.trend_estimator
-        for estimate in sorted(entry.estimates, key=lambda e: e.estimator == trend):
+        for estimate in sorted(kept.estimates, key=lambda e: e.estimator == trend):
             self._estimate.publish(
                 convert.estimate_message(
-                    self.name, estimate, self.units, stored=stored, wall_s=entry.wall_s
+                    self.name, estimate, self.units, stored=stored, wall_s=kept.wall_s
                 )
             )
 

@@ -13,12 +13,13 @@ from rclpy.duration import Duration
 from valve_twin.io.history import History
 from valve_twin.nodes.diagnostics import ERROR, STALE, WARN, Diagnostics, Report
 from valve_twin.nodes.estimation_job import warm_up
-from valve_twin.nodes.inputs import InputConfig, by_topic
+from valve_twin.nodes.inputs import InputConfig, by_topic, seconds_now
+from valve_twin.nodes.keeper import Keeper
 from valve_twin.nodes.live_valve import LiveValve
 from valve_twin.nodes.runtime import SPIN_S, ValveNode
 from valve_twin.nodes.twin_services import TwinServices
 from valve_twin.nodes.valve_parameters import read_valves
-from valve_twin.nodes.worker import WorkerProcess, WorkerThread
+from valve_twin.nodes.worker import WorkerProcess
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -36,9 +37,8 @@ class TwinNode(ValveNode):
         super().__init__("twin", **kwargs)
         self._valves: list[LiveValve] = []
         self._valve_services: list[TwinServices] = []
-        self._histories: dict[str, History] = {}
+        self._keepers: dict[str, Keeper] = {}
         self._worker: WorkerProcess | None = None
-        self._writer: WorkerThread | None = None
         self._diagnostics: Diagnostics | None = None
         self._jump: Any = None
         self._problems: dict[str, str] = {}
@@ -49,20 +49,22 @@ class TwinNode(ValveNode):
         signals = {c.name: by_topic(self, c.signals.values()) for c in configs}
         timeout = float(self.parameters["busy_timeout_s"])
         for url in dict.fromkeys(c.history_url for c in configs):
-            self._histories[url] = History(url, busy_timeout_s=timeout)
+            self._keepers[url] = Keeper(
+                self,
+                History(url, busy_timeout_s=timeout),
+                retry_s=float(self.parameters["retry_s"]),
+                limit=int(self.parameters["unsaved_limit"]),
+            )
         kinds = tuple({(c.model, c.cycles.rule) for c in configs})
         self._worker = WorkerProcess(partial(warm_up, kinds))
         warm_up(kinds)
-        self._writer = WorkerThread("history")
         for config in configs:
             valve = LiveValve(
                 self,
                 config,
                 signals[config.name],
-                history=self._histories[config.history_url],
+                keeper=self._keepers[config.history_url],
                 worker=self._worker,
-                writer=self._writer,
-                retry_s=float(self.parameters["retry_s"]),
             )
             self._valves.append(valve)
             self._valve_services.append(TwinServices(self, valve))
@@ -98,9 +100,12 @@ class TwinNode(ValveNode):
 
     def cleanup(self) -> None:
         """Write what waits, then let go of everything."""
-        if self._writer is not None and not self._writer.close(FLUSH_S):
+        end_s = seconds_now() + FLUSH_S
+        keepers = self._keepers.values()
+        unsaved = sum(keeper.close(max(end_s - seconds_now(), 0.05)) for keeper in keepers)
+        if unsaved:
             self.get_logger().error(
-                "the database did not take all cycles in time; unsaved ones are lost"
+                f"the database did not take all cycles in time; {unsaved} unsaved ones are lost"
             )
         if self._worker is not None:
             self._worker.close()
@@ -108,12 +113,10 @@ class TwinNode(ValveNode):
             service.destroy()
         for valve in self._valves:
             valve.close()
-        for history in self._histories.values():
-            history.close()
         if self._diagnostics is not None:
             self._diagnostics.destroy()
-        self._valves, self._valve_services, self._histories = [], [], {}
-        self._worker = self._writer = self._diagnostics = None
+        self._valves, self._valve_services, self._keepers = [], [], {}
+        self._worker = self._diagnostics = None
 
     def work(self) -> None:
         """Work on what the inputs gathered."""
@@ -166,6 +169,8 @@ class TwinNode(ValveNode):
             "cycles refused": valve.refused,
             "cycles stored": valve.stored,
             "cycles unsaved": valve.unsaved,
+            "cycles dropped unsaved": valve.kept.dropped,
+            "cycles refused by the history": valve.kept.refused,
             "estimations pending": valve.twin.pending_jobs,
             "last estimation [s]": f"{valve.estimation_s:.3f}",
             "worst latency [ms]": f"{1e3 * worst:.2f}",

@@ -16,13 +16,13 @@ from valve_twin.nodes.services import DeferredService, Done
 if TYPE_CHECKING:
     from valve_twin.nodes.live_valve import LiveValve
     from valve_twin.nodes.runtime import ValveNode
-    from valve_twin.nodes.worker import Outcome
+    from valve_twin.nodes.worker import Outcome, WorkerThread
 
 DEFAULT_PAGE = 1000
 
 
 class TwinServices:
-    """The services of one valve; whatever touches the database runs on the writer's thread."""
+    """The services of one valve; what touches the database runs on its keeper's threads."""
 
     def __init__(self, node: ValveNode, valve: LiveValve) -> None:
         self._node, self._valve = node, valve
@@ -72,7 +72,8 @@ class TwinServices:
             )
             done(response)
 
-        self._in_background(partial(valve.history.add_maintenance, valve.name, event), answer)
+        work = partial(valve.history.add_maintenance, valve.name, event)
+        self._in_background(valve.kept.keeper.writer, work, answer)
 
     def _get_history(self, request: Any, response: Any, done: Done) -> None:
         valve = self._valve
@@ -97,7 +98,7 @@ class TwinServices:
                 response.success, response.message = False, outcome.error
             done(response)
 
-        self._in_background(read, answer)
+        self._in_background(valve.kept.keeper.reader, read, answer)
 
     def _backup(self, request: Any, response: Any, done: Done) -> None:
         valve = self._valve
@@ -108,8 +109,9 @@ class TwinServices:
             response.message = outcome.error or f"history copied to {outcome.result}"
             done(response)
 
-        self._in_background(partial(valve.history.backup, request.path), answer)
+        work = partial(valve.history.backup, request.path)
+        self._in_background(valve.kept.keeper.reader, work, answer)
 
-    def _in_background(self, work: Any, answer: Any) -> None:
+    def _in_background(self, thread: WorkerThread, work: Any, answer: Any) -> None:
         post = self._node.post
-        self._valve.writer.submit(work, lambda outcome: post(partial(answer, outcome)))
+        thread.submit(work, lambda outcome: post(partial(answer, outcome)))
