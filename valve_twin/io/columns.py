@@ -1,40 +1,33 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Take columns of our own sample messages out of a decompressed chunk in one step.
-
-All messages of a channel in a chunk must have the length and the layout words (byte order, length
-of frame_id, count of values) of the first; anything else is left to the general decoder.
-"""
+"""Columns of samples that grow while a bag is read, filled by the compiled walk or by hand."""
 
 from __future__ import annotations
 
-import struct
+import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.lib.stride_tricks import as_strided
-
-from valve_twin.io.mapping import SERIES_TYPE, STAMPED_TYPE, SignalSource
-from valve_twin.io.mcap_format import MESSAGE_HEAD, RECORD_HEAD, Op
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from valve_twin.core.types import BoolArray, FloatArray, IntArray
+    from valve_twin.io.layout import Layout
+    from valve_twin.io.mapping import SignalSource
 
-ByteTable = np.ndarray[tuple[int, int], np.dtype[np.uint8]]
-"""One row a record, one column a byte."""
+COMPILED_FROM = 20_000
+"""Messages from which on it pays to import numba where nothing else needed it [1]."""
 
-_RECORD = struct.Struct("<BQH")
-_LOG_AT = 15
-_LENGTH_AT = 1
-_LITTLE = 1
-_BODY = 4
-_SECOND_NS = 1_000_000_000
+_SMALLEST_MESSAGE = 35
+_LEAST_CAPACITY = 1024
+_SAMPLES, _MESSAGES, _ODD = 0, 1, 2
 
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """N samples of one signal in file order.
+    """N samples of one signal.
 
     Attributes
     ----------
@@ -44,142 +37,157 @@ class Columns:
         Values in the unit of the signal.
     stamped : (N,) bool array
         Whether the stamp comes from the message.
-    messages : int
-        Messages that the samples come from.
     """
 
     log_ns: IntArray
     stamp_ns: IntArray
     values: FloatArray
     stamped: BoolArray
-    messages: int = 0
+
+    def __len__(self) -> int:
+        return len(self.log_ns)
 
 
-def gather(data: bytes, offsets: IntArray, source: SignalSource, channel: int) -> Columns | None:
-    """Take a channel's samples out of a chunk.
+class ColumnStore:
+    """Samples of R signals in the order in which they were read.
 
     Parameters
     ----------
-    data : bytes
-        Decompressed records of the chunk.
-    offsets : (M,) int64 array
-        Where the channel's message records begin.
-    source : SignalSource
-        A signal of type Float64Stamped or Float64Series.
-    channel : int
-        Number of the channel.
-
-    Returns
-    -------
-    Columns or None
-        None where the messages differ in layout or are of another type.
+    sources : sequence of SignalSource
+        The signals; values are kept as they stand in the messages and scaled when taken out.
+    capacity : int
+        Samples a signal for which there is room at first [1].
     """
-    known = {STAMPED_TYPE: "value", SERIES_TYPE: "values[]"}
-    if known.get(source.type) != source.field or not len(offsets):
-        return None
-    first = int(offsets[0])
-    size = int.from_bytes(data[first + _LENGTH_AT : first + 9], "little") + 9
-    if offsets.min() < 0 or int(offsets.max()) + size > len(data):
-        return None
-    flat = np.frombuffer(data, dtype=np.uint8)
-    if not _is_uniform(_table(flat, offsets, _RECORD.size), size, channel):
-        return None
-    rows = _table(flat, offsets, size)
-    body = rows[:, MESSAGE_HEAD.size :]
-    if not _is_uniform_header(body):
-        return None
-    read = _stamped if source.type == STAMPED_TYPE else _series
-    return read(rows, body, source)
+
+    def __init__(self, sources: Sequence[SignalSource], capacity: int = 0) -> None:
+        self._sources = tuple(sources)
+        self._capacity = capacity
+        self.counts: IntArray = np.zeros((len(self._sources), 3), dtype=np.int64)
+        self._make(0)
+
+    def _make(self, capacity: int) -> None:
+        rows = len(self._sources)
+        self.times: IntArray = np.empty((2 * rows, capacity), dtype=np.int64)
+        self.values: FloatArray = np.empty((rows, capacity))
+        self.stamped = np.empty((rows, capacity), dtype=np.uint8)
+
+    def reserve(self, extra: int) -> None:
+        """Make room for more samples of every signal."""
+        used = int(self.counts[:, _SAMPLES].max(initial=0))
+        needed = used + extra
+        if needed <= self.values.shape[1]:
+            return
+        before = self.times, self.values, self.stamped
+        self._make(max(needed, self._capacity, _LEAST_CAPACITY, 2 * used))
+        for new, old in zip((self.times, self.values, self.stamped), before, strict=True):
+            new[:, :used] = old[:, :used]
+
+    def append(
+        self, row: int, log_ns: int, stamp_ns: IntArray, values: FloatArray, *, stamped: bool
+    ) -> None:
+        """Add the samples of one message; the values as they stand in it."""
+        count = len(values)
+        self.reserve(count)
+        begin = int(self.counts[row, _SAMPLES])
+        part = slice(begin, begin + count)
+        self.times[2 * row, part] = log_ns
+        self.times[2 * row + 1, part] = stamp_ns
+        self.values[row, part] = values
+        self.stamped[row, part] = stamped
+        self.counts[row, _SAMPLES] += count
+
+    def take(self) -> dict[int, Columns]:
+        """Hand out what was read, by signal in log-time order, and begin anew."""
+        found = {
+            row: self._columns(row, source)
+            for row, source in enumerate(self._sources)
+            if self.counts[row, _SAMPLES]
+        }
+        self.counts[:] = 0
+        self._make(0)
+        return found
+
+    def _columns(self, row: int, source: SignalSource) -> Columns:
+        part = slice(0, int(self.counts[row, _SAMPLES]))
+        log_ns, stamp_ns = self.times[2 * row, part], self.times[2 * row + 1, part]
+        values, stamped = self.values[row, part], self.stamped[row, part].view(np.bool_)
+        if source.scale != 1.0 or source.offset != 0.0:
+            values = values * source.scale + source.offset
+        if bool((log_ns[1:] >= log_ns[:-1]).all()):
+            return Columns(log_ns, stamp_ns, values, stamped)
+        order = np.argsort(log_ns, kind="stable")
+        return Columns(log_ns[order], stamp_ns[order], values[order], stamped[order])
 
 
-def _table(
-    flat: np.ndarray[tuple[int], np.dtype[np.uint8]], offsets: IntArray, width: int
-) -> ByteTable:
-    """Return `width` bytes from each offset on; a view where the offsets are evenly spaced."""
-    step = int(offsets[1] - offsets[0]) if len(offsets) > 1 else 0
-    if step >= width and bool((np.diff(offsets) == step).all()):
-        shape = (len(offsets), width)
-        return as_strided(flat[int(offsets[0]) :], shape, (step, 1), writeable=False)
-    table: ByteTable = flat[offsets[:, None] + np.arange(width)]
-    return table
+@dataclass(frozen=True, slots=True)
+class FieldPlan:
+    """One mapped field of one channel and the row of the store that takes it."""
+
+    row: int
+    channel: int
+    layout: Layout
 
 
-def _is_uniform(heads: ByteTable, size: int, channel: int) -> bool:
-    """Return whether all records are messages of the channel with the same length."""
-    expected = _RECORD.pack(Op.MESSAGE, size - RECORD_HEAD.size, channel)
-    return size > MESSAGE_HEAD.size and bool((heads == np.frombuffer(expected, np.uint8)).all())
+class Walker:
+    """Compiled walk over the records of one file.
+
+    Parameters
+    ----------
+    fields : sequence of FieldPlan
+        What is wanted; a row stands in it with all its channels or not at all.
+    """
+
+    def __init__(self, fields: Sequence[FieldPlan]) -> None:
+        from valve_twin.io import columns_kernel as kernel
+
+        self._take = kernel.take
+        steps = max((len(f.layout.steps) for f in fields), default=0)
+        plan = np.zeros((len(fields), kernel.FIRST_STEP + 4 * steps), dtype=np.int64)
+        first = np.full(1 + max((f.channel for f in fields), default=0), -1, dtype=np.int64)
+        for k, field in enumerate(fields):
+            layout = field.layout
+            plan[k, kernel.ROW], plan[k, kernel.NEXT] = field.row, first[field.channel]
+            plan[k, kernel.NUMBER], plan[k, kernel.SIZE] = layout.number, layout.size
+            plan[k, kernel.BATCHED], plan[k, kernel.STEPS] = layout.batched, len(layout.steps)
+            plan[k, kernel.FIRST_STEP : kernel.FIRST_STEP + layout.steps.size] = (
+                layout.steps.ravel()
+            )
+            first[field.channel] = k
+        self._plan, self._first = plan, first
+        self._memory = np.full((len(fields), kernel.MEMORY_SIZE), -1, dtype=np.int64)
+        sizes = [f.layout.size if f.layout.batched else _SMALLEST_MESSAGE for f in fields]
+        self._least = min(sizes, default=_SMALLEST_MESSAGE)
+
+    def read(self, data: bytes | memoryview, store: ColumnStore) -> set[int]:
+        """Append the samples of a chunk.
+
+        Returns
+        -------
+        set of int
+            Rows that are odd: of these, nothing was appended.
+        """
+        store.reserve(len(data) // self._least + 1)
+        counts = store.counts
+        before = counts.copy()
+        odd = self._take(
+            np.frombuffer(data, dtype=np.uint8),
+            0,
+            len(data),
+            self._first,
+            self._plan,
+            self._memory,
+            counts,
+            store.times,
+            store.values,
+            store.stamped,
+        )
+        if not odd:
+            return set()
+        rows = counts[:, _ODD] != 0
+        counts[rows] = before[rows]
+        return set(np.flatnonzero(rows).tolist())
 
 
-def _is_uniform_header(body: ByteTable) -> bool:
-    """Return whether all messages are little-endian with a frame_id of the same length."""
-    if body.shape[1] < _BODY + 12 or not bool((body[:, 1] == _LITTLE).all()):
-        return False
-    return bool((body[:, 12:16] == body[0, 12:16]).all())
-
-
-def _column(
-    rows: ByteTable, at: int, kind: str, count: int = 1
-) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    size = np.dtype(kind).itemsize * count
-    return np.ascontiguousarray(rows[:, at : at + size]).view(kind)
-
-
-def _value_at(body: ByteTable) -> int:
-    end = 12 + int.from_bytes(body[0, 12:16].tobytes(), "little")
-    return _BODY + end + (-end % 8)
-
-
-def _times(
-    rows: ByteTable,
-    body: ByteTable,
-) -> tuple[IntArray, IntArray, BoolArray]:
-    """Return log times, stamps with the log time where there is none, and which are stamps."""
-    log_ns = _column(rows, _LOG_AT, "<u8")[:, 0].astype(np.int64)
-    sec = _column(body, _BODY, "<i4")[:, 0].astype(np.int64)
-    nanosec = _column(body, _BODY + 4, "<u4")[:, 0].astype(np.int64)
-    stamp_ns = sec * _SECOND_NS + nanosec
-    stamped = stamp_ns != 0
-    return log_ns, np.where(stamped, stamp_ns, log_ns), stamped
-
-
-def _scaled(values: FloatArray, source: SignalSource) -> FloatArray:
-    if source.scale == 1.0 and source.offset == 0.0:
-        return values
-    return values * source.scale + source.offset
-
-
-def _stamped(
-    rows: ByteTable,
-    body: ByteTable,
-    source: SignalSource,
-) -> Columns | None:
-    at = _value_at(body)
-    if body.shape[1] != at + 8:
-        return None
-    log_ns, stamp_ns, stamped = _times(rows, body)
-    values = _column(body, at, "<f8")[:, 0].astype(np.float64)
-    return Columns(log_ns, stamp_ns, _scaled(values, source), stamped, len(rows))
-
-
-def _series(
-    rows: ByteTable,
-    body: ByteTable,
-    source: SignalSource,
-) -> Columns | None:
-    at = _value_at(body)
-    if body.shape[1] < at + 16 or not bool((body[:, at : at + 12] == body[0, at : at + 12]).all()):
-        return None
-    period = float(_column(body[:1], at, "<f8")[0, 0])
-    count = int.from_bytes(body[0, at + 8 : at + 12].tobytes(), "little")
-    if count < 1 or body.shape[1] != at + 16 + 8 * count or not 0.0 < period < np.inf:
-        return None
-    log_ns, begin_ns, stamped = _times(rows, body)
-    steps = np.rint(np.arange(count) * (period * 1e9)).astype(np.int64)
-    values = _column(body, at + 16, "<f8", count).astype(np.float64).reshape(-1)
-    return Columns(
-        np.repeat(log_ns, count),
-        (begin_ns[:, None] + steps).reshape(-1),
-        _scaled(values, source),
-        np.repeat(stamped, count),
-        len(rows),
-    )
+def pays(messages: int) -> bool:
+    """Return whether the compiled walk is worth its import for so many messages (-1 = unknown)."""
+    return messages < 0 or messages >= COMPILED_FROM or "numba" in sys.modules

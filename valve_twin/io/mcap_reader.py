@@ -7,10 +7,10 @@ from __future__ import annotations
 import mmap
 import struct
 import zlib
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-import numpy as np
 import zstandard
 
 from valve_twin.io.errors import BagError
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from valve_twin.core.types import IntArray
 
 _FOREIGN = {
     b"SQLite format 3": "a SQLite bag; convert it to MCAP with 'ros2 bag convert'",
@@ -44,7 +43,10 @@ _FOREIGN = {
 }
 
 _MAX_CHUNK = 1 << 32
-_INDEX_HEAD = 6
+_CHUNK_HEAD = struct.Struct("<QQQII")
+"""First and last log time, decompressed size, check sum, length of the compression's name."""
+
+_LENGTH = struct.Struct("<Q")
 _BROKEN = (struct.error, ValueError, IndexError, OverflowError)
 
 
@@ -86,6 +88,8 @@ class McapFile:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._map = _open(path)
+        self._view = memoryview(self._map)
+        self._unpacker = zstandard.ZstdDecompressor()
         try:
             self.summary = self._read_summary()
         except _BROKEN as err:
@@ -93,8 +97,10 @@ class McapFile:
             raise BagError(msg) from err
 
     def close(self) -> None:
-        """Close the file."""
-        self._map.close()
+        """Close the file; what still looks into it keeps it mapped."""
+        with suppress(BufferError):
+            self._view.release()
+            self._map.close()
 
     def chunk(self, index: ChunkIndex) -> bytes:
         """Return the decompressed records of a chunk.
@@ -104,47 +110,72 @@ class McapFile:
         BagError
             If it is damaged or compressed in an unknown way.
         """
-        place = f"{self.path}: chunk at byte {index.offset}"
+        return bytes(self.chunk_view(index))
+
+    def chunk_view(self, index: ChunkIndex) -> bytes | memoryview:
+        """Return the decompressed records of a chunk without a copy; valid while it is open.
+
+        Raises
+        ------
+        BagError
+            If it is damaged or compressed in an unknown way.
+        """
         try:
-            op, length = RECORD_HEAD.unpack_from(self._map, index.offset)
+            op, length = RECORD_HEAD.unpack_from(self._view, index.offset)
             begin = index.offset + RECORD_HEAD.size
-            cursor = Cursor(self._map[begin : begin + length])
-            _, _, size, crc = cursor.take("QQQI")
-            compression = cursor.text()
-            packed = cursor.raw(cursor.take("Q")[0])
+            _, _, size, crc, named = _CHUNK_HEAD.unpack_from(self._view, begin)
+            at = begin + _CHUNK_HEAD.size + named
+            (packed,) = _LENGTH.unpack_from(self._view, at)
         except _BROKEN as err:
-            msg = f"{place}: cannot be read ({err}); rewrite the file with 'mcap recover'"
+            msg = (
+                f"{self._place(index)}: cannot be read ({err}); rewrite the file with "
+                "'mcap recover'"
+            )
             raise BagError(msg) from err
-        if op != Op.CHUNK or size > _MAX_CHUNK:
-            msg = f"{place}: there is no chunk; rewrite the file with 'mcap recover'"
+        at += _LENGTH.size
+        if op != Op.CHUNK or size > _MAX_CHUNK or at + packed > begin + length:
+            msg = f"{self._place(index)}: there is no chunk; rewrite the file with 'mcap recover'"
             raise BagError(msg)
-        data = _decompress(compression, packed, size, place)
+        name = self._view[at - _LENGTH.size - named : at - _LENGTH.size]
+        data = self._decompress(bytes(name), self._view[at : at + packed], size, index)
         if len(data) != size or (crc and zlib.crc32(data) != crc):
-            msg = f"{place}: its check sum is wrong; rewrite the file with 'mcap recover'"
+            msg = (
+                f"{self._place(index)}: its check sum is wrong; rewrite the file with "
+                "'mcap recover'"
+            )
             raise BagError(msg)
         return data
 
-    def offsets(self, index: ChunkIndex, channel: int) -> IntArray | None:
-        """Return where a channel's messages lie in a chunk, None without a sound index."""
-        at = index.message_indexes.get(channel)
-        if at is None:
-            return np.empty(0, dtype=np.int64) if index.message_indexes else None
+    def _decompress(
+        self, compression: bytes, packed: memoryview, size: int, index: ChunkIndex
+    ) -> bytes | memoryview:
         try:
-            op, length = RECORD_HEAD.unpack_from(self._map, at)
-            begin = at + RECORD_HEAD.size
-            number, size = struct.unpack_from("<HI", self._map, begin)
-            if (op, number, size + _INDEX_HEAD) != (Op.MESSAGE_INDEX, channel, length):
-                return None
-            entries = np.frombuffer(self._map[begin + _INDEX_HEAD : begin + length], dtype="<u8")
-            offsets = entries.reshape(-1, 2)[:, 1].astype(np.int64)
-        except _BROKEN:
-            return None
-        # the index carries no check sum: what does not rise is not believed
-        return offsets if bool((np.diff(offsets) > 0).all()) else None
+            if compression == b"zstd":
+                return self._unpacker.decompress(packed, max_output_size=size)
+            if compression == b"lz4":
+                import lz4.frame
 
-    def loose_messages(self) -> bytes:
+                return bytes(lz4.frame.decompress(packed))
+        except (zstandard.ZstdError, RuntimeError, MemoryError) as err:
+            msg = (
+                f"{self._place(index)}: cannot be unpacked ({err}); rewrite the file with "
+                "'mcap recover'"
+            )
+            raise BagError(msg) from err
+        if compression:
+            msg = (
+                f"{self._place(index)}: compression '{compression.decode(errors='replace')}' is "
+                "unknown; record with zstd, lz4 or none"
+            )
+            raise BagError(msg)
+        return packed
+
+    def _place(self, index: ChunkIndex) -> str:
+        return f"{self.path}: chunk at byte {index.offset}"
+
+    def loose_messages(self) -> memoryview:
         """Return the data section of a file that has messages outside chunks."""
-        return bytes(self._map[len(MAGIC) :])
+        return self._view[len(MAGIC) :]
 
     def _read_summary(self) -> Summary:
         footer = self._map[-FOOTER_SIZE : -len(MAGIC)]
@@ -227,23 +258,6 @@ def _foreign(head: bytes, data: mmap.mmap, size: int) -> str:
     return ""
 
 
-def _decompress(compression: str, packed: bytes, size: int, place: str) -> bytes:
-    try:
-        if compression == "zstd":
-            return zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
-        if compression == "lz4":
-            import lz4.frame
-
-            return bytes(lz4.frame.decompress(packed))
-    except (zstandard.ZstdError, RuntimeError, MemoryError) as err:
-        msg = f"{place}: cannot be unpacked ({err}); rewrite the file with 'mcap recover'"
-        raise BagError(msg) from err
-    if compression:
-        msg = f"{place}: compression '{compression}' is unknown; record with zstd, lz4 or none"
-        raise BagError(msg)
-    return packed
-
-
 def _records(data: bytes) -> Iterator[tuple[int, bytes, int]]:
     """Yield opcode, body and offset of the records of a section."""
     at, end = 0, len(data)
@@ -283,7 +297,7 @@ def _metadata_places(tail: bytes) -> dict[str, tuple[int, int]]:
     return places
 
 
-def messages(data: bytes, channels: set[int]) -> Iterator[RawMessage]:
+def messages(data: bytes | memoryview, channels: set[int]) -> Iterator[RawMessage]:
     """Yield the messages of some channels in a decompressed chunk, in file order."""
     at, end, head = 0, len(data), MESSAGE_HEAD.size
     while at + RECORD_HEAD.size <= end:
@@ -294,5 +308,5 @@ def messages(data: bytes, channels: set[int]) -> Iterator[RawMessage]:
         if op == Op.MESSAGE:
             _, _, channel, _, log_ns, publish_ns = MESSAGE_HEAD.unpack_from(data, at)
             if channel in channels:
-                yield RawMessage(channel, log_ns, publish_ns, data[at + head : following])
+                yield RawMessage(channel, log_ns, publish_ns, bytes(data[at + head : following]))
         at = following

@@ -1,0 +1,358 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Signals of a bag as columns, whole or in rounds of log time.
+
+Where the layout of a message type allows it, a compiled walk takes the mapped fields straight out
+of the chunks; chunks that hold something odd, and types that only the general decoder reads, go
+through it with the same result.
+"""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.io.bag_contents import (
+    bag_files,
+    channel_types,
+    contents,
+    missing_topic,
+    open_file,
+    topic_name,
+)
+from valve_twin.io.columns import Columns, ColumnStore, FieldPlan, Walker, pays
+from valve_twin.io.errors import BagError
+from valve_twin.io.layout import layout_of
+from valve_twin.io.mapping import Extractor, SignalBlock, SignalSource
+from valve_twin.io.mcap_reader import messages
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from valve_twin.io.bag_types import BagTypes
+    from valve_twin.io.mcap_format import ChunkIndex
+    from valve_twin.io.mcap_reader import McapFile
+
+SLICE_S = 1.0
+"""Log time in one round of blocks [s]: below the default of hold_back_s, so that no signal waits
+for another in vain."""
+
+_BATCH_SIZE = 4 << 20
+_MAX_CAPACITY = 1 << 24
+
+
+@dataclass(frozen=True, slots=True)
+class _Field:
+    """One signal of one channel of one file; `row` is its place among the wanted ones."""
+
+    row: int
+    channel: int
+    source: SignalSource
+    extractor: Extractor
+    types: BagTypes
+
+
+@dataclass(slots=True)
+class _Part:
+    """One file with what is wanted of it and the messages that were read, by row."""
+
+    file: McapFile
+    fields: list[_Field]
+    walker: Walker | None = None
+    slow: list[_Field] = field(default_factory=list)
+    read: dict[int, int] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class _Bag:
+    """An open bag with what is wanted of it."""
+
+    stack: ExitStack
+    parts: list[_Part]
+    wanted: list[SignalSource]
+    capacity: int
+
+
+def read_signals(
+    path: str | Path, sources: Iterable[SignalSource], *, slice_s: float = SLICE_S
+) -> Iterator[SignalBlock]:
+    """Return the samples of some signals of a bag as blocks in log-time order.
+
+    Parameters
+    ----------
+    path : path
+        Bag folder, metadata.yaml or .mcap file.
+    sources : iterable of SignalSource
+        What is wanted; several may share a topic.
+    slice_s : float
+        Log time in one round of blocks [s]: each signal has at most one block a round, in the
+        order of `sources`.
+
+    Returns
+    -------
+    iterator of SignalBlock
+        Everything about topics, types and fields is checked before it is returned.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be read, a topic is missing, empty or of another type, or fewer messages
+        were read than the summary counts; one line with the file, the topic and what to do.
+    ConfigError
+        If a field does not fit its type.
+    """
+    return _blocks(_open(path, list(sources)), max(1, round(slice_s * 1e9)))
+
+
+def read_columns(path: str | Path, sources: Iterable[SignalSource]) -> list[Columns]:
+    """Return all samples of some signals of a bag, each in log-time order.
+
+    Parameters
+    ----------
+    path : path
+        Bag folder, metadata.yaml or .mcap file.
+    sources : iterable of SignalSource
+        What is wanted; several may share a topic.
+
+    Returns
+    -------
+    list of Columns
+        One a source, in their order.
+
+    Raises
+    ------
+    BagError, ConfigError
+        As `read_signals`.
+    """
+    bag = _open(path, list(sources))
+    store = ColumnStore(bag.wanted, bag.capacity)
+    with bag.stack:
+        for group in _groups(bag.parts):
+            for part, chunk in group:
+                _read_chunk(part, chunk, store)
+        _check_counts(bag)
+    found = store.take()
+    return [found[i] if i in found else _no_samples() for i in range(len(bag.wanted))]
+
+
+def _no_samples() -> Columns:
+    none = np.empty(0, dtype=np.int64)
+    return Columns(none, none, np.empty(0), np.empty(0, dtype=np.bool_))
+
+
+def _open(path: str | Path, wanted: list[SignalSource]) -> _Bag:
+    """Open a bag and check topics, types and fields."""
+    names, _ = bag_files(path)
+    with ExitStack() as stack:
+        files = [open_file(name, stack) for name in names]
+        parts = [_Part(file, _fields_of(file, wanted)) for file in files]
+        counts = _check_topics(path, files, wanted)
+        known = -1 if -1 in counts else sum(counts)
+        for part in parts:
+            _choose(part, compiled=pays(known))
+        largest = max((c.size for f in files for c in f.summary.chunks), default=0)
+        capacity = min(max(counts, default=0) + largest // 32, _MAX_CAPACITY)
+        return _Bag(stack.pop_all(), parts, wanted, capacity)
+    raise AssertionError
+
+
+def _fields_of(file: McapFile, wanted: Sequence[SignalSource]) -> list[_Field]:
+    fields = []
+    for channel in file.summary.channels.values():
+        rows = [i for i, s in enumerate(wanted) if topic_name(channel.topic) == s.topic]
+        if not rows:
+            continue
+        types = channel_types(file, channel)
+        for row in rows:
+            source = wanted[row]
+            if source.type != types.name:
+                msg = (
+                    f"{file.path}: topic '{source.topic}' is of type {types.name}, not "
+                    f"{source.type}; "
+                    f"write signals.{source.signal}.type: {types.name}"
+                )
+                raise BagError(msg)
+            # the store scales when samples are taken out of it
+            extractor = Extractor(replace(source, scale=1.0, offset=0.0), types, str(file.path))
+            fields.append(_Field(row, channel.id, source, extractor, types))
+    return fields
+
+
+def _choose(part: _Part, *, compiled: bool) -> None:
+    """Decide which fields the compiled walk reads; a row goes there with all its channels."""
+    found = {id(f): layout_of(f.source, f.types) if compiled else None for f in part.fields}
+    slow = {f.row for f in part.fields if found[id(f)] is None}
+    part.slow = [f for f in part.fields if f.row in slow]
+    plans = [
+        FieldPlan(f.row, f.channel, layout)
+        for f in part.fields
+        if f.row not in slow and (layout := found[id(f)]) is not None
+    ]
+    part.walker = Walker(plans) if plans else None
+    part.read = dict.fromkeys((f.row for f in part.fields), 0)
+
+
+def _check_topics(
+    path: str | Path, files: Sequence[McapFile], wanted: Sequence[SignalSource]
+) -> list[int]:
+    """Return how many messages the topic of each signal has, -1 = unknown."""
+    info = contents(Path(path), files, {})
+    counts = {t.name: t.count for t in info.topics}
+    for source in wanted:
+        if source.topic not in counts:
+            raise missing_topic(path, source.topic, f" of signal '{source.signal}'", list(counts))
+        if counts[source.topic] == 0:
+            msg = (
+                f"{path}: topic '{source.topic}' of signal '{source.signal}' has no messages; "
+                "check that its publisher ran, or map another topic"
+            )
+            raise BagError(msg)
+    return [counts[source.topic] for source in wanted]
+
+
+def _blocks(bag: _Bag, slice_ns: int) -> Iterator[SignalBlock]:
+    with bag.stack:
+        store = ColumnStore(bag.wanted)
+        size = 0
+        for group in _groups(bag.parts):
+            for part, chunk in group:
+                size += _read_chunk(part, chunk, store)
+            if size >= _BATCH_SIZE:
+                yield from _slices(store.take(), bag.wanted, slice_ns)
+                size = 0
+        yield from _slices(store.take(), bag.wanted, slice_ns)
+        _check_counts(bag)
+
+
+def _groups(parts: Sequence[_Part]) -> Iterator[list[tuple[_Part, ChunkIndex | None]]]:
+    """Yield chunks of all files in order of time; those that overlap in time come together."""
+    if any(not part.file.summary.chunks for part in parts):
+        yield [(part, c) for part in parts for c in part.file.summary.chunks or (None,)]
+        return
+    ordered = sorted(
+        (
+            (c.start_ns, c.end_ns, n, i)
+            for n, part in enumerate(parts)
+            for i, c in enumerate(part.file.summary.chunks)
+        ),
+    )
+    group: list[tuple[_Part, ChunkIndex | None]] = []
+    until = -1
+    for start, end, n, i in ordered:
+        if group and start > until:
+            yield group
+            group = []
+        group.append((parts[n], parts[n].file.summary.chunks[i]))
+        until = max(until, end)
+    if group:
+        yield group
+
+
+def _read_chunk(part: _Part, chunk: ChunkIndex | None, store: ColumnStore) -> int:
+    """Add the samples of a chunk to the store; return its size [B], 0 where nothing is wanted."""
+    present = chunk.message_indexes if chunk is not None else None
+    if present and not any(f.channel in present for f in part.fields):
+        return 0
+    file = part.file
+    data = file.loose_messages() if chunk is None else file.chunk_view(chunk)
+    slow = part.slow
+    if part.walker is not None:
+        odd = part.walker.read(data, store)
+        for row in part.read:
+            part.read[row] += int(store.counts[row, 1])
+        store.counts[:, 1] = 0
+        if odd:
+            slow = [*slow, *(f for f in part.fields if f.row in odd)]
+    if slow:
+        _decode(data, slow, part.read, store)
+    return len(data)
+
+
+def _decode(
+    data: bytes | memoryview, fields: Sequence[_Field], read: dict[int, int], store: ColumnStore
+) -> None:
+    """Decode message by message what the compiled walk does not read."""
+    by_channel: dict[int, list[_Field]] = {}
+    for one in fields:
+        by_channel.setdefault(one.channel, []).append(one)
+    for message in messages(data, set(by_channel)):
+        group = by_channel[message.channel]
+        decoded = group[0].types.decode(message.data, message.log_ns)
+        for one in group:
+            block = one.extractor(decoded, message.log_ns)
+            read[one.row] += 1
+            store.append(
+                one.row, message.log_ns, block.stamp_ns, block.values, stamped=block.has_header
+            )
+
+
+def _slices(
+    ready: dict[int, Columns], wanted: Sequence[SignalSource], slice_ns: int
+) -> Iterator[SignalBlock]:
+    """Cut the samples of a group of chunks into rounds of equal log time."""
+    if not ready:
+        return
+    first = min(int(c.log_ns[0]) for c in ready.values())
+    last = max(int(c.log_ns[-1]) for c in ready.values())
+    edges = np.arange(first + slice_ns, last + slice_ns + 1, slice_ns, dtype=np.int64)
+    cuts = {i: np.searchsorted(c.log_ns, edges, side="left").tolist() for i, c in ready.items()}
+    stamped = {i: bool(c.stamped.all()) for i, c in ready.items()}
+    begins = dict.fromkeys(ready, 0)
+    for number in range(len(edges)):
+        for i, column in ready.items():
+            begin, end = begins[i], cuts[i][number]
+            begins[i] = end
+            if end > begin:
+                part = slice(begin, end)
+                yield SignalBlock(
+                    wanted[i].signal,
+                    column.stamp_ns[part],
+                    column.values[part],
+                    stamped[i] or bool(column.stamped[part].all()),
+                    column.log_ns[part],
+                )
+
+
+def _check_counts(bag: _Bag) -> None:
+    for part in bag.parts:
+        statistics = part.file.summary.statistics
+        if statistics is None:
+            continue
+        for row, read in part.read.items():
+            channels = {f.channel for f in part.fields if f.row == row}
+            counted = sum(statistics.counts.get(channel, 0) for channel in channels)
+            if read != counted:
+                msg = (
+                    f"{part.file.path}: topic '{bag.wanted[row].topic}': {read} messages "
+                    "read, its summary counts "
+                    f"{counted}; the file is damaged, rewrite it with 'mcap recover'"
+                )
+                raise BagError(msg)
+
+
+def read_texts(path: str | Path, topic: str) -> list[tuple[int, str]]:
+    """Return log times [ns] and texts of a std_msgs/msg/String topic; empty if it is not there.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be read.
+    """
+    found: list[tuple[int, str]] = []
+    names, _ = bag_files(path)
+    with ExitStack() as stack:
+        for name in names:
+            file = open_file(name, stack)
+            for channel in file.summary.channels.values():
+                if topic_name(channel.topic) != topic:
+                    continue
+                types = channel_types(file, channel)
+                for chunk in file.summary.chunks:
+                    for message in messages(file.chunk(chunk), {channel.id}):
+                        decoded = types.decode(message.data, message.log_ns)
+                        found.append((message.log_ns, str(decoded.data)))
+    return sorted(found)

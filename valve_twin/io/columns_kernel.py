@@ -1,0 +1,387 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Compiled walk over the records of a chunk that writes the mapped fields into columns.
+
+Importing this module imports numba: `columns` does so when there is enough to read. A message is
+laid out step by step (`layout`); the words that decided the layout - lengths of strings and
+sequences - are kept, and a message of the same size with the same words is read at the same
+places. Every place is inside the message: what does not fit makes the row odd, which sends the
+chunk to the general decoder.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from llvmlite import ir
+from numba import njit, types
+from numba.extending import intrinsic
+
+from valve_twin.io.layout import Number, Walk
+from valve_twin.io.mcap_format import Op
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from valve_twin.core.types import ByteArray, FloatArray, IntArray
+
+MAX_WORDS = 24
+"""Lengths that are kept of a layout; a message with more is laid out anew each time."""
+
+# columns of `plan`, one row a mapped field of a channel
+ROW, NEXT, NUMBER, SIZE, BATCHED, STEPS, FIRST_STEP = 0, 1, 2, 3, 4, 5, 6
+# columns of `memory`, one row a mapped field of a channel; the words follow as place, value
+LENGTH, STAMP_AT, VALUE_AT, PERIOD_AT, COUNT, WORDS, FIRST_WORD = 0, 1, 2, 3, 4, 5, 6
+MEMORY_SIZE = FIRST_WORD + 2 * MAX_WORDS
+# columns of `counts`, one row a signal
+SAMPLES, MESSAGES, ODD = 0, 1, 2
+
+_UNKNOWN = -1
+_ABSENT = -1
+_TERMINATOR = -1
+_MESSAGE = int(Op.MESSAGE)
+_RECORD_HEAD = 9
+_MESSAGE_HEAD = 22
+_CHANNEL_AT, _LOG_AT = 9, 15
+_ENCAPSULATION = 4
+_SECOND_NS = 1_000_000_000
+_LONGEST_NS = 1.0e18
+
+_SKIP, _STRING, _STRINGS = int(Walk.SKIP), int(Walk.STRING), int(Walk.STRINGS)
+_SEQUENCE, _STAMP, _VALUE = int(Walk.SEQUENCE), int(Walk.STAMP), int(Walk.VALUE)
+_ITEM, _BATCH, _PERIOD = int(Walk.ITEM), int(Walk.BATCH), int(Walk.PERIOD)
+
+_BYTES = types.Array(types.uint8, 1, "C", readonly=True)
+_INTS, _INT_ROWS = types.int64[::1], types.int64[:, ::1]
+_FLOAT_ROWS, _BYTE_ROWS = types.float64[:, ::1], types.uint8[:, ::1]
+
+
+def _loader(kind: Any, word: Any) -> Callable[[ByteArray, int], Any]:  # noqa: ANN401
+    """Return a function that reads a little-endian number at any byte, aligned or not."""
+
+    def load(context: Any, data: Any, at: Any) -> Any:  # noqa: ANN401
+        def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:  # noqa: ANN401
+            array = context.make_array(signature.args[0])(context, builder, args[0])
+            place = builder.gep(array.data, [args[1]])
+            value = builder.load(builder.bitcast(place, word.as_pointer()))
+            value.align = 1
+            return value
+
+        return kind(data, types.int64), build
+
+    found: Callable[[ByteArray, int], Any] = intrinsic(load)
+    return found
+
+
+_f64, _f32 = _loader(types.float64, ir.DoubleType()), _loader(types.float32, ir.FloatType())
+_i64, _u64 = _loader(types.int64, ir.IntType(64)), _loader(types.uint64, ir.IntType(64))
+_i32, _u32 = _loader(types.int32, ir.IntType(32)), _loader(types.uint32, ir.IntType(32))
+_i16, _u16 = _loader(types.int16, ir.IntType(16)), _loader(types.uint16, ir.IntType(16))
+_i8 = _loader(types.int8, ir.IntType(8))
+
+_FLOAT64, _FLOAT32, _BOOL = int(Number.FLOAT64), int(Number.FLOAT32), int(Number.BOOL)
+_INT8, _INT16, _INT32, _INT64 = (
+    int(n) for n in (Number.INT8, Number.INT16, Number.INT32, Number.INT64)
+)
+_UINT16, _UINT32, _UINT64 = (int(n) for n in (Number.UINT16, Number.UINT32, Number.UINT64))
+
+
+@njit
+def _number(data: ByteArray, at: int, kind: int) -> float:  # noqa: PLR0911  one a kind
+    """Return a number of any kind as float64."""
+    if kind == _FLOAT64:
+        return float(_f64(data, at))
+    if kind == _FLOAT32:
+        return float(_f32(data, at))
+    if kind == _INT32:
+        return float(_i32(data, at))
+    if kind == _UINT32:
+        return float(_u32(data, at))
+    if kind == _INT16:
+        return float(_i16(data, at))
+    if kind == _UINT16:
+        return float(_u16(data, at))
+    if kind == _INT64:
+        return float(_i64(data, at))
+    if kind == _UINT64:
+        return float(_u64(data, at))
+    if kind == _INT8:
+        return float(_i8(data, at))
+    if kind == _BOOL:
+        return 1.0 if data[at] != 0 else 0.0
+    return float(data[at])
+
+
+@njit
+def _keep(memory: IntArray, k: int, place: int, value: int) -> None:
+    """Keep a word that decided the layout."""
+    count = memory[k, WORDS]
+    if count < MAX_WORDS:
+        memory[k, FIRST_WORD + 2 * count] = place
+        memory[k, FIRST_WORD + 2 * count + 1] = value
+    memory[k, WORDS] = count + 1
+
+
+@njit
+def _string(data: ByteArray, body: int, at: int, size: int, memory: IntArray, k: int) -> int:
+    """Return the end of a string, -1 where it does not fit."""
+    at = (at + 3) & -4
+    if at + 4 > size:
+        return _ABSENT
+    length = np.int64(_u32(data, body + at))
+    end = at + 4 + length
+    if length < 1 or end > size or data[body + end - 1] != 0:
+        return _ABSENT
+    _keep(memory, k, at, length)
+    _keep(memory, k, end - 1, _TERMINATOR)
+    return end
+
+
+@njit
+def _counted(
+    data: ByteArray,
+    body: int,
+    at: int,
+    size: int,
+    plan: IntArray,
+    memory: IntArray,
+    k: int,
+    s: int,
+) -> int:
+    """Return the end of a sequence, -1 where it does not fit; note where the value is in it."""
+    step, alignment = plan[k, FIRST_STEP + 4 * s], plan[k, FIRST_STEP + 4 * s + 1]
+    width, index = plan[k, FIRST_STEP + 4 * s + 2], plan[k, FIRST_STEP + 4 * s + 3]
+    at = (at + 3) & -4
+    if at + 4 > size:
+        return _ABSENT
+    count = np.int64(_u32(data, body + at))
+    if count > size:
+        return _ABSENT
+    _keep(memory, k, at, count)
+    at += 4
+    if step == _STRINGS:
+        for _ in range(count):
+            at = _string(data, body, at, size, memory, k)
+            if at < 0:
+                return _ABSENT
+        return at
+    if count > 0:
+        at = (at + alignment - 1) & -alignment
+    if step == _BATCH:
+        memory[k, VALUE_AT] = at
+        memory[k, COUNT] = count
+    elif step == _ITEM and index < count:
+        memory[k, VALUE_AT] = at + index * width
+    return at + count * width
+
+
+@njit
+def _lay_out(
+    data: ByteArray, body: int, size: int, plan: IntArray, memory: IntArray, k: int
+) -> bool:
+    """Find the places of stamp, value and period; False where the bytes do not fit the type."""
+    memory[k, LENGTH] = _UNKNOWN
+    memory[k, STAMP_AT] = memory[k, VALUE_AT] = memory[k, PERIOD_AT] = _ABSENT
+    memory[k, WORDS] = 0
+    memory[k, COUNT] = 1
+    at = 0
+    for s in range(plan[k, STEPS]):
+        step = plan[k, FIRST_STEP + 4 * s]
+        if step == _STRING:
+            at = _string(data, body, at, size, memory, k)
+        elif step in (_STRINGS, _SEQUENCE, _ITEM, _BATCH):
+            at = _counted(data, body, at, size, plan, memory, k, s)
+        else:
+            alignment = plan[k, FIRST_STEP + 4 * s + 1]
+            at = (at + alignment - 1) & -alignment
+            if step == _STAMP:
+                memory[k, STAMP_AT] = at
+            elif step == _VALUE:
+                memory[k, VALUE_AT] = at
+            elif step == _PERIOD:
+                memory[k, PERIOD_AT] = at
+            at += plan[k, FIRST_STEP + 4 * s + 2]
+        if at < 0 or at > size:
+            return False
+    if at + 3 < size:
+        return False
+    if memory[k, WORDS] <= MAX_WORDS:
+        memory[k, LENGTH] = size
+    return True
+
+
+@njit
+def _is_alike(data: ByteArray, body: int, size: int, memory: IntArray, k: int) -> bool:
+    """Return whether a message is laid out as the one before it."""
+    if memory[k, LENGTH] != size:
+        return False
+    for w in range(memory[k, WORDS]):
+        place = body + memory[k, FIRST_WORD + 2 * w]
+        value = memory[k, FIRST_WORD + 2 * w + 1]
+        if value == _TERMINATOR:
+            if data[place] != 0:
+                return False
+        elif np.int64(_u32(data, place)) != value:
+            return False
+    return True
+
+
+@njit
+def _put_batch(
+    data: ByteArray,
+    body: int,
+    begin_ns: int,
+    log_ns: int,
+    is_stamped: int,
+    plan: IntArray,
+    memory: IntArray,
+    k: int,
+    n: int,
+    times: IntArray,
+    values: FloatArray,
+    stamped: ByteArray,
+) -> int:
+    """Write the samples of a batch from `n` on; return where they end, -1 where they are odd."""
+    row, kind, size = plan[k, ROW], plan[k, NUMBER], plan[k, SIZE]
+    count = memory[k, COUNT]
+    period_ns = 0.0
+    if count > 1:
+        period = _f64(data, body + memory[k, PERIOD_AT])
+        if not (period > 0.0 and np.isfinite(period)):
+            return n
+        period_ns = period * 1e9
+        if not (count * period_ns < _LONGEST_NS):
+            return _ABSENT
+    at = body + memory[k, VALUE_AT]
+    for i in range(count):
+        times[2 * row, n + i] = log_ns
+        times[2 * row + 1, n + i] = begin_ns + np.int64(np.rint(i * period_ns))
+        values[row, n + i] = _number(data, at + i * size, kind)
+        stamped[row, n + i] = is_stamped
+    return n + count
+
+
+@njit
+def _put(
+    data: ByteArray,
+    at: int,
+    size: int,
+    plan: IntArray,
+    memory: IntArray,
+    k: int,
+    counts: IntArray,
+    times: IntArray,
+    values: FloatArray,
+    stamped: ByteArray,
+) -> bool:
+    """Write the samples of the message whose record begins at `at`; False where it is odd."""
+    body = at + _RECORD_HEAD + _MESSAGE_HEAD + _ENCAPSULATION
+    log_ns = _i64(data, at + _LOG_AT)
+    if size < 0 or log_ns < 0 or data[body - 4] != 0 or data[body - 3] != 1:
+        return False
+    if not _is_alike(data, body, size, memory, k) and not _lay_out(
+        data, body, size, plan, memory, k
+    ):
+        return False
+    stamp_ns = np.int64(0)
+    if memory[k, STAMP_AT] >= 0:
+        place = body + memory[k, STAMP_AT]
+        stamp_ns = np.int64(_i32(data, place)) * _SECOND_NS + np.int64(_u32(data, place + 4))
+    is_stamped = 1 if stamp_ns != 0 else 0
+    begin_ns = stamp_ns if is_stamped else log_ns
+    row = plan[k, ROW]
+    n = counts[row, SAMPLES]
+    if plan[k, BATCHED]:
+        end = _put_batch(
+            data, body, begin_ns, log_ns, is_stamped, plan, memory, k, n, times, values, stamped
+        )
+        if end < 0:
+            return False
+        counts[row, SAMPLES] = end
+    else:
+        times[2 * row, n] = log_ns
+        times[2 * row + 1, n] = begin_ns
+        place = memory[k, VALUE_AT]
+        values[row, n] = _number(data, body + place, plan[k, NUMBER]) if place >= 0 else np.nan
+        stamped[row, n] = is_stamped
+        counts[row, SAMPLES] = n + 1
+    counts[row, MESSAGES] += 1
+    return True
+
+
+@njit(
+    types.int64(
+        _BYTES,
+        types.int64,
+        types.int64,
+        _INTS,
+        _INT_ROWS,
+        _INT_ROWS,
+        _INT_ROWS,
+        _INT_ROWS,
+        _FLOAT_ROWS,
+        _BYTE_ROWS,
+    ),
+    cache=True,
+)
+def take(
+    data: ByteArray,
+    at: int,
+    end: int,
+    first_of: IntArray,
+    plan: IntArray,
+    memory: IntArray,
+    counts: IntArray,
+    times: IntArray,
+    values: FloatArray,
+    stamped: ByteArray,
+) -> int:
+    """Append the samples of the records between two bytes to the columns.
+
+    Parameters
+    ----------
+    data : (B,) uint8 array
+        Records, one after another.
+    at, end : int
+        Where they begin and end [B].
+    first_of : (C,) int64 array
+        By channel, the first of its fields, -1 = none.
+    plan, memory : (K, .) int64 arrays
+        What is wanted of each field, and the layout of the message before.
+    counts : (R, 3) int64 array
+        By signal, samples, messages and whether the chunk is odd; grows.
+    times : (2 R, N) int64 array
+        By signal, log times and stamps [ns].
+    values : (R, N) array
+        Values as they stand in the messages.
+    stamped : (R, N) uint8 array
+        Whether the stamp comes from the message.
+
+    Returns
+    -------
+    int
+        Signals that only the general decoder can read in these records.
+    """
+    odd = 0
+    while at + _RECORD_HEAD <= end:
+        length = _i64(data, at + 1)
+        if length < 0 or length > end - at - _RECORD_HEAD:
+            break
+        if data[at] == _MESSAGE:
+            if length < _MESSAGE_HEAD:
+                counts[:, ODD] = 1
+                return len(counts)
+            channel = np.int64(_u16(data, at + _CHANNEL_AT))
+            k = first_of[channel] if channel < len(first_of) else -1
+            while k >= 0:
+                row = plan[k, ROW]
+                size = length - _MESSAGE_HEAD - _ENCAPSULATION
+                if not counts[row, ODD] and not _put(
+                    data, at, size, plan, memory, k, counts, times, values, stamped
+                ):
+                    counts[row, ODD] = 1
+                    odd += 1
+                k = plan[k, NEXT]
+        at += _RECORD_HEAD + length
+    return odd
