@@ -13,6 +13,7 @@ from valve_twin.cli import (
     bench,
     configure,
     estimate,
+    fleet,
     history,
     import_,
     replay,
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable, Sequence
 
-VERBS = (simulate, import_, configure, estimate, replay, report, history, bench)
+VERBS = (simulate, import_, configure, estimate, replay, report, fleet, history, bench)
 """One module a verb, in the order of the help."""
 
 _ACCESS = "check the folder, its access rights and the free space"
