@@ -2,6 +2,7 @@
 # Copyright 2026 valve_twin maintainers
 """Faults are confirmed, counted on edges, healed and cleared as their table says."""
 
+import math
 import re
 
 import pytest
@@ -98,6 +99,18 @@ def test_a_healed_fault_keeps_its_history_through_a_new_suspicion(book):
     book.passed("a.slow", at(11))
     fault = book.faults()[0]
     assert (fault.status, fault.count, fault.first_ns) == (Status.HEALED, 1, at(0).stamp_ns)
+
+
+def test_what_never_heals_by_itself_heals_when_it_is_seen_to_be_absent():
+    kind = FaultKind("a.refused", Severity.WARN, "m", "r", confirm_count=2, heal_s=math.inf)
+    book = FaultBook((kind,))
+    book.report("a.refused", "x", at(0))
+    book.step(at(1e6))
+    book.report("a.refused", "x", at(1e6))
+    book.step(at(2e6))
+    assert statuses(book) == [Status.CONFIRMED]
+    book.passed("a.refused", at(2e6))
+    assert statuses(book) == [Status.HEALED]
 
 
 def test_valves_and_subjects_are_kept_apart(book):

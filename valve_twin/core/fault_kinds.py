@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from math import inf, isinf
+
 from valve_twin.core.faults import FaultKind, Severity
 
 _WARN, _ERROR, _STALE = Severity.WARN, Severity.ERROR, Severity.STALE
@@ -129,7 +131,7 @@ _ESTIMATION = (
         "Several cycles one after another gave no estimate that may be used.",
         "Read the reason in twin/estimate; look at the inputs and at cycles.* and options.*.",
         confirm_count=3,
-        heal_s=0.0,
+        heal_s=inf,
     ),
     FaultKind(
         "estimation.failed",
@@ -159,6 +161,13 @@ _STORE = (
         _ERROR,
         "The database was away for so long that kept cycles had to be given up.",
         "Bring the database back; record a bag meanwhile, it can be estimated later.",
+        heal_s=3600.0,
+    ),
+    FaultKind(
+        "history.refused",
+        _ERROR,
+        "The database refuses cycles for good, as another one stands under their number.",
+        "Let only one twin write a valve; give each valve its own name in a shared history.",
         heal_s=3600.0,
     ),
 )
@@ -195,7 +204,7 @@ _NODES = (
         _ERROR,
         "Publishing was stopped: a foreign publisher or taker of commands came into reach.",
         "Take it off the topic, choose another publish_prefix, or set allow_live.",
-        heal_s=0.0,
+        heal_s=inf,
     ),
     FaultKind(
         "recorder.loss",
@@ -223,11 +232,15 @@ def fault_reference() -> str:
         "| --- | --- | --- | --- | --- | --- |",
     ]
     lines += [
-        f"| `{k.code}` | {k.severity.name} | {_confirm(k)} | {k.heal_s:g} s | {k.meaning} | "
+        f"| `{k.code}` | {k.severity.name} | {_confirm(k)} | {_heal(k)} | {k.meaning} | "
         f"{k.remedy} |"
         for k in FAULT_KINDS
     ]
     return "\n".join(lines) + "\n"
+
+
+def _heal(kind: FaultKind) -> str:
+    return "seen to be absent" if isinf(kind.heal_s) else f"{kind.heal_s:g} s"
 
 
 def _confirm(kind: FaultKind) -> str:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
+from math import isinf
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -51,7 +52,7 @@ class FaultKind:
     confirm_count : int
         Reported at least this often, events counted, before it is confirmed [1].
     heal_s : float
-        Healed when it was not reported for this long [s].
+        Healed when it was not reported for this long; infinite = when it is seen to be absent [s].
     """
 
     code: str
@@ -245,7 +246,7 @@ class FaultBook:
         if fault.status is Status.PENDING:
             if looked_at or quiet_s > max(fault.kind.heal_s, fault.kind.confirm_s):
                 self._drop_pending(key, fault)
-        elif quiet_s >= fault.kind.heal_s:
+        elif quiet_s >= fault.kind.heal_s or (looked_at and isinf(fault.kind.heal_s)):
             del self._runs[key]
             self._faults[key] = replace(fault, status=Status.HEALED)
             self._changes.append(self._faults[key])

@@ -31,6 +31,48 @@ def find_gaps(stamp_ns: IntArray, period_s: float) -> BoolArray:
     return gap
 
 
+class GapCounter:
+    """Counts the samples that are missing in a stream of stamps that comes in blocks.
+
+    Parameters
+    ----------
+    period_s : float
+        Nominal sampling time [s].
+    """
+
+    def __init__(self, period_s: float) -> None:
+        self._period_ns = period_s * 1e9
+        self._limit_ns = round(GAP_PERIODS * self._period_ns)
+        self._last_ns: int | None = None
+        self.missing = 0
+        self.longest_s = 0.0
+
+    def push(self, stamp_ns: IntArray) -> None:
+        """Take the next stamps.
+
+        Parameters
+        ----------
+        stamp_ns : (N,) int64 array
+            Stamps, N > 0 [ns].
+        """
+        first, last = int(stamp_ns[0]), int(stamp_ns[-1])
+        if self._last_ns is not None and first - self._last_ns > self._limit_ns:
+            self._count(first - self._last_ns)
+        if last - first > self._limit_ns:
+            steps = np.diff(stamp_ns)
+            for step in steps[steps > self._limit_ns]:
+                self._count(int(step))
+        self._last_ns = last
+
+    def restart(self) -> None:
+        """Begin anew after the clock was set back; the counts stay."""
+        self._last_ns = None
+
+    def _count(self, step_ns: int) -> None:
+        self.missing += max(round(step_ns / self._period_ns) - 1, 1)
+        self.longest_s = max(self.longest_s, 1e-9 * step_ns)
+
+
 def count_lost(stamp_ns: IntArray, period_s: float) -> int:
     """Return how many samples are missing in the gaps between N stamps.
 

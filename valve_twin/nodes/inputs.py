@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -26,6 +27,13 @@ from valve_twin.nodes.safety import node_name
 
 if TYPE_CHECKING:
     from rclpy.node import Node
+
+INPUT_CODES = ("input.missing", "input.type", "input.qos", "input.silent")
+"""Faults that `TopicInput.problem` tells of: at most one at a time."""
+
+OVERRUN_S = 0.5
+"""A message that waited this long to be taken, and before which some are missing, tells of an
+overrun of our own queue, not of a loss on the way [s]."""
 
 OnBlock = Callable[[SignalBlock, int], None]
 
@@ -91,11 +99,11 @@ class TopicInput:
         self._extractors = extractors
         self._raw = all(e.is_raw_readable for e in self._extractors)
         self._last_sequence = 0
-        self._only_publisher = True
+        self._matched = 0
         self._since = seconds_now()
         self._heard: float | None = None
         self._reliable = not self._is_best_effort_offered()
-        self.received = self.lost = self.broken = self.deadlines_missed = 0
+        self.received = self.lost = self.overrun = self.broken = self.deadlines_missed = 0
         self.refused_policy = ""
         self._subscription = self._subscribe()
 
@@ -103,39 +111,40 @@ class TopicInput:
         """Stop listening."""
         self._node.destroy_subscription(self._subscription)
 
-    def problem(self) -> str:
-        """Return in one line why this topic gives nothing, empty where it does."""
+    def problem(self) -> tuple[str, str]:
+        """Return fault code and one line why this topic gives nothing, both empty if it does."""
         publishers = self._node.get_publishers_info_by_topic(self.topic)
-        self._only_publisher = len(publishers) <= 1
         names = ", ".join(self.signals)
         key = f"signals.{self.signals[0]}"
         wrong = [p for p in publishers if p.topic_type != self.type]
         if wrong and len(wrong) == len(publishers):
-            return (
+            return "input.type", (
                 f"topic '{self.topic}' (signal {names}) carries {wrong[0].topic_type}, not "
                 f"{self.type}: "
                 f"set {key}.type to {wrong[0].topic_type} and {key}.field to its field"
             )
-        if not publishers:
-            return (
+        if not publishers and self._heard is None:
+            return "input.missing", (
                 f"topic '{self.topic}' (signal {names}) has no publisher: start it or correct "
                 f"{key}.topic; {suggest(self.topic, self._candidates())}"
             )
-        if self.refused_policy and self._heard is None:
-            return (
+        if self.refused_policy and publishers and not self._matched:
+            return "input.qos", (
                 f"topic '{self.topic}' (signal {names}): its publisher {node_name(publishers[0])} "
                 "offers an "
                 f"incompatible {self.refused_policy}: change that policy there, or set "
                 f"{self._remedy()}"
             )
-        silent = seconds_now() - (self._heard if self._heard is not None else self._since)
-        if silent > self._config.silence_s:
-            return (
-                f"topic '{self.topic}' (signal {names}) is silent for {silent:.0f} s: look at "
-                "its publisher "
-                f"{node_name(publishers[0])}"
+        if self.age_s > self._config.silence_s:
+            look = (
+                f"look at its publisher {node_name(publishers[0])}"
+                if publishers
+                else "it has no publisher any more: start it"
             )
-        return ""
+            return "input.silent", (
+                f"topic '{self.topic}' (signal {names}) is silent for {self.age_s:.0f} s: {look}"
+            )
+        return "", ""
 
     @property
     def age_s(self) -> float:
@@ -192,6 +201,7 @@ class TopicInput:
             event_callbacks=SubscriptionEventCallbacks(
                 incompatible_qos=self._on_incompatible,
                 deadline=self._on_deadline if config.deadline_s > 0.0 else None,
+                matched=self._on_matched,
             ),
             qos_overriding_options=self._overridable(),
             raw=self._raw,
@@ -208,7 +218,7 @@ class TopicInput:
     def _on_message(self, *arguments: Any) -> None:
         message, info = arguments if len(arguments) == 2 else arguments[0]
         received_ns = int(info["received_timestamp"])
-        self._count(int(info["publication_sequence_number"]))
+        self._count(int(info["publication_sequence_number"]), received_ns)
         now_ns = self._now_ns()
         if now_ns == 0:
             return  # simulated time has not begun
@@ -225,13 +235,21 @@ class TopicInput:
             if len(block.values):
                 self._on_block(block, received_ns)
 
-    def _count(self, sequence: int) -> None:
+    def _count(self, sequence: int, received_ns: int) -> None:
         """Count the gaps in the publisher's numbering; only of one publisher are they losses."""
         self._heard = seconds_now()
         self.received += 1
-        if self._only_publisher and 0 < self._last_sequence < sequence:
-            self.lost += sequence - self._last_sequence - 1
-        self._last_sequence = sequence
+        last, self._last_sequence = self._last_sequence, sequence
+        if 0 < last < sequence - 1 and self._matched <= 1:
+            missing = sequence - last - 1
+            self.lost += missing
+            if time.time_ns() - received_ns > OVERRUN_S * 1e9:
+                self.overrun += missing
+
+    def _on_matched(self, event: Any) -> None:
+        """Begin the numbering anew: another publisher counts for itself."""
+        self._matched = int(event.current_count)
+        self._last_sequence = 0
 
     def _on_incompatible(self, event: Any) -> None:
         policy = qos_policy_name_from_kind(event.last_policy_kind)

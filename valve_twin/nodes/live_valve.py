@@ -13,6 +13,7 @@ from valve_twin_msgs import msg
 
 from valve_twin.core.cycles import Announced
 from valve_twin.core.estimation.sequence import MEMORY_CYCLES, Memory, memory_from_history
+from valve_twin.core.gaps import GapCounter
 from valve_twin.core.twin import ClockJump, Estimated, Event, Job
 from valve_twin.core.types import Cycle, Estimate, Prediction
 from valve_twin.core.valves.registry import complete_options, get_model
@@ -96,6 +97,9 @@ class LiveValve:
         self.last_cycle = last
         self.estimated = self.predicted = self.refused = 0
         self.estimation_s = self.worst_latency_s = 0.0
+        self.gaps = GapCounter(config.period_s)
+        self.jumps = self.failed = 0
+        self.failure = ""
         self._open_publishers()
 
     # -- life
@@ -157,6 +161,8 @@ class LiveValve:
             elif isinstance(event, Estimated):
                 self.kept.add(event.cycle, event.estimates, wall_s)
             elif isinstance(event, ClockJump):
+                self.jumps += 1
+                self.gaps.restart()
                 number = event.dropped_cycle
                 dropped = f"cycle {number} is dropped" if number else "no cycle was running"
                 self._node.get_logger().warning(
@@ -179,6 +185,7 @@ class LiveValve:
 
     def _publish_prediction(self, prediction: Prediction) -> None:
         self.predicted += len(prediction.stamp_ns)
+        self.gaps.push(prediction.stamp_ns)
         if self._batched:
             for series in convert.prediction_series(prediction, self.config.period_s):
                 self._prediction.publish(series)
@@ -215,14 +222,24 @@ class LiveValve:
         self._job = None
         estimates: tuple[Estimate, ...] = () if outcome.error else outcome.result
         if outcome.error:
-            self._node.get_logger().error(
-                f"{self.name}: cycle {job.cycle.number} is not estimated: {outcome.error}"
-            )
+            self.failed += 1
+            self.failure = f"cycle {job.cycle.number} is not estimated: {outcome.error}"
+            self._node.get_logger().error(f"{self.name}: {self.failure}")
         memory = job.memory.after(estimates) if estimates else job.memory
         self.estimated += 1
-        self.refused += not any(e.used_by_trend for e in estimates)
+        self._judge(job.cycle.number, estimates)
         self.estimation_s = outcome.wall_s
         self.handle(self.twin.deliver(estimates, memory), outcome.wall_s)
+
+    def _judge(self, number: int, estimates: tuple[Estimate, ...]) -> None:
+        """Count a cycle that gave nothing for the trend; several in a row are a fault."""
+        faults, code = self._node.faults, "estimation.refused"
+        if any(e.used_by_trend for e in estimates):
+            faults.passed(code, valve=self.name)
+            return
+        self.refused += 1
+        reason = next((e.reason for e in estimates), self.failure)
+        faults.report(code, f"cycle {number} gives no estimate: {reason}", valve=self.name)
 
     # -- history
 

@@ -11,12 +11,13 @@ from rclpy.clock import JumpThreshold, TimeJump
 from rclpy.duration import Duration
 
 from valve_twin.io.history import History
-from valve_twin.nodes.diagnostics import ERROR, STALE, WARN, Diagnostics, Report
+from valve_twin.nodes.diagnostics import STALE, Diagnostics, Report
 from valve_twin.nodes.estimation_job import warm_up
 from valve_twin.nodes.inputs import InputConfig, by_topic, seconds_now
 from valve_twin.nodes.keeper import Keeper
 from valve_twin.nodes.live_valve import LiveValve
 from valve_twin.nodes.runtime import SPIN_S, ValveNode
+from valve_twin.nodes.twin_faults import TwinFaults
 from valve_twin.nodes.twin_services import TwinServices
 from valve_twin.nodes.valve_parameters import read_valves
 from valve_twin.nodes.worker import WorkerProcess
@@ -41,7 +42,8 @@ class TwinNode(ValveNode):
         self._worker: WorkerProcess | None = None
         self._diagnostics: Diagnostics | None = None
         self._jump: Any = None
-        self._problems: dict[str, str] = {}
+        self._faults: dict[str, TwinFaults] = {}
+        self._restarts = 0
 
     def configure(self) -> None:
         """Open the histories and make the twins with what they had learnt."""
@@ -68,6 +70,7 @@ class TwinNode(ValveNode):
             )
             self._valves.append(valve)
             self._valve_services.append(TwinServices(self, valve))
+            self._faults[valve.name] = TwinFaults(self.faults, valve)
             self.get_logger().info(
                 f"{valve.name}: {config.model}, cycles go on from {valve.last_cycle}, "
                 f"history {valve.history.where}"
@@ -117,6 +120,7 @@ class TwinNode(ValveNode):
             self._diagnostics.destroy()
         self._valves, self._valve_services, self._keepers = [], [], {}
         self._worker = self._diagnostics = None
+        self._faults = {}
 
     def work(self) -> None:
         """Work on what the inputs gathered."""
@@ -133,28 +137,29 @@ class TwinNode(ValveNode):
                 valve.clock_jumped()
 
     def _reports(self) -> Iterable[Report]:
+        self._look_at_node()
         for valve in self._valves:
             yield self._report(valve)
 
-    def _report(self, valve: LiveValve) -> Report:
-        report = Report(f"valve {valve.name}", valve.name, self._figures(valve))
-        for topic in valve.inputs:
-            problem = topic.problem()
-            if problem:
-                report.raise_to(STALE if topic.received else WARN, problem)
-            self._log_change(f"{valve.name} {topic.topic}", problem)
-            if topic.deadlines_missed:
-                report.raise_to(
-                    WARN,
-                    f"topic '{topic.topic}' missed its deadline {topic.deadlines_missed} times",
-                )
-        lost = sum(t.lost for t in valve.inputs)
-        if lost:
-            report.raise_to(WARN, f"{lost} messages were lost on the way")
-        if valve.store_error:
-            report.raise_to(
-                ERROR, f"{valve.unsaved} cycles wait for the database: {valve.store_error}"
+    def _look_at_node(self) -> None:
+        """File what concerns all valves."""
+        simulated = self.get_parameter("use_sim_time").value
+        waiting = simulated and not self.get_clock().now().nanoseconds
+        self.faults.look(
+            "clock.waiting", "use_sim_time is set and no /clock has come yet" if waiting else ""
+        )
+        restarts = max(self._worker.restarts, 0) if self._worker is not None else 0
+        if restarts > self._restarts:
+            self.faults.report(
+                "estimation.worker_died",
+                f"the estimating process was started again, {restarts} times in all",
+                events=restarts - self._restarts,
             )
+        self._restarts = restarts
+
+    def _report(self, valve: LiveValve) -> Report:
+        self._faults[valve.name].look()
+        report = Report(f"valve {valve.name}", valve.name, self._figures(valve))
         if self.state != "active":
             report.raise_to(STALE, f"the node is {self.state}")
         return report
@@ -184,11 +189,3 @@ class TwinNode(ValveNode):
         for name, count in counts.items():
             figures[f"{name} late/duplicate/bad"] = f"{count.late}/{count.duplicate}/{count.bad}"
         return figures
-
-    def _log_change(self, key: str, problem: str) -> None:
-        """Log a problem when it comes, not while it stays."""
-        kind = problem.split(" for ", maxsplit=1)[0]
-        if kind != self._problems.get(key, ""):
-            self._problems[key] = kind
-            if problem:
-                self.get_logger().warning(problem)
