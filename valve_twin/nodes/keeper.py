@@ -138,8 +138,7 @@ class Keeper:
         self._waiting.append(kept)
         if self.error:
             self._tell(kept)
-        while len(self._waiting) > self._limit:
-            self._drop(self._waiting.popleft())
+        self._bound()
         self._next()
 
     def close(self, timeout_s: float) -> int:
@@ -205,6 +204,7 @@ class Keeper:
         taken: _Taken | None = outcome.result
         if outcome.error:
             self._waiting.appendleft(kept)
+            self._bound()
             self._refuse(outcome.error)
             return
         kept.valve.waiting -= 1
@@ -243,6 +243,11 @@ class Keeper:
         self._node.get_logger().error(
             f"{kept.valve.name}: cycle {kept.record.cycle} is not stored: {taken.error}"
         )
+
+    def _bound(self) -> None:
+        """Let go of the oldest cycles beyond the limit."""
+        while len(self._waiting) > self._limit:
+            self._drop(self._waiting.popleft())
 
     def _drop(self, kept: Kept) -> None:
         kept.valve.waiting -= 1
