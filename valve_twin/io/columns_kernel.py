@@ -211,105 +211,6 @@ def _lay_out(
     return True
 
 
-@njit
-def _is_alike(data: ByteArray, body: int, size: int, memory: IntArray, k: int) -> bool:
-    """Return whether a message is laid out as the one before it."""
-    if memory[k, LENGTH] != size:
-        return False
-    for w in range(memory[k, WORDS]):
-        place = body + memory[k, FIRST_WORD + 2 * w]
-        value = memory[k, FIRST_WORD + 2 * w + 1]
-        if value == _TERMINATOR:
-            if data[place] != 0:
-                return False
-        elif np.int64(_u32(data, place)) != value:
-            return False
-    return True
-
-
-@njit
-def _put_batch(
-    data: ByteArray,
-    body: int,
-    begin_ns: int,
-    log_ns: int,
-    is_stamped: int,
-    plan: IntArray,
-    memory: IntArray,
-    k: int,
-    n: int,
-    times: IntArray,
-    values: FloatArray,
-    stamped: ByteArray,
-) -> int:
-    """Write the samples of a batch from `n` on; return where they end, -1 where they are odd."""
-    row, kind, size = plan[k, ROW], plan[k, NUMBER], plan[k, SIZE]
-    count = memory[k, COUNT]
-    period_ns = 0.0
-    if count > 1:
-        period = _f64(data, body + memory[k, PERIOD_AT])
-        if not (period > 0.0 and np.isfinite(period)):
-            return n
-        period_ns = period * 1e9
-        if not (count * period_ns < _LONGEST_NS):
-            return _ABSENT
-    at = body + memory[k, VALUE_AT]
-    for i in range(count):
-        times[2 * row, n + i] = log_ns
-        times[2 * row + 1, n + i] = begin_ns + np.int64(np.rint(i * period_ns))
-        values[row, n + i] = _number(data, at + i * size, kind)
-        stamped[row, n + i] = is_stamped
-    return n + count
-
-
-@njit
-def _put(
-    data: ByteArray,
-    at: int,
-    size: int,
-    plan: IntArray,
-    memory: IntArray,
-    k: int,
-    counts: IntArray,
-    times: IntArray,
-    values: FloatArray,
-    stamped: ByteArray,
-) -> bool:
-    """Write the samples of the message whose record begins at `at`; False where it is odd."""
-    body = at + _RECORD_HEAD + _MESSAGE_HEAD + _ENCAPSULATION
-    log_ns = _i64(data, at + _LOG_AT)
-    if size < 0 or log_ns < 0 or data[body - 4] != 0 or data[body - 3] != 1:
-        return False
-    if not _is_alike(data, body, size, memory, k) and not _lay_out(
-        data, body, size, plan, memory, k
-    ):
-        return False
-    stamp_ns = np.int64(0)
-    if memory[k, STAMP_AT] >= 0:
-        place = body + memory[k, STAMP_AT]
-        stamp_ns = np.int64(_i32(data, place)) * _SECOND_NS + np.int64(_u32(data, place + 4))
-    is_stamped = 1 if stamp_ns != 0 else 0
-    begin_ns = stamp_ns if is_stamped else log_ns
-    row = plan[k, ROW]
-    n = counts[row, SAMPLES]
-    if plan[k, BATCHED]:
-        end = _put_batch(
-            data, body, begin_ns, log_ns, is_stamped, plan, memory, k, n, times, values, stamped
-        )
-        if end < 0:
-            return False
-        counts[row, SAMPLES] = end
-    else:
-        times[2 * row, n] = log_ns
-        times[2 * row + 1, n] = begin_ns
-        place = memory[k, VALUE_AT]
-        values[row, n] = _number(data, body + place, plan[k, NUMBER]) if place >= 0 else np.nan
-        stamped[row, n] = is_stamped
-        counts[row, SAMPLES] = n + 1
-    counts[row, MESSAGES] += 1
-    return True
-
-
 @njit(
     types.int64(
         _BYTES,
@@ -325,7 +226,7 @@ def _put(
     ),
     cache=True,
 )
-def take(
+def take(  # noqa: PLR0912, PLR0915  to hand arrays on to a call costs more than a message
     data: ByteArray,
     at: int,
     end: int,
@@ -368,20 +269,71 @@ def take(
         length = _i64(data, at + 1)
         if length < 0 or length > end - at - _RECORD_HEAD:
             break
-        if data[at] == _MESSAGE:
-            if length < _MESSAGE_HEAD:
-                counts[:, ODD] = 1
-                return len(counts)
-            channel = np.int64(_u16(data, at + _CHANNEL_AT))
-            k = first_of[channel] if channel < len(first_of) else -1
-            while k >= 0:
-                row = plan[k, ROW]
-                size = length - _MESSAGE_HEAD - _ENCAPSULATION
-                if not counts[row, ODD] and not _put(
-                    data, at, size, plan, memory, k, counts, times, values, stamped
-                ):
-                    counts[row, ODD] = 1
-                    odd += 1
+        following = at + _RECORD_HEAD + length
+        if data[at] != _MESSAGE:
+            at = following
+            continue
+        if length < _MESSAGE_HEAD:
+            counts[:, ODD] = 1
+            return len(counts)
+        channel = np.int64(_u16(data, at + _CHANNEL_AT))
+        k = first_of[channel] if channel < len(first_of) else -1
+        while k >= 0:
+            row = plan[k, ROW]
+            if counts[row, ODD] != 0:
                 k = plan[k, NEXT]
-        at += _RECORD_HEAD + length
+                continue
+            log_ns = _i64(data, at + _LOG_AT)
+            body = at + _RECORD_HEAD + _MESSAGE_HEAD + _ENCAPSULATION
+            size = following - body
+            fits = size >= 0 and log_ns >= 0 and data[body - 4] == 0 and data[body - 3] == 1
+            if fits:
+                alike = memory[k, LENGTH] == size
+                if alike:
+                    for w in range(memory[k, WORDS]):
+                        place = body + memory[k, FIRST_WORD + 2 * w]
+                        value = memory[k, FIRST_WORD + 2 * w + 1]
+                        if value == _TERMINATOR:
+                            alike = alike and data[place] == 0
+                        else:
+                            alike = alike and np.int64(_u32(data, place)) == value
+                fits = alike or _lay_out(data, body, size, plan, memory, k)
+            begin_ns, is_stamped = log_ns, 0
+            if fits and memory[k, STAMP_AT] >= 0:
+                place = body + memory[k, STAMP_AT]
+                stamp_ns = np.int64(_i32(data, place)) * _SECOND_NS + np.int64(
+                    _u32(data, place + 4)
+                )
+                if stamp_ns != 0:
+                    begin_ns, is_stamped = stamp_ns, 1
+            count, period_ns = memory[k, COUNT], 0.0
+            if fits and plan[k, BATCHED] and count > 1:
+                period = _f64(data, body + memory[k, PERIOD_AT])
+                period_ns = period * 1e9
+                if not (period > 0.0 and np.isfinite(period)):
+                    count = 0
+                elif not count * period_ns < _LONGEST_NS:
+                    fits = False
+            if not fits:
+                counts[row, ODD] = 1
+                odd += 1
+                k = plan[k, NEXT]
+                continue
+            n, kind, width = counts[row, SAMPLES], plan[k, NUMBER], plan[k, SIZE]
+            place = body + memory[k, VALUE_AT]
+            is_there = memory[k, VALUE_AT] >= 0
+            for i in range(count):
+                times[2 * row, n + i] = log_ns
+                times[2 * row + 1, n + i] = begin_ns + np.int64(np.rint(i * period_ns))
+                stamped[row, n + i] = is_stamped
+                if not is_there:
+                    values[row, n + i] = np.nan
+                elif kind == _FLOAT64:
+                    values[row, n + i] = _f64(data, place + i * width)
+                else:
+                    values[row, n + i] = _number(data, place + i * width, kind)
+            counts[row, SAMPLES] = n + count
+            counts[row, MESSAGES] += 1
+            k = plan[k, NEXT]
+        at = following
     return odd
