@@ -91,6 +91,12 @@ class BagWriter:
         When a new file begins and how many are kept.
     chunk_size : int
         Bytes in a chunk before compression.
+    at_once : bool
+        Make the first file now, not with the first message.
+    noted : callable, optional
+        Gives values for the metadata when a file is finished, such as losses so far.
+    on_split : callable, optional
+        Gets the names of the file that was finished and of the next.
 
     Raises
     ------
@@ -107,11 +113,15 @@ class BagWriter:
         sync: Callable[[int], object] = os.fsync,
         split: SplitRule | None = None,
         chunk_size: int = CHUNK_SIZE,
+        at_once: bool = True,
+        noted: Callable[[], Mapping[str, object]] | None = None,
+        on_split: Callable[[str, str], object] | None = None,
     ) -> None:
         self.path = Path(path)
         self._flush_s, self._clock, self._sync = flush_s, clock, sync
         self._rule = split or SplitRule()
         self._chunk_size = chunk_size
+        self._lazy, self._noted, self._on_split = not at_once, noted, on_split
         self._span_ns = int(self._rule.duration_s * 1e9)
         self._topics: dict[str, _Topic] = {}
         self._custom: dict[str, str] = {}
@@ -127,7 +137,8 @@ class BagWriter:
             raise BagError(msg) from None
         except OSError as err:
             raise self._unwritable(err) from err
-        self.open_next()
+        if at_once:
+            self.open_next()
 
     # -- topics
 
@@ -298,9 +309,8 @@ class BagWriter:
         BagError
             If it cannot be made.
         """
-        path = self.path / f"{self.path.name}_{self._next}.mcap"
         try:
-            file = BagFile(path, sync=self._sync, chunk_size=self._chunk_size)
+            file = BagFile(self._path(self._next), sync=self._sync, chunk_size=self._chunk_size)
             sync_folder(self.path, os.fsync)
         except OSError as err:
             raise self._unwritable(err) from err
@@ -309,8 +319,7 @@ class BagWriter:
             self._declare(topic, file)
         self._file, self._flushed_s = file, self._clock()
         self._retry_unfinished()
-        while 0 < self._rule.keep <= len(self._done) and self.drop_oldest():
-            pass
+        self._keep(self._rule.keep - 1)
         if self._done:
             self._save_metadata()
         return file
@@ -338,24 +347,49 @@ class BagWriter:
         except OSError as err:
             raise self._failed(file, err) from err
         self._file = None
-        return file.path.name, self.open_next().path.name
+        closed, opened = file.path.name, self._path(self._next).name
+        if self._lazy:
+            self._keep(self._rule.keep)
+            self._save_metadata()
+        else:
+            self.open_next()
+        if self._on_split is not None:
+            self._on_split(closed, opened)
+        return closed, opened
 
     def suspend(self) -> None:
         """Close the running file as well as the disk allows; `write` or `open_next` goes on.
 
-        A file for whose summary there is no space is finished when there is.
+        A file for whose summary there is no space is finished when there is; one without a message
+        is removed.
         """
         file, self._file = self._file, None
         if file is None:
             return
         try:
-            self._finish(file)
+            if file.message_count == 0:
+                self._remove(file)
+            else:
+                self._finish(file)
         except OSError:
             self._lose(file)
             self._unfinished.append(file)
             self._done.append(_Closed(file.path, file.entry(), file.counts(), file.size))
         with suppress(OSError):
             self._write_metadata()
+
+    @staticmethod
+    def _remove(file: BagFile) -> None:
+        file.abandon()
+        file.path.unlink(missing_ok=True)
+
+    def _path(self, number: int) -> Path:
+        return self.path / f"{self.path.name}_{number}.mcap"
+
+    def _keep(self, files: int) -> None:
+        """Delete the oldest closed files but so many."""
+        while self._rule.keep > 0 and len(self._done) > files and self.drop_oldest():
+            pass
 
     def drop_oldest(self) -> int:
         """Delete the oldest file that is closed; return its size, 0 where there is none [B]."""
@@ -371,6 +405,8 @@ class BagWriter:
 
     def _finish(self, file: BagFile, notes: Mapping[str, Mapping[str, str]] | None = None) -> None:
         """Finish a file and list it; the metadata in it are its own."""
+        if self._noted is not None:
+            self.note(self._noted())
         entry, counts = self._closing_entry(file), file.counts()
         text = metadata_text(metadata_map([entry], self._topic_entries([counts]), self._custom))
         records: dict[str, Mapping[str, str]] = {"rosbag2": {"serialized_metadata": text}}
@@ -405,14 +441,18 @@ class BagWriter:
         if self._ended:
             return
         self._ended = True
+        if self._file is None and not self._done:
+            with suppress(BagError):
+                self.open_next()
         file, self._file = self._file, None
         try:
             if file is not None and file.message_count == 0 and self._done:
-                file.abandon()
-                file.path.unlink(missing_ok=True)
+                self._remove(file)
             elif file is not None:
                 self._finish(file)
             self._retry_unfinished()
+            if self._noted is not None:
+                self.note(self._noted())
             self._write_metadata()
         except OSError as err:
             if file is not None:
