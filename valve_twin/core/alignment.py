@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numba import njit
 
 from valve_twin.core.types import BoolArray, FloatArray, Frames, IntArray
 
@@ -54,7 +55,6 @@ class _Track:
     stamps: deque[IntArray] = field(default_factory=deque)
     values: deque[FloatArray] = field(default_factory=deque)
     last_ns: int | None = None
-    held_ns: int | None = None
     held_value: float = np.nan
     older: list[int] = field(default_factory=list)
     counts: SignalCounts = field(default_factory=SignalCounts)
@@ -164,7 +164,7 @@ class Aligner:
             track.stamps.clear()
             track.values.clear()
             track.older.clear()
-            track.last_ns = track.held_ns = None
+            track.last_ns = None
             track.held_value = np.nan
         self._released_ns = None
 
@@ -226,32 +226,78 @@ class Aligner:
         if watermark is None or not position.stamps or position.stamps[0][0] > watermark:
             return None
         stamps, values = _take(position, watermark)
-        if len(stamps) == 0:
+        count = len(stamps)
+        if count == 0:
             return None
         self._released_ns = int(stamps[-1])
-        held = np.empty((len(stamps), len(self._tracks) - 1))
-        valid = _believed(position, values)
-        for i, track in enumerate(self._tracks[1:]):
-            held[:, i] = _hold(track, stamps)
-            if i < self._n_inputs:
-                valid &= _believed(track, held[:, i])
-        nothing = np.full(len(stamps), np.nan)
+        position_values = np.empty(count)
+        valid = np.empty(count, dtype=np.bool_)
+        limits = position.signal
+        position.counts.bad += _believe(values, limits.lower, limits.upper, position_values, valid)
+        inputs = np.empty((count, self._n_inputs))
+        for i, track in enumerate(self._tracks[1 : self._n_inputs + 1]):
+            _hold(track, stamps, inputs, i, valid, judge=True)
         return Frames(
             stamp_ns=stamps,
-            position=np.where(np.isfinite(values), values, np.nan),
-            inputs=np.ascontiguousarray(held[:, : self._n_inputs]),
-            counter=held[:, self._counter - 1].copy() if self._counter >= 0 else nothing,
-            reference=held[:, self._reference - 1].copy() if self._reference >= 0 else nothing,
+            position=position_values,
+            inputs=inputs,
+            counter=self._optional(self._counter, stamps, valid),
+            reference=self._optional(self._reference, stamps, valid),
             valid=valid,
         )
 
+    def _optional(self, index: int, stamps: IntArray, valid: BoolArray) -> FloatArray:
+        """Return the column of a signal that may be missing: NaN then."""
+        if index < 0:
+            return np.full(len(stamps), np.nan)
+        column = np.empty((len(stamps), 1))
+        _hold(self._tracks[index], stamps, column, 0, valid, judge=False)
+        return column[:, 0]
 
-def _believed(track: _Track, values: FloatArray) -> BoolArray:
-    good: BoolArray = (
-        (values >= track.signal.lower) & (values <= track.signal.upper) & np.isfinite(values)
-    )
-    track.counts.bad += int(np.count_nonzero(~good))
-    return good
+
+@njit(cache=True)
+def _believe(
+    values: FloatArray, lower: float, upper: float, position: FloatArray, valid: BoolArray
+) -> int:
+    """Keep finite values, mark those in range as valid; return how many are not."""
+    bad = 0
+    for n in range(len(values)):
+        value = values[n]
+        finite = np.isfinite(value)
+        position[n] = value if finite else np.nan
+        valid[n] = finite and lower <= value <= upper
+        bad += not valid[n]
+    return bad
+
+
+@njit(cache=True)
+def _hold_into(
+    at_ns: IntArray,
+    stamps: IntArray,
+    values: FloatArray,
+    before: float,
+    column: int,
+    held: FloatArray,
+) -> None:
+    """Write the last value at or before each stamp; `before` is the one before all of them."""
+    k, value = 0, before
+    for n in range(len(at_ns)):
+        while k < len(stamps) and stamps[k] <= at_ns[n]:
+            value = values[k]
+            k += 1
+        held[n, column] = value
+
+
+@njit(cache=True)
+def _judge(held: FloatArray, column: int, lower: float, upper: float, valid: BoolArray) -> int:
+    """Mark frames whose held value is not believed; return how many are not."""
+    bad = 0
+    for n in range(len(valid)):
+        value = held[n, column]
+        if not (np.isfinite(value) and lower <= value <= upper):
+            valid[n] = False
+            bad += 1
+    return bad
 
 
 def _take(track: _Track, watermark: int) -> tuple[IntArray, FloatArray]:
@@ -277,17 +323,26 @@ def _take(track: _Track, watermark: int) -> tuple[IntArray, FloatArray]:
     return np.concatenate(stamps), np.concatenate(values)
 
 
-def _hold(track: _Track, at_ns: IntArray) -> FloatArray:
-    """Return the last value at or before each stamp, NaN before the first; forget the older."""
-    known = [np.array([track.held_ns], dtype=np.int64)] if track.held_ns is not None else []
-    data = [np.array([track.held_value])] if track.held_ns is not None else []
+_NO_STAMPS = np.empty(0, dtype=np.int64)
+_NO_VALUES = np.empty(0)
+
+
+def _hold(
+    track: _Track,
+    at_ns: IntArray,
+    held: FloatArray,
+    column: int,
+    valid: BoolArray,
+    *,
+    judge: bool,
+) -> None:
+    """Write the last value at or before each stamp, NaN before the first; forget the older."""
+    stamps, values = _NO_STAMPS, _NO_VALUES
     if track.stamps and track.stamps[0][0] <= at_ns[-1]:
-        taken_stamps, taken_values = _take(track, int(at_ns[-1]))
-        known.append(taken_stamps)
-        data.append(taken_values)
-    if not known:
-        return np.full(len(at_ns), np.nan)
-    stamps, values = np.concatenate(known), np.concatenate(data)
-    index = np.searchsorted(stamps, at_ns, side="right") - 1
-    track.held_ns, track.held_value = int(stamps[-1]), float(values[-1])
-    return np.where(index >= 0, values[np.maximum(index, 0)], np.nan)
+        stamps, values = _take(track, int(at_ns[-1]))
+    _hold_into(at_ns, stamps, values, track.held_value, column, held)
+    if len(stamps):
+        track.held_value = float(values[-1])
+    if judge:
+        limits = track.signal
+        track.counts.bad += _judge(held, column, limits.lower, limits.upper, valid)

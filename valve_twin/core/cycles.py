@@ -329,6 +329,8 @@ class Segmenter:
                 before = [Part(frames[:stored], self._ordinal, 0, opens=False)]
                 return [*before, *(self.push(frames[stored:]) if stored < len(frames) else [])]
         marks = self._mark(frames)
+        if not marks.any():
+            return [self._extend(frames, opens=False)]
         out: list[Part | Cycle] = []
         begin = 0
         for at in np.flatnonzero(marks):

@@ -8,15 +8,17 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numba import njit
 
-from valve_twin.core.gaps import find_gaps
+from valve_twin.core.gaps import GAP_PERIODS
 from valve_twin.core.types import Validity
 
 if TYPE_CHECKING:
-    from valve_twin.core.types import ByteArray, FloatArray, Frames
+    from valve_twin.core.types import BoolArray, ByteArray, FloatArray, Frames, IntArray
     from valve_twin.core.valves.interface import ValveModel
 
 _NEW_CYCLE, _GAP, _NOT_VALID = 1, 2, 3  # the codes of `ValveModel.predict`
+_NO_MODEL = int(Validity.NO_MODEL)
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,15 +51,54 @@ def restart_marks(
     (N,) uint8 array
         Codes of `ValveModel.predict`.
     """
-    restart = np.zeros(len(frames), dtype=np.uint8)
-    restart[0] = _NEW_CYCLE if opens else 0
-    before = frames.stamp_ns[0] - 1 if before_ns is None else before_ns
-    gaps = find_gaps(np.concatenate(([before], frames.stamp_ns)), period_s)
-    restart[gaps[1:]] = _GAP
-    if before_ns is None:
-        restart[0] = _GAP
-    restart[~frames.valid] = _NOT_VALID
+    restart = np.empty(len(frames), dtype=np.uint8)
+    first = _GAP if before_ns is None else _NEW_CYCLE if opens else 0
+    before = int(frames.stamp_ns[0]) - 1 if before_ns is None else before_ns
+    gap_ns = GAP_PERIODS * period_s * 1e9
+    _mark_restarts(frames.stamp_ns, frames.valid, before, gap_ns, first, restart)
     return restart
+
+
+@njit(cache=True)
+def _mark_restarts(
+    stamp_ns: IntArray,
+    valid: BoolArray,
+    before_ns: int,
+    gap_ns: float,
+    first: int,
+    restart: ByteArray,
+) -> None:
+    last = before_ns
+    for n in range(len(stamp_ns)):
+        step = stamp_ns[n] - last
+        last = stamp_ns[n]
+        code = first if n == 0 else 0
+        if step > gap_ns or step <= 0:
+            code = _GAP
+        restart[n] = code if valid[n] else _NOT_VALID
+
+
+@njit(cache=True)
+def _finite(inputs: FloatArray, out: FloatArray) -> None:
+    for n in range(inputs.shape[0]):
+        for j in range(inputs.shape[1]):
+            value = inputs[n, j]
+            out[n, j] = value if np.isfinite(value) else 0.0
+
+
+@njit(cache=True)
+def _subtract(
+    valid: BoolArray, position: FloatArray, predicted: FloatArray, out: FloatArray
+) -> None:
+    for n in range(len(position)):
+        out[n] = position[n] - predicted[n] if valid[n] else np.nan
+
+
+def residuals(frames: Frames, run: ModelRun) -> FloatArray:
+    """Return measured - predicted, (N,), NaN where a sample is not valid [1]."""
+    out = np.empty(len(frames))
+    _subtract(frames.valid, frames.position, run.predicted, out)
+    return out
 
 
 def run_model(
@@ -86,14 +127,16 @@ def run_model(
     run = ModelRun(
         predicted=np.full(n, np.nan),
         simulated=np.full(n, np.nan),
-        validity=np.full(n, int(Validity.NO_MODEL), dtype=np.uint8),
+        validity=np.full(n, _NO_MODEL, dtype=np.uint8),
     )
     if coefficients is not None:
+        inputs = np.empty_like(frames.inputs)
+        _finite(frames.inputs, inputs)
         model.predict(
             state,
             coefficients,
             np.ascontiguousarray(frames.position),
-            np.nan_to_num(frames.inputs, nan=0.0, posinf=0.0, neginf=0.0),
+            inputs,
             restart,
             run.predicted,
             run.simulated,

@@ -20,7 +20,7 @@ import numpy as np
 from valve_twin.core.alignment import Aligner, SignalCounts, SignalRange
 from valve_twin.core.cycles import Closing, CycleConfig, Part, Resume, Segmenter
 from valve_twin.core.estimation.sequence import InForce, Memory, model_in_force
-from valve_twin.core.prediction import restart_marks, run_model
+from valve_twin.core.prediction import residuals, restart_marks, run_model
 from valve_twin.core.types import Cycle, Estimate, FloatArray, Frames, IntArray, Prediction
 
 if TYPE_CHECKING:
@@ -328,7 +328,7 @@ class Twin:
             measured=frames.position,
             predicted=run.predicted,
             simulated=run.simulated,
-            residual=np.where(frames.valid, frames.position - run.predicted, np.nan),
+            residual=residuals(frames, run),
             residual_sigma=force.residual_sigma if force is not None else np.nan,
             validity=run.validity,
         )
