@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import struct
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from rosbags.interfaces import Nodetype
@@ -15,7 +16,10 @@ from valve_twin.io.errors import BagError
 from valve_twin.io.mapping import FieldType, Message, full_type_name
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
+
+    from rosbags.interfaces.typing import Typesdict
+    from rosbags.typesys.store import Typestore
 
     from valve_twin.io.mcap_format import Schema
 
@@ -28,6 +32,11 @@ _UNDECODABLE = (
     TypeError,
     struct.error,
 )
+
+_READERS: Mapping[str, Callable[[str, str], Typesdict]] = {
+    "ros2msg": get_types_from_msg,
+    "ros2idl": lambda text, _: get_types_from_idl(text),
+}
 
 
 class BagTypes:
@@ -52,13 +61,7 @@ class BagTypes:
             self.name = full_type_name(schema.name)
         except ValueError:
             self.name = schema.name
-        text = schema.data.decode(errors="replace")
-        self._store = get_typestore(Stores.EMPTY)
-        readers = {
-            "ros2msg": lambda: get_types_from_msg(text, self.name),
-            "ros2idl": lambda: get_types_from_idl(text),
-        }
-        if schema.encoding not in readers:
+        if schema.encoding not in _READERS:
             msg = (
                 f"{where}: the definition of {schema.name} is of kind "
                 f"'{schema.encoding}', not ros2msg or ros2idl; "
@@ -66,8 +69,7 @@ class BagTypes:
             )
             raise BagError(msg)
         try:
-            self._store.register(readers[schema.encoding]())
-            self._store.fielddefs[self.name]
+            self._store = _parsed(self.name, schema.encoding, schema.data)
         except Exception as err:  # the parser of rosbags raises what its grammar meets
             msg = (
                 f"{where}: the bag holds no readable definition of {schema.name}; record the "
@@ -95,6 +97,15 @@ class BagTypes:
                 "rewrite the bag without it"
             )
             raise BagError(msg) from err
+
+
+@lru_cache(maxsize=64)
+def _parsed(name: str, encoding: str, data: bytes) -> Typestore:
+    """Return the types of a definition; the parser takes longer than a thousand messages."""
+    store = get_typestore(Stores.EMPTY)
+    store.register(_READERS[encoding](data.decode(errors="replace"), name))
+    store.fielddefs[name]
+    return store
 
 
 def _field(node: Message) -> FieldType:

@@ -13,7 +13,7 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from valve_twin.core.types import BoolArray, FloatArray, IntArray
+    from valve_twin.core.types import BoolArray, ByteArray, FloatArray, IntArray
     from valve_twin.io.layout import Layout
     from valve_twin.io.mapping import SignalSource
 
@@ -69,7 +69,7 @@ class ColumnStore:
         rows = len(self._sources)
         self.times: IntArray = np.empty((2 * rows, capacity), dtype=np.int64)
         self.values: FloatArray = np.empty((rows, capacity))
-        self.stamped = np.empty((rows, capacity), dtype=np.uint8)
+        self.stamped: ByteArray = np.empty((rows, capacity), dtype=np.uint8)
 
     def reserve(self, extra: int) -> None:
         """Make room for more samples of every signal."""
@@ -77,10 +77,11 @@ class ColumnStore:
         needed = used + extra
         if needed <= self.values.shape[1]:
             return
-        before = self.times, self.values, self.stamped
+        times, values, stamped = self.times, self.values, self.stamped
         self._make(max(needed, self._capacity, _LEAST_CAPACITY, 2 * used))
-        for new, old in zip((self.times, self.values, self.stamped), before, strict=True):
-            new[:, :used] = old[:, :used]
+        self.times[:, :used] = times[:, :used]
+        self.values[:, :used] = values[:, :used]
+        self.stamped[:, :used] = stamped[:, :used]
 
     def append(
         self, row: int, log_ns: int, stamp_ns: IntArray, values: FloatArray, *, stamped: bool

@@ -11,11 +11,12 @@ chunk to the general decoder.
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import njit
 from numba.extending import intrinsic
 
 from valve_twin.io.layout import Number, Walk
@@ -36,6 +37,8 @@ LENGTH, STAMP_AT, VALUE_AT, PERIOD_AT, COUNT, WORDS, FIRST_WORD = 0, 1, 2, 3, 4,
 MEMORY_SIZE = FIRST_WORD + 2 * MAX_WORDS
 # columns of `counts`, one row a signal
 SAMPLES, MESSAGES, ODD = 0, 1, 2
+
+types: Any = import_module("numba.types")  # untyped: its names are made on import
 
 _UNKNOWN = -1
 _ABSENT = -1
@@ -70,8 +73,8 @@ def _loader(kind: Any, word: Any) -> Callable[[ByteArray, int], Any]:  # noqa: A
 
         return kind(data, types.int64), build
 
-    found: Callable[[ByteArray, int], Any] = intrinsic(load)
-    return found
+    found: Any = intrinsic(load)
+    return found  # type: ignore[no-any-return]
 
 
 _f64, _f32 = _loader(types.float64, ir.DoubleType()), _loader(types.float32, ir.FloatType())
@@ -129,7 +132,7 @@ def _string(data: ByteArray, body: int, at: int, size: int, memory: IntArray, k:
     at = (at + 3) & -4
     if at + 4 > size:
         return _ABSENT
-    length = np.int64(_u32(data, body + at))
+    length = int(_u32(data, body + at))
     end = at + 4 + length
     if length < 1 or end > size or data[body + end - 1] != 0:
         return _ABSENT
@@ -155,7 +158,7 @@ def _counted(
     at = (at + 3) & -4
     if at + 4 > size:
         return _ABSENT
-    count = np.int64(_u32(data, body + at))
+    count = int(_u32(data, body + at))
     if count > size:
         return _ABSENT
     _keep(memory, k, at, count)
@@ -173,7 +176,8 @@ def _counted(
         memory[k, COUNT] = count
     elif step == _ITEM and index < count:
         memory[k, VALUE_AT] = at + index * width
-    return at + count * width
+    end: int = at + count * width
+    return end
 
 
 @njit

@@ -17,6 +17,8 @@ MESSAGE_HEAD = struct.Struct("<BQHIQQ")
 """Opcode, length of what follows, channel, sequence, log time, publish time; then the data."""
 
 RECORD_HEAD = struct.Struct("<BQ")
+_INDEX_HEAD, _INDEX_ENTRY = struct.Struct("<QQQQI"), struct.Struct("<HQ")
+_INDEX_MIDDLE, _INDEX_TAIL = struct.Struct("<QI"), struct.Struct("<QQ")
 FOOTER_SIZE = RECORD_HEAD.size + 20 + len(MAGIC)
 
 
@@ -186,12 +188,13 @@ def read_channel(data: bytes) -> Channel:
 
 def read_chunk_index(data: bytes) -> ChunkIndex:
     """Read the body of a chunk index record."""
-    cursor = Cursor(data)
-    start, end, offset, length = cursor.take("QQQQ")
-    offsets = cursor.int_map()
-    (index_length,) = cursor.take("Q")
-    compression = cursor.text()
-    compressed, size = cursor.take("QQ")
+    start, end, offset, length, size = _INDEX_HEAD.unpack_from(data)
+    at = _INDEX_HEAD.size + size
+    offsets = dict(_INDEX_ENTRY.iter_unpack(data[_INDEX_HEAD.size : at]))
+    index_length, named = _INDEX_MIDDLE.unpack_from(data, at)
+    at += _INDEX_MIDDLE.size + named
+    compressed, size = _INDEX_TAIL.unpack_from(data, at)
+    compression = data[at - named : at].decode(errors="replace")
     return ChunkIndex(
         start, end, offset, length, offsets, index_length, compression, compressed, size
     )

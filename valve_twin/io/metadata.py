@@ -16,23 +16,28 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 FILE_NAME = "metadata.yaml"
 VERSION = 9
 """What the ROS 2 Jazzy recorder writes."""
 
 _ROOT = "rosbag2_bagfile_information"
-_FOREVER = {"sec": 9223372036, "nsec": 854775807}
+FOREVER_NS = 2**63 - 1
+"""A duration that never ends [ns]."""
 
 
 @dataclass(frozen=True, slots=True)
 class QosProfile:
-    """What a publisher offers; the words are those of rosbag2."""
+    """What a publisher offers; the words are those of rosbag2, durations in ns."""
 
     reliability: str = "reliable"
     durability: str = "volatile"
     history: str = "keep_last"
     depth: int = 10
     liveliness: str = "automatic"
+    deadline_ns: int = FOREVER_NS
+    lifespan_ns: int = FOREVER_NS
+    lease_ns: int = FOREVER_NS
 
     def as_map(self) -> dict[str, object]:
         """Return it as it stands in the file."""
@@ -41,12 +46,17 @@ class QosProfile:
             "depth": self.depth,
             "reliability": self.reliability,
             "durability": self.durability,
-            "deadline": dict(_FOREVER),
-            "lifespan": dict(_FOREVER),
+            "deadline": _duration(self.deadline_ns),
+            "lifespan": _duration(self.lifespan_ns),
             "liveliness": self.liveliness,
-            "liveliness_lease_duration": dict(_FOREVER),
+            "liveliness_lease_duration": _duration(self.lease_ns),
             "avoid_ros_namespace_conventions": False,
         }
+
+
+def _duration(nanoseconds: int) -> dict[str, int]:
+    seconds, rest = divmod(nanoseconds, 10**9)
+    return {"sec": seconds, "nsec": rest}
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +151,7 @@ def read_metadata(path: Path) -> BagMetadata:
         If it is none, names no files, or the bag is of a kind that is not read.
     """
     try:
-        root = yaml.safe_load(path.read_text(encoding="utf-8"))
+        root = yaml.load(path.read_text(encoding="utf-8"), Loader=_LOADER)
         content = root[_ROOT]
         files = tuple(str(f) for f in content.get("relative_file_paths") or ())
         counts = {
