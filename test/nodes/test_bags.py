@@ -184,9 +184,19 @@ def test_a_slow_subscriber_sets_the_pace_and_loses_nothing(graph, tmp_path):
 
 
 def test_the_command_replays_and_ends(graph, bag):
-    found = listen(graph, prefix="/again")
+    found = listen(graph, prefix="/replay_again")
     call = "import sys; from valve_twin.cli import main; sys.exit(main())"
-    command = [sys.executable, "-c", call, "replay", bag, "--rate", "0", "--prefix", "/again"]
+    command = [
+        sys.executable,
+        "-c",
+        call,
+        "replay",
+        bag,
+        "--rate",
+        "0",
+        "--prefix",
+        "/replay_again",
+    ]
     environment = {**os.environ, "ROS_DOMAIN_ID": str(graph.domain)}
     process = subprocess.Popen(command, env=environment)
     graph.spin_until(lambda: process.poll() is not None, 30.0, "the end of the command")

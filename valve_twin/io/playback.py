@@ -1,24 +1,32 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Read whole messages of a bag in log-time order, undecoded, to be published again."""
+"""Read whole messages of a bag in log-time order, undecoded, to be published again.
+
+The files of a split bag are read as one. A chunk is unpacked when its first message is due, so
+that a long bag needs the memory of the chunks that overlap in time, not of the bag.
+"""
 
 from __future__ import annotations
 
+import heapq
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from operator import attrgetter
+from typing import TYPE_CHECKING
 
-import yaml
-
-from valve_twin.io.bags import bag_files, bag_info, topic_name
-from valve_twin.io.errors import BagError, suggest
-from valve_twin.io.mcap_format import ChunkIndex
+from valve_twin.io.bags import bag_files, topic_name
+from valve_twin.io.errors import BagError
+from valve_twin.io.mapping import full_type_name
 from valve_twin.io.mcap_reader import McapFile, messages
-from valve_twin.io.metadata import QosProfile
+from valve_twin.io.playback_choice import Choice
+from valve_twin.io.playback_qos import Offer, read_offer
+from valve_twin.io.playback_types import BagType, problem
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Generator, Iterator, Mapping, Sequence
     from pathlib import Path
+
+    from valve_twin.io.mcap_format import Channel, ChunkIndex
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,46 +41,95 @@ class BagMessage:
 
 @dataclass(frozen=True, slots=True)
 class BagTopic:
-    """One topic that can be played, with what its publisher offered."""
+    """One topic of a bag.
+
+    Attributes
+    ----------
+    name : str
+        Absolute name.
+    type : str
+        Full type name.
+    qos : Offer
+        What its publishers offered.
+    types : tuple of BagType
+        Its definitions; more than one where files of the bag differ.
+    """
 
     name: str
     type: str
-    qos: QosProfile
+    qos: Offer
+    types: tuple[BagType, ...] = ()
+
+    @property
+    def problem(self) -> str:
+        """Why it cannot be played here, empty where it can."""
+        names = sorted({t.name for t in self.types})
+        if len(names) > 1:
+            return f"it has several types ({', '.join(names)}); cut the bag between them"
+        return next(filter(None, map(problem, self.types)), "")
 
 
-def bag_topics(path: str | Path, wanted: Sequence[str] = ()) -> list[BagTopic]:
-    """Return the topics of a bag.
+def bag_topics(path: str | Path, wanted: Sequence[str] | Choice = ()) -> list[BagTopic]:
+    """Return the topics of a bag by name.
 
     Parameters
     ----------
     path : path
         The bag.
-    wanted : sequence of str
+    wanted : sequence of str or Choice
         Only these; empty = all.
 
     Raises
     ------
     BagError
         If the bag cannot be read, holds nothing or lacks a wanted topic; names the nearest.
+    ConfigError
+        If the choice holds no regular expression where it should.
     """
-    found = {t.name: t for t in bag_info(path).topics}
-    for name in wanted:
-        if name not in found:
-            msg = f"{path}: there is no topic '{name}'; {suggest(name, found)}"
-            raise BagError(msg)
+    found: dict[str, list[tuple[BagType, str]]] = {}
+    with ExitStack() as stack:
+        for file in _opened(path, stack):
+            for channel in file.summary.channels.values():
+                entry = (_type(file, channel), channel.metadata.get("offered_qos_profiles", ""))
+                found.setdefault(topic_name(channel.topic), []).append(entry)
     if not found:
         msg = f"{path}: the bag is empty; record it again"
         raise BagError(msg)
-    return [
-        BagTopic(t.name, t.type, _offered(t.qos))
-        for t in found.values()
-        if not wanted or t.name in wanted
-    ]
+    choice = wanted if isinstance(wanted, Choice) else Choice(topics=tuple(wanted))
+    return [_topic(name, found[name]) for name in choice.of(sorted(found), str(path))]
+
+
+def _topic(name: str, entries: list[tuple[BagType, str]]) -> BagTopic:
+    types = tuple(dict.fromkeys(t for t, _ in entries))
+    offers = "\n".join(dict.fromkeys(text for _, text in entries if text))
+    return BagTopic(name, types[0].name, read_offer(offers), types)
+
+
+def _type(file: McapFile, channel: Channel) -> BagType:
+    schema = file.summary.schemas.get(channel.schema_id)
+    told = channel.metadata.get("topic_type_hash", "")
+    if schema is None:
+        return BagType("", channel.encoding, "", "", told)
+    try:
+        name = full_type_name(schema.name)
+    except ValueError:
+        name = schema.name
+    text = schema.data.decode(errors="replace")
+    return BagType(name, channel.encoding, schema.encoding, text, told)
+
+
+def _opened(path: str | Path, stack: ExitStack) -> list[McapFile]:
+    files, _ = bag_files(path)
+    opened = []
+    for name in files:
+        opened.append(McapFile(name))
+        stack.callback(opened[-1].close)
+    return opened
 
 
 def read_messages(
-    path: str | Path, topics: Sequence[str], *, from_ns: int = 0
-) -> Iterator[BagMessage]:
+    path: str | Path, topics: Sequence[str], *, from_ns: int = 0, until_ns: int | None = None
+) -> Generator[BagMessage, None, None]:
     """Yield the messages of some topics by log time; equal times keep the order of the file.
 
     Parameters
@@ -83,72 +140,127 @@ def read_messages(
         Absolute names.
     from_ns : int
         Earliest log time [ns].
+    until_ns : int, optional
+        Latest log time [ns], default the end.
 
     Raises
     ------
     BagError
         If the bag cannot be read.
     """
-    files, _ = bag_files(path)
     with ExitStack() as stack:
-        opened = []
-        for name in files:
-            opened.append(McapFile(name))
-            stack.callback(opened[-1].close)
-        for group in _together(opened, from_ns):
-            found = [m for file, chunk in group for m in _of_chunk(file, chunk, set(topics))]
-            found.sort(key=lambda m: m.log_ns)
-            yield from (m for m in found if m.log_ns >= from_ns)
+        places = _places(_opened(path, stack), set(topics))
+        for message in _merged([p for p in places if p.end_ns >= from_ns], set(topics)):
+            if until_ns is not None and message.log_ns > until_ns:
+                return
+            if message.log_ns >= from_ns:
+                yield message
 
 
-_Place = tuple[McapFile, ChunkIndex | None]
+def latched_before(
+    path: str | Path, depths: Mapping[str, int], before_ns: int
+) -> list[BagMessage]:
+    """Return the last messages of some topics before a log time, by log time.
+
+    Parameters
+    ----------
+    path : path
+        The bag.
+    depths : mapping of str to int
+        How many of each topic, by absolute name.
+    before_ns : int
+        Log time that is not included [ns].
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be read.
+    """
+    found: dict[str, list[BagMessage]] = {name: [] for name in depths}
+    with ExitStack() as stack:
+        places = _places(_opened(path, stack), set(depths))
+        for place in sorted(places, key=attrgetter("end_ns"), reverse=True):
+            if place.start_ns >= before_ns:
+                continue
+            missing = {n for n, depth in depths.items() if _may_add(found[n], depth, place)}
+            if not missing & place.topics:
+                continue
+            for message in place.messages(missing):
+                if message.log_ns < before_ns:
+                    found[message.topic].append(message)
+            for name in missing:
+                found[name].sort(key=_log_time)
+                del found[name][: -depths[name]]
+    return sorted((m for kept in found.values() for m in kept), key=_log_time)
 
 
-def _together(opened: list[McapFile], from_ns: int) -> Iterator[list[_Place]]:
-    """Yield chunks in order of time; those that overlap come together."""
-    if any(not f.summary.chunks for f in opened):
-        yield [(f, c) for f in opened for c in (*f.summary.chunks,) or (None,)]
-        return
-    places = [(c.start_ns, c.end_ns, f, c) for f in opened for c in f.summary.chunks]
-    group: list[_Place] = []
-    until = -1
-    for start, end, file, chunk in sorted(places, key=lambda p: p[:2]):
-        if end < from_ns:
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """A chunk, or what lies outside chunks, of one file."""
+
+    start_ns: int
+    end_ns: int
+    file: McapFile
+    chunk: ChunkIndex | None
+    topics: frozenset[str]
+
+    def messages(self, topics: set[str]) -> Iterator[BagMessage]:
+        """Yield the messages of some topics in file order."""
+        names = {i: topic_name(c.topic) for i, c in self.file.summary.channels.items()}
+        wanted = {i for i, name in names.items() if name in topics}
+        chunk = self.chunk
+        data = self.file.loose_messages() if chunk is None else self.file.chunk(chunk)
+        for m in messages(data, wanted):
+            yield BagMessage(names[m.channel], m.log_ns, m.publish_ns, m.data)
+
+
+_log_time = attrgetter("log_ns")
+
+
+def _may_add(kept: Sequence[BagMessage], depth: int, place: _Place) -> bool:
+    """Whether a place may hold a later message than the oldest that is kept."""
+    return len(kept) < depth or place.end_ns >= kept[0].log_ns
+
+
+def _places(opened: Sequence[McapFile], topics: set[str]) -> list[_Place]:
+    """Return the places that may hold messages of some topics, by time."""
+    found = []
+    for file in opened:
+        names = {i: topic_name(c.topic) for i, c in file.summary.channels.items()}
+        for chunk in file.summary.chunks:
+            indexed = {names[i] for i in chunk.message_indexes if i in names}
+            inside = frozenset(indexed or names.values())
+            if inside & topics:
+                found.append(_Place(chunk.start_ns, chunk.end_ns, file, chunk, inside))
+        if not file.summary.chunks:
+            everything = frozenset(names.values())
+            found.append(_Place(0, 2**63, file, None, everything))
+    return sorted(found, key=attrgetter("start_ns", "end_ns"))
+
+
+def _merged(places: Sequence[_Place], topics: set[str]) -> Iterator[BagMessage]:
+    """Merge the messages of places that overlap; unpack a place when it is due."""
+    waiting = iter(places)
+    coming = next(waiting, None)
+    heads: list[tuple[int, int, int, list[BagMessage]]] = []
+    number = 0
+    while heads or coming is not None:
+        while coming is not None and (not heads or coming.start_ns <= heads[0][0]):
+            batch = sorted(coming.messages(topics), key=_log_time)
+            if batch:
+                heapq.heappush(heads, (batch[0].log_ns, number, 0, batch))
+            number += 1
+            coming = next(waiting, None)
+        if not heads:
             continue
-        if group and start > until:
-            yield group
-            group = []
-        group.append((file, chunk))
-        until = max(until, end)
-    if group:
-        yield group
-
-
-def _of_chunk(file: McapFile, chunk: ChunkIndex | None, topics: set[str]) -> Iterator[BagMessage]:
-    names = {i: topic_name(c.topic) for i, c in file.summary.channels.items()}
-    wanted = {i for i, name in names.items() if name in topics}
-    data = file.loose_messages() if chunk is None else file.chunk(chunk)
-    for m in messages(data, wanted):
-        yield BagMessage(names[m.channel], m.log_ns, m.publish_ns, m.data)
-
-
-_RELIABILITY = {1: "reliable", 2: "best_effort"}
-_DURABILITY = {1: "transient_local", 2: "volatile"}
-
-
-def _offered(text: str) -> QosProfile:
-    """Read what was offered; old bags write numbers, many write nothing."""
-    try:
-        profiles = yaml.safe_load(text) if text else None
-    except yaml.YAMLError:
-        profiles = None
-    if not isinstance(profiles, list) or not profiles or not isinstance(profiles[0], dict):
-        return QosProfile()
-    first: dict[str, Any] = profiles[0]
-    reliability, durability = first.get("reliability"), first.get("durability")
-    depth = first.get("depth")
-    return QosProfile(
-        reliability=str(_RELIABILITY.get(reliability, reliability or "reliable")),  # type: ignore[arg-type]
-        durability=str(_DURABILITY.get(durability, durability or "volatile")),  # type: ignore[arg-type]
-        depth=depth if isinstance(depth, int) and depth > 0 else 10,
-    )
+        _, order, at, batch = heapq.heappop(heads)
+        limit = min(
+            heads[0][0] if heads else 2**63, coming.start_ns - 1 if coming is not None else 2**63
+        )
+        yield batch[at]
+        at += 1
+        while at < len(batch) and batch[at].log_ns < limit:
+            yield batch[at]
+            at += 1
+        if at < len(batch):
+            heapq.heappush(heads, (batch[at].log_ns, order, at, batch))

@@ -46,6 +46,8 @@ def bag_recorder() -> int:
 def run(name: str) -> int:
     """Run a node by its name; the signals are taken before the slow imports begin."""
     signals.install()
+    if name == "bag_player":
+        import_module("valve_twin.nodes.transport").quicken()
     make = getattr(import_module(f"valve_twin.nodes.{name}"), _NODES[name])
     return int(import_module("valve_twin.nodes.runtime").run(make))
 

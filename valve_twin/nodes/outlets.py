@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING, Any
 
+from rclpy.duration import Duration
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 from valve_twin.nodes.runtime import RCLError
@@ -17,13 +18,16 @@ if TYPE_CHECKING:
 MATCHED_S = 0.5
 """How long subscribers must have been matched before the first sample leaves [s]."""
 
-_DEPTH = 5000
+DEPTH = 5000
+"""Messages that a publisher keeps for subscribers that have not taken them [1]."""
+
+_NOW = Duration(nanoseconds=0)
 
 
 def sending_profile(*, lossless: bool) -> QoSProfile:
     """Return the profile of data that is played: reliable, deep; lossless = never overwritten."""
     history = HistoryPolicy.KEEP_ALL if lossless else HistoryPolicy.KEEP_LAST
-    return QoSProfile(history=history, depth=_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
+    return QoSProfile(history=history, depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
 
 
 class Outbox:
@@ -31,11 +35,13 @@ class Outbox:
 
     With a lossless profile the middleware refuses a message after 0.1 s as long as a reliable
     subscriber has not taken
-    enough of the earlier ones; it then stays here and is offered again.
+    enough of the earlier ones; it then stays here and is offered again. A latched publisher keeps
+    its last messages only and overwrites in silence: with `keep` it waits here instead.
     """
 
     def __init__(self) -> None:
         self._waiting: deque[tuple[Any, Any]] = deque()
+        self._room: dict[Any, list[int]] = {}
         self.sent = 0
 
     def __bool__(self) -> bool:
@@ -46,10 +52,16 @@ class Outbox:
         """Append a message."""
         self._waiting.append((publisher, message))
 
+    def keep(self, publisher: Any, depth: int) -> None:
+        """Let at most `depth` messages of a publisher be without acknowledgement."""
+        self._room[publisher] = [depth, depth]
+
     def send(self) -> bool:
         """Publish what waits; return whether all of it left."""
         while self._waiting:
             publisher, message = self._waiting[0]
+            if self._room and not self._has_room(publisher):
+                return False
             try:
                 publisher.publish(message)
             except RCLError:
@@ -61,6 +73,22 @@ class Outbox:
     def clear(self) -> None:
         """Forget what waits."""
         self._waiting.clear()
+
+    def release(self) -> None:
+        """Forget what waits and all publishers."""
+        self.clear()
+        self._room.clear()
+
+    def _has_room(self, publisher: Any) -> bool:
+        room = self._room.get(publisher)
+        if room is None:
+            return True
+        if not room[0]:
+            if not publisher.wait_for_all_acked(_NOW):
+                return False
+            room[0] = room[1]
+        room[0] -= 1
+        return True
 
 
 def subscribers(publishers: Iterable[Any]) -> int:

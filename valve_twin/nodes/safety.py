@@ -2,14 +2,15 @@
 # Copyright 2026 valve_twin maintainers
 """A simulated or replayed command must never move a real valve.
 
-A topic that already has a foreign publisher is refused, and so is a command outside the prefix
-that somebody else
-takes, unless the user allows it. Looked at before anything is published and again whenever the
-graph may have changed.
+A topic that already has a foreign publisher is refused, and so is a command that somebody else
+takes unless the first part of its name says replay or sim (/replay, /sim, /line2_replay), whatever
+prefix, parameter or remapping led to that name. Looked at before anything is published and again
+whenever the graph may have changed; only the user's `allow_live` lifts it.
 """
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -24,8 +25,10 @@ CHECK_S = 0.5
 """How often the graph is looked at [s]."""
 
 SETTLE_S = 5.0
-"""Time for the graph to become known before the first message to a topic without prefix [s]; nodes
+"""Time for the graph to become known before the first message to a real topic [s]; nodes
 of one machine were seen to need up to 2.6 s to find each other."""
+
+_FREE = re.compile(r"/([A-Za-z]\w*_)?(replay(ed)?|sim|simulat(ed|ion|or))\d*(_\w+)?(/|$)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +47,11 @@ class Outlet:
     command: bool
 
 
+def is_free(name: str) -> bool:
+    """Return whether a name lies where no real valve listens: below /replay, /sim_2..."""
+    return _FREE.match(f"/{name.lstrip('/')}") is not None
+
+
 def node_name(endpoint: Any) -> str:
     """Return the full name of the node that an endpoint belongs to."""
     if endpoint.node_name.startswith("_NODE_NAME_UNKNOWN"):
@@ -59,20 +67,24 @@ class Guard:
     node : Node
         The node.
     prefix : str
-        What stands before all topics that cannot move a valve; empty = real topics.
+        What stands before all topics; empty = real topics.
     allow_live : bool
         Refuse nothing.
     """
 
     def __init__(self, node: Node, *, prefix: str, allow_live: bool) -> None:
         self._node = node
-        self._real = not prefix.strip("/")
+        self._real = not is_free(prefix)
         self._allowed = allow_live
 
     @property
     def settle_s(self) -> float:
-        """How long to wait before the first message [s]."""
+        """How long to wait before the first message [s]; known after the first check."""
         return SETTLE_S if self._real and not self._allowed else 0.0
+
+    def is_real(self, outlet: Outlet) -> bool:
+        """Return whether a topic may be published only where nobody takes it."""
+        return outlet.command and not self._allowed and not is_free(self._name(outlet))
 
     def check(self, outlets: Iterable[Outlet]) -> None:
         """Look at the graph.
@@ -85,26 +97,51 @@ class Guard:
         if self._allowed:
             return
         for outlet in outlets:
-            self._refuse(outlet.topic, "is already published by", self._publishers(outlet.topic))
-            if outlet.command and self._real:
-                takers = self._foreign(self._node.get_subscriptions_info_by_topic(outlet.topic))
-                self._refuse(outlet.topic, "is a command that is taken by", takers)
+            name = self._name(outlet)
+            self._refuse(name, "is already published by", self._publishers(name))
+            if self.is_real(outlet):
+                self._real = True
+                self._refuse(name, "is a command that is taken by", self._takers(name))
+
+    def check_taken(self, publishers: Iterable[Any]) -> None:
+        """Look whether anybody has begun to take a real command; cheap enough for every message.
+
+        Raises
+        ------
+        ConfigError
+            Naming the topic and what to do.
+        """
+        for publisher in publishers:
+            if publisher.get_subscription_count():
+                name = publisher.topic_name
+                takers = self._takers(name) or ["(name not known yet)"]
+                self._refuse(name, "is a command that is taken by", takers)
+
+    def _name(self, outlet: Outlet) -> str:
+        """Return the name on the network, after any remapping of the node."""
+        return self._node.resolve_topic_name(outlet.topic)
 
     def _publishers(self, topic: str) -> list[str]:
-        return self._foreign(self._node.get_publishers_info_by_topic(topic))
+        own = sum(p.topic_name == topic for p in self._node.publishers)
+        # one that was just taken down may still be in sight
+        return self._foreign(self._node.get_publishers_info_by_topic(topic), max(own, 1))
 
-    def _foreign(self, endpoints: list[Any]) -> list[str]:
-        """Return the names of other nodes; a second node of this one's name is another."""
-        own = self._node.get_fully_qualified_name()
+    def _takers(self, topic: str) -> list[str]:
+        own = sum(s.topic_name == topic for s in self._node.subscriptions)
+        return self._foreign(self._node.get_subscriptions_info_by_topic(topic), own)
+
+    def _foreign(self, endpoints: list[Any], own: int) -> list[str]:
+        """Return the names of other nodes; what this node did not make is another's."""
+        name = self._node.get_fully_qualified_name()
         names = [node_name(e) for e in endpoints]
-        twice = [own] if names.count(own) > 1 else []
-        return [n for n in names if n != own] + twice
+        twin = [name] if names.count(name) > own else []
+        return [n for n in names if n != name] + twin
 
     def _refuse(self, topic: str, what: str, nodes: list[str]) -> None:
         if nodes:
             msg = (
                 f"topic '{topic}' {what} node {nodes[0]}: nothing is published; set "
-                "publish_prefix (for example "
+                "publish_prefix (to a name that begins with "
                 "/sim or /replay), stop that node, or set allow_live to true if it may be driven"
             )
             raise ConfigError(msg)
