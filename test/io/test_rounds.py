@@ -87,7 +87,8 @@ def silent(rows):
 
 def on_change(rows):
     """Publish a command only where it changes."""
-    kept, last = [], {}
+    kept: list[tuple[int, str, int, float]] = []
+    last: dict[str, float] = {}
     for row in rows:
         if row[1] == TOPICS[2] or last.get(row[1]) != row[3]:
             kept.append(row)
@@ -105,7 +106,8 @@ def bag_of(rows, path):
 def run(config, stream):
     """Return cycles, estimates, joined predictions and counts of a run."""
     twin = make_twin(config)
-    cycles, estimates, predictions = [], [], {}
+    cycles, estimates = [], []
+    predictions: dict[int, list[Prediction]] = {}
     for event in stream(twin):
         if isinstance(event, Prediction):
             predictions.setdefault(event.cycle, []).append(event)

@@ -62,7 +62,7 @@ def _fleet(arguments: argparse.Namespace) -> int:
         rows = rank_fleet(history, aging=aging, order=order, on_valve=advance)
         where = history.where
     if not rows:
-        return fail(f"{where}: holds no valve; let a twin or valve-twin batch store cycles there")
+        return fail(f"{where}: holds no valve; let a twin store its cycles there")
     if arguments.json:
         for place, row in enumerate(rows, 1):
             sys.stdout.write(f"{json.dumps(_plain(place, row), allow_nan=False)}\n")

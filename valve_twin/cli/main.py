@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from valve_twin import __version__
 from valve_twin.cli import (
+    batch,
     bench,
     configure,
     estimate,
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable, Sequence
 
-VERBS = (simulate, import_, configure, estimate, replay, report, fleet, history, bench)
+VERBS = (simulate, import_, configure, estimate, replay, report, batch, fleet, history, bench)
 """One module a verb, in the order of the help."""
 
 _ACCESS = "check the folder, its access rights and the free space"
