@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import BinaryIO
 
+    from valve_twin.core.types import IntArray
+    from valve_twin.io.cdr import ByteTable
+
 _MODE = 0o644
 
 
@@ -124,6 +127,16 @@ class BagFile:
             self.first_ns = log_ns
         self.mcap.write(channel, data, log_ns=log_ns, publish_ns=publish_ns, sequence=sequence)
         self._good = self._stream.size
+
+    def write_rows(
+        self, channels: IntArray, data: ByteTable, times: IntArray, sequences: IntArray
+    ) -> int:
+        """Append messages of one length until a chunk is full; see `McapWriter.write_rows`."""
+        if self.first_ns < 0:
+            self.first_ns = int(times[0, 0])
+        taken = self.mcap.write_rows(channels, data, times, sequences)
+        self._good = self._stream.size
+        return taken
 
     def flush(self) -> None:
         """Put everything written so far on disk."""

@@ -16,7 +16,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from valve_twin.core.types import FloatArray
+    from valve_twin.core.types import FloatArray, IntArray
+
+ByteTable = np.ndarray[tuple[int, int], np.dtype[np.uint8]]
+"""One row a message, one column a byte."""
 
 _LITTLE = b"\x00\x01\x00\x00"
 _SECOND_NS = 1_000_000_000
@@ -54,6 +57,39 @@ def encode_stamped(stamp_ns: int, value: float, frame_id: str = "") -> bytes:
         If the stamp does not fit into a header.
     """
     return _header(stamp_ns, frame_id) + _DOUBLES[1].pack(value)
+
+
+def encode_stamped_rows(stamps_ns: IntArray, values: FloatArray, frame_id: str = "") -> ByteTable:
+    """Serialize many Float64Stamped at once.
+
+    Parameters
+    ----------
+    stamps_ns : (N,) int64 array
+        Stamps [ns].
+    values : (N,) array
+        Values.
+    frame_id : str
+        Frame of all headers.
+
+    Returns
+    -------
+    (N, S) uint8 array
+        One message a row.
+
+    Raises
+    ------
+    ValueError
+        If a stamp does not fit into a header.
+    """
+    for stamp in (int(stamps_ns.min(initial=0)), int(stamps_ns.max(initial=0))):
+        head = _header(stamp, frame_id)
+    name = head[_FRAME_ID - _BODY :]
+    kinds = [("order", "V4"), ("sec", "<i4"), ("nanosec", "<u4")]
+    rows = np.empty(len(stamps_ns), dtype=[*kinds, ("name", f"V{len(name)}"), ("value", "<f8")])
+    rows["order"], rows["name"] = np.void(_LITTLE), np.void(name)
+    rows["sec"], rows["nanosec"] = np.divmod(stamps_ns, _SECOND_NS)
+    rows["value"] = values
+    return rows.view(np.uint8).reshape(len(rows), -1)
 
 
 def encode_series(stamp_ns: int, period_s: float, values: FloatArray, frame_id: str = "") -> bytes:

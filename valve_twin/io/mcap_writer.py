@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from array import array
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
@@ -37,9 +38,13 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from typing import BinaryIO
 
+    from valve_twin.core.types import IntArray
+    from valve_twin.io.cdr import ByteTable
+
 CHUNK_SIZE = 64 * 1024
 """Bytes in a chunk before compression: 0.5 s at 1 kHz are at stake, 1 MiB would be 11 s."""
 
+_ZSTD = text("zstd")
 _NEVER = 2**63 - 1
 _MESSAGE_BODY = MESSAGE_HEAD.size - RECORD_HEAD.size
 
@@ -62,11 +67,12 @@ class McapWriter:
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._chunks: list[ChunkIndex] = []
+        self._described: dict[int, bytes] = {}
         self._metadata: list[tuple[str, int, int]] = []
         self.statistics = Statistics()
         self._at = 0
         self._body = bytearray()
-        self._index: dict[int, list[tuple[int, int]]] = {}
+        self._index: dict[int, array[int]] = {}
         self._first_ns, self._last_ns = _NEVER, 0
         self._put(MAGIC + record(Op.HEADER, text("ros2") + text(f"valve_twin {_version()}")))
 
@@ -102,11 +108,8 @@ class McapWriter:
             Number of the message on its channel, 0 = unknown.
         """
         if channel not in self._index:
-            self._index[channel] = []
-            described = self._channels[channel]
-            self._body += schema_record(self._schemas[described.schema_id])
-            self._body += channel_record(described)
-        self._index[channel].append((log_ns, len(self._body)))
+            self._describe(channel)
+        self._index[channel].extend((log_ns, len(self._body)))
         self._body += MESSAGE_HEAD.pack(
             Op.MESSAGE, _MESSAGE_BODY + len(data), channel, sequence, log_ns, publish_ns
         )
@@ -117,6 +120,73 @@ class McapWriter:
         if len(self._body) >= self._chunk_size:
             self.end_chunk()
 
+    def write_rows(
+        self, channels: IntArray, data: ByteTable, times: IntArray, sequences: IntArray
+    ) -> int:
+        """Append messages of one length until a chunk is full; the same bytes as one by one.
+
+        Parameters
+        ----------
+        channels : (N,) int64 array
+            Number of the channel of each message.
+        data : (N, S) uint8 array
+            Serialized messages.
+        times : (2, N) int64 array
+            Receive times and source times [ns].
+        sequences : (N,) int64 array
+            Numbers of the messages on their channels.
+
+        Returns
+        -------
+        int
+            Messages that were taken, at least one of those that there are.
+        """
+        size = MESSAGE_HEAD.size + data.shape[1]
+        limit = max(1, self._room(size))
+        channels, times = channels[:limit], times[:, :limit]
+        rows = _rows(channels, data[:limit], times, sequences[:limit])
+        offsets = np.empty(len(channels), dtype=np.int64)
+        present = np.flatnonzero(np.bincount(channels)).tolist()
+        new = sorted((int((channels == c).argmax()), c) for c in present if c not in self._index)
+        done = 0
+        for at, channel in [*new, (len(channels), None)]:
+            count = min(at - done, self._room(size))
+            begin = len(self._body)
+            offsets[done : done + count] = begin + size * np.arange(count)
+            self._body += rows[done * size : (done + count) * size]
+            done += count
+            if done < at or self._room(size) <= 0 or channel is None:
+                break
+            self._describe(channel)
+        self._add_entries(channels[:done], times[0, :done], offsets[:done])
+        if len(self._body) >= self._chunk_size:
+            self.end_chunk()
+        return done
+
+    def _room(self, size: int) -> int:
+        """Return how many messages of a size begin before the running chunk is full."""
+        return -(-(self._chunk_size - len(self._body)) // size)
+
+    def _add_entries(self, channels: IntArray, log_ns: IntArray, offsets: IntArray) -> None:
+        """Note messages that stand in the running chunk."""
+        entries = np.stack([log_ns, offsets], axis=1)
+        for channel, index in self._index.items():
+            mine = entries[channels == channel]
+            if len(mine):
+                index.frombytes(mine.tobytes())
+                self.statistics.counts[channel] += len(mine)
+        self._first_ns = min(self._first_ns, int(log_ns.min()))
+        self._last_ns = max(self._last_ns, int(log_ns.max()))
+
+    def _describe(self, channel: int) -> None:
+        """Put a channel and its schema into the running chunk."""
+        self._index[channel] = array("Q")
+        if channel not in self._described:
+            described = self._channels[channel]
+            schema = schema_record(self._schemas[described.schema_id])
+            self._described[channel] = schema + channel_record(described)
+        self._body += self._described[channel]
+
     def end_chunk(self) -> None:
         """Write the running chunk to the stream, if it holds anything."""
         if not self._body:
@@ -125,17 +195,22 @@ class McapWriter:
         packed = self._compressor.compress(body)
         head = struct.pack("<QQQI", self._first_ns, self._last_ns, len(body), zlib.crc32(body))
         offset = self._at
-        self._put(record(Op.CHUNK, head + text("zstd") + struct.pack("<Q", len(packed)) + packed))
-        length = self._at - offset
-        indexes = {channel: self._put_index(channel) for channel in self._index}
+        chunk = record(Op.CHUNK, head + _ZSTD + struct.pack("<Q", len(packed)) + packed)
+        tail, indexes = b"", {}
+        for channel, index in self._index.items():
+            indexes[channel] = offset + len(chunk) + len(tail)
+            entries = index.tobytes()
+            head = struct.pack("<HI", channel, len(entries))
+            tail += record(Op.MESSAGE_INDEX, head + entries)
+        self._put(chunk + tail)
         self._chunks.append(
             ChunkIndex(
                 self._first_ns,
                 self._last_ns,
                 offset,
-                length,
+                len(chunk),
                 indexes,
-                self._at - offset - length,
+                len(tail),
                 "zstd",
                 len(packed),
                 len(body),
@@ -150,7 +225,7 @@ class McapWriter:
         The running chunk and the records at and behind the offset are forgotten; the caller cuts
         the stream there.
         """
-        lost = {channel: len(entries) for channel, entries in self._index.items()}
+        lost = {channel: len(entries) // 2 for channel, entries in self._index.items()}
         for channel, count in lost.items():
             self.statistics.counts[channel] -= count
         self._metadata = [m for m in self._metadata if m[1] < at]
@@ -205,19 +280,13 @@ class McapWriter:
         self._stream.write(data)
         self._at += len(data)
 
-    def _put_index(self, channel: int) -> int:
-        offset = self._at
-        entries = np.array(self._index[channel], dtype="<u8").tobytes()
-        self._put(record(Op.MESSAGE_INDEX, struct.pack("<HI", channel, len(entries)) + entries))
-        return offset
-
     def _count_chunk(self) -> None:
         counts = self.statistics
         first = counts.message_count == 0
         counts.start_ns = self._first_ns if first else min(counts.start_ns, self._first_ns)
         counts.end_ns = max(counts.end_ns, self._last_ns)
         counts.chunk_count += 1
-        counts.message_count += sum(len(entries) for entries in self._index.values())
+        counts.message_count += sum(len(entries) // 2 for entries in self._index.values())
 
     def _statistics_record(self) -> bytes:
         s = self.statistics
@@ -235,6 +304,19 @@ class McapWriter:
             len(counts),
         )
         return record(Op.STATISTICS, body + counts)
+
+
+def _rows(channels: IntArray, data: ByteTable, times: IntArray, sequences: IntArray) -> memoryview:
+    """Return the records of messages of one length, one after another."""
+    width = data.shape[1]
+    kinds = ["u1", "<u8", "<u2", "<u4", "<u8", "<u8", f"V{width}"]
+    names = ["op", "length", "channel", "sequence", "log", "publish", "data"]
+    rows = np.empty(len(data), dtype=list(zip(names, kinds, strict=True)))
+    rows["op"], rows["length"] = Op.MESSAGE, _MESSAGE_BODY + width
+    rows["channel"], rows["sequence"] = channels, sequences
+    rows["log"], rows["publish"] = times
+    rows["data"] = data.view(f"V{width}")[:, 0]
+    return memoryview(rows.view(np.uint8))
 
 
 def _version() -> str:
