@@ -74,6 +74,8 @@ class BagFile:
         Called with the file number to put on disk what was written.
     chunk_size : int
         Bytes in a chunk before compression.
+    compressed : bool
+        Whether chunks are compressed with zstd.
 
     Raises
     ------
@@ -87,12 +89,15 @@ class BagFile:
         *,
         sync: Callable[[int], object] = os.fsync,
         chunk_size: int = CHUNK_SIZE,
+        compressed: bool = True,
     ) -> None:
         self.path = path
         self._sync = sync
         self._stream = _Stream(path)
         try:
-            self.mcap = McapWriter(cast("BinaryIO", self._stream), chunk_size=chunk_size)
+            self.mcap = McapWriter(
+                cast("BinaryIO", self._stream), chunk_size=chunk_size, compressed=compressed
+            )
         except OSError:
             self._stream.close()
             path.unlink(missing_ok=True)

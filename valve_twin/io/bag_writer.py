@@ -94,6 +94,8 @@ class BagWriter:
         When a new file begins and how many are kept.
     chunk_size : int
         Bytes in a chunk before compression.
+    compressed : bool
+        Whether chunks are compressed with zstd.
     at_once : bool
         Make the first file now, not with the first message.
     noted : callable, optional
@@ -116,6 +118,7 @@ class BagWriter:
         sync: Callable[[int], object] = os.fsync,
         split: SplitRule | None = None,
         chunk_size: int = CHUNK_SIZE,
+        compressed: bool = True,
         at_once: bool = True,
         noted: Callable[[], Mapping[str, object]] | None = None,
         on_split: Callable[[str, str], object] | None = None,
@@ -123,7 +126,7 @@ class BagWriter:
         self.path = Path(path)
         self._flush_s, self._clock, self._sync = flush_s, clock, sync
         self._rule = split or SplitRule()
-        self._chunk_size = chunk_size
+        self._chunk_size, self._compressed = chunk_size, compressed
         self._lazy, self._noted, self._on_split = not at_once, noted, on_split
         self._span_ns = int(self._rule.duration_s * 1e9)
         self._topics: dict[str, _Topic] = {}
@@ -384,7 +387,12 @@ class BagWriter:
             If it cannot be made.
         """
         try:
-            file = BagFile(self._path(self._next), sync=self._sync, chunk_size=self._chunk_size)
+            file = BagFile(
+                self._path(self._next),
+                sync=self._sync,
+                chunk_size=self._chunk_size,
+                compressed=self._compressed,
+            )
             sync_folder(self.path, os.fsync)
         except OSError as err:
             raise self._unwritable(err) from err

@@ -44,7 +44,6 @@ if TYPE_CHECKING:
 CHUNK_SIZE = 64 * 1024
 """Bytes in a chunk before compression: 0.5 s at 1 kHz are at stake, 1 MiB would be 11 s."""
 
-_ZSTD = text("zstd")
 _NEVER = 2**63 - 1
 _MESSAGE_BODY = MESSAGE_HEAD.size - RECORD_HEAD.size
 
@@ -58,11 +57,15 @@ class McapWriter:
         Open for writing; closing it is the caller's business.
     chunk_size : int
         Bytes in a chunk before compression.
+    compressed : bool
+        Whether chunks are compressed with zstd.
     """
 
-    def __init__(self, stream: BinaryIO, *, chunk_size: int = CHUNK_SIZE) -> None:
+    def __init__(
+        self, stream: BinaryIO, *, chunk_size: int = CHUNK_SIZE, compressed: bool = True
+    ) -> None:
         self._stream = stream
-        self._chunk_size = chunk_size
+        self._chunk_size, self._compressed = chunk_size, compressed
         self._compressor = zstandard.ZstdCompressor(level=1)
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
@@ -192,10 +195,12 @@ class McapWriter:
         if not self._body:
             return
         body = bytes(self._body)
-        packed = self._compressor.compress(body)
+        packed = self._compressor.compress(body) if self._compressed else body
+        compression = "zstd" if self._compressed else ""
         head = struct.pack("<QQQI", self._first_ns, self._last_ns, len(body), zlib.crc32(body))
         offset = self._at
-        chunk = record(Op.CHUNK, head + _ZSTD + struct.pack("<Q", len(packed)) + packed)
+        head += text(compression) + struct.pack("<Q", len(packed))
+        chunk = record(Op.CHUNK, head + packed)
         tail, indexes = b"", {}
         for channel, index in self._index.items():
             indexes[channel] = offset + len(chunk) + len(tail)
@@ -211,7 +216,7 @@ class McapWriter:
                 len(chunk),
                 indexes,
                 len(tail),
-                "zstd",
+                compression,
                 len(packed),
                 len(body),
             )
@@ -316,7 +321,7 @@ def _rows(channels: IntArray, data: ByteTable, times: IntArray, sequences: IntAr
     rows["channel"], rows["sequence"] = channels, sequences
     rows["log"], rows["publish"] = times
     rows["data"] = data.view(f"V{width}")[:, 0]
-    return memoryview(rows.view(np.uint8))
+    return rows.view(np.uint8).data
 
 
 def _version() -> str:
