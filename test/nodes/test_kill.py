@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""A twin that is killed at any moment: nothing told as stored is lost, no number is given twice.
+
+The data is given again from inside the last stored cycle on, as a recorder or a buffering PLC
+does; then the history is that of an undisturbed run, to the last bit. Where the plant goes on
+meanwhile, only whole cycles are stored.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rclpy.qos import QoSProfile
+from valve_twin_msgs.msg import CycleSummary, Estimate, Float64Stamped
+
+from test.io.test_history import bits
+from test.nodes.conftest import NS
+from test.nodes.feeding import REARM, START_NS
+from valve_twin.core.aging.assess import assess
+from valve_twin.core.simulation.valve import SimulatedValve
+from valve_twin.core.valves.registry import get_model, get_simulation
+from valve_twin.io.cdr import encode_stamped
+from valve_twin.io.config import AgingConfig
+from valve_twin.io.history import History
+from valve_twin.nodes.convert import from_time
+from valve_twin.nodes.outlets import Gate
+
+TOPICS = ("command/v_in", "command/v_out", "spool_position")
+RESULT = Path(__file__).resolve().parents[2] / "docs" / "campaigns" / "kill.json"
+
+
+class Data:
+    """All samples of a run, to be published from anywhere."""
+
+    def __init__(self, cycles: int, seed: int = 3) -> None:
+        valve = SimulatedValve(get_simulation("press_cartridge"), seed)
+        self.cycle_samples = valve.config.cycle_samples
+        block = valve.advance(cycles * self.cycle_samples + 50)
+        self.stamps = block.stamp_ns + START_NS
+        columns = (block.inputs[:, 0], block.inputs[:, 1], block.position)
+        self._messages = [
+            [encode_stamped(int(t), float(v)) for t, v in zip(self.stamps, column, strict=True)]
+            for column in columns
+        ]
+
+    def __len__(self) -> int:
+        return len(self.stamps)
+
+    def publish(self, publishers, begin: int, end: int) -> None:
+        for i in range(begin, end):
+            for publisher, messages in zip(publishers, self._messages, strict=True):
+                publisher.publish(messages[i])
+
+
+class Life:
+    """One twin process and, fresh each time, the hardware that feeds it."""
+
+    def __init__(self, graph, ns: str, database: Path) -> None:
+        self.graph, self.ns, self.database = graph, ns, database
+        self.hardware = graph.stranger(f"hardware_{len(graph.strangers)}")
+        self.publishers = [
+            self.hardware.create_publisher(Float64Stamped, f"{ns}/{t}", QoSProfile(depth=20000))
+            for t in TOPICS
+        ]
+        self.twin = graph.start("twin", ns=ns, history_url=f"sqlite:///{database}", **REARM)
+        gate = Gate()
+        graph.spin_until(
+            lambda: gate.is_open(self.publishers, 1, time.monotonic()), 60.0, "the twin's inputs"
+        )
+
+    def kill(self) -> None:
+        self.twin.process.kill()
+        self.twin.process.wait(10)
+        for publisher in self.publishers:
+            self.hardware.destroy_publisher(publisher)
+
+    def last_stored(self):
+        with History(self.database, read_only=True) as history:
+            return history.last_record(self.ns)
+
+
+def wait_for_cycle(life: Life, number: int) -> None:
+    def reached() -> bool:
+        last = life.last_stored()
+        return last is not None and last.cycle >= number
+
+    life.graph.spin_until(reached, 60.0, f"cycle {number} in the history")
+
+
+def kept(database: Path, ns: str):
+    """Return cycles and estimates of a history, by their bits, and what they say about aging."""
+    with History(database, read_only=True) as history:
+        cycles, estimates = history.cycles(ns), history.estimates(ns)
+    model = get_model("press_cartridge")
+    trend = tuple(e for e in estimates if e.estimator == model.trend_estimator)
+    found = assess(trend, (), AgingConfig(), parameters=model.parameters, valve="v")
+    return cycles, [bits(e) for e in estimates], repr(found)
+
+
+def kill_at_random(graph, tmp_path: Path, kills: int, seed: int) -> dict[str, object]:
+    """Kill a twin at random moments and compare with one that was left alone."""
+    rng = random.Random(seed)
+    data = Data(cycles=kills * 2 + 4)
+    summaries = graph.record(f"{NS}/twin/cycle", CycleSummary)
+    estimates = graph.record(f"{NS}/twin/estimate", Estimate)
+    database, undisturbed = tmp_path / "killed.sqlite", tmp_path / "undisturbed.sqlite"
+    last_cycle = len(data) // data.cycle_samples - 1
+    life = Life(graph, NS, database)
+    at, repeated, in_cycle = 0, 0, 0
+    for _ in range(kills):
+        until = min(at + rng.randint(50, 3 * data.cycle_samples), len(data))
+        data.publish(life.publishers, at, until)
+        graph.spin(rng.uniform(0.0, 0.4))
+        life.kill()
+        graph.spin(0.01)
+        record = life.last_stored()
+        again = 0
+        if record is not None:
+            first, last = np.searchsorted(data.stamps, [record.start_ns, record.end_ns])
+            again = rng.randint(int(first), int(last))
+            in_cycle += until < len(data)
+        repeated += until - again
+        at = again
+        life = Life(graph, NS, database)
+    data.publish(life.publishers, at, len(data))
+    wait_for_cycle(life, last_cycle)
+    assert life.twin.end() == 0
+
+    reference = Life(graph, "/press/ref", undisturbed)
+    data.publish(reference.publishers, 0, len(data))
+    wait_for_cycle(reference, last_cycle)
+    assert reference.twin.end() == 0
+
+    check_numbers(summaries)
+    check_stored(database, estimates)
+    for ours, theirs in zip(kept(database, NS), kept(undisturbed, "/press/ref"), strict=True):
+        assert ours == theirs
+    return {"kills": kills, "cycles": last_cycle, "samples": len(data), "repeated": repeated}
+
+
+def check_numbers(summaries) -> None:
+    """No number belongs to two cycles and no cycle has two numbers."""
+    starts: dict[int, int] = {}
+    numbers: dict[int, int] = {}
+    for message in summaries:
+        start = from_time(message.start)
+        assert starts.setdefault(message.cycle, start) == start
+        assert numbers.setdefault(start, message.cycle) == message.cycle
+
+
+def check_stored(database: Path, estimates) -> None:
+    """What was told as stored is in the history, with the same values."""
+    with History(database, read_only=True) as history:
+        values = {
+            (e.cycle, e.estimator): [p.value for p in e.parameters] for e in history.estimates(NS)
+        }
+    told = [m for m in estimates if m.stored]
+    assert told
+    for message in told:
+        np.testing.assert_array_equal(
+            list(message.values), values[message.cycle, message.estimator]
+        )
+
+
+def test_a_twin_killed_at_any_time_gives_the_history_of_an_undisturbed_one(graph, tmp_path):
+    kill_at_random(graph, tmp_path, kills=5, seed=11)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(4))
+def test_so_it_does_after_many_kills(graph, tmp_path, seed):
+    begin = time.monotonic()
+    found = kill_at_random(graph, tmp_path, kills=30, seed=seed)
+    results = json.loads(RESULT.read_text()) if RESULT.exists() and seed else {}
+    results[f"seed {seed}"] = {**found, "seconds": round(time.monotonic() - begin)}
+    RESULT.parent.mkdir(exist_ok=True)
+    RESULT.write_text(json.dumps(results, indent=2) + os.linesep)
+
+
+def test_where_the_plant_goes_on_only_whole_cycles_are_stored_under_new_numbers(graph, tmp_path):
+    data = Data(cycles=8)
+    summaries = graph.record(f"{NS}/twin/cycle", CycleSummary)
+    estimates = graph.record(f"{NS}/twin/estimate", Estimate)
+    database = tmp_path / "killed.sqlite"
+    life = Life(graph, NS, database)
+    at, n = 0, data.cycle_samples
+
+    def closed(cycle: int) -> None:
+        start = data.stamps[cycle * n]
+        graph.spin_until(
+            lambda: bool(summaries) and from_time(summaries[-1].start) >= start,
+            20.0,
+            f"the summary of the cycle at sample {cycle * n}",
+        )
+
+    for until in (n + n // 2, 4 * n + n // 2):
+        data.publish(life.publishers, at, until)
+        closed(until // n - 1)
+        life.kill()
+        at = until + n // 4
+        life = Life(graph, NS, database)
+    data.publish(life.publishers, at, len(data))
+    closed(7)
+    wait_for_cycle(life, summaries[-1].cycle)
+    check_numbers(summaries)
+    check_stored(database, estimates)
+    whole_ns = int(data.stamps[n] - data.stamps[0])
+    with History(database, read_only=True) as history:
+        cycles = history.cycles(NS)
+    assert len(cycles) >= 2
+    assert {c.samples for c in cycles} == {n}
+    assert len({c.start_ns % whole_ns for c in cycles}) == 1
+    assert [c.start_ns for c in cycles] == sorted(c.start_ns for c in cycles)
