@@ -155,7 +155,9 @@ class Walker:
             )
             first[field.channel] = k
         self._plan, self._first = plan, first
-        self._memory = np.full((len(fields), kernel.MEMORY_SIZE), -1, dtype=np.int64)
+        self._memory = np.full(
+            (kernel.SLOTS * len(fields), kernel.MEMORY_SIZE), -1, dtype=np.int64
+        )
         sizes = [f.layout.size if f.layout.batched else _SMALLEST_MESSAGE for f in fields]
         self._least = min(sizes, default=_SMALLEST_MESSAGE)
 

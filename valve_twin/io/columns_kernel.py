@@ -32,9 +32,12 @@ MAX_WORDS = 24
 
 # columns of `plan`, one row a mapped field of a channel
 ROW, NEXT, NUMBER, SIZE, BATCHED, STEPS, FIRST_STEP = 0, 1, 2, 3, 4, 5, 6
-# columns of `memory`, one row a mapped field of a channel; the words follow as place, value
+# columns of `memory`, `SLOTS` rows a mapped field of a channel; words follow as place, value
 LENGTH, STAMP_AT, VALUE_AT, PERIOD_AT, COUNT, WORDS, FIRST_WORD = 0, 1, 2, 3, 4, 5, 6
 MEMORY_SIZE = FIRST_WORD + 2 * MAX_WORDS
+SLOTS = 16
+"""Layouts that are kept of a field, by the size of the message [1]."""
+
 # columns of `counts`, one row a signal
 SAMPLES, MESSAGES, ODD = 0, 1, 2
 
@@ -117,17 +120,17 @@ def _number(data: ByteArray, at: int, kind: int) -> float:  # noqa: PLR0911  one
 
 
 @njit
-def _keep(memory: IntArray, k: int, place: int, value: int) -> None:
+def _keep(memory: IntArray, m: int, place: int, value: int) -> None:
     """Keep a word that decided the layout."""
-    count = memory[k, WORDS]
+    count = memory[m, WORDS]
     if count < MAX_WORDS:
-        memory[k, FIRST_WORD + 2 * count] = place
-        memory[k, FIRST_WORD + 2 * count + 1] = value
-    memory[k, WORDS] = count + 1
+        memory[m, FIRST_WORD + 2 * count] = place
+        memory[m, FIRST_WORD + 2 * count + 1] = value
+    memory[m, WORDS] = count + 1
 
 
 @njit
-def _string(data: ByteArray, body: int, at: int, size: int, memory: IntArray, k: int) -> int:
+def _string(data: ByteArray, body: int, at: int, size: int, memory: IntArray, m: int) -> int:
     """Return the end of a string, -1 where it does not fit."""
     at = (at + 3) & -4
     if at + 4 > size:
@@ -136,8 +139,8 @@ def _string(data: ByteArray, body: int, at: int, size: int, memory: IntArray, k:
     end = at + 4 + length
     if length < 1 or end > size or data[body + end - 1] != 0:
         return _ABSENT
-    _keep(memory, k, at, length)
-    _keep(memory, k, end - 1, _TERMINATOR)
+    _keep(memory, m, at, length)
+    _keep(memory, m, end - 1, _TERMINATOR)
     return end
 
 
@@ -148,9 +151,10 @@ def _counted(
     at: int,
     size: int,
     plan: IntArray,
-    memory: IntArray,
     k: int,
     s: int,
+    memory: IntArray,
+    m: int,
 ) -> int:
     """Return the end of a sequence, -1 where it does not fit; note where the value is in it."""
     step, alignment = plan[k, FIRST_STEP + 4 * s], plan[k, FIRST_STEP + 4 * s + 1]
@@ -161,57 +165,57 @@ def _counted(
     count = int(_u32(data, body + at))
     if count > size:
         return _ABSENT
-    _keep(memory, k, at, count)
+    _keep(memory, m, at, count)
     at += 4
     if step == _STRINGS:
         for _ in range(count):
-            at = _string(data, body, at, size, memory, k)
+            at = _string(data, body, at, size, memory, m)
             if at < 0:
                 return _ABSENT
         return at
     if count > 0:
         at = (at + alignment - 1) & -alignment
     if step == _BATCH:
-        memory[k, VALUE_AT] = at
-        memory[k, COUNT] = count
+        memory[m, VALUE_AT] = at
+        memory[m, COUNT] = count
     elif step == _ITEM and index < count:
-        memory[k, VALUE_AT] = at + index * width
+        memory[m, VALUE_AT] = at + index * width
     end: int = at + count * width
     return end
 
 
 @njit
 def _lay_out(
-    data: ByteArray, body: int, size: int, plan: IntArray, memory: IntArray, k: int
+    data: ByteArray, body: int, size: int, plan: IntArray, k: int, memory: IntArray, m: int
 ) -> bool:
     """Find the places of stamp, value and period; False where the bytes do not fit the type."""
-    memory[k, LENGTH] = _UNKNOWN
-    memory[k, STAMP_AT] = memory[k, VALUE_AT] = memory[k, PERIOD_AT] = _ABSENT
-    memory[k, WORDS] = 0
-    memory[k, COUNT] = 1
+    memory[m, LENGTH] = _UNKNOWN
+    memory[m, STAMP_AT] = memory[m, VALUE_AT] = memory[m, PERIOD_AT] = _ABSENT
+    memory[m, WORDS] = 0
+    memory[m, COUNT] = 1
     at = 0
     for s in range(plan[k, STEPS]):
         step = plan[k, FIRST_STEP + 4 * s]
         if step == _STRING:
-            at = _string(data, body, at, size, memory, k)
+            at = _string(data, body, at, size, memory, m)
         elif step in (_STRINGS, _SEQUENCE, _ITEM, _BATCH):
-            at = _counted(data, body, at, size, plan, memory, k, s)
+            at = _counted(data, body, at, size, plan, k, s, memory, m)
         else:
             alignment = plan[k, FIRST_STEP + 4 * s + 1]
             at = (at + alignment - 1) & -alignment
             if step == _STAMP:
-                memory[k, STAMP_AT] = at
+                memory[m, STAMP_AT] = at
             elif step == _VALUE:
-                memory[k, VALUE_AT] = at
+                memory[m, VALUE_AT] = at
             elif step == _PERIOD:
-                memory[k, PERIOD_AT] = at
+                memory[m, PERIOD_AT] = at
             at += plan[k, FIRST_STEP + 4 * s + 2]
         if at < 0 or at > size:
             return False
     if at + 3 < size:
         return False
-    if memory[k, WORDS] <= MAX_WORDS:
-        memory[k, LENGTH] = size
+    if memory[m, WORDS] <= MAX_WORDS:
+        memory[m, LENGTH] = size
     return True
 
 
@@ -252,8 +256,10 @@ def take(  # noqa: PLR0912, PLR0915  to hand arrays on to a call costs more than
         Where they begin and end [B].
     first_of : (C,) int64 array
         By channel, the first of its fields, -1 = none.
-    plan, memory : (K, .) int64 arrays
-        What is wanted of each field, and the layout of the message before.
+    plan : (K, .) int64 array
+        What is wanted of each field.
+    memory : (SLOTS K, .) int64 array
+        Layouts of the messages before.
     counts : (R, 3) int64 array
         By signal, samples, messages and whether the chunk is odd; grows.
     times : (2 R, N) int64 array
@@ -290,29 +296,30 @@ def take(  # noqa: PLR0912, PLR0915  to hand arrays on to a call costs more than
             log_ns = _i64(data, at + _LOG_AT)
             body = at + _RECORD_HEAD + _MESSAGE_HEAD + _ENCAPSULATION
             size = following - body
+            m = k * SLOTS + (size >> 2) % SLOTS
             fits = size >= 0 and log_ns >= 0 and data[body - 4] == 0 and data[body - 3] == 1
             if fits:
-                alike = memory[k, LENGTH] == size
+                alike = memory[m, LENGTH] == size
                 if alike:
-                    for w in range(memory[k, WORDS]):
-                        place = body + memory[k, FIRST_WORD + 2 * w]
-                        value = memory[k, FIRST_WORD + 2 * w + 1]
+                    for w in range(memory[m, WORDS]):
+                        place = body + memory[m, FIRST_WORD + 2 * w]
+                        value = memory[m, FIRST_WORD + 2 * w + 1]
                         if value == _TERMINATOR:
                             alike = alike and data[place] == 0
                         else:
                             alike = alike and np.int64(_u32(data, place)) == value
-                fits = alike or _lay_out(data, body, size, plan, memory, k)
+                fits = alike or _lay_out(data, body, size, plan, k, memory, m)
             begin_ns, is_stamped = log_ns, 0
-            if fits and memory[k, STAMP_AT] >= 0:
-                place = body + memory[k, STAMP_AT]
+            if fits and memory[m, STAMP_AT] >= 0:
+                place = body + memory[m, STAMP_AT]
                 stamp_ns = np.int64(_i32(data, place)) * _SECOND_NS + np.int64(
                     _u32(data, place + 4)
                 )
                 if stamp_ns != 0:
                     begin_ns, is_stamped = stamp_ns, 1
-            count, period_ns = memory[k, COUNT], 0.0
+            count, period_ns = memory[m, COUNT], 0.0
             if fits and plan[k, BATCHED] and count > 1:
-                period = _f64(data, body + memory[k, PERIOD_AT])
+                period = _f64(data, body + memory[m, PERIOD_AT])
                 period_ns = period * 1e9
                 if not (period > 0.0 and np.isfinite(period)):
                     count = 0
@@ -324,8 +331,8 @@ def take(  # noqa: PLR0912, PLR0915  to hand arrays on to a call costs more than
                 k = plan[k, NEXT]
                 continue
             n, kind, width = counts[row, SAMPLES], plan[k, NUMBER], plan[k, SIZE]
-            place = body + memory[k, VALUE_AT]
-            is_there = memory[k, VALUE_AT] >= 0
+            place = body + memory[m, VALUE_AT]
+            is_there = memory[m, VALUE_AT] >= 0
             for i in range(count):
                 times[2 * row, n + i] = log_ns
                 times[2 * row + 1, n + i] = begin_ns + np.int64(np.rint(i * period_ns))
