@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.estimation.cycle_kernels import choose_independent, excitation_sums
+from valve_twin.core.estimation.masks import contiguous
 from valve_twin.core.estimation.regression import TERMS, Gram
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from valve_twin.core.types import FloatArray, Frames, IntArray
+    from valve_twin.core.types import Frames, IntArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,14 +104,17 @@ def assess_input(
         Limits; defaults where omitted.
     """
     options = options or GuardOptions()
-    level = frames.inputs[rows - lag, column]
-    on = level > options.active_command
-    count = int(on.sum())
+    count, travel, mean, deviation = excitation_sums(
+        contiguous(frames.position),
+        contiguous(frames.inputs),
+        rows,
+        lag,
+        column,
+        options.active_command,
+    )
     if count == 0:
         return Excitation(0, 0.0, np.nan, np.nan, False, False, "the command is never on")
-    acting = rows[on]
-    travel = float(abs(np.sum(frames.position[acting] - frames.position[acting - 1])))
-    mean, spread = float(level[on].mean()), float(level[on].std() / level[on].mean())
+    spread = deviation / mean
     need = options.min_travel
     if np.isfinite(noise_sigma):
         need = max(need, options.noise_travel * noise_sigma)
@@ -171,21 +176,8 @@ def independent_terms(gram: Gram, terms: Sequence[int], max_condition: float) ->
         A column whose part outside the earlier ones is smaller than its length over this is left
         out [1].
     """
-    chosen: list[int] = []
-    length = np.sqrt(np.diag(gram.matrix))
-    for term in terms:
-        if length[term - 1] == 0.0:
-            continue
-        k = np.asarray([*chosen, term]) - 1
-        scaled = gram.matrix[np.ix_(k, k)] / np.outer(length[k], length[k])
-        if _last_pivot(scaled) > max(max_condition**-2.0, 1e-14):
-            chosen.append(term)
-    return tuple(chosen)
-
-
-def _last_pivot(scaled: FloatArray) -> float:
-    """Squared distance of the last unit column from the span of the others."""
-    if len(scaled) == 1:
-        return 1.0
-    others = np.linalg.lstsq(scaled[:-1, :-1], scaled[:-1, -1], rcond=None)[0]
-    return float(1.0 - scaled[-1, :-1] @ others)
+    columns = np.array(terms, dtype=np.int64) - 1
+    chosen = np.empty(len(columns), np.int64)
+    least = max(max_condition**-2.0, 1e-14)
+    count = choose_independent(np.array(gram.matrix, order="C"), columns, least, chosen)
+    return tuple((chosen[:count] + 1).tolist())

@@ -14,6 +14,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.estimation.cycle_kernels import (
+    longest_run,
+    mark_breaks,
+    mark_samples,
+    mark_seat,
+    mark_stuck,
+)
 from valve_twin.core.estimation.stale import find_stale
 from valve_twin.core.gaps import find_gaps
 
@@ -123,20 +130,39 @@ def find_masks(
             f"push has {len(push)} entries, the frames have inputs of shape {frames.inputs.shape}"
         )
         raise ValueError(msg)
-    finite = np.isfinite(frames.position) & np.isfinite(frames.inputs).all(axis=1)
-    bad = ~(frames.valid & finite)
+    n = len(frames)
+    bad, breaks, seat, stuck = (np.zeros(n, np.bool_) for _ in range(4))
+    drive, x = np.empty(n), np.empty(n)
+    position, inputs = contiguous(frames.position), contiguous(frames.inputs)
+    mark_samples(position, inputs, frames.valid, np.asarray(push, float), bad, drive, x)
     gap = find_gaps(frames.stamp_ns, period_s)
-    drive = np.where(np.isfinite(frames.inputs), frames.inputs, 0.0) @ np.asarray(push, float)
-    x = np.where(bad, np.nan, frames.position)
-    breaks = gap | bad
-    breaks[1:] |= bad[:-1]
-    stale, refresh = find_stale(
-        x, np.abs(drive) > options.active_command, breaks, max_lag=options.max_lag
+    mark_breaks(bad, gap, breaks)
+    stale, refresh = np.zeros(n, np.bool_), 1.0
+    if longest_run(x, breaks) > 1:
+        active = np.abs(drive) > options.active_command
+        stale, refresh = find_stale(x, active, breaks, max_lag=options.max_lag)
+    low, high = options.lower_stop + options.stop_margin, options.upper_stop - options.stop_margin
+    # the lookback covers the lag and the sample after the impact, whose speed the stop cut off
+    mark_seat(x, drive, low, high, options.active_command, options.max_lag + 2, seat)
+    half = max(6, round(options.stuck_window_s / period_s)) // 2
+    mark_stuck(
+        x,
+        drive,
+        breaks,
+        half,
+        options.max_lag,
+        options.stuck_command,
+        options.stuck_motion,
+        stuck,
     )
-    seat = _find_seat(x, drive, options)
-    window = max(6, round(options.stuck_window_s / period_s))
-    stuck = _find_stuck(x, drive, breaks, window, options) & ~seat & ~stale
+    if stuck.any():
+        stuck &= ~seat & ~stale
     return Masks(seat, stuck, stale, bad, gap, refresh)
+
+
+def contiguous(values: FloatArray) -> FloatArray:
+    """Return the values in one piece, as the compiled passes want them."""
+    return np.ascontiguousarray(values, dtype=np.float64)
 
 
 def held_recently(flag: BoolArray, samples: int) -> BoolArray:
@@ -145,46 +171,3 @@ def held_recently(flag: BoolArray, samples: int) -> BoolArray:
     before = np.zeros_like(count)
     before[samples + 1 :] = count[: -samples - 1] if samples + 1 < len(count) else 0
     return np.asarray(count > before)
-
-
-def _find_seat(x: FloatArray, drive: FloatArray, options: MaskOptions) -> BoolArray:
-    """Near a stop and pushed into it within the last `max_lag` + 2 samples.
-
-    The lookback covers the lag and the sample after the impact, whose speed the stop has cut off.
-    """
-    reach = options.max_lag + 2
-    down = held_recently(drive < -options.active_command, reach)
-    up = held_recently(drive > options.active_command, reach)
-    low = x <= options.lower_stop + options.stop_margin
-    high = x >= options.upper_stop - options.stop_margin
-    return (low & down) | (high & up)
-
-
-def _find_stuck(
-    x: FloatArray, drive: FloatArray, breaks: BoolArray, window: int, options: MaskOptions
-) -> BoolArray:
-    """Whole windows commanded one way, since the lag before, without motion above the noise."""
-    n = len(x)
-    stuck = np.zeros(n, bool)
-    half = window // 2
-    window = 2 * half
-    if n < window + options.max_lag:
-        return stuck
-    clear = np.zeros(n, bool)
-    for side in (drive > options.stuck_command, drive < -options.stuck_command):
-        clear |= ~held_recently(~side, window + options.max_lag - 1)
-    clear &= ~held_recently(breaks, window - 1)
-    filled = np.where(np.isfinite(x), x, 0.0)
-    mean = np.convolve(filled, np.full(half, 1.0 / half))[:n]
-    motion = np.abs(mean[half:] - mean[:-half])
-    spread = np.convolve(np.diff(filled, prepend=filled[:1]) ** 2, np.full(window, 1.0 / window))[
-        :n
-    ]
-    # standard deviation of the difference of two half means of white noise: sigma sqrt(2 / half)
-    floor = np.maximum(options.stuck_motion, 3.0 * np.sqrt(0.5 * spread * 2.0 / half))
-    clear[:half] = False
-    clear[: window + options.max_lag - 1] = False
-    clear[half:] &= motion < floor[half:]
-    for end in np.flatnonzero(clear):
-        stuck[end - window + 1 : end + 1] = True
-    return stuck

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.masks import Masks, held_recently
+from valve_twin.core.estimation.cycle_kernels import rest_bends
+from valve_twin.core.estimation.masks import Masks, contiguous, held_recently
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, Frames
@@ -77,11 +78,15 @@ def rest_noise(
     RestNoise
         Standard deviation and count; sigma is NaN below `MIN_REST_SAMPLES`.
     """
-    rest = find_rest(frames, masks, active_command=active_command, settle=settle)
-    stretch = np.cumsum(~rest | masks.gap)
-    fresh = rest & ~masks.stale & ~masks.bad & ~masks.stuck
-    x, label = frames.position[fresh], stretch[fresh]
-    bend = np.diff(x, 2)[label[2:] == label[:-2]]
-    if len(bend) < MIN_REST_SAMPLES:
-        return RestNoise(float("nan"), len(bend))
-    return RestNoise(float(np.sqrt(np.mean(bend**2) / 6.0)), len(bend))
+    total, count = rest_bends(
+        contiguous(frames.position),
+        contiguous(frames.inputs),
+        masks.bad,
+        masks.gap,
+        masks.stale | masks.bad | masks.stuck,
+        active_command,
+        settle,
+    )
+    if count < MIN_REST_SAMPLES:
+        return RestNoise(float("nan"), count)
+    return RestNoise(float(np.sqrt(total / count / 6.0)), count)

@@ -22,6 +22,7 @@ from valve_twin.core.estimation.active_set import (
     kkt_residual,
     minimise,
 )
+from valve_twin.core.estimation.cycle_kernels import extreme_eigenvalues
 from valve_twin.core.estimation.small_qp import SOLVED, solve_small
 
 if TYPE_CHECKING:
@@ -81,8 +82,9 @@ def column_condition(gram: Gram) -> float:
     k = np.flatnonzero(length > 0.0)
     if len(k) == 0:
         return float("inf")
-    eigen = np.linalg.eigvalsh(gram.matrix[np.ix_(k, k)] / np.outer(length[k], length[k]))
-    return float(np.sqrt(eigen[-1] / eigen[0])) if eigen[0] > 0.0 else float("inf")
+    scaled = gram.matrix[np.ix_(k, k)] / np.outer(length[k], length[k])
+    least, greatest = extreme_eigenvalues(np.array(scaled, order="C"))
+    return float(np.sqrt(greatest / least)) if least > 0.0 else float("inf")
 
 
 def unsolved(inequalities: Inequalities, reason: str) -> QpSolution:

@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
-from valve_twin.core.estimation.masks import Masks, held_recently
+from valve_twin.core.estimation.cycle_kernels import mark_rows
 
 if TYPE_CHECKING:
+    from valve_twin.core.estimation.masks import Masks
     from valve_twin.core.types import FloatArray, Frames, IntArray
 
 TERMS = 8
@@ -56,7 +57,7 @@ class Gram:
     def part(self, terms: tuple[int, ...]) -> Gram:
         """Return the normal equations of some terms, numbered from 1 as in the paper."""
         k = np.asarray(terms, np.int64) - 1
-        return Gram(self.matrix[np.ix_(k, k)], self.vector[k], self.power, self.rows)
+        return Gram(self.matrix[k[:, None], k], self.vector[k], self.power, self.rows)
 
 
 def usable_rows(frames: Frames, masks: Masks, lag: int, *, keep_stale: bool = False) -> IntArray:
@@ -79,11 +80,8 @@ def usable_rows(frames: Frames, masks: Masks, lag: int, *, keep_stale: bool = Fa
     lost = masks.bad | masks.seat | masks.stuck
     if not keep_stale or masks.refresh_period <= 1.0:
         lost = lost | masks.stale
-    out = held_recently(lost, 2)
-    out |= held_recently(masks.bad, back)
-    out |= held_recently(masks.gap, back - 1)
-    out[:back] = True
-    return np.flatnonzero(~out)
+    rows = np.empty(len(lost), np.int64)
+    return rows[: mark_rows(lost, masks.bad, masks.gap, back, rows)]
 
 
 def common_rows(
@@ -162,7 +160,7 @@ def _gram_kernel(
     vector: FloatArray,
 ) -> float:
     """Fill the normal equations; returns the sum of y^2."""
-    u = np.empty(8)
+    u, on = np.empty(8), np.empty(8, np.int64)
     power = 0.0
     for n in rows:
         dx = x[n - 1] - x[n - 2]
@@ -178,9 +176,17 @@ def _gram_kernel(
         u[7] = vo * dx
         y = x[n] - 2.0 * x[n - 1] + x[n - 2]
         power += y * y
+        # most rows have one command at zero or both: their zeros would add nothing
+        count = 0
         for i in range(8):
+            if u[i] != 0.0:
+                on[count] = i
+                count += 1
+        for c in range(count):
+            i = on[c]
             vector[i] += u[i] * y
-            for j in range(i + 1):
+            for d in range(c + 1):
+                j = on[d]
                 matrix[i, j] += u[i] * u[j]
     for i in range(8):
         for j in range(i):
