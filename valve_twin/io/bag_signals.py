@@ -43,6 +43,7 @@ for another in vain."""
 
 _BATCH_SIZE = 4 << 20
 _MAX_CAPACITY = 1 << 24
+_LAST_NS = 2**63 - 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -281,6 +282,14 @@ def _decode(
         by_channel.setdefault(one.channel, []).append(one)
     for message in messages(data, set(by_channel)):
         group = by_channel[message.channel]
+        if message.log_ns > _LAST_NS:
+            one = group[0]
+            msg = (
+                f"{one.types.where}: a message has the log time "
+                f"{message.log_ns} ns, which is beyond the year 2262; the file is damaged, "
+                "rewrite it with 'valve-twin recover'"
+            )
+            raise BagError(msg)
         decoded = group[0].types.decode(message.data, message.log_ns)
         for one in group:
             block = one.extractor(decoded, message.log_ns)
@@ -320,7 +329,7 @@ def _slices(
 def _check_counts(bag: _Bag) -> None:
     for part in bag.parts:
         statistics = part.file.summary.statistics
-        if statistics is None:
+        if statistics is None or part.file.damage is not None:
             continue
         for row, read in part.read.items():
             channels = {f.channel for f in part.fields if f.row == row}
@@ -329,7 +338,7 @@ def _check_counts(bag: _Bag) -> None:
                 msg = (
                     f"{part.file.path}: topic '{bag.wanted[row].topic}': {read} messages "
                     "read, its summary counts "
-                    f"{counted}; the file is damaged, rewrite it with 'mcap recover'"
+                    f"{counted}; the file is damaged, rewrite it with 'valve-twin recover'"
                 )
                 raise BagError(msg)
 

@@ -56,7 +56,7 @@ class BagTypes:
     """
 
     def __init__(self, schema: Schema, where: str) -> None:
-        self._where = where
+        self.where = where
         try:
             self.name = full_type_name(schema.name)
         except ValueError:
@@ -93,7 +93,7 @@ class BagTypes:
             return self._store.deserialize_cdr(data, self.name)
         except _UNDECODABLE as err:
             msg = (
-                f"{self._where}: the message at log time {log_ns} ns is no valid {self.name}; "
+                f"{self.where}: the message at log time {log_ns} ns is no valid {self.name}; "
                 "rewrite the bag without it"
             )
             raise BagError(msg) from err
