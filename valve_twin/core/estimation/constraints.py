@@ -54,10 +54,11 @@ class Inequalities:
     def part(self, columns: Sequence[int]) -> Inequalities:
         """Return the same set with the others at zero, without what then always holds."""
         matrix = self.matrix[:, list(columns)]
-        keep = np.flatnonzero((matrix != 0.0).any(axis=1) | (self.bound < 0.0))
+        kept = ((matrix != 0.0).any(axis=1) | (self.bound < 0.0)).tolist()
+        keep = [i for i, keeps in enumerate(kept) if keeps]
         return Inequalities(
             tuple(self.names[k] for k in columns),
-            matrix[keep],
+            np.array(matrix[keep], order="C"),
             self.bound[keep],
             tuple(self.labels[i] for i in keep),
         )

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
 _LONG_AGO = -(1 << 40)
+_SWEEPS = 30  # most Jacobi sweeps; five or six unless columns are nearly dependent
 
 
 @njit(cache=True)
@@ -222,10 +223,22 @@ def choose_independent(
 
 @njit(cache=True)
 def extreme_eigenvalues(matrix: FloatArray) -> tuple[float, float]:
-    """Return the least and the greatest eigenvalue of a symmetric matrix (Jacobi rotations)."""
-    a = matrix.copy()
-    k = len(a)
-    for _ in range(30):
+    """Return least and greatest eigenvalue of a Gram matrix scaled to a unit diagonal.
+
+    By Jacobi rotations; columns of zeros are left out, (0, 0) where nothing is left.
+    """
+    columns = np.flatnonzero(np.diag(matrix) > 0.0)
+    k = len(columns)
+    if k == 0:
+        return 0.0, 0.0
+    a = np.empty((k, k))
+    for i in range(k):
+        for j in range(k):
+            size = np.sqrt(matrix[columns[i], columns[i]]) * np.sqrt(
+                matrix[columns[j], columns[j]]
+            )
+            a[i, j] = matrix[columns[i], columns[j]] / size
+    for _ in range(_SWEEPS):
         off = 0.0
         for i in range(k):
             for j in range(i):
@@ -235,10 +248,7 @@ def extreme_eigenvalues(matrix: FloatArray) -> tuple[float, float]:
         for i in range(1, k):
             for j in range(i):
                 _rotate(a, i, j)
-    least, greatest = np.inf, -np.inf
-    for i in range(k):
-        least, greatest = min(least, a[i, i]), max(greatest, a[i, i])
-    return least, greatest
+    return np.diag(a).min(), np.diag(a).max()
 
 
 @njit(cache=True)

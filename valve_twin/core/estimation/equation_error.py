@@ -9,6 +9,7 @@ noisy position is a moving average that correlates with the speed, th1 -> (th1 S
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -210,7 +211,7 @@ def fit_equation_error(
         return replace(fit, inflow=inflow, outflow=outflow)
     theta = np.zeros(TERMS)
     theta[np.asarray(problem.fitted) - 1] = solution.theta
-    parameters = tuple(_value(term, theta, problem, solution) for term in terms)
+    parameters = _values(terms, theta, problem, solution)
     return EquationErrorFit(
         estimator,
         lag,
@@ -278,21 +279,29 @@ def _solve(frames: Frames, rows: IntArray, lag: int, problem: _Problem, solver: 
     return solve_qp(problem.gram, problem.limits)
 
 
-def _value(
-    term: int, theta: FloatArray, problem: _Problem, solution: QpSolution
-) -> ParameterValue:
-    """One parameter: not excited, on a bound (which), or free."""
-    name, why = THETA[term - 1], problem.reasons[term - 1]
-    if why:
-        return ParameterValue(name, float("nan"), ParameterStatus.NOT_EXCITED, why)
-    value = float(theta[term - 1])
-    limits = problem.limits
-    concerned = limits.matrix[:, problem.fitted.index(term)] != 0.0
-    resting = np.flatnonzero(solution.active & concerned)
-    if len(resting):
-        labels = ", ".join(limits.labels[int(i)] for i in resting)
-        return ParameterValue(name, value, ParameterStatus.AT_BOUND, f"rests on {labels}")
-    return ParameterValue(name, value)
+def _values(
+    terms: tuple[int, ...], theta: FloatArray, problem: _Problem, solution: QpSolution
+) -> tuple[ParameterValue, ...]:
+    """Return the parameters: not excited, on a bound (which), or free."""
+    labels = [problem.limits.labels[i] for i in np.flatnonzero(solution.active).tolist()]
+    rests = (problem.limits.matrix[solution.active] != 0.0).T.tolist()
+    found = []
+    for term, value in zip(terms, theta[np.asarray(terms) - 1].tolist(), strict=True):
+        name, why = THETA[term - 1], problem.reasons[term - 1]
+        if why:
+            found.append(ParameterValue(name, math.nan, ParameterStatus.NOT_EXCITED, why))
+            continue
+        on = [
+            label
+            for label, rest in zip(labels, rests[problem.fitted.index(term)], strict=True)
+            if rest
+        ]
+        if on:
+            reason = f"rests on {', '.join(on)}"
+            found.append(ParameterValue(name, value, ParameterStatus.AT_BOUND, reason))
+        else:
+            found.append(ParameterValue(name, value))
+    return tuple(found)
 
 
 def _verdict(parameters: tuple[ParameterValue, ...]) -> tuple[EstimateStatus, str]:

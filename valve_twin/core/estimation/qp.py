@@ -78,12 +78,7 @@ def column_condition(gram: Gram) -> float:
     From the normal equations, so it saturates near 1e8; infinite where columns depend on each
     other.
     """
-    length = np.sqrt(np.diag(gram.matrix))
-    k = np.flatnonzero(length > 0.0)
-    if len(k) == 0:
-        return float("inf")
-    scaled = gram.matrix[np.ix_(k, k)] / np.outer(length[k], length[k])
-    least, greatest = extreme_eigenvalues(np.array(scaled, order="C"))
+    least, greatest = extreme_eigenvalues(np.array(gram.matrix, order="C"))
     return float(np.sqrt(greatest / least)) if least > 0.0 else float("inf")
 
 

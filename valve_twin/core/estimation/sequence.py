@@ -9,6 +9,7 @@ restarted from its history all give the same bits.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -137,7 +138,7 @@ def estimate_cycle(
 
     Adds to each estimate its errors and fits as test data for the model before and as training
     data for the new one, and the intervals from the scatter between cycles (NaN before there are
-    ten). Never raises for bad data.
+    ten), unless the model `judges` nothing with these options. Never raises for bad data.
 
     Parameters
     ----------
@@ -163,6 +164,9 @@ def estimate_cycle(
     results = model.estimate(cycle, options)
     if not cycle.accepted:
         results = tuple(_refused(e, cycle.reason) for e in results)
+    judges = getattr(model, "judges", None)
+    if judges is not None and not judges(options):
+        return results, memory
     done = tuple(_judged(model, options, cycle, memory, e) for e in results)
     return done, memory.after(done)
 
@@ -269,7 +273,8 @@ def _in_force(
 
 def _newest_values(estimates: tuple[Estimate, ...]) -> dict[str, float]:
     """Return the newest finite value of each parameter."""
-    return {p.name: p.value for e in estimates for p in e.parameters if np.isfinite(p.value)}
+    isfinite = math.isfinite
+    return {p.name: p.value for e in estimates for p in e.parameters if isfinite(p.value)}
 
 
 def _expected_sigma(estimates: tuple[Estimate, ...]) -> float:

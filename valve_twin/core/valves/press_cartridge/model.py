@@ -102,7 +102,8 @@ OPTIONS = (
         "output_error",
         True,
         "run the output error in every cycle, which trend and prediction need; false = only the "
-        "estimators listed, to re-estimate an archive by constrained least squares",
+        "estimators listed, each cycle by itself, without test errors and intervals: to "
+        "re-estimate an archive by constrained least squares",
     ),
     Option("v_ref", 0.3, "outflow command at which K_out is published [A]", "1", 0.0, 1.0),
     Option("v_max", 0.8, "greatest command: gains are positive up to it [A]", "1", 0.01, 1.0),
@@ -191,6 +192,10 @@ class PressCartridgeModel:
             else self._equation_error(name, cycle, masks, sigma, scan, options)
             for name in names
         )
+
+    def judges(self, options: Options) -> bool:
+        """Tell whether estimates are judged by the cycles before: not without the output error."""
+        return bool(options["output_error"])
 
     def coefficients(
         self, values: Mapping[str, float], lag: int, period_s: float, options: Options
