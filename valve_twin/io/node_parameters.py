@@ -200,8 +200,8 @@ _BAG_PLAYER = (
         "window",
         Kind.INT,
         5000,
-        "Messages at rate 0 between two answers of all subscribing nodes; at most their queue "
-        "depth, 0 = do not ask.",
+        "Where lossless: messages between two answers of all subscribing nodes; at most their "
+        "queue depth, 0 = do not ask.",
         "1",
         0,
         10**6,
@@ -258,16 +258,53 @@ _BAG_PLAYER = (
     ),
 )
 
-_BAG_RECORDER = (
+_RECORDED_TOPICS = (
     Spec(
-        "bag",
+        "topics",
+        Kind.STRINGS,
+        (),
+        "Topics to record; with regex and types empty too, all under the node's namespace.",
+    ),
+    Spec("all", Kind.BOOL, False, "Record all topics of every namespace."),
+    Spec("regex", Kind.STRING, "", "Record topics in whose name this expression is found."),
+    Spec("types", Kind.STRINGS, (), "Record topics of these message types."),
+    Spec("exclude_topics", Kind.STRINGS, (), "Topics to leave out."),
+    Spec("exclude_regex", Kind.STRING, "", "Leave out topics in whose name this is found."),
+    Spec("exclude_types", Kind.STRINGS, (), "Message types to leave out."),
+    Spec(
+        "include_hidden_topics",
+        Kind.BOOL,
+        False,
+        "Record also topics with a part that begins with an underscore.",
+    ),
+    Spec(
+        "discovery_s",
+        Kind.FLOAT,
+        0.0,
+        "How long new topics are looked for after activation; 0 = always.",
+        "s",
+        0.0,
+        1e6,
+    ),
+    Spec(
+        "qos_profile_overrides_path",
         Kind.STRING,
         "",
-        "Folder of the bag; empty = valve_twin_DATE in the working directory.",
+        "YAML file of QoS policies by topic, as `ros2 bag record` takes it; "
+        "what it does not name adapts to the publishers.",
     ),
-    Spec("topics", Kind.STRINGS, (), "Topics to record; empty = all under the node's namespace."),
-    Spec("all", Kind.BOOL, False, "Record all topics of every namespace."),
-    Spec("flush_s", Kind.FLOAT, 1.0, "Longest time until data is in the file.", "s", 0.05, 60.0),
+)
+
+_RECORDED_FILES = (
+    Spec(
+        "flush_s",
+        Kind.FLOAT,
+        0.5,
+        "Longest time until a message is written and synced.",
+        "s",
+        0.05,
+        60.0,
+    ),
     Spec(
         "queue",
         Kind.INT,
@@ -277,6 +314,140 @@ _BAG_RECORDER = (
         1,
         10**8,
     ),
+    Spec(
+        "queue_bytes",
+        Kind.INT,
+        100 * 2**20,
+        "Bytes that may wait for the disk; more are lost and counted.",
+        "B",
+        1000,
+        2**40,
+    ),
+    Spec(
+        "max_bag_size",
+        Kind.INT,
+        0,
+        "Size after which a new file begins; 0 = never.",
+        "B",
+        0,
+        2**50,
+    ),
+    Spec(
+        "max_bag_duration",
+        Kind.FLOAT,
+        0.0,
+        "Time after which a new file begins; 0 = never.",
+        "s",
+        0.0,
+        1e9,
+    ),
+    Spec("keep_files", Kind.INT, 0, "Files kept, older ones are deleted; 0 = all.", "1", 0, 10**6),
+    Spec(
+        "min_free_bytes",
+        Kind.INT,
+        100_000_000,
+        "Free space on the disk that is left to others.",
+        "B",
+        0,
+        2**50,
+    ),
+    Spec(
+        "when_disk_low",
+        Kind.STRING,
+        "stop",
+        "Below that space stop writing, or delete the oldest files of this bag first.",
+        choices=("stop", "delete_oldest"),
+    ),
+    Spec("resume", Kind.BOOL, True, "Go on in a new file when the disk has space again."),
+    Spec(
+        "custom_data",
+        Kind.STRINGS,
+        (),
+        "Values for the bag's metadata, each as KEY=VALUE: valve, serial number, software.",
+    ),
+)
+
+_SNAPSHOTS = (
+    Spec(
+        "snapshot_mode",
+        Kind.BOOL,
+        False,
+        "Keep the last messages in memory and write them only on ~/snapshot or an alarm.",
+    ),
+    Spec(
+        "snapshot_s",
+        Kind.FLOAT,
+        60.0,
+        "Time that the snapshot buffer spans; 0 = bounded by its bytes alone.",
+        "s",
+        0.0,
+        1e6,
+    ),
+    Spec(
+        "snapshot_bytes",
+        Kind.INT,
+        100 * 2**20,
+        "Memory of the snapshot buffer.",
+        "B",
+        1000,
+        2**40,
+    ),
+    Spec(
+        "snapshot_cycles",
+        Kind.INT,
+        0,
+        "Whole production cycles in a snapshot, the last ones; 0 = all that is buffered.",
+        "1",
+        0,
+        10**6,
+    ),
+    Spec(
+        "snapshot_after_s",
+        Kind.FLOAT,
+        0.0,
+        "How long is waited after an alarm before the snapshot is taken.",
+        "s",
+        0.0,
+        3600.0,
+    ),
+    Spec(
+        "alarms",
+        Kind.STRINGS,
+        ("diagnostics", "verdict"),
+        "What takes a snapshot by itself: an ERROR on /diagnostics, "
+        "a verdict that the valve, command, sensor or supply changed.",
+        choices=("diagnostics", "verdict"),
+    ),
+    Spec(
+        "alarm_regex",
+        Kind.STRING,
+        "",
+        "Names on /diagnostics that alarm; empty = those of nodes and valves in the namespace.",
+    ),
+    Spec(
+        "alarm_pause_s",
+        Kind.FLOAT,
+        60.0,
+        "After an alarm's snapshot further alarms take none for this long.",
+        "s",
+        0.0,
+        1e6,
+    ),
+    Spec("cycle_topic", Kind.STRING, "twin/cycle", "Where the cycles are announced."),
+    Spec("verdict_topic", Kind.STRING, "aging_monitor/verdict", "Where the verdict is given."),
+)
+
+_BAG_RECORDER = (
+    Spec(
+        "bag",
+        Kind.STRING,
+        "",
+        "Folder of the bag; empty = valve_twin_DATE in the working directory.",
+    ),
+    *_RECORDED_TOPICS,
+    Spec("start_paused", Kind.BOOL, False, "Wait for the service resume."),
+    *_RECORDED_FILES,
+    *_SNAPSHOTS,
 )
 
 NODE_PARAMETERS: dict[str, tuple[Spec, ...]] = {

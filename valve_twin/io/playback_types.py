@@ -51,7 +51,10 @@ def problem(found: BagType) -> str:
     known = installed_hashes(found.name)
     if not known:
         return f"message type {found.name} is not installed; build its package and source it"
-    told = [h for h in (found.type_hash, _hash_of(found)) if h.startswith(_HASH)]
+    defined = _hash_of(found)
+    if not found.text.strip() and defined not in known:
+        defined = ""  # no definition rather than that of a type without fields
+    told = [h for h in (found.type_hash, defined) if h.startswith(_HASH)]
     if not told:
         return f"the bag holds no readable definition of {found.name}; record the topic anew"
     for one in told:

@@ -28,7 +28,7 @@ from valve_twin.nodes.player_plan import CLOCK, Plan, Route, profile, read_plan
 from valve_twin.nodes.player_services import PlayerServices
 from valve_twin.nodes.runtime import STEADY, ValveNode, run
 from valve_twin.nodes.safety import CHECK_S, Guard, Outlet
-from valve_twin.nodes.transport import quicken, tidy
+from valve_twin.nodes.transport import is_quick, quicken, tidy
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -38,9 +38,12 @@ if TYPE_CHECKING:
 TICK_S = 0.002
 """Period of the pacing timer [s]."""
 
-MOST_MESSAGES = 32
-"""Messages published in one tick: a callback has to end soon and shared memory must not overflow:
-what it drops is sent again, but later."""
+MOST_MESSAGES = 128
+"""Messages published in one tick: a callback has to end soon."""
+
+MOST_SLOWLY = 32
+"""The same where shared memory must not overflow, because what it drops is sent again seconds
+later."""
 
 JUMP_S = 1.0
 """How long what was sent before a jump may take to arrive before the jump is published [s]."""
@@ -78,6 +81,7 @@ class BagPlayerNode(ValveNode):
         self._paused = False
         self._earliest_s = self._latest_s = self._jumped_s = self._ended_s = 0.0
         self._bursts: list[tuple[int, Callable[[int], None], int]] = []
+        self._most = MOST_MESSAGES if is_quick() else MOST_SLOWLY
         self._played = self._round_began = 0
         PlayerServices(self)
 
@@ -192,7 +196,7 @@ class BagPlayerNode(ValveNode):
 
     def _play_due(self) -> None:
         reel = self._reel
-        for _ in range(MOST_MESSAGES):
+        for _ in range(self._most):
             if reel is None or reel.next is None:
                 self._reach_end()
                 return
@@ -203,7 +207,7 @@ class BagPlayerNode(ValveNode):
 
     def _play_bursts(self) -> None:
         """Play what was asked for while paused."""
-        for _ in range(MOST_MESSAGES):
+        for _ in range(self._most):
             if not self._bursts:
                 return
             wanted, done, played = self._bursts[0]
@@ -270,7 +274,7 @@ class BagPlayerNode(ValveNode):
         if now < self._earliest_s or not (found or given_up):
             return False
         self._guard.check(self._outlets)
-        if self._flow is not None and self._time.rate == 0.0:
+        if self._flow is not None:
             self._flow.meet()
         return True
 
@@ -347,8 +351,8 @@ class BagPlayerNode(ValveNode):
             self.exit_code = 1
 
     def _is_flowing(self) -> bool:
-        """Return whether the subscribers follow; only asked where they set the pace."""
-        return self._flow is None or self._time.rate != 0.0 or self._flow.is_open()
+        """Return whether the subscribers follow."""
+        return self._flow is None or self._flow.is_open(strict=self._time.rate == 0.0)
 
     # -- what the services ask for
 

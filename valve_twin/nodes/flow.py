@@ -49,7 +49,7 @@ class Flow:
     publishers : sequence
         Its publishers.
     window : int
-        Messages between two answers of the subscribers, 0 = never wait.
+        Messages between two answers of the subscribers [1], 0 = never wait.
     now_s : callable
         Steady clock [s].
     """
@@ -61,7 +61,7 @@ class Flow:
         self._publishers = publishers
         self._window = window
         self._now_s = now_s
-        self._since = 0
+        self._since = self._marked = 0
         self._began_s: float | None = None
         self._calls: dict[str, Any] | None = None
         self._clients: dict[str, Any] = {}
@@ -71,14 +71,28 @@ class Flow:
         """Note a message that left."""
         self._since += 1
 
-    def is_open(self) -> bool:
-        """Return whether another message may leave; asks the subscribers where it is time."""
+    def is_open(self, *, strict: bool) -> bool:
+        """Return whether another message may leave; asks the subscribers where it is time.
+
+        Parameters
+        ----------
+        strict : bool
+            Wait for their answers at once; else another window may leave meanwhile, so that the
+            time between messages is kept.
+        """
         if not self._window or self._since < self._window:
             return True
+        if self._have_followed():
+            self._since -= self._marked
+            return True
+        return not strict and self._since < 2 * self._window
+
+    def _have_followed(self) -> bool:
+        """Return whether all have taken what was sent until it was asked first."""
         now_s = self._now_s()
         if self._began_s is None:
-            self._began_s = now_s
-        if not are_acked(self._publishers):
+            self._began_s, self._marked = now_s, self._since
+        if self._calls is None and not are_acked(self._publishers):
             return False
         if self._calls is None:
             self._calls = self._ask()
@@ -86,7 +100,7 @@ class Flow:
         answered = [self._is_answered(name, late=late) for name in self._calls]
         if not all(answered):
             return False
-        self._since, self._began_s, self._calls = 0, None, None
+        self._began_s = self._calls = None
         return True
 
     def destroy(self) -> None:

@@ -45,6 +45,7 @@ def quicken() -> None:
         stream.write(_PROFILE.format(period_ns=round(HEARTBEAT_S * 1e9)))
     os.environ[_VARIABLES[0]] = path
     _files.append(path)
+    _made.append(path)
 
 
 def tidy() -> None:
@@ -54,4 +55,10 @@ def tidy() -> None:
         os.environ.pop(_VARIABLES[0], None)
 
 
+def is_quick() -> bool:
+    """Return whether this process has the profile."""
+    return bool(_made)
+
+
 _files: list[str] = []
+_made: list[str] = []
