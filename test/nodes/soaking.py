@@ -1,0 +1,296 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""A soak: one twin process hosts many valves, fed faster than real time, its memory is watched.
+
+Run as a program it is one of the two processes that a test starts: the plant, or the twin that
+also writes down how much Python holds when it gets SIGUSR1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import yaml
+from diagnostic_msgs.msg import DiagnosticArray
+from scipy.stats import theilslopes
+
+from valve_twin.core.simulation import simulate_cycles
+from valve_twin.core.valves.registry import get_simulation
+from valve_twin.io.history import CycleRecord, History
+from valve_twin.nodes.outlets import Gate
+
+REARM = {"cycles.rearm_signal": "v_out"}
+TOPICS = ("command/v_in", "command/v_out", "spool_position")
+PERIOD_S = 0.03
+CYCLE = 850
+HELD = 52
+"""Cycles of every valve in the history at the start: what a twin remembers is then full."""
+
+NS = "/plant"
+
+
+def valve_names(count: int) -> list[str]:
+    return [f"valve_{i + 1:02d}" for i in range(count)]
+
+
+@dataclasses.dataclass
+class Result:
+    """What was seen after the warm-up."""
+
+    valves: int
+    rate: float
+    batch: int
+    seconds: float
+    sent: int
+    predicted: int
+    stored: int
+    expected: int
+    lost: int
+    pending: int
+    rss_mb: list[tuple[float, float]]
+    worker_mb: list[tuple[float, float]]
+    blocks: list[tuple[float, float]]
+    cpu: float
+
+    def slope(self, series: str, after_s: float) -> tuple[float, float, float]:
+        """Return Theil-Sen slope and its 95 % limits, in units in 10 min."""
+        points = np.array([p for p in getattr(self, series) if p[0] >= after_s])
+        slope, _, low, high = theilslopes(points[:, 1], points[:, 0])
+        return 600.0 * slope, 600.0 * low, 600.0 * high
+
+
+class Soak:
+    """Twin and plant in processes of their own, in the graph of a test."""
+
+    def __init__(self, graph, folder: Path, *, valves: int, rate: float, batch: int) -> None:
+        self.graph, self.valves, self.rate, self.batch = graph, valves, rate, batch
+        self.counts = folder / "counts.jsonl"
+        self.database = folder / "history.sqlite"
+        fill(self.database, valves, folder)
+        self.diagnostics = graph.record("/diagnostics", DiagnosticArray)
+        parameters = {
+            "valves": valve_names(valves),
+            "model": "press_cartridge",
+            "history_url": f"sqlite:///{self.database}",
+            **REARM,
+        }
+        if batch > 1:
+            parameters |= {
+                f"signals.{name}.type": "valve_twin_msgs/msg/Float64Series"
+                for name in ("v_in", "v_out", "spool_position")
+            }
+        content = {"/**": {"ros__parameters": parameters}}
+        (folder / "twin.yaml").write_text(yaml.safe_dump(content))
+        self.environment = {**os.environ, "ROS_DOMAIN_ID": str(graph.domain)}
+        ros = ["--ros-args", "-r", f"__ns:={NS}", "--params-file", str(folder / "twin.yaml")]
+        self.log = folder / "twin.log"
+        self.twin = self._start("twin", [str(self.counts), *ros], self.log)
+        self.plant: subprocess.Popen | None = None
+        graph.spin_until(lambda: len(self.figures()) == valves, 60.0, "the twin's diagnostics")
+
+    def _start(self, what: str, arguments: list[str], log: Path) -> subprocess.Popen:
+        command = [sys.executable, __file__, what, *arguments]
+        with log.open("wb") as out:
+            return subprocess.Popen(
+                command,
+                env=self.environment,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE if what == "plant" else out,
+                stderr=out,
+                text=True,
+            )
+
+    def run(self, seconds: float, every_s: float = 0.5, folder: Path = Path()) -> Result:
+        """Let the plant run and watch the twin."""
+        arguments = [str(x) for x in (self.valves, self.rate, self.batch, seconds)]
+        self.plant = self._start("plant", arguments, folder / "plant.log")
+        series: dict[str, list[tuple[float, float]]] = {"rss": [], "worker": [], "blocks": []}
+        cpu, begin = cpu_s(self.twin.pid), time.monotonic()
+        while self.plant.poll() is None:
+            self.graph.spin(every_s)
+            del self.diagnostics[:-3]
+            if self.twin.poll() is not None:
+                raise AssertionError(self.log.read_text()[-3000:])
+            now = time.monotonic() - begin
+            series["rss"].append((now, rss_mb(self.twin.pid)))
+            series["worker"] += [(now, rss_mb(p)) for p in children(self.twin.pid)[:1]]
+            os.kill(self.twin.pid, signal.SIGUSR1)
+            series["blocks"] += [(now, b) for b in self._blocks()[-1:]]
+        cpu = (cpu_s(self.twin.pid) - cpu) / (time.monotonic() - begin)
+        assert self.plant.stdout is not None
+        said = self.plant.stdout.read()
+        assert self.plant.returncode == 0, (folder / "plant.log").read_text()[-3000:]
+        sent = int(json.loads(said)["samples"])
+        expected = self.valves * max(sent // CYCLE - 2, 0)  # the first is not seen as a whole
+        self._wait(sent * self.valves, expected)
+        figures = self.figures()
+        return Result(
+            self.valves, self.rate, self.batch, seconds, sent * self.valves,
+            sum(int(f["samples predicted"]) for f in figures),
+            sum(int(f["cycles stored"]) for f in figures), expected,
+            sum(int(v.split("/")[1]) for f in figures for k, v in f.items() if "/lost" in k),
+            sum(int(f["estimations pending"]) for f in figures),
+            series["rss"], series["worker"], series["blocks"], cpu,
+        )  # fmt: skip
+
+    def _wait(self, sent: int, cycles: int) -> None:
+        def done() -> bool:
+            figures = self.figures()
+            stored = sum(int(f["cycles stored"]) for f in figures)
+            return stored >= cycles and sum(int(f["samples predicted"]) for f in figures) >= sent
+
+        end = time.monotonic() + 20.0
+        while not done() and time.monotonic() < end:
+            self.graph.spin(0.2)
+
+    def figures(self) -> list[dict[str, str]]:
+        """Return the newest figures of every valve."""
+        found = {
+            s.hardware_id: {v.key: v.value for v in s.values}
+            for m in self.diagnostics
+            for s in m.status
+            if s.hardware_id.startswith(NS)
+        }
+        return list(found.values())
+
+    def _blocks(self) -> list[float]:
+        if not self.counts.exists():
+            return []
+        lines = self.counts.read_text().splitlines()
+        return [float(line) for line in lines[-2:]]
+
+    def end(self) -> int:
+        for process in (self.plant, self.twin):
+            if process is not None and process.poll() is None:
+                process.send_signal(signal.SIGTERM)
+                process.wait(10)
+            if process is not None and process.stdin is not None:
+                process.stdin.close()
+            if process is not None and process.stdout is not None:
+                process.stdout.close()
+        return int(self.twin.returncode)
+
+
+def rss_mb(pid: int) -> float:
+    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
+def cpu_s(pid: int) -> float:
+    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def children(pid: int) -> list[int]:
+    text = Path(f"/proc/{pid}/task/{pid}/children").read_text()
+    others = (t for t in Path(f"/proc/{pid}/task").iterdir() if t.name != str(pid))
+    found = text.split() + [c for t in others for c in (t / "children").read_text().split()]
+    return [int(c) for c in found if "spawn_main" in Path(f"/proc/{c}/cmdline").read_text()]
+
+
+def fill(database: Path, valves: int, folder: Path) -> None:
+    """Store what a twin remembers, so that its memory is full from the first cycle on."""
+    from valve_twin.core.estimation.sequence import Memory, estimate_cycle
+    from valve_twin.core.types import Cycle, Frames
+    from valve_twin.core.valves.registry import complete_options, get_model
+
+    model, memory = get_model("press_cartridge"), Memory.empty()
+    options = complete_options(model, {})
+    with History(database) as history:
+        blocks = list(simulate_cycles(get_simulation("press_cartridge"), HELD, seed=1))
+        for k, block in enumerate(blocks):
+            n = len(block.position)
+            stamps = (np.arange(n, dtype=np.int64) + k * n) * round(PERIOD_S * 1e9)
+            nothing = np.full(n, np.nan)
+            inputs = np.ascontiguousarray(block.inputs)
+            frames = Frames(stamps, block.position, inputs, nothing, nothing, np.ones(n, bool))
+            cycle = Cycle(number=k + 1, period_s=PERIOD_S, frames=frames)
+            estimates, memory = estimate_cycle(model, options, cycle, memory)
+            for name in valve_names(valves):
+                record = CycleRecord(k + 1, cycle.start_ns, cycle.end_ns, n)
+                history.store(f"{NS}/{name}", record, estimates)
+
+
+def plant(valves: int, rate: float, batch: int, seconds: float) -> None:
+    """Publish the signals of all valves, `rate` times as fast as real time."""
+    import rclpy
+    from rclpy.duration import Duration
+    from rclpy.node import Node
+    from rclpy.qos import QoSProfile
+    from valve_twin_msgs import msg
+
+    from valve_twin.io.cdr import encode_series, encode_stamped
+
+    rclpy.init(args=[])
+    node = Node("plant", start_parameter_services=False)
+    kind = msg.Float64Stamped if batch == 1 else msg.Float64Series
+    deep = QoSProfile(depth=20000 // batch)
+    publishers = [
+        [node.create_publisher(kind, f"{NS}/{v}/{t}", deep) for t in TOPICS]
+        for v in valve_names(valves)
+    ]
+    everyone = [p for group in publishers for p in group]
+    gate = Gate()
+    while not gate.is_open(everyone, 1, time.monotonic()):
+        rclpy.spin_once(node, timeout_sec=0.05)
+    blocks = list(simulate_cycles(get_simulation("press_cartridge"), 60, seed=2))
+    inputs = np.concatenate([b.inputs for b in blocks])
+    columns = np.column_stack([inputs, np.concatenate([b.position for b in blocks])])
+    start_ns = 10**15
+    step_ns = round(PERIOD_S * 1e9)
+    sent, begin = 0, time.monotonic()
+    while time.monotonic() - begin < seconds:
+        stamp = start_ns + sent * step_ns
+        for i, group in enumerate(publishers):
+            at = (sent + i * CYCLE // len(publishers) + np.arange(batch)) % len(columns)
+            if batch == 1:
+                row = columns[at[0]].tolist()
+                data = [encode_stamped(stamp, value) for value in row]
+            else:
+                data = [encode_series(stamp, PERIOD_S, c) for c in columns[at].T]
+            for publisher, content in zip(group, data, strict=True):
+                publisher.publish(content)
+        sent += batch
+        due = begin + sent * PERIOD_S / rate
+        time.sleep(max(due - time.monotonic(), 0.0))
+    for publisher in everyone:
+        publisher.wait_for_all_acked(Duration(seconds=10))
+    sys.stdout.write(json.dumps({"samples": sent, "seconds": time.monotonic() - begin}) + "\n")
+    sys.stdout.flush()
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+def twin(counts: str, arguments: list[str]) -> None:
+    """Run the twin; on SIGUSR1 it writes how many blocks Python has allocated."""
+
+    def write(*_: object) -> None:
+        with open(counts, "a", encoding="utf-8") as file:
+            file.write(f"{sys.getallocatedblocks()}\n")
+
+    signal.signal(signal.SIGUSR1, write)
+    from valve_twin.nodes import executables
+
+    sys.argv[1:] = arguments
+    executables.run("twin")
+
+
+if __name__ == "__main__":
+    if sys.argv[1] == "twin":
+        twin(sys.argv[2], sys.argv[3:])
+    else:
+        parser = argparse.ArgumentParser()
+        parser.add_argument("valves", type=int)
+        parser.add_argument("rate", type=float)
+        parser.add_argument("batch", type=int)
+        parser.add_argument("seconds", type=float)
+        plant(**vars(parser.parse_args(sys.argv[2:])))
