@@ -89,7 +89,7 @@ def encode_stamped_rows(stamps_ns: IntArray, values: FloatArray, frame_id: str =
     rows["order"], rows["name"] = np.void(_LITTLE), np.void(name)
     rows["sec"], rows["nanosec"] = np.divmod(stamps_ns, _SECOND_NS)
     rows["value"] = values
-    return rows.view(np.uint8).reshape(len(rows), -1)
+    return rows.view(np.uint8).reshape(len(rows), rows.itemsize)
 
 
 def encode_series(stamp_ns: int, period_s: float, values: FloatArray, frame_id: str = "") -> bytes:

@@ -272,6 +272,10 @@ def _write_file(
     start_ns = int(stamps[0])
     bag.write(resolve_topic(RUN_TOPIC, config.name), encode_string(name), log_ns=start_ns)
     offset = len(table.columns) - len(streams)
+    if not any(stream.batch for stream in streams):
+        columns = table.columns[offset:]
+        bag.write_samples([(s.topic, stamps, v) for s, v in zip(streams, columns, strict=True)])
+        return ImportedFile(name, start_ns, int(stamps[-1]), len(stamps))
     messages = [
         (log_ns, number, stream.topic, data, stamp_ns)
         for number, stream in enumerate(streams)

@@ -151,9 +151,9 @@ class McapWriter:
         offsets = np.empty(len(channels), dtype=np.int64)
         present = np.flatnonzero(np.bincount(channels)).tolist()
         new = sorted((int((channels == c).argmax()), c) for c in present if c not in self._index)
-        done = 0
+        done, least = 0, 0
         for at, channel in [*new, (len(channels), None)]:
-            count = min(at - done, self._room(size))
+            count = min(at - done, max(self._room(size), least))
             begin = len(self._body)
             offsets[done : done + count] = begin + size * np.arange(count)
             self._body += rows[done * size : (done + count) * size]
@@ -161,6 +161,7 @@ class McapWriter:
             if done < at or self._room(size) <= 0 or channel is None:
                 break
             self._describe(channel)
+            least = 1
         self._add_entries(channels[:done], times[0, :done], offsets[:done])
         if len(self._body) >= self._chunk_size:
             self.end_chunk()

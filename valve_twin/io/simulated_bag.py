@@ -124,13 +124,9 @@ def _write_block(
     columns = {name: block.inputs[:, j] for j, name in enumerate(inputs)}
     columns["cycle_counter"] = block.cycle.astype(float)
     columns["reference"] = block.reference
-    written = 0
-    for n, stamp in enumerate((block.stamp_ns + START_NS).tolist()):
-        for name, values in columns.items():
-            if name in topics:
-                bag.write_sample(topics[name], stamp, float(values[n]))
-                written += 1
-        if block.delivered[n]:
-            bag.write_sample(topics[position], stamp, float(block.position[n]))
-            written += 1
-    return written
+    stamps = block.stamp_ns + START_NS
+    rows = [(topics[n], stamps, values) for n, values in columns.items() if n in topics]
+    delivered = block.delivered
+    rows.append((topics[position], stamps[delivered], block.position[delivered]))
+    bag.write_samples(rows)
+    return sum(len(stamps) for _, stamps, _ in rows)
