@@ -77,7 +77,7 @@ def test_a_latched_message_is_recorded_and_its_quality_kept(graph, tmp_path):
     publisher.publish(Verdict(text="ok"))
     path = tmp_path / "recorded"
     recorder = graph.host(BagRecorderNode, bag=str(path))
-    graph.spin_until(lambda: recorder._writer.counts.get(publisher.topic_name), what="the verdict")
+    graph.spin_until(lambda: recorder._recording.counts.get(publisher.topic_name), what="the verdict")
     recorder.trigger_shutdown()
     offered = {t.name: t.qos for t in bag_topics(path)}
     assert offered[publisher.topic_name].durability == "transient_local"
