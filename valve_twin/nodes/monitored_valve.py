@@ -110,6 +110,8 @@ class MonitoredValve:
         return bool(self._client.service_is_ready())
 
     def _on_estimate(self, message: msg.Estimate) -> None:
+        if not message.stored:  # comes once more when there is something to ask for
+            return
         if message.estimator == self._trend_estimator and message.cycle > self.last_cycle:
             self._wanted = max(self._wanted, int(message.cycle))
             self.ask(anew=True)
