@@ -211,7 +211,7 @@ class _Place:
         chunk = self.chunk
         data = self.file.loose_messages() if chunk is None else self.file.chunk(chunk)
         for m in messages(data, wanted):
-            yield BagMessage(names[m.channel], m.log_ns, m.publish_ns, m.data)
+            yield BagMessage(names[m.channel], m.log_ns, m.publish_ns, bytes(m.data))
 
 
 _log_time = attrgetter("log_ns")

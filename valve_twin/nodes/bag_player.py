@@ -15,7 +15,7 @@ from rclpy.qos import DurabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from valve_twin.io.errors import BagError, ConfigError
+from valve_twin.io.errors import BagError, ValveTwinError
 from valve_twin.io.mapping import message_class
 from valve_twin.io.playback import bag_topics
 from valve_twin.io.playback_reel import Reel
@@ -182,7 +182,13 @@ class BagPlayerNode(ValveNode):
     # -- playing
 
     def _tick(self) -> None:
-        """Publish what is due."""
+        """Publish what is due; a bag that cannot be read on or a real valve in reach ends it."""
+        try:
+            self._advance()
+        except ValveTwinError as err:
+            self._give_up(err)
+
+    def _advance(self) -> None:
         if not self._is_safe() or not self._outbox.send() or not self._is_flowing():
             return
         if self._phase is Phase.WAITING and self._is_released():
@@ -327,20 +333,15 @@ class BagPlayerNode(ValveNode):
     # -- safety
 
     def _is_safe(self) -> bool:
-        """Return whether nobody has begun to take a real command."""
-        if not self._real:
-            return True
-        try:
+        """Return whether it may publish; raise where somebody has begun to take a real command."""
+        if self._real:
             self._guard.check_taken(self._real)
-        except ConfigError as err:
-            self._give_up(err)
-            return False
-        return True
+        return self._phase is not Phase.CLOSED
 
     def _watch(self) -> None:
         try:
             self._guard.check(self._outlets)
-        except ConfigError as err:
+        except ValveTwinError as err:
             self._give_up(err)
 
     def _give_up(self, err: Exception) -> None:
