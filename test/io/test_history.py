@@ -662,6 +662,17 @@ class TestPostgresql:
             assert history.store("/other", record(2), both(2))
             assert history.last_cycle("/other") == 2
 
+    def test_one_valve_has_one_writer_until_its_connection_ends(self, server: str) -> None:
+        with History(server) as first, History(server) as second:
+            first.claim("/claimed")
+            second.claim("/else")
+            with pytest.raises(StoreError, match="/claimed is already written by another twin"):
+                second.claim("/claimed")
+            assert first.store("/claimed", record(1), both(1))
+            first.close()
+            second.claim("/claimed")
+            assert second.store("/claimed", record(2), both(2))
+
     def test_locked_table_is_named(self, server: str) -> None:
         with History(server, busy_timeout_s=0.05) as history:
             history.store("/locked", record(1), both(1))
