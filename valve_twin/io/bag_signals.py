@@ -33,6 +33,7 @@ from valve_twin.io.mcap_reader import messages
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
+    from valve_twin.core.types import IntArray
     from valve_twin.io.bag_types import BagTypes
     from valve_twin.io.mcap_format import ChunkIndex
     from valve_twin.io.mcap_reader import McapFile
@@ -59,13 +60,24 @@ class _Field:
 
 @dataclass(slots=True)
 class _Part:
-    """One file with what is wanted of it and the messages that were read, by row."""
+    """One file with what is wanted of it.
+
+    Attributes
+    ----------
+    file : McapFile
+        The open file.
+    fields, slow : list of _Field
+        What is wanted of it, and what of that only the general decoder reads.
+    read : (R, 2) int64 array
+        Messages read, by row.
+    """
 
     file: McapFile
     fields: list[_Field]
+    read: IntArray
     walker: Walker | None = None
     slow: list[_Field] = field(default_factory=list)
-    read: dict[int, int] = field(default_factory=dict)
+    channels: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +162,7 @@ def _open(path: str | Path, wanted: list[SignalSource]) -> _Bag:
     names, _ = bag_files(path)
     with ExitStack() as stack:
         files = [open_file(name, stack) for name in names]
-        parts = [_Part(file, _fields_of(file, wanted)) for file in files]
+        parts = [_Part(f, _fields_of(f, wanted), _none_read(len(wanted))) for f in files]
         counts = _check_topics(path, files, wanted)
         known = -1 if -1 in counts else sum(counts)
         for part in parts:
@@ -159,6 +171,10 @@ def _open(path: str | Path, wanted: list[SignalSource]) -> _Bag:
         capacity = min(max(counts, default=0) + largest // 32, _MAX_CAPACITY)
         return _Bag(stack.pop_all(), parts, wanted, capacity)
     raise AssertionError
+
+
+def _none_read(rows: int) -> IntArray:
+    return np.zeros((rows, 2), dtype=np.int64)
 
 
 def _fields_of(file: McapFile, wanted: Sequence[SignalSource]) -> list[_Field]:
@@ -193,8 +209,8 @@ def _choose(part: _Part, *, compiled: bool) -> None:
         for f in part.fields
         if f.row not in slow and (layout := found[id(f)]) is not None
     ]
-    part.walker = Walker(plans) if plans else None
-    part.read = dict.fromkeys((f.row for f in part.fields), 0)
+    part.walker = Walker(plans, part.read) if plans else None
+    part.channels = frozenset(f.channel for f in part.fields)
 
 
 def _check_topics(
@@ -256,16 +272,13 @@ def _groups(parts: Sequence[_Part]) -> Iterator[list[tuple[_Part, ChunkIndex | N
 def _read_chunk(part: _Part, chunk: ChunkIndex | None, store: ColumnStore) -> int:
     """Add the samples of a chunk to the store; return its size [B], 0 where nothing is wanted."""
     present = chunk.message_indexes if chunk is not None else None
-    if present and not any(f.channel in present for f in part.fields):
+    if present and part.channels.isdisjoint(present):
         return 0
     file = part.file
     data = file.loose_messages() if chunk is None else file.chunk_view(chunk)
     slow = part.slow
     if part.walker is not None:
-        odd = part.walker.read(data, store)
-        for row in part.read:
-            part.read[row] += int(store.counts[row, 1])
-        store.counts[:, 1] = 0
+        odd = part.walker.take(data, store)
         if odd:
             slow = [*slow, *(f for f in part.fields if f.row in odd)]
     if slow:
@@ -274,7 +287,7 @@ def _read_chunk(part: _Part, chunk: ChunkIndex | None, store: ColumnStore) -> in
 
 
 def _decode(
-    data: bytes | memoryview, fields: Sequence[_Field], read: dict[int, int], store: ColumnStore
+    data: bytes | memoryview, fields: Sequence[_Field], read: IntArray, store: ColumnStore
 ) -> None:
     """Decode message by message what the compiled walk does not read."""
     by_channel: dict[int, list[_Field]] = {}
@@ -293,7 +306,7 @@ def _decode(
         decoded = group[0].types.decode(message.data, message.log_ns)
         for one in group:
             block = one.extractor(decoded, message.log_ns)
-            read[one.row] += 1
+            read[one.row, 0] += 1
             store.append(
                 one.row, message.log_ns, block.stamp_ns, block.values, stamped=block.has_header
             )
@@ -331,7 +344,8 @@ def _check_counts(bag: _Bag) -> None:
         statistics = part.file.summary.statistics
         if statistics is None or part.file.damage is not None:
             continue
-        for row, read in part.read.items():
+        for row in {f.row for f in part.fields}:
+            read = int(part.read[row, 0])
             channels = {f.channel for f in part.fields if f.row == row}
             counted = sum(statistics.counts.get(channel, 0) for channel in channels)
             if read != counted:

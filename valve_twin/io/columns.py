@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Collection, Sequence
 
     from valve_twin.core.types import BoolArray, ByteArray, FloatArray, IntArray
     from valve_twin.io.layout import Layout
@@ -22,7 +22,8 @@ COMPILED_FROM = 20_000
 
 _SMALLEST_MESSAGE = 35
 _LEAST_CAPACITY = 1024
-_SAMPLES, _MESSAGES, _ODD = 0, 1, 2
+_SAMPLES, _ODD = 0, 2
+_NO_ROWS: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,21 +68,26 @@ class ColumnStore:
 
     def _make(self, capacity: int) -> None:
         rows = len(self._sources)
+        self._free = capacity
         self.times: IntArray = np.empty((2 * rows, capacity), dtype=np.int64)
         self.values: FloatArray = np.empty((rows, capacity))
         self.stamped: ByteArray = np.empty((rows, capacity), dtype=np.uint8)
 
     def reserve(self, extra: int) -> None:
         """Make room for more samples of every signal."""
+        self._free -= extra
+        if self._free < 0:
+            self._grow(extra)
+
+    def _grow(self, extra: int) -> None:
         used = int(self.counts[:, _SAMPLES].max(initial=0))
-        needed = used + extra
-        if needed <= self.values.shape[1]:
-            return
         times, values, stamped = self.times, self.values, self.stamped
-        self._make(max(needed, self._capacity, _LEAST_CAPACITY, 2 * used))
-        self.times[:, :used] = times[:, :used]
-        self.values[:, :used] = values[:, :used]
-        self.stamped[:, :used] = stamped[:, :used]
+        if used + extra > values.shape[1]:
+            self._make(max(used + extra, self._capacity, _LEAST_CAPACITY, 2 * used))
+            self.times[:, :used] = times[:, :used]
+            self.values[:, :used] = values[:, :used]
+            self.stamped[:, :used] = stamped[:, :used]
+        self._free = self.values.shape[1] - used - extra
 
     def append(
         self, row: int, log_ns: int, stamp_ns: IntArray, values: FloatArray, *, stamped: bool
@@ -136,12 +142,15 @@ class Walker:
     ----------
     fields : sequence of FieldPlan
         What is wanted; a row stands in it with all its channels or not at all.
+    read : (R, 2) int64 array
+        Messages read of this file, by row; grows.
     """
 
-    def __init__(self, fields: Sequence[FieldPlan]) -> None:
+    def __init__(self, fields: Sequence[FieldPlan], read: IntArray) -> None:
         from valve_twin.io import columns_kernel as kernel
 
-        self._take = kernel.take
+        self._take, self._read = kernel.take, read
+        self._rows = {f.row for f in fields}
         steps = max((len(f.layout.steps) for f in fields), default=0)
         plan = np.zeros((len(fields), kernel.FIRST_STEP + 4 * steps), dtype=np.int64)
         first = np.full(1 + max((f.channel for f in fields), default=0), -1, dtype=np.int64)
@@ -161,34 +170,29 @@ class Walker:
         sizes = [f.layout.size if f.layout.batched else _SMALLEST_MESSAGE for f in fields]
         self._least = min(sizes, default=_SMALLEST_MESSAGE)
 
-    def read(self, data: bytes | memoryview, store: ColumnStore) -> set[int]:
+    def take(self, data: bytes | memoryview, store: ColumnStore) -> Collection[int]:
         """Append the samples of a chunk.
 
         Returns
         -------
-        set of int
+        collection of int
             Rows that are odd: of these, nothing was appended.
         """
         store.reserve(len(data) // self._least + 1)
-        counts = store.counts
-        before = counts.copy()
         odd = self._take(
             np.frombuffer(data, dtype=np.uint8),
-            0,
-            len(data),
             self._first,
             self._plan,
             self._memory,
-            counts,
+            self._read,
+            store.counts,
             store.times,
             store.values,
             store.stamped,
         )
         if not odd:
-            return set()
-        rows = counts[:, _ODD] != 0
-        counts[rows] = before[rows]
-        return set(np.flatnonzero(rows).tolist())
+            return _NO_ROWS
+        return set(np.flatnonzero(store.counts[:, _ODD]).tolist()) & self._rows
 
 
 def pays(messages: int) -> bool:

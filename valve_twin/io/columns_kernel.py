@@ -38,8 +38,9 @@ MEMORY_SIZE = FIRST_WORD + 2 * MAX_WORDS
 SLOTS = 16
 """Layouts that are kept of a field, by the size of the message [1]."""
 
-# columns of `counts`, one row a signal
-SAMPLES, MESSAGES, ODD = 0, 1, 2
+# columns of `counts` and `read`, one row a signal; BEFORE is what stood there before the chunk
+SAMPLES, BEFORE, ODD = 0, 1, 2
+MESSAGES = 0
 
 types: Any = import_module("numba.types")  # untyped: its names are made on import
 
@@ -222,9 +223,8 @@ def _lay_out(
 @njit(
     types.int64(
         _BYTES,
-        types.int64,
-        types.int64,
         _INTS,
+        _INT_ROWS,
         _INT_ROWS,
         _INT_ROWS,
         _INT_ROWS,
@@ -236,32 +236,31 @@ def _lay_out(
 )
 def take(  # noqa: PLR0912, PLR0915  to hand arrays on to a call costs more than a message
     data: ByteArray,
-    at: int,
-    end: int,
     first_of: IntArray,
     plan: IntArray,
     memory: IntArray,
+    read: IntArray,
     counts: IntArray,
     times: IntArray,
     values: FloatArray,
     stamped: ByteArray,
 ) -> int:
-    """Append the samples of the records between two bytes to the columns.
+    """Append the samples of a chunk to the columns.
 
     Parameters
     ----------
     data : (B,) uint8 array
         Records, one after another.
-    at, end : int
-        Where they begin and end [B].
     first_of : (C,) int64 array
         By channel, the first of its fields, -1 = none.
     plan : (K, .) int64 array
         What is wanted of each field.
     memory : (SLOTS K, .) int64 array
         Layouts of the messages before.
+    read : (R, 2) int64 array
+        By signal, messages read of this file; grows.
     counts : (R, 3) int64 array
-        By signal, samples, messages and whether the chunk is odd; grows.
+        By signal, samples, and whether the chunk is odd; grows, except for what is odd.
     times : (2 R, N) int64 array
         By signal, log times and stamps [ns].
     values : (R, N) array
@@ -274,7 +273,11 @@ def take(  # noqa: PLR0912, PLR0915  to hand arrays on to a call costs more than
     int
         Signals that only the general decoder can read in these records.
     """
-    odd = 0
+    for k in range(len(plan)):
+        row = plan[k, ROW]
+        counts[row, BEFORE], counts[row, ODD] = counts[row, SAMPLES], 0
+        read[row, BEFORE] = read[row, MESSAGES]
+    odd, at, end = 0, 0, len(data)
     while at + _RECORD_HEAD <= end:
         length = _i64(data, at + 1)
         if length < 0 or length > end - at - _RECORD_HEAD:
@@ -284,8 +287,10 @@ def take(  # noqa: PLR0912, PLR0915  to hand arrays on to a call costs more than
             at = following
             continue
         if length < _MESSAGE_HEAD:
-            counts[:, ODD] = 1
-            return len(counts)
+            for k in range(len(plan)):
+                counts[plan[k, ROW], ODD] = 1
+            odd = len(plan)
+            break
         channel = np.int64(_u16(data, at + _CHANNEL_AT))
         k = first_of[channel] if channel < len(first_of) else -1
         while k >= 0:
@@ -344,7 +349,12 @@ def take(  # noqa: PLR0912, PLR0915  to hand arrays on to a call costs more than
                 else:
                     values[row, n + i] = _number(data, place + i * width, kind)
             counts[row, SAMPLES] = n + count
-            counts[row, MESSAGES] += 1
+            read[row, MESSAGES] += 1
             k = plan[k, NEXT]
         at = following
+    if odd > 0:
+        for k in range(len(plan)):
+            row = plan[k, ROW]
+            if counts[row, ODD] != 0:
+                counts[row, SAMPLES], read[row, MESSAGES] = counts[row, BEFORE], read[row, BEFORE]
     return odd
