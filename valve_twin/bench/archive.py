@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import itertools
 import tempfile
 import time
 from dataclasses import dataclass
@@ -115,7 +116,7 @@ def write_record(path: Path, cycles: int) -> None:
 
 def estimate_by_us(config: ValveConfig, path: Path) -> list[tuple[int, int, FloatArray]]:
     """Do what `valve-twin estimate` does, to the text; return start, end and theta a cycle."""
-    record = run_bag(config, path)
+    record = run_bag(config, path, predict=False)
     lines = list(json_lines(record.estimates, assess_record(config, record), config.name))
     assert len(lines) > len(record.estimates)
     found = []
@@ -131,7 +132,7 @@ def estimate_by_rosbags(path: Path) -> list[CycleCost]:
     limits = physical_inequalities(v_in_max=_V_MAX, v_out_max=_V_MAX)
     starts = [*_openings(inputs), len(stamps)]
     found = []
-    for begin, end in zip(starts, starts[1:], strict=False):
+    for begin, end in itertools.pairwise(starts):
         u, y = _regression(inputs[begin:end], position[begin:end])
         theta = _solve(u, y, limits)
         cost = float(np.sum((y - u @ theta) ** 2))
@@ -175,9 +176,7 @@ def _regression(inputs: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArr
     """Paper 002, eq. (17) and (19), at a lag of two samples."""
     dx = x[1:-1] - x[:-2]
     v_in, v_out = inputs[: len(x) - _LAG].T
-    u = np.column_stack(
-        [dx, v_in, v_out, v_in**2, v_out**2, v_in * v_out, v_in * dx, v_out * dx]
-    )
+    u = np.column_stack([dx, v_in, v_out, v_in**2, v_out**2, v_in * v_out, v_in * dx, v_out * dx])
     return u, x[2:] - 2.0 * x[1:-1] + x[:-2]
 
 

@@ -74,12 +74,14 @@ def chosen_config(arguments: argparse.Namespace) -> ValveConfig:
     raise ConfigError(msg)
 
 
-def run_offline(config: ValveConfig, bag: str, close_last: bool) -> tuple[Record, Assessment]:
+def run_offline(
+    config: ValveConfig, bag: str, *, close_last: bool = True, predict: bool = True
+) -> tuple[Record, Assessment]:
     """Estimate a bag and assess its trends; say on stderr what was bad in it."""
     from valve_twin.io.offline import assess_record, describe_bad, run_bag
 
     with progress_of("estimating", None) as advance:
-        record = run_bag(config, bag, close_last=close_last, on_cycle=advance)
+        record = run_bag(config, bag, close_last=close_last, predict=predict, on_cycle=advance)
     for line in describe_bad(config, bag, record):
         say(f"valve-twin: {line}")
     return record, assess_record(config, record)

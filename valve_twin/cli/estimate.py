@@ -47,7 +47,9 @@ def _estimate(arguments: argparse.Namespace) -> int:
     config = chosen_config(arguments)
     if arguments.json:
         check_writable(arguments.json)
-    record, assessment = run_offline(config, arguments.bag, not arguments.closed_cycles_only)
+    record, assessment = run_offline(
+        config, arguments.bag, close_last=not arguments.closed_cycles_only, predict=False
+    )
     lines = json_lines(record.estimates, assessment, config.name)
     text = "".join(f"{line}\n" for line in lines)
     if arguments.json:

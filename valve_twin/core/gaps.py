@@ -7,6 +7,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numba import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, IntArray
@@ -25,10 +26,33 @@ def find_gaps(stamp_ns: IntArray, period_s: float) -> BoolArray:
     period_s : float
         Nominal sampling time [s].
     """
-    gap = np.zeros(len(stamp_ns), bool)
-    step = np.diff(stamp_ns)
-    gap[1:] = (step > GAP_PERIODS * period_s * 1e9) | (step <= 0)
+    gap = np.zeros(len(stamp_ns), np.bool_)
+    _mark_gaps(np.ascontiguousarray(stamp_ns), GAP_PERIODS * period_s * 1e9, gap)
     return gap
+
+
+def extreme_steps(stamp_ns: IntArray) -> tuple[int, int]:
+    """Return the least and the greatest step between N stamps [ns]; (0, 0) for fewer than two."""
+    if len(stamp_ns) < 2:
+        return 0, 0
+    least, most = _extremes(np.ascontiguousarray(stamp_ns))
+    return int(least), int(most)
+
+
+@njit(cache=True)
+def _mark_gaps(stamp_ns: IntArray, limit_ns: float, gap: BoolArray) -> None:
+    for i in range(1, len(stamp_ns)):
+        step = stamp_ns[i] - stamp_ns[i - 1]
+        gap[i] = step > limit_ns or step <= 0
+
+
+@njit(cache=True)
+def _extremes(stamp_ns: IntArray) -> tuple[int, int]:
+    least = most = stamp_ns[1] - stamp_ns[0]
+    for i in range(2, len(stamp_ns)):
+        step = stamp_ns[i] - stamp_ns[i - 1]
+        least, most = min(least, step), max(most, step)
+    return least, most
 
 
 class GapCounter:
@@ -83,5 +107,7 @@ def count_lost(stamp_ns: IntArray, period_s: float) -> int:
     period_s : float
         Nominal sampling time [s].
     """
+    if extreme_steps(stamp_ns)[1] <= GAP_PERIODS * period_s * 1e9:
+        return 0
     steps = np.diff(stamp_ns) / (period_s * 1e9)
     return int(np.rint(steps[steps > GAP_PERIODS] - 1.0).sum())

@@ -91,6 +91,9 @@ class Job:
 class Twin:
     """Deterministic state machine of one valve.
 
+    `predicts` may be set to False before the first sample where only estimates are wanted, which
+    do not depend on predictions.
+
     Parameters
     ----------
     config : TwinConfig
@@ -141,6 +144,7 @@ class Twin:
         self._state = model.initial_state()
         self._last_ns: int | None = None
         self._jumps = self._guessed = 0
+        self.predicts = True
 
     @property
     def in_force(self) -> InForce | None:
@@ -190,6 +194,10 @@ class Twin:
         if not header:
             self._segmenter.mark_irreproducible()
         return self._released(self._aligner.push(signal, stamp_ns, values))
+
+    def mark_irreproducible(self) -> None:
+        """Note that the running cycle has stamps that are receive times."""
+        self._segmenter.mark_irreproducible()
 
     def push_round(self, parts: Iterable[tuple[str, IntArray, FloatArray]]) -> list[Event]:
         """Take samples of several signals at once, all with stamps of their own.
@@ -299,7 +307,8 @@ class Twin:
             part = self._waiting.popleft()
             if part.opens:
                 self._in_force = self._force(self._memory_at(part.ordinal - EFFECT_DELAY))
-            events.append(self._predict(part))
+            if self.predicts:
+                events.append(self._predict(part))
         return events
 
     def _known(self, ordinal: int) -> bool:

@@ -177,7 +177,7 @@ def _estimated(result: BagResult, task: BatchTask) -> BagResult:
     verdicts: list[str] = []
     cycles = accepted = estimates = 0
     for config in configs:
-        record = run_bag(config, task.bag)
+        record = run_bag(config, task.bag, predict=False)
         assessment = assess_record(config, record)
         lines += json_lines(record.estimates, assessment, config.name)
         notes += describe_bad(config, task.bag, record)

@@ -12,6 +12,7 @@ import dataclasses
 import json
 import math
 from enum import Enum
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from valve_twin.core.valves.registry import get_model
@@ -31,7 +32,7 @@ def estimate_fields(estimate: Estimate, valve: str) -> dict[str, Any]:
     same record gives the same lines.
     """
     parameters = estimate.parameters
-    units = {p.name: p.unit for p in get_model(estimate.model).parameters}
+    units = _units(estimate.model)
     return {
         "kind": "estimate",
         "valve": valve,
@@ -68,6 +69,11 @@ def estimate_fields(estimate: Estimate, valve: str) -> dict[str, Any]:
     }
 
 
+@cache
+def _units(model: str) -> dict[str, str]:
+    return {p.name: p.unit for p in get_model(model).parameters}
+
+
 def json_lines(
     estimates: list[Estimate], assessment: Assessment | None, valve: str
 ) -> Iterator[str]:
@@ -87,10 +93,12 @@ def _fields(value: Any) -> dict[str, Any]:  # noqa: ANN401  any of our result ty
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401  any field of our result types
+    if isinstance(value, float):  # first: most are
+        if math.isfinite(value):
+            return value
+        return None if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
     if isinstance(value, Enum):
         return value.name
-    if isinstance(value, float) and not math.isfinite(value):
-        return None if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
     if isinstance(value, (list, tuple)):
         return [_plain(v) for v in value]
     if dataclasses.is_dataclass(value) and not isinstance(value, type):

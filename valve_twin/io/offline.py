@@ -194,6 +194,7 @@ def run_bag(
     bag: str | Path,
     *,
     close_last: bool = True,
+    predict: bool = True,
     on_cycle: Callable[[], None] = lambda: None,
 ) -> Record:
     """Estimate every cycle of a bag and keep what was found.
@@ -206,6 +207,8 @@ def run_bag(
         Folder, metadata.yaml or .mcap file.
     close_last : bool
         See `drive`.
+    predict : bool
+        Predict every sample; the estimates do not need it.
     on_cycle : callable
         Called after each cycle.
 
@@ -222,6 +225,7 @@ def run_bag(
         If the configuration does not fit.
     """
     twin = make_twin(config)
+    twin.predicts = predict
     record = Record()
     for event in estimate_bag(config, bag, close_last=close_last, twin=twin):
         record.add(event)

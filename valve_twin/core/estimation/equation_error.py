@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -203,7 +204,7 @@ def fit_equation_error(
         assess_input(frames, rows, lag, k, noise_sigma=noise_sigma, options=options.guard)
         for k in (0, 1)
     )
-    problem = _pose(frames, rows, lag, terms, inflow, outflow, _limits(kind, options), options)
+    problem = _pose(frames, rows, lag, terms, inflow, outflow, kind, options)
     solution = _solve(frames, rows, lag, problem, options.solver)
     counts = _counts(masks, len(rows))
     if not solution.solved:
@@ -243,7 +244,7 @@ def _pose(
     terms: tuple[int, ...],
     inflow: Excitation,
     outflow: Excitation,
-    limits: Inequalities,
+    kind: str,
     options: EquationErrorOptions,
 ) -> _Problem:
     """Leave out the terms that the cycle does not excite."""
@@ -255,18 +256,28 @@ def _pose(
         why or ("" if k + 1 in fitted else "not independent of the other terms")
         for k, why in enumerate(reasons)
     )
-    columns = [term - 1 for term in fitted]
-    return _Problem(fitted, full.part(fitted), limits.part(columns), reasons)
+    return _Problem(fitted, full.part(fitted), _limits(kind, options, fitted), reasons)
 
 
-def _limits(kind: str, options: EquationErrorOptions) -> Inequalities:
-    """Inequalities over all eight parameters: none for least squares."""
+def _limits(kind: str, options: EquationErrorOptions, terms: tuple[int, ...]) -> Inequalities:
+    """Inequalities over the fitted terms: none for least squares."""
+    columns = tuple(term - 1 for term in terms)
     if kind == "ls":
-        return no_inequalities()
+        return no_inequalities().part(columns)
+    if options.constraints is None:
+        return _physical_part(options.v_in_max, options.v_out_max, options.extended, columns)
     limits = physical_inequalities(
         v_in_max=options.v_in_max, v_out_max=options.v_out_max, extended=options.extended
     )
-    return limits if options.constraints is None else limits + options.constraints
+    return (limits + options.constraints).part(columns)
+
+
+@lru_cache(maxsize=256)
+def _physical_part(
+    v_in_max: float, v_out_max: float, extended: bool, columns: tuple[int, ...]
+) -> Inequalities:
+    limits = physical_inequalities(v_in_max=v_in_max, v_out_max=v_out_max, extended=extended)
+    return limits.part(columns)
 
 
 def _solve(frames: Frames, rows: IntArray, lag: int, problem: _Problem, solver: str) -> QpSolution:
@@ -283,24 +294,22 @@ def _values(
     terms: tuple[int, ...], theta: FloatArray, problem: _Problem, solution: QpSolution
 ) -> tuple[ParameterValue, ...]:
     """Return the parameters: not excited, on a bound (which), or free."""
-    labels = [problem.limits.labels[i] for i in np.flatnonzero(solution.active).tolist()]
-    rests = (problem.limits.matrix[solution.active] != 0.0).T.tolist()
+    limits, values = problem.limits, theta.tolist()
+    active = [i for i, on in enumerate(solution.active.tolist()) if on]
+    rows = limits.matrix[active].tolist()
     found = []
-    for term, value in zip(terms, theta[np.asarray(terms) - 1].tolist(), strict=True):
+    for term in terms:
         name, why = THETA[term - 1], problem.reasons[term - 1]
         if why:
             found.append(ParameterValue(name, math.nan, ParameterStatus.NOT_EXCITED, why))
             continue
-        on = [
-            label
-            for label, rest in zip(labels, rests[problem.fitted.index(term)], strict=True)
-            if rest
-        ]
+        column = problem.fitted.index(term)
+        on = [limits.labels[i] for i, row in zip(active, rows, strict=True) if row[column] != 0.0]
         if on:
-            reason = f"rests on {', '.join(on)}"
-            found.append(ParameterValue(name, value, ParameterStatus.AT_BOUND, reason))
+            status, reason = ParameterStatus.AT_BOUND, f"rests on {', '.join(on)}"
+            found.append(ParameterValue(name, values[term - 1], status, reason))
         else:
-            found.append(ParameterValue(name, value))
+            found.append(ParameterValue(name, values[term - 1]))
     return tuple(found)
 
 
@@ -319,13 +328,8 @@ def _verdict(parameters: tuple[ParameterValue, ...]) -> tuple[EstimateStatus, st
 
 def _counts(masks: Masks, used: int) -> MaskCounts:
     """Rows used and samples masked."""
-    return MaskCounts(
-        used,
-        int(masks.seat.sum()),
-        int(masks.stuck.sum()),
-        int(masks.stale.sum()),
-        int((masks.bad | masks.gap).sum()),
-    )
+    flags = (masks.seat, masks.stuck, masks.stale, masks.bad | masks.gap)
+    return MaskCounts(used, *(int(np.count_nonzero(flag)) for flag in flags))
 
 
 def _refused(
