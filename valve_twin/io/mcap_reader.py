@@ -30,10 +30,13 @@ from valve_twin.io.mcap_format import (
     read_schema,
     read_statistics,
 )
+from valve_twin.io.structure import contradiction, data_sum_is_right
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
+
+    from valve_twin.io.salvage import Salvage
 
 
 _FOREIGN = {
@@ -71,30 +74,64 @@ class RawMessage:
     data: bytes
 
 
+class DamagedError(BagError):
+    """A file is damaged; perhaps a part of it can still be read."""
+
+
 class McapFile:
     """One open file.
+
+    Of a damaged file it reads what is intact: `damage` then says what is lost, and so does the
+    log once.
 
     Parameters
     ----------
     path : path
         The file.
+    strict : bool
+        Refuse a damaged file instead.
+    salvaged : Salvage, optional
+        What is intact of the file, where that is known already.
 
     Raises
     ------
     BagError
-        If it cannot be opened, is no MCAP file or was not finished; says what to do.
+        If it cannot be opened, is no MCAP file or nothing in it is intact; says what to do.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(
+        self, path: Path, *, strict: bool = False, salvaged: Salvage | None = None
+    ) -> None:
         self.path = path
+        self.damage = salvaged
+        self._strict = strict
         self._map = _open(path)
         self._view = memoryview(self._map)
         self._unpacker = zstandard.ZstdDecompressor()
         try:
-            self.summary = self._read_summary()
-        except _BROKEN as err:
-            msg = f"{path}: the summary is damaged ({err}); rewrite the file with 'mcap recover'"
-            raise BagError(msg) from err
+            self.summary = self._read_summary() if salvaged is None else salvaged.summary
+        except (*_BROKEN, DamagedError) as err:
+            self.summary = self._mend(self._refusal(err)).summary
+        self._mended = self.damage is not None
+
+    def _refusal(self, err: Exception) -> BagError:
+        if isinstance(err, BagError):
+            return err
+        return DamagedError(
+            f"{self.path}: the summary is damaged ({err}); rewrite the file with "
+            "'valve-twin recover'"
+        )
+
+    def _mend(self, err: BagError) -> Salvage:
+        """Return what is intact of the file; raise the error where nothing is."""
+        from valve_twin.io.salvage import salvage
+
+        found = None if self._strict else salvage(self.path)
+        if found is None or (not found.rescued and not found.summary.chunks):
+            self.close()
+            raise err
+        self.damage = found
+        return found
 
     def close(self) -> None:
         """Close the file; what still looks into it keeps it mapped."""
@@ -118,8 +155,18 @@ class McapFile:
         Raises
         ------
         BagError
-            If it is damaged or compressed in an unknown way.
+            If it is damaged and nothing in the file is intact.
         """
+        rescued = None if self.damage is None else self.damage.rescued.get(index.offset)
+        if rescued is not None:
+            return rescued
+        try:
+            return self._unpacked(index)
+        except DamagedError as err:
+            return self._mend(err).rescued.get(index.offset, b"")
+
+    def _unpacked(self, index: ChunkIndex) -> bytes | memoryview:
+        """Return the records of a chunk as it stands in the file."""
         try:
             op, length = RECORD_HEAD.unpack_from(self._view, index.offset)
             begin = index.offset + RECORD_HEAD.size
@@ -129,21 +176,24 @@ class McapFile:
         except _BROKEN as err:
             msg = (
                 f"{self._place(index)}: cannot be read ({err}); rewrite the file with "
-                "'mcap recover'"
+                "'valve-twin recover'"
             )
-            raise BagError(msg) from err
+            raise DamagedError(msg) from err
         at += _LENGTH.size
         if op != Op.CHUNK or size > _MAX_CHUNK or at + packed > begin + length:
-            msg = f"{self._place(index)}: there is no chunk; rewrite the file with 'mcap recover'"
-            raise BagError(msg)
+            msg = (
+                f"{self._place(index)}: there is no chunk; rewrite the file with "
+                "'valve-twin recover'"
+            )
+            raise DamagedError(msg)
         name = self._view[at - _LENGTH.size - named : at - _LENGTH.size]
         data = self._decompress(bytes(name), self._view[at : at + packed], size, index)
         if len(data) != size or (crc and zlib.crc32(data) != crc):
             msg = (
                 f"{self._place(index)}: its check sum is wrong; rewrite the file with "
-                "'mcap recover'"
+                "'valve-twin recover'"
             )
-            raise BagError(msg)
+            raise DamagedError(msg)
         return data
 
     def _decompress(
@@ -159,15 +209,15 @@ class McapFile:
         except (zstandard.ZstdError, RuntimeError, MemoryError) as err:
             msg = (
                 f"{self._place(index)}: cannot be unpacked ({err}); rewrite the file with "
-                "'mcap recover'"
+                "'valve-twin recover'"
             )
-            raise BagError(msg) from err
+            raise DamagedError(msg) from err
         if compression:
             msg = (
                 f"{self._place(index)}: compression '{compression.decode(errors='replace')}' is "
                 "unknown; record with zstd, lz4 or none"
             )
-            raise BagError(msg)
+            raise DamagedError(msg)
         return packed
 
     def _place(self, index: ChunkIndex) -> str:
@@ -175,9 +225,20 @@ class McapFile:
 
     def loose_messages(self) -> memoryview:
         """Return the data section of a file that has messages outside chunks."""
+        if self._mended:
+            return memoryview(b"")
         return self._view[len(MAGIC) :]
 
     def _read_summary(self) -> Summary:
+        if len(self._map) < 2 * len(MAGIC) + FOOTER_SIZE or self._map[-len(MAGIC) :] != MAGIC:
+            msg = (
+                f"{self.path}: was cut after {len(self._map)} bytes, its recorder did not finish "
+                "it; rewrite it with 'valve-twin recover'"
+            )
+            raise DamagedError(msg)
+        if self._map[: len(MAGIC)] != MAGIC:
+            msg = "the mark at its begin is wrong"
+            raise ValueError(msg)
         footer = self._map[-FOOTER_SIZE : -len(MAGIC)]
         op, _ = RECORD_HEAD.unpack_from(footer)
         start, _, crc = struct.unpack_from("<QQI", footer, RECORD_HEAD.size)
@@ -192,8 +253,13 @@ class McapFile:
             raise ValueError(msg)
         summary = Summary()
         for op, body, _ in _records(tail):
-            _add(summary, op, body)
+            add_record(summary, op, body)
         counted = summary.statistics
+        loose = counted is not None and not counted.chunk_count
+        if (not crc or loose) and not data_sum_is_right(self._map, start):
+            problem = contradiction(self._map, summary)
+            if problem:
+                raise ValueError(problem)
         if not summary.chunks and (counted is None or counted.chunk_count):
             summary = self._scan()
             summary.statistics = counted
@@ -214,10 +280,10 @@ class McapFile:
                 length = len(body) + RECORD_HEAD.size
                 summary.chunks.append(ChunkIndex(start, end, offset, length, {}, 0, "", 0, size))
             else:
-                _add(summary, op, body)
+                add_record(summary, op, body)
         for chunk in summary.chunks:
             for op, body, _ in _records(self.chunk(chunk)):
-                _add(summary, op, body)
+                add_record(summary, op, body)
         return summary
 
 
@@ -225,8 +291,7 @@ def _open(path: Path) -> mmap.mmap:
     try:
         with path.open("rb") as stream:
             head = stream.read(16)
-            size = path.stat().st_size
-            if not size:
+            if not path.stat().st_size:
                 msg = f"{path}: the file is empty; nothing was recorded"
                 raise BagError(msg)
             data = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
@@ -236,7 +301,7 @@ def _open(path: Path) -> mmap.mmap:
     except OSError as err:
         msg = f"{path}: cannot be read ({err.strerror}); check the path and its permissions"
         raise BagError(msg) from err
-    problem = _foreign(head, data, size)
+    problem = _foreign(head, data)
     if problem:
         data.close()
         msg = f"{path}: {problem}"
@@ -244,17 +309,13 @@ def _open(path: Path) -> mmap.mmap:
     return data
 
 
-def _foreign(head: bytes, data: mmap.mmap, size: int) -> str:
+def _foreign(head: bytes, data: mmap.mmap) -> str:
     for magic, what in _FOREIGN.items():
         if head.startswith(magic):
             return f"is no MCAP file but {what}"
-    if not head.startswith(MAGIC):
+    same = sum(a == b for a, b in zip(head, MAGIC, strict=False))
+    if same < min(len(head), len(MAGIC)) - 1 and data[-len(MAGIC) :] != MAGIC:
         return "is no MCAP file; give a bag that a ROS 2 recorder wrote with MCAP storage"
-    if size < 2 * len(MAGIC) + FOOTER_SIZE or data[-len(MAGIC) :] != MAGIC:
-        return (
-            f"was cut after {size} bytes, its recorder did not finish it; "
-            "rewrite it with 'mcap recover'"
-        )
     return ""
 
 
@@ -270,7 +331,8 @@ def _records(data: bytes) -> Iterator[tuple[int, bytes, int]]:
         at = begin + length
 
 
-def _add(summary: Summary, op: int, body: bytes) -> None:
+def add_record(summary: Summary, op: int, body: bytes) -> None:
+    """Add a definition, index, count or metadata record to a summary."""
     if op == Op.SCHEMA:
         schema = read_schema(body)
         summary.schemas[schema.id] = schema
