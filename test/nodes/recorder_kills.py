@@ -1,0 +1,264 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Kill recorders at random times while they record, and hold the file against what was sent.
+
+A publisher process notes when it sent what. Recorders are forked from a process that has the
+imports behind it, so that a thousand of them are started in minutes; each is a process of its own
+with its own middleware, as `ros2 run` starts it.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from mcap.exceptions import McapError
+from mcap.records import Channel, Message
+from mcap.stream_reader import StreamReader
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+TOPICS = ("/fast/a", "/fast/b", "/fast/c")
+RATE_HZ = 200.0
+LONGEST_S = 3600
+PROMISE_NS = 1_000_000_000
+START_S = 40.0
+
+
+@dataclass(frozen=True)
+class Kill:
+    """One killed recorder.
+
+    Attributes
+    ----------
+    expected : int
+        Messages sent more than a second before the kill, behind the first recorded one.
+    missing : int
+        Those of them that the file does not yield.
+    found : int
+        Messages that the file yields.
+    lost_s : float
+        Age of the oldest message that is lost, at the kill [s].
+    """
+
+    expected: int
+    missing: int
+    found: int
+    lost_s: float
+
+
+def publish_until_killed(path: str) -> None:
+    """Publish a count on every topic and note when each was sent (publisher process)."""
+    import rclpy
+    from rclpy.node import Node
+    from rclpy.qos import QoSProfile
+    from valve_twin_msgs.msg import Float64Stamped
+
+    from valve_twin.io.cdr import encode_stamped
+
+    sent = np.memmap(path, dtype="<i8", mode="r+")
+    rclpy.init()
+    node = Node("publisher", start_parameter_services=False)
+    publishers = [node.create_publisher(Float64Stamped, t, QoSProfile(depth=2000)) for t in TOPICS]
+    begin = time.monotonic()
+    for i in range(len(sent)):
+        time.sleep(max(begin + i / RATE_HZ - time.monotonic(), 0.0))
+        now = time.time_ns()
+        for publisher in publishers:
+            publisher.publish(encode_stamped(now, float(i)))  # type: ignore[arg-type]
+        sent[i] = now
+
+
+def fork_recorders() -> None:
+    """Fork a recorder a line of stdin: log file, then its arguments (mother process)."""
+    import valve_twin.nodes.bag_recorder  # noqa: F401
+    from valve_twin.nodes import executables
+
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+    sys.stdout.write("ready\n")
+    sys.stdout.flush()
+    for line in sys.stdin:
+        log, *arguments = line.rstrip("\n").split("\t")
+        pid = os.fork()
+        if pid == 0:
+            signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+            number = os.open(log, os.O_WRONLY | os.O_CREAT, 0o644)
+            os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+            os.dup2(number, 1)
+            os.dup2(number, 2)
+            sys.argv = ["bag_recorder", *arguments]
+            executables.run("bag_recorder")
+        sys.stdout.write(f"{pid}\n")
+        sys.stdout.flush()
+
+
+class KillingField:
+    """Publisher and mother of recorders in one domain."""
+
+    def __init__(self, folder: Path, domain: int) -> None:
+        self._folder = folder
+        self._count = 0
+        self._recorders: list[Recorder] = []
+        environment = {
+            **os.environ,
+            "ROS_DOMAIN_ID": str(domain),
+            "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",  # the killed leave no shared memory behind
+        }
+        sent = folder / "sent"
+        np.zeros(int(LONGEST_S * RATE_HZ), dtype="<i8").tofile(sent)
+        self._sent = np.memmap(sent, dtype="<i8", mode="r")
+        command = [sys.executable, __file__]
+        self._publisher = subprocess.Popen([*command, "publish", str(sent)], env=environment)
+        self._mother = subprocess.Popen(
+            [*command, "fork"],
+            env=environment,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        assert self._line() == "ready"
+
+    def _line(self) -> str:
+        assert self._mother.stdout is not None
+        return self._mother.stdout.readline().strip()
+
+    def start(self) -> Recorder:
+        """Start a recorder of all topics."""
+        assert self._mother.stdin is not None
+        self._count += 1
+        bag, log = self._folder / f"bag{self._count}", self._folder / f"log{self._count}"
+        topics = ",".join(TOPICS)
+        arguments = ["--ros-args", "-r", f"__ns:=/r{self._count}", "-p", f"bag:={bag}"]
+        arguments += ["-p", f"topics:=[{topics}]"]
+        arguments += ["-p", "start_type_description_service:=false"]
+        self._mother.stdin.write("\t".join([str(log), *arguments]) + "\n")
+        self._mother.stdin.flush()
+        made = Recorder(int(self._line()), bag, log, time.monotonic() + START_S)
+        self._recorders.append(made)
+        return made
+
+    def judge(self, recorder: Recorder) -> Kill:
+        """Read what a killed recorder left and hold it against what was sent."""
+        found = read_cut(recorder.bag / f"{recorder.bag.name}_0.mcap")
+        sent = np.array(self._sent)
+        sent = sent[: int(np.argmax(sent == 0))]
+        expected = missing = total = 0
+        oldest_lost = recorder.killed_ns
+        for topic in TOPICS:
+            counts = np.unique(np.array(found.get(topic, []), dtype=np.int64))
+            assert counts.size, f"{topic}: nothing recorded\n{recorder.log.read_text()}"
+            assert counts.size == len(found[topic]), f"{topic}: a message is there twice"
+            behind = np.arange(counts[0], sent.size)
+            wanted = behind[sent[behind] <= recorder.killed_ns]
+            lost = np.setdiff1d(wanted, counts)
+            old = wanted[sent[wanted] <= recorder.killed_ns - PROMISE_NS]
+            expected += old.size
+            missing += np.setdiff1d(old, counts).size
+            total += counts.size
+            if lost.size:
+                oldest_lost = min(oldest_lost, int(sent[lost[0]]))
+        return Kill(expected, missing, total, (recorder.killed_ns - oldest_lost) * 1e-9)
+
+    def close(self) -> None:
+        """End all processes."""
+        for process in (self._publisher, self._mother):
+            process.kill()
+            process.wait(10)
+            for pipe in (process.stdin, process.stdout):
+                if pipe is not None:
+                    pipe.close()
+        for recorder in self._recorders:
+            if not recorder.killed_ns:
+                recorder.kill()
+
+
+@dataclass
+class Recorder:
+    """A recorder process with its bag, and when it has to have begun [s]."""
+
+    pid: int
+    bag: Path
+    log: Path
+    begin_by: float
+    kill_at: float = 0.0
+    killed_ns: int = 0
+    seen: int = 0
+
+    def records(self) -> bool:
+        """Whether messages of every topic stand in the file."""
+        file = self.bag / f"{self.bag.name}_0.mcap"
+        size = file.stat().st_size if file.exists() else 0
+        if size == self.seen:
+            return False
+        self.seen = size
+        return set(read_cut(file)) == set(TOPICS)
+
+    def kill(self) -> None:
+        """Kill it, and note when."""
+        self.killed_ns = time.time_ns()
+        os.kill(self.pid, signal.SIGKILL)
+
+    def is_gone(self) -> bool:
+        """Whether the process is no more."""
+        try:
+            os.kill(self.pid, 0)
+        except ProcessLookupError:
+            return True
+        return False
+
+
+def read_cut(path: Path) -> dict[str, list[int]]:
+    """Read the counts of every topic out of a file that ends anywhere."""
+    names: dict[int, str] = {}
+    found: dict[str, list[int]] = {}
+    with path.open("rb") as stream, suppress(McapError, EOFError):
+        for record in StreamReader(stream, validate_crcs=True).records:
+            if isinstance(record, Channel):
+                names[record.id] = record.topic
+            elif isinstance(record, Message):
+                value = np.frombuffer(record.data[-8:], dtype="<f8")[0]
+                found.setdefault(names[record.channel_id], []).append(int(value))
+    return found
+
+
+def kill_many(field: KillingField, kills: int, at_once: int, seed: int) -> list[Kill]:
+    """Start and kill recorders, some at once, each at a random time after it began."""
+    choose = random.Random(seed)
+    running: list[Recorder] = []
+    dying: list[Recorder] = []
+    results: list[Kill] = []
+    started = 0
+    while len(results) < kills:
+        while len(running) < at_once and started < kills:
+            running.append(field.start())
+            started += 1
+        for recorder in list(running):
+            if not recorder.kill_at:
+                if recorder.records():
+                    recorder.kill_at = time.monotonic() + choose.uniform(1.0, 3.0)
+                else:
+                    assert time.monotonic() < recorder.begin_by, recorder.log.read_text()
+            elif time.monotonic() >= recorder.kill_at:
+                recorder.kill()
+                running.remove(recorder)
+                dying.append(recorder)
+        for recorder in [r for r in dying if r.is_gone()]:
+            dying.remove(recorder)
+            results.append(field.judge(recorder))
+            for path in (*recorder.bag.iterdir(), recorder.log):
+                path.unlink()
+        time.sleep(0.01)
+    return results
+
+
+if __name__ == "__main__":
+    publish_until_killed(sys.argv[2]) if sys.argv[1] == "publish" else fork_recorders()
