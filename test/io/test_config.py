@@ -3,9 +3,10 @@
 import pytest
 
 from valve_twin.core.types import CycleRule
-from valve_twin.io.config import load_config, parse_config, resolve_topic
+from valve_twin.io.config import load_config, parse_config
 from valve_twin.io.errors import ConfigError, ValveTwinError
 from valve_twin.io.mapping import SERIES_TYPE, STAMPED_TYPE
+from valve_twin.io.topic_names import resolve_topic
 
 MODEL = {"model": "positioner"}
 

@@ -3,6 +3,7 @@
 """The player on real DDS: what, when and in which order, and everything its services promise."""
 
 from itertools import pairwise
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import pytest
@@ -446,3 +447,14 @@ def test_what_cannot_be_played_is_told_in_one_line(graph, bag, capfd, parameters
     said = capfd.readouterr().err
     assert told in said
     assert said.count("\n") == 1
+
+
+def test_a_player_is_light(graph, bag):
+    """It needs no compiled kernel and no solver."""
+    player = graph.start("bag_player", bag=bag, start_paused=True)
+    assert graph.call(srv.IsPaused, f"{PLAYER}/is_paused").paused
+    status = Path(f"/proc/{player.pid}/status").read_text()
+    (resident,) = [line.split()[1] for line in status.splitlines() if line.startswith("VmRSS")]
+    assert int(resident) < 150_000
+    libraries = Path(f"/proc/{player.pid}/maps").read_text()
+    assert not [name for name in ("llvmlite", "/scipy/", "cvxpy") if name in libraries]

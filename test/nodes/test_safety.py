@@ -5,6 +5,7 @@
 import os
 import subprocess
 import sys
+from typing import Any
 
 import pytest
 import rclpy
@@ -138,7 +139,7 @@ def test_any_other_name_may_be_a_real_valve(name):
 
 
 REAL = f"{NS}{COMMAND}"
-BYPASSES = {
+BYPASSES: dict[str, dict[str, Any]] = {
     "no prefix": {"publish_prefix": ""},
     "a slash": {"publish_prefix": "//"},
     "a prefix that completes the name": {

@@ -23,6 +23,7 @@ from valve_twin.io.mapping import SERIES_TYPE, STAMPED_TYPE, SignalSource, full_
 from valve_twin.io.node_parameters import NODE_PARAMETERS
 from valve_twin.io.parameter_file import Section, read_parameter_file
 from valve_twin.io.schema import Kind, Spec, build, dataclass_specs, option_specs
+from valve_twin.io.topic_names import resolve_topic
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -517,12 +518,6 @@ class _Reader:
             msg = f"{self._where}: section '{prefix}': {err}"
             raise ConfigError(msg) from None
         return built
-
-
-def resolve_topic(topic: str, valve: str, prefix: str = "") -> str:
-    """Return the absolute topic of a signal, with the prefix of a simulation or player."""
-    absolute = topic if topic.startswith("/") else f"{valve.rstrip('/')}/{topic}"
-    return f"/{prefix.strip('/')}{absolute}" if prefix.strip("/") else absolute
 
 
 def _default_field(type_name: str) -> str:

@@ -18,12 +18,12 @@ from rclpy.qos import (
 )
 from rclpy.validate_full_topic_name import validate_full_topic_name
 
-from valve_twin.io.config import resolve_topic
 from valve_twin.io.errors import ConfigError
 from valve_twin.io.mapping import message_class
 from valve_twin.io.playback import BagTopic, bag_topics
 from valve_twin.io.playback_choice import Choice, Stretch, read_remaps, stretch
 from valve_twin.io.playback_qos import FOREVER_NS, Offer, override, read_overrides
+from valve_twin.io.topic_names import resolve_topic
 from valve_twin.nodes.outlets import DEPTH
 
 if TYPE_CHECKING:

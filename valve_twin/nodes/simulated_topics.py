@@ -13,8 +13,8 @@ from valve_twin_msgs import msg, srv
 from valve_twin.core.simulation.valve import SimulatedValve
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.cdr import encode_series, encode_stamped
-from valve_twin.io.config import ValveConfig, resolve_topic
 from valve_twin.io.mapping import STAMPED_TYPE, SignalSource
+from valve_twin.io.topic_names import resolve_topic
 from valve_twin.nodes.inputs import InputConfig, TopicInput, by_topic
 from valve_twin.nodes.safety import Outlet
 
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from valve_twin.core.simulation.block import SimulationBlock
     from valve_twin.core.simulation.config import SimulationConfig
+    from valve_twin.io.config import ValveConfig
     from valve_twin.nodes.outlets import Outbox
     from valve_twin.nodes.runtime import ValveNode
 
