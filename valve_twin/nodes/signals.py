@@ -9,29 +9,59 @@ from __future__ import annotations
 
 import os
 import signal
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from types import FrameType
 
 SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
 
 class _Stop:
-    """Whether the end was asked for, and whether there is a loop that looks at it."""
+    """Whether the end was asked for, a loop looks at it, and what runs may be broken off."""
 
     requested = False
     looping = False
+    breakable = False
 
 
 def install() -> None:
-    """Take the signals; again after anything that takes them, as the events executor does."""
+    """Take the signals; again after anything that takes them, as the events executor does.
+
+    Signals that were put off by whoever started the process are delivered now.
+    """
     for number in SIGNALS:
         signal.signal(number, _on_signal)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
+
+
+@contextmanager
+def put_off() -> Iterator[None]:
+    """Keep signals waiting; threads that begin here never take one, they are left to this one."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
+
+
+@contextmanager
+def breaking_off() -> Iterator[None]:
+    """Let a signal break off what runs here by KeyboardInterrupt, where it may take long."""
+    _Stop.breakable = True
+    try:
+        if _Stop.requested:
+            raise KeyboardInterrupt
+        yield
+    finally:
+        _Stop.breakable = False
 
 
 def ignore() -> None:
     """Shut down undisturbed: a second Ctrl-C does no harm."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)
 
@@ -51,3 +81,6 @@ def _on_signal(number: int, frame: FrameType | None) -> None:
     _Stop.requested = True
     if not _Stop.looping:
         os._exit(0)  # nothing is open yet
+    if _Stop.breakable:
+        _Stop.breakable = False
+        raise KeyboardInterrupt
