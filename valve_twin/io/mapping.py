@@ -17,10 +17,11 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 import numpy as np
 
 from valve_twin.io.cdr import decode_series, decode_stamped
+from valve_twin.io.cdr_run import decode_stamped_run
 from valve_twin.io.errors import ConfigError, suggest
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from valve_twin.core.types import FloatArray, IntArray
 
@@ -261,6 +262,32 @@ class Extractor:
             return self._block(stamp, 0.0, np.array([value]), receive_ns)
         stamp, period, values = decode_series(data)
         return self._block(stamp, period, values, receive_ns)
+
+    def from_run(self, messages: Sequence[bytes], receive_ns: Sequence[int]) -> SignalBlock | None:
+        """Return the samples of many serialized Float64Stamped; the same as one by one.
+
+        Parameters
+        ----------
+        messages : sequence of bytes
+            N serialized messages, N >= 1.
+        receive_ns : sequence of int
+            Their receive times [ns].
+
+        Returns
+        -------
+        SignalBlock or None
+            None where they have to be read one by one.
+        """
+        found = decode_stamped_run(messages) if self._period is None else None
+        if found is None:
+            return None
+        stamps, values = found
+        if self._scaled:
+            values = values * self.source.scale + self.source.offset
+        stamped = bool(stamps.all())
+        if not stamped:
+            stamps = np.where(stamps == 0, np.array(receive_ns, dtype=np.int64), stamps)
+        return SignalBlock(self.source.signal, stamps, values, stamped)
 
     def _block(
         self, stamp: int, period: float, values: FloatArray, receive_ns: int

@@ -73,16 +73,13 @@ class Collector:
         self._blocks.setdefault(block.signal, []).append(block)
         self._last_ns[block.signal], self._heard_s[block.signal] = last, now_s
 
-    def is_ready(self, now_s: float) -> bool:
-        """Return whether something can be handed on."""
+    def take(self, now_s: float) -> Iterator[list[SignalBlock]]:
+        """Yield what can be handed on, a round of all signals for every slice, and forget it."""
         limit = self._limit(now_s)
-        return any(blocks[0].stamp_ns[0] <= limit for blocks in self._blocks.values())
+        if any(blocks[0].stamp_ns[0] <= limit for blocks in self._blocks.values()):
+            yield from self._slices(self._up_to(limit))
 
-    def take(self, now_s: float) -> Iterator[SignalBlock]:
-        """Yield what can be handed on, in slices, and forget it."""
-        yield from self._slices(self._up_to(self._limit(now_s)))
-
-    def take_all(self) -> Iterator[SignalBlock]:
+    def take_all(self) -> Iterator[list[SignalBlock]]:
         """Yield everything."""
         yield from self._slices(self._up_to(_FAR))
 
@@ -98,12 +95,14 @@ class Collector:
 
     def _up_to(self, limit: int) -> list[SignalBlock]:
         """Remove and return the samples up to a stamp, joined by signal."""
+        if limit >= _FAR:
+            whole = [_join(parts) for parts in self._blocks.values()]
+            self._blocks = {}
+            return whole
         taken, left = [], {}
         for signal, parts in self._blocks.items():
             block = _join(parts)
             n = int(np.searchsorted(block.stamp_ns, limit, side="right"))
-            if limit >= _FAR:
-                n = len(block.stamp_ns)
             if n:
                 taken.append(_part(block, 0, n))
             if n < len(block.stamp_ns):
@@ -111,23 +110,26 @@ class Collector:
         self._blocks = left
         return taken
 
-    def _slices(self, blocks: list[SignalBlock]) -> Iterator[SignalBlock]:
+    def _slices(self, blocks: list[SignalBlock]) -> Iterator[list[SignalBlock]]:
         """Yield the blocks cut at multiples of the slice after their beginning."""
         if not blocks:
             return
         begin = min(int(b.stamp_ns[0]) for b in blocks)
         span = max(int(b.stamp_ns[-1]) for b in blocks) - begin
         if span <= self._slice_ns:
-            yield from blocks
+            yield blocks
             return
         at = [0] * len(blocks)
         for k in range(1, math.ceil(span / self._slice_ns) + 2):
+            parts = []
             for i, block in enumerate(blocks):
                 later = np.flatnonzero(block.stamp_ns[at[i] :] > begin + k * self._slice_ns)
                 end = at[i] + int(later[0]) if len(later) else len(block.stamp_ns)
                 if end > at[i]:
-                    yield _part(block, at[i], end)
+                    parts.append(_part(block, at[i], end))
                 at[i] = end
+            if parts:
+                yield parts
 
 
 def _part(block: SignalBlock, first: int, end: int) -> SignalBlock:

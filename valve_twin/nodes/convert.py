@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import struct
 from array import array
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +17,6 @@ from valve_twin.core.types import (
     Cycle,
     Estimate,
     EstimateStatus,
-    FloatArray,
     Maintenance,
     MaskCounts,
     Parameter,
@@ -32,6 +32,9 @@ SECOND_NS = 1_000_000_000
 _MAX_NS = (2**31 - 1) * SECOND_NS
 _PREDICTION = struct.Struct("<4siII4xQdddddB")
 _LITTLE = b"\x00\x01\x00\x00"
+_SERIES = struct.Struct("<4siII4xdQI4x")
+_COUNT = struct.Struct("<I4x")
+_SERIES_END = struct.Struct("<dI")
 
 
 def to_time(stamp_ns: int) -> Time:
@@ -74,29 +77,30 @@ def prediction_bytes(prediction: Prediction) -> Iterator[bytes]:
         )
 
 
-def prediction_series(prediction: Prediction, period_s: float) -> Iterator[msg.PredictionSeries]:
-    """Yield the block as one message a gap-free run of samples."""
+def series_bytes(prediction: Prediction, period_s: float) -> Iterator[bytes]:
+    """Yield the block as one serialized PredictionSeries a gap-free run of samples."""
     gaps = np.flatnonzero(np.diff(prediction.stamp_ns) > 1.5e9 * period_s) + 1
-    for part in np.split(np.arange(len(prediction.stamp_ns)), gaps):
-        if len(part) == 0:
+    edges = [0, *gaps.tolist(), len(prediction.stamp_ns)]
+    for first, end in pairwise(edges):
+        count = end - first
+        if count == 0:
             continue
-        run = slice(int(part[0]), int(part[-1]) + 1)
-        out = msg.PredictionSeries(
-            period=period_s,
-            cycle=prediction.cycle,
-            measured=_doubles(prediction.measured[run]),
-            predicted=_doubles(prediction.predicted[run]),
-            simulated=_doubles(prediction.simulated[run]),
-            residual=_doubles(prediction.residual[run]),
-            residual_sigma=float(prediction.residual_sigma),
-            validity=array("B", prediction.validity[run].tobytes()),
+        run, number = slice(first, end), _COUNT.pack(count)
+        sec, nanosec = divmod(int(prediction.stamp_ns[first]), SECOND_NS)
+        yield b"".join(
+            (
+                _SERIES.pack(_LITTLE, sec, nanosec, 1, period_s, prediction.cycle, count),
+                prediction.measured[run].tobytes(),
+                number,
+                prediction.predicted[run].tobytes(),
+                number,
+                prediction.simulated[run].tobytes(),
+                number,
+                prediction.residual[run].tobytes(),
+                _SERIES_END.pack(float(prediction.residual_sigma), count),
+                prediction.validity[run].tobytes(),
+            )
         )
-        out.header.stamp = to_time(int(prediction.stamp_ns[run.start]))
-        yield out
-
-
-def _doubles(values: FloatArray) -> array[float]:
-    return array("d", np.ascontiguousarray(values, dtype=np.float64).tobytes())
 
 
 def cycle_message(valve: str, cycle: Cycle) -> msg.CycleSummary:

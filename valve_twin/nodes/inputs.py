@@ -5,9 +5,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from rclpy.duration import Duration
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -22,7 +22,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from valve_twin.io.errors import ConfigError, suggest
 from valve_twin.io.mapping import Extractor, RosTypes, SignalBlock, SignalSource, message_class
-from valve_twin.nodes.runtime import STEADY, RCLError
+from valve_twin.nodes.runtime import RCLError
 from valve_twin.nodes.safety import node_name
 
 if TYPE_CHECKING:
@@ -36,6 +36,9 @@ OVERRUN_S = 0.5
 overrun of our own queue, not of a loss on the way [s]."""
 
 OnBlock = Callable[[SignalBlock, int], None]
+
+_Arrival: TypeAlias = tuple[Any, Any, int]
+"""A message, what the middleware says about it, and the receive time [ns]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +63,7 @@ class InputConfig:
 
 def seconds_now() -> float:
     """Return the steady clock [s]."""
-    return float(STEADY.now().nanoseconds) * 1e-9
+    return time.monotonic()
 
 
 class TopicInput:
@@ -74,6 +77,8 @@ class TopicInput:
         Ways to the signals, all of one topic and type.
     config : InputConfig
         Queue, deadline and silence.
+    on_arrival : callable
+        Called for every message; it is kept until `drain`.
     on_block : callable
         Gets every block of samples and when the middleware received it [ns].
     now_ns : callable
@@ -86,12 +91,15 @@ class TopicInput:
         node: Node,
         extractors: Sequence[Extractor],
         config: InputConfig,
+        on_arrival: Callable[[], None],
         on_block: OnBlock,
         now_ns: Callable[[], int],
     ) -> None:
         self._node = node
         self._config = config
+        self._on_arrival = on_arrival
         self._on_block = on_block
+        self._pending: list[_Arrival] = []
         self._now_ns = now_ns
         self.topic = extractors[0].source.topic
         self.type = extractors[0].source.type
@@ -216,38 +224,58 @@ class TopicInput:
         return QoSOverridingOptions(policy_kinds=kinds)
 
     def _on_message(self, *arguments: Any) -> None:
+        """Keep a message: what comes together is read together."""
         message, info = arguments if len(arguments) == 2 else arguments[0]
-        received_ns = int(info["received_timestamp"])
-        self._count(int(info["publication_sequence_number"]), received_ns)
-        now_ns = self._now_ns()
-        if now_ns == 0:
-            return  # simulated time has not begun
-        for extractor in self._extractors:
+        self._pending.append((message, info, self._now_ns()))
+        self._on_arrival()
+
+    def drain(self) -> None:
+        """Read the messages that were kept and hand them on."""
+        if not self._pending:
+            return
+        arrivals, self._pending = self._pending, []
+        self._count(arrivals)
+        oldest_ns = int(arrivals[0][1]["received_timestamp"])
+        arrivals = [a for a in arrivals if a[2] != 0]  # before that simulated time has not begun
+        for extractor in self._extractors if arrivals else ():
+            for block in self._read(extractor, arrivals):
+                self._on_block(block, oldest_ns)
+
+    def _read(self, extractor: Extractor, arrivals: list[_Arrival]) -> Iterator[SignalBlock]:
+        if self._raw and len(arrivals) > 1:
+            run = extractor.from_run([a[0] for a in arrivals], [a[2] for a in arrivals])
+            if run is not None:
+                yield run
+                return
+        read = extractor.from_raw if self._raw else extractor
+        for message, _, now_ns in arrivals:
             try:
-                block = (
-                    extractor.from_raw(message, now_ns)
-                    if self._raw
-                    else extractor(message, now_ns)
-                )
+                block = read(message, now_ns)
             except (ValueError, TypeError, AttributeError):
                 self.broken += 1
                 continue
             if len(block.values):
-                self._on_block(block, received_ns)
+                yield block
 
-    def _count(self, sequence: int, received_ns: int) -> None:
+    def _count(self, arrivals: list[_Arrival]) -> None:
         """Count the gaps in the publisher's numbering; only of one publisher are they losses."""
         self._heard = seconds_now()
-        self.received += 1
-        last, self._last_sequence = self._last_sequence, sequence
-        if 0 < last < sequence - 1 and self._matched <= 1:
-            missing = sequence - last - 1
-            self.lost += missing
-            if time.time_ns() - received_ns > OVERRUN_S * 1e9:
-                self.overrun += missing
+        self.received += len(arrivals)
+        last = self._last_sequence
+        self._last_sequence = int(arrivals[-1][1]["publication_sequence_number"])
+        if self._matched > 1 or self._last_sequence - last == len(arrivals):
+            return
+        for _, info, _ in arrivals:
+            sequence = int(info["publication_sequence_number"])
+            if 0 < last < sequence - 1:
+                self.lost += sequence - last - 1
+                if time.time_ns() - int(info["received_timestamp"]) > OVERRUN_S * 1e9:
+                    self.overrun += sequence - last - 1
+            last = sequence
 
     def _on_matched(self, event: Any) -> None:
         """Begin the numbering anew: another publisher counts for itself."""
+        self.drain()
         self._matched = int(event.current_count)
         self._last_sequence = 0
 
@@ -255,6 +283,7 @@ class TopicInput:
         policy = qos_policy_name_from_kind(event.last_policy_kind)
         if event.last_policy_kind == QoSPolicyKind.RELIABILITY and self._reliable:
             self._reliable = False
+            self.drain()
             self._node.get_logger().info(
                 f"topic '{self.topic}' is offered best effort: taken so, losses are counted"
             )

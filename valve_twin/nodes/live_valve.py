@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from valve_twin.nodes.runtime import ValveNode
     from valve_twin.nodes.worker import Outcome, WorkerProcess
 
-DUTY = 0.1
+DUTY = 0.5
 """Share of the time that may go into handing samples on: low rates are answered at once,
 high rates in blocks."""
 
@@ -65,6 +65,8 @@ class LiveValve:
         The way into its history.
     worker : WorkerProcess
         Runs the estimations.
+    awake : set of LiveValve
+        Valves for which something waits; this one enters and leaves it.
     """
 
     def __init__(
@@ -75,6 +77,7 @@ class LiveValve:
         *,
         keeper: Keeper,
         worker: WorkerProcess,
+        awake: set[LiveValve],
     ) -> None:
         self._node, self.config, self._worker = node, config, worker
         self.history = keeper.history
@@ -92,6 +95,8 @@ class LiveValve:
         self.inputs: list[TopicInput] = []
         self._job: Job | None = None
         self._jobs = 0
+        self._awake = awake
+        self._arrived = False
         self._idle_until = 0.0
         self.last_stamp_ns = 0
         self.last_cycle = last
@@ -108,7 +113,8 @@ class LiveValve:
         """Subscribe to all signals."""
         now_ns = self._now_ns()
         self.inputs = [
-            TopicInput(self._node, group, config, self._gather, now_ns) for group in self._signals
+            TopicInput(self._node, group, config, self._arrive, self._gather, now_ns)
+            for group in self._signals
         ]
 
     def silence(self) -> None:
@@ -127,23 +133,31 @@ class LiveValve:
 
     def work(self, *, force: bool = False) -> None:
         """Hand what was gathered to the core and publish what comes of it."""
-        if not self._collector or (self.due_s() > 0.0 and not force):
+        begin = seconds_now()
+        if begin < self._idle_until and not force:
             return
-        begin, oldest_ns = seconds_now(), self._collector.oldest_ns
-        for block in self._collector.take_all() if force else self._collector.take(begin):
-            self._push(block)
+        self._arrived = False
+        for topic in self.inputs:
+            topic.drain()
+        if not self._collector:
+            self._awake.discard(self)
+            return
+        oldest_ns, predicted = self._collector.oldest_ns, self.predicted
+        for blocks in self._collector.take_all() if force else self._collector.take(begin):
+            self._push(blocks)
+        if not self._collector:
+            self._awake.discard(self)
+        if self.predicted == predicted:
+            return
         end = seconds_now()
         self._idle_until = end + min((end - begin) * (1.0 / DUTY - 1.0), LONGEST_GATHER_S)
         self.worst_latency_s = max(self.worst_latency_s, 1e-9 * (time.time_ns() - oldest_ns))
 
     def due_s(self) -> float:
-        """Return when `work` is worth its while [s]; infinite where nothing waits."""
-        if not self._collector:
-            return float("inf")
-        now = seconds_now()
-        if not self._collector.is_ready(now):
+        """Return when `work` is worth its while [s], after something came."""
+        if not self._arrived:
             return LONGEST_GATHER_S
-        return max(self._idle_until - now, 0.0)
+        return max(self._idle_until - seconds_now(), 0.0)
 
     def clock_jumped(self) -> None:
         """Drop the running cycle after the node's clock was set back."""
@@ -174,12 +188,19 @@ class LiveValve:
     def _gather(self, block: SignalBlock, received_ns: int) -> None:
         self._collector.add(block, received_ns, seconds_now())
 
-    def _push(self, block: SignalBlock) -> None:
-        if block.signal == self.model.output:
-            self.last_stamp_ns = int(block.stamp_ns[-1])
-        events = self.twin.push(
-            block.signal, block.stamp_ns, block.values, header=block.has_header
-        )
+    def _arrive(self) -> None:
+        """Note that a message came."""
+        self._arrived = True
+        self._awake.add(self)
+        self._node.news += 1
+
+    def _push(self, blocks: list[SignalBlock]) -> None:
+        for block in blocks:
+            if block.signal == self.model.output:
+                self.last_stamp_ns = int(block.stamp_ns[-1])
+            if not block.has_header:
+                self.twin.mark_irreproducible()
+        events = self.twin.push_round([(b.signal, b.stamp_ns, b.values) for b in blocks])
         if events:
             self.handle(events)
 
@@ -187,8 +208,8 @@ class LiveValve:
         self.predicted += len(prediction.stamp_ns)
         self.gaps.push(prediction.stamp_ns)
         if self._batched:
-            for series in convert.prediction_series(prediction, self.config.period_s):
-                self._prediction.publish(series)
+            for data in convert.series_bytes(prediction, self.config.period_s):
+                self._prediction.publish(data)
             return
         publish = self._prediction.publish
         for data in convert.prediction_bytes(prediction):

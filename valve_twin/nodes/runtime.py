@@ -49,6 +49,10 @@ FAREWELL_S = 0.5
 """Longest time that the middleware gets to say goodbye [s]."""
 
 
+MOST_AT_ONCE = 300
+"""So many messages are taken before the node works on them; a stop is noticed in between."""
+
+
 class ValveNode(LifecycleNode):
     """Lifecycle node that never dies of its input.
 
@@ -65,6 +69,7 @@ class ValveNode(LifecycleNode):
         self.parameters = Parameters(self, is_idle=self._is_idle)
         self.parameters.declare(NODE_PARAMETERS[name])
         self.exit_code: int | None = None
+        self.news = 0
         self.news = 0
         self._inbox: deque[Callable[[], None]] = deque()
         self._answer_refused_transitions()
@@ -234,6 +239,7 @@ def spin(node: ValveNode, executor: Executor) -> None:
         try:
             executor.spin_once(timeout_sec=min(node.due_s(), SPIN_S))
             _take_rest(node, executor)
+            _take_rest(node, executor)
         except (ExternalShutdownException, ROSInterruptException, KeyboardInterrupt):
             return
         except Exception as err:
@@ -241,6 +247,17 @@ def spin(node: ValveNode, executor: Executor) -> None:
                 return
             node.get_logger().error(f"{type(err).__name__}: {err}\n{traceback.format_exc()}")
         node.drain()
+
+
+def _take_rest(node: ValveNode, executor: Executor) -> None:
+    """Take what else has come before the node works on it: together it costs less."""
+    seen = -1
+    for _ in range(MOST_AT_ONCE):
+        if node.news in {seen, 0}:
+            break
+        seen = node.news
+        executor.spin_once(timeout_sec=0.0)
+    node.news = 0
 
 
 def _take_rest(node: ValveNode, executor: Executor) -> None:

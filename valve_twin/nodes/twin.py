@@ -37,6 +37,7 @@ class TwinNode(ValveNode):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("twin", **kwargs)
         self._valves: list[LiveValve] = []
+        self._awake: set[LiveValve] = set()
         self._valve_services: list[TwinServices] = []
         self._keepers: dict[str, Keeper] = {}
         self._worker: WorkerProcess | None = None
@@ -67,6 +68,7 @@ class TwinNode(ValveNode):
                 signals[config.name],
                 keeper=self._keepers[config.history_url],
                 worker=self._worker,
+                awake=self._awake,
             )
             self._valves.append(valve)
             self._valve_services.append(TwinServices(self, valve))
@@ -119,17 +121,18 @@ class TwinNode(ValveNode):
         if self._diagnostics is not None:
             self._diagnostics.destroy()
         self._valves, self._valve_services, self._keepers = [], [], {}
+        self._awake.clear()
         self._worker = self._diagnostics = None
         self._faults = {}
 
     def work(self) -> None:
         """Work on what the inputs gathered."""
-        for valve in self._valves:
+        for valve in tuple(self._awake):
             valve.work()
 
     def due_s(self) -> float:
         """Return when the first valve wants to work [s]."""
-        return min((v.due_s() for v in self._valves), default=SPIN_S)
+        return min((v.due_s() for v in self._awake), default=SPIN_S)
 
     def _on_jump(self, jump: TimeJump) -> None:
         if jump.delta.nanoseconds < 0:
