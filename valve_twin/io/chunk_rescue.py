@@ -58,6 +58,8 @@ class ChunkHead:
         Its name, or what stands there instead.
     packed_at, packed : int
         Where the compressed bytes begin and how many there are by the second length.
+    literal : bool
+        Whether the length of the name is the one that stands there.
     """
 
     offset: int
@@ -69,6 +71,7 @@ class ChunkHead:
     compression: str
     packed_at: int
     packed: int
+    literal: bool
 
     @property
     def agrees(self) -> bool:
@@ -120,7 +123,9 @@ def read_heads(data: Bytes, at: int, end: int) -> list[ChunkHead]:
         (packed,) = _PACKED.unpack_from(data, name_at + named)
         stop = fixed_at + length
         heads.append(
-            ChunkHead(at, stop, start_ns, end_ns, size, crc, name, packed_at, int(packed))
+            ChunkHead(
+                at, stop, start_ns, end_ns, size, crc, name, packed_at, int(packed), named == told
+            )
         )
     heads.sort(key=lambda head: not head.agrees)
     return heads
@@ -175,7 +180,7 @@ def _verified(data: Bytes, head: ChunkHead, end: int, hint: ChunkIndex | None) -
             if zlib.crc32(records) != head.crc or (not records and head.size):
                 continue
             stop = head.packed_at + length
-            sound = data[head.offset] == Op.CHUNK and head.agrees and length == head.packed
+            sound = _is_marked(data, head) and length == head.packed
             plain = sound and name == head.compression and len(records) == head.size
             reason = "" if plain else "its head is damaged, its check sum proves its messages"
             return Unpacked(records, verified=True, plain=plain, end=stop, reason=reason)
@@ -223,6 +228,11 @@ def _unverified(
                     records, verified=False, plain=False, end=stop, reason=_CUT if cut else _TORN
                 )
     return best
+
+
+def _is_marked(data: Bytes, head: ChunkHead) -> bool:
+    """Return whether the head itself is sound."""
+    return data[head.offset] == Op.CHUNK and head.agrees and head.literal
 
 
 def _runs_over(head: ChunkHead, end: int) -> bool:
