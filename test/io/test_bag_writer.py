@@ -11,7 +11,7 @@ from mcap.records import Header, Message
 from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 
-from valve_twin.io.bag_writer import BagWriter
+from valve_twin.io.bag_writer import BagWriter, SplitRule
 from valve_twin.io.definitions import definition, type_hash
 from valve_twin.io.errors import BagError
 from valve_twin.io.mapping import STAMPED_TYPE
@@ -208,3 +208,83 @@ def test_an_undefined_type_is_named(tmp_path):
         ),
     ):
         bag.add_topic("/a", "nowhere_msgs/msg/X")
+
+
+def split_bag(path, rule, count=100, **options):
+    """Write a bag of two topics, a message each every 10 ms."""
+    with BagWriter(path, split=rule, chunk_size=512, **options) as bag:
+        for i in range(count):
+            bag.write_sample("/a", START_NS + i * 10_000_000, float(i))
+            bag.write_sample("/b", START_NS + i * 10_000_000, float(-i))
+    return yaml.safe_load((path / "metadata.yaml").read_text(encoding="utf-8"))[ROOT_KEY]
+
+
+@pytest.mark.parametrize(
+    ("rule", "files"),
+    [(SplitRule(duration_s=0.3), 4), (SplitRule(size=3000), None), (SplitRule(duration_s=5.0), 1)],
+)
+def test_a_split_bag_is_read_as_one_by_rosbags_and_file_by_file_by_mcap(tmp_path, rule, files):
+    content = split_bag(tmp_path / "bag", rule)
+    names = content["relative_file_paths"]
+    assert names == [f"bag_{i}.mcap" for i in range(len(names))]
+    assert len(names) == files if files else len(names) > 2
+    with AnyReader([tmp_path / "bag"]) as reader:
+        found = [(c.topic, t) for c, t, _ in reader.messages()]
+    assert [t for c, t in found if c == "/a"] == [START_NS + i * 10_000_000 for i in range(100)]
+    assert len(found) == content["message_count"] == 200
+    for name, entry in zip(names, content["files"], strict=True):
+        with (tmp_path / "bag" / name).open("rb") as stream:
+            reader = make_reader(stream, validate_crcs=True)
+            times = [m.log_time for _, _, m in reader.iter_messages()]
+            (own,) = (m for m in reader.iter_metadata() if m.name == "rosbag2")
+        assert entry["path"] == name
+        assert entry["message_count"] == len(times)
+        assert entry["starting_time"]["nanoseconds_since_epoch"] == times[0]
+        assert entry["duration"]["nanoseconds"] == times[-1] - times[0]
+        alone = yaml.safe_load(own.metadata["serialized_metadata"])[ROOT_KEY]
+        assert (alone["relative_file_paths"], alone["message_count"]) == ([name], len(times))
+        if rule.size:
+            # beside the messages a chunk, and the summary with definitions and metadata
+            assert (tmp_path / "bag" / name).stat().st_size < rule.size + 6000
+
+
+def test_the_last_files_are_kept_and_the_metadata_stay_true(tmp_path):
+    content = split_bag(tmp_path / "bag", SplitRule(duration_s=0.1, keep=3))
+    left = ["bag_7.mcap", "bag_8.mcap", "bag_9.mcap"]
+    assert sorted(p.name for p in (tmp_path / "bag").glob("*.mcap")) == left
+    assert content["relative_file_paths"] == left
+    assert content["message_count"] == 60
+    assert [t["message_count"] for t in content["topics_with_message_count"]] == [30, 30]
+    assert content["starting_time"]["nanoseconds_since_epoch"] == START_NS + 70 * 10_000_000
+    with AnyReader([tmp_path / "bag"]) as reader:
+        assert sum(1 for _ in reader.messages()) == 60
+
+
+def test_metadata_list_the_running_file_while_it_is_written(tmp_path):
+    bag = BagWriter(tmp_path / "bag")
+    bag.write_sample("/a", START_NS, 1.0)
+    assert bag.split() == ("bag_0.mcap", "bag_1.mcap")
+    content = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text(encoding="utf-8"))
+    assert content[ROOT_KEY]["relative_file_paths"] == ["bag_0.mcap", "bag_1.mcap"]
+    bag.close()
+    content = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text(encoding="utf-8"))
+    assert content[ROOT_KEY]["relative_file_paths"] == ["bag_0.mcap"]
+    assert not (tmp_path / "bag" / "bag_1.mcap").exists()
+
+
+def test_a_file_without_a_message_is_not_split(tmp_path):
+    with BagWriter(tmp_path / "bag") as bag:
+        assert bag.split() == ("bag_0.mcap", "bag_0.mcap")
+
+
+def test_every_policy_that_is_offered_is_stored(tmp_path):
+    offered = QosProfile("best_effort", "volatile", "keep_all", 3, deadline_ns=1_500_000_000)
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.add_topic("/a", STAMPED_TYPE, qos=(offered,))
+        bag.write_sample("/a", START_NS, 1.0)
+    content = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text(encoding="utf-8"))
+    (topic,) = content[ROOT_KEY]["topics_with_message_count"]
+    (profile,) = topic["topic_metadata"]["offered_qos_profiles"]
+    assert profile["deadline"] == {"sec": 1, "nsec": 500_000_000}
+    assert profile["lifespan"] == {"sec": 9223372036, "nsec": 854775807}
+    assert (profile["reliability"], profile["history"]) == ("best_effort", "keep_all")
