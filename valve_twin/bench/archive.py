@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.bench.estimation import solve_in_cvxpy
 from valve_twin.bench.measure import Ratio, Scale, median
-from valve_twin.core.estimation.constraints import THETA, Inequalities, physical_inequalities
+from valve_twin.core.estimation.constraints import THETA, physical_inequalities
 from valve_twin.core.simulation import SimulatedValve
 from valve_twin.core.valves.registry import get_simulation
 from valve_twin.io.bags import BagWriter
@@ -134,7 +135,7 @@ def estimate_by_rosbags(path: Path) -> list[CycleCost]:
     found = []
     for begin, end in itertools.pairwise(starts):
         u, y = _regression(inputs[begin:end], position[begin:end])
-        theta = _solve(u, y, limits)
+        theta = solve_in_cvxpy(u, y, limits)
         cost = float(np.sum((y - u @ theta) ** 2))
         found.append(CycleCost(int(stamps[begin]), int(stamps[end - 1]), theta, cost))
     return found
@@ -155,8 +156,8 @@ def _read(path: Path) -> tuple[IntArray, FloatArray, FloatArray]:
     at, position = (np.array(part) for part in columns[_TOPICS[2]])
     held = []
     for name in _TOPICS[:2]:
-        known, values = (np.array(part) for part in columns[name])
-        held.append(values[np.searchsorted(known, at, side="right") - 1])
+        known, level = (np.array(part) for part in columns[name])
+        held.append(level[np.searchsorted(known, at, side="right") - 1])
     return at, np.column_stack(held), position
 
 
@@ -178,22 +179,6 @@ def _regression(inputs: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArr
     v_in, v_out = inputs[: len(x) - _LAG].T
     u = np.column_stack([dx, v_in, v_out, v_in**2, v_out**2, v_in * v_out, v_in * dx, v_out * dx])
     return u, x[2:] - 2.0 * x[1:-1] + x[:-2]
-
-
-def _solve(u: FloatArray, y: FloatArray, limits: Inequalities) -> FloatArray:
-    """State the constrained least squares in cvxpy as its documentation does and solve it.
-
-    Its usual tolerances, absolute beside costs of 1e-4, leave 1e-5 of the cost.
-    """
-    import cvxpy
-
-    theta = cvxpy.Variable(u.shape[1])
-    cost = cvxpy.Minimize(cvxpy.sum_squares(u @ theta - y))  # type: ignore[attr-defined]
-    problem = cvxpy.Problem(cost, [limits.matrix @ theta <= limits.bound])
-    problem.solve(  # type: ignore[no-untyped-call]
-        solver=cvxpy.CLARABEL, tol_gap_abs=1e-12, tol_gap_rel=1e-9
-    )
-    return np.asarray(theta.value, float)
 
 
 def _require_equal_cycles(

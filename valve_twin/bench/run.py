@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import yaml
 
-from valve_twin.bench import estimation, reading, simulation, storing
+from valve_twin.bench import archive, estimation, reading, simulation, storing
 from valve_twin.bench.measure import Ratio, Scale, describe, median
 
 if TYPE_CHECKING:
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 AREAS = {
     "simulation": simulation.compare,
     "estimation": estimation.compare,
+    "archive": archive.compare,
     "reading": reading.compare,
     "storing": storing.compare,
 }
