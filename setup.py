@@ -2,9 +2,12 @@
 # Copyright 2026 valve_twin maintainers
 """Install valve_twin as an ament_python package; run by colcon."""
 
+import subprocess
 from pathlib import Path
 
 from setuptools import find_packages, setup
+from setuptools.command.develop import develop
+from setuptools.command.install_scripts import install_scripts
 
 PACKAGE = "valve_twin"
 SHARE = f"share/{PACKAGE}"
@@ -15,6 +18,54 @@ def share_files(folder: str, *patterns: str) -> tuple[str, list[str]]:
     """Return the data_files entry that puts a folder's files under share/valve_twin."""
     found = sorted(str(path) for pattern in patterns for path in Path(folder).glob(pattern))
     return f"{SHARE}/{folder}", found
+
+
+ENV = "/usr/bin/env"
+PUT_OFF = ("--block-signal=TERM", "--block-signal=INT")
+NODE_SCRIPT = """{first}
+# A signal that comes before the node has its handlers waits for them where `env` can see to it.
+import sys
+
+from valve_twin.nodes.executables import {name}
+
+sys.exit({name}())
+"""
+
+
+def first_line(given: str) -> str:
+    """Return a script's first line with the signals put off, as it was where `env` cannot."""
+    python = given.removeprefix("#!").strip()
+    line = f"#!{ENV} -S {' '.join(PUT_OFF)} {python}"
+    if len(python.split()) != 1 or len(line) > 127:
+        return given
+    try:
+        subprocess.run([ENV, *PUT_OFF, "true"], check=True, capture_output=True)
+    except (OSError, subprocess.CalledProcessError):
+        return given
+    return line
+
+
+def node_script(name: str, contents: str) -> str:
+    """Return the script of an executable: a node's starts without a search for its package."""
+    if name not in NODES:
+        return contents
+    return NODE_SCRIPT.format(first=first_line(contents.splitlines()[0]), name=name)
+
+
+class Develop(develop):
+    """Writes the scripts of a symlink install."""
+
+    def write_script(self, script_name: str, contents: str, *rest: str) -> None:
+        """Write one."""
+        super().write_script(script_name, node_script(script_name, contents), *rest)
+
+
+class InstallScripts(install_scripts):
+    """Writes the scripts of a plain install."""
+
+    def write_script(self, script_name: str, contents: str, *rest: str) -> None:
+        """Write one."""
+        super().write_script(script_name, node_script(script_name, contents), *rest)
 
 
 setup(
@@ -45,6 +96,7 @@ setup(
         share_files("msg_defs/msg", "*.msg"),  # bags are written without ROS, too
         ("bin", ["tools/valve-twin"]),
     ],
+    cmdclass={"develop": Develop, "install_scripts": InstallScripts},
     zip_safe=False,
     python_requires=">=3.10,<3.14",
     install_requires=[
