@@ -284,7 +284,16 @@ def test_a_metadata_file_of_another_storage_is_named(small_bag):
     text = path.read_text(encoding="utf-8").replace("identifier: mcap", "identifier: sqlite3")
     path.write_text(text, encoding="utf-8")
     assert "storage 'sqlite3' is not read; convert it" in refused(small_bag)
+
+
+def test_files_are_found_without_a_readable_metadata_file(small_bag, caplog):
+    sound = joined(list(read_signals(small_bag, [POSITION])), "position")
+    path = small_bag / "metadata.yaml"
     path.write_text("nothing: here\n", encoding="utf-8")
+    found = joined(list(read_signals(small_bag, [POSITION])), "position")
+    np.testing.assert_array_equal(found, sound)
+    assert "is no metadata.yaml of a ROS 2 bag" in caplog.text
+    (small_bag / "small_0.mcap").unlink()
     assert "is no metadata.yaml of a ROS 2 bag; give the .mcap file" in refused(small_bag)
 
 

@@ -17,6 +17,8 @@ from valve_twin.cli import (
     fleet,
     history,
     import_,
+    info,
+    recover,
     replay,
     report,
     simulate,
@@ -28,7 +30,20 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Callable, Sequence
 
-VERBS = (simulate, import_, configure, estimate, replay, report, batch, fleet, history, bench)
+VERBS = (
+    simulate,
+    import_,
+    configure,
+    estimate,
+    replay,
+    report,
+    batch,
+    fleet,
+    history,
+    info,
+    recover,
+    bench,
+)
 """One module a verb, in the order of the help."""
 
 _ACCESS = "check the folder, its access rights and the free space"

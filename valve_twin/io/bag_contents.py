@@ -4,17 +4,16 @@
 
 from __future__ import annotations
 
-import re
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from valve_twin.io.bag_folder import bag_files
 from valve_twin.io.bag_types import BagTypes
 from valve_twin.io.errors import BagError, suggest
 from valve_twin.io.mapping import TypeSystem, full_type_name
 from valve_twin.io.mcap_reader import McapFile
-from valve_twin.io.metadata import FILE_NAME, read_metadata
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -67,35 +66,6 @@ class BagInfo:
     def duration_s(self) -> float:
         """Time from the first to the last message [s]."""
         return (self.end_ns - self.start_ns) * 1e-9
-
-
-def bag_files(path: str | Path) -> tuple[tuple[Path, ...], dict[str, str]]:
-    """Return the .mcap files of a bag in their order and the user's own values in its metadata.
-
-    Raises
-    ------
-    BagError
-        If there is no such bag.
-    """
-    path = Path(path)
-    folder = path.parent if path.name == FILE_NAME else path
-    if path.is_dir() or path.name == FILE_NAME:
-        if (folder / FILE_NAME).is_file():
-            metadata = read_metadata(folder / FILE_NAME)
-            files = tuple(folder / Path(name).name for name in metadata.files)
-            return files, dict(metadata.custom)
-        files = tuple(sorted(folder.glob("*.mcap"), key=_natural))
-        if not files:
-            msg = f"{path}: holds no .mcap file; give a bag folder with MCAP storage"
-            raise BagError(msg)
-        return files, {}
-    return (path,), {}
-
-
-def _natural(path: Path) -> list[tuple[bool, int, str]]:
-    """Sort key that puts bag_2 before bag_10."""
-    parts = re.split(r"(\d+)", path.name)
-    return [(p.isdigit(), int(p) if p.isdigit() else 0, p) for p in parts]
 
 
 def topic_name(name: str) -> str:
