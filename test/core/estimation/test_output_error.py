@@ -9,8 +9,9 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from valve_twin.core.estimation.free_run import OutputErrorOptions
+from valve_twin.core.estimation.gains import NAMES
 from valve_twin.core.estimation.masks import find_masks
-from valve_twin.core.estimation.output_error import NAMES, fit_output_error
+from valve_twin.core.estimation.output_error import fit_output_error
 from valve_twin.core.estimation.output_error_kernel import (
     N_COLUMNS,
     N_LINEAR,

@@ -192,26 +192,51 @@ def _acting(command: FloatArray, lag: int) -> FloatArray:
     )
 
 
-def fit_lag(
-    run: Run, lag: int, columns: BoolArray, options: OutputErrorOptions, *, refine: bool
-) -> Solution:
-    """Fit for one lag."""
+@dataclass(frozen=True, slots=True)
+class Phases:
+    """What the spool does at each of the N samples of a run, for one lag.
+
+    Attributes
+    ----------
+    v_in, v_out : (N,) arrays
+        Commands that act at the sample, lag included [1].
+    seated, free, anchor, moving : (N,) bool arrays
+        It rests on a seat; it is off the seats; its level is unknown anew; a command acts.
+    """
+
+    v_in: FloatArray
+    v_out: FloatArray
+    seated: BoolArray
+    free: BoolArray
+    anchor: BoolArray
+    moving: BoolArray
+
+
+def find_phases(run: Run, lag: int, options: OutputErrorOptions) -> Phases:
+    """Tell rest on a seat, hold and motion apart."""
     v_in, v_out = _acting(run.v_in, lag), _acting(run.v_out, lag)
     seated = _seated(run, v_in, v_out, options)
     anchor = run.broken | run.stuck
     anchor[1:] |= seated[1:] & ~seated[:-1]
     active = options.guard.active_command
     moving = (v_in > active) | (v_out > active)
-    free = ~(seated | run.stuck)
+    return Phases(v_in, v_out, seated, ~(seated | run.stuck), anchor, moving)
+
+
+def fit_lag(
+    run: Run, lag: int, columns: BoolArray, options: OutputErrorOptions, *, refine: bool
+) -> Solution:
+    """Fit for one lag."""
+    phases = find_phases(run, lag, options)
     p, gram = np.zeros(N_LINEAR), np.zeros((N_COLUMNS, N_COLUMNS))
     pole, cost, log_determinant, rows = search_pole(
         run.position,
         run.use,
-        free,
-        anchor,
-        moving,
-        v_in,
-        v_out,
+        phases.free,
+        phases.anchor,
+        phases.moving,
+        phases.v_in,
+        phases.v_out,
         options.v_max,
         options.wander,
         columns,
@@ -222,7 +247,7 @@ def fit_lag(
     )
     rows = max(rows, 1)
     likelihood = float(np.log(max(cost, 1e-300) / rows) + log_determinant / rows)
-    mean = _mean_command(run.position, v_in, free)
+    mean = mean_command(run.position, phases.v_in, phases.free)
     return Solution(pole, p, gram, columns, cost, rows, likelihood, mean)
 
 
@@ -236,7 +261,7 @@ def _seated(
     return low | high
 
 
-def _mean_command(position: FloatArray, v_in: FloatArray, free: BoolArray) -> float:
+def mean_command(position: FloatArray, v_in: FloatArray, free: BoolArray) -> float:
     """Return the inflow command, averaged with the displacement during it as weight [1].
 
     The noise of the increments stays in the sum: it has mean zero there, but not in its positive
@@ -258,8 +283,6 @@ def find_lag(run: Run, columns: BoolArray, options: OutputErrorOptions) -> int:
 
 def hold_samples(run: Run, lag: int, options: OutputErrorOptions) -> int:
     """Count usable samples at rest off the seats."""
-    v_in, v_out = _acting(run.v_in, lag), _acting(run.v_out, lag)
-    active = options.guard.active_command
-    busy = held_recently((v_in > active) | (v_out > active), _SETTLE)
-    rest = ~busy & ~_seated(run, v_in, v_out, options) & ~run.stuck & run.use
+    phases = find_phases(run, lag, options)
+    rest = ~held_recently(phases.moving, _SETTLE) & phases.free & run.use
     return int(np.count_nonzero(rest))

@@ -161,7 +161,7 @@ def estimate_cycle(
     if len(cycle.frames) == 0:
         nothing = (_nothing(model, cycle),)
         return nothing, memory.after(nothing)
-    results = model.estimate(cycle, options)
+    results = model.estimate(cycle, options, memory.estimates)
     if not cycle.accepted:
         results = tuple(_refused(e, cycle.reason) for e in results)
     judges = getattr(model, "judges", None)
@@ -240,8 +240,11 @@ def _judged(
 def _with_interval(
     value: ParameterValue, parameter: Parameter | None, before: tuple[Estimate, ...]
 ) -> ParameterValue:
-    """Add the interval from the scatter of earlier cycles, inside the physical bounds."""
-    if not value.usable:
+    """Add the interval from the scatter of earlier cycles, inside the physical bounds.
+
+    An estimator that gives an honest interval of its own keeps it.
+    """
+    if not value.usable or np.isfinite(value.standard_error):
         return value
     series = [p.value for e in before for p in e.parameters if p.name == value.name and p.usable]
     scatter = scatter_between_cycles(np.array(series))

@@ -9,7 +9,7 @@ a `PlantFactory`. The rest of the house knows valves only through these protocol
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -85,8 +85,13 @@ class ValveModel(Protocol):
         """Name of the estimator that feeds trend and prediction."""
         ...
 
-    def estimate(self, cycle: Cycle, options: Options) -> tuple[Estimate, ...]:
-        """Estimate every configured estimator's parameters from one cycle alone.
+    def estimate(
+        self, cycle: Cycle, options: Options, earlier: Sequence[Estimate] = ()
+    ) -> tuple[Estimate, ...]:
+        """Estimate every configured estimator's parameters from one cycle.
+
+        `earlier` are the estimates of the cycles before, oldest first: what does not age, such as
+        a ratio of noises, may be pooled with them; what is trended comes from this cycle alone.
 
         Deterministic; never raises for bad data: a refusal is an `Estimate` with its reason.
         Leaves `mse_test`, `fit_test`, standard errors and limits that need other cycles at NaN:

@@ -33,7 +33,9 @@ class PositionerModel:
     options: tuple[Option, ...] = OPTIONS
     trend_estimator: str = ESTIMATOR
 
-    def estimate(self, cycle: Cycle, options: Options) -> tuple[Estimate, ...]:
+    def estimate(
+        self, cycle: Cycle, options: Options, earlier: Sequence[Estimate] = ()
+    ) -> tuple[Estimate, ...]:
         """Estimate rates, slew limits, dead band and delay from one cycle by output error.
 
         Parameters
@@ -42,12 +44,15 @@ class PositionerModel:
             One cycle of N samples.
         options : mapping
             The model's options, complete.
+        earlier : sequence of Estimate
+            Not used: nothing is pooled.
 
         Returns
         -------
         tuple of Estimate
             One estimate; REFUSED with its reason where the cycle says nothing.
         """
+        del earlier
         prepared = prepare(cycle, options)
         if prepared.refusal:
             return (refused(self.name, cycle, prepared),)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from valve_twin.core.estimation import output_error
+from valve_twin.core.estimation import kalman, output_error
 from valve_twin.core.estimation.constraints import THETA, parse_inequalities
 from valve_twin.core.estimation.equation_error import (
     ESTIMATORS as EQUATION_ERROR,
@@ -20,6 +20,7 @@ from valve_twin.core.estimation.equation_error import (
 )
 from valve_twin.core.estimation.free_run import OutputErrorOptions
 from valve_twin.core.estimation.guards import GuardOptions
+from valve_twin.core.estimation.kalman import fit_kalman, pool_ratios
 from valve_twin.core.estimation.lag import LagScan, scan_lag
 from valve_twin.core.estimation.masks import MaskOptions, Masks, find_masks
 from valve_twin.core.estimation.noise import rest_noise
@@ -81,6 +82,9 @@ PARAMETERS = (
         upper=0.0,
     ),
     Parameter("leak", "1/s", "loss of stroke off the seat", 0.0, trend=True),
+    Parameter(
+        "noise_ratio", "1", "kalman: variance of process noise over that of measurement noise", 0.0
+    ),
     Parameter("theta_1", "1", "paper 002, eq. (18): speed"),
     Parameter("theta_2", "1", "paper 002, eq. (18): inflow command"),
     Parameter("theta_3", "1", "paper 002, eq. (18): outflow command"),
@@ -96,7 +100,7 @@ OPTIONS = (
         "estimators",
         [output_error.ESTIMATOR, "equation_error_qp4"],
         "estimators to run",
-        choices=(output_error.ESTIMATOR, *EQUATION_ERROR),
+        choices=(output_error.ESTIMATOR, kalman.ESTIMATOR, *EQUATION_ERROR),
     ),
     Option(
         "output_error",
@@ -165,7 +169,9 @@ class PressCartridgeModel:
     options: tuple[Option, ...] = OPTIONS
     trend_estimator: str = output_error.ESTIMATOR
 
-    def estimate(self, cycle: Cycle, options: Options) -> tuple[Estimate, ...]:
+    def estimate(
+        self, cycle: Cycle, options: Options, earlier: Sequence[Estimate] = ()
+    ) -> tuple[Estimate, ...]:
         """Estimate the cycle with every configured estimator, the output error unless it is off.
 
         Parameters
@@ -174,6 +180,8 @@ class PressCartridgeModel:
             One cycle of N samples (N > 0).
         options : mapping
             The model's options, complete.
+        earlier : sequence of Estimate
+            Those of the cycles before, oldest first; their noise ratios are pooled.
 
         Returns
         -------
@@ -187,9 +195,9 @@ class PressCartridgeModel:
         always = (self.trend_estimator,) if options["output_error"] else ()
         names = dict.fromkeys((*always, *_names(options, "estimators")))
         return tuple(
-            self._output_error(cycle, masks, sigma, scan, options)
-            if name == output_error.ESTIMATOR
-            else self._equation_error(name, cycle, masks, sigma, scan, options)
+            self._equation_error(name, cycle, masks, sigma, scan, options)
+            if name in EQUATION_ERROR
+            else self._gains(name, cycle, masks, sigma, scan, options, earlier)
             for name in names
         )
 
@@ -250,19 +258,27 @@ class PressCartridgeModel:
             validity,
         )
 
-    def _output_error(
-        self, cycle: Cycle, masks: Masks, sigma: float, scan: LagScan, options: Options
+    def _gains(
+        self,
+        name: str,
+        cycle: Cycle,
+        masks: Masks,
+        sigma: float,
+        scan: LagScan,
+        options: Options,
+        earlier: Sequence[Estimate],
     ) -> Estimate:
         settled = scan.lag >= 0 and scan.sharpness >= _SHARP
-        fit = fit_output_error(
-            cycle.frames,
-            masks,
-            cycle.period_s,
-            noise_sigma=sigma,
-            options=_output_error_options(options, scan.lag if settled else -1),
-        )
+        chosen = _output_error_options(options, scan.lag if settled else -1)
+        data = (cycle.frames, masks, cycle.period_s)
+        if name == kalman.ESTIMATOR:
+            ratios = [e.value("noise_ratio") for e in earlier if e.estimator == kalman.ESTIMATOR]
+            pooled = pool_ratios(np.array(ratios))
+            fit = fit_kalman(*data, noise_sigma=sigma, pooled=pooled, options=chosen)
+        else:
+            fit = fit_output_error(*data, noise_sigma=sigma, options=chosen)
         return self._estimate(
-            output_error.ESTIMATOR,
+            name,
             cycle,
             fit.parameters,
             (fit.status, fit.reason),
