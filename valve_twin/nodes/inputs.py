@@ -78,7 +78,7 @@ class TopicInput:
     config : InputConfig
         Queue, deadline and silence.
     on_arrival : callable
-        Called for every message; it is kept until `drain`.
+        Called for every message with its receive time [ns]; the message is kept until `drain`.
     on_block : callable
         Gets every block of samples and when the middleware received it [ns].
     now_ns : callable
@@ -91,7 +91,7 @@ class TopicInput:
         node: Node,
         extractors: Sequence[Extractor],
         config: InputConfig,
-        on_arrival: Callable[[], None],
+        on_arrival: Callable[[int], None],
         on_block: OnBlock,
         now_ns: Callable[[], int],
     ) -> None:
@@ -227,7 +227,7 @@ class TopicInput:
         """Keep a message: what comes together is read together."""
         message, info = arguments if len(arguments) == 2 else arguments[0]
         self._pending.append((message, info, self._now_ns()))
-        self._on_arrival()
+        self._on_arrival(info["received_timestamp"])
 
     def drain(self) -> None:
         """Read the messages that were kept and hand them on."""

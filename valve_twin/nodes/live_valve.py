@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from valve_twin.nodes.runtime import ValveNode
     from valve_twin.nodes.worker import Outcome, WorkerProcess
 
-DUTY = 0.5
-"""Share of the time that may go into handing samples on: low rates are answered at once,
-high rates in blocks."""
+BACKLOG_NS = 1_000_000
+"""A message that waited longer is worked on with all that waits behind it: low rates are
+answered at once, in a rush whole blocks [ns]."""
 
 LONGEST_GATHER_S = 0.02
 """No sample waits longer than this to be handed on [s]."""
@@ -48,6 +48,10 @@ LATCHED = QoSProfile(
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
 """State topics: a late reader of depth 1 gets the newest, a deeper one all estimators."""
+
+
+def _names(group: list[Extractor]) -> set[str]:
+    return {e.source.signal for e in group}
 
 
 class LiveValve:
@@ -96,8 +100,11 @@ class LiveValve:
         self._job: Job | None = None
         self._jobs = 0
         self._awake = awake
-        self._arrived = False
-        self._idle_until = 0.0
+        self._news, self._scheduled, self._due_s = 0, False, 0.0
+        self._all_topics = (1 << len(signals)) - 1
+        self._leading = next(
+            i for i, group in enumerate(signals) if self.model.output in _names(group)
+        )
         self.last_stamp_ns = 0
         self.last_cycle = last
         self.estimated = self.predicted = self.refused = 0
@@ -113,8 +120,8 @@ class LiveValve:
         """Subscribe to all signals."""
         now_ns = self._now_ns()
         self.inputs = [
-            TopicInput(self._node, group, config, self._arrive, self._gather, now_ns)
-            for group in self._signals
+            TopicInput(self._node, group, config, partial(self._arrive, i), self._gather, now_ns)
+            for i, group in enumerate(self._signals)
         ]
 
     def silence(self) -> None:
@@ -134,14 +141,11 @@ class LiveValve:
     def work(self, *, force: bool = False) -> None:
         """Hand what was gathered to the core and publish what comes of it."""
         begin = seconds_now()
-        if begin < self._idle_until and not force:
+        if begin < self._due_s and not force:
             return
-        self._arrived = False
+        self._due_s = begin + LONGEST_GATHER_S
         for topic in self.inputs:
             topic.drain()
-        if not self._collector:
-            self._awake.discard(self)
-            return
         oldest_ns, predicted = self._collector.oldest_ns, self.predicted
         for blocks in self._collector.take_all() if force else self._collector.take(begin):
             self._push(blocks)
@@ -149,15 +153,12 @@ class LiveValve:
             self._awake.discard(self)
         if self.predicted == predicted:
             return
-        end = seconds_now()
-        self._idle_until = end + min((end - begin) * (1.0 / DUTY - 1.0), LONGEST_GATHER_S)
+        self._news = 0
         self.worst_latency_s = max(self.worst_latency_s, 1e-9 * (time.time_ns() - oldest_ns))
 
     def due_s(self) -> float:
-        """Return when `work` is worth its while [s], after something came."""
-        if not self._arrived:
-            return LONGEST_GATHER_S
-        return max(self._idle_until - seconds_now(), 0.0)
+        """Return when `work` is worth its while, after something came [s]."""
+        return max(self._due_s - seconds_now(), 0.0)
 
     def clock_jumped(self) -> None:
         """Drop the running cycle after the node's clock was set back."""
@@ -188,11 +189,23 @@ class LiveValve:
     def _gather(self, block: SignalBlock, received_ns: int) -> None:
         self._collector.add(block, received_ns, seconds_now())
 
-    def _arrive(self) -> None:
-        """Note that a message came."""
-        self._arrived = True
-        self._awake.add(self)
-        self._node.news += 1
+    def _arrive(self, topic: int, received_ns: int) -> None:
+        """Work once every topic has brought something, late ones together with what follows."""
+        if self not in self._awake:
+            self._awake.add(self)
+            self._due_s = seconds_now() + LONGEST_GATHER_S
+        self._news |= 1 << topic
+        if self._news == self._all_topics or topic == self._leading:
+            if self._news == self._all_topics and time.time_ns() - received_ns < BACKLOG_NS:
+                self._work_now()
+            elif not self._scheduled:
+                self._scheduled = True
+                self._node.later(self._work_now)
+
+    def _work_now(self) -> None:
+        self._scheduled = False
+        self._due_s = 0.0
+        self.work()
 
     def _push(self, blocks: list[SignalBlock]) -> None:
         for block in blocks:

@@ -22,6 +22,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 
 from valve_twin.io.errors import ValveTwinError
 from valve_twin.io.node_parameters import NODE_PARAMETERS
@@ -42,15 +43,8 @@ SPIN_S = 0.1
 """Longest wait of the loop: a signal is noticed within it [s]."""
 
 
-MOST_AT_ONCE = 300
-"""So many messages are taken before the node works on them; a stop is noticed in between."""
-
 FAREWELL_S = 0.5
 """Longest time that the middleware gets to say goodbye [s]."""
-
-
-MOST_AT_ONCE = 300
-"""So many messages are taken before the node works on them; a stop is noticed in between."""
 
 
 class ValveNode(LifecycleNode):
@@ -63,14 +57,16 @@ class ValveNode(LifecycleNode):
     configured again.
     """
 
+    works_in_callbacks = False
+    """Whether callbacks do all that is to be done at once, so that `work` may wait."""
+
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
         self.faults = FaultDesk(self)
         self.parameters = Parameters(self, is_idle=self._is_idle)
         self.parameters.declare(NODE_PARAMETERS[name])
         self.exit_code: int | None = None
-        self.news = 0
-        self.news = 0
+        self.recess: Future | None = None
         self._inbox: deque[Callable[[], None]] = deque()
         self._answer_refused_transitions()
 
@@ -204,7 +200,20 @@ class ValveNode(LifecycleNode):
         self._inbox.append(action)
         executor = self.executor
         if executor is not None:
-            executor.create_task(_nothing)
+            executor.create_task(self._break_off)
+
+    def later(self, action: Callable[[], None]) -> None:
+        """Run `action` after the callbacks that wait now; on the node's own thread only."""
+        executor = self.executor
+        if executor is None:
+            self._inbox.append(action)
+        else:
+            executor.create_task(self._guarded, action, "work")
+
+    def _break_off(self) -> None:
+        """Wake the loop."""
+        if self.recess is not None and not self.recess.done():
+            self.recess.set_result(None)
 
     def drain(self) -> None:
         """Run what other threads posted, then what the node has to do between callbacks."""
@@ -224,10 +233,6 @@ _SUCCESS = TransitionCallbackReturn.SUCCESS
 _FAILURE = TransitionCallbackReturn.FAILURE
 
 
-def _nothing() -> None:
-    """Wake the loop."""
-
-
 def make_executor(kind: str) -> Executor:
     """Return the executor of that name."""
     return EventsExecutor() if kind == "events" else SingleThreadedExecutor()
@@ -237,9 +242,7 @@ def spin(node: ValveNode, executor: Executor) -> None:
     """Drive the node until a signal or the end of the context; no callback error ends it."""
     while rclpy.ok() and not signals.stop_requested() and node.exit_code is None:
         try:
-            executor.spin_once(timeout_sec=min(node.due_s(), SPIN_S))
-            _take_rest(node, executor)
-            _take_rest(node, executor)
+            _spin(node, executor, min(node.due_s(), SPIN_S))
         except (ExternalShutdownException, ROSInterruptException, KeyboardInterrupt):
             return
         except Exception as err:
@@ -249,26 +252,16 @@ def spin(node: ValveNode, executor: Executor) -> None:
         node.drain()
 
 
-def _take_rest(node: ValveNode, executor: Executor) -> None:
-    """Take what else has come before the node works on it: together it costs less."""
-    seen = -1
-    for _ in range(MOST_AT_ONCE):
-        if node.news in {seen, 0}:
-            break
-        seen = node.news
-        executor.spin_once(timeout_sec=0.0)
-    node.news = 0
+def _spin(node: ValveNode, executor: Executor, wait_s: float) -> None:
+    """Run one callback; where they work by themselves, all that come until something is due.
 
-
-def _take_rest(node: ValveNode, executor: Executor) -> None:
-    """Take what else has come before the node works on it: together it costs less."""
-    seen = -1
-    for _ in range(MOST_AT_ONCE):
-        if node.news in {seen, 0}:
-            break
-        seen = node.news
-        executor.spin_once(timeout_sec=0.0)
-    node.news = 0
+    Every return of the events executor costs as much as a message.
+    """
+    if not node.works_in_callbacks or isinstance(executor, Executor):
+        executor.spin_once(timeout_sec=wait_s)
+        return
+    node.recess = Future()
+    executor.spin_until_future_complete(node.recess, timeout_sec=wait_s)
 
 
 def run(make: Callable[[], ValveNode], args: list[str] | None = None) -> int:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import traceback
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,7 @@ from rclpy.clock import JumpThreshold, TimeJump
 from rclpy.duration import Duration
 
 from valve_twin.io.history import History
-from valve_twin.nodes.diagnostics import STALE, Diagnostics, Report
+from valve_twin.nodes.diagnostics import ERROR, STALE, Diagnostics, Report
 from valve_twin.nodes.estimation_job import warm_up
 from valve_twin.nodes.inputs import InputConfig, by_topic, seconds_now
 from valve_twin.nodes.keeper import Keeper
@@ -34,6 +35,8 @@ _BACKWARD_JUMP_S = 0.1
 class TwinNode(ValveNode):
     """Lifecycle node of the twins."""
 
+    works_in_callbacks = True
+
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("twin", **kwargs)
         self._valves: list[LiveValve] = []
@@ -45,10 +48,12 @@ class TwinNode(ValveNode):
         self._jump: Any = None
         self._faults: dict[str, TwinFaults] = {}
         self._restarts = 0
+        self._left_out: dict[str, str] = {}
 
     def configure(self) -> None:
         """Open the histories and make the twins with what they had learnt."""
-        configs = read_valves(self)
+        self._left_out = {}
+        configs = read_valves(self, self._left_out)
         signals = {c.name: by_topic(self, c.signals.values()) for c in configs}
         timeout = float(self.parameters["busy_timeout_s"])
         for url in dict.fromkeys(c.history_url for c in configs):
@@ -128,7 +133,18 @@ class TwinNode(ValveNode):
     def work(self) -> None:
         """Work on what the inputs gathered."""
         for valve in tuple(self._awake):
-            valve.work()
+            try:
+                valve.work()
+            except Exception as err:  # whatever a model raises is its own valve's trouble
+                self._give_up(valve, err)
+
+    def _give_up(self, valve: LiveValve, err: Exception) -> None:
+        """Stop a valve whose model raises; its neighbours go on."""
+        self._awake.discard(valve)
+        valve.silence()
+        why = f"stopped, {type(err).__name__}: {err}; mend the model, then configure anew"
+        self._left_out[valve.name] = why
+        self.get_logger().error(f"{valve.name}: {why}\n{traceback.format_exc()}")
 
     def due_s(self) -> float:
         """Return when the first valve wants to work [s]."""
@@ -141,6 +157,10 @@ class TwinNode(ValveNode):
 
     def _reports(self) -> Iterable[Report]:
         self._look_at_node()
+        known = {valve.name for valve in self._valves}
+        for name, why in self._left_out.items():
+            if name not in known:
+                yield Report(f"valve {name}", name, level=ERROR, message=why)
         for valve in self._valves:
             yield self._report(valve)
 
@@ -163,6 +183,8 @@ class TwinNode(ValveNode):
     def _report(self, valve: LiveValve) -> Report:
         self._faults[valve.name].look()
         report = Report(f"valve {valve.name}", valve.name, self._figures(valve))
+        if valve.name in self._left_out:
+            report.raise_to(ERROR, self._left_out[valve.name])
         if self.state != "active":
             report.raise_to(STALE, f"the node is {self.state}")
         return report
