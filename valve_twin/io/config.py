@@ -24,6 +24,7 @@ from valve_twin.io.node_parameters import NODE_PARAMETERS
 from valve_twin.io.parameter_file import Section, read_parameter_file
 from valve_twin.io.schema import Kind, Spec, build, dataclass_specs, option_specs
 from valve_twin.io.topic_names import resolve_topic
+from valve_twin.io.valve_names import expand_names
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -90,8 +91,8 @@ VALVE_SPECS = (
         "valves",
         Kind.STRINGS,
         (),
-        "Names of the valves of this process, relative to the node's namespace; empty = "
-        "one valve, the namespace itself.",
+        "Names of the valves of this process, relative to the node's namespace, "
+        "press/valve_{01..50} for fifty; empty = one valve, the namespace itself.",
     ),
     Spec(
         "model",
@@ -277,6 +278,7 @@ def parse_config(
     namespace: str = "/",
     fallback: str = "valve",
     lines: Mapping[str, int] | None = None,
+    refused: dict[str, str] | None = None,
 ) -> list[ValveConfig]:
     """Build the configurations of the valves of one process from flat dotted parameters.
 
@@ -292,6 +294,8 @@ def parse_config(
         Name of the only valve where the namespace is "/" and `valves` is empty.
     lines : mapping, optional
         Line in the file by key.
+    refused : dict, optional
+        Takes, by name, why a valve of several cannot be used; without it the first is an error.
 
     Returns
     -------
@@ -310,11 +314,20 @@ def parse_config(
         reader.refuse_sections(flat, ())
         return [reader.valve("/" + own, dict(flat), {key: key for key in flat})]
     reader.refuse_sections(flat, valves)
-    configs = []
+    configs: list[ValveConfig] = []
+    first: ConfigError | None = None
     for valve in valves:
         values, origin = _of_valve(flat, valve, valves)
         name = "/" + "/".join(p for p in (namespace.strip("/"), valve.strip("/")) if p)
-        configs.append(reader.valve(name, values, origin))
+        try:
+            configs.append(reader.valve(name, values, origin))
+        except ConfigError as err:
+            if refused is None:
+                raise
+            refused[name] = str(err)
+            first = first or err
+    if first is not None and not configs:
+        raise first
     return configs
 
 
@@ -347,10 +360,11 @@ class _Reader:
     def valves(self, flat: Mapping[str, object]) -> tuple[str, ...]:
         key = VALVE_SPECS[0].name
         try:
-            names = VALVE_SPECS[0].check(flat.get(key, ()))
+            given = VALVE_SPECS[0].check(flat.get(key, ()))
+            assert isinstance(given, tuple)
+            names = expand_names(given)
         except ValueError as err:
             raise self._at(key, str(err)) from None
-        assert isinstance(names, tuple)
         for name in names:
             parts = name.strip("/").split("/")
             if not all(p.isidentifier() and p.isascii() for p in parts):

@@ -93,6 +93,11 @@ class Parameters:
             msg = f"{self._node.get_fully_qualified_name()}: {message}"
             raise ConfigError(msg)
 
+    def take_errors(self, section: str) -> list[str]:
+        """Return what is wrong with the overrides of a section, which `check` then passes over."""
+        names = [name for name in self._errors if name.startswith(section)]
+        return [self._errors.pop(name) for name in names]
+
     def given(self) -> dict[str, object]:
         """Return what was set from outside: declared overrides and values that are no default."""
         return {

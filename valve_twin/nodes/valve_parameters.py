@@ -9,16 +9,27 @@ from typing import TYPE_CHECKING
 
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.config import VALVE_SPECS, ValveConfig, parse_config, valve_specs
+from valve_twin.io.valve_names import expand_names
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from valve_twin.io.schema import Spec
     from valve_twin.nodes.runtime import ValveNode
 
 
-def read_valves(node: ValveNode) -> list[ValveConfig]:
+def read_valves(node: ValveNode, refused: dict[str, str] | None = None) -> list[ValveConfig]:
     """Declare the parameters of the node's valves and read them.
+
+    A valve of several whose own section is wrong is left out and named in the log: the others do
+    their work.
+
+    Parameters
+    ----------
+    node : ValveNode
+        The node.
+    refused : dict, optional
+        Takes, by name, why a valve is left out.
 
     Returns
     -------
@@ -34,16 +45,36 @@ def read_valves(node: ValveNode) -> list[ValveConfig]:
     parameters.declare(VALVE_SPECS)
     model = str(parameters["model"])
     parameters.declare(_specs(model))
-    for valve in [v for v in parameters["valves"] if v]:
+    names = _names(parameters["valves"])
+    for valve in names:
         own = str(parameters.overrides.get(f"{valve}.model", model))
         prefixed = (replace(s, name=f"{valve}.{s.name}") for s in _specs(own))
         parameters.declare(s for s in prefixed if s.name in parameters.overrides)
     parameters.warn_unknown(hosts_valves=True)
+    wrong = {v: parameters.take_errors(f"{v}.") for v in names} if len(names) > 1 else {}
     parameters.check()
     given = parameters.given() | {
         name: value for name, value in parameters.overrides.items() if ".simulation." in f".{name}"
     }
-    return parse_config(given, node.get_fully_qualified_name(), namespace=node.get_namespace())
+    for valve, errors in wrong.items():
+        if errors:  # the reader names it: the value itself, not the default that stands for it
+            given |= {k: v for k, v in parameters.overrides.items() if k.startswith(f"{valve}.")}
+    left_out: dict[str, str] = {}
+    where = node.get_fully_qualified_name()
+    configs = parse_config(given, where, namespace=node.get_namespace(), refused=left_out)
+    for valve, why in left_out.items():
+        node.get_logger().error(f"{valve} is left out: {why}")
+    if refused is not None:
+        refused |= left_out
+    return configs
+
+
+def _names(given: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the valves; what is wrong with them the reader says."""
+    try:
+        return expand_names(given)
+    except ValueError:
+        return ()
 
 
 def _specs(model: str) -> Iterable[Spec]:
