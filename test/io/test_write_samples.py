@@ -3,6 +3,7 @@
 """Many samples at once make the bytes that one by one makes, and every reader takes them."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,11 +18,11 @@ from valve_twin.io.errors import BagError
 from valve_twin.io.mapping import STAMPED_TYPE, SignalSource
 
 START_NS = 1_577_836_800_000_000_000
-KEPT = {"flush_s": 1e9, "sync": lambda _: None}
+KEPT: dict[str, Any] = {"flush_s": 1e9, "sync": lambda _: None}
 RULES = [SplitRule(), SplitRule(size=4000), SplitRule(duration_s=0.05)]
 
 
-def write_both(folder, columns, **options):
+def write_both(folder, columns, **options: Any):
     """Write columns at once and one by one; return the files of both."""
     with BagWriter(folder / "one" / "bag", **KEPT, **options) as bag:
         for topic, _, _ in columns:
@@ -89,10 +90,10 @@ def bag(request, tmp_path: Path) -> Path:
 def test_rosbags_reads_what_was_written_at_once(bag):
     sources = [SignalSource(f"topic{n}", f"/topic{n}") for n in range(3)]
     ours = read_columns(bag, sources)
-    found = {s.topic: [] for s in sources}
+    found: dict[str, list[tuple[int, float]]] = {s.topic: [] for s in sources}
     with AnyReader([bag]) as reader:
         for connection, log_ns, raw in reader.messages():
-            message = reader.deserialize(raw, connection.msgtype)
+            message: Any = reader.deserialize(raw, connection.msgtype)
             found[connection.topic].append((log_ns, message.value))
     for source, column in zip(sources, ours, strict=True):
         assert (
@@ -106,8 +107,10 @@ def test_mcap_reads_what_was_written_at_once_with_its_check_sums(bag):
     with (bag / "bag_0.mcap").open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
         messages = list(reader.iter_messages())
-        statistics = reader.get_summary().statistics
-    assert statistics.message_count == len(messages) == 6000
+        summary = reader.get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    assert summary.statistics.message_count == len(messages) == 6000
     assert [m.log_time for _, _, m in messages] == sorted(m.log_time for _, _, m in messages)
     for _, channel, message in messages[::97]:
         assert message.log_time == message.publish_time

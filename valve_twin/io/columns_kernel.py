@@ -301,7 +301,7 @@ def take(  # noqa: PLR0912, PLR0915  to hand arrays on to a call costs more than
             log_ns = _i64(data, at + _LOG_AT)
             body = at + _RECORD_HEAD + _MESSAGE_HEAD + _ENCAPSULATION
             size = following - body
-            m = k * SLOTS + (size >> 2) % SLOTS
+            m = k * SLOTS + (size >> 2 & (SLOTS - 1))
             fits = size >= 0 and log_ns >= 0 and data[body - 4] == 0 and data[body - 3] == 1
             if fits:
                 alike = memory[m, LENGTH] == size

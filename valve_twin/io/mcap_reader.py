@@ -6,13 +6,13 @@ from __future__ import annotations
 
 import mmap
 import struct
-import zlib
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import zstandard
 
+from valve_twin.io.checksum import crc32
 from valve_twin.io.errors import BagError
 from valve_twin.io.mcap_format import (
     FOOTER_SIZE,
@@ -188,7 +188,7 @@ class McapFile:
             raise DamagedError(msg)
         name = self._view[at - _LENGTH.size - named : at - _LENGTH.size]
         data = self._decompress(bytes(name), self._view[at : at + packed], size, index)
-        if len(data) != size or (crc and zlib.crc32(data) != crc):
+        if len(data) != size or (crc and crc32(data) != crc):
             msg = (
                 f"{self._place(index)}: its check sum is wrong; rewrite the file with "
                 "'valve-twin recover'"
@@ -248,7 +248,7 @@ class McapFile:
         if start == 0:
             return self._scan()
         tail = self._map[start : len(self._map) - len(MAGIC)]
-        if crc and zlib.crc32(tail[:-4]) != crc:
+        if crc and crc32(tail[:-4]) != crc:
             msg = "check sum of the summary is wrong"
             raise ValueError(msg)
         summary = Summary()

@@ -9,7 +9,6 @@ chunk that survives a damage can be read by itself.
 from __future__ import annotations
 
 import struct
-import zlib
 from array import array
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import zstandard
 
+from valve_twin.io.checksum import crc32
 from valve_twin.io.mcap_format import (
     MAGIC,
     MESSAGE_HEAD,
@@ -198,7 +198,7 @@ class McapWriter:
         body = bytes(self._body)
         packed = self._compressor.compress(body) if self._compressed else body
         compression = "zstd" if self._compressed else ""
-        head = struct.pack("<QQQI", self._first_ns, self._last_ns, len(body), zlib.crc32(body))
+        head = struct.pack("<QQQI", self._first_ns, self._last_ns, len(body), crc32(body))
         offset = self._at
         head += text(compression) + struct.pack("<Q", len(packed))
         chunk = record(Op.CHUNK, head + packed)
@@ -270,7 +270,7 @@ class McapWriter:
             summary += part
         tail = summary + offsets
         tail += RECORD_HEAD.pack(Op.FOOTER, 20) + struct.pack("<QQ", start, start + len(summary))
-        self._put(tail + struct.pack("<I", zlib.crc32(tail)) + MAGIC)
+        self._put(tail + struct.pack("<I", crc32(tail)) + MAGIC)
 
     @property
     def size(self) -> int:
