@@ -117,6 +117,7 @@ setup(
     ],
     extras_require={
         "dask": ["distributed"],
+        "fast": ["isal"],
         "parquet": ["pyarrow"],
         "postgresql": ["psycopg[binary]"],
         "test": ["hypothesis", "pytest", "pytest-timeout"],
