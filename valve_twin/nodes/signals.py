@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -49,7 +50,12 @@ def put_off() -> Iterator[None]:
 
 @contextmanager
 def breaking_off() -> Iterator[None]:
-    """Let a signal break off what runs here by KeyboardInterrupt, where it may take long."""
+    """Let a signal break off what runs here by KeyboardInterrupt, where it may take long.
+
+    One that is raised where nothing can be raised, in a destructor, is lost without a word: what
+    runs then comes to its own end.
+    """
+    sys.unraisablehook = _say_unraisable
     _Stop.breakable = True
     try:
         if _Stop.requested:
@@ -74,6 +80,11 @@ def looping() -> None:
 def stop_requested() -> bool:
     """Return whether a signal asked for the end."""
     return _Stop.requested
+
+
+def _say_unraisable(unraisable: sys.UnraisableHookArgs) -> None:
+    if unraisable.exc_type is not KeyboardInterrupt:
+        sys.__unraisablehook__(unraisable)
 
 
 def _on_signal(number: int, frame: FrameType | None) -> None:
