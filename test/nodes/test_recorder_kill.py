@@ -30,6 +30,7 @@ def test_what_is_older_than_a_second_survives_a_kill(field):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(3600)
 def test_a_thousand_kills_lose_less_than_a_second_each(field):
     kills = int(os.environ.get("VALVE_TWIN_KILLS", "1000"))
     results = kill_many(field, kills=kills, at_once=6, seed=2)

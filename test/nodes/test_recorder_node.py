@@ -67,10 +67,26 @@ def finish(recorder):
     recorder.trigger_cleanup()
 
 
+def meet(graph, recorder, topics, publishers=1):
+    """Wait until the recorder has met the publishers of its topics, not only they it."""
+
+    def met() -> bool:
+        found = [recorder._topics.get(t) for t in topics]
+        return all(t and t._subscription.get_publisher_count() >= publishers for t in found)
+
+    graph.spin_until(met, what="the publishers")
+
+
 @pytest.fixture
 def feeder(graph):
     """Samples of a valve, made when a recorder listens."""
-    return lambda: Feeder(graph, NS)
+
+    def make(recorder) -> Feeder:
+        made = Feeder(graph, NS)
+        meet(graph, recorder, INPUTS)
+        return made
+
+    return make
 
 
 def test_topics_are_chosen_by_expression_and_type(graph, tmp_path):
@@ -114,7 +130,7 @@ def test_the_service_splits_and_the_event_names_both_files(graph, tmp_path, feed
     events = graph.record(f"{NS}/bag_recorder/events/write_split", WriteSplitEvent)
     recorder = graph.host(BagRecorderNode, bag=str(tmp_path / "bag"), topics=INPUTS)
     graph.spin_until(lambda: graph.connected(f"{NS}/bag_recorder/events/write_split"))
-    source = feeder()
+    source = feeder(recorder)
     source.feed(20)
     graph.spin_until(lambda: written(recorder, POSITION) == 20, what="20 samples")
     graph.call(SplitBagfile, f"{NS}/bag_recorder/split_bagfile")
@@ -133,7 +149,7 @@ def test_paused_nothing_is_written_and_stop_finishes_the_bag(graph, tmp_path, fe
         BagRecorderNode, bag=str(tmp_path / "bag"), topics=INPUTS, start_paused=True
     )
     status = graph.record(f"{NS}/bag_recorder/status", RecorderStatus)
-    source = feeder()
+    source = feeder(recorder)
     assert graph.call(IsPaused, f"{NS}/bag_recorder/is_paused").paused
     source.feed(10)
     graph.spin_until(lambda: status and status[-1].state == "paused", what="a status")
@@ -151,7 +167,7 @@ def test_paused_nothing_is_written_and_stop_finishes_the_bag(graph, tmp_path, fe
 
 def test_deactivated_and_activated_again_it_goes_on_in_the_same_bag(graph, tmp_path, feeder):
     recorder = graph.host(BagRecorderNode, bag=str(tmp_path / "bag"), topics=INPUTS)
-    source = feeder()
+    source = feeder(recorder)
     source.feed(5)
     graph.spin_until(lambda: written(recorder, POSITION) == 5, what="5 samples")
     recorder.trigger_deactivate()
@@ -159,6 +175,7 @@ def test_deactivated_and_activated_again_it_goes_on_in_the_same_bag(graph, tmp_p
     recorder.trigger_activate()
     publishers = source._publishers
     graph.spin_until(lambda: all(p.get_subscription_count() for p in publishers))
+    meet(graph, recorder, INPUTS)
     source.feed(7)
     graph.spin_until(lambda: written(recorder, POSITION) == 12, what="12 samples")
     finish(recorder)
@@ -172,7 +189,7 @@ def test_nothing_is_recorded_before_the_first_clock(graph, tmp_path, feeder):
         BagRecorderNode, bag=str(tmp_path / "bag"), topics=INPUTS, use_sim_time=True
     )
     status = graph.record(f"{NS}/bag_recorder/status", RecorderStatus)
-    source = feeder()
+    source = feeder(recorder)
     source.feed(10)
     graph.spin_until(lambda: all(t._last == 10 for t in recorder._topics.values()))
     graph.spin_until(lambda: status and status[-1].state == "waiting for the clock")
@@ -196,7 +213,7 @@ def test_losses_on_the_way_are_counted_told_and_stored(graph, tmp_path):
         topics=["/x"],
         qos_profile_overrides_path=str(tmp_path / "qos.yaml"),
     )
-    graph.spin_until(publisher.get_subscription_count, what="the recorder")
+    meet(graph, recorder, ["/x"])
     publisher.publish(String(data="first"))
     graph.spin_until(lambda: written(recorder, "/x") == 1, what="the first")
     for i in range(50):  # nobody takes them: the recorder holds the last one
@@ -215,7 +232,7 @@ def test_losses_on_the_way_are_counted_told_and_stored(graph, tmp_path):
 def test_a_slow_disk_costs_messages_that_are_counted_and_nothing_else(graph, tmp_path):
     publisher = graph.node.create_publisher(String, "/x", 1000)
     recorder = graph.host(BagRecorderNode, bag=str(tmp_path / "bag"), topics=["/x"], queue=10)
-    graph.spin_until(publisher.get_subscription_count, what="the recorder")
+    meet(graph, recorder, ["/x"])
     disk = threading.Event()
     recorder._disk.do(disk.wait)
     for i in range(100):
@@ -234,11 +251,11 @@ def test_a_slow_disk_costs_messages_that_are_counted_and_nothing_else(graph, tmp
 def test_it_adapts_to_a_publisher_that_offers_less(graph, tmp_path):
     strong = graph.node.create_publisher(String, "/x", 1000)
     recorder = graph.host(BagRecorderNode, bag=str(tmp_path / "bag"), topics=["/x"])
-    graph.spin_until(strong.get_subscription_count, what="the recorder")
+    meet(graph, recorder, ["/x"])
     strong.publish(String(data="strong"))
     graph.spin_until(lambda: written(recorder, "/x") == 1, what="the strong one")
     weak = graph.stranger("weak").create_publisher(String, "/x", BEST_EFFORT)
-    graph.spin_until(weak.get_subscription_count, what="the recorder again")
+    meet(graph, recorder, ["/x"], publishers=2)
     weak.publish(String(data="weak"))
     graph.spin_until(lambda: written(recorder, "/x") == 2, what="the weak one")
     graph.call(SplitBagfile, f"{NS}/bag_recorder/split_bagfile")
@@ -283,7 +300,7 @@ def test_the_service_saves_what_is_buffered(graph, tmp_path, feeder):
     path = tmp_path / "bag"
     recorder = graph.host(BagRecorderNode, bag=str(path), topics=INPUTS, snapshot_mode=True)
     assert not graph.call(Snapshot, f"{NS}/bag_recorder/snapshot").success
-    source = feeder()
+    source = feeder(recorder)
     for k in range(2):
         source.feed(40)
         graph.spin_until(lambda: len(recorder._snapshots.ring) == 120, what="40 samples")
@@ -302,7 +319,7 @@ def test_a_snapshot_holds_whole_cycles(graph, tmp_path, feeder):
     )
     announced = graph.node.create_publisher(CycleSummary, f"{NS}/twin/cycle", LATCHED)
     graph.spin_until(announced.get_subscription_count, what="the recorder")
-    source = feeder()
+    source = feeder(recorder)
     source.feed(450)
     graph.spin_until(lambda: len(recorder._snapshots.ring) == 1350, what="450 samples")
     for k in range(4):
@@ -336,7 +353,7 @@ def test_an_error_of_its_own_valve_takes_a_snapshot_once(graph, tmp_path, feeder
     )
     publisher = graph.node.create_publisher(DiagnosticArray, "/diagnostics", 10)
     graph.spin_until(publisher.get_subscription_count, what="the recorder")
-    source = feeder()
+    source = feeder(recorder)
     source.feed(10)
     graph.spin_until(lambda: len(recorder._snapshots.ring) == 30, what="10 samples")
     publisher.publish(status_message("/press/v2/twin: x", DiagnosticStatus.ERROR))
@@ -366,7 +383,7 @@ def test_a_verdict_takes_a_snapshot_a_while_after_it(graph, tmp_path, feeder):
     )
     publisher = graph.node.create_publisher(Verdict, f"{NS}/aging_monitor/verdict", LATCHED)
     graph.spin_until(publisher.get_subscription_count, what="the recorder")
-    source = feeder()
+    source = feeder(recorder)
     source.feed(10)
     for verdict in (Verdict.NOT_ENOUGH_DATA, Verdict.OK, Verdict.VALVE, Verdict.VALVE):
         publisher.publish(Verdict(valve=NS, verdict=verdict, text="valve", evidence="K_in -12 %"))
