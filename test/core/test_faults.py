@@ -4,10 +4,11 @@
 
 import math
 import re
+from pathlib import Path
 
 import pytest
 
-from valve_twin.core.fault_kinds import FAULT_KINDS
+from valve_twin.core.fault_kinds import FAULT_KINDS, with_fault_table
 from valve_twin.core.faults import FaultBook, FaultKind, Moment, Severity, Status
 
 SLOW = FaultKind("a.slow", Severity.WARN, "m", "r", confirm_s=2.0, heal_s=3.0)
@@ -137,6 +138,11 @@ def test_what_is_cleared_and_lasts_is_counted_anew(book):
 def test_an_unknown_code_is_refused(book):
     with pytest.raises(ValueError, match="is unknown; add it"):
         book.report("a.b", "x", at(0))
+
+
+def test_the_documented_table_is_that_of_the_code():
+    text = (Path(__file__).parents[2] / "docs/faults.md").read_text(encoding="utf-8")
+    assert with_fault_table(text) == text, "write it anew: tools/run tools/parameters"
 
 
 def test_every_kind_has_a_stable_code_a_meaning_and_a_remedy():

@@ -225,8 +225,15 @@ FAULT_KINDS: tuple[FaultKind, ...] = (*_INPUTS, *_STAMPS, *_ESTIMATION, *_STORE,
 """Every fault by area."""
 
 
+def with_fault_table(text: str) -> str:
+    """Return docs/faults.md with the table between its two marks written anew."""
+    begin, end = "<!-- table begins -->\n", "<!-- table ends -->"
+    before, rest = text.split(begin)
+    return f"{before}{begin}{fault_reference()}{end}{rest.split(end)[1]}"
+
+
 def fault_reference() -> str:
-    """Return docs/faults.md's table: code, severity, debounce, meaning, what to do."""
+    """Return the table of all faults: code, severity, debounce, meaning, what to do."""
     lines = [
         "| code | severity | confirmed after | healed after | meaning | what to do |",
         "| --- | --- | --- | --- | --- | --- |",
