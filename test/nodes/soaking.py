@@ -97,10 +97,10 @@ class Soak:
         ros = ["--ros-args", "-r", f"__ns:={NS}", "--params-file", str(folder / "twin.yaml")]
         self.log = folder / "twin.log"
         self.twin = self._start("twin", [str(self.counts), *ros], self.log)
-        self.plant: subprocess.Popen | None = None
+        self.plant: subprocess.Popen[str] | None = None
         graph.spin_until(lambda: len(self.figures()) == valves, 60.0, "the twin's diagnostics")
 
-    def _start(self, what: str, arguments: list[str], log: Path) -> subprocess.Popen:
+    def _start(self, what: str, arguments: list[str], log: Path) -> subprocess.Popen[str]:
         command = [sys.executable, __file__, what, *arguments]
         with log.open("wb") as out:
             return subprocess.Popen(

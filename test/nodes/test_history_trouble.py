@@ -74,7 +74,7 @@ class Plant:
 
     def figure(self, name: str) -> str:
         status = [s for m in self.diagnostics for s in m.status if s.hardware_id == NS][-1]
-        return next(v.value for v in status.values if v.key == name)
+        return next(str(v.value) for v in status.values if v.key == name)
 
 
 @pytest.fixture

@@ -24,10 +24,10 @@ from test.io.test_history import bits
 from test.nodes.conftest import NS
 from test.nodes.feeding import REARM, START_NS
 from valve_twin.core.aging.assess import assess
+from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.simulation.valve import SimulatedValve
 from valve_twin.core.valves.registry import get_model, get_simulation
 from valve_twin.io.cdr import encode_stamped
-from valve_twin.io.config import AgingConfig
 from valve_twin.io.history import History
 from valve_twin.nodes.convert import from_time
 from valve_twin.nodes.outlets import Gate
