@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import time
+import traceback
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -108,6 +109,7 @@ class LiveValve:
         self.last_stamp_ns = 0
         self.last_cycle = last
         self.estimated = self.predicted = self.refused = 0
+        self.stopped = ""
         self.estimation_s = self.worst_latency_s = 0.0
         self.gaps = GapCounter(config.period_s)
         self.jumps = self.failed = 0
@@ -208,14 +210,29 @@ class LiveValve:
         self.work()
 
     def _push(self, blocks: list[SignalBlock]) -> None:
+        if self.stopped:
+            return
         for block in blocks:
             if block.signal == self.model.output:
                 self.last_stamp_ns = int(block.stamp_ns[-1])
             if not block.has_header:
                 self.twin.mark_irreproducible()
-        events = self.twin.push_round([(b.signal, b.stamp_ns, b.values) for b in blocks])
+        try:
+            events = self.twin.push_round([(b.signal, b.stamp_ns, b.values) for b in blocks])
+        except Exception as err:  # whatever a model raises is its own valve's trouble
+            self._stop(err)
+            return
         if events:
             self.handle(events)
+
+    def _stop(self, err: Exception) -> None:
+        """Stop this valve, whose model raises; its neighbours go on."""
+        self.stopped = (
+            f"stopped: {type(err).__name__}: {err}; mend the model, then configure the node anew"
+        )
+        self._node.get_logger().error(f"{self.name}: {self.stopped}\n{traceback.format_exc()}")
+        self._awake.discard(self)
+        self._node.post(self.silence)
 
     def _publish_prediction(self, prediction: Prediction) -> None:
         self.predicted += len(prediction.stamp_ns)
@@ -263,7 +280,12 @@ class LiveValve:
         self.estimated += 1
         self._judge(job.cycle.number, estimates)
         self.estimation_s = outcome.wall_s
-        self.handle(self.twin.deliver(estimates, memory), outcome.wall_s)
+        try:
+            events = self.twin.deliver(estimates, memory)
+        except Exception as err:  # whatever a model raises is its own valve's trouble
+            self._stop(err)
+            return
+        self.handle(events, outcome.wall_s)
 
     def _judge(self, number: int, estimates: tuple[Estimate, ...]) -> None:
         """Count a cycle that gave nothing for the trend; several in a row are a fault."""

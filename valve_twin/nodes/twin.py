@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import traceback
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -133,18 +132,7 @@ class TwinNode(ValveNode):
     def work(self) -> None:
         """Work on what the inputs gathered."""
         for valve in tuple(self._awake):
-            try:
-                valve.work()
-            except Exception as err:  # whatever a model raises is its own valve's trouble
-                self._give_up(valve, err)
-
-    def _give_up(self, valve: LiveValve, err: Exception) -> None:
-        """Stop a valve whose model raises; its neighbours go on."""
-        self._awake.discard(valve)
-        valve.silence()
-        why = f"stopped, {type(err).__name__}: {err}; mend the model, then configure anew"
-        self._left_out[valve.name] = why
-        self.get_logger().error(f"{valve.name}: {why}\n{traceback.format_exc()}")
+            valve.work()
 
     def due_s(self) -> float:
         """Return when the first valve wants to work [s]."""
@@ -157,10 +145,8 @@ class TwinNode(ValveNode):
 
     def _reports(self) -> Iterable[Report]:
         self._look_at_node()
-        known = {valve.name for valve in self._valves}
         for name, why in self._left_out.items():
-            if name not in known:
-                yield Report(f"valve {name}", name, level=ERROR, message=why)
+            yield Report(f"valve {name}", name, level=ERROR, message=why)
         for valve in self._valves:
             yield self._report(valve)
 
@@ -183,8 +169,8 @@ class TwinNode(ValveNode):
     def _report(self, valve: LiveValve) -> Report:
         self._faults[valve.name].look()
         report = Report(f"valve {valve.name}", valve.name, self._figures(valve))
-        if valve.name in self._left_out:
-            report.raise_to(ERROR, self._left_out[valve.name])
+        if valve.stopped:
+            report.raise_to(ERROR, valve.stopped)
         if self.state != "active":
             report.raise_to(STALE, f"the node is {self.state}")
         return report
