@@ -83,7 +83,7 @@ def test_it_waits_for_a_twin_and_says_for_which(graph, history, capfd):
     status = diagnostics[-1].status[0]
     assert status.level == DiagnosticStatus.STALE
     assert f"service {NS}/twin/get_history is not there: start the twin" in status.message
-    assert "waiting for the twin's service" in capfd.readouterr().err
+    assert f"service {NS}/twin/get_history is not there" in capfd.readouterr().err
     verdicts = graph.record(f"{NS}/aging_monitor/verdict", Verdict, LATCHED)
     graph.host(TwinNode, **history)
     graph.spin_until(lambda: verdicts, what="a verdict once the twin is there")

@@ -7,7 +7,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from valve_twin.core.aging.verdict import TrendStatus, VerdictKind
-from valve_twin.nodes.diagnostics import ERROR, STALE, WARN, Diagnostics, Report
+from valve_twin.nodes.diagnostics import ERROR, WARN, Diagnostics, Report
 from valve_twin.nodes.monitored_valve import MonitoredValve
 from valve_twin.nodes.runtime import STEADY, ValveNode
 from valve_twin.nodes.valve_parameters import read_valves
@@ -28,7 +28,6 @@ class AgingMonitorNode(ValveNode):
         self._worker: WorkerThread | None = None
         self._diagnostics: Diagnostics | None = None
         self._timer: Any = None
-        self._missing: set[str] = set()
 
     def configure(self) -> None:
         """Read the parameters."""
@@ -76,14 +75,14 @@ class AgingMonitorNode(ValveNode):
             "last cycle": valve.last_cycle,
             "last assessment [s]": f"{valve.assess_s:.3f}",
         }
-        if not valve.twin_answers:
-            report.raise_to(
-                STALE,
-                f"service {valve.name}/twin/get_history is not there: start the twin of this "
-                "valve",
-            )
-        if valve.failure:
-            report.raise_to(ERROR, valve.failure)
+        absent = (
+            ""
+            if valve.twin_answers
+            else f"service {valve.name}/twin/get_history is not there: start the twin of this "
+            "valve"
+        )
+        self.faults.look("twin.absent", absent, valve=valve.name)
+        self.faults.look("assessment.failed", valve.failure, valve=valve.name)
         found = valve.assessment
         if found is not None:
             report.values["verdict"] = found.verdict.text
@@ -93,15 +92,4 @@ class AgingMonitorNode(ValveNode):
                     report.raise_to(ERROR, f"{trend.parameter}: {trend.reason}")
             if found.verdict.verdict is VerdictKind.VALVE:
                 report.raise_to(WARN, found.verdict.evidence)
-        self._tell_missing(valve)
         return report
-
-    def _tell_missing(self, valve: MonitoredValve) -> None:
-        """Log once that a twin is not there, and that it is again."""
-        if valve.twin_answers:
-            self._missing.discard(valve.name)
-        elif valve.name not in self._missing:
-            self._missing.add(valve.name)
-            self.get_logger().warning(
-                f"{valve.name}: waiting for the twin's service {valve.name}/twin/get_history"
-            )

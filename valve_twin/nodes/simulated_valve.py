@@ -14,6 +14,7 @@ from valve_twin.io.config import VALVE_SPECS, ValveConfig
 from valve_twin.io.errors import ConfigError
 from valve_twin.io.schema import Kind, Spec
 from valve_twin.nodes.convert import to_time
+from valve_twin.nodes.diagnostics import Diagnostics, Report
 from valve_twin.nodes.inputs import seconds_now
 from valve_twin.nodes.outlets import Gate, Outbox, sending_profile
 from valve_twin.nodes.runtime import STEADY, ValveNode
@@ -44,11 +45,11 @@ class SimulatedValveNode(ValveNode):
         self._outbox = Outbox()
         self._timers_made: list[Any] = []
         self._clock_publisher: Any = None
+        self._diagnostics: Diagnostics | None = None
         self._begin_s: float | None = None
         self._gate = Gate()
         self._earliest_s = 0.0
         self._samples = 0
-        self._late = False
 
     def configure(self) -> None:
         """Read the parameters and build the valves."""
@@ -69,6 +70,7 @@ class SimulatedValveNode(ValveNode):
             )
         self._guard = Guard(self, prefix=prefix, allow_live=bool(self.parameters["allow_live"]))
         self._rate = float(self.parameters["rate"])
+        self._diagnostics = Diagnostics(self, self._reports)
 
     def activate(self) -> None:
         """Check that no real valve is in reach, then run."""
@@ -104,6 +106,9 @@ class SimulatedValveNode(ValveNode):
         for valve in self._valves:
             valve.destroy()
         self._valves = []
+        if self._diagnostics is not None:
+            self._diagnostics.destroy()
+            self._diagnostics = None
 
     def _declare_simulation(self) -> None:
         self.parameters.declare(VALVE_SPECS)
@@ -128,6 +133,10 @@ class SimulatedValveNode(ValveNode):
             )
         return simulation
 
+    def _reports(self) -> Iterable[Report]:
+        figures: dict[str, object] = {"rate": self._rate, "samples of every valve": self._samples}
+        return [Report("simulation", "simulation", figures)]
+
     def _check_safety(self) -> None:
         self._guard.check([o for v in self._valves for o in v.outlets])
 
@@ -136,8 +145,10 @@ class SimulatedValveNode(ValveNode):
         try:
             self._check_safety()
         except ConfigError as err:
-            self.get_logger().error(f"stopped: {err}")
+            self.faults.report("safety.stopped", f"stopped: {err}")
             self.trigger_deactivate()
+        else:
+            self.faults.passed("safety.stopped")
 
     def _tick(self) -> None:
         """Publish the samples that are due."""
@@ -172,12 +183,11 @@ class SimulatedValveNode(ValveNode):
         behind_s = (due - MOST_SAMPLES) * period_s / self._rate
         if behind_s > LAG_S:
             self._begin_s += behind_s
-            if not self._late:
-                self.get_logger().warning(
-                    f"rate {self._rate:g} is not reached: the subscribers or this machine are "
-                    "slower; no sample is lost"
-                )
-            self._late = True
+            self.faults.report(
+                "simulation.slow",
+                f"rate {self._rate:g} is not reached: the subscribers or this machine are "
+                "slower; no sample is lost",
+            )
         return min(due, MOST_SAMPLES)
 
     def _sample(self) -> None:
