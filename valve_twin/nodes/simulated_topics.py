@@ -101,9 +101,15 @@ class SimulatedTopics:
         if self._external:
             sources = [SignalSource(n, t, STAMPED_TYPE) for n, t in self._command_topics.items()]
             self._takers = [
-                TopicInput(self._node, group, InputConfig(), self._take, lambda: 1)
+                TopicInput(self._node, group, InputConfig(), self._arrived, self._take, lambda: 1)
                 for group in by_topic(self._node, sources)
             ]
+
+    def _arrived(self, received_ns: int) -> None:
+        """Take a command at once."""
+        del received_ns
+        for taker in self._takers:
+            taker.drain()
 
     def close(self) -> None:
         """Take publishers and subscriptions down."""
