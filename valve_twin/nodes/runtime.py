@@ -103,7 +103,9 @@ class ValveNode(LifecycleNode):
         """Activate; a failure undoes what was begun."""
         super().on_activate(state)
         done = self._guarded(self.activate, "activate")
-        if not done:
+        if done:
+            self.get_logger().info("is active")
+        else:
             self._guarded(self.deactivate, "deactivate")
         return _SUCCESS if done else _FAILURE
 

@@ -1,0 +1,265 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Live nodes against bare rclpy nodes: real processes on a ROS domain of their own.
+
+A sample is one input message: a frame of the press valve is three of them (two commands and the
+position) and one prediction. Twin and peer take the same messages at the same time; what is lost
+or differs in number is an error, not a ratio.
+"""
+
+from __future__ import annotations
+
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from valve_twin.bench.measure import Ratio, Scale
+from valve_twin.bench.processes import NodeProcess, some_domain, start_node, start_peer
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from valve_twin.bench.plant import Plant, Taken
+
+VALVES = 50
+"""Valves of one process."""
+
+PLANT_HZ = 33.0
+"""Pace of a press valve [Hz]."""
+
+SERIES = "valve_twin_msgs/msg/Float64Series"
+
+
+def compare(scale: Scale) -> Iterator[Ratio]:
+    """Yield the comparisons of this area."""
+    yield from _start(1 if scale.quick else 5)
+    yield from _one_valve(4.0 if scale.quick else 20.0)
+    yield _flood(3.0 if scale.quick else 20.0)
+    yield from _batches(3.0 if scale.quick else 15.0)
+    yield _fleet(4.0 if scale.quick else 20.0, batch=1)
+    yield _fleet(5.0 if scale.quick else 20.0, batch=33)
+
+
+@dataclass(frozen=True, slots=True)
+class Live:
+    """Twin, peer and the plant that feeds them; `predictions` by valve."""
+
+    plant: Plant
+    twin: NodeProcess
+    peer: NodeProcess | None
+    predictions: tuple[Taken, ...]
+    returned: Taken | None
+
+    def settle(self, predicted: int, returned: int) -> None:
+        """Wait until every valve has predicted so many messages, the peer taken so many.
+
+        Raises
+        ------
+        AssertionError
+            If more came.
+        """
+        self.plant.wait(lambda: self._least() >= predicted, "predictions; some were lost")
+        if self.returned is not None:
+            self.plant.wait(lambda: self._peer() >= returned, "the peer's messages")
+            assert self._peer() == returned, f"the peer took {self._peer()}, not {returned}"
+        most = max(t.messages for t in self.predictions)
+        assert most == predicted, f"{most} predictions of {predicted} samples"
+
+    def _least(self) -> int:
+        return min(t.messages for t in self.predictions)
+
+    def _peer(self) -> int:
+        taken = self.returned
+        assert taken is not None
+        counts = len(taken.last) == _COUNT_BYTES
+        return int.from_bytes(taken.last[4:12], "little") if counts else taken.messages
+
+
+_COUNT_BYTES = 12
+
+
+@contextmanager
+def live(
+    valves: int, period_s: float, *, peer: str = "", batch: int = 1, executor: str = "events"
+) -> Iterator[Live]:
+    """Run a twin of so many press valves, a peer and a plant.
+
+    Parameters
+    ----------
+    valves : int
+        Valves, all in one process.
+    period_s : float
+        Sampling time [s].
+    peer : str
+        'echo' of the positions, 'count' of all topics, or none.
+    batch : int
+        Samples a message.
+    executor : str
+        Executor of the twin.
+    """
+    from std_msgs.msg import Int64
+    from valve_twin_msgs import msg
+
+    from valve_twin.bench.plant import TOPICS, Plant
+
+    names = [f"v{n}" for n in range(valves)]
+    spaces = [f"/press/{n}" for n in names]
+    domain = some_domain()
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        plant = stack.enter_context(Plant(spaces, domain, batch=batch))
+        kind = msg.Prediction if batch == 1 else msg.PredictionSeries
+        predictions = [plant.listen(f"{s}/twin/prediction", kind) for s in spaces]
+        stamped = msg.Float64Stamped if batch == 1 else msg.Float64Series
+        returned = None
+        if peer == "echo":
+            returned = plant.listen(f"{spaces[0]}/spool_position/echo", stamped)
+        elif peer == "count":
+            returned = plant.listen("/taken", Int64)
+        parameters = {**_press(period_s, batch), "executor": executor, "valves": names}
+        parameters["history_url"] = f"sqlite:///{folder}/history.sqlite"
+        twin = start_node("twin", domain, folder, "/press", parameters)
+        stack.callback(twin.end)
+        other = None
+        if peer:
+            own = ["spool_position"] if peer == "echo" else list(TOPICS)
+            topics = [f"{s}/{t}" for s in spaces for t in own]
+            other = start_peer(peer, domain, folder, topics, stamped.__name__)
+            stack.callback(other.end)
+        wanted = 2 if peer == "count" else 1
+        plant.wait(lambda: plant.subscribers() >= wanted and plant.heard(), "nodes", 60.0)
+        time.sleep(0.5)  # both sides of every match know of it
+        yield Live(plant, twin, other, tuple(predictions), returned)
+
+
+def _press(period_s: float, batch: int) -> dict[str, object]:
+    return {
+        "model": "press_cartridge",
+        "period_s": period_s,
+        "cycles.start_signal": "v_in",
+        "cycles.rearm_signal": "v_out",
+        "cycles.min_cycle_s": 100.0 * period_s,
+    } | (
+        {f"signals.{s}.type": SERIES for s in ("v_in", "v_out", "spool_position")}
+        if batch > 1
+        else {}
+    )
+
+
+def _one_valve(seconds: float) -> Iterator[Ratio]:
+    """Twin of one valve at 1 kHz against a bare echo of its position, CPU time and delay."""
+    with live(1, 1e-3, peer="echo") as run:
+        plant, (taken,), echoed = run.plant, run.predictions, run.returned
+        assert run.peer is not None
+        assert echoed is not None
+        plant.run(3.0, 1000.0)  # two cycles: a model is in force
+        run.settle(plant.sent, plant.sent)
+        taken.delay_ns.clear()
+        echoed.delay_ns.clear()
+        before, sent = (run.twin.cpu_s(), run.peer.cpu_s()), plant.sent
+        plant.run(seconds, 1000.0)
+        run.settle(plant.sent, plant.sent)
+        frames = plant.sent - sent
+        ours, theirs = run.twin.cpu_s() - before[0], run.peer.cpu_s() - before[1]
+    echo = "a bare echo"
+    yield Ratio(
+        "twin at 1 kHz, CPU an input message", echo, ours / frames / 3, theirs / frames, 2.0
+    )
+    yield Ratio(
+        "twin at 1 kHz, CPU a prediction of three", echo, ours / frames, theirs / frames, 0.67
+    )
+    late = [1e-9 * _quantile(t.delay_ns, 0.99) for t in (taken, echoed)]
+    yield Ratio("one-way delay at 1 kHz, 99 %", echo, late[0], late[1], 1.0)
+    typical = [1e-9 * _quantile(t.delay_ns, 0.5) for t in (taken, echoed)]
+    yield Ratio("one-way delay at 1 kHz, median", echo, typical[0], typical[1], 1.0)
+
+
+def _quantile(values: list[int], share: float) -> float:
+    return float(sorted(values)[int(share * (len(values) - 1))])
+
+
+def _flood(seconds: float) -> Ratio:
+    """5000 input messages a second through one node, none lost; elapsed time."""
+    rate = 5000.0 / 3.0
+    with live(1, 1.0 / rate) as run:
+        begin = time.perf_counter()
+        run.plant.run(seconds, rate)
+        run.settle(run.plant.sent, 0)
+        ours = time.perf_counter() - begin
+        pace = run.plant.sent / rate
+    return Ratio("5000 samples/s through one node, none lost", "their own pace", ours, pace, 0.95)
+
+
+def _batches(seconds: float) -> Iterator[Ratio]:
+    """Batches of 100 samples over DDS and in the process alone, against 0.5 us a sample."""
+    with live(1, 1e-4, batch=100) as run:
+        run.plant.run(2.0, 100.0, 1e-4)
+        run.plant.wait(lambda: run.predictions[0].messages >= run.plant.sent, "predictions")
+        before, sent = run.twin.cpu_s(), run.plant.sent
+        run.plant.run(seconds, 100.0, 1e-4)
+        run.plant.wait(lambda: run.predictions[0].messages >= run.plant.sent, "predictions")
+        ours = (run.twin.cpu_s() - before) / (300.0 * (run.plant.sent - sent))
+    yield Ratio("batches of 100 over DDS, CPU a sample", "0.5 us", ours, 0.5e-6, 1.0)
+
+
+def _fleet(seconds: float, *, batch: int) -> Ratio:
+    """50 valves at 33 Hz in one process against a bare subscriber of the same topics."""
+    with live(VALVES, 1.0 / PLANT_HZ, peer="count", batch=batch) as run:
+        plant, rate = run.plant, PLANT_HZ / batch
+        assert run.peer is not None
+        plant.run(2.0, rate, 1.0 / PLANT_HZ)
+        before = run.twin.cpu_s(), run.peer.cpu_s()
+        plant.run(seconds, rate, 1.0 / PLANT_HZ)
+        run.settle(plant.sent, 3 * VALVES * plant.sent)
+        ours, theirs = run.twin.cpu_s() - before[0], run.peer.cpu_s() - before[1]
+    what = "single samples" if batch == 1 else "a message a second"
+    goal = 1.0 / 1.2 if batch == 1 else 1.0 / 0.6
+    return Ratio(f"{VALVES} valves at 33 Hz, {what}", "a bare subscriber", ours, theirs, goal)
+
+
+def _start(repeats: int) -> Iterator[Ratio]:
+    """From the start of the process to the active node, against `import cvxpy` alone."""
+    ours, peer = zip(*((_start_twin(), _import_cvxpy()) for _ in range(repeats)), strict=True)
+    for k, what in enumerate(("CPU", "elapsed")):
+        yield Ratio(
+            f"twin from start to active, {what}",
+            "import cvxpy",
+            statistics.median(o[k] for o in ours),
+            statistics.median(p[k] for p in peer),
+            1.0,
+        )
+
+
+def _start_twin() -> tuple[float, float]:
+    """Return CPU and elapsed time until the twin says that it listens [s]."""
+    with tempfile.TemporaryDirectory() as name:
+        parameters = _press(0.03, 1) | {"history_url": f"sqlite:///{name}/history.sqlite"}
+        begin = time.perf_counter()
+        node = start_node("twin", some_domain(), Path(name), "/press/v1", parameters)
+        try:
+            while ACTIVE not in node.log:
+                assert node.alive, node.log
+                assert time.perf_counter() - begin < 60.0, node.log
+                time.sleep(0.002)
+            return node.cpu_s(), time.perf_counter() - begin
+        finally:
+            node.end()
+
+
+ACTIVE = "is active"
+"""What the twin logs when it listens."""
+
+
+def _import_cvxpy() -> tuple[float, float]:
+    program = "import time, cvxpy; print(time.process_time())"
+    begin = time.perf_counter()
+    done = subprocess.run(
+        [sys.executable, "-c", program], check=True, capture_output=True, text=True
+    )
+    return float(done.stdout), time.perf_counter() - begin
