@@ -2,6 +2,7 @@
 # Copyright 2026 valve_twin maintainers
 """The player on real DDS: what, when and in which order, and everything its services promise."""
 
+from contextlib import closing
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,6 +19,7 @@ from valve_twin_msgs.msg import Float64Stamped
 from test.nodes.conftest import NS
 from valve_twin.io.bag_writer import BagWriter
 from valve_twin.io.cdr import encode_stamped
+from valve_twin.io.mcap_reader import McapFile
 from valve_twin.io.metadata import QosProfile
 from valve_twin.nodes.bag_player import BagPlayerNode
 from valve_twin.nodes.convert import from_time
@@ -373,8 +375,9 @@ def test_the_rate_changes_without_a_step(graph, bag):
     listener.until(300)
     heard = sorted(listener.heard, key=lambda h: h.sent_ns)
     assert [h.value for h in heard] == [float(i) for i in range(300)]
-    gaps = [(b.sent_ns - a.sent_ns) * 1e-9 for a, b in pairwise(heard)]
-    assert max(gaps) < 0.2  # 0.02 s at the lower rate, on a busy machine
+    # what is left when the rate changes is neither sent at once nor skipped, however busy
+    # the machine: 200 messages of 0.66 s of bag time at four times the speed
+    assert heard[-1].sent_ns - heard[-200].sent_ns > 0.9 * 66 * STEP_NS / 4
 
 
 def test_it_stops_and_plays_another_part(graph, bag):
@@ -447,6 +450,33 @@ def test_what_cannot_be_played_is_told_in_one_line(graph, bag, capfd, parameters
     said = capfd.readouterr().err
     assert told in said
     assert said.count("\n") == 1
+
+
+def test_a_damaged_bag_is_played_as_far_as_it_is_intact(graph, tmp_path, capfd):
+    """One byte in the middle of three chunks is wrong, and the end of the file is missing."""
+    path = tmp_path / "bag"
+    with BagWriter(path) as writer:
+        for i in range(300):
+            writer.write_sample(TOPICS[0], at(i), float(i))
+            if i % 100 == 99:
+                writer.flush()
+    (mcap,) = path.glob("*.mcap")
+    data = bytearray(mcap.read_bytes())
+    with closing(McapFile(mcap)) as file:
+        chunks = file.summary.chunks
+    assert len(chunks) == 3
+    data[chunks[1].offset + chunks[1].length // 2] ^= 255
+    mcap.write_bytes(data[: chunks[2].offset + chunks[2].length])
+    listener = Listener(graph, topics=TOPICS[:1])
+    graph.host(BagPlayerNode, bag=str(path), rate=0.0, wait_for_subscribers=1)
+    graph.spin_until(lambda: listener.heard and listener.values[-1] == 299.0, what="the end")
+    listener.nothing_more()
+    intact = [float(i) for i in (*range(100), *range(200, 300))]
+    rescued = set(listener.values) - set(intact)
+    assert [v for v in listener.values if v not in rescued] == intact
+    assert rescued < {float(i) for i in range(100, 200)}
+    assert "[press.v1.bag_player]: " in (said := capfd.readouterr().err)
+    assert "bag_0.mcap" in said
 
 
 def test_a_player_is_light(graph, bag):

@@ -22,6 +22,7 @@ from valve_twin.io.playback_reel import Reel
 from valve_twin.nodes.convert import to_time
 from valve_twin.nodes.flow import Flow, are_acked
 from valve_twin.nodes.inputs import seconds_now
+from valve_twin.nodes.log_bridge import LogBridge
 from valve_twin.nodes.outlets import Gate, Outbox
 from valve_twin.nodes.playback_clock import PlaybackClock
 from valve_twin.nodes.player_plan import CLOCK, Plan, Route, profile, read_plan
@@ -68,6 +69,7 @@ class BagPlayerNode(ValveNode):
         tidy()
         self._plan: Plan | None = None
         self._reel: Reel | None = None
+        self._bridge: LogBridge | None = None
         self._outlets: list[Outlet] = []
         self._routes: dict[str, tuple[Route, Any]] = {}
         self._real: list[Any] = []
@@ -95,6 +97,7 @@ class BagPlayerNode(ValveNode):
         """Open the bag."""
         self.parameters.warn_unknown(hosts_valves=False)
         self.parameters.check()
+        self._bridge = LogBridge(self.get_logger())
         plan = read_plan(
             self.parameters, self.get_fully_qualified_name(), self.get_logger().warning
         )
@@ -159,7 +162,9 @@ class BagPlayerNode(ValveNode):
         """Close the bag."""
         if self._reel is not None:
             self._reel.close()
-        self._reel = self._plan = None
+        if self._bridge is not None:
+            self._bridge.close()
+        self._reel = self._plan = self._bridge = None
         self._outlets = []
 
     def _open(self, route: Route, outlet: Outlet) -> None:
