@@ -7,6 +7,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import threading
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,6 +18,7 @@ from test.io.test_history import bits, both
 from valve_twin.core.cycles import Announced
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history import History
+from valve_twin.io.history_claim import LEAVE_S
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -120,3 +122,12 @@ def test_one_valve_has_one_writing_process_until_it_dies(file: Path, root: Path)
     assert stored >= 5
     assert announced.number in (stored, stored + 1)  # killed between the two
     assert announced == Announced(announced.number, announced.number * 10**10)
+
+
+def test_the_next_writer_waits_for_one_that_is_just_ending(file: Path) -> None:
+    with History(file) as first, History(file) as second:
+        first.claim("/a")
+        end = threading.Timer(0.5 * LEAVE_S, first.close)
+        end.start()
+        second.claim("/a")
+        end.join()

@@ -15,6 +15,7 @@ import fcntl
 import os
 import socket
 import struct
+import time
 import zlib
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -38,6 +39,9 @@ _LOCK = struct.Struct("hhqqi4x")
 
 _SERVER_KEY = 0x56414C56
 """First half of the keys of claims on a PostgreSQL server ("VALV")."""
+
+LEAVE_S = 0.5
+"""How long a writer that ends is waited for [s]."""
 
 _ALL = 1 << 40
 """Place of the lock that guards the file as a whole, beyond all slots."""
@@ -159,10 +163,20 @@ def writers_file(database: Database) -> Path:
 
 
 def make_claim(database: Database, valve: str) -> Claim:
-    """Claim a valve in a history of any kind; see `History.claim`."""
-    if database.is_sqlite:
-        return FileClaim(writers_file(database), valve)
-    return ServerClaim(database, valve)
+    """Claim a valve in a history of any kind; see `History.claim`.
+
+    A writer that is just ending is waited for.
+    """
+    end_s = time.monotonic() + LEAVE_S
+    while True:
+        try:
+            if database.is_sqlite:
+                return FileClaim(writers_file(database), valve)
+            return ServerClaim(database, valve)
+        except StoreError:
+            if time.monotonic() > end_s:
+                raise
+            time.sleep(LEAVE_S / 20.0)
 
 
 @contextmanager
