@@ -12,7 +12,14 @@ from valve_twin.io.bags import bag_info, read_signals, read_texts
 from valve_twin.io.config import load_config
 from valve_twin.io.csv_import import import_csv
 
-NAMES = ["boiler_valve", "eha_cylinder", "press_cartridge", "simulated_press"]
+NAMES = [
+    "boiler_valve",
+    "eha_cylinder",
+    "press_archive",
+    "press_cartridge",
+    "press_fleet",
+    "simulated_press",
+]
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -61,3 +68,18 @@ def test_the_cylinder_is_imported_in_batches(root, shared, tmp_path):
     assert low < level
     names = [text for _, text in read_texts(tmp_path / "bag", "/eha_cylinder/run")]
     assert (names[0], names[-1]) == ("exp_data_1_1", "exp_data_5_4")
+
+
+def test_fifty_press_valves_stand_in_one_file(root):
+    configs = load_config(root / "config" / "press_fleet.yaml")
+    assert [c.name for c in configs] == [f"/press/valve_{n:02d}" for n in range(1, 51)]
+    assert {c.name for c in configs if c.period_s != 0.03} == {"/press/valve_07"}
+    assert len({c.history_url for c in configs}) == 1
+    assert configs[49].signals["v_in"].topic == "/press/valve_50/command/v_in"
+    assert configs[49].aging.thresholds[0].value == -15.0
+
+
+def test_an_archive_is_estimated_by_constrained_least_squares_alone(root):
+    (config,) = load_config(root / "config" / "press_archive.yaml")
+    assert config.options["estimators"] == ["equation_error_qp8"]
+    assert config.options["output_error"] is False
