@@ -220,7 +220,7 @@ def _unverified(
         for name in _compressions(head, packed):
             records, complete = inflate(packed, name, _limit(head, hint))
             if not cut and complete and len(records) == head.size:
-                plain = head.agrees and name == head.compression and data[head.offset] == Op.CHUNK
+                plain = _is_marked(data, head) and name == head.compression
                 reason = "" if plain else "its head is damaged and it has no check sum"
                 return Unpacked(records, verified=False, plain=plain, end=stop, reason=reason)
             if len(records) > len(best.records):

@@ -86,13 +86,14 @@ def _by_footer(data: Bytes, foot: int) -> Tail | None:
         whole = start == 0 and data[begin : begin + len(_DATA_END)] == _DATA_END
         return Tail(Trust.MISSING, begin, finished=True) if whole else None
     marked = data[begin : begin + len(_DATA_END)] == _DATA_END
+    flaws = [] if marked else [(begin, _DATA_END_SIZE, "end of data", "is damaged")]
     if crc and crc == _sum(data, start, foot, start):
-        flaws = [] if marked else [(begin, _DATA_END_SIZE, "end of data", "is damaged")]
         return Tail(Trust.VERIFIED, begin, True, flaws, _summary(data, start, foot))
-    if not marked:
+    if not marked and (data[start] not in _SUMMARY_KINDS or record_end(data, start, foot) is None):
         return None
     trust = Trust.DAMAGED if crc else Trust.UNCHECKED
-    flaws = [(start, foot - start, "summary", "its check sum is wrong")] if crc else []
+    if crc:
+        flaws.append((start, foot - start, "summary", "its check sum is wrong"))
     return Tail(trust, begin, True, flaws, _summary(data, start, foot))
 
 

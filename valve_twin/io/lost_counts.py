@@ -141,11 +141,12 @@ def settle(
         missing = max(0, expected.total - found.message_count)
     lost = _by_topic(expected, present)
     if missing is not None:
-        settled = _shared_out(path, settled, missing, lost)
-    settled = [
-        replace(loss, topics=names) if loss.count is None and not loss.topics else loss
-        for loss in settled
-    ]
+        settled = _named(_shared_out(path, settled, missing, lost), missing, lost)
+    if tail.trust is not Trust.MISSING:  # else there may have been topics of which nothing is left
+        settled = [
+            replace(loss, topics=names) if loss.count is None and not loss.topics else loss
+            for loss in settled
+        ]
     if missing is None:
         missing = total_lost(settled)
         if missing is not None:
@@ -205,6 +206,16 @@ def _shared_out(
     if counts:
         exact = replace(exact, topics=tuple(sorted(counts)))
     return [*losses[:place], exact, *losses[place + 1 :]]
+
+
+def _named(losses: list[Loss], missing: int, lost: Mapping[str, int] | None) -> list[Loss]:
+    """Name the topics of the one place that lost messages where that place does not tell."""
+    places = [i for i, loss in enumerate(losses) if loss.count != 0]
+    if not lost or len(places) != 1 or losses[places[0]].count != missing:
+        return losses
+    named = list(losses)
+    named[places[0]] = replace(losses[places[0]], topics=tuple(sorted(lost)), counts=dict(lost))
+    return named
 
 
 def _summed(losses: list[Loss], missing: int) -> dict[str, int] | None:

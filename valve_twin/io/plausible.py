@@ -83,10 +83,13 @@ class Checks:
         self._types: dict[int, BagTypes | None] = {}
         self.suspects = 0
 
+    def knows(self, channel: int) -> bool:
+        """Return whether a channel is defined."""
+        return channel in self._channels
+
     def topic(self, channel: int) -> str:
-        """Return the topic of a channel."""
-        known = self._channels.get(channel)
-        return f"channel {channel}" if known is None else known.topic
+        """Return the topic of a channel that is defined."""
+        return self._channels[channel].topic
 
     def accepts(self, channel: int, data: bytes) -> bool:
         """Return whether a message decodes whole; count it where a value is no finite number."""

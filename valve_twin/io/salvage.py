@@ -235,7 +235,8 @@ class Scan:
             self._end_loose(at)
             return self._chunk(at)
         stop = record_end(data, at, end)
-        if stop is not None:
+        # the length of a message is proved by nothing but what follows it
+        if stop is not None and (op != Op.MESSAGE or may_follow(data, stop, end)):
             self._record(op, at, stop)
             return stop
         stop = claimed_end(data, at, end)
@@ -430,8 +431,17 @@ class Scan:
             for i, schema in source.schemas.items():
                 schemas.setdefault(i, schema)
             for i, channel in source.channels.items():
-                channels.setdefault(i, channel)
+                known = channels.setdefault(i, channel)
+                if known != channel and source is not self._outside:
+                    self._differ(known, channel)
         return schemas, channels
+
+    def _differ(self, used: Channel, other: Channel) -> None:
+        """Say that two copies of a topic differ."""
+        why = f"its copies differ: '{used.topic}' is used, not '{other.topic}'"
+        loss = Loss(self._path, 0, 0, "topic", why)
+        if loss not in self._losses:
+            self._losses.append(loss)
 
     def _check(self, piece: Piece, checks: Checks) -> None:
         """Keep only plausible messages of a piece that no check sum stands for."""
@@ -457,7 +467,8 @@ class Scan:
             if n > piece.found.counts.get(i, 0)
         }
         if not any(loss.offset == piece.offset and loss.count is None for loss in self._losses):
-            names = {checks.topic(i): n for i, n in dropped.items()}
+            known = all(map(checks.knows, dropped))
+            names = {checks.topic(i): n for i, n in dropped.items()} if known else {}
             self._losses.append(
                 Loss(
                     self._path,
