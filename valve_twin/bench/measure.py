@@ -14,7 +14,7 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from valve_twin.core.types import FloatArray
+    from valve_twin.core.types import FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +80,9 @@ def median(
     return max(statistics.median(times), 1e-9)
 
 
-def require_equal(ours: FloatArray, peer: FloatArray, what: str, whom: str) -> None:
+def require_equal(
+    ours: FloatArray | IntArray, peer: FloatArray | IntArray, what: str, whom: str
+) -> None:
     """Refuse to compare the times of different results."""
     if not np.array_equal(ours, peer, equal_nan=True):
         msg = f"the {what} differ from those of {whom}"

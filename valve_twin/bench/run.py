@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import yaml
 
-from valve_twin.bench import archive, estimation, reading, simulation, storing
+from valve_twin.bench import archive, estimation, reading, simulation, storing, writing
 from valve_twin.bench.measure import Ratio, Scale, describe, median
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ AREAS = {
     "estimation": estimation.compare,
     "archive": archive.compare,
     "reading": reading.compare,
+    "writing": writing.compare,
     "storing": storing.compare,
 }
 """What is compared, by the name that `valve-twin bench NAME` takes."""

@@ -167,10 +167,17 @@ def _open(path: str | Path, wanted: list[SignalSource]) -> _Bag:
         known = -1 if -1 in counts else sum(counts)
         for part in parts:
             _choose(part, compiled=pays(known))
-        largest = max((c.size for f in files for c in f.summary.chunks), default=0)
-        capacity = min(max(counts, default=0) + largest // 32, _MAX_CAPACITY)
+        capacity = _capacity(files, wanted, max(counts, default=0))
         return _Bag(stack.pop_all(), parts, wanted, capacity)
     raise AssertionError
+
+
+def _capacity(files: Sequence[McapFile], wanted: Sequence[SignalSource], count: int) -> int:
+    """Return for how many samples to make room at first; memory that stays empty costs nothing."""
+    sizes = [chunk.size for file in files for chunk in file.summary.chunks]
+    if any(source.batched for source in wanted):
+        return min(sum(sizes) // 8, _MAX_CAPACITY)
+    return min(count + max(sizes, default=0) // 32, _MAX_CAPACITY)
 
 
 def _none_read(rows: int) -> IntArray:

@@ -338,19 +338,29 @@ def take(  # noqa: PLR0912, PLR0915  to hand arrays on to a call costs more than
             n, kind, width = counts[row, SAMPLES], plan[k, NUMBER], plan[k, SIZE]
             place = body + memory[m, VALUE_AT]
             is_there = memory[m, VALUE_AT] >= 0
-            for i in range(count):
-                times[2 * row, n + i] = log_ns
-                times[2 * row + 1, n + i] = begin_ns + np.int64(np.rint(i * period_ns))
-                stamped[row, n + i] = is_stamped
-                if not is_there:
-                    values[row, n + i] = np.nan
-                elif kind == _FLOAT64:
-                    values[row, n + i] = _f64(data, place + i * width)
-                else:
-                    values[row, n + i] = _number(data, place + i * width, kind)
             counts[row, SAMPLES] = n + count
             read[row, MESSAGES] += 1
             k = plan[k, NEXT]
+            if count == 1:
+                times[2 * row, n] = log_ns
+                times[2 * row + 1, n] = begin_ns
+                stamped[row, n] = is_stamped
+                if is_there and kind == _FLOAT64:
+                    values[row, n] = _f64(data, place)
+                else:
+                    values[row, n] = _number(data, place, kind) if is_there else np.nan
+                continue
+            for i in range(n, n + count):
+                times[2 * row, i] = log_ns
+                stamped[row, i] = is_stamped
+            for i in range(count):
+                times[2 * row + 1, n + i] = begin_ns + np.int64(np.rint(i * period_ns))
+            if kind == _FLOAT64:
+                for i in range(count):
+                    values[row, n + i] = _f64(data, place + 8 * i)
+            else:
+                for i in range(count):
+                    values[row, n + i] = _number(data, place + i * width, kind)
         at = following
     if odd > 0:
         for k in range(len(plan)):
