@@ -5,6 +5,7 @@
 import errno
 import itertools
 import os
+import shutil
 import subprocess
 from contextlib import suppress
 
@@ -132,6 +133,29 @@ def test_below_the_floor_it_stops_and_goes_on_when_there_is_space(tmp_path):
     assert recording.files == ("bag_0.mcap", "bag_1.mcap")
     with AnyReader([tmp_path / "bag"]) as reader:
         assert [t // PERIOD_NS for _, t, _ in reader.messages()] == [*range(10), *range(30, 35)]
+
+
+@pytest.mark.parametrize("target", ["bag_0.mcap", "."])
+def test_what_somebody_deletes_is_noticed_and_recording_goes_on(tmp_path, target):
+    clock = Clock()
+    recording = opened(tmp_path / "bag", clock=clock)
+    recording.write([message(0)])
+    if target == ".":
+        shutil.rmtree(tmp_path / "bag")
+    else:
+        (tmp_path / "bag" / target).unlink()
+    clock.now = 0.5
+    recording.tick()
+    assert "somebody deleted the file" in recording.trouble
+    recording.write([message(1)])
+    clock.now = 2.0
+    recording.tick()
+    assert recording.trouble == ""
+    recording.write([message(2)])
+    recording.close()
+    assert recording.files == ("bag_1.mcap",)
+    assert values(tmp_path / "bag" / "bag_1.mcap") == [2]
+    assert metadata(tmp_path / "bag")["relative_file_paths"] == ["bag_1.mcap"]
 
 
 def test_it_does_not_go_on_by_itself_where_this_is_not_wanted(tmp_path):

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
@@ -144,9 +145,11 @@ class BagFile:
         return taken
 
     def flush(self) -> None:
-        """Put everything written so far on disk."""
+        """Put everything written so far on disk; a file that somebody deleted is an error."""
         self.mcap.end_chunk()
         self._good = self._stream.size
+        if os.fstat(self._stream.fileno()).st_nlink == 0:
+            raise FileNotFoundError(errno.ENOENT, "somebody deleted the file")
         self._sync(self._stream.fileno())
 
     def give_up(self) -> dict[str, int]:

@@ -386,7 +386,10 @@ class BagWriter:
         BagError
             If it cannot be made.
         """
+        self._done = [d for d in self._done if d.path.exists()]
+        file = None
         try:
+            self.path.mkdir(parents=True, exist_ok=True)
             file = BagFile(
                 self._path(self._next),
                 sync=self._sync,
@@ -395,6 +398,8 @@ class BagWriter:
             )
             sync_folder(self.path, os.fsync)
         except OSError as err:
+            if file is not None:
+                self._remove(file)
             raise self._unwritable(err) from err
         self._next += 1
         for topic in list(self._topics.values()):

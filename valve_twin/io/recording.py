@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 LOOK_BYTES = 64 * 1024
 """Message bytes after which the free space is looked at again [B]."""
 
+LOOK_S = 1.0
+"""Time after which the free space is looked at again [s]."""
+
 MARGIN_BYTES = 1024 * 1024
 """Free space above the floor that recording needs to go on [B]."""
 
@@ -119,9 +122,10 @@ class Recording:
         self._dirty_since = math.inf
         self._unseen = 0
         self._retry_at, self._pause_s = 0.0, FIRST_RETRY_S
+        self._look_at = 0.0
         self.trouble = ""
         self.snapshots = 0
-        self.free = self._free(self.path)
+        self.free = self._room()
 
     # -- what is written
 
@@ -165,6 +169,7 @@ class Recording:
             return
         if now - self._dirty_since >= self._flush_s:
             self.flush()
+        if now >= self._look_at:
             self._look()
 
     def flush(self) -> None:
@@ -249,19 +254,26 @@ class Recording:
 
     def _look(self) -> None:
         """Leave the floor of free space to others."""
-        self._unseen = 0
-        self.free = self._free(self.path)
+        self._unseen, self._look_at = 0, self._clock() + LOOK_S
+        self.free = self._room()
         if self.trouble or self.free >= self._disk.floor:
             return
         while self._disk.delete_oldest and self.free < self._disk.floor:
             if not self._drop_oldest():
                 break
-            self.free = self._free(self.path)
+            self.free = self._room()
         if self.free < self._disk.floor:
             self._stop(
                 f"{self.path}: {self.free / _MB:.0f} MB free, the floor is "
                 f"{self._disk.floor / _MB:.0f} MB; free some space"
             )
+
+    def _room(self) -> int:
+        """Return the free space, also where the folder was deleted [B]."""
+        try:
+            return self._free(self.path)
+        except OSError:
+            return self._free(next(p for p in self.path.absolute().parents if p.exists()))
 
     def _drop_oldest(self) -> bool:
         try:
@@ -280,7 +292,7 @@ class Recording:
 
     def _resume(self) -> None:
         """Go on in a new file where there is space."""
-        self.free = self._free(self.path)
+        self.free = self._room()
         if self.free < self._disk.floor + MARGIN_BYTES:
             return
         try:
