@@ -28,7 +28,8 @@ import sys
 
 from valve_twin.nodes.executables import {name}
 
-sys.exit({name}())
+if __name__ == "__main__":  # not in the processes that the node starts
+    sys.exit({name}())
 """
 
 
@@ -93,6 +94,8 @@ setup(
         share_files("launch", "*.launch.py"),
         share_files("config", "*.yaml"),
         share_files("layouts", "*.xml", "*.json"),
+        share_files("deploy/sros2", "*.xml"),
+        share_files("deploy/systemd", "*.service", "environment"),
         share_files("msg_defs/msg", "*.msg"),  # bags are written without ROS, too
         ("bin", ["tools/valve-twin"]),
     ],
