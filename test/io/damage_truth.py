@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import lz4.frame
-import numpy as np
 import zstandard
 from mcap.writer import CompressionType, Writer
 
@@ -24,6 +23,8 @@ from valve_twin.io.salvage import salvage_file, salvaged_messages
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    import numpy as np
 
 START_NS = 1_577_836_800_000_000_000
 TEXT_TYPE = "std_msgs/msg/String"

@@ -13,6 +13,8 @@ from valve_twin.cli import (
     batch,
     bench,
     configure,
+    convert,
+    cut,
     estimate,
     fleet,
     history,
@@ -42,6 +44,8 @@ VERBS = (
     history,
     info,
     recover,
+    cut,
+    convert,
     bench,
 )
 """One module a verb, in the order of the help."""
