@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from valve_twin.core.estimation.sequence import Memory, estimate_cycle
 from valve_twin.core.types import Cycle, EstimateStatus, ParameterStatus, Validity
 from valve_twin.core.valves.press_cartridge import MODEL
 from valve_twin.core.valves.press_cartridge.generator import Truth, generate_cycle
@@ -183,6 +184,27 @@ def test_the_trend_has_its_estimator_whatever_is_configured():
     options = complete_options(MODEL, {"estimators": ["equation_error_ls3"]})
     estimates = MODEL.estimate(make_cycle(Truth(), seed=6), options)
     assert [e.estimator for e in estimates] == ["output_error", "equation_error_ls3"]
+
+
+def test_without_the_output_error_only_what_is_listed_is_estimated_and_nothing_judged():
+    options = complete_options(
+        MODEL, {"estimators": ["equation_error_qp8"], "output_error": False, "lag": 2}
+    )
+    memory = Memory.empty()
+    for number in range(1, 13):
+        (estimate,), memory = estimate_cycle(
+            MODEL, options, make_cycle(Truth(), seed=number, number=number), memory
+        )
+        assert estimate.estimator == "equation_error_qp8"
+        assert np.isfinite(estimate.value("theta_1"))
+        assert np.isnan(estimate.mse_test)
+        assert not estimate.used_by_trend
+    assert memory == Memory.empty()
+    with_all, _ = estimate_cycle(
+        MODEL, {**options, "output_error": True}, make_cycle(Truth()), memory
+    )
+    alone, _ = estimate_cycle(MODEL, options, make_cycle(Truth()), memory)
+    assert [p.value for p in with_all[1].parameters] == [p.value for p in alone[0].parameters]
 
 
 def test_further_constraints_bind_the_equation_error():
