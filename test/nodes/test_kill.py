@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rclpy
 from rclpy.qos import QoSProfile
 from valve_twin_msgs.msg import CycleSummary, Estimate, Float64Stamped
 
@@ -64,7 +65,7 @@ class Life:
 
     def __init__(self, graph, ns: str, database: Path) -> None:
         self.graph, self.ns, self.database = graph, ns, database
-        self.hardware = graph.stranger(f"hardware_{len(graph.strangers)}")
+        self.hardware = graph.stranger("hardware")
         self.publishers = [
             self.hardware.create_publisher(Float64Stamped, f"{ns}/{t}", QoSProfile(depth=20000))
             for t in TOPICS
@@ -78,8 +79,9 @@ class Life:
     def kill(self) -> None:
         self.twin.process.kill()
         self.twin.process.wait(10)
-        for publisher in self.publishers:
-            self.hardware.destroy_publisher(publisher)
+        self.graph.strangers.remove(self.hardware)
+        self.hardware.destroy_node()
+        rclpy.shutdown(context=self.hardware.context)
 
     def last_stored(self):
         with History(self.database, read_only=True) as history:

@@ -9,12 +9,12 @@ stored would silently become untrue.
 
 from __future__ import annotations
 
+import threading
 from collections import deque
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 import sqlalchemy as sa
-from sqlalchemy.dialects import postgresql, sqlite
 
 from valve_twin.core.types import Cycle, Estimate, Maintenance
 from valve_twin.io.errors import StoreError
@@ -88,8 +88,12 @@ class History:
         self._software = software
         self._valve_ids: dict[str, int] = {}
         self._claims: dict[str, Claim] = {}
+        self._mending = threading.Lock()
         self.notices: deque[str] = deque(maxlen=100)
-        insert = sqlite.insert if self._database.is_sqlite else postgresql.insert
+        if self._database.is_sqlite:
+            from sqlalchemy.dialects.sqlite import insert
+        else:
+            from sqlalchemy.dialects.postgresql import insert  # slow to import
         self._insert_valve = insert(VALVE).on_conflict_do_nothing()
         self._insert_cycle = self._database.compile(insert(CYCLE).on_conflict_do_nothing())
         self._insert_estimate = self._database.compile(ESTIMATE.insert().values(_names(ESTIMATE)))
@@ -143,8 +147,9 @@ class History:
             return
         from valve_twin.io.history_rescue import mend
 
-        self._database, note = mend(self._database, writers_file(self._database))
-        self._valve_ids.clear()
+        with self._mending:
+            self._database, note = mend(self._database, writers_file(self._database))
+            self._valve_ids.clear()
         if note:
             self.notices.append(note)
 

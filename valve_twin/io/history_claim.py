@@ -17,7 +17,7 @@ import socket
 import struct
 import time
 import zlib
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from valve_twin.core.cycles import Announced
@@ -106,7 +106,8 @@ class FileClaim(Claim):
         """Note, before others are told of it, that the number of a cycle is taken."""
         self.announced = cycle
         if self._file >= 0:
-            os.pwrite(self._file, _slot(cycle, self._valve), self._place)
+            with suppress(OSError):  # a disk in trouble must not hold up the data
+                os.pwrite(self._file, _slot(cycle, self._valve), self._place)
 
     def release(self) -> None:
         """Let others write the valve."""

@@ -93,9 +93,10 @@ class Database:
     def close(self) -> None:
         """Give all connections back."""
         self.engine.dispose()
-        if self._direct is not None:
-            self._direct.close()
-            self._direct = None
+        with self._turn:
+            if self._direct is not None:
+                self._direct.close()
+                self._direct = None
 
     def again(self) -> Database:
         """Open what stands under the name now, as at the first time."""
