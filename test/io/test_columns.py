@@ -127,7 +127,7 @@ def test_any_field_of_any_message_is_read_as_by_the_general_decoder(tmp_path_fac
     st.lists(
         st.tuples(
             st.sampled_from([0, START_NS, START_NS + 7]),
-            st.sampled_from([0.03, 1e-9, 0.0, -1.0, float("nan"), float("inf")]),
+            st.sampled_from([0.03, 1e-9, 0.0, -1.0, float("nan"), float("inf"), 1e307]),
             st.lists(st.floats(), max_size=7),
             st.sampled_from(["", "a", "long name"]),
         ),
@@ -278,3 +278,14 @@ def test_a_flipped_byte_without_a_check_sum_is_read_alike_or_refused_alike(
                 outcome.append([])
     # the name need not be a text for the compiled walk
     assert outcome[0] == outcome[1] or not outcome[1]
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_batches_without_a_period_that_can_be_are_named(tmp_path, monkeypatch, caplog, compiled):
+    periods = [0.1, 0.0, float("nan"), 1e300, 2e8, 0.1]
+    messages = [(i, encode_series(START_NS, p, np.arange(5.0))) for i, p in enumerate(periods)]
+    path = write(tmp_path / "bag", SERIES_TYPE, definition(SERIES_TYPE), messages)
+    monkeypatch.setattr(bag_signals, "pays", lambda _: compiled)
+    (found,) = read_columns(path, [SignalSource("a", TOPIC, SERIES_TYPE, "values[]")])
+    assert found.log_ns.tolist() == [0] * 5 + [5] * 5
+    assert "topic '/a': 4 of 6 batches have no period that can be" in caplog.text

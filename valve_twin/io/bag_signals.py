@@ -9,6 +9,7 @@ through it with the same result.
 
 from __future__ import annotations
 
+import logging
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -42,6 +43,7 @@ SLICE_S = 1.0
 """Log time in one round of blocks [s]: below the default of hold_back_s, so that no signal waits
 for another in vain."""
 
+_LOGGER = logging.getLogger("valve_twin")
 _BATCH_SIZE = 4 << 20
 _MAX_CAPACITY = 1 << 24
 _LAST_NS = 2**63 - 1
@@ -68,8 +70,8 @@ class _Part:
         The open file.
     fields, slow : list of _Field
         What is wanted of it, and what of that only the general decoder reads.
-    read : (R, 2) int64 array
-        Messages read, by row.
+    read : (R, 4) int64 array
+        Messages read and batches whose period cannot be, by row.
     """
 
     file: McapFile
@@ -181,7 +183,7 @@ def _capacity(files: Sequence[McapFile], wanted: Sequence[SignalSource], count: 
 
 
 def _none_read(rows: int) -> IntArray:
-    return np.zeros((rows, 2), dtype=np.int64)
+    return np.zeros((rows, 4), dtype=np.int64)
 
 
 def _fields_of(file: McapFile, wanted: Sequence[SignalSource]) -> list[_Field]:
@@ -314,6 +316,8 @@ def _decode(
         for one in group:
             block = one.extractor(decoded, message.log_ns)
             read[one.row, 0] += 1
+            read[one.row, 1] += one.extractor.rejected
+            one.extractor.rejected = 0
             store.append(
                 one.row, message.log_ns, block.stamp_ns, block.values, stamped=block.has_header
             )
@@ -347,7 +351,17 @@ def _slices(
 
 
 def _check_counts(bag: _Bag) -> None:
+    """Refuse a bag that holds fewer messages than it says; tell of batches that were left out."""
     for part in bag.parts:
+        for row in np.flatnonzero(part.read[:, 1]).tolist():
+            _LOGGER.warning(
+                "%s: topic '%s': %d of %d batches have no period that can be; their samples were "
+                "left out: publish the time between two samples as 'period' [s]",
+                part.file.path,
+                bag.wanted[row].topic,
+                part.read[row, 1],
+                part.read[row, 0],
+            )
         statistics = part.file.summary.statistics
         if statistics is None or part.file.damage is not None:
             continue

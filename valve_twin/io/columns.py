@@ -142,8 +142,8 @@ class Walker:
     ----------
     fields : sequence of FieldPlan
         What is wanted; a row stands in it with all its channels or not at all.
-    read : (R, 2) int64 array
-        Messages read of this file, by row; grows.
+    read : (R, 4) int64 array
+        Messages read of this file and batches whose period cannot be, by row; grows.
     """
 
     def __init__(self, fields: Sequence[FieldPlan], read: IntArray) -> None:

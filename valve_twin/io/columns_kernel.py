@@ -20,6 +20,7 @@ from numba import njit
 from numba.extending import intrinsic
 
 from valve_twin.io.layout import Number, Walk
+from valve_twin.io.mapping import LONGEST_BATCH_S
 from valve_twin.io.mcap_format import Op
 
 if TYPE_CHECKING:
@@ -38,9 +39,9 @@ MEMORY_SIZE = FIRST_WORD + 2 * MAX_WORDS
 SLOTS = 16
 """Layouts that are kept of a field, by the size of the message [1]."""
 
-# columns of `counts` and `read`, one row a signal; BEFORE is what stood there before the chunk
+# columns of `counts` and `read`, one row a signal; BEFORE is what stood there before a chunk
 SAMPLES, BEFORE, ODD = 0, 1, 2
-MESSAGES = 0
+MESSAGES, REJECTED, MESSAGES_BEFORE, REJECTED_BEFORE = 0, 1, 2, 3
 
 types: Any = import_module("numba.types")  # untyped: its names are made on import
 
@@ -53,7 +54,6 @@ _MESSAGE_HEAD = 22
 _CHANNEL_AT, _LOG_AT = 9, 15
 _ENCAPSULATION = 4
 _SECOND_NS = 1_000_000_000
-_LONGEST_NS = 1.0e18
 
 _SKIP, _STRING, _STRINGS = int(Walk.SKIP), int(Walk.STRING), int(Walk.STRINGS)
 _SEQUENCE, _STAMP, _VALUE = int(Walk.SEQUENCE), int(Walk.STAMP), int(Walk.VALUE)
@@ -257,8 +257,8 @@ def take(  # noqa: PLR0912, PLR0915  to hand arrays on to a call costs more than
         What is wanted of each field.
     memory : (SLOTS K, .) int64 array
         Layouts of the messages before.
-    read : (R, 2) int64 array
-        By signal, messages read of this file; grows.
+    read : (R, 4) int64 array
+        By signal, messages read of this file and batches whose period cannot be; grows.
     counts : (R, 3) int64 array
         By signal, samples, and whether the chunk is odd; grows, except for what is odd.
     times : (2 R, N) int64 array
@@ -276,7 +276,8 @@ def take(  # noqa: PLR0912, PLR0915  to hand arrays on to a call costs more than
     for k in range(len(plan)):
         row = plan[k, ROW]
         counts[row, BEFORE], counts[row, ODD] = counts[row, SAMPLES], 0
-        read[row, BEFORE] = read[row, MESSAGES]
+        read[row, MESSAGES_BEFORE] = read[row, MESSAGES]
+        read[row, REJECTED_BEFORE] = read[row, REJECTED]
     odd, at, end = 0, 0, len(data)
     while at + _RECORD_HEAD <= end:
         length = _i64(data, at + 1)
@@ -326,10 +327,9 @@ def take(  # noqa: PLR0912, PLR0915  to hand arrays on to a call costs more than
             if fits and plan[k, BATCHED] and count > 1:
                 period = _f64(data, body + memory[m, PERIOD_AT])
                 period_ns = period * 1e9
-                if not (period > 0.0 and np.isfinite(period)):
+                if not (period > 0.0 and count * period < LONGEST_BATCH_S):
+                    read[plan[k, ROW], REJECTED] += 1
                     count = 0
-                elif not count * period_ns < _LONGEST_NS:
-                    fits = False
             if not fits:
                 counts[row, ODD] = 1
                 odd += 1
@@ -366,5 +366,7 @@ def take(  # noqa: PLR0912, PLR0915  to hand arrays on to a call costs more than
         for k in range(len(plan)):
             row = plan[k, ROW]
             if counts[row, ODD] != 0:
-                counts[row, SAMPLES], read[row, MESSAGES] = counts[row, BEFORE], read[row, BEFORE]
+                counts[row, SAMPLES] = counts[row, BEFORE]
+                read[row, MESSAGES] = read[row, MESSAGES_BEFORE]
+                read[row, REJECTED] = read[row, REJECTED_BEFORE]
     return odd

@@ -31,6 +31,9 @@ Message: TypeAlias = Any
 STAMPED_TYPE = "valve_twin_msgs/msg/Float64Stamped"
 SERIES_TYPE = "valve_twin_msgs/msg/Float64Series"
 
+LONGEST_BATCH_S = 1e9
+"""Time that a batch spans at most [s]: thirty years are no period but a damaged number."""
+
 _TIME = "builtin_interfaces/msg/Time"
 _HEADER = "std_msgs/msg/Header"
 _NUMBERS = {
@@ -240,7 +243,7 @@ class Extractor:
         Returns
         -------
         SignalBlock
-            One sample, or those of the batch; empty where the period of a batch is not positive.
+            One sample, or those of the batch; empty where the period of a batch cannot be.
         """
         stamp = self._stamp(message) if self._stamp is not None else 0
         if self._period is None:
@@ -301,8 +304,8 @@ class Extractor:
             return SignalBlock(
                 self.source.signal, np.array([begin], dtype=np.int64), values, stamped
             )
-        if not (period > 0.0 and math.isfinite(period)):
-            self.rejected += 1
+        if not (period > 0.0 and n * period < LONGEST_BATCH_S):
+            self.rejected += n > 0
             n, values = 0, values[:0]
         return SignalBlock(self.source.signal, batch_stamps(begin, period, n), values, stamped)
 
