@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 from enum import Enum
+from statistics import median
 
 import numpy as np
 from numba import njit
@@ -498,7 +499,7 @@ class Segmenter:
 
     def _too_short(self, samples: int, why: Closing) -> str:
         """Say why a cycle of that many samples cannot be estimated, empty if it can."""
-        usual = float(np.median(self._lengths)) if self._lengths else 0.0
+        usual = float(median(self._lengths)) if self._lengths else 0.0
         if why is not Closing.END:
             self._lengths.append(samples)
         elif samples < USUAL_SHARE * usual:

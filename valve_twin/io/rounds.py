@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 LARGE_S = 1e6
 """Log time in one large round [s]: whatever a bag hands on at once."""
 
-LARGE_SAMPLES = 50_000
-"""Samples of all signals that make a round large enough: a megabyte."""
+LARGE_SAMPLES = 30_000
+"""Samples of all signals that make a round large enough: it still fits into a cache."""
 
 
 def in_large_rounds(
