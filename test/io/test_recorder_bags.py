@@ -5,8 +5,11 @@
 import pytest
 from mcap.reader import make_reader
 
-from valve_twin.io.bags import bag_info, read_signals, read_texts
+from valve_twin.io.bag_types import BagTypes
+from valve_twin.io.bags import bag_info, bag_types, read_signals, read_texts
+from valve_twin.io.errors import BagError
 from valve_twin.io.mapping import SignalSource
+from valve_twin.io.playback import read_messages
 
 BAGS = {
     "array_msgs": 2,
@@ -19,6 +22,8 @@ BAGS = {
     "test_bag_for_seek": 5,
     "wbag": 6074,
 }
+UNREADABLE = {"/test_service1/_service_event", "/test_service2/_service_event"}
+"""Events of services: their recorder wrote the definition of the service, not of the event."""
 
 
 @pytest.fixture
@@ -34,6 +39,30 @@ def test_every_message_is_counted(bags, name, count):
     info = bag_info(bags / name)
     assert info.message_count == count
     assert sum(t.count for t in info.topics) == count
+
+
+def test_every_bag_of_the_folder_is_tested(bags):
+    assert {p.name for p in bags.iterdir()} - {"PROVENANCE.txt"} == set(BAGS)
+
+
+@pytest.mark.parametrize(("name", "count"), BAGS.items())
+def test_every_message_is_there_and_decoded_or_one_line_says_why_not(bags, name, count):
+    info = bag_info(bags / name)
+    topics = [t.name for t in info.topics]
+    found = list(read_messages(bags / name, topics))
+    assert len(found) == count
+    for topic in info.topics:
+        mine = [m for m in found if m.topic == topic.name]
+        assert len(mine) == topic.count
+        if topic.name in UNREADABLE:
+            line = f"topic '{topic.name}': the bag holds no readable definition of [^\n]*$"
+            with pytest.raises(BagError, match=line):
+                bag_types(bags / name, topic.name)
+            continue
+        types = bag_types(bags / name, topic.name)
+        assert isinstance(types, BagTypes)
+        for message in mine:
+            assert types.decode(message.data, message.log_ns) is not None
 
 
 @pytest.mark.parametrize("name", ["multiple_files", "wbag"])

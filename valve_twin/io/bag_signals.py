@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.io.bag_contents import (
-    bag_files,
     channel_types,
     contents,
     missing_topic,
     open_file,
     topic_name,
 )
+from valve_twin.io.bag_folder import bag_files
 from valve_twin.io.columns import Columns, ColumnStore, FieldPlan, Walker, pays
 from valve_twin.io.errors import BagError
 from valve_twin.io.layout import layout_of
