@@ -18,6 +18,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
+from valve_twin.core.estimation.small_dense import (
+    factorise,
+    orthogonalise,
+    project,
+    solve_lower,
+    solve_upper,
+)
+
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
@@ -153,49 +161,12 @@ def _regular(g: FloatArray, h: FloatArray, lower: FloatArray) -> float:
             h[i, j] = g[i, j]
         if g[i, i] == 0.0:
             h[i, i] = 1.0
-    if _factor(h, lower) >= _PIVOT:
+    if factorise(h, lower) >= _PIVOT:
         return 0.0
     for i in range(k):
         h[i, i] += _PROX
-    _factor(h, lower)
+    factorise(h, lower)
     return _PROX
-
-
-@njit(cache=True, error_model="numpy")
-def _factor(h: FloatArray, lower: FloatArray) -> float:
-    """Factorise h = lower lower^T; returns the least pivot."""
-    least = np.inf
-    for i in range(len(h)):
-        for j in range(i + 1):
-            rest = h[i, j]
-            for n in range(j):
-                rest -= lower[i, n] * lower[j, n]
-            if i == j:
-                least = min(least, rest)
-                lower[i, i] = np.sqrt(rest) if rest > 0.0 else 1e-30
-            else:
-                lower[i, j] = rest / lower[j, j]
-    return least
-
-
-@njit(cache=True, error_model="numpy")
-def _forward(lower: FloatArray, x: FloatArray, n: int) -> None:
-    """Overwrite x by lower^-1 x, leading n rows."""
-    for i in range(n):
-        rest = x[i]
-        for j in range(i):
-            rest -= lower[i, j] * x[j]
-        x[i] = rest / lower[i, i]
-
-
-@njit(cache=True, error_model="numpy")
-def _backward(lower: FloatArray, x: FloatArray, n: int) -> None:
-    """Overwrite x by lower^-T x, leading n rows."""
-    for i in range(n - 1, -1, -1):
-        rest = x[i]
-        for j in range(i + 1, n):
-            rest -= lower[j, i] * x[j]
-        x[i] = rest / lower[i, i]
 
 
 @njit(cache=True, error_model="numpy")
@@ -205,9 +176,9 @@ def _active_set(
     """Find the inequalities that bind by principal pivoting; returns their number or -1."""
     k, m = len(f), len(b)
     z, v, s, q = f.copy(), a.copy(), np.empty((m, m)), np.empty(m)
-    _forward(lower, z, k)
+    solve_lower(lower, z, k)
     for i in range(m):
-        _forward(lower, v[i], k)
+        solve_lower(lower, v[i], k)
         q[i] = -b[i]
         for n in range(k):
             q[i] += v[i, n] * z[n]
@@ -223,8 +194,8 @@ def _active_set(
         count = _independent(s, member, chosen, factor, k)
         for c in range(count):
             x[c] = q[chosen[c]]
-        _forward(factor, x, count)
-        _backward(factor, x, count)
+        solve_lower(factor, x, count)
+        solve_upper(factor, x, count)
         if _mark_wrong(s, q, member, chosen, x, count, wrong) == 0:
             return count
         for i in range(m):
@@ -304,7 +275,7 @@ def _solve_on_set(
     """Minimise with the chosen inequalities as equations, in their null space, refined."""
     k, m = len(f), len(chosen)
     q, r = np.empty((k, k)), np.empty((m, m))
-    _orthogonal(a, chosen, q, r)
+    orthogonalise(a, chosen, q, r)
     x, rest = np.empty(k), np.empty(k)
     for c in range(m):
         x[c] = b[chosen[c]]
@@ -336,7 +307,7 @@ def _descend(
     if free == 0:
         return
     factor, part, rest = np.empty((free, free)), np.empty(free), np.empty(k)
-    _factor(_reduced(h, basis), factor)
+    factorise(project(h, basis), factor)
     for step in range(_REFINEMENTS):
         _gradient(g, f, s, rest)
         worst = 0.0
@@ -347,28 +318,11 @@ def _descend(
             worst = max(worst, abs(part[c]))
         if step >= 2 and (prox == 0.0 or worst <= _ROUNDING):
             break
-        _forward(factor, part, free)
-        _backward(factor, part, free)
+        solve_lower(factor, part, free)
+        solve_upper(factor, part, free)
         for i in range(k):
             for c in range(free):
                 s[i] += basis[i, c] * part[c]
-
-
-@njit(cache=True, error_model="numpy")
-def _reduced(h: FloatArray, basis: FloatArray) -> FloatArray:
-    """Return the lower half of basis^T h basis."""
-    k, free = basis.shape
-    reduced, column = np.empty((free, free)), np.empty(k)
-    for c in range(free):
-        for i in range(k):
-            column[i] = 0.0
-            for j in range(k):
-                column[i] += h[i, j] * basis[j, c]
-        for d in range(c, free):
-            reduced[d, c] = 0.0
-            for i in range(k):
-                reduced[d, c] += basis[i, d] * column[i]
-    return reduced
 
 
 @njit(cache=True, error_model="numpy")
@@ -378,48 +332,6 @@ def _gradient(g: FloatArray, f: FloatArray, s: FloatArray, rest: FloatArray) -> 
         rest[i] = f[i]
         for j in range(len(f)):
             rest[i] -= g[i, j] * s[j]
-
-
-@njit(cache=True, error_model="numpy")
-def _orthogonal(a: FloatArray, chosen: IntArray, q: FloatArray, r: FloatArray) -> None:
-    """Fill the orthogonal q (K, K) and r (m, m) of the chosen rows as columns (Householder)."""
-    k, m = len(q), len(chosen)
-    columns, mirrors = np.empty((m, k)), np.zeros((m, k))
-    for c in range(m):
-        columns[c] = a[chosen[c]]
-    for c in range(m):
-        square = 0.0
-        for i in range(c, k):
-            square += columns[c, i] * columns[c, i]
-        size = np.sqrt(square) if columns[c, c] <= 0.0 else -np.sqrt(square)
-        for i in range(c, k):
-            mirrors[c, i] = columns[c, i]
-        mirrors[c, c] -= size
-        weight = square - size * columns[c, c]
-        for d in range(c, m):
-            _mirror(mirrors[c], weight, c, columns[d])
-        for n in range(c):
-            r[n, c] = columns[c, n]
-        r[c, c] = size
-        mirrors[c] /= np.sqrt(weight)
-    for j in range(k):
-        column = q[j]
-        for i in range(k):
-            column[i] = 1.0 if i == j else 0.0
-        # row j of q: the mirrors act on it in their order
-        for c in range(m):
-            _mirror(mirrors[c], 1.0, c, column)
-
-
-@njit(cache=True, error_model="numpy")
-def _mirror(direction: FloatArray, weight: float, first: int, x: FloatArray) -> None:
-    """Reflect x at the plane of a direction whose half squared length is the weight."""
-    product = 0.0
-    for i in range(first, len(x)):
-        product += direction[i] * x[i]
-    product /= weight
-    for i in range(first, len(x)):
-        x[i] -= product * direction[i]
 
 
 @njit(cache=True, error_model="numpy")
