@@ -8,7 +8,7 @@ import zlib
 import numpy as np
 import pytest
 
-from test.io.damage_truth import Tally, judge_cut, judge_flip, written
+from test.io.damage_truth import Region, Tally, judge_cut, judge_flip, written
 
 KINDS = [
     "ours",
@@ -36,7 +36,7 @@ def sample(kind, tmp_path):
 
 def every_region(truth):
     """Return one byte of the begin, the middle and the end of a record of each kind."""
-    seen = {}
+    seen: dict[int, Region] = {}
     for region in truth.regions:
         seen.setdefault(region.op, region)
     places = [0, 7, len(truth.data) - 1, len(truth.data) - 9]

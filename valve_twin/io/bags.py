@@ -11,11 +11,11 @@ from __future__ import annotations
 from valve_twin.io.bag_contents import (
     BagInfo,
     TopicInfo,
-    bag_files,
     bag_info,
     bag_types,
     topic_name,
 )
+from valve_twin.io.bag_folder import bag_files
 from valve_twin.io.bag_signals import SLICE_S, read_columns, read_signals, read_texts
 from valve_twin.io.bag_writer import BagWriter
 from valve_twin.io.metadata import QosProfile

@@ -73,7 +73,7 @@ def check_format(out: str | Path) -> None:
         raise BagError(msg)
     if ending == ".parquet":
         try:
-            import pyarrow.parquet  # noqa: F401
+            import pyarrow.parquet  # type: ignore[import-untyped]  # noqa: F401
         except ImportError as err:
             msg = f"{out}: Parquet needs pyarrow; pip install 'valve_twin[parquet]', or write .csv"
             raise BagError(msg) from err

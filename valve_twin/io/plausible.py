@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import struct
+from bisect import bisect_right
 from dataclasses import dataclass, field, is_dataclass
 from typing import TYPE_CHECKING
 
@@ -19,7 +20,7 @@ from valve_twin.io.bag_types import BagTypes
 from valve_twin.io.errors import BagError
 from valve_twin.io.mapping import STAMPED_TYPE, Message
 from valve_twin.io.mcap_format import MESSAGE_HEAD, RECORD_HEAD, Channel, Op, Schema
-from valve_twin.io.resync import next_record, record_end
+from valve_twin.io.resync import is_whole, next_record, record_end
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -70,14 +71,16 @@ class Checks:
 
     Parameters
     ----------
-    schemas, channels : dict
-        Definitions by number.
+    schemas : dict
+        Copies of each definition by number, the best first; a better one is moved to the front.
+    channels : dict
+        Topics by number.
     where : str
         File for messages.
     """
 
     def __init__(
-        self, schemas: dict[int, Schema], channels: dict[int, Channel], where: str
+        self, schemas: dict[int, list[Schema]], channels: dict[int, Channel], where: str
     ) -> None:
         self._schemas, self._channels, self._where = schemas, channels, where
         self._types: dict[int, BagTypes | None] = {}
@@ -103,8 +106,15 @@ class Checks:
         if channel not in self._types:
             self._types[channel] = self._read_types(known)
         types = self._types[channel]
-        if types is None:
+        if types is None or self._decodes(types, data):
             return True
+        better = self._read_types(known, after=types)
+        if better is None or not self._decodes(better, data):
+            return False
+        self._types[channel] = better
+        return True
+
+    def _decodes(self, types: BagTypes, data: bytes) -> bool:
         if types.name == STAMPED_TYPE and data[1] == 1:
             return self._accepts_stamped(data)
         try:
@@ -126,14 +136,18 @@ class Checks:
         self.suspects += not math.isfinite(_DOUBLE.unpack_from(data, len(data) - 8)[0])
         return True
 
-    def _read_types(self, channel: Channel) -> BagTypes | None:
-        schema = self._schemas.get(channel.schema_id)
-        if schema is None:
-            return None
-        try:
-            return BagTypes(schema, self._where)
-        except BagError:
-            return None
+    def _read_types(self, channel: Channel, after: BagTypes | None = None) -> BagTypes | None:
+        """Return the first copy of the definition that can be read, or the first other one."""
+        copies = self._schemas.get(channel.schema_id, [])
+        for schema in copies[1:] if after is not None else copies:
+            try:
+                types = BagTypes(schema, self._where)
+            except BagError:
+                continue
+            copies.remove(schema)
+            copies.insert(0, schema)
+            return types
+        return None
 
 
 def _finite(value: Message) -> bool:
@@ -176,7 +190,12 @@ def plausible(
     seen, others = _all_records(records, places)
     good = [m for m in seen if checks.accepts(m.channel, records[m.begin + 31 : m.end])]
     if span is not None:
-        inside = [m for m in good if span[0] <= m.log_ns <= span[1]]
+        inside = [
+            m
+            for m in good
+            if span[0] <= m.log_ns <= span[1]
+            or places.entries.get(m.begin) == (m.channel, m.log_ns)
+        ]
         if 2 * len(inside) >= len(good):
             good = inside
     wrong = _contradicted(good, places)
@@ -191,19 +210,12 @@ def _all_records(records: bytes, places: Places) -> tuple[list[_Seen], list[tupl
     seen: list[_Seen] = []
     others: list[tuple[int, int]] = []
     starts = sorted(places.entries)
+    size = len(records)
     at: int | None = 0
-    number = 0
-    while at is not None and at < len(records):
-        while number < len(starts) and starts[number] <= at:
-            number += 1
-        limit = starts[number] if number < len(starts) else len(records)
-        end = record_end(records, at, min(limit, len(records)))
-        if end is None:
-            at = (
-                limit
-                if starts and limit > at
-                else next_record(records, at + 1, len(records), kinds=_KINDS)
-            )
+    while at is not None and at < size:
+        end = record_end(records, at, size)
+        if end is None or not (end in places.entries or is_whole(records, at, end, size)):
+            at = _next_start(records, at, starts)
             continue
         if records[at] == Op.MESSAGE:
             _, _, channel, _, log_ns, _ = MESSAGE_HEAD.unpack_from(records, at)
@@ -212,6 +224,19 @@ def _all_records(records: bytes, places: Places) -> tuple[list[_Seen], list[tupl
             others.append((at, end))
         at = end
     return seen, others
+
+
+def _next_start(records: bytes, at: int, starts: list[int]) -> int | None:
+    """Return where to go on behind a torn record: as the index says, if a record is there."""
+    size = len(records)
+    found = next_record(records, at + 1, size, kinds=_KINDS)
+    later = bisect_right(starts, at)
+    for start in starts[later : later + 2]:
+        if found is not None and found <= start:
+            return found
+        if start < size and records[start] == Op.MESSAGE and record_end(records, start, size):
+            return start
+    return found
 
 
 _KINDS = frozenset({int(Op.SCHEMA), int(Op.CHANNEL), int(Op.MESSAGE)})

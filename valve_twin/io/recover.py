@@ -76,7 +76,7 @@ class Digests:
     """Counts and digests of messages by topic."""
 
     counts: dict[str, int] = field(default_factory=dict)
-    _sums: dict[str, hashlib._Hash] = field(default_factory=dict)
+    _sums: dict[str, hashlib.blake2b] = field(default_factory=dict)
 
     def add(self, topic: str, log_ns: int, publish_ns: int, data: bytes) -> None:
         """Take one message."""

@@ -40,6 +40,7 @@ _LAYOUTS: dict[int, tuple[int, ...]] = {
 """Parts of each record's body (mcap.dev/spec): fixed sizes [B], or a number and what it counts."""
 
 ANCHORS = frozenset(_LAYOUTS)
+ANYTHING = ANCHORS | {int(Op.MESSAGE)}
 _MESSAGE_BODY = MESSAGE_HEAD.size - RECORD_HEAD.size
 _WINDOW = 1 << 20
 _CHAIN = 3
@@ -93,10 +94,22 @@ def may_follow(data: Bytes, at: int, end: int) -> bool:
     if at > end:
         return False
     if at + RECORD_HEAD.size > end:
-        return data[at] in _LAYOUTS or data[at] == Op.MESSAGE
+        return int(data[at]) in ANYTHING
     kind, length = RECORD_HEAD.unpack_from(data, at)
     known = kind in _LAYOUTS or kind == Op.MESSAGE
-    return known and at + RECORD_HEAD.size + length > end and length < 1 << 32
+    return bool(known and at + RECORD_HEAD.size + length > end and length < 1 << 32)
+
+
+def is_whole(data: Bytes, at: int, stop: int, end: int) -> bool:
+    """Return whether a message that claims to end at `stop` does so.
+
+    Its length is proved by nothing but what follows it. Where that is damaged, the message is
+    whole if no record begins within it.
+    """
+    if may_follow(data, stop, end):
+        return True
+    following = next_record(data, at + 1, end, kinds=ANYTHING)
+    return following is None or following >= stop
 
 
 def next_record(data: Bytes, at: int, end: int, *, kinds: Container[int] = ANCHORS) -> int | None:

@@ -31,7 +31,7 @@ from valve_twin.io.mcap_format import (
 )
 from valve_twin.io.mcap_reader import RawMessage, Summary, add_record, messages
 from valve_twin.io.plausible import Checks, Places, plausible
-from valve_twin.io.resync import claimed_end, may_follow, next_record, record_end
+from valve_twin.io.resync import claimed_end, is_whole, may_follow, next_record, record_end
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -235,8 +235,7 @@ class Scan:
             self._end_loose(at)
             return self._chunk(at)
         stop = record_end(data, at, end)
-        # the length of a message is proved by nothing but what follows it
-        if stop is not None and (op != Op.MESSAGE or may_follow(data, stop, end)):
+        if stop is not None and (op != Op.MESSAGE or is_whole(data, at, stop, end)):
             self._record(op, at, stop)
             return stop
         stop = claimed_end(data, at, end)
@@ -372,8 +371,8 @@ class Scan:
         self._losses.append(Loss(self._path, at, stop - at, what, why, count=count))
 
     def _settled(self) -> Salvage:
-        schemas, channels = self._definitions()
-        checks = Checks(schemas, channels, str(self._path))
+        copies, channels = self._definitions()
+        checks = Checks(copies, channels, str(self._path))
         rescued: dict[int, bytes] = {}
         unverified: dict[int, int] = {}
         kept: list[Piece] = []
@@ -392,6 +391,7 @@ class Scan:
         for piece in kept:
             for channel, n in piece.found.counts.items():
                 counts[channel] = counts.get(channel, 0) + n
+        schemas = {i: found[0] for i, found in copies.items()}
         used = {i: c for i, c in channels.items() if c.schema_id in schemas or not c.schema_id}
         statistics = Statistics(
             sum(counts.values()),
@@ -418,18 +418,21 @@ class Scan:
             total,
         )
 
-    def _definitions(self) -> tuple[dict[int, Schema], dict[int, Channel]]:
-        """Return schemas and channels; what a check sum stands for wins."""
+    def _definitions(self) -> tuple[dict[int, list[Schema]], dict[int, Channel]]:
+        """Return schemas with their other copies, and channels; what is verified wins."""
         verified = [p.found for p in self._pieces if p.verified]
         other = [p.found for p in self._pieces if not p.verified]
         own = self._tail.summary
         last = [own] if self._tail.trust is not Trust.VERIFIED else []
         first = [] if last else [own]
-        schemas: dict[int, Schema] = {}
+        schemas: dict[int, list[Schema]] = {}
         channels: dict[int, Channel] = {}
-        for source in (*first, *verified, self._outside, *last, *other):
+        sources: tuple[Summary | Walk, ...] = (*first, *verified, self._outside, *last, *other)
+        for source in sources:
             for i, schema in source.schemas.items():
-                schemas.setdefault(i, schema)
+                copies = schemas.setdefault(i, [])
+                if schema not in copies:
+                    copies.append(schema)
             for i, channel in source.channels.items():
                 known = channels.setdefault(i, channel)
                 if known != channel and source is not self._outside:
@@ -453,7 +456,9 @@ class Scan:
         span = None
         if self._data[piece.offset] != Op.MESSAGE:
             span = (heads[0].start_ns, heads[0].end_ns) if heads else None
-            span = (hint.start_ns, hint.end_ns) if hint is not None else span
+            if hint is not None:  # of two spans without check sum the wider is believed
+                first, last = span or (hint.start_ns, hint.end_ns)
+                span = (min(first, hint.start_ns), max(last, hint.end_ns))
         places = Places.read(self._data, piece.index, self._end)
         sound = plausible(records, checks, places, span)
         if len(sound) == len(records):
@@ -461,9 +466,10 @@ class Scan:
         before = piece.found
         piece.records = sound
         piece.found = walk(sound)
+        held = places.counts or (before.counts if before.whole else {})
         dropped = {
             i: n - piece.found.counts.get(i, 0)
-            for i, n in before.counts.items()
+            for i, n in held.items()
             if n > piece.found.counts.get(i, 0)
         }
         if not any(loss.offset == piece.offset and loss.count is None for loss in self._losses):
