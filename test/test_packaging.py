@@ -94,7 +94,8 @@ def test_every_executable_is_installed_and_leads_to_a_function() -> None:
 @pytest.mark.ros
 def test_the_installed_executables_python_imports_every_required_package() -> None:
     scripts = [INSTALLED / "lib" / "valve_twin" / name for name in EXECUTABLES | {"valve-twin"}]
-    interpreters = {script.read_text().splitlines()[0].removeprefix("#!") for script in scripts}
+    first_lines = [script.read_text().splitlines()[0] for script in scripts]
+    interpreters = {line.removeprefix("#!").split()[-1] for line in first_lines}  # after env
     (interpreter,) = interpreters
     lines = [line for line in metadata.requires("valve_twin") or [] if "extra" not in line]
     required = [re.match(r"[\w-]+", line) for line in lines]
