@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from valve_twin.cli.common import Verbs
-    from valve_twin.io.batch import BagResult, BatchTask, Results, Runner
+    from valve_twin.io.batch import Runner
+    from valve_twin.io.batch_results import BagResult, BatchTask, Results
     from valve_twin.io.config import ValveConfig
 
 _WIDTH = 140  # columns where standard output is no terminal
@@ -42,7 +43,8 @@ def add(verbs: Verbs) -> None:
 
 
 def _batch(arguments: argparse.Namespace) -> int:
-    from valve_twin.io.batch import BatchTask, Results, find_bags, run_batch
+    from valve_twin.io.batch import find_bags, run_batch
+    from valve_twin.io.batch_results import BatchTask, Results
 
     configs = _configs(arguments)
     bags = find_bags(arguments.folder)

@@ -12,7 +12,8 @@ from concurrent.futures.process import BrokenProcessPool
 from typing import TYPE_CHECKING
 
 from valve_twin import __version__
-from valve_twin.io.batch import BagResult, BatchTask, estimate_task
+from valve_twin.io.batch import estimate_task
+from valve_twin.io.batch_results import BagResult, BatchTask
 from valve_twin.io.errors import ValveTwinError
 
 if TYPE_CHECKING:
