@@ -8,22 +8,26 @@ what it compiled.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from valve_twin.core import aging
 from valve_twin.core.alignment import SignalRange
 from valve_twin.core.cycles import CycleConfig
-from valve_twin.core.estimation.sequence import estimate_cycle
-from valve_twin.core.simulation import SimulatedValve
 from valve_twin.core.twin import Twin, TwinConfig
 from valve_twin.core.types import CycleRule
 from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
+
+if TYPE_CHECKING:
+    from valve_twin.core.valves.interface import ValveModel
 
 MODELS = ("press_cartridge", "positioner")
 
 
 def main() -> None:
     """Compile everything."""
+    from valve_twin.core import aging
+
     for name in MODELS:
         for rule in CycleRule:
             run_once(name, rule)
@@ -31,7 +35,7 @@ def main() -> None:
 
 
 def run_once(name: str, rule: CycleRule) -> None:
-    """Run a short record of one valve through everything; a node does so before its first sample.
+    """Run a short record of one valve through everything; a worker does so before its first job.
 
     Parameters
     ----------
@@ -45,19 +49,12 @@ def run_once(name: str, rule: CycleRule) -> None:
     ValueError
         If the model is unknown or cannot be simulated.
     """
+    from valve_twin.core.estimation.sequence import estimate_cycle
+    from valve_twin.core.simulation import SimulatedValve
+
     model = get_model(name)
     simulation = get_simulation(name)
-    options = complete_options(model, {})
-    ranges = tuple(SignalRange(s) for s in (model.output, *model.inputs))
-    config = TwinConfig(
-        period_s=simulation.period_s,
-        signals=ranges,
-        counter=SignalRange("cycle_counter"),
-        reference=SignalRange("reference"),
-        cycles=CycleConfig(rule=rule, window_s=30.0),
-        options=options,
-    )
-    twin = Twin(config, model)
+    twin, options = _twin(model, rule, simulation.period_s), complete_options(model, {})
     block = SimulatedValve(simulation, seed=0).advance(4 * simulation.cycle_samples)
     columns = dict(zip(model.inputs, block.inputs.T, strict=True))
     columns |= {"cycle_counter": block.cycle.astype(float), "reference": block.reference}
@@ -67,6 +64,52 @@ def run_once(name: str, rule: CycleRule) -> None:
     while (job := twin.next_job()) is not None:
         twin.deliver(*estimate_cycle(model, options, job.cycle, job.memory))
     twin.finish()
+
+
+def predict_once(name: str, rule: CycleRule) -> None:
+    """Run two samples of rest through the twin; a node does so before its first sample.
+
+    Parameters
+    ----------
+    name : str
+        Name of the model.
+    rule : CycleRule
+        Rule that cuts the record.
+
+    Raises
+    ------
+    ValueError
+        If the model is unknown.
+    """
+    model = get_model(name)
+    period_s, count = 0.03, 2
+    twin, options = _twin(model, rule, period_s), complete_options(model, {})
+    stamps = round(1e9 * period_s) * np.arange(1, count + 1)
+    names = (*model.inputs, "cycle_counter", "reference", model.output)
+    twin.push_round([(signal, stamps, np.zeros(count)) for signal in names])
+    values = {p.name: 0.1 for p in model.parameters}
+    model.predict(
+        model.initial_state(),
+        model.coefficients(values, 1, period_s, options),
+        np.zeros(count),
+        np.zeros((count, len(model.inputs))),
+        np.zeros(count, dtype=np.uint8),
+        np.empty(count),
+        np.empty(count),
+        np.empty(count, dtype=np.uint8),
+    )
+
+
+def _twin(model: ValveModel, rule: CycleRule, period_s: float) -> Twin:
+    config = TwinConfig(
+        period_s=period_s,
+        signals=tuple(SignalRange(s) for s in (model.output, *model.inputs)),
+        counter=SignalRange("cycle_counter"),
+        reference=SignalRange("reference"),
+        cycles=CycleConfig(rule=rule, window_s=30.0),
+        options=complete_options(model, {}),
+    )
+    return Twin(config, model)
 
 
 if __name__ == "__main__":

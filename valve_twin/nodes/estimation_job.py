@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from valve_twin.core.estimation.sequence import Memory, estimate_cycle
 from valve_twin.core.valves.registry import get_model
-from valve_twin.warmup import run_once
+from valve_twin.warmup import predict_once, run_once
 
 if TYPE_CHECKING:
     from valve_twin.core.types import Cycle, CycleRule, Estimate
@@ -60,7 +60,7 @@ def run_job(
 
 
 def warm_up(valves: tuple[tuple[str, CycleRule], ...]) -> None:
-    """Load what prediction and estimation need before the first sample is there.
+    """Load what estimation needs before the first cycle is there.
 
     Parameters
     ----------
@@ -70,3 +70,10 @@ def warm_up(valves: tuple[tuple[str, CycleRule], ...]) -> None:
     for model, rule in valves:
         with suppress(ValueError):  # a user's model may come without a simulation
             run_once(model, rule)
+
+
+def warm_up_prediction(valves: tuple[tuple[str, CycleRule], ...]) -> None:
+    """Load what prediction alone needs before the first sample is there; as `warm_up`."""
+    for model, rule in valves:
+        with suppress(ValueError):  # a user's model may want other parameters
+            predict_once(model, rule)

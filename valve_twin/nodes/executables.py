@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 from importlib import import_module
 
@@ -46,6 +47,7 @@ def bag_recorder() -> int:
 def run(name: str) -> int:
     """Run a node by its name; the signals are taken before the slow imports begin."""
     signals.install()
+    gc.disable()  # until the node has started: imports make hardly any garbage
     if name == "bag_player":
         import_module("valve_twin.nodes.transport").quicken()
     make = getattr(import_module(f"valve_twin.nodes.{name}"), _NODES[name])

@@ -266,6 +266,13 @@ def _spin(node: ValveNode, executor: Executor, wait_s: float) -> None:
     executor.spin_until_future_complete(node.recess, timeout_sec=wait_s)
 
 
+def _collect_garbage() -> None:
+    """Collect what the start left, once; what it made stays, so later collections are short."""
+    gc.collect()
+    gc.freeze()
+    gc.enable()
+
+
 def run(make: Callable[[], ValveNode], args: list[str] | None = None) -> int:
     """Make a node and run it until SIGTERM or SIGINT.
 
@@ -292,6 +299,7 @@ def run(make: Callable[[], ValveNode], args: list[str] | None = None) -> int:
         executor = make_executor(str(node.parameters["executor"]))
         executor.add_node(node)
         node.post(node.start)
+        node.post(_collect_garbage)
         signals.looping()
         signals.install()
     spin(node, executor)

@@ -12,7 +12,7 @@ from rclpy.duration import Duration
 
 from valve_twin.io.history import History
 from valve_twin.nodes.diagnostics import ERROR, STALE, Diagnostics, Report
-from valve_twin.nodes.estimation_job import warm_up
+from valve_twin.nodes.estimation_job import warm_up, warm_up_prediction
 from valve_twin.nodes.inputs import InputConfig, by_topic, seconds_now
 from valve_twin.nodes.keeper import Keeper
 from valve_twin.nodes.live_valve import LiveValve
@@ -64,7 +64,7 @@ class TwinNode(ValveNode):
             )
         kinds = tuple({(c.model, c.cycles.rule) for c in configs})
         self._worker = WorkerProcess(partial(warm_up, kinds))
-        warm_up(kinds)
+        warm_up_prediction(kinds)
         for config in configs:
             valve = LiveValve(
                 self,
@@ -98,6 +98,8 @@ class TwinNode(ValveNode):
         self._jump = self.get_clock().create_jump_callback(threshold, post_callback=self._on_jump)
         for valve in self._valves:
             valve.listen(config)
+        if self._worker is not None:
+            self._worker.begin()
 
     def deactivate(self) -> None:
         """Stop listening."""

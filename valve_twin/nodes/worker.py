@@ -60,6 +60,7 @@ class WorkerProcess:
         self._process: Any = None
         self._pipe: Connection | None = None
         self._closing = False
+        self._begun = threading.Event()
         self.restarts = -1
         self._thread = threading.Thread(target=self._serve, name="worker", daemon=True)
         self._thread.start()
@@ -69,21 +70,29 @@ class WorkerProcess:
         """Process id, None while there is no process."""
         return self._process.pid if self._process is not None else None
 
+    def begin(self) -> None:
+        """Start the process ahead of the first job, once what is more urgent is done."""
+        self._begun.set()
+
     def submit(self, work: Work, arguments: tuple[Any, ...], deliver: Deliver) -> None:
         """Run `work(*arguments)` after all earlier jobs; `deliver` gets the outcome."""
         self._orders.put(_Order(work, arguments, deliver))
+        self._begun.set()
 
     def close(self) -> None:
         """End the process now; what runs in it is lost."""
         self._closing = True
         self._orders.put(None)
+        self._begun.set()
         if self._process is not None:
             self._process.kill()
         self._thread.join(timeout=0.5)
 
     def _serve(self) -> None:
+        self._begun.wait()
         with suppress(Exception):  # tried again, and told, with the first job
-            self._start()
+            if not self._closing:
+                self._start()
         while not self._closing:
             order = self._orders.get()
             if order is None or self._closing:

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
-from scipy.special import log_ndtr
 
 from valve_twin.core.estimation.free_run import (
     OutputErrorOptions,
@@ -260,6 +259,8 @@ def _cut_moment(level: float) -> float:
     """
     if level > _FAR:
         return 1.0
+    from scipy.special import log_ndtr  # slow to import
+
     hazard = float(np.exp(-0.5 * level**2 - log_ndtr(level))) / _ROOT_TWO_PI
     mean, variance = level + hazard, 1.0 - hazard * (level + hazard)
     return variance + (mean - max(level, 0.0)) ** 2

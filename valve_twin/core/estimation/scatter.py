@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import stdtrit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
@@ -48,6 +47,8 @@ class Scatter:
         """Return the half width of the 95 % interval of one estimate."""
         if not np.isfinite(self.sigma):
             return float("nan")
+        from scipy.special import stdtrit  # slow to import
+
         return float(stdtrit(self.freedom, 0.975)) * self.sigma
 
 

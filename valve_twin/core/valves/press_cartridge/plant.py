@@ -20,7 +20,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-from scipy.optimize import brentq
 
 from valve_twin.core.control.plc import PlcConfig
 from valve_twin.core.control.plc import initial_state as plc_state
@@ -214,6 +213,8 @@ class PressCartridgePlant:
 
         span = (self.area_in + self.area_out) * root * math.sqrt(self.supply_pressure)
         span = (span + self.leak * math.sqrt(self.supply_pressure)) / self.piston_area
+        from scipy.optimize import brentq  # slow to import, only a simulation needs it
+
         speed = brentq(imbalance, -span, span, xtol=1e-14, rtol=1e-12)
         return float(speed) / self.stroke
 
