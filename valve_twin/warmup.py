@@ -8,6 +8,7 @@ what it compiled.
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,6 +29,7 @@ def main() -> None:
     """Compile everything."""
     from valve_twin.core import aging
 
+    import_module("valve_twin.io.columns_kernel")  # compiles on import
     for name in MODELS:
         for rule in CycleRule:
             run_once(name, rule)

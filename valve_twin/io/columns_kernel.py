@@ -36,7 +36,7 @@ ROW, NEXT, NUMBER, SIZE, BATCHED, STEPS, FIRST_STEP = 0, 1, 2, 3, 4, 5, 6
 # columns of `memory`, `SLOTS` rows a mapped field of a channel; words follow as place, value
 LENGTH, STAMP_AT, VALUE_AT, PERIOD_AT, COUNT, WORDS, FIRST_WORD = 0, 1, 2, 3, 4, 5, 6
 MEMORY_SIZE = FIRST_WORD + 2 * MAX_WORDS
-SLOTS = 16
+SLOTS = 32
 """Layouts that are kept of a field, by the size of the message [1]."""
 
 # columns of `counts` and `read`, one row a signal; BEFORE is what stood there before a chunk
@@ -350,16 +350,13 @@ def take(  # noqa: PLR0912, PLR0915  to hand arrays on to a call costs more than
                 else:
                     values[row, n] = _number(data, place, kind) if is_there else np.nan
                 continue
-            for i in range(n, n + count):
-                times[2 * row, i] = log_ns
-                stamped[row, i] = is_stamped
             for i in range(count):
+                times[2 * row, n + i] = log_ns
                 times[2 * row + 1, n + i] = begin_ns + np.int64(np.rint(i * period_ns))
-            if kind == _FLOAT64:
-                for i in range(count):
+                stamped[row, n + i] = is_stamped
+                if kind == _FLOAT64:
                     values[row, n + i] = _f64(data, place + 8 * i)
-            else:
-                for i in range(count):
+                else:
                     values[row, n + i] = _number(data, place + i * width, kind)
         at = following
     if odd > 0:
