@@ -74,6 +74,7 @@ class Graph:
         self.executor.add_node(self.node)
         self.hosted: list[Any] = []
         self.strangers: list[Node] = []
+        self._others: list[SingleThreadedExecutor] = []
         self.processes: list[NodeProcess] = []
         self._count = itertools.count()
 
@@ -106,6 +107,12 @@ class Graph:
         self.strangers.append(node)
         return node
 
+    def executor_of(self, stranger: Node) -> None:
+        """Run a stranger's callbacks whenever the test's own run."""
+        executor = SingleThreadedExecutor(context=stranger.context)
+        executor.add_node(stranger)
+        self._others.append(executor)
+
     def _arguments(self, label: str, ns: str, parameters, extra) -> list[str]:
         path = self.folder / f"{label}.yaml"
         content = {"/**": {"ros__parameters": {**QUIET, **parameters}}}
@@ -123,6 +130,8 @@ class Graph:
                 logs = "\n".join(p.log[-2000:] for p in self.processes)
                 pytest.fail(f"not within {timeout} s: {what or condition}\n{logs}")
             self.executor.spin_once(timeout_sec=0.02)
+            for executor in self._others:
+                executor.spin_once(timeout_sec=0.0)
             for node in self.hosted:
                 node.drain()
 
@@ -170,6 +179,8 @@ class Graph:
             node.stop()
             self.executor.remove_node(node)
             node.destroy_node()
+        for executor in self._others:
+            executor.shutdown()
         for node in self.strangers:
             node.destroy_node()
             rclpy.shutdown(context=node.context)

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from rclpy.duration import Duration
 from rclpy.qos import QoSProfile
 from valve_twin_msgs.msg import Float64Stamped
@@ -24,16 +26,32 @@ class Feeder:
         self._valve = SimulatedValve(get_simulation("press_cartridge"), seed)
         self.cycle_samples = self._valve.config.cycle_samples
         self.period_ns = self._valve.period_ns
+        self._graph, self._ns = graph, ns
+        self._publishers: list[Any] = []
+        self._open(qos)
+        self.sent = 0
+
+    @property
+    def publishers(self) -> list[Any]:
+        """Publishers of v_in, v_out and the position."""
+        return self._publishers
+
+    def restart(self, qos: QoSProfile | None = None) -> None:
+        """Publish from new publishers, as hardware does that was switched off and on."""
+        for publisher in self._publishers:
+            self._graph.node.destroy_publisher(publisher)
+        self._open(qos)
+
+    def _open(self, qos: QoSProfile | None) -> None:
         profile = qos or QoSProfile(depth=20000)
-        make = graph.node.create_publisher
+        make = self._graph.node.create_publisher
         self._publishers = [
-            make(Float64Stamped, f"{ns}/{topic}", profile)
+            make(Float64Stamped, f"{self._ns}/{topic}", profile)
             for topic in ("command/v_in", "command/v_out", "spool_position")
         ]
-        graph.spin_until(
+        self._graph.spin_until(
             lambda: all(p.get_subscription_count() for p in self._publishers), what="subscribers"
         )
-        self.sent = 0
 
     def wait_until_received(self) -> None:
         """Wait until the middleware of every subscriber has what was sent."""

@@ -3,6 +3,7 @@
 """What comes in, in whatever shape, and what is said about what does not."""
 
 import math
+import time
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -14,7 +15,9 @@ from valve_twin_msgs.msg import Float64Series, Float64Stamped, Prediction, Predi
 
 from test.nodes.conftest import NS
 from test.nodes.feeding import START_NS, Feeder
+from valve_twin.io.cdr import encode_stamped
 from valve_twin.nodes.convert import to_time
+from valve_twin.nodes.inputs import OVERRUN_S
 from valve_twin.nodes.twin import TwinNode
 
 
@@ -185,3 +188,25 @@ def test_one_process_hosts_many_valves_each_in_its_namespace(graph, history):
     Feeder(graph, "/press/v1").feed(10)
     Feeder(graph, "/press/v2").feed(20)
     graph.spin_until(lambda: (len(first), len(second)) == (10, 20), what="10 and 20 predictions")
+
+
+@pytest.mark.parametrize(
+    ("waited_s", "code"), [(0.0, "input.loss"), (2.0 * OVERRUN_S, "input.overrun")]
+)
+def test_what_our_own_queue_overwrote_is_told_apart_from_a_loss_on_the_way(
+    graph, history, waited_s, code
+):
+    """Before a message that waited long for us others were overwritten."""
+    node = graph.host(TwinNode, **history)
+    topic = next(t for t in node._valves[0].inputs if t.topic.endswith("position"))
+    received_ns = time.time_ns() - round(waited_s * 1e9)
+    for sequence in (1, 2, 10):
+        data = encode_stamped(START_NS + sequence * 30_000_000, 0.1)
+        info = {"received_timestamp": received_ns, "publication_sequence_number": sequence}
+        topic._on_message((data, info))
+
+    def found():
+        return {f.kind.code: f.events for f in node.faults.faults(NS) if f.subject == topic.topic}
+
+    graph.spin_until(lambda: {"input.overrun", "input.loss"} & set(found()), what="the count")
+    assert {c: n for c, n in found().items() if c in {"input.overrun", "input.loss"}} == {code: 7}
