@@ -8,7 +8,10 @@ import csv
 import json
 import os
 import shutil
+import signal
+import subprocess
 import sys
+import time
 from types import SimpleNamespace
 
 import pytest
@@ -214,6 +217,49 @@ def test_a_bag_that_kills_its_process_is_named_and_the_others_are_done(
     assert "its process was killed" in found["deadly"].error
     assert not any(found[name].error for name in GOOD)
     sys.modules.pop("killer", None)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_batch_and_the_same_command_goes_on(archive, tmp_path, number):
+    """SIGINT comes to every process of the terminal; SIGTERM to the first alone."""
+    bags, out = tmp_path / "bags", tmp_path / "out"
+    for k in range(30):
+        shutil.copytree(archive.bags / GOOD[k % 3], bags / f"bag_{k:02d}")
+    command = [sys.executable, "-m", "valve_twin.cli", "batch", bags, "--config", archive.config]
+    command += ["--out", out, "--jobs", "1"]
+    with (tmp_path / "log").open("w+") as log:
+        process = subprocess.Popen(
+            [str(c) for c in command], stderr=log, stdout=log, start_new_session=True
+        )
+        end = time.monotonic() + 60.0
+        while not (out / "bag_00.batch.json").exists() and time.monotonic() < end:
+            assert process.poll() is None
+            time.sleep(0.01)  # polls another process's folder; nothing depends on the length
+        if number == signal.SIGINT:
+            os.killpg(process.pid, number)
+        else:
+            process.send_signal(number)
+        assert process.wait(20.0) == 1
+        log.seek(0)
+        text = log.read()
+    assert "interrupted" in text
+    assert "the same command goes on" in text
+    done = len(list(out.glob("*.batch.json")))
+    assert 1 <= done < 30
+    with pytest.raises(ProcessLookupError):
+        _until_gone(process.pid)
+    tasks = tasks_of(bags, archive.configs)
+    again = list(run_batch(tasks, Results(out), in_this_process))
+    assert sum(result.kept for result in again) == done
+    assert not any(result.error for result in again)
+
+
+def _until_gone(group: int) -> None:
+    """Raise ProcessLookupError once no process of the group is left."""
+    end = time.monotonic() + 20.0
+    while time.monotonic() < end:
+        os.killpg(group, 0)
+        time.sleep(0.05)  # polls the process table; nothing depends on the length
 
 
 def _short_cycle(bag):

@@ -6,7 +6,9 @@ from __future__ import annotations
 
 import csv
 import io
+import signal
 import sys
+import threading
 from typing import TYPE_CHECKING
 
 from valve_twin.cli.common import FAILED, OK, add_config, add_verb, positive, progress_of, say
@@ -50,6 +52,8 @@ def _batch(arguments: argparse.Namespace) -> int:
     bags = find_bags(arguments.folder)
     tasks = [BatchTask(name, str(path.resolve()), configs) for name, path in bags]
     results = Results(arguments.out)
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does
     found: list[BagResult] = []
     try:
         with progress_of("estimating", len(tasks)) as advance:

@@ -82,8 +82,17 @@ class LocalRunner:
                     except BrokenProcessPool:
                         suspects += [task, *running.values()]
                         break
+        except BaseException:
+            _end(pool)
+            raise
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _end(pool: ProcessPoolExecutor) -> None:
+    """End the processes of a pool now: an interrupted batch does not wait for a long bag."""
+    for process in list((getattr(pool, "_processes", None) or {}).values()):
+        process.terminate()
 
 
 def _ignore_interrupts() -> None:
