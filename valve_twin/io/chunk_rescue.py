@@ -176,13 +176,15 @@ def _verified(data: Bytes, head: ChunkHead, end: int, hint: ChunkIndex | None) -
     for length in _lengths(head, end, hint):
         packed = bytes(data[head.packed_at : head.packed_at + length])
         for name in _compressions(head, packed):
-            records, _ = inflate(packed, name, _limit(head, hint))
+            records, complete = inflate(packed, name, _limit(head, hint))
             if zlib.crc32(records) != head.crc or (not records and head.size):
                 continue
             stop = head.packed_at + length
-            sound = _is_marked(data, head) and length == head.packed
+            sound = complete and _is_marked(data, head) and length == head.packed
             plain = sound and name == head.compression and len(records) == head.size
-            reason = "" if plain else "its head is damaged, its check sum proves its messages"
+            reason = (
+                "" if plain else "it is damaged outside its messages, which its check sum proves"
+            )
             return Unpacked(records, verified=True, plain=plain, end=stop, reason=reason)
     return None
 
