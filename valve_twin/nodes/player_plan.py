@@ -68,12 +68,38 @@ class Plan:
         By topic.
     whole, part : Stretch
         The bag, and what of it is wanted.
+    prefix : str
+        Before every topic.
+    rate : float
+        Bag seconds a second, 0 = as fast as the subscribers follow [1].
+    clock, clock_hz : bool, float
+        Whether /clock is published, and how often [1/s], 0 = before every message.
+    window : int
+        Messages between two answers of the subscribers [1], 0 = they are not asked.
+    lossless, allow_live, start_paused, loop : bool
+        As the parameters of these names.
+    delay_s, start_delay_s : float
+        As the parameters of these names [s].
+    wait_for_subscribers : int
+        As the parameter of this name [1].
     """
 
     bag: str
     routes: tuple[Route, ...]
     whole: Stretch
     part: Stretch
+    prefix: str
+    rate: float
+    clock: bool
+    clock_hz: float
+    window: int
+    lossless: bool
+    allow_live: bool
+    start_paused: bool
+    loop: bool
+    delay_s: float
+    start_delay_s: float
+    wait_for_subscribers: int
 
     def part_from(self, offset_ns: int, duration_ns: int, until_ns: int) -> Stretch:
         """Return another part of the same bag; see `stretch`."""
@@ -122,7 +148,24 @@ def read_plan(parameters: Parameters, where: str, warn: Callable[[str], object])
         duration_ns=_nanoseconds(parameters["duration_s"]),
         until_ns=int(parameters["until_ns"]),
     )
-    return Plan(bag, tuple(routes), stretch(bag), part)
+    return Plan(
+        bag,
+        tuple(routes),
+        stretch(bag),
+        part,
+        prefix=str(parameters["publish_prefix"]),
+        rate=float(parameters["rate"]),
+        clock=bool(parameters["clock"]),
+        clock_hz=float(parameters["clock_hz"]) if parameters["clock"] else 0.0,
+        window=int(parameters["window"]) if parameters["lossless"] else 0,
+        lossless=bool(parameters["lossless"]),
+        allow_live=bool(parameters["allow_live"]),
+        start_paused=bool(parameters["start_paused"]),
+        loop=bool(parameters["loop"]),
+        delay_s=float(parameters["delay_s"]),
+        start_delay_s=float(parameters["start_delay_s"]),
+        wait_for_subscribers=int(parameters["wait_for_subscribers"]),
+    )
 
 
 def _texts(parameters: Parameters, name: str) -> tuple[str, ...]:

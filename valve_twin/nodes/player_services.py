@@ -12,10 +12,11 @@ from valve_twin.nodes.services import DeferredService, Done
 
 if TYPE_CHECKING:
     from valve_twin.nodes.bag_player import BagPlayerNode
+    from valve_twin.nodes.playing import Playing
 
 
 class PlayerServices:
-    """Answers under the name of the player.
+    """Answers under the name of the player; without a bag there is nothing to be driven.
 
     Parameters
     ----------
@@ -40,37 +41,45 @@ class PlayerServices:
         DeferredService(player, srv.PlayNext, "~/play_next", self._on_play_next)
         DeferredService(player, srv.Burst, "~/burst", self._on_burst)
 
+    @property
+    def _playing(self) -> Playing | None:
+        return self._player.playing
+
     def _on_pause(self, request: Any, response: Any) -> Any:
         del request
-        self._player.pause()
+        if self._playing is not None:
+            self._playing.pause()
         return response
 
     def _on_resume(self, request: Any, response: Any) -> Any:
         del request
-        self._player.resume()
+        if self._playing is not None:
+            self._playing.resume()
         return response
 
     def _on_toggle(self, request: Any, response: Any) -> Any:
-        del request
-        (self._player.resume if self._player.is_paused else self._player.pause)()
-        return response
+        paused = self._playing is not None and self._playing.is_paused
+        return (self._on_resume if paused else self._on_pause)(request, response)
 
     def _on_is_paused(self, request: Any, response: Any) -> Any:
         del request
-        response.paused = self._player.is_paused
+        response.paused = self._playing is None or self._playing.is_paused
         return response
 
     def _on_set_rate(self, request: Any, response: Any) -> Any:
-        response.success = self._player.set_rate(float(request.rate))
+        playing = self._playing
+        response.success = playing is not None and playing.set_rate(float(request.rate))
         return response
 
     def _on_get_rate(self, request: Any, response: Any) -> Any:
         del request
-        response.rate = self._player.rate
+        playing = self._playing
+        response.rate = playing.rate if playing else float(self._player.parameters["rate"])
         return response
 
     def _on_seek(self, request: Any, response: Any) -> Any:
-        response.success = self._player.seek(_nanoseconds(request.time))
+        playing = self._playing
+        response.success = playing is not None and playing.seek(_nanoseconds(request.time))
         return response
 
     def _on_stop(self, request: Any, response: Any) -> Any:
@@ -79,7 +88,8 @@ class PlayerServices:
         return response
 
     def _on_play(self, request: Any, response: Any) -> Any:
-        response.success = self._player.play(
+        playing = self._playing
+        response.success = playing is not None and playing.play(
             _nanoseconds(request.start_offset),
             _nanoseconds(request.playback_duration),
             _nanoseconds(request.playback_until_timestamp),
@@ -93,14 +103,20 @@ class PlayerServices:
             response.success = played == 1
             done(response)
 
-        self._player.burst(1, answer)
+        self._burst(1, answer)
 
     def _on_burst(self, request: Any, response: Any, done: Done) -> None:
         def answer(played: int) -> None:
             response.actually_burst = played
             done(response)
 
-        self._player.burst(int(request.num_messages), answer)
+        self._burst(int(request.num_messages), answer)
+
+    def _burst(self, messages: int, answer: Any) -> None:
+        if self._playing is None:
+            answer(0)
+        else:
+            self._playing.burst(messages, answer)
 
 
 def _nanoseconds(time: Any) -> int:
