@@ -34,6 +34,8 @@ _DEEP = QoSProfile(depth=100_000)
 _NS = 1_000_000_000
 _STAMP = struct.Struct("<II")
 _STAMPED_BYTES = 28
+_COUNT = struct.Struct("<I")
+_COUNT_AT = 36  # of a PredictionSeries without a frame
 
 
 @dataclass(slots=True)
@@ -42,8 +44,8 @@ class Taken:
 
     Attributes
     ----------
-    messages : int
-        Their number.
+    messages, samples : int
+        Their number, and that of the samples in batches.
     last : bytes
         The newest, serialized.
     delay_ns : list of int
@@ -52,6 +54,7 @@ class Taken:
     """
 
     messages: int = 0
+    samples: int = 0
     last: bytes = b""
     delay_ns: list[int] = field(default_factory=list)
 
@@ -63,13 +66,17 @@ class Plant:
     ----------
     valves : sequence of str
         Namespaces of the valves.
-    batch : int
-        Samples a message; above 1 as Float64Series.
     domain : int
         ROS domain.
+    batch : int
+        Samples a message; above 1 as Float64Series.
+    slow : int
+        Stretches a production cycle of 850 samples by this factor.
     """
 
-    def __init__(self, valves: Sequence[str], domain: int, *, batch: int = 1) -> None:
+    def __init__(
+        self, valves: Sequence[str], domain: int, *, batch: int = 1, slow: int = 1
+    ) -> None:
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
         self._context = Context()
         rclpy.init(args=[], context=self._context, domain_id=domain)
@@ -80,7 +87,8 @@ class Plant:
             [self._node.create_publisher(kind, f"{v}/{t}", _DEEP) for t in TOPICS] for v in valves
         ]
         self._subscriptions: dict[str, tuple[Any, Taken]] = {}
-        self._columns = _columns()
+        self._columns = _columns(slow)
+        self._begin_ns = time.time_ns()
         self.sent = 0
 
     def __enter__(self) -> Plant:
@@ -133,12 +141,13 @@ class Plant:
     def _send(self, period_s: float | None) -> None:
         at = self.sent * self._batch
         self.sent += 1
-        stamp = time.time_ns()
         if self._batch == 1:
+            stamp = time.time_ns()
             row = self._columns[at % len(self._columns)].tolist()
             data = [encode_stamped(stamp, value) for value in row]
         else:
             assert period_s is not None
+            stamp = self._begin_ns + round(1e9 * at * period_s)
             rows = self._columns[np.arange(at, at + self._batch) % len(self._columns)]
             data = [encode_series(stamp, period_s, column) for column in rows.T]
         for group in self._publishers:
@@ -153,6 +162,8 @@ class Plant:
                     data, info = found
                     taken.messages += 1
                     taken.last = data
+                    if self._batch > 1 and len(data) > _COUNT_AT:
+                        taken.samples += _COUNT.unpack_from(data, _COUNT_AT)[0]
                     if len(data) < _STAMPED_BYTES:
                         continue
                     sec, nanosec = _STAMP.unpack_from(data, 4)
@@ -176,9 +187,11 @@ class Plant:
             time.sleep(0.005)
 
 
-def _columns() -> FloatArray:
+def _columns(slow: int) -> FloatArray:
     """Return v_in, v_out and position of a few production cycles, (N, 3)."""
     config = get_simulation("press_cartridge")
     blocks = list(simulate_cycles(config, 4, seed=1))
     inputs = np.concatenate([b.inputs for b in blocks])
-    return np.column_stack([inputs, np.concatenate([b.position for b in blocks])])
+    rows = np.column_stack([inputs, np.concatenate([b.position for b in blocks])])
+    at = np.arange(slow * len(rows)) / slow
+    return np.column_stack([np.interp(at, np.arange(len(rows)), column) for column in rows.T])

@@ -15,6 +15,14 @@ from valve_twin.bench.measure import Ratio, Scale, describe, median
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
+
+def _nodes(scale: Scale) -> Iterator[Ratio]:
+    """Compare nodes; the rest needs no ROS."""
+    from valve_twin.bench import nodes
+
+    return nodes.compare(scale)
+
+
 AREAS = {
     "simulation": simulation.compare,
     "estimation": estimation.compare,
@@ -22,6 +30,7 @@ AREAS = {
     "reading": reading.compare,
     "writing": writing.compare,
     "storing": storing.compare,
+    "nodes": _nodes,
 }
 """What is compared, by the name that `valve-twin bench NAME` takes."""
 

@@ -121,6 +121,8 @@ class TopicInput:
 
     def problem(self) -> tuple[str, str]:
         """Return fault code and one line why this topic gives nothing, both empty if it does."""
+        if self._matched and self._heard is not None and self.age_s <= self._config.silence_s:
+            return "", ""  # the graph need not be asked
         publishers = self._node.get_publishers_info_by_topic(self.topic)
         names = ", ".join(self.signals)
         key = f"signals.{self.signals[0]}"
