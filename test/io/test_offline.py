@@ -82,6 +82,14 @@ def gains(record):
     return np.array([e.value("K_in") for e in record.estimates if e.used_by_trend])
 
 
+def test_estimates_are_the_same_without_predictions(config, write, clean):
+    alone = run_bag(config, write(), predict=False)
+    assert [repr(e) for e in alone.estimates] == [repr(e) for e in clean.estimates]
+    assert alone.cycles == clean.cycles
+    assert clean.predictions
+    assert not alone.predictions
+
+
 def test_every_cycle_is_closed_and_estimated(clean):
     assert [c.cycle for c in clean.cycles] == [1, 2, 3, 4]
     assert np.isfinite(gains(clean)).all()
