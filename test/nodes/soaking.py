@@ -46,6 +46,16 @@ def valve_names(count: int) -> list[str]:
 
 
 @dataclasses.dataclass
+class Round:
+    """What was seen when one more cycle of every valve was done."""
+
+    stored: int
+    lost: int
+    rss_mb: float
+    blocks: float
+
+
+@dataclasses.dataclass
 class Result:
     """What was seen after the warm-up."""
 
@@ -145,6 +155,43 @@ class Soak:
             series["rss"], series["worker"], series["blocks"], cpu,
         )  # fmt: skip
 
+    def rounds(self, count: int, folder: Path) -> list[Round]:
+        """Let the plant make one cycle at a time and look at the twin when all is done."""
+        arguments = [str(x) for x in (self.valves, self.rate, self.batch, 0)]
+        self.plant = plant = self._start("plant", arguments, folder / "plant.log")
+        assert plant.stdin is not None
+        assert plant.stdout is not None
+        found = []
+        for _ in range(count):
+            assert plant.stdout.readline(), (folder / "plant.log").read_text()[-3000:]
+            plant.stdin.write("go\n")
+            plant.stdin.flush()
+            sent = (len(found) + 1) * CYCLE * self.valves
+            self.graph.spin_until(lambda n=sent: self._quiet(n), 90.0, "a quiet twin")
+            figures = self.figures()
+            lines = len(self._blocks())
+            os.kill(self.twin.pid, signal.SIGUSR1)
+            self.graph.spin_until(lambda n=lines: len(self._blocks()) > n, 20.0, "its blocks")
+            lost = (v for f in figures for k, v in f.items() if "/lost" in k)
+            found.append(
+                Round(
+                    sum(int(f["cycles stored"]) for f in figures),
+                    sum(int(v.split("/")[1]) for v in lost),
+                    rss_mb(self.twin.pid),
+                    self._blocks()[-1],
+                )
+            )
+            del self.diagnostics[:-2]
+        return found
+
+    def _quiet(self, sent: int) -> bool:
+        """Return whether all that was sent is predicted, estimated and stored."""
+        figures = self.figures()
+        waiting = ("estimations pending", "cycles unsaved")
+        if len(figures) < self.valves or any(int(f[k]) for f in figures for k in waiting):
+            return False
+        return sum(int(f["samples predicted"]) for f in figures) == sent
+
     def _wait(self, sent: int, cycles: int) -> None:
         def done() -> bool:
             figures = self.figures()
@@ -170,19 +217,24 @@ class Soak:
     def _blocks(self) -> list[float]:
         if not self.counts.exists():
             return []
-        lines = self.counts.read_text().splitlines()
-        return [float(line) for line in lines[-2:]]
+        return [float(line) for line in self.counts.read_text().splitlines()]
 
     def end(self) -> int:
-        for process in (self.plant, self.twin):
-            if process is not None and process.poll() is None:
-                process.send_signal(signal.SIGTERM)
-                process.wait(10)
-            if process is not None and process.stdin is not None:
-                process.stdin.close()
-            if process is not None and process.stdout is not None:
-                process.stdout.close()
+        """End both processes; the exit code of the twin."""
+        if self.plant is not None:
+            if self.plant.poll() is None:
+                self.plant.kill()
+            self._leave(self.plant)
+        if self.twin.poll() is None:
+            self.twin.send_signal(signal.SIGTERM)
+        self._leave(self.twin)
         return int(self.twin.returncode)
+
+    def _leave(self, process: subprocess.Popen[str]) -> None:
+        process.wait(10)
+        for pipe in (process.stdin, process.stdout):
+            if pipe is not None and not pipe.closed:
+                pipe.close()
 
 
 def rss_mb(pid: int) -> float:
@@ -233,7 +285,10 @@ def fill(database: Path, valves: int) -> None:
 
 
 def plant(valves: int, rate: float, batch: int, seconds: float) -> None:
-    """Publish the signals of all valves, `rate` times as fast as real time."""
+    """Publish the signals of all valves, `rate` times as fast as real time.
+
+    With no `seconds` a production cycle is published for every line of stdin.
+    """
     import rclpy
     from rclpy.duration import Duration
     from rclpy.node import Node
@@ -263,7 +318,13 @@ def plant(valves: int, rate: float, batch: int, seconds: float) -> None:
     step_ns = round(PERIOD_S * 1e9)
     second = max(round(1.0 / PERIOD_S / batch), 1) * batch
     sent, begin = 0, time.monotonic()
-    while time.monotonic() - begin < seconds:
+    while time.monotonic() - begin < seconds if seconds else True:
+        if not seconds and sent % CYCLE == 0:
+            sys.stdout.write(f"{sent}\n")
+            sys.stdout.flush()
+            if not sys.stdin.readline().strip():
+                return
+            begin = time.monotonic() - sent * PERIOD_S / rate
         stamp = start_ns + sent * step_ns
         for i, group in enumerate(publishers):
             at = (sent + i * CYCLE // len(publishers) + np.arange(batch)) % len(columns)

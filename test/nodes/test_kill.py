@@ -176,6 +176,7 @@ def test_a_twin_killed_at_any_time_gives_the_history_of_an_undisturbed_one(graph
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(7200)
 @pytest.mark.parametrize("seed", range(4))
 def test_so_it_does_after_many_kills(graph, tmp_path, seed):
     begin = time.monotonic()

@@ -10,6 +10,7 @@ import os
 from pathlib import Path
 
 import pytest
+from scipy.stats import theilslopes
 
 from test.nodes.soaking import CYCLE, PERIOD_S, Soak
 from valve_twin.io.history import History
@@ -45,19 +46,31 @@ def soak(graph, folder: Path, rate: float, seconds: float, every_s: float):
     return found
 
 
-def test_fifty_valves_at_twenty_times_real_time_lose_nothing_and_keep_no_cycle(graph, tmp_path):
-    """Half a minute is too short to tell 1 MB in 10 min: the memory of the last 50 cycles is still
-    being replaced. It tells whether cycles (48 kB each) or samples are kept."""
-    found = soak(graph, tmp_path, FAST, 22.0, 0.25)
-    warm_s = 5 * CYCLE * PERIOD_S / FAST
-    cycles = VALVES * 600.0 * FAST / (CYCLE * PERIOD_S)
-    slope, low, _ = found.slope("rss_mb", warm_s)
-    assert 1e3 * low / cycles < 12.0, f"{1e3 * slope / cycles:.1f} kB a cycle are kept"
-    blocks, least, _ = found.slope("blocks", warm_s)
-    assert least / cycles < 100.0, f"{blocks / cycles:.1f} blocks a cycle are kept"
+def test_fifty_valves_at_twenty_times_real_time_lose_nothing_and_keep_nothing(graph, tmp_path):
+    """A cycle of every valve at a time: what is kept of each is seen in a second or two.
+
+    The data of a cycle are 48 kB, its estimates some 200 blocks. What the twin remembers of the
+    last 50 cycles is still being replaced by equal content, which costs about 5 kB and 50 blocks
+    a cycle; that it comes to rest is for the long soak to show.
+    """
+    made = Soak(graph, tmp_path, valves=VALVES, rate=FAST, batch=34)
+    try:
+        rounds = made.rounds(10, tmp_path)
+        assert made.end() == 0
+    finally:
+        made.end()
+    assert rounds[-1].lost == 0
+    assert rounds[-1].stored >= VALVES * 8
+    warm = rounds[4:]
+    cycles = [r.stored for r in warm]
+    kept_kb = 1e3 * theilslopes([r.rss_mb for r in warm], cycles)[0]
+    assert kept_kb < 16.0, [r.rss_mb for r in rounds]
+    blocks = theilslopes([r.blocks for r in warm], cycles)[0]
+    assert blocks < 120.0, [r.blocks for r in rounds]
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(7200)
 def test_fifty_valves_for_half_an_hour(graph, tmp_path):
     seconds = float(os.environ.get("SOAK_S", "1800"))
     rate = float(os.environ.get("SOAK_RATE", str(FAST)))
