@@ -192,3 +192,14 @@ def test_a_report_says_what_is_damaged(bag):
     lines = report_lines(report)
     assert lines[-1].endswith("rewrite the bag with 'valve-twin recover'")
     assert any(line.startswith("damage: ") and ": byte " in line for line in lines)
+
+
+@pytest.mark.parametrize("name", ["convert_b", "multiple_files", "cdr_test", "wbag", "array_msgs"])
+def test_bags_of_real_recorders_are_rewritten_whole(shared, tmp_path, name):
+    path = shared / "rosbag2_bags" / name
+    if not path.exists():
+        pytest.skip(f"bags of real recorders are not there: {path}")
+    found = recover(path, tmp_path / "new")
+    assert (found.lost_count, found.losses, found.notes) == (0, (), ())
+    assert found.count == bag_info(path).message_count
+    assert bag_info(tmp_path / "new").message_count == found.count

@@ -231,7 +231,7 @@ class Scan:
         """Take the record at a place; return where to go on."""
         data, end = self._data, self._end
         op = data[at]
-        if op == Op.CHUNK or at in self._hints or self._is_chunk(at):
+        if at in self._hints or self._is_chunk(at):
             self._end_loose(at)
             return self._chunk(at)
         stop = record_end(data, at, end)
@@ -246,8 +246,13 @@ class Scan:
         return self._gap(at)
 
     def _is_chunk(self, at: int) -> bool:
-        """Return whether a chunk stands here under another opcode."""
+        """Return whether a chunk stands here, perhaps under another opcode."""
         own = self._data[at]
+        if own == Op.CHUNK:
+            heads = read_heads(self._data, at, self._end)
+            if self._chunked or any(head.agrees for head in heads):
+                return True
+            return unpack(self._data, at, self._end).verified
         if own <= Op.DATA_END and record_end(self._data, at, self._end) is not None:
             return False
         return record_end(self._data, at, self._end, op=Op.CHUNK) is not None
@@ -271,7 +276,7 @@ class Scan:
 
     def _odd(self, op: int, at: int, stop: int) -> None:
         """Pass a record whose contents deny its kind."""
-        if op == Op.MESSAGE or (not self._chunked and op not in _KINDS):
+        if op == Op.MESSAGE or not self._chunked:
             self._lose(at, stop, "message", "its head is damaged", None)
         else:
             self._flaw(at, stop - at, _KINDS.get(op, "record"), "its contents are damaged")
