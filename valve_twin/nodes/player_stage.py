@@ -96,6 +96,13 @@ class Stage:
         """Return whether every topic has had so many subscribers for a while; at least one."""
         return self._gate.is_open(self._publishers, max(wanted, 1), seconds_now())
 
+    def is_met(self) -> bool:
+        """Return whether every subscriber that the graph knows of has been matched."""
+        return all(
+            p.get_subscription_count() >= self._node.count_subscribers(p.topic_name)
+            for p in self._publishers
+        )
+
     def meet(self) -> None:
         """Look up who subscribes, so that they can be asked whether they follow."""
         self._flow.meet()

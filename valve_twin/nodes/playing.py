@@ -23,6 +23,10 @@ if TYPE_CHECKING:
 JUMP_S = 1.0
 """How long what was sent before a jump may take to arrive before the jump is published [s]."""
 
+MEET_S = 5.0
+"""How much longer a subscriber that is in sight but not matched yet is waited for [s]; on a busy
+machine the one was seen to come seconds after the other, and some never match."""
+
 
 class Phase(Enum):
     """What a player is about."""
@@ -176,7 +180,8 @@ class Playing:
         """Begin when the graph is settled and enough subscribers are there."""
         now, wanted = seconds_now(), self._plan.wait_for_subscribers
         attended = stage.is_attended(wanted)
-        given_up = not wanted and now > self._latest_s
+        met = stage.is_met() or now > self._latest_s + MEET_S
+        given_up = not wanted and now > self._latest_s and met
         if now < self._earliest_s or not (attended or given_up):
             return False
         stage.check()
