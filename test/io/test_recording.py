@@ -7,6 +7,8 @@ import itertools
 import os
 import shutil
 import subprocess
+import threading
+import time
 from contextlib import suppress
 
 import pytest
@@ -58,7 +60,7 @@ def records(path):
         yield from StreamReader(stream, validate_crcs=True).records
 
 
-def values(path, size: int | None = None) -> list[float]:
+def values(path, size: int | None = None) -> list[int]:
     """Read the values of a whole file, or of its first bytes, with another reader."""
     part = path.with_suffix(".part")
     part.write_bytes(path.read_bytes()[:size])
@@ -67,7 +69,7 @@ def values(path, size: int | None = None) -> list[float]:
     return found
 
 
-def metadata(path) -> dict:
+def metadata(path):
     return yaml.safe_load((path / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
 
 
@@ -333,3 +335,45 @@ def test_losses_stand_in_the_metadata_of_every_file(tmp_path):
     assert [f["lost_transport /a"] for f in found] == ["1", "2", "3"]
     assert {f["serial"] for f in found} == {"4711"}
     assert metadata(tmp_path / "bag")["custom_data"]["lost_transport /a"] == "4"
+
+
+def test_a_sync_that_takes_long_does_not_hold_up_writing(tmp_path):
+    """What comes during the sync is the kernel's within the time to flush all the same."""
+    clock = Clock()
+    disk = threading.Event()
+    recording = opened(
+        tmp_path / "bag", clock=clock, sync=lambda _: disk.wait(20), in_background=True
+    )
+    for i in range(400):
+        clock.now = i * PERIOD_NS * 1e-9
+        recording.write([message(i)])
+    assert len(values(tmp_path / "bag" / "bag_0.mcap")) >= 300
+    disk.set()
+    recording.close()
+    assert bag_info(tmp_path / "bag").message_count == 400
+
+
+def test_the_error_of_a_late_sync_is_trouble_at_the_next(tmp_path):
+    clock = Clock()
+    failing = threading.Event()
+
+    def sync(_number):
+        if failing.is_set():
+            failed.set()
+            raise OSError(errno.EIO, "Input/output error")
+
+    failed = threading.Event()
+    recording = opened(tmp_path / "bag", clock=clock, sync=sync, in_background=True)
+    failing.set()
+    recording.write([message(0)])
+    clock.now = 1.0
+    recording.tick()
+    assert failed.wait(20)
+    failing.clear()
+    end = time.monotonic() + 20.0
+    while not recording.trouble and time.monotonic() < end:
+        clock.now += 1.0
+        recording.write([message(1)])
+        recording.tick()
+    assert "Input/output error" in recording.trouble
+    recording.close()

@@ -35,6 +35,7 @@ RATE_HZ = 200.0
 LONGEST_S = 3600
 PROMISE_NS = 1_000_000_000
 START_S = 40.0
+SPLIT_S = 0.3
 
 
 @dataclass(frozen=True)
@@ -75,10 +76,9 @@ def publish_until_killed(path: str) -> None:
     begin = time.monotonic()
     for i in range(len(sent)):
         time.sleep(max(begin + i / RATE_HZ - time.monotonic(), 0.0))
-        now = time.time_ns()
         for publisher in publishers:
-            publisher.publish(encode_stamped(now, float(i)))
-        sent[i] = now
+            publisher.publish(encode_stamped(time.time_ns(), float(i)))
+        sent[i] = time.time_ns()  # all three are with the middleware
 
 
 def fork_recorders() -> None:
@@ -135,13 +135,15 @@ class KillingField:
         return self._mother.stdout.readline().strip()
 
     def start(self) -> Recorder:
-        """Start a recorder of all topics."""
+        """Start a recorder of all topics; every third begins a new file all the time."""
         assert self._mother.stdin is not None
         self._count += 1
         bag, log = self._folder / f"bag{self._count}", self._folder / f"log{self._count}"
         topics = ",".join(TOPICS)
         arguments = ["--ros-args", "-r", f"__ns:=/r{self._count}", "-p", f"bag:={bag}"]
         arguments += ["-p", f"topics:=[{topics}]"]
+        if self._count % 3 == 0:
+            arguments += ["-p", f"max_bag_duration:={SPLIT_S}"]
         arguments += ["-p", "start_type_description_service:=false"]
         self._mother.stdin.write("\t".join([str(log), *arguments]) + "\n")
         self._mother.stdin.flush()
@@ -153,8 +155,7 @@ class KillingField:
         """Read what a killed recorder left and hold it against what was sent."""
         whole = recorder.bag.with_name(f"{recorder.bag.name}_recovered")
         recover(recorder.bag, whole)
-        found = read_cut(whole / f"{whole.name}_0.mcap")
-        plain = read_cut(recorder.bag / f"{recorder.bag.name}_0.mcap")
+        found, plain = read_cut(whole), read_cut(recorder.bag)
         assert all(set(found.get(t, ())) >= set(numbers) for t, numbers in plain.items())
         shutil.rmtree(whole)
         sent = np.array(self._sent)
@@ -203,12 +204,11 @@ class Recorder:
 
     def records(self) -> bool:
         """Whether messages of every topic stand in the file."""
-        file = self.bag / f"{self.bag.name}_0.mcap"
-        size = file.stat().st_size if file.exists() else 0
+        size = sum(f.stat().st_size for f in self.bag.glob("*.mcap"))
         if size == self.seen:
             return False
         self.seen = size
-        return set(read_cut(file)) == set(TOPICS)
+        return set(read_cut(self.bag)) == set(TOPICS)
 
     def kill(self) -> None:
         """Kill it, and note when."""
@@ -224,17 +224,18 @@ class Recorder:
         return False
 
 
-def read_cut(path: Path) -> dict[str, list[int]]:
-    """Read the counts of every topic out of a file that ends anywhere."""
-    names: dict[int, str] = {}
+def read_cut(bag: Path) -> dict[str, list[int]]:
+    """Read the counts of every topic out of files that end anywhere, with another reader."""
     found: dict[str, list[int]] = {}
-    with path.open("rb") as stream, suppress(McapError, EOFError):
-        for record in StreamReader(stream, validate_crcs=True).records:
-            if isinstance(record, Channel):
-                names[record.id] = record.topic
-            elif isinstance(record, Message):
-                value = np.frombuffer(record.data[-8:], dtype="<f8")[0]
-                found.setdefault(names[record.channel_id], []).append(int(value))
+    for path in bag.glob("*.mcap"):
+        names: dict[int, str] = {}
+        with path.open("rb") as stream, suppress(McapError, EOFError):
+            for record in StreamReader(stream, validate_crcs=True).records:
+                if isinstance(record, Channel):
+                    names[record.id] = record.topic
+                elif isinstance(record, Message):
+                    value = np.frombuffer(record.data[-8:], dtype="<f8")[0]
+                    found.setdefault(names[record.channel_id], []).append(int(value))
     return found
 
 

@@ -96,6 +96,8 @@ class BagWriter:
         Bytes in a chunk before compression.
     compressed : bool
         Whether chunks are compressed with zstd.
+    sync_now : callable, optional
+        Where `sync` only orders a sync: what really does it, for metadata.yaml.
     at_once : bool
         Make the first file now, not with the first message.
     noted : callable, optional
@@ -119,6 +121,7 @@ class BagWriter:
         split: SplitRule | None = None,
         chunk_size: int = CHUNK_SIZE,
         compressed: bool = True,
+        sync_now: Callable[[int], object] | None = None,
         at_once: bool = True,
         noted: Callable[[], Mapping[str, object]] | None = None,
         on_split: Callable[[str, str], object] | None = None,
@@ -127,6 +130,8 @@ class BagWriter:
         self._flush_s, self._clock, self._sync = flush_s, clock, sync
         self._rule = split or SplitRule()
         self._chunk_size, self._compressed = chunk_size, compressed
+        self._sync_now = sync_now or sync
+        self._sync_folder = os.fsync if sync_now is None else sync
         self._lazy, self._noted, self._on_split = not at_once, noted, on_split
         self._span_ns = int(self._rule.duration_s * 1e9)
         self._topics: dict[str, _Topic] = {}
@@ -396,7 +401,7 @@ class BagWriter:
                 chunk_size=self._chunk_size,
                 compressed=self._compressed,
             )
-            sync_folder(self.path, os.fsync)
+            sync_folder(self.path, self._sync_folder)
         except OSError as err:
             if file is not None:
                 self._remove(file)
@@ -597,7 +602,7 @@ class BagWriter:
             with beside.open("w", encoding="utf-8") as stream:
                 stream.write(metadata_text(self._content()))
                 stream.flush()
-                self._sync(stream.fileno())
+                self._sync_now(stream.fileno())
         except OSError:
             beside.unlink(missing_ok=True)
             raise

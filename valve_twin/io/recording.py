@@ -10,6 +10,7 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from valve_twin.io.background_sync import BackgroundSync
 from valve_twin.io.bag_writer import BagWriter, SplitRule
 from valve_twin.io.errors import BagError
 
@@ -25,6 +26,9 @@ LOOK_BYTES = 64 * 1024
 
 LOOK_S = 1.0
 """Time after which the free space is looked at again [s]."""
+
+SYNC_S = 10.0
+"""Longest wait for the last sync at the end [s]."""
 
 MARGIN_BYTES = 1024 * 1024
 """Free space above the floor that recording needs to go on [B]."""
@@ -83,6 +87,8 @@ class Recording:
         Steady clock [s].
     sync, free : callable
         `os.fsync` and `free_bytes`, or what stands for them in a test.
+    in_background : bool
+        Sync the files on a thread of their own.
 
     Raises
     ------
@@ -103,7 +109,9 @@ class Recording:
         clock: Callable[[], float] = time.monotonic,
         sync: Callable[[int], object] = os.fsync,
         free: Callable[[Path], int] = free_bytes,
+        in_background: bool = False,
     ) -> None:
+        self._late = BackgroundSync(sync) if in_background else None
         self._disk, self._flush_s = disk or DiskRule(), flush_s
         self._clock, self._free = clock, free
         self._by_snapshot = by_snapshot
@@ -111,7 +119,8 @@ class Recording:
             path,
             flush_s=math.inf,
             clock=clock,
-            sync=sync,
+            sync=self._late or sync,
+            sync_now=sync if in_background else None,
             split=split,
             at_once=not by_snapshot,
             noted=noted,
@@ -225,7 +234,11 @@ class Recording:
         BagError
             If the disk is full.
         """
-        self._writer.close()
+        try:
+            self._writer.close()
+        finally:
+            if self._late is not None:
+                self._late.close(SYNC_S)
 
     # -- figures
 

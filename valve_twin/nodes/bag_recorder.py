@@ -79,6 +79,7 @@ class BagRecorderNode(ValveNode):
             disk=config.disk,
             by_snapshot=config.snapshot is not None,
             noted=partial(self._losses, self._topics),
+            in_background=True,
             on_split=lambda closed, opened: self.post(partial(self._on_split, closed, opened)),
         )
         self._recording.note(config.custom)
@@ -119,7 +120,7 @@ class BagRecorderNode(ValveNode):
     def cleanup(self) -> None:
         """Write what waits and finish the file."""
         if self._disk is not None and not self._disk.close(CLOSE_S):
-            self.get_logger().error("the disk is too slow: the last file of the bag is unfinished")
+            self.get_logger().error("the disk is too slow: the end of the bag is not on it yet")
         for publisher in (self._status, self._splits):
             if publisher is not None:
                 self.destroy_publisher(publisher)
