@@ -289,3 +289,20 @@ def test_batches_without_a_period_that_can_be_are_named(tmp_path, monkeypatch, c
     (found,) = read_columns(path, [SignalSource("a", TOPIC, SERIES_TYPE, "values[]")])
     assert found.log_ns.tolist() == [0] * 5 + [5] * 5
     assert "topic '/a': 4 of 6 batches have no period that can be" in caplog.text
+
+
+@pytest.mark.parametrize("size", [1, 500, 4000])
+def test_messages_outside_chunks_are_read_piece_by_piece(tmp_path, monkeypatch, size):
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream, use_chunking=False)
+        writer.start("ros2", "test")
+        schema = writer.register_schema(STAMPED_TYPE, "ros2msg", definition(STAMPED_TYPE).encode())
+        channel = writer.register_channel(TOPIC, "cdr", schema)
+        for i in range(100):
+            stamp = START_NS + i
+            writer.add_message(channel, stamp, encode_stamped(stamp, float(i)), stamp)
+        writer.finish()
+    monkeypatch.setattr(bag_signals, "_MOST_LOOSE", size)
+    for found in both(monkeypatch, path, [SignalSource("a", TOPIC)]):
+        assert found[0].values.tolist() == list(range(100))

@@ -29,7 +29,7 @@ from valve_twin.io.columns import Columns, ColumnStore, FieldPlan, Walker, pays
 from valve_twin.io.errors import BagError
 from valve_twin.io.layout import layout_of
 from valve_twin.io.mapping import Extractor, SignalBlock, SignalSource
-from valve_twin.io.mcap_reader import messages
+from valve_twin.io.mcap_reader import messages, record_pieces
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -45,7 +45,11 @@ for another in vain."""
 
 _LOGGER = logging.getLogger("valve_twin")
 _BATCH_SIZE = 4 << 20
+_MAX_EMPTY = 4_000_000
+"""Rounds without samples that are gone through one by one: 46 days of seconds."""
+
 _MAX_CAPACITY = 1 << 24
+_MOST_LOOSE = 1 << 28
 _LAST_NS = 2**63 - 1
 
 
@@ -283,8 +287,14 @@ def _read_chunk(part: _Part, chunk: ChunkIndex | None, store: ColumnStore) -> in
     present = chunk.message_indexes if chunk is not None else None
     if present and part.channels.isdisjoint(present):
         return 0
-    file = part.file
-    data = file.loose_messages() if chunk is None else file.chunk_view(chunk)
+    if chunk is not None:
+        return _read_data(part, part.file.chunk_view(chunk), store)
+    pieces = record_pieces(part.file.loose_messages(), _MOST_LOOSE)
+    return sum(_read_data(part, piece, store) for piece in pieces)
+
+
+def _read_data(part: _Part, data: bytes | memoryview, store: ColumnStore) -> int:
+    """Add the samples of some records to the store; return their size [B]."""
     slow = part.slow
     if part.walker is not None:
         odd = part.walker.take(data, store)
@@ -323,6 +333,15 @@ def _decode(
             )
 
 
+def _edges(ready: dict[int, Columns], first: int, last: int, slice_ns: int) -> IntArray:
+    """Return the ends of the rounds [ns]; only those with samples where a stray time is far off."""
+    samples = sum(len(c.log_ns) for c in ready.values())
+    if (last - first) // slice_ns < _MAX_EMPTY + samples:
+        return np.arange(first + slice_ns, last + slice_ns + 1, slice_ns, dtype=np.int64)
+    rounds = [np.unique((c.log_ns - first) // slice_ns) for c in ready.values()]
+    return first + (np.unique(np.concatenate(rounds)) + 1) * slice_ns
+
+
 def _slices(
     ready: dict[int, Columns], wanted: Sequence[SignalSource], slice_ns: int
 ) -> Iterator[SignalBlock]:
@@ -331,7 +350,7 @@ def _slices(
         return
     first = min(int(c.log_ns[0]) for c in ready.values())
     last = max(int(c.log_ns[-1]) for c in ready.values())
-    edges = np.arange(first + slice_ns, last + slice_ns + 1, slice_ns, dtype=np.int64)
+    edges = _edges(ready, first, last, slice_ns)
     cuts = {i: np.searchsorted(c.log_ns, edges, side="left").tolist() for i, c in ready.items()}
     stamped = {i: bool(c.stamped.all()) for i, c in ready.items()}
     begins = dict.fromkeys(ready, 0)

@@ -359,6 +359,17 @@ def _metadata_places(tail: bytes) -> dict[str, tuple[int, int]]:
     return places
 
 
+def record_pieces(data: memoryview, size: int) -> Iterator[memoryview]:
+    """Cut a long section between two records into pieces of about a size [B]."""
+    at = begin = 0
+    while len(data) - begin > size and at + RECORD_HEAD.size <= len(data):
+        if at - begin >= size:
+            yield data[begin:at]
+            begin = at
+        at += RECORD_HEAD.size + RECORD_HEAD.unpack_from(data, at)[1]
+    yield data[begin:]
+
+
 def messages(data: bytes | memoryview, channels: set[int]) -> Iterator[RawMessage]:
     """Yield the messages of some channels in a decompressed chunk, in file order."""
     at, end, head = 0, len(data), MESSAGE_HEAD.size
