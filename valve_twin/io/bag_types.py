@@ -94,7 +94,7 @@ class BagTypes:
         except _UNDECODABLE as err:
             msg = (
                 f"{self.where}: the message at log time {log_ns} ns is no valid {self.name}; "
-                "rewrite the bag without it"
+                "rewrite the bag with 'valve-twin recover'"
             )
             raise BagError(msg) from err
 
