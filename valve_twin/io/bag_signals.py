@@ -48,9 +48,6 @@ _BATCH_SIZE = 4 << 20
 _MAX_EMPTY = 4_000_000
 """Rounds without samples that are gone through one by one: 46 days of seconds."""
 
-_MAX_EMPTY = 4_000_000
-"""Rounds without samples that are gone through one by one: 46 days of seconds."""
-
 _MAX_CAPACITY = 1 << 24
 _MOST_LOOSE = 1 << 28
 _LAST_NS = 2**63 - 1
@@ -334,15 +331,6 @@ def _decode(
             store.append(
                 one.row, message.log_ns, block.stamp_ns, block.values, stamped=block.has_header
             )
-
-
-def _edges(ready: dict[int, Columns], first: int, last: int, slice_ns: int) -> IntArray:
-    """Return the ends of the rounds [ns]; only those with samples where a stray time is far off."""
-    samples = sum(len(c.log_ns) for c in ready.values())
-    if (last - first) // slice_ns < _MAX_EMPTY + samples:
-        return np.arange(first + slice_ns, last + slice_ns + 1, slice_ns, dtype=np.int64)
-    rounds = [np.unique((c.log_ns - first) // slice_ns) for c in ready.values()]
-    return first + (np.unique(np.concatenate(rounds)) + 1) * slice_ns
 
 
 def _edges(ready: dict[int, Columns], first: int, last: int, slice_ns: int) -> IntArray:
