@@ -48,6 +48,8 @@ def run(name: str) -> int:
     """Run a node by its name; the signals are taken before the slow imports begin."""
     signals.install()
     gc.disable()  # until the node has started: imports make hardly any garbage
+    # numba imports a tool of tests where it is installed: 5 MB
+    sys.modules.setdefault("coverage", None)  # type: ignore[arg-type]
     if name == "bag_player":
         import_module("valve_twin.nodes.transport").quicken()
     make = getattr(import_module(f"valve_twin.nodes.{name}"), _NODES[name])

@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
-from scipy.special import stdtr, stdtrit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
@@ -89,6 +88,8 @@ class Line:
         """Two-sided probability of so steep a slope without any drift [1]."""
         if not self.var_slope > 0.0:
             return 1.0 if self.slope == 0.0 else 0.0
+        from scipy.special import stdtr  # slow to import
+
         return float(2.0 * stdtr(self.freedom, -abs(self.slope) / self.var_slope**0.5))
 
     def _around(self, value: float, variance: float, confidence: float) -> tuple[float, float]:
@@ -98,6 +99,8 @@ class Line:
 
 def quantile(freedom: float, confidence: float) -> float:
     """Return the two-sided quantile of Student's t for `freedom` degrees of freedom [1]."""
+    from scipy.special import stdtrit  # slow to import
+
     return float(stdtrit(freedom, 0.5 + 0.5 * confidence))
 
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-import daqp
 import numpy as np
 
 if TYPE_CHECKING:
@@ -93,6 +92,8 @@ def _daqp(
     p: QuadraticProgram, h: FloatArray, linear: FloatArray
 ) -> tuple[FloatArray, int, FloatArray]:
     """Minimise s h s / 2 + linear s inside: (s, flag, multipliers); flag > 0 = solved."""
+    import daqp  # only where estimates are made
+
     m = len(p.b)
     s, _, flag, info = daqp.solve(
         np.ascontiguousarray(h),
