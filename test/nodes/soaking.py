@@ -161,7 +161,7 @@ class Soak:
         self.plant = plant = self._start("plant", arguments, folder / "plant.log")
         assert plant.stdin is not None
         assert plant.stdout is not None
-        found = []
+        found: list[Round] = []
         for _ in range(count):
             assert plant.stdout.readline(), (folder / "plant.log").read_text()[-3000:]
             plant.stdin.write("go\n")

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -90,10 +91,8 @@ class History:
         self._claims: dict[str, Claim] = {}
         self._mending = threading.Lock()
         self.notices: deque[str] = deque(maxlen=100)
-        if self._database.is_sqlite:
-            from sqlalchemy.dialects.sqlite import insert
-        else:
-            from sqlalchemy.dialects.postgresql import insert  # slow to import
+        kind = "sqlite" if self._database.is_sqlite else "postgresql"  # that one is slow to import
+        insert: Any = import_module(f"sqlalchemy.dialects.{kind}").insert
         self._insert_valve = insert(VALVE).on_conflict_do_nothing()
         self._insert_cycle = self._database.compile(insert(CYCLE).on_conflict_do_nothing())
         self._insert_estimate = self._database.compile(ESTIMATE.insert().values(_names(ESTIMATE)))
