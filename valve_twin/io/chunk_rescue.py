@@ -176,11 +176,11 @@ def _verified(data: Bytes, head: ChunkHead, end: int, hint: ChunkIndex | None) -
     for length in _lengths(head, end, hint):
         packed = bytes(data[head.packed_at : head.packed_at + length])
         for name in _compressions(head, packed):
-            records, complete = inflate(packed, name, _limit(head, hint))
+            records, used = inflate(packed, name, _limit(head, hint))
             if zlib.crc32(records) != head.crc or (not records and head.size):
                 continue
-            stop = head.packed_at + length
-            sound = complete and _is_marked(data, head) and length == head.packed
+            stop = head.packed_at + (length if used is None else used)
+            sound = _is_marked(data, head) and used == head.packed
             plain = sound and name == head.compression and len(records) == head.size
             reason = (
                 "" if plain else "it is damaged outside its messages, which its check sum proves"
@@ -195,10 +195,10 @@ def _nearly(data: Bytes, head: ChunkHead, end: int) -> Unpacked | None:
         return None
     packed = bytes(data[head.packed_at : head.end])
     for name in _compressions(head, packed):
-        records, complete = inflate(packed, name, _limit(head, None))
+        records, used = inflate(packed, name, _limit(head, None))
         other = zlib.crc32(records) ^ head.crc
         one_byte = sum(bool(other >> shift & 0xFF) for shift in (0, 8, 16, 24)) == 1
-        if complete and len(records) == head.size and one_byte and walk(records).whole:
+        if used is not None and len(records) == head.size and one_byte and walk(records).whole:
             return Unpacked(
                 records,
                 verified=False,
@@ -220,8 +220,9 @@ def _unverified(
         packed = bytes(data[head.packed_at : head.packed_at + length])
         stop = None if cut else head.packed_at + length
         for name in _compressions(head, packed):
-            records, complete = inflate(packed, name, _limit(head, hint))
-            if not cut and complete and len(records) == head.size:
+            records, used = inflate(packed, name, _limit(head, hint))
+            if not cut and used is not None and len(records) == head.size:
+                stop = head.packed_at + used
                 plain = _is_marked(data, head) and name == head.compression
                 reason = "" if plain else "its head is damaged and it has no check sum"
                 return Unpacked(records, verified=False, plain=plain, end=stop, reason=reason)
@@ -253,8 +254,8 @@ def _compressions(head: ChunkHead, packed: bytes) -> list[str]:
     return list(dict.fromkeys((*named, *marked)))
 
 
-def inflate(packed: bytes, compression: str, limit: int) -> tuple[bytes, bool]:
-    """Return what unpacks of compressed bytes, and whether their end was reached.
+def inflate(packed: bytes, compression: str, limit: int) -> tuple[bytes, int | None]:
+    """Return what unpacks of compressed bytes, and how many of them that took.
 
     Parameters
     ----------
@@ -264,13 +265,18 @@ def inflate(packed: bytes, compression: str, limit: int) -> tuple[bytes, bool]:
         "zstd", "lz4" or "".
     limit : int
         Stop beyond this many bytes.
+
+    Returns
+    -------
+    bytes, int or None
+        The bytes; None where their end was not reached.
     """
     if not compression:
-        return packed, True
+        return packed, len(packed)
     for step in (max(1, len(packed)), _STEP):
         stream = _stream(compression)
         parts: list[bytes] = []
-        size = 0
+        size, at = 0, 0
         try:
             for at in range(0, len(packed), step):
                 parts.append(stream.decompress(packed[at : at + step]))
@@ -279,10 +285,11 @@ def inflate(packed: bytes, compression: str, limit: int) -> tuple[bytes, bool]:
                     break
         except (zstandard.ZstdError, RuntimeError, MemoryError, EOFError):
             if step == _STEP:
-                return b"".join(parts), False
+                return b"".join(parts), None
             continue
-        return b"".join(parts), bool(stream.eof)
-    return b"", False
+        used = min(at + step, len(packed)) - len(stream.unused_data or b"")
+        return b"".join(parts), used if stream.eof else None
+    return b"", None
 
 
 def _stream(compression: str):  # type: ignore[no-untyped-def]  # noqa: ANN202
