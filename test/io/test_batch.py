@@ -181,6 +181,20 @@ def test_what_a_result_was_made_from_decides_whether_it_is_kept(good, archive, t
     assert results.finished(tasks[1]) is None
 
 
+def test_a_cut_bag_is_estimated_as_far_as_it_goes_and_its_loss_is_told(good, archive, tmp_path):
+    (file,) = (good / GOOD[0]).glob("*.mcap")
+    file.write_bytes(file.read_bytes()[: int(0.7 * file.stat().st_size)])
+    results = Results(tmp_path / "out")
+    found = {
+        r.name: r for r in run_batch(tasks_of(good, archive.configs), results, in_this_process)
+    }
+    cut, whole = found[GOOD[0]], found[GOOD[1]]
+    assert not cut.error
+    assert any("lost" in note for note in cut.notes)
+    assert 0 < cut.cycles <= whole.cycles
+    assert not whole.notes
+
+
 def _digest_of_kept(results, task):
     kept = results.finished(task)
     return kept.digest if kept is not None and kept.kept else ""

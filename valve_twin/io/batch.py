@@ -8,7 +8,10 @@ Tasks share nothing: where and in which order they run changes no bit.
 from __future__ import annotations
 
 import dataclasses
+import logging
 import os
+import threading
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -74,13 +77,34 @@ def estimate_task(task: BatchTask) -> BagResult:
     """
     try:
         files, digest = file_marks(task.bag), digest_of(task)
-        return _estimated(BagResult(task.name, digest, files), task)
+        with _warnings() as notes:
+            result = _estimated(BagResult(task.name, digest, files), task)
+        return dataclasses.replace(result, notes=(*dict.fromkeys(notes), *result.notes))
     except ValveTwinError as err:
         return BagResult(task.name, error=" ".join(str(err).split()))
     except OSError as err:
         return BagResult(task.name, error=f"{err.filename or task.bag}: {err.strerror or err}")
     except Exception as err:  # one bad bag must not stop the others
         return BagResult(task.name, error=f"{task.bag}: {type(err).__name__}: {err}")
+
+
+@contextmanager
+def _warnings() -> Iterator[list[str]]:
+    """Collect what the reader warns of in this thread, such as the losses of a damaged bag."""
+    notes: list[str] = []
+    logger, thread = logging.getLogger("valve_twin"), threading.get_ident()
+
+    class Collector(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            if record.thread == thread:
+                notes.append(" ".join(record.getMessage().split()))
+
+    collector = Collector(logging.WARNING)
+    logger.addHandler(collector)
+    try:
+        yield notes
+    finally:
+        logger.removeHandler(collector)
 
 
 def _estimated(result: BagResult, task: BatchTask) -> BagResult:

@@ -54,7 +54,7 @@ class LocalRunner:
                 alone = [suspects.pop()]
                 died: list[BatchTask] = []
                 yield from self._until_broken(alone, died, 1)
-                for task in died:
+                for task in (*died, *alone):
                     yield BagResult(
                         task.name,
                         error=f"{task.bag}: its process was killed twice, by the system or by a "
@@ -71,17 +71,16 @@ class LocalRunner:
         pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_ignore_interrupts)
         running: dict[Future[BagResult], BatchTask] = {}
         try:
-            while (left or running) and not suspects:
+            while left or running:
                 while left and len(running) < jobs:
-                    task = left.pop(0)
-                    running[pool.submit(estimate_task, task)] = task
+                    running[pool.submit(estimate_task, left[0])] = left[0]
+                    left.pop(0)
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    task = running.pop(future)
-                    try:
-                        yield future.result()
-                    except BrokenProcessPool:
-                        suspects += [task, *running.values()]
-                        break
+                    result = future.result()
+                    running.pop(future)
+                    yield result
+        except BrokenProcessPool:  # a process died: any that ran may have done it
+            suspects += running.values()
         except BaseException:
             _end(pool)
             raise
