@@ -94,7 +94,7 @@ def test_a_twin_that_stands_still_for_a_while_misses_nothing(graph, tmp_path):
     finally:
         twin.process.send_signal(signal.SIGCONT)
     assert counted(graph, player, statuses, 60.0) == [(samples, 0, 0)] * 3
-    assert [len(h) for h in heard] == [samples] * 3
+    graph.spin_until(lambda: [len(h) for h in heard] == [samples] * 3, what="all, here too")
 
 
 def test_a_state_of_depth_one_is_not_overwritten(graph, tmp_path):
