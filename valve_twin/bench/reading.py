@@ -183,7 +183,7 @@ def _against_compiled(what: str, path: Path, scale: Scale) -> Ratio:
         stamps += found["header.stamp.nanosec"]
         require_equal(column.stamp_ns - _START_NS, stamps - _START_NS, "stamps", "baglab")
     return Ratio(
-        f"reading {what} by C++",
+        f"columns of {what}",
         "baglab (C++)",
         median(lambda: read_columns(path, sources), scale.repeats),
         median(lambda: _read_compiled(path), scale.repeats),
