@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import sys
 from typing import TYPE_CHECKING
 
@@ -34,7 +35,13 @@ def add(verbs: Verbs) -> None:
 def _info(arguments: argparse.Namespace) -> int:
     from valve_twin.io.bag_report import bag_report, report_lines
 
-    report = bag_report(arguments.bag, verify=arguments.verify)
+    logger = logging.getLogger("valve_twin")
+    before = logger.level
+    logger.setLevel(logging.ERROR)  # the damage is part of the report
+    try:
+        report = bag_report(arguments.bag, verify=arguments.verify)
+    finally:
+        logger.setLevel(before)
     lines = [json.dumps(report)] if arguments.json else report_lines(report)
     sys.stdout.write("".join(f"{line}\n" for line in lines))
     return FAILED if report["damaged"] else OK

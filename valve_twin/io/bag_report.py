@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from valve_twin.io.bag_contents import TopicInfo
     from valve_twin.io.damage import Loss
 
-_KINDS = ("zstd", "lz4", "none")
-
 
 class TopicReport(TypedDict):
     """One topic."""
@@ -91,7 +89,7 @@ def bag_report(path: str | Path, *, verify: bool = False) -> BagReport:
             stack.callback(file.close)
             opened.append(file)
             custom |= file.summary.metadata.get("valve_twin", {})
-            kinds |= {c.compression or "none" for c in file.summary.chunks if not file.damage}
+            kinds |= {c.compression or "none" for c in file.summary.chunks}
             if file.damage is not None:
                 losses += file.damage.losses
                 unverified += file.damage.unverified_count

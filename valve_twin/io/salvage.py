@@ -406,7 +406,7 @@ class Scan:
             {i: counts.get(i, 0) for i in used},
         )
         summary = Summary(
-            schemas, used, [_chunk_index(p) for p in kept], statistics, self._outside.metadata
+            schemas, used, [self._chunk_index(p) for p in kept], statistics, self._outside.metadata
         )
         expected = expected_counts(self._path, self._tail, statistics, used, len(self._pieces))
         losses, lost, total = settle(
@@ -495,6 +495,22 @@ class Scan:
                 )
             )
 
+    def _chunk_index(self, piece: Piece) -> ChunkIndex:
+        found = piece.found
+        heads = read_heads(self._data, piece.offset, self._end)
+        is_chunk = self._data[piece.offset] == Op.CHUNK and heads
+        return ChunkIndex(
+            found.start_ns,
+            found.end_ns,
+            piece.offset,
+            piece.length,
+            dict.fromkeys(found.counts, 0),
+            0,
+            heads[0].compression if is_chunk else "",
+            piece.length,
+            piece.size if piece.records is None else len(piece.records),
+        )
+
     def _complete_loss(self, number: int, piece: Piece, channels: dict[int, Channel]) -> None:
         """Count what a damaged chunk held by the index records behind it or by the summary."""
         for place, owner in self._lost_places:
@@ -539,21 +555,6 @@ _KINDS = {
 }
 _NO_MESSAGE = frozenset({*_KINDS, int(Op.CHUNK)})
 _ANY = _NO_MESSAGE | {int(Op.MESSAGE)}
-
-
-def _chunk_index(piece: Piece) -> ChunkIndex:
-    found = piece.found
-    return ChunkIndex(
-        found.start_ns,
-        found.end_ns,
-        piece.offset,
-        piece.length,
-        dict.fromkeys(found.counts, 0),
-        0,
-        "",
-        piece.length,
-        piece.size if piece.records is None else len(piece.records),
-    )
 
 
 __all__ = ["Piece", "Salvage", "Scan", "forget", "salvage", "salvage_file", "salvaged_messages"]
