@@ -4,6 +4,7 @@
 
 import math
 import signal
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.duration import Duration
@@ -36,7 +37,7 @@ def test_silence_is_stale_and_recovers(graph, tmp_path):
 
     def is_healed() -> bool:
         feeder.feed(10)
-        return twin.status.level == DiagnosticStatus.OK
+        return bool(twin.status.level == DiagnosticStatus.OK)
 
     graph.spin_until(is_healed, 20.0, "diagnostics OK again")
     healed = twin.faults()["input.silent", POSITION]
@@ -247,7 +248,7 @@ def test_who_comes_late_gets_the_newest_estimate_verdict_trend_and_faults(graph,
     graph.spin_until(lambda: trends and trends[-1].samples >= 4, 30.0, monitor.log)
     twin.wait_for("input.silent", POSITION)
     here = graph.stranger("late")
-    late = {}
+    late: dict[str, Any] = {}
     topics = {
         "twin/estimate": Estimate,
         "twin/faults": Faults,

@@ -79,7 +79,8 @@ def is_ours(pid: int) -> bool:
 def end_all(cases: list[Case], domain: int, folder: Path) -> None:
     """Start every case, a few at a time, and send its signal at its moment."""
     environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
-    waiting, running = list(cases), []
+    waiting = list(cases)
+    running: list[tuple[Case, subprocess.Popen[bytes], float]] = []
     while waiting or running:
         while waiting and len(running) < AT_ONCE:
             case = waiting.pop(0)
