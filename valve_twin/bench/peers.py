@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 Sample: TypeAlias = "msg.Float64Stamped | msg.Float64Series"
 
-_DEEP = QoSProfile(depth=100_000)
+_DEEP = QoSProfile(depth=100_000)  # type: ignore[no-untyped-call]
 _TELL_S = 0.5
 
 
@@ -38,7 +38,7 @@ class Peer(Node):
         message = getattr(msg, kind)
         self._taken = 0
         for topic in topics:
-            take = self._count
+            take: Callable[[Sample], None] = self._count
             if role == "echo":
                 take = self._echo(self.create_publisher(message, f"{topic}/echo", _DEEP))
             self.create_subscription(message, topic, take, _DEEP)

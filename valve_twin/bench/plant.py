@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 TOPICS = ("command/v_in", "command/v_out", "spool_position")
 """Of one valve, in the order in which they are published."""
 
-_DEEP = QoSProfile(depth=100_000)
+_DEEP = QoSProfile(depth=100_000)  # type: ignore[no-untyped-call]
 _NS = 1_000_000_000
 _STAMP = struct.Struct("<II")
 _STAMPED_BYTES = 28
@@ -99,7 +99,7 @@ class Plant:
         self, kind: type[BaseException] | None, err: BaseException | None, at: TracebackType | None
     ) -> None:
         """Leave the domain."""
-        self._node.destroy_node()
+        self._node.destroy_node()  # type: ignore[no-untyped-call]
         rclpy.shutdown(context=self._context)
 
     def listen(self, topic: str, kind: type) -> Taken:

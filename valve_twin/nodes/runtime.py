@@ -259,7 +259,7 @@ def _spin(node: ValveNode, executor: Executor, wait_s: float) -> None:
 
     Every return of the events executor costs as much as a message.
     """
-    if not node.works_in_callbacks or isinstance(executor, Executor):
+    if not node.works_in_callbacks or isinstance(executor, SingleThreadedExecutor):
         executor.spin_once(timeout_sec=wait_s)
         return
     node.recess = Future()

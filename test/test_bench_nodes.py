@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What a running node costs: memory, modules, losses; the peers of the comparison are real."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+
+from valve_twin.bench import nodes
+from valve_twin.bench.processes import some_domain, start_node
+
+TWIN_MB, PLAIN_MB = 220.0, 150.0
+"""Resident memory of a node with compiled kernels and of one without [MB]."""
+
+
+def wait_until_active(node) -> None:
+    end = time.monotonic() + 60.0
+    while nodes.ACTIVE not in node.log:
+        assert node.alive, node.log
+        assert time.monotonic() < end, node.log
+        time.sleep(0.01)  # polls another process's output; nothing depends on the length
+
+
+@pytest.fixture(scope="module")
+def run():
+    """Run a twin and an echo; some production cycles at 1 kHz are estimated."""
+    with nodes.live(1, 1e-3, peer="echo") as made:
+        made.plant.run(3.0, 1000.0)
+        made.settle(made.plant.sent, made.plant.sent)
+        yield made
+
+
+def test_every_sample_is_predicted_and_echoed(run):
+    assert run.plant.sent == 3000
+    assert run.predictions[0].messages == run.returned.messages == 3000
+
+
+def test_a_twin_needs_no_cvxpy(run):
+    for part in ("/cvxpy/", "/scipy/optimize/", "/clarabel", "/osqp"):
+        assert not run.twin.loaded(part), part
+    assert run.twin.loaded("/llvmlite/")
+
+
+def test_a_twin_keeps_to_its_memory(run):
+    resident, own = run.twin.memory()
+    assert own < resident <= TWIN_MB
+
+
+def test_a_prediction_costs_less_than_the_echo_of_its_three_inputs(run):
+    before = run.twin.cpu_s(), run.peer.cpu_s()
+    run.plant.run(2.0, 1000.0)
+    run.settle(run.plant.sent, run.plant.sent)
+    ours, theirs = run.twin.cpu_s() - before[0], run.peer.cpu_s() - before[1]
+    assert ours / 3.0 <= theirs
+
+
+def test_a_recorder_needs_no_compiled_kernel(tmp_path):
+    node = start_node(
+        "bag_recorder", some_domain(), tmp_path, "/press/v1", {"bag": str(tmp_path / "bag")}
+    )
+    try:
+        wait_until_active(node)
+        assert not node.loaded("/llvmlite/")
+        assert node.memory()[0] <= PLAIN_MB
+    finally:
+        node.end()
