@@ -67,7 +67,7 @@ class Life:
         self.graph, self.ns, self.database = graph, ns, database
         self.hardware = graph.stranger("hardware")
         self.publishers = [
-            self.hardware.create_publisher(Float64Stamped, f"{ns}/{t}", QoSProfile(depth=20000))
+            self.hardware.create_publisher(Float64Stamped, f"{ns}/{t}", QoSProfile(depth=100000))
             for t in TOPICS
         ]
         self.twin = graph.start("twin", ns=ns, history_url=f"sqlite:///{database}", **REARM)
