@@ -23,12 +23,13 @@ from valve_twin_msgs.msg import (
 from valve_twin_msgs.srv import IsPaused, Pause, Resume, Snapshot, SplitBagfile, Stop
 
 from test.nodes.conftest import NS
-from test.nodes.feeding import START_NS, Feeder
+from test.nodes.feeding import REARM, START_NS, Feeder
 from valve_twin.io.bags import bag_info
 from valve_twin.io.cdr import encode_stamped
 from valve_twin.io.playback import bag_topics
 from valve_twin.nodes.bag_recorder import BagRecorderNode
-from valve_twin.nodes.convert import to_time
+from valve_twin.nodes.convert import from_time, to_time
+from valve_twin.nodes.twin import TwinNode
 
 POSITION = f"{NS}/spool_position"
 INPUTS = [f"{NS}/command/v_in", f"{NS}/command/v_out", POSITION]
@@ -440,3 +441,34 @@ def test_a_full_disk_ends_the_file_not_the_node(graph, tmp_path):
             process.process.poll() is None and process.process.kill()
             process.process.wait(10)
         subprocess.run(["umount", str(place)], check=True)
+
+
+def test_cycles_that_the_twin_announces_cut_the_snapshot(graph, tmp_path, feeder):
+    path = tmp_path / "bag"
+    summaries = graph.record(f"{NS}/twin/cycle", CycleSummary)
+    twin = {"history_url": f"sqlite:///{tmp_path / 'history.sqlite'}", **REARM}
+    graph.host(TwinNode, **twin)
+    recorder = graph.host(
+        BagRecorderNode,
+        bag=str(path),
+        snapshot_mode=True,
+        snapshot_cycles=2,
+        snapshot_s=0.0,
+    )
+    graph.spin_until(lambda: graph.connected(f"{NS}/twin/cycle"), what="the twin")
+    meet(graph, recorder, [f"{NS}/twin/cycle", f"{NS}/twin/estimate"])
+    source = feeder(recorder)
+    while len(summaries) < 2 and source.sent < 5 * source.cycle_samples:
+        source.feed(50)  # a burst is resent by the middleware, topics then come seconds apart
+        graph.spin_until(
+            lambda: all(recorder._topics[t]._last == source.sent for t in INPUTS),
+            what="50 samples",
+        )
+    graph.spin_until(lambda: len(recorder._snapshots.ring._spans) == 2, what="their ends")
+    assert graph.call(Snapshot, f"{NS}/bag_recorder/snapshot").success
+    first, last = summaries[-2], summaries[-1]
+    found = stamps(path / "bag_0.mcap")
+    assert (found[0], found[-1]) == (from_time(first.start), from_time(last.end))
+    assert len(found) == first.samples + last.samples
+    cause = notes(path / "bag_0.mcap")["snapshot"]
+    assert cause["cycles"] == f"{first.cycle}..{last.cycle}"
