@@ -5,7 +5,10 @@
 import signal
 
 import pytest
+import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.context import Context
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy
 from rclpy.qos import QoSProfile as RosProfile
 from rclpy.serialization import serialize_message
@@ -16,6 +19,8 @@ from test.nodes.conftest import NS
 from test.nodes.feeding import REARM, START_NS
 from valve_twin.io.bag_writer import BagWriter
 from valve_twin.io.metadata import QosProfile
+from valve_twin.nodes import flow
+from valve_twin.nodes.bag_player import BagPlayerNode
 
 TOPICS = [f"{NS}/{t}" for t in ("command/v_in", "command/v_out", "spool_position")]
 PERIOD_NS = 30_000_000
@@ -111,3 +116,21 @@ def test_a_state_of_depth_one_is_not_overwritten(graph, tmp_path):
     graph.start("bag_player", bag=str(path), rate=0.0, wait_for_subscribers=1)
     graph.spin_until(lambda: len(found) >= 200, what="200 states")
     assert [m.data for m in found] == [str(i) for i in range(200)]
+
+
+def test_a_node_that_never_answers_is_named_and_left_behind(graph, tmp_path, monkeypatch, capfd):
+    monkeypatch.setattr(flow, "PATIENCE_S", 1.0)
+    context = Context()
+    rclpy.init(args=[], context=context, domain_id=graph.domain)
+    stuck = Node("stuck", context=context, namespace="/plant")  # nobody runs its callbacks
+    graph.strangers.append(stuck)
+    for topic in TOPICS:
+        stuck.create_subscription(Float64Stamped, f"/replay{topic}", lambda _: None, 10)
+    bag = write_bag(tmp_path / "bag", 30)
+    player = graph.host(BagPlayerNode, bag=bag, rate=0.0, window=10, wait_for_subscribers=1)
+    sent = player._stage.outbox
+    graph.spin_until(lambda: sent.sent >= 20, what="the first window")
+    assert sent.sent == 20  # with /clock
+    graph.spin_until(lambda: sent.sent == 180, what="the rest")
+    said = capfd.readouterr().err
+    assert said.count("node /plant/stuck has not answered for 1 s") == 1

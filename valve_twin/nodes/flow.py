@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
-PATIENCE_S = 10.0
+PATIENCE_S = 30.0
 """How long a node may take to answer before it is said and no longer waited for [s]."""
 
 _NOW = Duration(nanoseconds=0)
@@ -62,7 +62,7 @@ class Flow:
         self._window = window
         self._now_s = now_s
         self._since = self._marked = 0
-        self._began_s: float | None = None
+        self._asked_s = 0.0
         self._calls: dict[str, Any] | None = None
         self._clients: dict[str, Any] = {}
         self._mute: set[str] = set()
@@ -83,24 +83,23 @@ class Flow:
         if not self._window or self._since < self._window:
             return True
         if self._have_followed():
-            self._since -= self._marked
+            self._since, self._marked = self._since - self._marked, 0
             return True
         return not strict and self._since < 2 * self._window
 
     def _have_followed(self) -> bool:
         """Return whether all have taken what was sent until it was asked first."""
-        now_s = self._now_s()
-        if self._began_s is None:
-            self._began_s, self._marked = now_s, self._since
+        if self._marked == 0:
+            self._marked = self._since
         if self._calls is None and not are_acked(self._publishers):
             return False
         if self._calls is None:
-            self._calls = self._ask()
-        late = now_s - self._began_s > PATIENCE_S
+            self._calls, self._asked_s = self._ask(), self._now_s()
+        late = self._now_s() - self._asked_s > PATIENCE_S
         answered = [self._is_answered(name, late=late) for name in self._calls]
         if not all(answered):
             return False
-        self._began_s = self._calls = None
+        self._calls = None
         return True
 
     def destroy(self) -> None:
