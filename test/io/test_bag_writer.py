@@ -234,9 +234,9 @@ def test_a_split_bag_is_read_as_one_by_rosbags_and_file_by_file_by_mcap(tmp_path
     assert len(found) == content["message_count"] == 200
     for name, entry in zip(names, content["files"], strict=True):
         with (tmp_path / "bag" / name).open("rb") as stream:
-            reader = make_reader(stream, validate_crcs=True)
-            times = [m.log_time for _, _, m in reader.iter_messages()]
-            (own,) = (m for m in reader.iter_metadata() if m.name == "rosbag2")
+            alone_reader = make_reader(stream, validate_crcs=True)
+            times = [m.log_time for _, _, m in alone_reader.iter_messages()]
+            (own,) = (m for m in alone_reader.iter_metadata() if m.name == "rosbag2")
         assert entry["path"] == name
         assert entry["message_count"] == len(times)
         assert entry["starting_time"]["nanoseconds_since_epoch"] == times[0]
