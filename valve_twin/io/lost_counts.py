@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from valve_twin.io.mcap_format import Channel, Statistics
 
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _ROOT = "rosbag2_bagfile_information"
 
 
@@ -73,7 +74,8 @@ def _covers(expected: Mapping[str, int], present: Mapping[str, int]) -> bool:
 def _by_metadata(path: Path, found: int, present: Mapping[str, int]) -> Expected:
     """Read the counts of the metadata.yaml beside a file; believed only where they add up."""
     try:
-        root = yaml.safe_load((path.parent / FILE_NAME).read_text(encoding="utf-8"))[_ROOT]
+        text = (path.parent / FILE_NAME).read_text(encoding="utf-8")
+        root = yaml.load(text, _LOADER)[_ROOT]  # a safe loader, the fast one
         files = {str(f["path"]): f for f in root["files"]}
         own = files[path.name]
         topics = {
