@@ -237,8 +237,8 @@ def test_a_bag_that_kills_its_process_is_named_and_the_others_are_done(
 def test_a_signal_ends_the_batch_and_the_same_command_goes_on(archive, tmp_path, number):
     """SIGINT comes to every process of the terminal; SIGTERM to the first alone."""
     bags, out = tmp_path / "bags", tmp_path / "out"
-    for k in range(30):
-        shutil.copytree(archive.bags / GOOD[k % 3], bags / f"bag_{k:02d}")
+    for k in range(60):
+        shutil.copytree(archive.bags / GOOD[k % 3], bags / f"bag_{k:03d}")
     command = [sys.executable, "-m", "valve_twin.cli", "batch", bags, "--config", archive.config]
     command += ["--out", out, "--jobs", "1"]
     with (tmp_path / "log").open("w+") as log:
@@ -246,7 +246,7 @@ def test_a_signal_ends_the_batch_and_the_same_command_goes_on(archive, tmp_path,
             [str(c) for c in command], stderr=log, stdout=log, start_new_session=True
         )
         end = time.monotonic() + 60.0
-        while not (out / "bag_00.batch.json").exists() and time.monotonic() < end:
+        while not (out / "bag_000.batch.json").exists() and time.monotonic() < end:
             assert process.poll() is None
             time.sleep(0.01)  # polls another process's folder; nothing depends on the length
         if number == signal.SIGINT:
@@ -259,7 +259,7 @@ def test_a_signal_ends_the_batch_and_the_same_command_goes_on(archive, tmp_path,
     assert "interrupted" in text
     assert "the same command goes on" in text
     done = len(list(out.glob("*.batch.json")))
-    assert 1 <= done < 30
+    assert 1 <= done < 60
     with pytest.raises(ProcessLookupError):
         _until_gone(process.pid)
     tasks = tasks_of(bags, archive.configs)
