@@ -2,6 +2,9 @@
 # Copyright 2026 valve_twin maintainers
 """The compiled walk gives what the general decoder gives, to the last bit, for any bag."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -306,3 +309,15 @@ def test_messages_outside_chunks_are_read_piece_by_piece(tmp_path, monkeypatch, 
     monkeypatch.setattr(bag_signals, "_MOST_LOOSE", size)
     for found in both(monkeypatch, path, [SignalSource("a", TOPIC)]):
         assert found[0].values.tolist() == list(range(100))
+
+
+def test_a_short_bag_is_read_without_numba(small_bag):
+    code = (
+        "import sys\n"
+        "from valve_twin.io.bags import read_columns\n"
+        "from valve_twin.io.mapping import SignalSource\n"
+        f"(found,) = read_columns({str(small_bag)!r}, [SignalSource('a', '/press/command')])\n"
+        "print(len(found), 'numba' in sys.modules)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["1000", "False"]
