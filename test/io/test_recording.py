@@ -99,9 +99,10 @@ def test_the_last_messages_are_synced_when_no_more_come(tmp_path):
     recording = opened(tmp_path / "bag", clock=clock, sync=synced.append)
     recording.write([message(1)])
     before = len(synced)
-    clock.now = 0.4
+    clock.now = 0.25
     recording.tick()
     assert len(synced) == before
+    assert values(tmp_path / "bag" / "bag_0.mcap") == [1]
     clock.now = 0.5
     recording.tick()
     assert len(synced) == before + 1

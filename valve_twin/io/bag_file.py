@@ -144,10 +144,14 @@ class BagFile:
         self._good = self._stream.size
         return taken
 
-    def flush(self) -> None:
-        """Put everything written so far on disk; a file that somebody deleted is an error."""
+    def write_out(self) -> None:
+        """Give everything written so far to the kernel, which outlives this process."""
         self.mcap.end_chunk()
         self._good = self._stream.size
+
+    def flush(self) -> None:
+        """Put everything written so far on disk; a file that somebody deleted is an error."""
+        self.write_out()
         if os.fstat(self._stream.fileno()).st_nlink == 0:
             raise FileNotFoundError(errno.ENOENT, "somebody deleted the file")
         self._sync(self._stream.fileno())

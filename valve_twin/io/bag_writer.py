@@ -363,6 +363,22 @@ class BagWriter:
         except OSError as err:
             raise self._failed(file, err) from err
 
+    def write_out(self) -> None:
+        """Give everything written so far to the kernel, without a sync.
+
+        Raises
+        ------
+        BagError
+            If the disk is full.
+        """
+        file = self._file
+        if file is None:
+            return
+        try:
+            file.write_out()
+        except OSError as err:
+            raise self._failed(file, err) from err
+
     def _flush(self, file: BagFile) -> None:
         file.flush()
         self._flushed_s = self._clock()

@@ -72,7 +72,7 @@ class Recording:
     path : path
         Folder to make.
     flush_s : float
-        Longest time until a message is on disk [s].
+        Longest time until a message is on disk; the kernel has it after half of it [s].
     split : SplitRule
         When a new file begins and how many are kept.
     disk : DiskRule
@@ -128,7 +128,7 @@ class Recording:
         )
         self.path = self._writer.path
         self._offered: dict[str, int] = {}
-        self._dirty_since = math.inf
+        self._dirty_since = self._unwritten_since = math.inf
         self._unseen = 0
         self._retry_at, self._pause_s = 0.0, FIRST_RETRY_S
         self._look_at = 0.0
@@ -165,8 +165,10 @@ class Recording:
             self._unseen += len(m.data)
             if self._unseen >= LOOK_BYTES:
                 self._look()
-        if self._dirty_since == math.inf and batch:
-            self._dirty_since = self._clock()
+        if batch:
+            now = self._clock()
+            self._dirty_since = min(self._dirty_since, now)
+            self._unwritten_since = min(self._unwritten_since, now)
         self.tick()
 
     def tick(self) -> None:
@@ -178,17 +180,27 @@ class Recording:
             return
         if now - self._dirty_since >= self._flush_s:
             self.flush()
+        elif now - self._unwritten_since >= 0.5 * self._flush_s:
+            self._write_out()
         if now >= self._look_at:
             self._look()
 
     def flush(self) -> None:
         """Put everything written so far on disk."""
-        self._dirty_since = math.inf
+        self._dirty_since = self._unwritten_since = math.inf
         if self.trouble:
             return
         try:
             self._writer.flush()
             self._pause_s = FIRST_RETRY_S
+        except BagError as err:
+            self._stop(str(err))
+
+    def _write_out(self) -> None:
+        """Give everything to the kernel: it outlives this process, if not a power cut."""
+        self._unwritten_since = math.inf
+        try:
+            self._writer.write_out()
         except BagError as err:
             self._stop(str(err))
 
@@ -221,7 +233,7 @@ class Recording:
             except BagError as err:
                 self._stop(str(err))
             else:
-                self._dirty_since = math.inf
+                self._dirty_since = self._unwritten_since = math.inf
                 self.snapshots += 1
                 return name
         raise BagError(self.trouble)
@@ -298,7 +310,7 @@ class Recording:
     def _stop(self, why: str) -> None:
         """Close the file as it is; what comes is lost until there is space."""
         self.trouble = self.trouble or why
-        self._dirty_since = math.inf
+        self._dirty_since = self._unwritten_since = math.inf
         self._retry_at = self._clock() + self._pause_s
         self._pause_s = min(2.0 * self._pause_s, LAST_RETRY_S)
         self._writer.suspend()
