@@ -200,7 +200,7 @@ class Soak:
                 return False
             return stored >= cycles and sum(int(f["samples predicted"]) for f in figures) >= sent
 
-        end = time.monotonic() + 90.0
+        end = time.monotonic() + 300.0
         while not done() and time.monotonic() < end:
             self.graph.spin(0.2)
 
