@@ -8,7 +8,7 @@ import zlib
 import numpy as np
 import pytest
 
-from test.io.damage_truth import Region, Tally, judge_cut, judge_flip, written
+from test.io.damage_truth import Region, Tally, judge_cut, judge_flip, salvaged, written
 
 KINDS = [
     "ours",
@@ -89,3 +89,24 @@ def test_campaign_of_random_cuts_and_flips(tmp_path, root):
     assert not total["wrong_checked"] + total["wrong_unchecked_unmarked"] + total["false_counts"]
     text = json.dumps({"total": total, "kinds": results}, indent=1)
     (root / "docs" / "campaigns" / "damage.json").write_text(f"{text}\n", encoding="utf-8")
+
+
+@pytest.mark.parametrize("beside", [False, True])
+def test_a_lost_definition_is_taken_from_another_file_or_told(tmp_path, beside):
+    truth, _, _ = sample("zstd-crc-2000", tmp_path)
+    first, second = [r for r in truth.regions if r.op == 6][:2]
+    data = bytearray(truth.data[: truth.data_end])
+    for region in (first, second):  # the definitions stand in the first chunks and the summary
+        data[region.end - 20] ^= 0xFF
+    path = tmp_path / "bag_0.mcap"
+    if beside:
+        (tmp_path / "bag_1.mcap").write_bytes(truth.data)
+    found, messages = salvaged(path, bytes(data))
+    later = [m for r in truth.regions if r.op == 6 for m in r.messages if r.begin > second.begin]
+    if beside:
+        assert [m for m, _ in messages] == later
+        assert any("of another file of the bag" in loss.reason for loss in found.losses)
+    else:
+        assert not messages
+        told = [loss.count for loss in found.losses if "no definition is left" in loss.reason]
+        assert told == [len(later)]

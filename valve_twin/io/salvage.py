@@ -32,6 +32,7 @@ from valve_twin.io.mcap_format import (
 from valve_twin.io.mcap_reader import RawMessage, Summary, add_record, messages
 from valve_twin.io.plausible import Checks, Places, plausible
 from valve_twin.io.resync import claimed_end, is_whole, may_follow, next_record, record_end
+from valve_twin.io.sibling import definitions_beside
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -377,6 +378,7 @@ class Scan:
 
     def _settled(self) -> Salvage:
         copies, channels = self._definitions()
+        self._adopt(copies, channels)
         checks = Checks(copies, channels, str(self._path))
         rescued: dict[int, bytes] = {}
         unverified: dict[int, int] = {}
@@ -399,12 +401,16 @@ class Scan:
         schemas = {i: found[0] for i, found in copies.items()}
         used = {i: c for i, c in channels.items() if c.schema_id in schemas or not c.schema_id}
         statistics = Statistics(
-            sum(counts.values()),
+            sum(n for i, n in counts.items() if i in used),
             min((p.found.start_ns for p in kept), default=0),
             max((p.found.end_ns for p in kept), default=0),
             len(kept),
             {i: counts.get(i, 0) for i in used},
         )
+        orphans = {i: n for i, n in counts.items() if i not in used}
+        if orphans:
+            why = f"no definition is left of channels {', '.join(map(str, sorted(orphans)))}"
+            self._lose(0, 0, "topics", why, sum(orphans.values()))
         summary = Summary(
             schemas, used, [self._chunk_index(p) for p in kept], statistics, self._outside.metadata
         )
@@ -443,6 +449,23 @@ class Scan:
                 if known != channel and source is not self._outside:
                     self._differ(known, channel)
         return schemas, channels
+
+    def _adopt(self, copies: dict[int, list[Schema]], channels: dict[int, Channel]) -> None:
+        """Take what is missing of the definitions from other files of the bag."""
+        held = {i for p in self._pieces if p.verified for i in p.found.counts}
+        missing = held - set(channels)
+        if not missing:
+            return
+        found, schemas = definitions_beside(self._path, missing, channels)
+        # a number that stands for another schema here must not be mistaken
+        for i, channel in found.items():
+            number = channel.schema_id
+            if number in copies and schemas[number] not in copies[number]:
+                continue
+            copies.setdefault(number, [schemas[number]])
+            channels[i] = channel
+            why = f"its definition is lost; that of another file of the bag is used"
+            self._flaw(0, 0, f"topic '{channel.topic}'", why)
 
     def _differ(self, used: Channel, other: Channel) -> None:
         """Say that two copies of a topic differ."""
