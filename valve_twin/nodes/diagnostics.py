@@ -103,11 +103,13 @@ class Diagnostics:
 
     def publish(self) -> None:
         """Publish now."""
-        load = self._load.look()
+        reports, load = self._all_reports(), self._load.look()
+        if not self._publisher.get_subscription_count():
+            return  # faults are looked for all the same
         message = DiagnosticArray()
         message.header.stamp = self._node.get_clock().now().to_msg()
         own = self._node.get_fully_qualified_name()
-        for report in self._all_reports():
+        for report in reports:
             figures = {**report.values, **load}
             message.status.append(
                 DiagnosticStatus(

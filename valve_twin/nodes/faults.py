@@ -20,6 +20,9 @@ from valve_twin.core.faults import Fault, FaultBook, Moment, Severity, Status
 if TYPE_CHECKING:
     from rclpy.node import Node
 
+SHARED_S = 0.005
+"""What is filed within this time has one stamp [s]."""
+
 _LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
 )
@@ -42,6 +45,7 @@ class FaultDesk:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._book = FaultBook(FAULT_KINDS)
+        self._moment = Moment(-1.0, 0)
         self._publisher = node.create_publisher(msg.Faults, "~/faults", _LATCHED)
         node.create_service(srv.ClearFaults, "~/clear_faults", self._clear)
 
@@ -85,7 +89,11 @@ class FaultDesk:
         return self._book.faults(valve)
 
     def _now(self) -> Moment:
-        return Moment(time.monotonic(), self._node.get_clock().now().nanoseconds)
+        """Return the time; one look at many conditions shares it."""
+        steady_s = time.monotonic()
+        if not 0.0 <= steady_s - self._moment.steady_s < SHARED_S:
+            self._moment = Moment(steady_s, self._node.get_clock().now().nanoseconds)
+        return self._moment
 
     def _tell(self) -> None:
         """Log and publish what was confirmed or healed."""

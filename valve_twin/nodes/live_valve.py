@@ -42,6 +42,7 @@ LONGEST_GATHER_S = 0.02
 """No sample waits longer than this to be handed on [s]."""
 
 _DEEP = QoSProfile(depth=5000, reliability=ReliabilityPolicy.RELIABLE)
+_DEEP_SERIES = QoSProfile(depth=300, reliability=ReliabilityPolicy.RELIABLE)
 LATCHED = QoSProfile(
     depth=10,
     history=HistoryPolicy.KEEP_LAST,
@@ -330,7 +331,8 @@ class LiveValve:
         self._batched = self.config.signals[self.model.output].batched
         kind = msg.PredictionSeries if self._batched else msg.Prediction
         node, base = self._node, f"{self.name}/twin"
-        self._prediction = node.create_publisher(kind, f"{base}/prediction", _DEEP)
+        depth = _DEEP_SERIES if self._batched else _DEEP
+        self._prediction = node.create_publisher(kind, f"{base}/prediction", depth)
         self._cycle = node.create_publisher(msg.CycleSummary, f"{base}/cycle", LATCHED)
         self._estimate = node.create_publisher(msg.Estimate, f"{base}/estimate", LATCHED)
 
