@@ -351,11 +351,26 @@ def test_what_is_no_bag_is_told(refused, press, tmp_path):
         refused(FAILED, (path, part, "give a"), "configure", path)
 
 
-def test_a_bag_cut_short_is_told(refused, press, tmp_path):
+def test_what_is_intact_of_a_bag_cut_short_is_estimated_and_the_loss_told(press, tmp_path):
     (whole,) = press.bag.glob("*.mcap")
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
-    refused(FAILED, (cut, "recover"), "estimate", cut, "--config", press.config)
+    command = [sys.executable, "-m", "valve_twin.cli", "estimate"]
+    lines = []
+    for bag in (whole, cut):
+        done = subprocess.run(
+            [*command, str(bag), "--config", str(press.config)],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        lines.append([x for x in map(json.loads, done.stdout.splitlines()) if "estimator" in x])
+    assert f"{cut}: byte " in done.stderr
+    assert "the file ends in it" in done.stderr
+    assert "lost: " in done.stderr
+    first = [x for x in lines[1] if x["cycle"] == 1]
+    assert first
+    assert first == [x for x in lines[0] if x["cycle"] == 1]
 
 
 def test_a_record_without_a_cycle_is_told_with_its_rule(refused, press, tmp_path):

@@ -21,14 +21,16 @@ import numpy as np
 from valve_twin.core.types import CycleRule, FloatArray, IntArray
 from valve_twin.io.bag_writer import BagWriter
 from valve_twin.io.cdr import encode_series, encode_stamped, encode_string
-from valve_twin.io.config import ValveConfig, resolve_topic
 from valve_twin.io.csv_table import Table, read_table
 from valve_twin.io.errors import BagError, ConfigError
 from valve_twin.io.mapping import SERIES_TYPE, STAMPED_TYPE, SignalSource
 from valve_twin.io.metadata import QosProfile
+from valve_twin.io.topic_names import resolve_topic
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
+
+    from valve_twin.io.config import ValveConfig
 
 RUN_TOPIC = "run"
 """Topic below the valve's name with the name of the file whose rows follow."""
