@@ -282,7 +282,7 @@ class Scan:
         last = [own] if self._tail.trust is not Trust.VERIFIED else []
         first = [] if last else [own]
         schemas: dict[int, list[Schema]] = {}
-        channels: dict[int, Channel] = {}
+        topics: dict[int, list[Channel]] = {}
         sources: tuple[Summary | Walk, ...] = (*first, *verified, self._outside, *last, *other)
         for source in sources:
             for i, schema in source.schemas.items():
@@ -290,9 +290,15 @@ class Scan:
                 if schema not in copies:
                     copies.append(schema)
             for i, channel in source.channels.items():
-                known = channels.setdefault(i, channel)
-                if known != channel and source is not self._outside:
-                    self._differ(known, channel)
+                topics.setdefault(i, []).append(channel)
+        sound: tuple[Summary | Walk, ...] = (*verified, *first)
+        channels = {i: c for source in sound for i, c in source.channels.items()}
+        for i, copied in topics.items():
+            likeliest = _likeliest(copied, set(schemas))
+            channels.setdefault(i, likeliest)
+            for channel in copied:
+                if channel != channels[i]:
+                    self._differ(channels[i], channel)
         return schemas, channels
 
     def _adopt(self, copies: dict[int, list[Schema]], channels: dict[int, Channel]) -> None:
@@ -410,6 +416,11 @@ class Scan:
                 sum(max(n, 0) for n in counts.values()) if complete else None,
                 names if complete else {},
             )
+
+
+def _likeliest(copies: list[Channel], schemas: set[int]) -> Channel:
+    """Return of the copies of a topic that with a known type, and of these the most frequent."""
+    return max(copies, key=lambda channel: (channel.schema_id in schemas, copies.count(channel)))
 
 
 _KINDS = {
