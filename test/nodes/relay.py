@@ -28,10 +28,10 @@ def main(source: str, target: str, share: str, seed: str, *topics: str) -> None:
     running = [True]
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: running.clear())
-    random = np.random.default_rng(int(seed))
     dropped: dict[str, list[int]] = {t: [] for t in topics}
 
     def forward(topic: str) -> None:
+        random = np.random.default_rng([int(seed), topics.index(topic)])
         publisher = node.create_publisher(Float64Stamped, f"{target}/{topic}", DEEP)
 
         def take(data: bytes) -> None:

@@ -276,10 +276,14 @@ class TopicInput:
             last = sequence
 
     def _on_matched(self, event: Any) -> None:
-        """Begin the numbering anew: another publisher counts for itself."""
+        """Begin the numbering anew: another publisher counts for itself.
+
+        The match of the first one may be told after its first messages: it numbers on.
+        """
         self.drain()
         self._matched = int(event.current_count)
-        self._last_sequence = 0
+        if int(event.total_count) > 1:
+            self._last_sequence = 0
 
     def _on_incompatible(self, event: Any) -> None:
         policy = qos_policy_name_from_kind(event.last_policy_kind)
