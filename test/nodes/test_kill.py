@@ -113,7 +113,7 @@ def kill_at_random(graph, tmp_path: Path, kills: int, seed: int) -> dict[str, ob
     summaries = graph.record(f"{NS}/twin/cycle", CycleSummary)
     estimates = graph.record(f"{NS}/twin/estimate", Estimate)
     database, undisturbed = tmp_path / "killed.sqlite", tmp_path / "undisturbed.sqlite"
-    last_cycle = len(data) // data.cycle_samples - 1
+    last_cycle = len(data) // data.cycle_samples  # the first samples of one more end it
     life = Life(graph, NS, database)
     at, repeated, in_cycle = 0, 0, 0
     for _ in range(kills):
