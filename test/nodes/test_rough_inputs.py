@@ -163,7 +163,7 @@ def test_a_simulated_clock_that_goes_back_drops_the_cycle_and_keeps_what_was_lea
 
     def is_running() -> bool:
         clock.publish(Clock(clock=to_time(START_NS)))  # best effort
-        return twin.faults()["clock.waiting", ""].status == Fault.HEALED
+        return bool(twin.faults()["clock.waiting", ""].status == Fault.HEALED)
 
     graph.spin_until(is_running, 30.0, "the clock to be taken")
     feeder = Feeder(graph, NS)
