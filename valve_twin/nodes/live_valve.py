@@ -165,6 +165,7 @@ class LiveValve:
 
     def clock_jumped(self) -> None:
         """Drop the running cycle after the node's clock was set back."""
+        self.work(force=True)  # what came before belongs to it
         self.handle(self.twin.clock_jumped())
 
     def handle(self, events: Iterable[Event], wall_s: float = 0.0) -> None:
