@@ -18,7 +18,9 @@ def test_a_run_gives_the_bits_of_single_messages(frame):
     values = np.random.default_rng(1).normal(size=len(STAMPS))
     values[2] = np.nan
     messages = [encode_stamped(s, float(v), frame) for s, v in zip(STAMPS, values, strict=True)]
-    stamps, found = decode_stamped_run(messages)
+    run = decode_stamped_run(messages)
+    assert run is not None
+    stamps, found = run
     single = [decode_stamped(m) for m in messages]
     assert stamps.tolist() == [s for s, _ in single] == STAMPS
     assert found.tobytes() == np.array([v for _, v in single]).tobytes()

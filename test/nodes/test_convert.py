@@ -21,7 +21,9 @@ def test_a_series_is_serialized_as_its_message_class_does(count):
     stamps = 5_000_000_123 + 10_000_000 * np.arange(count)
     columns = rng.normal(size=(4, count))
     validity = rng.integers(0, 6, count).astype(np.uint8)
-    (data,) = series_bytes(Prediction(7, stamps, *columns, 0.25, validity), PERIOD_S)
+    measured, *others = columns
+    prediction = Prediction(7, stamps, measured, others[0], others[1], others[2], 0.25, validity)
+    (data,) = series_bytes(prediction, PERIOD_S)
     message = deserialize_message(data, PredictionSeries)
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (5, 123)
     assert (message.period, message.cycle, message.residual_sigma) == (PERIOD_S, 7, 0.25)
@@ -35,7 +37,8 @@ def test_a_series_is_serialized_as_its_message_class_does(count):
 
 def test_a_gap_parts_a_series():
     stamps = 10_000_000 * np.array([1, 2, 4, 5, 6])
-    columns = np.arange(20.0).reshape(4, 5)
-    prediction = Prediction(1, stamps, *columns, np.nan, np.zeros(5, dtype=np.uint8))
+    column, nothing = np.arange(5.0), np.full(5, np.nan)
+    validity = np.zeros(5, dtype=np.uint8)
+    prediction = Prediction(1, stamps, column, nothing, nothing, nothing, np.nan, validity)
     found = [deserialize_message(d, PredictionSeries) for d in series_bytes(prediction, PERIOD_S)]
     assert [list(m.measured) for m in found] == [[0.0, 1.0], [2.0, 3.0, 4.0]]
