@@ -24,6 +24,7 @@ from valve_twin.cli import (
     replay,
     report,
     simulate,
+    validate,
 )
 from valve_twin.cli.common import FAILED, OK, USAGE, Parser, fail
 from valve_twin.io.errors import ConfigError, ValveTwinError
@@ -46,6 +47,7 @@ VERBS = (
     recover,
     cut,
     convert,
+    validate,
     bench,
 )
 """One module a verb, in the order of the help."""

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""One published number beside the number that we obtain."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+
+class Verdict(Enum):
+    """What a comparison says."""
+
+    PASS = "pass"
+    FAIL = "FAIL"
+    CANNOT = "cannot be reproduced"
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """A published number, ours, and whether the two agree.
+
+    Attributes
+    ----------
+    item : str
+        Where it is published, e.g. "Table 1".
+    quantity : str
+        What it is.
+    published : float or str
+        The published value, or statement [unit of the quantity].
+    obtained : float
+        Ours [unit of the quantity]; NaN where nothing can be computed.
+    lower, upper : float
+        Limits within which ours agrees [unit of the quantity]; NaN where it cannot be tested.
+    tolerance : str
+        Where the limits come from, in words.
+    note : str
+        The reading or the regime; why it cannot be reproduced.
+    """
+
+    item: str
+    quantity: str
+    published: float | str
+    obtained: float
+    lower: float = math.nan
+    upper: float = math.nan
+    tolerance: str = "-"
+    note: str = ""
+
+    @property
+    def verdict(self) -> Verdict:
+        """Pass inside the limits, fail outside or not finite; cannot without limits."""
+        if math.isnan(self.lower) or math.isnan(self.upper):
+            return Verdict.CANNOT
+        return Verdict.PASS if self.lower <= self.obtained <= self.upper else Verdict.FAIL
+
+
+def within_share(item: str, quantity: str, published: float, obtained: float, share: float,
+                 note: str = "") -> Check:  # fmt: skip
+    """Agree within a relative tolerance `share` [1] of the published value."""
+    half = abs(published) * share
+    return Check(
+        item,
+        quantity,
+        published,
+        obtained,
+        published - half,
+        published + half,
+        f"{100.0 * share:g} %" if share > 1e-6 else "exact",
+        note,
+    )
+
+
+def within_factor(item: str, quantity: str, published: float, obtained: float, factor: float,
+                  note: str = "") -> Check:  # fmt: skip
+    """Agree within a factor [1], the sign included."""
+    ends = sorted((published / factor, published * factor))
+    return Check(item, quantity, published, obtained, ends[0], ends[1], f"factor {factor:g}", note)
+
+
+def within_range(
+    item: str,
+    quantity: str,
+    published: float | str,
+    obtained: float,
+    *,
+    lower: float = -math.inf,
+    upper: float = math.inf,
+    note: str = "",
+) -> Check:
+    """Agree between two limits; an infinite one does not bind."""
+    if math.isinf(lower):
+        words = f"at most {upper:.3g}"
+    elif math.isinf(upper):
+        words = f"at least {lower:.3g}"
+    else:
+        words = f"{lower:.3g} .. {upper:.3g}"
+    return Check(item, quantity, published, obtained, lower, upper, words, note)
+
+
+def cannot(item: str, quantity: str, published: float | str, obtained: float, why: str) -> Check:
+    """Say that a published number cannot be reproduced, and why."""
+    return Check(item, quantity, published, obtained, note=why)
