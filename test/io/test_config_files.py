@@ -19,6 +19,7 @@ NAMES = [
     "press_cartridge",
     "press_fleet",
     "simulated_press",
+    "stepper_servo",
 ]
 
 

@@ -5,7 +5,7 @@ from valve_twin.io.config import valve_specs
 from valve_twin.io.node_parameters import NODE_PARAMETERS
 from valve_twin.io.reference import parameter_reference
 
-MODELS = ("press_cartridge", "positioner")
+MODELS = ("press_cartridge", "positioner", "stepper_servo")
 
 
 def test_the_committed_reference_is_current(root):

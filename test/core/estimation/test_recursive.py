@@ -181,7 +181,7 @@ def test_the_schur_recursion_agrees_with_the_roots(order):
     rng = np.random.default_rng(order)
     for _ in range(200):
         roots = rng.uniform(-1.3, 1.3, order)
-        a = np.poly(roots)[1:]
+        a = np.asarray(np.poly(roots)[1:], dtype=np.float64)
         assert is_stable(a, order, 1.0) == (np.abs(roots).max() < 1.0)
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 ENTRY_POINT_GROUP = "valve_twin.valves"
 
-_BUILT_IN = ("press_cartridge", "positioner")
+_BUILT_IN = ("press_cartridge", "positioner", "stepper_servo")
 
 
 def model_names() -> tuple[str, ...]:

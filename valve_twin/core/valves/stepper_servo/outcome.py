@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Turn the fits of the stepper valve into published parameters: what is known, what not, why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.estimation.recursive import fits, identify
+from valve_twin.core.types import ParameterStatus, ParameterValue
+from valve_twin.core.valves.stepper_servo.fit import (
+    end_offset,
+    fit_flow,
+    fit_thread,
+    spool_position,
+)
+from valve_twin.core.valves.stepper_servo.kernels import BACKLASH, DELAY, LOST
+from valve_twin.core.valves.stepper_servo.parameters import FITS, FLOW, THETA, THREAD
+
+if TYPE_CHECKING:
+    from valve_twin.core.estimation.recursive import Adaptation, Adapted, Structure
+    from valve_twin.core.types import FloatArray
+    from valve_twin.core.valves.stepper_servo.fit import FlowFit, Record, ThreadFit
+
+_LEAST = 5
+"""Samples that must show a parameter [A]."""
+
+_LEAST_WAY = 5.0
+"""Steps upwards that tell whether steps are lost [A]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """Position about which the Hammerstein-Wiener model counts [1], and how fast it follows."""
+
+    centre: float
+    adaptation: Adaptation
+
+
+def mechanics(
+    record: Record, period_s: float, *, step: float, max_backlash: float, max_delay: float
+) -> tuple[tuple[ParameterValue, ...], ThreadFit]:
+    """Return the parameters of thread and flow curve, in the order of `THREAD` and `FLOW`.
+
+    Parameters
+    ----------
+    record : Record
+        N samples without a gap.
+    period_s : float
+        Sampling time [s].
+    step : float
+        Travel of a full step [1].
+    max_backlash, max_delay : float
+        Upper bounds [1], [samples].
+    """
+    thread = fit_thread(record, max_backlash=max_backlash, max_delay=max_delay)
+    return (*_thread(thread, period_s, step, max_backlash), *_flow(record, thread, period_s)), (
+        thread
+    )
+
+
+def _thread(
+    fit: ThreadFit, period_s: float, step: float, max_backlash: float
+) -> list[ParameterValue]:
+    p = fit.parameters
+    delay = ParameterValue(THREAD[4], float(p[DELAY]) * period_s)
+    if min(fit.pushed_up, fit.pushed_down) < _LEAST:
+        reason = (
+            f"the screw pushed upwards in {fit.pushed_up} and downwards in {fit.pushed_down} "
+            f"samples, fewer than {_LEAST}: no reversal shows the backlash"
+        )
+        return [*(_unknown(name, reason) for name in THREAD[:4]), delay]
+    backlash = ParameterValue(THREAD[0], float(p[BACKLASH]))
+    if not 0.0 < p[BACKLASH] < max_backlash:
+        reason = f"rests on its bound {p[BACKLASH]:.3g}"
+        backlash = ParameterValue(THREAD[0], float(p[BACKLASH]), ParameterStatus.AT_BOUND, reason)
+    offset = ParameterValue(THREAD[3], end_offset(fit))
+    if fit.up < _LEAST_WAY * step:
+        reason = f"{fit.up / step:.0f} steps upwards, fewer than {_LEAST_WAY:.0f}"
+        lost = [_unknown(name, reason) for name in THREAD[1:3]]
+    else:
+        share = float(p[LOST])
+        lost = [
+            ParameterValue(THREAD[1], share),
+            ParameterValue(THREAD[2], share * fit.up / step),
+        ]
+    return [backlash, *lost, offset, delay]
+
+
+def _flow(record: Record, thread: ThreadFit, period_s: float) -> list[ParameterValue]:
+    if float(np.ptp(record.flow)) <= 0.0:
+        return [_unknown(name, "the flow does not change: no meter?") for name in FLOW]
+    longest = max(1.0, 1.0 / period_s)
+    fit = fit_flow(record, spool_position(record, thread), max_lag=longest)
+    q = fit.parameters
+    edges = [
+        _edge(name, float(q[i]), seen)
+        for i, (name, seen) in enumerate(zip(FLOW[:2], (fit.on_lower, fit.on_upper), strict=True))
+    ]
+    band = ParameterValue(FLOW[2], edges[1].value - edges[0].value)
+    if not (edges[0].usable and edges[1].usable):
+        band = _unknown(FLOW[2], "one of its edges is not excited")
+    return [*edges, band, _full(fit), ParameterValue(FLOW[4], float(q[5]) * period_s)]
+
+
+def _edge(name: str, value: float, seen: int) -> ParameterValue:
+    if seen < _LEAST:
+        return _unknown(name, f"{seen} samples on its slope, fewer than {_LEAST}")
+    return ParameterValue(name, value)
+
+
+def _full(fit: FlowFit) -> ParameterValue:
+    return ParameterValue(FLOW[3], float(fit.parameters[4]))
+
+
+def _unknown(name: str, reason: str) -> ParameterValue:
+    return ParameterValue(name, float("nan"), ParameterStatus.NOT_EXCITED, reason)
+
+
+def wiener(
+    record: Record, structure: Structure, theta: FloatArray | None, settings: Settings
+) -> tuple[tuple[ParameterValue, ...], Adapted]:
+    """Return the Hammerstein-Wiener parameters and fits, in the order of `THETA` and `FITS`.
+
+    Parameters
+    ----------
+    record : Record
+        N samples without a gap.
+    structure : Structure
+        Orders.
+    theta : (P,) array or None
+        Where to start: what the cycle before gave. The adaptation gain starts anew in each cycle,
+        so that the parameters can follow for months.
+    settings : Settings
+        Centre and adaptation.
+    """
+    y, u = record.position - settings.centre, record.motor - settings.centre
+    y = np.where(record.used, y, np.nan)
+    got = identify(structure, y, u, adaptation=settings.adaptation, theta=theta)
+    known = dict(zip(structure.names, got.state.theta.tolist(), strict=True))
+    values = [ParameterValue(name, float(known.get(name, 0.0))) for name in THETA]
+    radius = float(np.abs(np.roots([1.0, *got.state.theta[: structure.na]])).max())
+    shown = fits(structure, got, np.where(record.used, y, 0.0), u, skip=0)
+    three = (shown.a_priori, shown.a_posteriori, shown.free_run, radius)
+    named = zip(FITS, three, strict=True)
+    return (*values, *(ParameterValue(name, float(v)) for name, v in named)), got

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What the stepper valve publishes, and its options."""
+
+from __future__ import annotations
+
+from valve_twin.core.types import Parameter
+from valve_twin.core.valves.interface import Option, Options
+from valve_twin.core.valves.stepper_servo.predictor import MAX_LAG, ORDER
+
+MECHANICS = "backlash_output_error"
+WIENER = "recursive_hammerstein_wiener"
+
+THREAD = ("backlash", "lost_share", "lost_steps", "offset", "delay")
+FLOW = ("band_lower", "band_upper", "dead_band", "flow_full", "flow_lag")
+FITS = ("fit_a_priori", "fit_a_posteriori", "fit_free_run", "pole")
+THETA = (
+    *(f"a_{i}" for i in range(1, ORDER + 1)),
+    *(f"b_{i}" for i in range(1, ORDER + 1)),
+    *(f"beta_{k}" for k in range(2, ORDER + 1)),
+    *(f"gamma_{k}" for k in range(2, ORDER + 1)),
+)
+
+PARAMETERS = (
+    Parameter(
+        "backlash", "1", "play between screw and spool, in parts of the stroke", 0.0, trend=True
+    ),
+    Parameter(
+        "lost_share",
+        "1",
+        "share of the steps upwards that slip, less those downwards; resolved to about 1e-4",
+        -0.9,
+        0.9,
+    ),
+    Parameter("lost_steps", "1", "steps lost in the cycle", trend=True),
+    Parameter("offset", "1", "spool position minus counted motor position at the cycle's end"),
+    Parameter("delay", "s", "counted step to measured position: sensor average and logging", 0.0),
+    Parameter(
+        "band_lower", "1", "spool position at which the lower flow begins", 0.0, 1.0, trend=True
+    ),
+    Parameter(
+        "band_upper", "1", "spool position at which the upper flow begins", 0.0, 1.0, trend=True
+    ),
+    Parameter("dead_band", "1", "band_upper - band_lower", 0.0, 1.0, trend=True),
+    Parameter("flow_full", "1", "flow at full opening, unit of the mapped flow", 0.0, trend=True),
+    Parameter("flow_lag", "s", "time constant of the flow meter", 0.0),
+    *(
+        Parameter(name, "1", f"paper 004, eq. (7): {name}, about the centre of the stroke")
+        for name in THETA
+    ),
+    Parameter("fit_a_priori", "%", "one-step fit before a sample is learned", upper=100.0),
+    Parameter("fit_a_posteriori", "%", "paper 004, eq. (10): after it is learned", upper=100.0),
+    Parameter(
+        "fit_free_run", "%", "simulation of the cycle with its last parameters", upper=100.0
+    ),
+    Parameter("pole", "1", "largest pole of the linear part, before it is projected", 0.0),
+)
+
+OPTIONS = (
+    Option(
+        "estimators",
+        [MECHANICS, WIENER],
+        "estimators to run; the first feeds trend and prediction",
+        choices=(MECHANICS, WIENER),
+    ),
+    Option("step_size", 0.01 / 2.1, "travel of a full step over the stroke", "1", 1e-6, 0.5),
+    Option("max_backlash", 0.3, "upper bound of the backlash [A]", "1", 1e-4, 1.0),
+    Option("max_delay_s", 0.1, "longest delay tried [A]", "s", 0.0, 10.0),
+    Option("min_motion", 0.02, "a cycle that moves less is refused [A]", "1", 0.0, 1.0),
+    Option(
+        "centre", 0.5, "position about which the Hammerstein-Wiener model counts", "1", -10, 10
+    ),
+    Option("na", 2, "past outputs of the Hammerstein-Wiener model", "1", 1, ORDER),
+    Option("nb", 2, "past inputs", "1", 1, ORDER),
+    Option("nk", 0, "delay of its input, 0 = the one found", "samples", 0, MAX_LAG),
+    Option("nl", 3, "highest power of its static parts, 1 = linear", "1", 1, ORDER),
+    Option("forgetting", 1.0, "weight of the past a sample", "1", 0.5, 1.0),
+)
+
+
+def number(options: Options, name: str) -> float:
+    """Return a numeric option; its type was checked when the configuration was read."""
+    value = options[name]
+    assert isinstance(value, (int, float))
+    return float(value)

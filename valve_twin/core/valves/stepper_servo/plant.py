@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The simulated stepper valve of paper 004: drive, lead screw, backlash, flow, sensor, control."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+from math import exp
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from valve_twin.core.control.stepper import StepperConfig
+from valve_twin.core.physics.quantity import check_quantities, quantity, whole
+from valve_twin.core.simulation.config import SimulationConfig
+from valve_twin.core.simulation.plant import Drive, PlantFactory, Response
+from valve_twin.core.simulation.program import CycleProgram
+from valve_twin.core.valves.stepper_servo.plant_kernel import (
+    COUNT,
+    LINE,
+    MAX_WINDOW,
+    ROTOR,
+    SENSED,
+    SPOOL,
+    STATE_SIZE,
+    Valve,
+    run_plant,
+)
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class StepperServoPlant:
+    """Numbers of the stepper valve; every field carries its unit, range and description."""
+
+    inputs: ClassVar[tuple[str, ...]] = ("motor_position", "flow")
+
+    stroke: float = quantity(
+        2.1e-3, "m", "Spool travel that stands for 1", lower=1e-5, upper=1.0, assumed=True
+    )
+    steps_per_turn: int = whole(20, "1", "Full steps a turn: 18 degrees", lower=2, upper=10000)
+    lead: float = quantity(0.2e-3, "m", "Travel a turn of the screw", lower=1e-6, upper=0.1)
+    backlash: float = quantity(
+        0.1e-3, "m", "Backlash of screw and cylinder: 10 steps", lower=0.0, upper=1e-2
+    )
+    lost_share: float = quantity(
+        0.0, "1", "Share of the upward steps that slip", lower=0.0, upper=0.9, assumed=True
+    )
+    band_lower: float = quantity(0.45e-3, "m", "Lower edge of the dead band", lower=0.0, upper=1.0)
+    band_upper: float = quantity(1.70e-3, "m", "Upper edge of the dead band", lower=0.0, upper=1.0)
+    full_lower: float = quantity(
+        0.2e-3, "m", "Below this the flow is saturated", lower=0.0, upper=1.0, ages=False
+    )
+    full_upper: float = quantity(
+        1.9e-3, "m", "Above this the flow is saturated", lower=0.0, upper=1.0, ages=False
+    )
+    flow_full: float = quantity(
+        1.0, "1", "Saturated flow in parts of the meter's range", lower=0.0, upper=10.0
+    )
+    flow_lag: float = quantity(
+        0.05, "s", "Time constant of the flow meter", lower=0.0, upper=10.0, assumed=True
+    )
+    window: int = whole(
+        8,
+        "ticks",
+        "Moving average of the position sensor [A] assumption",
+        lower=1,
+        upper=MAX_WINDOW,
+    )
+    controller: StepperConfig = field(default_factory=StepperConfig)
+
+    def __post_init__(self) -> None:
+        """Refuse values outside their range, and edges in the wrong order."""
+        check_quantities(self)
+        edges = (self.full_lower, self.band_lower, self.band_upper, self.full_upper, self.stroke)
+        if not all(a < b for a, b in pairwise(edges)):
+            message = (
+                f"full_lower, band_lower, band_upper, full_upper, stroke = {edges!r}: "
+                "must increase [m]"
+            )
+            raise ValueError(message)
+
+    @property
+    def step_size(self) -> float:
+        """Travel of a full step [m]."""
+        return self.lead / self.steps_per_turn
+
+    def ticks_per_sample(self, period_s: float) -> int:
+        """Return how many base samples of the controller a sample takes."""
+        tick = self.controller.period_s
+        count = round(period_s / tick)
+        if count < 1 or abs(count * tick - period_s) > 1e-9 * period_s:
+            message = (
+                f"period_s = {period_s!r}: "
+                f"must be a multiple of controller.period_s = {tick!r} [s]"
+            )
+            raise ValueError(message)
+        return count
+
+    def initial_state(self) -> FloatArray:
+        """Return the state at rest in the middle of the dead band, counter and rotor agreeing."""
+        state = np.zeros(STATE_SIZE)
+        middle = 0.5 * (self.band_lower + self.band_upper)
+        steps = round(middle / self.step_size)
+        state[COUNT] = state[ROTOR] = steps
+        state[SENSED] = state[SPOOL] = steps * self.step_size / self.stroke
+        state[LINE:] = state[SPOOL]
+        return state
+
+    def run(self, state: FloatArray, drive: Drive, period_s: float) -> Response:
+        """Run N samples; `state` is written in place. The position is the sensor's average."""
+        ticks = self.ticks_per_sample(period_s)
+        samples = len(drive.disturbance)
+        position, inputs = np.empty(samples), np.empty((samples, 2))
+        target = np.empty(0) if drive.commands is None else drive.commands[:, 0]
+        run_plant(
+            state,
+            self._numbers(),
+            self.controller.settings(),
+            float(self.controller.period_s),
+            ticks,
+            np.ascontiguousarray(drive.reference),
+            np.ascontiguousarray(target),
+            np.ascontiguousarray(drive.disturbance),
+            float(drive.leak_rate),
+            bool(drive.stuck),
+            bool(drive.frozen),
+            position,
+            inputs,
+        )
+        return Response(position, inputs)
+
+    def steady_rate(self, inputs: FloatArray) -> float:
+        """Return the speed at mid-stroke towards a motor position from outside [1/s]."""
+        away = float(inputs[0]) - 0.5
+        step = self.step_size / self.stroke
+        return float(np.sign(away)) * step / self.controller.period_s if abs(away) > step else 0.0
+
+    def _numbers(self) -> Valve:
+        unit = 1.0 / self.stroke
+        tick = self.controller.period_s
+        return Valve(
+            step=self.step_size * unit,
+            backlash=self.backlash * unit,
+            lost_share=float(self.lost_share),
+            band_lower=self.band_lower * unit,
+            band_upper=self.band_upper * unit,
+            full_lower=self.full_lower * unit,
+            full_upper=self.full_upper * unit,
+            flow_full=float(self.flow_full),
+            flow_share=1.0 - exp(-tick / self.flow_lag) if self.flow_lag > 0.0 else 1.0,
+            volts=self.stroke * self.controller.volts_per_metre,
+            window=int(self.window),
+        )
+
+
+class _StepperServoPlant:
+    """What makes the stepper valve simulable."""
+
+    name = "stepper_servo"
+
+    def simulation(self) -> SimulationConfig:
+        """Return a cycle through both openings, fast and slowly, sampled every 10 ms."""
+        program = CycleProgram(
+            times_s=(0.0, 1.0, 3.0, 5.0, 9.0, 10.5, 12.5, 16.5, 18.0),
+            kinds=("hold", "step", "step", "ramp", "step", "step", "ramp", "step", "step"),
+            targets=(0.5, 0.93, 0.86, 0.78, 0.5, 0.1, 0.24, 0.6, 0.5),
+            duration_s=20.0,
+            step_time_s=0.2,
+        )
+        return SimulationConfig(plant=StepperServoPlant(), program=program, period_s=0.01)
+
+
+PLANT: PlantFactory = _StepperServoPlant()
