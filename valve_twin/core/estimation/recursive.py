@@ -315,13 +315,14 @@ def identify(
     corrected : bool
         Whether the bias of measured outputs in the regressor is corrected.
     theta : (P,) array, optional
-        Where to start, e.g. what an earlier record gave.
+        Where to start, e.g. what an earlier record gave; the corrected algorithm then starts at
+        once, without the literal one.
     """
     how = adaptation or Adaptation()
     first = start(structure, how, theta)
     if not corrected:
         return adapt(structure, how, first, y, u)
-    settle = min(how.settle, len(y))
+    settle = min(how.settle, len(y)) if theta is None else 0
     literal = adapt(structure, how, first, y[:settle], u[:settle])
     second = start_corrected(structure, how, literal.state)
     later = adapt_corrected(structure, how, second, y[settle:], u[settle:])

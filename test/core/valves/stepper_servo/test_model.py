@@ -128,10 +128,20 @@ def test_the_recursive_model_is_published_every_cycle_with_three_fits():
     for cycle in estimate_all(make_cycles(cycles=3)):
         found = cycle["recursive_hammerstein_wiener"]
         assert found.status is EstimateStatus.ACCEPTED
-        assert found.value("fit_a_priori") > 85.0
+        assert found.value("fit_a_priori") > 80.0
         assert found.value("fit_a_posteriori") >= found.value("fit_a_priori")
         assert found.value("fit_free_run") <= 100.0
-        assert 0.0 < found.value("pole") <= 1.0
+        assert 0.0 < found.value("pole") < 1.0
+
+
+@pytest.mark.parametrize(
+    ("plant", "least"), [({}, 90.0), ({"lost_share": 0.01}, 90.0), ({"backlash": 2e-5}, 98.0)]
+)
+def test_the_recursive_model_runs_free_over_the_cycle_after(plant, least):
+    """A thread with play is no such system: it costs the model 6 %, paper 004 reached 87."""
+    estimates = estimate_all(make_cycles({"plant": plant}, cycles=5))
+    for cycle in estimates[1:]:
+        assert cycle["recursive_hammerstein_wiener"].fit_test > least
 
 
 def test_without_a_meter_the_dead_band_is_refused_and_the_screw_is_not():

@@ -18,7 +18,7 @@ from valve_twin.core.types import (
     ParameterStatus,
     ParameterValue,
 )
-from valve_twin.core.valves.stepper_servo.fit import Record
+from valve_twin.core.valves.stepper_servo.fit import Record, end_offset
 from valve_twin.core.valves.stepper_servo.outcome import Settings, mechanics, wiener
 from valve_twin.core.valves.stepper_servo.parameters import (
     FITS,
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from valve_twin.core.types import ByteArray, Cycle, FloatArray, Parameter
     from valve_twin.core.valves.interface import Option, Options
 
-_NAMES = {MECHANICS: (*THREAD, *FLOW), WIENER: (*THETA, *FITS)}
+_NAMES = {MECHANICS: (*THREAD, *FLOW), WIENER: (*THETA, THREAD[3], *FITS)}
 _LEAST_SAMPLES = 50
 _QUIET = 1e-9  # change of the counted position that is none [1]
 _SETTLE_SAMPLES = 5
@@ -102,7 +102,7 @@ class StepperServoModel:
             lag = int(number(options, "nk")) or lag
             structure = _structure(options, lag)
             settings = Settings(
-                number(options, "centre"), Adaptation(forgetting=number(options, "forgetting"))
+                number(options, "centre"), end_offset(thread), _adaptation(options)
             )
             learned, got = wiener(record, structure, _carried(earlier, structure), settings)
             condition = _condition(got.state.gain)
@@ -113,7 +113,7 @@ class StepperServoModel:
     def coefficients(
         self, values: Mapping[str, float], lag: int, period_s: float, options: Options
     ) -> FloatArray:
-        """Return the 13 coefficients of `predict`; NaN where the backlash was never seen.
+        """Return the 14 coefficients of `predict`; NaN where the backlash was never seen.
 
         The Hammerstein-Wiener model is projected to a stable one: its free run would diverge.
         """
@@ -124,6 +124,7 @@ class StepperServoModel:
             theta = np.array([values.get(name, 0.0) for name in THETA])
             c[0], c[11] = 1.0, structure.nk
             c[1:11] = project_stable(theta, structure)
+            c[13] = values.get("offset", 0.0)
             return c
         delay = values.get("delay", 0.0) / period_s
         c[1] = values.get("backlash", np.nan)
@@ -196,6 +197,13 @@ def _max_delay(options: Options, period_s: float) -> float:
 def _structure(options: Options, lag: int) -> Structure:
     na, nb, nl = (int(number(options, name)) for name in ("na", "nb", "nl"))
     return Structure(na, nb, min(lag, MAX_LAG), nl)
+
+
+def _adaptation(options: Options) -> Adaptation:
+    """Return a careful adaptation: a thread with play is no Hammerstein-Wiener system."""
+    return Adaptation(
+        forgetting=number(options, "forgetting"), start_gain=0.01, early_forgetting=1.0
+    )
 
 
 def _carried(earlier: Sequence[Estimate], structure: Structure) -> FloatArray | None:

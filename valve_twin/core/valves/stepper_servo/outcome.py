@@ -34,9 +34,21 @@ _LEAST_WAY = 5.0
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """Position about which the Hammerstein-Wiener model counts [1], and how fast it follows."""
+    """What the Hammerstein-Wiener model counts from, and how fast it follows.
+
+    Attributes
+    ----------
+    centre : float
+        Position that is its zero [1].
+    offset : float
+        Spool position minus counted motor position at the end of the cycle [1]: lost steps are no
+        dynamics.
+    adaptation : Adaptation
+        How fast it follows.
+    """
 
     centre: float
+    offset: float
     adaptation: Adaptation
 
 
@@ -123,7 +135,7 @@ def _unknown(name: str, reason: str) -> ParameterValue:
 def wiener(
     record: Record, structure: Structure, theta: FloatArray | None, settings: Settings
 ) -> tuple[tuple[ParameterValue, ...], Adapted]:
-    """Return the Hammerstein-Wiener parameters and fits, in the order of `THETA` and `FITS`.
+    """Return the Hammerstein-Wiener parameters (`THETA`), the offset and the `FITS`.
 
     Parameters
     ----------
@@ -135,9 +147,10 @@ def wiener(
         Where to start: what the cycle before gave. The adaptation gain starts anew in each cycle,
         so that the parameters can follow for months.
     settings : Settings
-        Centre and adaptation.
+        Centre, offset and adaptation.
     """
-    y, u = record.position - settings.centre, record.motor - settings.centre
+    y = record.position - settings.centre
+    u = record.motor + settings.offset - settings.centre
     y = np.where(record.used, y, np.nan)
     got = identify(structure, y, u, adaptation=settings.adaptation, theta=theta)
     known = dict(zip(structure.names, got.state.theta.tolist(), strict=True))
@@ -146,4 +159,5 @@ def wiener(
     shown = fits(structure, got, np.where(record.used, y, 0.0), u, skip=0)
     three = (shown.a_priori, shown.a_posteriori, shown.free_run, radius)
     named = zip(FITS, three, strict=True)
-    return (*values, *(ParameterValue(name, float(v)) for name, v in named)), got
+    offset = ParameterValue(THREAD[3], settings.offset)
+    return (*values, offset, *(ParameterValue(name, float(v)) for name, v in named)), got

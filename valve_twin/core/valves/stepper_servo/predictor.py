@@ -20,9 +20,9 @@ ORDER = 3
 MAX_LAG = 64
 """Longest delay of prediction and identification [samples]."""
 
-MODE, COEFFICIENTS = 0, 13
+MODE, COEFFICIENTS = 0, 14
 """mode (0 thread, 1 Hammerstein-Wiener), then backlash [1], offset [1], delay [samples], or
-a (3), b (3), beta (2), gamma (2), nk, centre [1]."""
+a (3), b (3), beta (2), gamma (2), nk, centre [1], offset of the motor position [1]."""
 
 _LAST, _FREE, _SEEN, _HEAD, _LINEAR, _FREE_LINEAR = range(6)
 _PAST = 6
@@ -60,8 +60,8 @@ def _wiener(
     linear = 0.0
     for i in range(ORDER):
         linear -= c[1 + i] * (past[i] - centre)
-        linear += c[4 + i] * (_motor(state, lag + i) - centre)
-    u = _motor(state, lag) - centre
+        linear += c[4 + i] * (_motor(state, lag + i) + c[13] - centre)
+    u = _motor(state, lag) + c[13] - centre
     linear += c[7] * u * u + c[8] * u * u * u
     return linear + c[9] * before * before + c[10] * before * before * before, linear
 
