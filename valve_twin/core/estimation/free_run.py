@@ -247,7 +247,8 @@ def fit_lag(
     )
     rows = max(rows, 1)
     likelihood = float(np.log(max(cost, 1e-300) / rows) + log_determinant / rows)
-    mean = mean_command(run.position, phases.v_in, phases.free)
+    active = options.guard.active_command
+    mean = mean_command(run.position, phases.v_in, phases.free, active)
     return Solution(pole, p, gram, columns, cost, rows, likelihood, mean)
 
 
@@ -261,14 +262,15 @@ def _seated(
     return low | high
 
 
-def mean_command(position: FloatArray, v_in: FloatArray, free: BoolArray) -> float:
+def mean_command(position: FloatArray, v_in: FloatArray, free: BoolArray, active: float) -> float:
     """Return the inflow command, averaged with the displacement during it as weight [1].
 
-    The noise of the increments stays in the sum: it has mean zero there, but not in its positive
-    part.
+    Only commands above `active` [1] count: an offset or noise of the logged command is no inflow,
+    and would take the return stroke for one. The noise of the increments stays in the sum: it has
+    mean zero there, but not in its positive part.
     """
     moved = np.diff(position, prepend=position[:1])
-    on = free & (v_in > 0.0)
+    on = free & (v_in > active)
     total = float(np.sum(moved[on]))
     return float(np.sum(moved[on] * v_in[on])) / total if total > 0.0 else float("nan")
 

@@ -224,7 +224,8 @@ class _Problem:
         """Return a solution whose cost a row is the unbiased variance."""
         fitted = int(np.count_nonzero(p)) + (self.options.pole < 0.0)
         unbiased = cost * rows / max(rows - fitted, 1)
-        mean = mean_command(self.told.run.position, self.phases.v_in, self.phases.free)
+        active = self.options.guard.active_command
+        mean = mean_command(self.told.run.position, self.phases.v_in, self.phases.free, active)
         return Solution(
             pole, p, gram, self.told.columns, unbiased, max(rows, 1), float("nan"), mean
         )
