@@ -2,9 +2,9 @@
 # Copyright 2026 valve_twin maintainers
 """Kill recorders at random times while they record, and hold the file against what was sent.
 
-A publisher process notes when it sent what. Recorders are forked from a process that has the
-imports behind it, so that a thousand of them are started in minutes; each is a process of its own
-with its own middleware, as `ros2 run` starts it.
+A publisher process notes when it sent what, and every recorder when it received what. Recorders
+are forked from a process that has the imports behind it, so that a thousand of them are started in
+minutes; each is a process of its own with its own middleware, as `ros2 run` starts it.
 """
 
 from __future__ import annotations
@@ -25,13 +25,15 @@ from mcap.exceptions import McapError
 from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 
+from test.nodes import recorder_witness
+from test.nodes.recorder_witness import RATE_HZ, TOPICS
 from valve_twin.io.recover import recover
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-TOPICS = ("/fast/a", "/fast/b", "/fast/c")
-RATE_HZ = 200.0
+    from numpy.typing import NDArray
+
 LONGEST_S = 3600
 PROMISE_NS = 1_000_000_000
 START_S = 40.0
@@ -48,66 +50,37 @@ class Kill:
         Messages sent more than a second before the kill, behind the first recorded one.
     missing : int
         Those of them that the file does not yield.
+    received : int
+        Messages that the recorder's middleware had more than a second before the kill.
+    received_missing : int
+        Those of them that the file does not yield.
     found : int
         Messages that the file yields.
-    lost_s : float
-        Age of the oldest message that is lost, at the kill [s].
+    lost_s, received_lost_s : float
+        Age at the kill of the oldest message that is lost, since it was sent, and of the oldest
+        received one that is lost, since it was received [s].
+    stood_s : float
+        Time for which the recorder's loop had not turned at the kill [s].
+    delivery_s, wait_s : (N,) array
+        From sending to the recorder's middleware, and from there to the recorder [s].
     """
 
     expected: int
     missing: int
+    received: int
+    received_missing: int
     found: int
     lost_s: float
-
-
-def publish_until_killed(path: str) -> None:
-    """Publish a count on every topic and note when each was sent (publisher process)."""
-    import rclpy
-    from rclpy.node import Node
-    from rclpy.qos import QoSProfile
-    from valve_twin_msgs.msg import Float64Stamped
-
-    from valve_twin.io.cdr import encode_stamped
-
-    sent = np.memmap(path, dtype="<i8", mode="r+")
-    rclpy.init()
-    node = Node("publisher", start_parameter_services=False)
-    publishers = [node.create_publisher(Float64Stamped, t, QoSProfile(depth=2000)) for t in TOPICS]
-    begin = time.monotonic()
-    for i in range(len(sent)):
-        time.sleep(max(begin + i / RATE_HZ - time.monotonic(), 0.0))
-        for publisher in publishers:
-            publisher.publish(encode_stamped(time.time_ns(), float(i)))
-        sent[i] = time.time_ns()  # all three are with the middleware
-
-
-def fork_recorders() -> None:
-    """Fork a recorder a line of stdin: log file, then its arguments (mother process)."""
-    import valve_twin.nodes.bag_recorder  # noqa: F401
-    from valve_twin.nodes import executables
-
-    signal.signal(signal.SIGCHLD, signal.SIG_IGN)
-    sys.stdout.write("ready\n")
-    sys.stdout.flush()
-    for line in sys.stdin:
-        log, *arguments = line.rstrip("\n").split("\t")
-        pid = os.fork()
-        if pid == 0:
-            signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-            number = os.open(log, os.O_WRONLY | os.O_CREAT, 0o644)
-            os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
-            os.dup2(number, 1)
-            os.dup2(number, 2)
-            sys.argv = ["bag_recorder", *arguments]
-            executables.run("bag_recorder")
-        sys.stdout.write(f"{pid}\n")
-        sys.stdout.flush()
+    received_lost_s: float
+    stood_s: float
+    delivery_s: NDArray[np.float64]
+    wait_s: NDArray[np.float64]
 
 
 class KillingField:
     """Publisher and mother of recorders in one domain."""
 
-    def __init__(self, folder: Path, domain: int) -> None:
+    def __init__(self, folder: Path, domain: int, *, heartbeat_s: float = 0.0) -> None:
         self._folder = folder
         self._count = 0
         self._seen = 0
@@ -119,8 +92,10 @@ class KillingField:
         sent = folder / "sent"
         np.zeros(int(LONGEST_S * RATE_HZ), dtype="<i8").tofile(sent)
         self._sent = np.memmap(sent, dtype="<i8", mode="r")
-        command = [sys.executable, __file__]
-        self._publisher = subprocess.Popen([*command, "publish", str(sent)], env=environment)
+        command = [sys.executable, recorder_witness.__file__]
+        self._publisher = subprocess.Popen(
+            [*command, "publish", str(sent), str(heartbeat_s)], env=environment
+        )
         self._mother = subprocess.Popen(
             [*command, "fork"],
             env=environment,
@@ -145,9 +120,10 @@ class KillingField:
         if self._count % 3 == 0:
             arguments += ["-p", f"max_bag_duration:={SPLIT_S}"]
         arguments += ["-p", "start_type_description_service:=false"]
-        self._mother.stdin.write("\t".join([str(log), *arguments]) + "\n")
+        notes = self._folder / f"notes{self._count}"
+        self._mother.stdin.write("\t".join([str(log), str(notes), *arguments]) + "\n")
         self._mother.stdin.flush()
-        made = Recorder(int(self._line()), bag, log, time.monotonic() + START_S)
+        made = Recorder(int(self._line()), bag, log, notes, time.monotonic() + START_S)
         self._recorders.append(made)
         return made
 
@@ -166,24 +142,57 @@ class KillingField:
         found, plain = read_cut(whole), read_cut(recorder.bag)
         assert all(set(found.get(t, ())) >= set(numbers) for t, numbers in plain.items())
         shutil.rmtree(whole)
-        sent = np.array(self._sent)
-        sent = sent[: int(np.argmax(sent == 0))]
-        expected = missing = total = 0
-        oldest_lost = recorder.killed_ns
-        for topic in TOPICS:
+        sent = self._sent[: int(np.argmax(self._sent == 0))]
+        notes = recorder_witness.read(recorder.notes)
+        killed_ns, old_ns = recorder.killed_ns, recorder.killed_ns - PROMISE_NS
+        ages, received_ages = [0], [0]
+        expected = missing = received = received_missing = total = 0
+        for number, topic in enumerate(TOPICS):
             counts = np.unique(np.array(found.get(topic, []), dtype=np.int64))
             assert counts.size, f"{topic}: nothing recorded\n{recorder.log.read_text()}"
             assert counts.size == len(found[topic]), f"{topic}: a message is there twice"
-            behind = np.arange(counts[0], sent.size)
-            wanted = behind[sent[behind] <= recorder.killed_ns]
-            lost = np.setdiff1d(wanted, counts)
-            old = wanted[sent[wanted] <= recorder.killed_ns - PROMISE_NS]
-            expected += old.size
-            missing += np.setdiff1d(old, counts).size
+            given = notes.count[notes.topic == number]
+            given_ns = notes.received_ns[notes.topic == number]
+            assert np.isin(counts, given).all(), f"{topic}: recorded and never received"
+            kept = np.isin(given, counts)
+            wanted = np.arange(given.min(), sent.size)
+            wanted = wanted[sent[wanted] <= killed_ns]
+            lost = sent[np.setdiff1d(wanted, counts)]
+            expected += int((sent[wanted] <= old_ns).sum())
+            missing += int((lost <= old_ns).sum())
+            received += int((given_ns <= old_ns).sum())
+            received_missing += int((given_ns[~kept] <= old_ns).sum())
             total += counts.size
-            if lost.size:
-                oldest_lost = min(oldest_lost, int(sent[lost[0]]))
-        return Kill(expected, missing, total, (recorder.killed_ns - oldest_lost) * 1e-9)
+            ages.extend((killed_ns - lost).tolist())
+            received_ages.extend((killed_ns - given_ns[~kept]).tolist())
+        there = notes.count < sent.size
+        return Kill(
+            expected,
+            missing,
+            received,
+            received_missing,
+            total,
+            max(ages) * 1e-9,
+            max(received_ages) * 1e-9,
+            (killed_ns - notes.turned_ns) * 1e-9,
+            1e-9 * (notes.received_ns[there] - sent[notes.count[there]]).astype(np.float64),
+            1e-9 * (notes.taken_ns - notes.received_ns).astype(np.float64),
+        )
+
+    def examine(self, recorder: Recorder) -> str:
+        """Say what a recorder does that records nothing."""
+        with suppress(ProcessLookupError):
+            os.kill(recorder.pid, signal.SIGUSR1)
+        deadline = time.monotonic() + 2.0
+        while "Thread" not in recorder.log.read_text() and time.monotonic() < deadline:
+            time.sleep(0.05)
+        notes = recorder_witness.read(recorder.notes)
+        files = [(f.name, f.stat().st_size) for f in recorder.bag.glob("*")]
+        turned_s = (time.time_ns() - notes.turned_ns) * 1e-9
+        return (
+            f"recorder {recorder.pid}: {notes.count.size} messages received, loop turned "
+            f"{turned_s:.1f} s ago, {files}\n{recorder.log.read_text()}"
+        )
 
     def close(self) -> None:
         """End all processes."""
@@ -205,6 +214,7 @@ class Recorder:
     pid: int
     bag: Path
     log: Path
+    notes: Path
     begin_by: float
     kill_at: float = 0.0
     killed_ns: int = 0
@@ -257,7 +267,7 @@ def kill_many(field: KillingField, kills: int, at_once: int, seed: int) -> list[
     choose = random.Random(seed)
     running: list[Recorder] = []
     dying: list[Recorder] = []
-    idle: list[Recorder] = []
+    idle: list[str] = []
     results: list[Kill] = []
     started = 0
     while len(results) + len(idle) < kills:
@@ -269,9 +279,9 @@ def kill_many(field: KillingField, kills: int, at_once: int, seed: int) -> list[
                 if recorder.records():
                     recorder.kill_at = time.monotonic() + choose.uniform(1.0, 3.0)
                 elif time.monotonic() > recorder.begin_by:
+                    idle.append(field.examine(recorder))
                     recorder.kill()
                     running.remove(recorder)
-                    idle.append(recorder)
             elif time.monotonic() >= recorder.kill_at and field.flows():
                 recorder.kill()
                 running.remove(recorder)
@@ -279,12 +289,8 @@ def kill_many(field: KillingField, kills: int, at_once: int, seed: int) -> list[
         for recorder in [r for r in dying if r.is_gone()]:
             dying.remove(recorder)
             results.append(field.judge(recorder))
-            for path in (*recorder.bag.iterdir(), recorder.log):
+            for path in (*recorder.bag.iterdir(), recorder.log, recorder.notes):
                 path.unlink()
         time.sleep(0.01)
-    assert len(idle) <= kills // 100, idle[0].log.read_text()
+    assert len(idle) <= kills // 100, "\n".join(idle)
     return results
-
-
-if __name__ == "__main__":
-    publish_until_killed(sys.argv[2]) if sys.argv[1] == "publish" else fork_recorders()
