@@ -113,6 +113,16 @@ _TWIN = (
         1e6,
     ),
     Spec(
+        "prediction_batch_s",
+        Kind.FLOAT,
+        0.0,
+        "Data time of one PredictionSeries into which predictions are collected, less where a "
+        "cycle ends or samples are missing; 0 = a message for each of the inputs.",
+        "s",
+        0.0,
+        60.0,
+    ),
+    Spec(
         "retry_s",
         Kind.FLOAT,
         1.0,

@@ -24,6 +24,7 @@ from valve_twin.nodes.collector import Collector
 from valve_twin.nodes.estimation_job import MEMORY_LACKS, run_job
 from valve_twin.nodes.inputs import InputConfig, TopicInput, seconds_now
 from valve_twin.nodes.keeper import where_to_go_on
+from valve_twin.nodes.prediction_batches import PredictionBatches, mean_period_s
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -40,6 +41,13 @@ answered at once, in a rush whole blocks [ns]."""
 
 LONGEST_GATHER_S = 0.02
 """No sample waits longer than this to be handed on [s]."""
+
+GATHER_S = 0.25
+"""Where predictions are collected, inputs are worked on this often at least: one round costs
+hardly more than one sample [s]."""
+
+SLICE_SHARE = 0.5
+"""Data time handed on at once, as a share of the time by which the core waits for a signal [1]."""
 
 _DEEP = QoSProfile(depth=5000, reliability=ReliabilityPolicy.RELIABLE)
 _DEEP_SERIES = QoSProfile(depth=300, reliability=ReliabilityPolicy.RELIABLE)
@@ -97,7 +105,7 @@ class LiveValve:
         last, resume = where_to_go_on(self.history, self._claim, self.name)
         self.twin = make_twin(config, memory=memory, last_cycle=last, resume=resume)
         self.kept = keeper.open(self.name, self._publish_estimates, self.twin.number_from)
-        self._collector = Collector(config.signals, round(config.hold_back_s * 0.25e9))
+        self._collector = Collector(config.signals, round(SLICE_SHARE * 1e9 * config.hold_back_s))
         self.inputs: list[TopicInput] = []
         self._job: Job | None = None
         self._jobs = 0
@@ -115,6 +123,13 @@ class LiveValve:
         self.gaps = GapCounter(config.period_s)
         self.jumps = self.failed = 0
         self.failure = ""
+        batch_s = float(node.parameters["prediction_batch_s"])
+        self._gather_s = min(batch_s, GATHER_S)
+        self._batches = (
+            PredictionBatches(batch_s, config.period_s, batch_s + self._gather_s)
+            if batch_s > 0.0
+            else None
+        )
         self._open_publishers()
 
     # -- life
@@ -130,12 +145,14 @@ class LiveValve:
     def silence(self) -> None:
         """Take the subscriptions down; what was learnt stays."""
         self.work(force=True)
+        self._flush()
         for topic in self.inputs:
             topic.destroy()
         self.inputs = []
 
     def close(self) -> None:
         """Take the publishers down."""
+        self._flush()
         for publisher in (self._prediction, self._cycle, self._estimate):
             self._node.destroy_publisher(publisher)
 
@@ -146,13 +163,15 @@ class LiveValve:
         begin = seconds_now()
         if begin < self._due_s and not force:
             return
-        self._due_s = begin + LONGEST_GATHER_S
+        self._due_s = self._next_due_s(begin)
         for topic in self.inputs:
             topic.drain()
         oldest_ns, predicted = self._collector.oldest_ns, self.predicted
         for blocks in self._collector.take_all() if force else self._collector.take(begin):
             self._push(blocks)
-        if not self._collector:
+        if self._batches and begin >= self._batches.due_s:
+            self._flush()
+        if not self._collector and not self._batches:
             self._awake.discard(self)
         if self.predicted == predicted:
             return
@@ -166,6 +185,7 @@ class LiveValve:
     def clock_jumped(self) -> None:
         """Drop the running cycle after the node's clock was set back."""
         self.work(force=True)  # what came before belongs to it
+        self._flush()
         self.handle(self.twin.clock_jumped())
 
     def handle(self, events: Iterable[Event], wall_s: float = 0.0) -> None:
@@ -173,7 +193,9 @@ class LiveValve:
         for event in events:
             if isinstance(event, Prediction):
                 self._publish_prediction(event)
-            elif isinstance(event, Cycle):
+                continue
+            self._flush()
+            if isinstance(event, Cycle):
                 self.last_cycle = event.number
                 self._claim.announce(Announced(event.number, event.start_ns))
                 self._cycle.publish(convert.cycle_message(self.name, event))
@@ -196,8 +218,9 @@ class LiveValve:
     def _arrive(self, topic: int, received_ns: int) -> None:
         """Work once every topic has brought something, late ones together with what follows."""
         if self not in self._awake:
-            self._awake.add(self)
-            self._due_s = seconds_now() + LONGEST_GATHER_S
+            self._wake()
+        if self._batches is not None:
+            return
         self._news |= 1 << topic
         if self._news == self._all_topics or topic == self._leading:
             if self._news == self._all_topics and time.time_ns() - received_ns < BACKLOG_NS:
@@ -205,6 +228,16 @@ class LiveValve:
             elif not self._scheduled:
                 self._scheduled = True
                 self._node.later(self._work_now)
+
+    def _wake(self) -> None:
+        self._awake.add(self)
+        self._due_s = self._next_due_s(seconds_now())
+
+    def _next_due_s(self, now_s: float) -> float:
+        """Return until when samples are gathered; all valves that collect work at one time [s]."""
+        if self._batches is None:
+            return now_s + LONGEST_GATHER_S
+        return (now_s // self._gather_s + 1.0) * self._gather_s
 
     def _work_now(self) -> None:
         self._scheduled = False
@@ -239,6 +272,11 @@ class LiveValve:
     def _publish_prediction(self, prediction: Prediction) -> None:
         self.predicted += len(prediction.stamp_ns)
         self.gaps.push(prediction.stamp_ns)
+        if self._batches is not None:
+            self._publish_series(self._batches.add(prediction, seconds_now()))
+            if self._batches and self not in self._awake:
+                self._wake()
+            return
         if self._batched:
             for data in convert.series_bytes(prediction, self.config.period_s):
                 self._prediction.publish(data)
@@ -246,6 +284,17 @@ class LiveValve:
         publish = self._prediction.publish
         for data in convert.prediction_bytes(prediction):
             publish(data)
+
+    def _flush(self) -> None:
+        """Publish the predictions that were collected."""
+        if self._batches:
+            self._publish_series(self._batches.flush())
+
+    def _publish_series(self, series: Iterable[Prediction]) -> None:
+        for prediction in series:
+            period_s = mean_period_s(prediction, self.config.period_s)
+            for data in convert.series_bytes(prediction, period_s):
+                self._prediction.publish(data)
 
     # -- estimation
 
@@ -329,7 +378,8 @@ class LiveValve:
     # -- wiring
 
     def _open_publishers(self) -> None:
-        self._batched = self.config.signals[self.model.output].batched
+        batched = self.config.signals[self.model.output].batched
+        self._batched = batched or self._batches is not None
         kind = msg.PredictionSeries if self._batched else msg.Prediction
         node, base = self._node, f"{self.name}/twin"
         depth = _DEEP_SERIES if self._batched else _DEEP
