@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 ENTRY_POINT_GROUP = "valve_twin.valves"
 
-_BUILT_IN = ("press_cartridge", "positioner", "stepper_servo")
+_BUILT_IN = ("press_cartridge", "positioner", "stepper_servo", "hybrid_actuator")
 
 
 def model_names() -> tuple[str, ...]:

@@ -1,0 +1,314 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Strokes of a cycle, and the fit of spring, damping and magnet to the flights between the seats.
+
+Between the seats the armature obeys m dv/dt = F(i, x) - c v - k x with measured currents. All
+flights of a cycle are fitted together by output error: k, c and the magnet's force are shared,
+position and speed at the start of each flight are its own. Bounces are left out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+
+from valve_twin.core.valves.hybrid_actuator.plant_kernel import Armature, net_force
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import BoolArray, FloatArray
+    from valve_twin.core.valves.hybrid_actuator.magnetics import Magnetics
+
+SEAT_BAND = 0.01
+"""Distance to a seat that counts as seated [1]: well above noise, well below a stroke [A]."""
+
+SHARED = ("spring_rate", "damping", "magnet_force")
+
+_LONGEST_S = 0.03  # longest part of a flight that is fitted, for one that does not land [s]
+_FEWEST = 12  # fewest samples of a flight [A]
+_SUBSTEPS = 2
+_STEPS_TO_SEAT = 400  # how far the fitted flight is followed to its seat, in half samples
+
+
+@dataclass(frozen=True, slots=True)
+class Stroke:
+    """One flight of the armature.
+
+    Attributes
+    ----------
+    opening : bool
+        Whether it left the closed seat.
+    first, end : int
+        Samples between the seats: first <= n < end.
+    landed : bool
+        Whether it reached the other seat.
+    """
+
+    opening: bool
+    first: int
+    end: int
+    landed: bool
+
+
+def find_strokes(position: FloatArray, known: BoolArray, period_s: float) -> list[Stroke]:
+    """Return the flights that leave one seat and pass the middle.
+
+    Parameters
+    ----------
+    position : (N,) array
+        Measured position, 0 closed, 1 open [1].
+    known : (N,) bool array
+        Samples that can be used.
+    period_s : float
+        Sampling time [s].
+    """
+    index = np.flatnonzero(known)
+    p = position[index]
+    seat = np.where(p < SEAT_BAND, -1, np.where(p > 1.0 - SEAT_BAND, 1, 0))
+    between = np.concatenate(([False], seat == 0, [False]))
+    starts = np.flatnonzero(between[1:] & ~between[:-1])
+    ends = np.flatnonzero(~between[1:] & between[:-1])
+    found = []
+    for start, end in zip(starts, ends, strict=True):
+        if start == 0:
+            continue  # the flight began before the cycle
+        side = int(seat[start - 1])
+        if (side * (p[start:end] - 0.5)).min() >= 0.0:
+            continue  # a bounce
+        landed = bool(end < len(p) and seat[end] == -side)
+        last = min(int(index[end - 1]) + 1, int(index[start]) + round(_LONGEST_S / period_s))
+        found.append(Stroke(side < 0, int(index[start]), last, landed))
+    return found
+
+
+@njit(cache=True)
+def fly(
+    a: Armature,
+    solenoid: Magnetics,
+    start: tuple[float, float],
+    opener: FloatArray,
+    closer: FloatArray,
+    period: float,
+    out: FloatArray,
+) -> None:
+    """Follow a flight through N samples with given currents; there are no stops.
+
+    Parameters
+    ----------
+    a, solenoid : Armature, Magnetics
+        Numbers of the moving parts and of either solenoid.
+    start : tuple of float
+        Position [m] and speed [m/s] at the first sample.
+    opener, closer : (N,) arrays
+        Currents at the samples, straight lines between [A].
+    period : float
+        Sampling time [s].
+    out : (N, 2) array
+        Overwritten with position [m] and speed [m/s].
+    """
+    x, v = start
+    h = period / _SUBSTEPS
+    out[0, 0], out[0, 1] = x, v
+    for n in range(1, len(opener)):
+        for k in range(_SUBSTEPS):
+            s = k / _SUBSTEPS
+            x, v = advance(
+                a,
+                solenoid,
+                x,
+                v,
+                opener[n - 1] + s * (opener[n] - opener[n - 1]),
+                opener[n - 1] + (s + 1.0 / _SUBSTEPS) * (opener[n] - opener[n - 1]),
+                closer[n - 1] + s * (closer[n] - closer[n - 1]),
+                closer[n - 1] + (s + 1.0 / _SUBSTEPS) * (closer[n] - closer[n - 1]),
+                h,
+            )
+        out[n, 0], out[n, 1] = x, v
+
+
+@njit(cache=True)
+def advance(
+    a: Armature,
+    solenoid: Magnetics,
+    x: float,
+    v: float,
+    opener_from: float,
+    opener_to: float,
+    closer_from: float,
+    closer_to: float,
+    h: float,
+) -> tuple[float, float]:
+    """Return position [m] and speed [m/s] after `h` seconds of Runge-Kutta of order 4."""
+    o, c = 0.5 * (opener_from + opener_to), 0.5 * (closer_from + closer_to)
+    a1 = _acceleration(a, solenoid, x, v, opener_from, closer_from)
+    x2, v2 = x + 0.5 * h * v, v + 0.5 * h * a1
+    a2 = _acceleration(a, solenoid, x2, v2, o, c)
+    x3, v3 = x + 0.5 * h * v2, v + 0.5 * h * a2
+    a3 = _acceleration(a, solenoid, x3, v3, o, c)
+    x4, v4 = x + h * v3, v + h * a3
+    a4 = _acceleration(a, solenoid, x4, v4, opener_to, closer_to)
+    return (
+        x + h * (v + 2.0 * (v2 + v3) + v4) / 6.0,
+        v + h * (a1 + 2.0 * (a2 + a3) + a4) / 6.0,
+    )
+
+
+@njit(cache=True)
+def _acceleration(
+    a: Armature, solenoid: Magnetics, x: float, v: float, i_o: float, i_c: float
+) -> float:
+    # a trial step may leave the travel: the force is that at the seat
+    inside = min(max(x, -a.travel), a.travel)
+    pull = net_force(a, solenoid, solenoid, inside, i_o, i_c)
+    return (pull - a.spring * (x - inside) - a.damping * v) / a.mass
+
+
+@dataclass(frozen=True, slots=True)
+class FlightFit:
+    """Fitted flights of a cycle.
+
+    Attributes
+    ----------
+    strokes : tuple of Stroke
+        The flights.
+    values : (3,) array
+        Spring rate [N/m], damping [N s/m], magnet force [N].
+    condition : float
+        Condition number of the column-scaled sensitivities.
+    rms : float
+        Root mean square of the residuals [m].
+    seating : tuple of float
+        Speed at the seat of each flight [m/s], NaN for one that did not land.
+    used : int
+        Samples fitted.
+    """
+
+    strokes: tuple[Stroke, ...]
+    values: FloatArray
+    condition: float
+    rms: float
+    seating: tuple[float, ...]
+    used: int
+
+
+@dataclass(frozen=True, slots=True)
+class Flights:
+    """Record of a cycle: position (N,) [m], currents (N,) [A], usable (N,), period [s]."""
+
+    position: FloatArray
+    opener: FloatArray
+    closer: FloatArray
+    known: BoolArray
+    period_s: float
+
+
+def fit_flights(
+    record: Flights, strokes: list[Stroke], a: Armature, solenoid: Magnetics
+) -> FlightFit | None:
+    """Fit all flights of a cycle together; None where they say too little.
+
+    Parameters
+    ----------
+    record : Flights
+        The cycle.
+    strokes : list of Stroke
+        Its flights.
+    a, solenoid : Armature, Magnetics
+        What is known, and where the search of the rest starts.
+    """
+    strokes = [s for s in strokes if np.count_nonzero(record.known[s.first : s.end]) >= _FEWEST]
+    if not strokes:
+        return None
+    problem = _Problem(record, strokes, a, solenoid)
+    start = problem.start()
+    from scipy.optimize import least_squares  # slow to import
+
+    lower = np.full(len(start), -np.inf)
+    lower[:3] = 0.0
+    found = least_squares(
+        problem.residuals,
+        start,
+        bounds=(lower, np.inf),
+        x_scale=problem.scale(),
+        xtol=1e-10,
+        ftol=1e-12,
+        gtol=1e-12,
+        max_nfev=50,
+    )
+    if not np.isfinite(found.x).all():
+        return None
+    slopes = np.asarray(found.jac)
+    columns = slopes / np.maximum(np.sqrt(np.sum(slopes**2, axis=0)), 1e-300)
+    return FlightFit(
+        strokes=tuple(strokes),
+        values=np.asarray(found.x[:3]),
+        condition=float(np.linalg.cond(columns)),
+        rms=float(np.sqrt(2.0 * found.cost / len(found.fun))),
+        seating=tuple(problem.seating(found.x, k) for k in range(len(strokes))),
+        used=len(found.fun),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Problem:
+    record: Flights
+    strokes: list[Stroke]
+    a: Armature
+    solenoid: Magnetics
+
+    def start(self) -> FloatArray:
+        parts = [self.a.spring, self.a.damping, self.solenoid.magnet_force]
+        for s in self.strokes:
+            part = slice(s.first, min(s.first + 8, s.end))
+            good = self.record.known[part]
+            t = np.arange(len(good))[good] * self.record.period_s
+            line = np.polynomial.polynomial.polyfit(t, self.record.position[part][good], 1)
+            parts += [float(line[0]), float(line[1])]
+        return np.array(parts)
+
+    def scale(self) -> FloatArray:
+        own = [1e-5, 1e-2] * len(self.strokes)
+        return np.array([1e3, 0.3, 10.0, *own])
+
+    def _with(self, p: FloatArray) -> tuple[Armature, Magnetics]:
+        moving = self.a._replace(spring=float(p[0]), damping=float(p[1]))
+        return moving, self.solenoid._replace(magnet_force=max(float(p[2]), 0.0))
+
+    def flight(self, p: FloatArray, k: int) -> FloatArray:
+        s = self.strokes[k]
+        a, solenoid = self._with(p)
+        out = np.empty((s.end - s.first, 2))
+        start = (float(p[3 + 2 * k]), float(p[4 + 2 * k]))
+        part = slice(s.first, s.end)
+        opener, closer = self.record.opener[part], self.record.closer[part]
+        fly(a, solenoid, start, opener, closer, self.record.period_s, out)
+        return out
+
+    def residuals(self, p: FloatArray) -> FloatArray:
+        parts = []
+        for k, s in enumerate(self.strokes):
+            part = slice(s.first, s.end)
+            off = self.record.position[part] - self.flight(p, k)[:, 0]
+            parts.append(np.nan_to_num(off[self.record.known[part]], nan=1.0))
+        return np.concatenate(parts)
+
+    def seating(self, p: FloatArray, k: int) -> float:
+        """Return the speed with which the fitted flight reaches its seat."""
+        s = self.strokes[k]
+        if not s.landed:
+            return float("nan")
+        a, solenoid = self._with(p)
+        x, v = (float(value) for value in self.flight(p, k)[-1])
+        h = self.record.period_s / _SUBSTEPS
+        here = s.end - 1
+        for step in range(_STEPS_TO_SEAT):
+            n = min(here + step // _SUBSTEPS, len(self.record.opener) - 1)
+            i_o, i_c = float(self.record.opener[n]), float(self.record.closer[n])
+            before = (x, v)
+            x, v = advance(a, solenoid, x, v, i_o, i_o, i_c, i_c, h)
+            if abs(x) >= a.travel:
+                share = (a.travel - abs(before[0])) / max(abs(x) - abs(before[0]), 1e-300)
+                return abs(before[1] + share * (v - before[1]))
+        return float("nan")

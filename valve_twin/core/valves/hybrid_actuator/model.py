@@ -1,0 +1,299 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The model of the hybrid actuator: what is estimated from one cycle and how it predicts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.gaps import find_gaps
+from valve_twin.core.types import (
+    Estimate,
+    EstimateStatus,
+    MaskCounts,
+    ParameterStatus,
+    ParameterValue,
+)
+from valve_twin.core.valves.hybrid_actuator.electrical import CoilFit, fit_coil
+from valve_twin.core.valves.hybrid_actuator.flight import (
+    SHARED,
+    FlightFit,
+    Flights,
+    find_strokes,
+    fit_flights,
+)
+from valve_twin.core.valves.hybrid_actuator.parameters import (
+    ESTIMATOR,
+    NAMES,
+    OPTIONS,
+    PARAMETERS,
+    armature,
+    number,
+    refusal_of,
+    solenoid,
+)
+from valve_twin.core.valves.hybrid_actuator.plant import INPUTS
+from valve_twin.core.valves.hybrid_actuator.predictor import (
+    N_COEFFICIENTS,
+    STATE_SIZE,
+    coefficients,
+    predict_block,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from valve_twin.core.types import BoolArray, ByteArray, Cycle, FloatArray, Parameter
+    from valve_twin.core.valves.interface import Option, Options
+
+LONGEST_PERIOD_S = 2.5e-4
+"""Slowest sampling that shows pulses of 1.5 ms and flights of 8 ms [s] [A]."""
+
+_MAX_CONDITION = 1e5
+_REST_SHARE = 6e-3  # of the full scale: a current below it counts as none [1] [A]
+_FEWEST = 50  # fewest usable samples of a cycle [A]
+
+
+@dataclass(frozen=True, slots=True)
+class HybridActuatorModel:
+    """Implements `ValveModel` for two solenoids, their currents and one armature."""
+
+    name: str = "hybrid_actuator"
+    inputs: tuple[str, ...] = INPUTS
+    output: str = "position"
+    parameters: tuple[Parameter, ...] = PARAMETERS
+    options: tuple[Option, ...] = OPTIONS
+    trend_estimator: str = ESTIMATOR
+
+    def estimate(
+        self, cycle: Cycle, options: Options, earlier: Sequence[Estimate] = ()
+    ) -> tuple[Estimate, ...]:
+        """Estimate coils, spring, damping, magnet and seating speeds from one cycle.
+
+        Parameters
+        ----------
+        cycle : Cycle
+            One opening and one closing, sampled every 0.25 ms or faster.
+        options : mapping
+            The model's options, complete.
+        earlier : sequence of Estimate
+            Not used: nothing is pooled.
+
+        Returns
+        -------
+        tuple of Estimate
+            One estimate; REFUSED with its reason where the cycle says nothing.
+        """
+        del earlier
+        known = _known(cycle)
+        refusal = _refusal(cycle, options, known)
+        if refusal:
+            return (_estimate(cycle, _blank(refusal), refused=refusal),)
+        record = _record(cycle, options, known)
+        values = {p.name: p for p in _electrical(cycle, options, record, known)}
+        strokes = find_strokes(cycle.frames.position, known, cycle.period_s)
+        fit = fit_flights(record, strokes, armature(options, {}), solenoid(options, {}))
+        values.update({p.name: p for p in _mechanical(fit, options, cycle.period_s)})
+        return (_estimate(cycle, tuple(values[n] for n in NAMES), fit=fit),)
+
+    def coefficients(
+        self, values: Mapping[str, float], lag: int, period_s: float, options: Options
+    ) -> FloatArray:
+        """Return the coefficients of `predict`; what is not estimated comes from the options."""
+        del lag
+        if refusal_of(options):
+            return np.full(N_COEFFICIENTS, np.nan)
+        known = {name: value for name, value in values.items() if np.isfinite(value)}
+        return coefficients(
+            armature(options, known),
+            solenoid(options, known),
+            number(options, "current_scale"),
+            period_s,
+        )
+
+    def initial_state(self) -> FloatArray:
+        """Return the state before the first sample."""
+        return np.zeros(STATE_SIZE)
+
+    def predict(
+        self,
+        state: FloatArray,
+        coefficients: FloatArray,
+        position: FloatArray,
+        inputs: FloatArray,
+        restart: ByteArray,
+        predicted: FloatArray,
+        simulated: FloatArray,
+        validity: ByteArray,
+    ) -> None:
+        """Predict a block of samples; see `ValveModel.predict`."""
+        predict_block(
+            state, coefficients, position, inputs, restart, predicted, simulated, validity
+        )
+
+
+def _known(cycle: Cycle) -> BoolArray:
+    """Return which samples can be used, (N,)."""
+    frames = cycle.frames
+    known: BoolArray = frames.valid & np.isfinite(frames.position)
+    return known & np.isfinite(frames.inputs).all(axis=1)
+
+
+def _refusal(cycle: Cycle, options: Options, known: BoolArray) -> str:
+    if refusal_of(options):
+        return refusal_of(options)
+    if cycle.period_s > LONGEST_PERIOD_S:
+        return (
+            f"sampled every {cycle.period_s:g} s: flights of about 8 ms need "
+            f"{LONGEST_PERIOD_S:g} s or faster"
+        )
+    count = int(np.count_nonzero(known))
+    if count < _FEWEST:
+        return f"{count} usable samples, fewer than {_FEWEST}"
+    gaps = int(np.count_nonzero(find_gaps(cycle.frames.stamp_ns, cycle.period_s)))
+    if gaps:
+        return f"{gaps} gaps: pulses and flights are timed by counting samples"
+    return ""
+
+
+def _record(cycle: Cycle, options: Options, known: BoolArray) -> Flights:
+    """Return position and currents in SI units; unusable samples repeat the last usable one."""
+    index = np.maximum.accumulate(np.where(known, np.arange(len(known)), 0))
+    frames = cycle.frames
+    scale = number(options, "current_scale")
+    travel = number(options, "half_travel")
+    inputs = np.nan_to_num(frames.inputs[index])
+    return Flights(
+        position=travel * (2.0 * np.nan_to_num(frames.position[index]) - 1.0),
+        opener=np.ascontiguousarray(inputs[:, 2] * scale),
+        closer=np.ascontiguousarray(inputs[:, 3] * scale),
+        known=known,
+        period_s=cycle.period_s,
+    )
+
+
+def _electrical(
+    cycle: Cycle, options: Options, record: Flights, known: BoolArray
+) -> list[ParameterValue]:
+    travel, residual = number(options, "half_travel"), number(options, "residual_gap")
+    inside = np.clip(record.position, -travel, travel)
+    found = []
+    sides = (("opener", record.opener, -1.0), ("closer", record.closer, 1.0))
+    for column, (side, current, sign) in enumerate(sides):
+        voltage = np.nan_to_num(cycle.frames.inputs[:, column])
+        fit = fit_coil(
+            np.ascontiguousarray(voltage * number(options, "supply_voltage")),
+            current,
+            travel + residual + sign * inside,
+            known,
+            solenoid(options, {}),
+            period_s=cycle.period_s,
+            rest=_REST_SHARE * number(options, "current_scale"),
+            seat_gap=residual,
+        )
+        found += _coil(side, fit)
+    return found
+
+
+def _coil(side: str, fit: CoilFit) -> list[ParameterValue]:
+    status = ParameterStatus.NOT_EXCITED if fit.reason else ParameterStatus.OK
+    return [
+        ParameterValue(f"resistance_{side}", fit.resistance, status, fit.reason),
+        ParameterValue(f"inductance_{side}", fit.inductance, status, fit.reason),
+    ]
+
+
+def _mechanical(fit: FlightFit | None, options: Options, period_s: float) -> list[ParameterValue]:
+    if fit is None:
+        reason = "the armature did not cross from seat to seat"
+        return [
+            ParameterValue(name, float("nan"), ParameterStatus.NOT_EXCITED, reason)
+            for name in NAMES[4:]
+        ]
+    spring, damping, magnet = (float(value) for value in fit.values)
+    mass = number(options, "mass")
+    known = fit.condition <= _MAX_CONDITION
+    values = []
+    derived = (np.sqrt(spring / mass), damping / (2.0 * np.sqrt(max(spring * mass, 1e-300))))
+    names = (*SHARED, "natural_frequency", "damping_ratio")
+    for name, value in zip(names, (spring, damping, magnet, *derived), strict=True):
+        if not known:
+            reason = f"the flights do not tell it apart: condition {fit.condition:.2g}"
+            nothing = float("nan")
+            values.append(ParameterValue(name, nothing, ParameterStatus.NOT_EXCITED, reason))
+        elif value <= 0.0:
+            values.append(ParameterValue(name, value, ParameterStatus.AT_BOUND, "rests on 0"))
+        else:
+            values.append(ParameterValue(name, float(value)))
+    for opening, side in ((True, "open"), (False, "closed")):
+        values += _seating(fit, opening, side, period_s)
+    return values
+
+
+def _seating(fit: FlightFit, opening: bool, side: str, period_s: float) -> list[ParameterValue]:
+    """Return speed at the seat and flight time of the first stroke in a direction."""
+    for stroke, speed in zip(fit.strokes, fit.seating, strict=True):
+        if stroke.opening is opening and np.isfinite(speed):
+            lasted = (stroke.end - stroke.first) * period_s
+            return [
+                ParameterValue(f"seating_speed_{side}", speed),
+                ParameterValue(f"flight_time_{side}", lasted),
+            ]
+    reason = f"no stroke reached the {side} seat"
+    return [
+        ParameterValue(name, float("nan"), ParameterStatus.NOT_EXCITED, reason)
+        for name in (f"seating_speed_{side}", f"flight_time_{side}")
+    ]
+
+
+def _blank(reason: str) -> tuple[ParameterValue, ...]:
+    nothing = float("nan")
+    return tuple(ParameterValue(n, nothing, ParameterStatus.REFUSED, reason) for n in NAMES)
+
+
+def _estimate(
+    cycle: Cycle,
+    values: tuple[ParameterValue, ...],
+    *,
+    fit: FlightFit | None = None,
+    refused: str = "",
+) -> Estimate:
+    withheld = [v.name for v in values if not np.isfinite(v.value)]
+    status = EstimateStatus.PARTIAL if withheld else EstimateStatus.ACCEPTED
+    reason = f"not excited: {', '.join(withheld)}" if withheld else "accepted"
+    if refused or len(withheld) == len(values):
+        status, reason = EstimateStatus.REFUSED, refused or "neither pulse nor stroke in the cycle"
+    count = len(cycle.frames)
+    known = int(np.count_nonzero(_known(cycle)))
+    return Estimate(
+        model="hybrid_actuator",
+        estimator=ESTIMATOR,
+        cycle=cycle.number,
+        start_ns=cycle.start_ns,
+        end_ns=cycle.end_ns,
+        parameters=values,
+        status=status,
+        reason=reason,
+        condition_number=float("nan") if fit is None else fit.condition,
+        noise_sigma=float("nan") if refused else _rest_noise(cycle),
+        counts=MaskCounts(0 if fit is None else fit.used, bad=count - known),
+        missed_cycles=cycle.missed_cycles,
+        reproducible=cycle.reproducible,
+    )
+
+
+def _rest_noise(cycle: Cycle) -> float:
+    """Return the noise of the seated position [1] from second differences, NaN without rest."""
+    position = cycle.frames.position
+    steps = np.diff(position, 2)
+    rest = np.abs(position[1:-1] - np.round(position[1:-1])) < 5e-3
+    calm = steps[rest & np.isfinite(steps)]
+    if len(calm) < _FEWEST:
+        return float("nan")
+    return float(1.4826 * np.median(np.abs(calm)) / np.sqrt(6.0))
+
+
+MODEL = HybridActuatorModel()

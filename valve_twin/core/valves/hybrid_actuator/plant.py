@@ -1,0 +1,359 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The plant of paper 001: an engine valve thrown to and fro by springs, caught by two solenoids.
+
+Opening: the closing solenoid gets an inverse pulse that weakens its magnet, the springs throw the
+armature across, the opening solenoid catches it and its magnet holds it. Closing is the mirror
+image. Position 0 = closed, 1 = open; voltages are shares of the supply, currents of the sensors'
+full scale.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from valve_twin.core.physics.quantity import check_quantities, quantity
+from valve_twin.core.simulation.config import SimulationConfig
+from valve_twin.core.simulation.measurement import MeasurementConfig
+from valve_twin.core.simulation.plant import Drive, PlantFactory, Response
+from valve_twin.core.simulation.program import CycleProgram
+from valve_twin.core.valves.hybrid_actuator.magnetics import (
+    FIT,
+    KERNELS,
+    REGULAR,
+    Magnetics,
+    magnet_flux,
+)
+from valve_twin.core.valves.hybrid_actuator.plant_kernel import (
+    FAILED,
+    FLUX_CLOSER,
+    FLUX_OPENER,
+    OPEN_CLOSER,
+    OPEN_OPENER,
+    SINCE,
+    SPEED,
+    STATE_SIZE,
+    TIME,
+    Armature,
+    Bridge,
+    X,
+    run_actuator,
+)
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import FloatArray
+
+INPUTS = ("opener_voltage", "closer_voltage", "opener_current", "closer_current")
+
+SMALLEST_FIT_GAP = 1e-4
+"""Smallest gap of the reading "fit" [m]; its pole lies at C2, 0.0604 mm in the paper."""
+
+_LONG_AGO = 3600.0  # time since the last command at rest [s]
+_ABOVE_POLE = 4e-5  # the same distance to the pole for another C2 [m]
+
+
+def check_gap(kernel: str, residual_gap: float, c2: float) -> str:
+    """Return why a residual gap cannot be used with a kernel, empty if it can.
+
+    Parameters
+    ----------
+    kernel : str
+        One of `KERNELS`.
+    residual_gap : float
+        Smallest gap that the armature reaches [m].
+    c2 : float
+        C2 of the saturating kernel [m].
+    """
+    least = max(SMALLEST_FIT_GAP, c2 + _ABOVE_POLE)
+    if kernel != KERNELS[FIT] or residual_gap >= least:
+        return ""
+    return (
+        f"residual_gap = {residual_gap!r}: must be a number from {least:g} to 0.005 [m] with "
+        f"kernel '{kernel}', which has a pole at c2 = {c2:g} m; use kernel 'saturating'"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class HybridActuatorPlant:
+    """Numbers of the simulated actuator; every field carries its unit, range and description."""
+
+    inputs: ClassVar[tuple[str, ...]] = INPUTS
+
+    kernel: str = field(
+        default=KERNELS[REGULAR],
+        metadata={
+            "unit": "1",
+            "description": "linear, saturating (regular reading) or saturating_fit (the reading "
+            "that reproduces the paper, not below a gap of 0.1 mm)",
+        },
+    )
+    mass: float = quantity(
+        0.12983, "kg", "Moving mass, from the printed c = xi sqrt(m k)", lower=1e-3, upper=10.0
+    )
+    spring_rate: float = quantity(
+        18820.0, "N/m", "Both springs together (k)", lower=10.0, upper=1e7
+    )
+    damping: float = quantity(3.559, "N s/m", "Viscous damping (c)", lower=0.0, upper=1e4)
+    half_travel: float = quantity(
+        4e-3, "m", "Travel from the neutral position to a seat", lower=1e-4, upper=0.05
+    )
+    residual_gap: float = quantity(
+        0.5e-3, "m", "Gap that is left when seated", lower=1e-6, upper=5e-3, assumed=True
+    )
+    restitution: float = quantity(
+        0.3, "1", "Speed after over speed before an impact", lower=0.0, upper=0.99, assumed=True
+    )
+    resistance_opener: float = quantity(
+        0.34, "ohm", "Coil of the opening solenoid", lower=1e-3, upper=100.0
+    )
+    resistance_closer: float = quantity(
+        0.37, "ohm", "Coil of the closing solenoid", lower=1e-3, upper=100.0
+    )
+    beta: float = quantity(
+        2.8e-7, "N m^2/A^2", "Force constant of the linear kernel", lower=1e-10, upper=1e-3
+    )
+    kappa: float = quantity(1.04e-6, "m", "Gap offset of the linear kernel", lower=0.0, upper=1e-4)
+    saturation_flux: float = quantity(
+        0.046, "Wb", "Flux linkage of the saturated circuit (lambda_s)", lower=1e-4, upper=10.0
+    )
+    c1: float = quantity(7.0e-6, "m/A", "C1 of the saturating kernel", lower=1e-9, upper=1e-2)
+    c2: float = quantity(6.04e-5, "m", "C2 of the saturating kernel", lower=0.0, upper=1e-3)
+    c3: float = quantity(2.18e-4, "1/A", "C3 of the saturating kernel", lower=0.0, upper=0.1)
+    magnet_force: float = quantity(
+        128.0, "N", "Force of a permanent magnet at a gap of 0.5 mm", lower=0.0, upper=1e4
+    )
+    magnet_length: float = quantity(
+        7.34e-4,
+        "m",
+        "How fast the magnet's force falls with the gap: 8.7 N are left at 4 mm",
+        lower=1e-4,
+        upper=0.05,
+    )
+    magnet_coupling: float = quantity(
+        0.8,
+        "1",
+        "How far the coil weakens the magnet: 0 = not at all, 1 = forces add as fluxes",
+        lower=0.0,
+        upper=1.0,
+        assumed=True,
+    )
+    gas_force: float = quantity(
+        0.0,
+        "N",
+        "Force of the gas on the closed valve, against opening",
+        lower=-2e3,
+        upper=2e3,
+        assumed=True,
+    )
+    gas_length: float = quantity(
+        1e-3,
+        "m",
+        "Lift over which the gas force falls to 1/e",
+        lower=1e-5,
+        upper=1.0,
+        assumed=True,
+    )
+    supply_voltage: float = quantity(
+        24.0, "V", "Supply of the bridges", lower=1.0, upper=100.0, ages=False
+    )
+    release_share: float = quantity(
+        1.0,
+        "1",
+        "Inverse voltage of the release over the supply",
+        lower=0.0,
+        upper=1.0,
+        assumed=True,
+        ages=False,
+    )
+    release_s: float = quantity(
+        6e-4, "s", "Length of the release pulse", lower=0.0, upper=0.1, assumed=True, ages=False
+    )
+    catch_share: float = quantity(
+        0.2,
+        "1",
+        "Voltage of the catching pulse over the supply",
+        lower=0.0,
+        upper=1.0,
+        assumed=True,
+        ages=False,
+    )
+    catch_start_s: float = quantity(
+        6e-3,
+        "s",
+        "Start of the catching pulse after the command",
+        lower=0.0,
+        upper=1.0,
+        assumed=True,
+        ages=False,
+    )
+    catch_s: float = quantity(
+        8e-3, "s", "Length of the catching pulse", lower=0.0, upper=1.0, assumed=True, ages=False
+    )
+    current_scale: float = quantity(
+        50.0, "A", "Full scale of the current sensors", lower=1.0, upper=1e4, ages=False
+    )
+    current_quantum: float = quantity(
+        0.256,
+        "A",
+        "Resolution of the current sensors: 168.67 A/V, 1.52 mV",
+        lower=0.0,
+        upper=10.0,
+        ages=False,
+    )
+    step: float = quantity(
+        1e-5, "s", "Step of the integration", lower=1e-7, upper=1e-4, assumed=True, ages=False
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse values outside their range, and a gap at the pole of the kernel."""
+        check_quantities(self)
+        if self.kernel not in KERNELS:
+            message = f"kernel = {self.kernel!r}: must be one of {', '.join(KERNELS)}"
+            raise ValueError(message)
+        refusal = check_gap(self.kernel, self.residual_gap, self.c2)
+        if refusal:
+            message = f"HybridActuatorPlant.{refusal}"
+            raise ValueError(message)
+
+    def ticks_per_sample(self, period_s: float) -> int:
+        """Return 1: the sequencer of the bridges runs once a sample."""
+        self._steps(period_s)
+        return 1
+
+    def initial_state(self) -> FloatArray:
+        """Return the state (STATE_SIZE,): seated on the closed side, no current."""
+        state = np.zeros(STATE_SIZE)
+        state[X] = -self.half_travel
+        m = self.magnetics()
+        state[FLUX_OPENER] = magnet_flux(m, 2.0 * self.half_travel + self.residual_gap)
+        state[FLUX_CLOSER] = magnet_flux(m, self.residual_gap)
+        state[OPEN_OPENER] = state[OPEN_CLOSER] = 1.0
+        state[SINCE] = _LONG_AGO
+        return state
+
+    def run(self, state: FloatArray, drive: Drive, period_s: float) -> Response:
+        """Run N samples; `state` is written in place.
+
+        A leak has no meaning for this valve and changes nothing. Where the integration fails,
+        positions are NaN from there on, and `failure` tells when and where.
+        """
+        samples = len(drive.disturbance)
+        position, inputs = np.empty(samples), np.empty((samples, len(INPUTS)))
+        external = drive.commands is not None
+        none = np.zeros((0, len(INPUTS)))
+        run_actuator(
+            state,
+            self.armature(),
+            self.magnetics(),
+            self.magnetics(),
+            self._bridge(),
+            self._steps(period_s),
+            float(self.step),
+            np.ascontiguousarray(drive.reference),
+            external,
+            none if drive.commands is None else np.ascontiguousarray(drive.commands),
+            np.ascontiguousarray(drive.disturbance),
+            bool(drive.stuck),
+            float(self.current_scale),
+            float(self.current_quantum),
+            position,
+            inputs,
+        )
+        return Response(position, inputs)
+
+    def failure(self, state: FloatArray) -> str:
+        """Return when and in what state the integration failed, empty if it did not.
+
+        Parameters
+        ----------
+        state : (STATE_SIZE,) array
+            The state that `run` has written.
+        """
+        if state[FAILED] == 0.0:
+            return ""
+        return (
+            f"integration failed at {state[TIME]:.6f} s: x = {state[X]:g} m, speed = "
+            f"{state[SPEED]:g} m/s, flux linkages {state[FLUX_OPENER]:g} and "
+            f"{state[FLUX_CLOSER]:g} Wb; take a smaller step than {self.step:g} s"
+        )
+
+    def steady_rate(self, inputs: FloatArray) -> float:
+        """Return 0: springs and stops hold the armature, no constant command keeps it moving."""
+        del inputs
+        return 0.0
+
+    def armature(self) -> Armature:
+        """Return the numbers of the moving parts for the compiled functions."""
+        return Armature(
+            mass=float(self.mass),
+            spring=float(self.spring_rate),
+            damping=float(self.damping),
+            travel=float(self.half_travel),
+            residual_gap=float(self.residual_gap),
+            restitution=float(self.restitution),
+            gas_force=float(self.gas_force),
+            gas_length=float(self.gas_length),
+            resistance_opener=float(self.resistance_opener),
+            resistance_closer=float(self.resistance_closer),
+            blocks=True,
+        )
+
+    def magnetics(self) -> Magnetics:
+        """Return the numbers of a solenoid for the compiled functions."""
+        return Magnetics(
+            kernel=KERNELS.index(self.kernel),
+            beta=float(self.beta),
+            kappa=float(self.kappa),
+            saturation_flux=float(self.saturation_flux),
+            c1=float(self.c1),
+            c2=float(self.c2),
+            c3=float(self.c3),
+            magnet_force=float(self.magnet_force),
+            magnet_length=float(self.magnet_length),
+            coupling=float(self.magnet_coupling),
+        )
+
+    def _bridge(self) -> Bridge:
+        return Bridge(
+            supply=float(self.supply_voltage),
+            release=self.release_share * self.supply_voltage,
+            release_s=float(self.release_s),
+            catch=self.catch_share * self.supply_voltage,
+            catch_start_s=float(self.catch_start_s),
+            catch_s=float(self.catch_s),
+        )
+
+    def _steps(self, period_s: float) -> int:
+        """Return how many steps a sample takes."""
+        count = round(period_s / self.step)
+        if count < 1 or abs(count * self.step - period_s) > 1e-9 * period_s:
+            message = f"period_s = {period_s!r}: must be a multiple of step = {self.step!r} [s]"
+            raise ValueError(message)
+        return count
+
+
+class _HybridActuatorPlant:
+    """What makes the actuator simulable."""
+
+    name = "hybrid_actuator"
+
+    def simulation(self) -> SimulationConfig:
+        """Return one opening and closing in 0.2 s, sampled every 0.1 ms; position noise 3 um."""
+        program = CycleProgram(
+            times_s=(0.0, 2e-3, 0.1),
+            kinds=("hold", "hold", "hold"),
+            targets=(0.0, 1.0, 0.0),
+            duration_s=0.2,
+        )
+        return SimulationConfig(
+            plant=HybridActuatorPlant(),
+            program=program,
+            measurement=MeasurementConfig(delay=0, noise=3.75e-4),
+            period_s=1e-4,
+        )
+
+
+PLANT: PlantFactory = _HybridActuatorPlant()
