@@ -15,7 +15,7 @@ def checks(monkeypatch):
     """Return the comparisons that the command gets in place of the paper's."""
     made = [
         Check("Table 1", "theta_1", -0.16, -0.16, -0.17, -0.15, "exact"),
-        Check("Table 4", "theta_2", "yes", float("nan"), note="the box does not reach it"),
+        Check("Table 4", "theta_2 [s]", "yes", float("nan"), note="the box does not reach it"),
     ]
     paper = Paper("002", "a valve", 1, lambda _: tuple(made))
     monkeypatch.setattr(validate, "get_paper", lambda _: paper)
@@ -26,6 +26,7 @@ def test_what_cannot_be_reproduced_is_shown_with_its_reason_and_does_not_fail(ch
     assert main(["validate", "002"]) == 0
     shown = capsys.readouterr().out
     assert "the box does not reach it" in shown
+    assert "theta_2 [s]" in shown
     assert "1 agree, 0 do not, 1 cannot be reproduced" in shown
 
 
@@ -36,7 +37,7 @@ def test_a_number_that_does_not_agree_ends_with_1(checks, capsys):
 
 
 def test_json_has_one_object_a_comparison(checks, capsys):
-    assert main(["validate", "--json"]) == 0
+    assert main(["validate", "002", "--json"]) == 0
     rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [row["verdict"] for row in rows] == ["PASS", "CANNOT"]
     assert rows[0]["obtained"] == -0.16

@@ -99,12 +99,12 @@ def _show(title: str, checks: Sequence[Check]) -> None:
             table.add_section()
             table.add_row(Text(item, style="bold"))
         table.add_row(
-            f"  {check.quantity}",
+            Text(f"  {check.quantity}"),  # not a string: rich takes "[s]" for markup
             _number(check.published),
             _number(check.obtained),
             check.tolerance,
             Text(check.verdict.value, style=_COLOURS[check.verdict]),
-            check.note,
+            Text(check.note),
         )
     console.print(table)
     counts = {v: sum(c.verdict is v for c in checks) for v in Verdict}

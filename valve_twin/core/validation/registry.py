@@ -13,7 +13,10 @@ if TYPE_CHECKING:
 
     from valve_twin.core.validation.check import Check
 
-_MODULES = {"002": "valve_twin.core.validation.paper_002"}
+_MODULES = {
+    "002": "valve_twin.core.validation.paper_002",
+    "004": "valve_twin.core.validation.paper_004",
+}
 
 
 @dataclass(frozen=True, slots=True)
