@@ -12,6 +12,7 @@ from valve_twin import __version__
 from valve_twin.cli import (
     batch,
     bench,
+    budget,
     configure,
     convert,
     cut,
@@ -47,6 +48,7 @@ VERBS = (
     recover,
     cut,
     convert,
+    budget,
     validate,
     bench,
 )

@@ -31,18 +31,34 @@ def add(verbs: Verbs) -> None:
     parser.add_argument(
         "--label", default="", help="what the axis is where it is no aging, default aging.label"
     )
+    parser.add_argument(
+        "--budget", action="store_true", help="with the error budget of the simulated valve"
+    )
 
 
 def _report(arguments: argparse.Namespace) -> int:
     from valve_twin.report.build import report_bag, report_history
 
     config = chosen_config(arguments)
+    budget = None
+    if arguments.budget:
+        from valve_twin.io.budget import configured_budget
+
+        budget = configured_budget(config)
     if arguments.bag:
         record, assessment = run_offline(config, arguments.bag, close_last=True)
         if not record.cycles:
             return no_cycle(config, arguments.bag)
-        report_bag(config, arguments.bag, record, assessment, arguments.out, arguments.label)
+        report_bag(
+            config,
+            arguments.bag,
+            record,
+            assessment,
+            arguments.out,
+            arguments.label,
+            budget=budget,
+        )
     else:
-        report_history(config, arguments.out, arguments.label)
+        report_history(config, arguments.out, arguments.label, budget=budget)
     say(f"{arguments.out}: written")
     return OK

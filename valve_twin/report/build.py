@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from valve_twin.core.aging import Assessment
+    from valve_twin.core.budget import Budget
     from valve_twin.io.config import ValveConfig
     from valve_twin.io.offline import Record
 
@@ -33,6 +34,8 @@ def report_bag(
     assessment: Assessment,
     out: str | Path,
     label: str = "",
+    *,
+    budget: Budget | None = None,
 ) -> Path:
     """Write the page of an estimated bag.
 
@@ -50,6 +53,8 @@ def report_bag(
         Page to write.
     label : str
         What the axis is where it is not aging, default `aging.label` of the configuration.
+    budget : Budget, optional
+        Its error budget, to be shown as well.
 
     Returns
     -------
@@ -71,6 +76,7 @@ def report_bag(
         version=__version__,
         written_ns=time.time_ns(),
         notes=trivial_note(record),
+        budget=budget,
     )
     return write_report(data, out)
 
@@ -95,8 +101,26 @@ def trivial_note(record: Record) -> tuple[str, ...]:
     )
 
 
-def report_history(config: ValveConfig, out: str | Path, label: str = "") -> Path:
+def report_history(
+    config: ValveConfig, out: str | Path, label: str = "", *, budget: Budget | None = None
+) -> Path:
     """Write the page of what the history holds about a valve; it keeps no samples.
+
+    Parameters
+    ----------
+    config : ValveConfig
+        The valve's configuration.
+    out : path
+        Page to write.
+    label : str
+        As in `report_bag`.
+    budget : Budget, optional
+        As in `report_bag`.
+
+    Returns
+    -------
+    Path
+        The page.
 
     Raises
     ------
@@ -128,5 +152,6 @@ def report_history(config: ValveConfig, out: str | Path, label: str = "") -> Pat
         options=complete_options(model, config.options),
         version=__version__,
         written_ns=time.time_ns(),
+        budget=budget,
     )
     return write_report(data, out)

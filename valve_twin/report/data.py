@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from valve_twin.core.aging import Assessment
+    from valve_twin.core.budget import Budget
     from valve_twin.core.types import Estimate, Maintenance, Parameter, Prediction
     from valve_twin.io.history_tables import CycleRecord
 
@@ -48,6 +49,8 @@ class ReportData:
         When the page was written [ns since 1970], 0 = not stated.
     notes : tuple of str
         Further sentences for the reader, e.g. what a trivial model reaches.
+    budget : Budget or None
+        What each source of error does to each parameter; None = not asked for.
     """
 
     valve: str
@@ -64,6 +67,7 @@ class ReportData:
     version: str = ""
     written_ns: int = 0
     notes: tuple[str, ...] = ()
+    budget: Budget | None = None
 
     @property
     def aging(self) -> bool:

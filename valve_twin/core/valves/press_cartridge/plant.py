@@ -30,6 +30,9 @@ from valve_twin.core.simulation.plant import Drive, PlantFactory, Response
 from valve_twin.core.valves.press_cartridge.plant_kernel import PressCoefficients, run_press
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from valve_twin.core.simulation.approximation import Approximation
     from valve_twin.core.types import FloatArray
 
 
@@ -172,7 +175,7 @@ class PressCartridgePlant:
         inputs = np.empty((samples, 2))
         run_press(
             state,
-            self._coefficients(),
+            self.coefficients(),
             self.plc.settings(),
             _ratio(self.plc.period_s, self.step, "plc.period_s", "step"),
             self.ticks_per_sample(period_s),
@@ -218,12 +221,20 @@ class PressCartridgePlant:
         speed = brentq(imbalance, -span, span, xtol=1e-14, rtol=1e-12)
         return float(speed) / self.stroke
 
+    def approximations(
+        self, commands: FloatArray, period_s: float, values: Mapping[str, float]
+    ) -> tuple[Approximation, ...]:
+        """Return rows (g) to (k) of paper 002, Table 5; see `ApproximatedPlant`."""
+        from valve_twin.core.valves.press_cartridge.approximations import press_approximations
+
+        return press_approximations(self, commands, period_s, values)
+
     def _leak_coefficient(self, rate: float) -> float:
         """Return the leak coefficient that loses `rate` of stroke a second at balance pressure."""
         balance = self.area_ratio * self.supply_pressure
         return rate * self.piston_area * self.stroke / math.sqrt(balance)
 
-    def _coefficients(self) -> PressCoefficients:
+    def coefficients(self) -> PressCoefficients:
         """Return the numbers of the compiled kernel."""
         root = math.sqrt(2.0 / self.density)
         return PressCoefficients(
