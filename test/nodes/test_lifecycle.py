@@ -76,20 +76,6 @@ def test_a_signal_ends_a_running_node_at_once(graph, parameters, name, number):
     assert "Traceback" not in process.log
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_signal_ends_a_node_at_any_moment_of_its_start(graph, parameters, number):
-    """Ten starts, the signal later each time: in imports, in the configuration, in the loop."""
-    for i in range(10):
-        process = graph.start("twin", **parameters["twin"])
-        graph.spin_until(process.takes_signals, 30.0, "the handlers")
-        graph.spin(0.15 * i)
-        begin = time.monotonic()
-        code = process.end(number)
-        assert code == 0, f"signal {0.15 * i:.2f} s after the handlers: {code}\n{process.log}"
-        assert time.monotonic() - begin < LIMIT_S
-        assert "Traceback" not in process.log
-
-
 def test_a_second_interrupt_during_the_end_does_no_harm(graph, parameters):
     process = graph.start("twin", **parameters["twin"])
     graph.spin_until(lambda: "twin" in graph.node.get_node_names(), 30.0, "the node")
