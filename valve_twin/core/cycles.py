@@ -263,7 +263,7 @@ class Segmenter:
         self._period_s = period_s
         self._columns = np.array(
             [
-                _column(config.start_signal or inputs[0], inputs, "start_signal"),
+                _column(config.start_signal or "".join(inputs[:1]), inputs, "start_signal"),
                 _column(config.rearm_signal, inputs, "rearm_signal"),
             ],
             dtype=np.int64,

@@ -501,6 +501,12 @@ class _Reader:
                     f"{suggest(name, model.inputs)}"
                 )
                 raise self._at(origin.get(full, full), problem)
+        if cycles.rule is CycleRule.COMMANDS and not model.inputs:
+            problem = (
+                f"'{cycles.rule.value}' needs a command and model '{model.name}' has none; write "
+                "window, counter or reference"
+            )
+            raise self._at(origin.get("cycles.rule", "cycles.rule"), problem)
         if cycles.max_cycle_s <= cycles.min_cycle_s:
             full = "cycles.max_cycle_s"
             problem = (

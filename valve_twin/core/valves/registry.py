@@ -25,7 +25,13 @@ if TYPE_CHECKING:
 
 ENTRY_POINT_GROUP = "valve_twin.valves"
 
-_BUILT_IN = ("press_cartridge", "positioner", "stepper_servo", "hybrid_actuator")
+_BUILT_IN = (
+    "press_cartridge",
+    "positioner",
+    "stepper_servo",
+    "hybrid_actuator",
+    "cycle_timing",
+)
 
 
 def model_names() -> tuple[str, ...]:

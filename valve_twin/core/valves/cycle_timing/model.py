@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The timing of a fixed cycle: what is measured in each one and how the next is predicted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.types import (
+    Estimate,
+    EstimateStatus,
+    MaskCounts,
+    ParameterStatus,
+    ParameterValue,
+)
+from valve_twin.core.valves.cycle_timing.kernels import STATE_SIZE, predict_block
+from valve_twin.core.valves.cycle_timing.parameters import (
+    ESTIMATOR,
+    OPTIONS,
+    PARAMETERS,
+    number,
+)
+from valve_twin.core.valves.cycle_timing.timing import Timing, find_timing
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from valve_twin.core.types import ByteArray, Cycle, FloatArray, Parameter
+    from valve_twin.core.valves.interface import Option, Options
+
+
+@dataclass(frozen=True, slots=True)
+class CycleTimingModel:
+    """Implements `ValveModel` for a flow in a fixed cycle; no command is recorded."""
+
+    name: str = "cycle_timing"
+    inputs: tuple[str, ...] = ()
+    output: str = "flow"
+    parameters: tuple[Parameter, ...] = PARAMETERS
+    options: tuple[Option, ...] = OPTIONS
+    trend_estimator: str = ESTIMATOR
+
+    def estimate(
+        self, cycle: Cycle, options: Options, earlier: Sequence[Estimate] = ()
+    ) -> tuple[Estimate, ...]:
+        """Measure valve lag and pump leakage in one cycle.
+
+        Parameters
+        ----------
+        cycle : Cycle
+            One cycle of N samples.
+        options : mapping
+            The model's options, complete.
+        earlier : sequence of Estimate
+            Not used: nothing is pooled.
+
+        Returns
+        -------
+        tuple of Estimate
+            One estimate; what the cycle does not show is REFUSED with its reason.
+        """
+        del earlier
+        timing = find_timing(cycle, options)
+        reasons = [r for r in (timing.spike_refusal, timing.steady_refusal) if r]
+        status = (
+            EstimateStatus.ACCEPTED,
+            EstimateStatus.PARTIAL,
+            EstimateStatus.REFUSED,
+        )[len(reasons)]
+        n = len(cycle.frames)
+        bad = n - int(np.count_nonzero(cycle.frames.valid & np.isfinite(cycle.frames.position)))
+        return (
+            Estimate(
+                model=self.name,
+                estimator=ESTIMATOR,
+                cycle=cycle.number,
+                start_ns=cycle.start_ns,
+                end_ns=cycle.end_ns,
+                parameters=_values(timing, options),
+                status=status,
+                reason="; ".join(reasons) or "accepted",
+                noise_sigma=timing.noise,
+                counts=MaskCounts(timing.used, bad=bad),
+                missed_cycles=cycle.missed_cycles,
+                reproducible=cycle.reproducible,
+            ),
+        )
+
+    def coefficients(
+        self, values: Mapping[str, float], lag: int, period_s: float, options: Options
+    ) -> FloatArray:
+        """Return the 8 coefficients of `predict`; NaN where a value is not known yet."""
+        del lag
+        nan = float("nan")
+        edges = ("spike_start_s", "spike_end_s", "steady_start_s", "steady_end_s")
+        return np.array(
+            [
+                values.get("rise_instant", nan) / period_s - 0.5,
+                values.get("peak_flow", nan),
+                values.get("steady_flow", nan),
+                max(values.get("decay", nan) / period_s, 1e-6),
+                *(number(options, name) / period_s for name in edges),
+            ]
+        )
+
+    def initial_state(self) -> FloatArray:
+        """Return the state before the first sample."""
+        return np.zeros(STATE_SIZE)
+
+    def predict(
+        self,
+        state: FloatArray,
+        coefficients: FloatArray,
+        position: FloatArray,
+        inputs: FloatArray,
+        restart: ByteArray,
+        predicted: FloatArray,
+        simulated: FloatArray,
+        validity: ByteArray,
+    ) -> None:
+        """Predict a block of samples; see `ValveModel.predict`."""
+        del inputs
+        predict_block(state, coefficients, position, restart, predicted, simulated, validity)
+
+
+def _values(timing: Timing, options: Options) -> tuple[ParameterValue, ...]:
+    """Return the values in the order of `PARAMETERS`."""
+    spike, steady = timing.spike_refusal, timing.steady_refusal
+    shown = (
+        (timing.instant - number(options, "healthy_instant_s"), spike),
+        (number(options, "healthy_flow") - timing.steady, steady),
+        (timing.instant, spike),
+        (timing.steady, steady),
+        (timing.rise, spike),
+        (timing.peak, spike),
+        (timing.decay, spike or steady),
+    )
+    return tuple(
+        ParameterValue(p.name, np.nan, ParameterStatus.REFUSED, reason)
+        if reason
+        else ParameterValue(p.name, value)
+        for p, (value, reason) in zip(PARAMETERS, shown, strict=True)
+    )
+
+
+MODEL = CycleTimingModel()
