@@ -188,6 +188,23 @@ def test_refuses_what_says_nothing(change, reason):
         assert found.reason.startswith(reason)
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda f: replace(f, position=1.0 - f.position),
+        lambda f: replace(f, position=100.0 * f.position),
+        lambda f: replace(f, inputs=100.0 * f.inputs),
+        lambda f: replace(f, inputs=f.inputs[:, ::-1].copy()),
+    ],
+    ids=["inverted", "position in percent", "count in percent", "flow and count swapped"],
+)
+def test_signals_that_are_not_those_of_a_screw_are_refused(change):
+    (cycle,) = make_cycles()
+    for found in MODEL.estimate(replace(cycle, frames=change(cycle.frames)), OPTIONS):
+        assert found.status is EstimateStatus.REFUSED
+        assert "swapped, inverted or in another unit" in found.reason
+
+
 @pytest.mark.parametrize("column", ["position", "motor_position", "flow"])
 def test_survives_values_that_are_no_numbers(column):
     (cycle,) = make_cycles()

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, cast
 import numpy as np
 
 from valve_twin.core.estimation.recursive import Adaptation, Structure, project_stable
-from valve_twin.core.gaps import find_gaps
 from valve_twin.core.types import (
     Estimate,
     EstimateStatus,
@@ -18,7 +17,7 @@ from valve_twin.core.types import (
     ParameterStatus,
     ParameterValue,
 )
-from valve_twin.core.valves.stepper_servo.fit import Record, end_offset
+from valve_twin.core.valves.stepper_servo.fit import end_offset
 from valve_twin.core.valves.stepper_servo.outcome import Settings, mechanics, wiener
 from valve_twin.core.valves.stepper_servo.parameters import (
     FITS,
@@ -37,6 +36,13 @@ from valve_twin.core.valves.stepper_servo.predictor import (
     initial_state,
     predict_block,
 )
+from valve_twin.core.valves.stepper_servo.record import (
+    longest_delay,
+    misfit,
+    refusal_of,
+    rest_noise,
+    take_record,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -45,9 +51,6 @@ if TYPE_CHECKING:
     from valve_twin.core.valves.interface import Option, Options
 
 _NAMES = {MECHANICS: (*THREAD, *FLOW), WIENER: (*THETA, THREAD[3], *FITS)}
-_LEAST_SAMPLES = 50
-_QUIET = 1e-9  # change of the counted position that is none [1]
-_SETTLE_SAMPLES = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,11 +83,11 @@ class StepperServoModel:
         tuple of Estimate
             One an estimator; REFUSED with its reason where the cycle says nothing.
         """
-        record, lost, bad = _record(cycle)
+        record, lost, bad = take_record(cycle)
         chosen = cast("Sequence[object]", options["estimators"])
         names = dict.fromkeys((MECHANICS, *(str(name) for name in chosen)))
         counts = MaskCounts(int(record.used.sum()), bad=bad + lost)
-        refusal = _refusal(record, options)
+        refusal = refusal_of(record, options)
         if refusal:
             return tuple(_refused(self.name, name, cycle, refusal, counts) for name in names)
         values, thread = mechanics(
@@ -92,11 +95,14 @@ class StepperServoModel:
             cycle.period_s,
             step=number(options, "step_size"),
             max_backlash=number(options, "max_backlash"),
-            max_delay=_max_delay(options, cycle.period_s),
+            max_delay=longest_delay(options, cycle.period_s),
         )
+        refusal = misfit(record, thread, options)
+        if refusal:
+            return tuple(_refused(self.name, name, cycle, refusal, counts) for name in names)
         condition = _condition(thread.hessian)
         lag = max(1, round(float(thread.parameters[3])))
-        sigma = _noise(record, lag)
+        sigma = rest_noise(record, lag)
         done = [_accepted(self.name, MECHANICS, cycle, values, counts, (condition, lag, sigma))]
         if WIENER in names:
             lag = int(number(options, "nk")) or lag
@@ -160,40 +166,6 @@ class StepperServoModel:
         )
 
 
-def _record(cycle: Cycle) -> tuple[Record, int, int]:
-    """Return the longest stretch without a gap, samples outside it, and bad ones inside."""
-    frames = cycle.frames
-    gaps = find_gaps(frames.stamp_ns, cycle.period_s)
-    edges = np.concatenate(([0], np.flatnonzero(gaps), [len(frames)]))
-    longest = int(np.argmax(np.diff(edges)))
-    part = frames[int(edges[longest]) : int(edges[longest + 1])]
-    used = part.valid & np.isfinite(part.position) & np.isfinite(part.inputs).all(axis=1)
-    kept = np.maximum.accumulate(np.where(used, np.arange(len(part)), 0))
-
-    def held(values: FloatArray) -> FloatArray:
-        return np.ascontiguousarray(np.nan_to_num(values[kept], nan=0.0, posinf=0.0, neginf=0.0))
-
-    record = Record(held(part.position), held(part.inputs[:, 0]), held(part.inputs[:, 1]), used)
-    return record, len(frames) - len(part), int(np.sum(~used))
-
-
-def _refusal(record: Record, options: Options) -> str:
-    usable = int(record.used.sum())
-    if usable < _LEAST_SAMPLES:
-        return f"{usable} usable samples without a gap, fewer than the {_LEAST_SAMPLES} needed"
-    span = float(np.ptp(record.position[record.used]))
-    wanted = number(options, "min_motion")
-    if span < wanted:
-        return f"the position moved by {span:.3g} of the stroke, less than min_motion {wanted:g}"
-    if float(np.ptp(record.motor)) == 0.0:
-        return f"motor_position stayed at {record.motor[0]:.3g}: the cycle excites nothing"
-    return ""
-
-
-def _max_delay(options: Options, period_s: float) -> float:
-    return min(max(1.0, number(options, "max_delay_s") / period_s), float(MAX_LAG - 1))
-
-
 def _structure(options: Options, lag: int) -> Structure:
     na, nb, nl = (int(number(options, name)) for name in ("na", "nb", "nl"))
     return Structure(na, nb, min(lag, MAX_LAG), nl)
@@ -215,17 +187,6 @@ def _carried(earlier: Sequence[Estimate], structure: Structure) -> FloatArray | 
             same = estimate.lag == structure.nk and bool(np.isfinite(theta).all())
             return theta if same else None
     return None
-
-
-def _noise(record: Record, lag: int) -> float:
-    """Return the noise of the position where the motor has stood for a while [1]."""
-    moved = np.abs(np.diff(record.motor, prepend=record.motor[:1])) > _QUIET
-    last = np.maximum.accumulate(np.where(moved, np.arange(len(moved)), 0))
-    rest = np.arange(len(moved)) - last > lag + _SETTLE_SAMPLES
-    pairs = rest[1:] & rest[:-1] & record.used[1:] & record.used[:-1]
-    if np.count_nonzero(pairs) < _LEAST_SAMPLES:
-        return float("nan")
-    return float(np.std(np.diff(record.position)[pairs]) / np.sqrt(2.0))
 
 
 def _condition(hessian: FloatArray) -> float:

@@ -68,6 +68,15 @@ OPTIONS = (
     Option("max_delay_s", 0.1, "longest delay tried [A]", "s", 0.0, 10.0),
     Option("min_motion", 0.02, "a cycle that moves less is refused [A]", "1", 0.0, 1.0),
     Option(
+        "min_fit",
+        50.0,
+        "a cycle whose position the screw explains worse, free run, is refused: swapped, inverted "
+        "or wrongly scaled signals [A]",
+        "%",
+        -1000.0,
+        100.0,
+    ),
+    Option(
         "centre", 0.5, "position about which the Hammerstein-Wiener model counts", "1", -10, 10
     ),
     Option("na", 2, "past outputs of the Hammerstein-Wiener model", "1", 1, ORDER),

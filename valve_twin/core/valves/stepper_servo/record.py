@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Take what can be fitted out of a cycle, and say why nothing can."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.gaps import find_gaps
+from valve_twin.core.valves.stepper_servo.fit import Record
+from valve_twin.core.valves.stepper_servo.parameters import number
+from valve_twin.core.valves.stepper_servo.predictor import MAX_LAG
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import Cycle, FloatArray
+    from valve_twin.core.valves.interface import Options
+    from valve_twin.core.valves.stepper_servo.fit import ThreadFit
+
+_LEAST_SAMPLES = 50
+_QUIET = 1e-9  # change of the counted position that is none [1]
+_SETTLE_SAMPLES = 5
+
+
+def take_record(cycle: Cycle) -> tuple[Record, int, int]:
+    """Return the longest stretch without a gap, samples outside it, and bad ones inside."""
+    frames = cycle.frames
+    gaps = find_gaps(frames.stamp_ns, cycle.period_s)
+    edges = np.concatenate(([0], np.flatnonzero(gaps), [len(frames)]))
+    longest = int(np.argmax(np.diff(edges)))
+    part = frames[int(edges[longest]) : int(edges[longest + 1])]
+    used = part.valid & np.isfinite(part.position) & np.isfinite(part.inputs).all(axis=1)
+    kept = np.maximum.accumulate(np.where(used, np.arange(len(part)), 0))
+
+    def held(values: FloatArray) -> FloatArray:
+        return np.ascontiguousarray(np.nan_to_num(values[kept], nan=0.0, posinf=0.0, neginf=0.0))
+
+    record = Record(held(part.position), held(part.inputs[:, 0]), held(part.inputs[:, 1]), used)
+    return record, len(frames) - len(part), int(np.sum(~used))
+
+
+def refusal_of(record: Record, options: Options) -> str:
+    """Return why a record cannot be fitted, empty if it can."""
+    usable = int(record.used.sum())
+    if usable < _LEAST_SAMPLES:
+        return f"{usable} usable samples without a gap, fewer than the {_LEAST_SAMPLES} needed"
+    span = float(np.ptp(record.position[record.used]))
+    wanted = number(options, "min_motion")
+    if span < wanted:
+        return f"the position moved by {span:.3g} of the stroke, less than min_motion {wanted:g}"
+    if float(np.ptp(record.motor)) == 0.0:
+        return f"motor_position stayed at {record.motor[0]:.3g}: the cycle excites nothing"
+    return ""
+
+
+def misfit(record: Record, thread: ThreadFit, options: Options) -> str:
+    """Return why a fitted thread is not believed, empty if it is."""
+    y = record.position[record.used]
+    fit = 100.0 * (1.0 - float(np.sqrt(thread.cost / np.sum((y - y.mean()) ** 2))))
+    least = number(options, "min_fit")
+    if fit >= least:
+        return ""
+    return (
+        f"the screw explains {fit:.0f} % of the position, less than min_fit {least:g}: "
+        "are motor_position and spool_position swapped, inverted or in another unit?"
+    )
+
+
+def longest_delay(options: Options, period_s: float) -> float:
+    """Return the longest delay to try [samples]."""
+    return min(max(1.0, number(options, "max_delay_s") / period_s), float(MAX_LAG - 1))
+
+
+def rest_noise(record: Record, lag: int) -> float:
+    """Return the noise of the position where the motor has stood for a while [1]."""
+    moved = np.abs(np.diff(record.motor, prepend=record.motor[:1])) > _QUIET
+    last = np.maximum.accumulate(np.where(moved, np.arange(len(moved)), 0))
+    rest = np.arange(len(moved)) - last > lag + _SETTLE_SAMPLES
+    pairs = rest[1:] & rest[:-1] & record.used[1:] & record.used[:-1]
+    if np.count_nonzero(pairs) < _LEAST_SAMPLES:
+        return float("nan")
+    return float(np.std(np.diff(record.position)[pairs]) / np.sqrt(2.0))
