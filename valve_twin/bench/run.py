@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import yaml
 
-from valve_twin.bench import archive, estimation, reading, simulation, storing, writing
+from valve_twin.bench import archive, estimation, reading, recursion, simulation, storing, writing
 from valve_twin.bench.measure import Ratio, Scale, describe, median
 
 if TYPE_CHECKING:
@@ -26,6 +26,7 @@ def _nodes(scale: Scale) -> Iterator[Ratio]:
 AREAS = {
     "simulation": simulation.compare,
     "estimation": estimation.compare,
+    "recursion": recursion.compare,
     "archive": archive.compare,
     "reading": reading.compare,
     "writing": writing.compare,
