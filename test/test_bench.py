@@ -39,6 +39,15 @@ def test_a_ratio_below_half_its_goal_fails():
     assert describe(ratio(9.9)).endswith("BELOW HALF ITS GOAL")
 
 
+def test_what_is_only_reported_fails_nothing_and_says_whether_it_reached_its_goal():
+    def ratio(peer_s: float) -> Ratio:
+        return Ratio("ours", "theirs", 1.0, peer_s, goal=20.0, held=False)
+
+    assert ratio(9.9).passed
+    assert describe(ratio(9.9)).endswith(" reported, goal not reached")
+    assert describe(ratio(20.0)).endswith(" reported, goal reached")
+
+
 def test_one_failed_comparison_fails_the_benchmark(monkeypatch):
     ratios = [Ratio("a", "b", 1.0, 1.0, 20.0), Ratio("c", "d", 1.0, 30.0, 20.0)]
     monkeypatch.setattr(run, "_comparisons", lambda *_: iter(ratios))

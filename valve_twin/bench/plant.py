@@ -46,6 +46,8 @@ class Taken:
     ----------
     messages, samples : int
         Their number, and that of the samples in batches.
+    series : bool
+        Whether a message holds a batch of predictions.
     last : bytes
         The newest, serialized.
     delay_ns : list of int
@@ -55,6 +57,7 @@ class Taken:
 
     messages: int = 0
     samples: int = 0
+    series: bool = False
     last: bytes = b""
     delay_ns: list[int] = field(default_factory=list)
 
@@ -105,7 +108,7 @@ class Plant:
     def listen(self, topic: str, kind: type) -> Taken:
         """Return what fills with the messages of a topic while the plant runs."""
         subscription = self._node.create_subscription(kind, topic, print, _DEEP, raw=True)
-        taken = Taken()
+        taken = Taken(series=kind is msg.PredictionSeries)
         self._subscriptions[topic] = (subscription, taken)
         return taken
 
@@ -162,7 +165,7 @@ class Plant:
                     data, info = found
                     taken.messages += 1
                     taken.last = data
-                    if self._batch > 1 and len(data) > _COUNT_AT:
+                    if taken.series and len(data) > _COUNT_AT:
                         taken.samples += _COUNT.unpack_from(data, _COUNT_AT)[0]
                     if len(data) < _STAMPED_BYTES:
                         continue
