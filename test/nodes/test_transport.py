@@ -42,38 +42,3 @@ def test_a_user_s_profile_is_left_alone(monkeypatch, tmp_path, name):
     transport.tidy()
     assert os.environ[name] == str(tmp_path / "mine.xml")
     assert not transport.is_quick()
-
-
-def offset():
-    (found,) = ElementTree.parse(os.environ[VARIABLE]).findall(".//{*}offsetd3")
-    return int(found.text or "")
-
-
-def test_a_port_of_its_own_is_none_that_a_killed_process_had(monkeypatch, tmp_path):
-    monkeypatch.setenv("ROS_DOMAIN_ID", "3")
-    first = 7400 + 250 * 3
-    for port in (first + 75, first + 183, first + 199):
-        (tmp_path / f"fastrtps_port{port}").touch()
-    for _ in range(20):
-        transport.own_port(tmp_path)
-        possible = {first + offset() + 2 * participant for participant in range(32)}
-        assert possible.isdisjoint({first + 75, first + 183, first + 199})
-        assert max(possible) < first + 250
-        transport.tidy()
-    assert VARIABLE not in os.environ
-
-
-def test_where_every_port_was_had_one_is_chosen_all_the_same(monkeypatch, tmp_path):
-    monkeypatch.setenv("ROS_DOMAIN_ID", "0")
-    for port in range(7400, 7650):
-        (tmp_path / f"fastrtps_port{port}").touch()
-    transport.own_port(tmp_path)
-    assert offset() % 2 == 1
-    assert not transport.is_quick()
-
-
-def test_a_user_s_profile_keeps_its_port(monkeypatch, tmp_path):
-    monkeypatch.setenv(VARIABLE, str(tmp_path / "mine.xml"))
-    transport.own_port(tmp_path)
-    transport.tidy()
-    assert os.environ[VARIABLE] == str(tmp_path / "mine.xml")

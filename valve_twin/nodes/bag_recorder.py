@@ -18,7 +18,6 @@ from valve_twin.nodes.recorder_config import RecorderConfig, read_config
 from valve_twin.nodes.runtime import STEADY, ValveNode
 from valve_twin.nodes.services import DeferredService
 from valve_twin.nodes.snapshots import Snapshots
-from valve_twin.nodes.transport import tidy
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -39,7 +38,6 @@ class BagRecorderNode(ValveNode):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("bag_recorder", **kwargs)
-        tidy()
         self._topics: dict[str, RecordedTopic] = {}
         self._config: RecorderConfig | None = None
         self._recording: Recording | None = None

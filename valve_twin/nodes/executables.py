@@ -67,8 +67,6 @@ def run(name: str) -> int:
         _spare_imports()
     if name == "bag_player":
         import_module("valve_twin.nodes.transport").quicken()
-    if name == "bag_recorder":
-        import_module("valve_twin.nodes.transport").own_port()
     make = getattr(import_module(f"valve_twin.nodes.{name}"), _NODES[name])
     return int(import_module("valve_twin.nodes.runtime").run(make))
 
