@@ -176,6 +176,15 @@ def test_the_printed_transfer_function_is_unstable_and_is_projected():
     assert np.array_equal(safe[3:], PRINTED[3:])
 
 
+def test_a_free_run_that_diverges_has_a_bad_fit_and_no_overflow():
+    n = 4000
+    u = np.random.default_rng(13).standard_normal(n)
+    y = np.cumsum(u) / n
+    simulated = free_run(PRINTED, PAPER, y, u)
+    assert np.abs(simulated[-100:]).max() == 1e9
+    assert -1e15 < fit_percent(y, simulated) < -1e6
+
+
 @pytest.mark.parametrize("order", [1, 2, 3, 4, 5])
 def test_the_schur_recursion_agrees_with_the_roots(order):
     rng = np.random.default_rng(order)

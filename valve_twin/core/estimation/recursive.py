@@ -360,7 +360,7 @@ def project_stable(
 
 
 def free_run(theta: FloatArray, structure: Structure, y: FloatArray, u: FloatArray) -> FloatArray:
-    """Simulate (N,) from the first measured samples on; NaN there, and where it diverges.
+    """Simulate (N,) from the first measured samples on; NaN there, held at 1e9 where it diverges.
 
     Parameters
     ----------
@@ -372,9 +372,8 @@ def free_run(theta: FloatArray, structure: Structure, y: FloatArray, u: FloatArr
         Output (only its first samples count) and input.
     """
     simulated = np.empty(len(y))
-    with np.errstate(over="ignore", invalid="ignore"):
-        run_free(np.ascontiguousarray(theta), structure.orders, _column(y), _column(u), simulated)
-    return np.where(np.isfinite(simulated), simulated, np.nan)
+    run_free(np.ascontiguousarray(theta), structure.orders, _column(y), _column(u), simulated)
+    return simulated
 
 
 def fit_percent(y: FloatArray, predicted: FloatArray) -> float:

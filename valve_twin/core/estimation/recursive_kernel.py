@@ -23,6 +23,9 @@ MEMORY_SIZE = 4
 """Linear part of the last output, samples since the last gap, forgetting in force, largest |y|."""
 
 _MAX_HALVINGS = 8
+_DIVERGED = 1e9
+"""A free run is held at this size: its fit is then a finite number that says enough."""
+
 _RUNAWAY = 10.0
 """A simulated output this many times the largest measured one starts again from it."""
 
@@ -308,7 +311,9 @@ def run_free(
         if n >= needed:
             linear = fill_regressor(phi, orders, past_y, past_u, before)
             output = _dot(theta, phi, len(phi))
-            before = _dot(theta, phi, linear)
+            if abs(output) > _DIVERGED:
+                output = _DIVERGED if output > 0.0 else -_DIVERGED
+            before = min(max(_dot(theta, phi, linear), -_DIVERGED), _DIVERGED)
             simulated[n] = output
         else:
             before = output

@@ -178,6 +178,8 @@ def test_one_way_does_not_tell_the_backlash():
         (lambda f: replace(f, position=np.full(len(f), 0.5)), "the position moved by 0"),
         (lambda f: replace(f, inputs=np.full((len(f), 2), 0.5)), "motor_position stayed at 0.5"),
         (lambda f: f[:30], "30 usable samples"),
+        (lambda f: replace(f, position=1e200 * f.position), "0 usable samples"),
+        (lambda f: replace(f, inputs=np.full((len(f), 2), np.inf)), "0 usable samples"),
         (lambda f: replace(f, valid=np.zeros(len(f), dtype=np.bool_)), "0 usable samples"),
     ],
 )

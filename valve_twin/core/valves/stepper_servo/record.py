@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 _LEAST_SAMPLES = 50
 _QUIET = 1e-9  # change of the counted position that is none [1]
 _SETTLE_SAMPLES = 5
+_BELIEVED = 1e3  # a larger value is none: positions are parts of the stroke [1]
 
 
 def take_record(cycle: Cycle) -> tuple[Record, int, int]:
@@ -30,7 +31,8 @@ def take_record(cycle: Cycle) -> tuple[Record, int, int]:
     edges = np.concatenate(([0], np.flatnonzero(gaps), [len(frames)]))
     longest = int(np.argmax(np.diff(edges)))
     part = frames[int(edges[longest]) : int(edges[longest + 1])]
-    used = part.valid & np.isfinite(part.position) & np.isfinite(part.inputs).all(axis=1)
+    values = np.column_stack([part.position, part.inputs])
+    used = part.valid & (np.abs(np.nan_to_num(values, nan=np.inf)) < _BELIEVED).all(axis=1)
     kept = np.maximum.accumulate(np.where(used, np.arange(len(part)), 0))
 
     def held(values: FloatArray) -> FloatArray:
