@@ -27,13 +27,13 @@ from valve_twin.nodes.keeper import where_to_go_on
 from valve_twin.nodes.prediction_batches import PredictionBatches, mean_period_s
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from valve_twin.io.config import ValveConfig
     from valve_twin.io.mapping import Extractor, SignalBlock
     from valve_twin.nodes.keeper import Keeper, Kept
     from valve_twin.nodes.runtime import ValveNode
-    from valve_twin.nodes.worker import Outcome, WorkerProcess
+    from valve_twin.nodes.worker import Outcome, Work, WorkerProcess
 
 BACKLOG_NS = 1_000_000
 """A message that waited longer is worked on with all that waits behind it: low rates are
@@ -297,6 +297,13 @@ class LiveValve:
                 self._prediction.publish(data)
 
     # -- estimation
+
+    def in_worker(
+        self, work: Work, arguments: tuple[Any, ...], deliver: Callable[[Outcome], None]
+    ) -> None:
+        """Run a module-level function behind the estimations due; `deliver` runs on the loop."""
+        post = self._node.post
+        self._worker.submit(work, arguments, lambda done: post(partial(deliver, done)))
 
     def _start_job(self) -> None:
         if self._job is not None:

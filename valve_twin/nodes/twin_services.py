@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Services of one valve of the twin: maintenance, estimate now, history."""
+"""Services of one valve of the twin: maintenance, estimate now, history, error budget."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from valve_twin_msgs import srv
 
 from valve_twin.core.types import Cycle, Maintenance
 from valve_twin.nodes import convert
+from valve_twin.nodes.budget_service import begin_budget
 from valve_twin.nodes.services import DeferredService, Done
 
 if TYPE_CHECKING:
@@ -34,6 +35,9 @@ class TwinServices:
             DeferredService(node, srv.MarkMaintenance, f"{base}/mark_maintenance", self._mark),
             DeferredService(node, srv.GetHistory, f"{base}/get_history", self._get_history),
             DeferredService(node, srv.BackupHistory, f"{base}/backup_history", self._backup),
+            DeferredService(
+                node, srv.GetErrorBudget, f"{base}/get_error_budget", partial(begin_budget, valve)
+            ),
         ]
 
     def destroy(self) -> None:
