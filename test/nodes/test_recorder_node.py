@@ -27,6 +27,7 @@ from test.nodes.feeding import REARM, START_NS, Feeder
 from valve_twin.io.bags import bag_info
 from valve_twin.io.cdr import encode_stamped
 from valve_twin.io.playback import bag_topics
+from valve_twin.nodes import bag_recorder
 from valve_twin.nodes.bag_recorder import BagRecorderNode
 from valve_twin.nodes.convert import from_time, to_time
 from valve_twin.nodes.twin import TwinNode
@@ -109,6 +110,25 @@ def test_topics_are_chosen_by_expression_and_type(graph, tmp_path):
     assert content["custom_data"]["serial"] == "4711"
     assert content["custom_data"]["lost_transport /x/two"] == "0"
     assert notes(tmp_path / "bag" / "bag_0.mcap")["valve_twin"]["valve"] == "/press/v1"
+
+
+def test_it_says_when_publishers_are_there_and_nothing_comes(graph, tmp_path, monkeypatch):
+    monkeypatch.setattr(bag_recorder, "SILENT_S", 0.0)
+    diagnostics = graph.record("/diagnostics", DiagnosticArray)
+    publisher = graph.node.create_publisher(String, POSITION, 10)
+    recorder = graph.host(BagRecorderNode, bag=str(tmp_path / "bag"), topics=[POSITION])
+
+    def level_of_the_bag():
+        of_bag = [s for m in diagnostics[-1:] for s in m.status if s.name.endswith("bag")]
+        return of_bag[0].level if of_bag else None
+
+    graph.spin_until(lambda: level_of_the_bag() == DiagnosticStatus.WARN, what="the warning")
+    (told,) = [s.message for s in diagnostics[-1].status if s.name.endswith("bag")]
+    assert f"on {POSITION}, which have publishers" in told
+    meet(graph, recorder, [POSITION])
+    publisher.publish(String(data="one"))
+    graph.spin_until(lambda: level_of_the_bag() == DiagnosticStatus.OK, what="its end")
+    finish(recorder)
 
 
 @pytest.mark.parametrize(

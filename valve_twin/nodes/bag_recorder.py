@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from valve_twin_msgs import msg, srv
 
 from valve_twin.io.recording import Recording
-from valve_twin.nodes.diagnostics import STALE, Diagnostics, Report
+from valve_twin.nodes.diagnostics import STALE, WARN, Diagnostics, Report
 from valve_twin.nodes.disk_queue import PERIOD_S, DiskQueue
 from valve_twin.nodes.recorded_topic import RecordedTopic
 from valve_twin.nodes.recorder_config import RecorderConfig, read_config
@@ -32,6 +32,9 @@ DISCOVERY_S = 0.25
 CLOSE_S = 1.5
 """Time that is given to the disk at the end [s]."""
 
+SILENT_S = 30.0
+"""Time without any message from publishers that are there, after which a user is told [s]."""
+
 
 class BagRecorderNode(ValveNode):
     """Lifecycle node that records one bag."""
@@ -51,6 +54,7 @@ class BagRecorderNode(ValveNode):
         self._paused = False
         self._refused: set[str] = set()
         self._discover_until = 0.0
+        self._active_s = 0.0
         self._told_trouble = ""
         self._told_lost = 0
         for kind, name, callback in (
@@ -99,8 +103,8 @@ class BagRecorderNode(ValveNode):
             self._snapshots.open()
         for topic in self._topics.values():
             topic.listen()
-        lasts_s = self._config.discovery_s
-        self._discover_until = time.monotonic() + lasts_s if lasts_s else float("inf")
+        lasts_s, self._active_s = self._config.discovery_s, time.monotonic()
+        self._discover_until = self._active_s + lasts_s if lasts_s else float("inf")
         self._discover()
         self._timers_made = [
             self.create_timer(DISCOVERY_S, self._discover, clock=STEADY),
@@ -335,7 +339,20 @@ class BagRecorderNode(ValveNode):
         )
         if self.state != "active":
             report.raise_to(STALE, f"the node is {self.state}")
+        elif told := self._silence():
+            report.raise_to(WARN, told)
         yield report
+
+    def _silence(self) -> str:
+        """Say that publishers are there and nothing has come from any."""
+        waited_s = time.monotonic() - self._active_s
+        silent = [t.name for t in self._topics.values() if t.publishers and not t.heard]
+        if waited_s < SILENT_S or not silent or any(t.heard for t in self._topics.values()):
+            return ""
+        return (
+            f"nothing has come in {waited_s:.0f} s on {', '.join(silent)}, which have publishers; "
+            "where they do send, see docs/recorder.md, 'Deaf after a kill'"
+        )
 
     # -- services
 

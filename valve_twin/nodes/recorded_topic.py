@@ -82,6 +82,11 @@ class RecordedTopic:
         """Whether publishers keep their last messages for those who come later."""
         return any(o.durability == "transient_local" for o in self.offered)
 
+    @property
+    def heard(self) -> bool:
+        """Whether a message has come since it listens."""
+        return self._last > 0
+
     def adapt(self) -> bool:
         """Subscribe anew where what is offered now asks for it; return whether the offer changed.
 
