@@ -31,6 +31,7 @@ _BUILT_IN = (
     "stepper_servo",
     "hybrid_actuator",
     "cycle_timing",
+    "hydraulic_actuator",
 )
 
 

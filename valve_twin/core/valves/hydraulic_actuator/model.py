@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The hydraulic actuator: what is estimated from one cycle and how it predicts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.gaps import find_gaps
+from valve_twin.core.types import (
+    Estimate,
+    EstimateStatus,
+    MaskCounts,
+    ParameterStatus,
+    ParameterValue,
+)
+from valve_twin.core.valves.hydraulic_actuator.fit import Record, Solution, fit_free_run
+from valve_twin.core.valves.hydraulic_actuator.kernels import STATE_SIZE, predict_block
+from valve_twin.core.valves.hydraulic_actuator.parameters import (
+    ESTIMATOR,
+    NAMES,
+    OPTIONS,
+    PARAMETERS,
+    number,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from valve_twin.core.types import ByteArray, Cycle, FloatArray, Parameter
+    from valve_twin.core.valves.interface import Option, Options
+
+_AT_BOUND = 1e-6  # distance to a bound that counts as none, in units of the interval [1]
+
+
+@dataclass(frozen=True, slots=True)
+class HydraulicActuatorModel:
+    """Implements `ValveModel` for one valve opening and the load pressure."""
+
+    name: str = "hydraulic_actuator"
+    inputs: tuple[str, ...] = ("opening",)
+    output: str = "pressure"
+    parameters: tuple[Parameter, ...] = PARAMETERS
+    options: tuple[Option, ...] = OPTIONS
+    trend_estimator: str = ESTIMATOR
+
+    def estimate(
+        self, cycle: Cycle, options: Options, earlier: Sequence[Estimate] = ()
+    ) -> tuple[Estimate, ...]:
+        """Estimate flow curve, resonance, throttling and spool lag from one cycle.
+
+        Parameters
+        ----------
+        cycle : Cycle
+            One cycle of N samples.
+        options : mapping
+            The model's options, complete.
+        earlier : sequence of Estimate
+            Not used: nothing is pooled.
+
+        Returns
+        -------
+        tuple of Estimate
+            One estimate; REFUSED with its reason where the cycle says nothing.
+        """
+        del earlier
+        record = _record(cycle)
+        used = int(np.count_nonzero(record.used))
+        refusal = _refusal(record, options)
+        if refusal:
+            blank = (
+                ParameterValue(name, np.nan, ParameterStatus.REFUSED, refusal) for name in NAMES
+            )
+            return (self._estimate(cycle, tuple(blank), EstimateStatus.REFUSED, refusal, 0),)
+        solution = fit_free_run(record, shown=_shown(record, options))
+        values = tuple(_value(i, solution) for i in range(len(NAMES)))
+        withheld = [v.name for v in values if v.status is ParameterStatus.NOT_EXCITED]
+        status = EstimateStatus.PARTIAL if withheld else EstimateStatus.ACCEPTED
+        reason = f"not excited: {', '.join(withheld)}" if withheld else "accepted"
+        return (self._estimate(cycle, values, status, reason, used, solution.condition),)
+
+    def _estimate(
+        self,
+        cycle: Cycle,
+        values: tuple[ParameterValue, ...],
+        status: EstimateStatus,
+        reason: str,
+        used: int,
+        condition: float = float("nan"),
+    ) -> Estimate:
+        return Estimate(
+            model=self.name,
+            estimator=ESTIMATOR,
+            cycle=cycle.number,
+            start_ns=cycle.start_ns,
+            end_ns=cycle.end_ns,
+            parameters=values,
+            status=status,
+            reason=reason,
+            condition_number=condition,
+            counts=MaskCounts(used, bad=len(cycle.frames) - used),
+            missed_cycles=cycle.missed_cycles,
+            reproducible=cycle.reproducible,
+        )
+
+    def coefficients(
+        self, values: Mapping[str, float], lag: int, period_s: float, options: Options
+    ) -> FloatArray:
+        """Return the 10 coefficients of `predict`.
+
+        What no cycle has shown of one direction is taken from the other.
+        """
+        del lag, options
+        known = dict(values)
+        for name in NAMES:
+            lift = name.endswith("lift")
+            other = name.replace("lift", "lower") if lift else name.replace("lower", "lift")
+            known.setdefault(name, values.get(other, float("nan")))
+        return np.array([*(known[name] for name in NAMES), period_s])
+
+    def initial_state(self) -> FloatArray:
+        """Return the state before the first sample."""
+        return np.zeros(STATE_SIZE)
+
+    def predict(
+        self,
+        state: FloatArray,
+        coefficients: FloatArray,
+        position: FloatArray,
+        inputs: FloatArray,
+        restart: ByteArray,
+        predicted: FloatArray,
+        simulated: FloatArray,
+        validity: ByteArray,
+    ) -> None:
+        """Predict a block of samples; see `ValveModel.predict`."""
+        predict_block(
+            state, coefficients, position, inputs, restart, predicted, simulated, validity
+        )
+
+
+def _record(cycle: Cycle) -> Record:
+    """Return the longest stretch without a gap, from its first usable sample on."""
+    frames = cycle.frames
+    edges = np.concatenate(
+        ([0], np.flatnonzero(find_gaps(frames.stamp_ns, cycle.period_s)), [len(frames)])
+    )
+    longest = int(np.argmax(np.diff(edges)))
+    part = frames[int(edges[longest]) : int(edges[longest + 1])]
+    used = part.valid & np.isfinite(part.position) & np.isfinite(part.inputs[:, 0])
+    part, used = part[int(np.argmax(used)) :], used[int(np.argmax(used)) :]
+    held = np.maximum.accumulate(np.where(used, np.arange(len(used)), 0))
+    opening = np.ascontiguousarray(part.inputs[held, 0])
+    pressure = np.ascontiguousarray(part.position[held])
+    return Record(pressure, opening, used, cycle.period_s)
+
+
+def _shown(record: Record, options: Options) -> tuple[bool, bool]:
+    least = number(options, "min_opening")
+    opening = record.opening[record.used]
+    return bool(opening.max() >= least), bool(-opening.min() >= least)
+
+
+def _refusal(record: Record, options: Options) -> str:
+    used, wanted = int(np.count_nonzero(record.used)), int(number(options, "min_samples"))
+    if used < wanted:
+        return f"{used} usable samples without a gap, fewer than min_samples {wanted}"
+    if float(np.ptp(record.pressure[record.used])) == 0.0:
+        return f"the pressure stayed at {record.pressure[0]:.4g}: the cycle shows nothing"
+    if not any(_shown(record, options)):
+        least = number(options, "min_opening")
+        return f"the valve opened by less than min_opening {least:g}: the cycle excites nothing"
+    return ""
+
+
+def _value(i: int, solution: Solution) -> ParameterValue:
+    name, value = NAMES[i], float(solution.values[i])
+    lift, lower = solution.shown
+    if (not lift and "lift" in name) or (not lower and "lower" in name):
+        reason = "the valve did not open in this direction"
+        return ParameterValue(name, np.nan, ParameterStatus.NOT_EXCITED, reason)
+    span = solution.upper[i] - solution.lower[i]
+    if min(value - solution.lower[i], solution.upper[i] - value) > _AT_BOUND * span:
+        return ParameterValue(name, value)
+    reason = f"rests on its bound {value:.3g}"
+    return ParameterValue(name, value, ParameterStatus.AT_BOUND, reason)
+
+
+MODEL = HydraulicActuatorModel()

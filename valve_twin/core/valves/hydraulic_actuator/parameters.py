@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What the hydraulic actuator publishes, and its options."""
+
+from __future__ import annotations
+
+from valve_twin.core.types import Parameter
+from valve_twin.core.valves.interface import Option, Options
+
+ESTIMATOR = "output_error"
+
+PARAMETERS = (
+    Parameter(
+        "flow_limit_lift",
+        "1/s",
+        "flow of the open valve, lifting, as the pressure rise in a locked cylinder [A]",
+        0.0,
+        trend=True,
+    ),
+    Parameter("flow_limit_lower", "1/s", "the same, lowering [A]", 0.0, trend=True),
+    Parameter(
+        "half_opening_lift",
+        "1",
+        "opening that lets half of flow_limit_lift pass: overlap and dead band raise it [A]",
+        0.0,
+        trend=True,
+    ),
+    Parameter("half_opening_lower", "1", "the same, lowering [A]", 0.0, trend=True),
+    Parameter(
+        "progressivity",
+        "1",
+        "exponent of the flow over small openings, 1 = proportional [A]",
+        1.0,
+        trend=True,
+    ),
+    Parameter(
+        "resonance",
+        "rad/s",
+        "angular frequency of the load on the locked oil: compressibility and mass [A]",
+        0.0,
+        trend=True,
+    ),
+    Parameter(
+        "throttling_lift",
+        "s^2",
+        "load pressure per square of the lifting flow: line, throttle and load resistance [A]",
+        0.0,
+        trend=True,
+    ),
+    Parameter("throttling_lower", "s^2", "the same, lowering [A]", 0.0, trend=True),
+    Parameter(
+        "spool_lag",
+        "s",
+        "time constant with which the spool follows its opening [A]",
+        0.0,
+        trend=True,
+    ),
+)
+NAMES = tuple(p.name for p in PARAMETERS)
+
+OPTIONS = (
+    Option(
+        "min_opening",
+        0.1,
+        "largest opening of a direction below which that direction is not estimated [A]",
+        "1",
+        0.0,
+        1e3,
+    ),
+    Option("min_samples", 100, "a cycle of fewer usable samples is refused [A]", "1", 20, 1e6),
+    Option("estimators", [ESTIMATOR], "estimators to run", choices=(ESTIMATOR,)),
+)
+
+
+def number(options: Options, name: str) -> float:
+    """Return a numeric option; its type was checked when the configuration was read."""
+    value = options[name]
+    assert isinstance(value, (int, float))
+    return float(value)
