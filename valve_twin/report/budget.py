@@ -83,7 +83,7 @@ def _segment(row: BudgetRow, left: float, top: float, share: float, error: float
     drawn = (
         f'<rect x="{left:.1f}" y="{top:.1f}" width="{wide:.1f}" height="{_BAR:g}" '
         f'fill="{fill}" stroke="#fff"><title>({row.letter}) {esc(row.text)}: '
-        f"{_percent(error)}</title></rect>"
+        f"{esc(_percent(error))}</title></rect>"
     )
     if wide < _LETTER_ROOM:
         return drawn
@@ -102,15 +102,19 @@ def _numbers(budget: Budget) -> str:
         ),
     ]
     rows = [
-        [f"({row.letter}) {esc(row.text)}", number(row.size, 2), *map(_percent, row.errors)]
+        [f"({row.letter}) {esc(row.text)}", number(row.size, 2), *map(_cell, row.errors)]
         for row in budget.rows
     ]
     columns = range(len(budget.columns))
-    rows.append(["Sum of all", "", *(_percent(budget.total(k)) for k in columns)])
-    squares = (_percent(budget.root_sum_square(k)) for k in columns)
+    rows.append(["Sum of all", "", *(_cell(budget.total(k)) for k in columns)])
+    squares = (_cell(budget.root_sum_square(k)) for k in columns)
     rows.append(["Root of the sum of squares", "", *squares])
     caption = "Root mean square change of a parameter, relative to its value."
-    return table(head, rows, caption)
+    return table(head, rows, caption, "figures")
+
+
+def _cell(error: float) -> str:
+    return esc(_percent(error))
 
 
 def _percent(error: float) -> str:
@@ -118,6 +122,6 @@ def _percent(error: float) -> str:
     if not math.isfinite(error):
         return NONE
     percent = 100.0 * error
-    if percent < 5e-4:
-        return "0 %"
+    if percent < 0.01:
+        return "< 0.01 %" if percent > 0.0 else "0 %"
     return f"{percent:.2g} %" if percent < 100.0 else f"{percent:.0f} %"
