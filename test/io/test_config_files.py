@@ -15,6 +15,7 @@ from valve_twin.io.csv_import import import_csv
 NAMES = [
     "boiler_valve",
     "eha_cylinder",
+    "hybrid_actuator",
     "press_archive",
     "press_cartridge",
     "press_fleet",
