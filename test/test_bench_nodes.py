@@ -33,8 +33,8 @@ def run():
 
 
 def test_every_sample_is_predicted_and_echoed(run):
-    assert run.plant.sent == 3000
-    assert run.predictions[0].messages == run.returned.messages == 3000
+    assert run.plant.sent > 3000
+    assert run.predictions[0].messages == run.returned.messages == run.plant.sent
 
 
 def test_a_twin_needs_no_cvxpy(run):

@@ -14,8 +14,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -98,6 +99,9 @@ class Live:
 
 _COUNT_BYTES = 12
 
+GREETINGS = 10
+"""Messages after which a publisher is known to be deaf."""
+
 
 @contextmanager
 def live(
@@ -159,8 +163,28 @@ def live(
             stack.callback(twin.terminate)  # both end at the same time
         wanted = 2 if peer == "count" else 1
         plant.wait(lambda: plant.subscribers() >= wanted and plant.heard(), "nodes", 60.0)
-        time.sleep(0.5)  # both sides of every match know of it
+        echoes = [returned] if returned is not None and peer == "echo" else []
+        _greet(plant, (*predictions, *echoes), period_s, batch)
         yield Live(plant, twin, other, tuple(predictions), returned)
+
+
+def _greet(plant: Plant, answers: tuple[Taken, ...], period_s: float, batch: int) -> None:
+    """Send a message at a time until every publisher answers, then count from here.
+
+    A publisher that does not know of its subscriber yet loses its message.
+    """
+    for _ in range(GREETINGS):
+        before = [t.messages for t in answers]
+        plant.run(1.0 / PLANT_HZ, PLANT_HZ, period_s)
+        with suppress(TimeoutError):
+            plant.wait(partial(_answered, answers, before), "an answer to each message", 3.0)
+            break
+    for taken in answers:
+        taken.messages, taken.samples = plant.sent, batch * plant.sent if taken.series else 0
+
+
+def _answered(answers: tuple[Taken, ...], before: list[int]) -> bool:
+    return all(t.messages > n for t, n in zip(answers, before, strict=True))
 
 
 def _press(period_s: float, batch: int) -> dict[str, object]:
