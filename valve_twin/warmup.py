@@ -16,13 +16,14 @@ import numpy as np
 from valve_twin.core.alignment import SignalRange
 from valve_twin.core.cycles import CycleConfig
 from valve_twin.core.twin import Twin, TwinConfig
-from valve_twin.core.types import CycleRule
+from valve_twin.core.types import Cycle, CycleRule, Frames
 from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
 
 if TYPE_CHECKING:
     from valve_twin.core.valves.interface import ValveModel
 
 MODELS = ("press_cartridge", "positioner", "stepper_servo", "hybrid_actuator")
+NOT_SIMULATED = ("cycle_timing", "hydraulic_actuator")
 
 
 def main() -> None:
@@ -33,6 +34,9 @@ def main() -> None:
     for name in MODELS:
         for rule in CycleRule:
             run_once(name, rule)
+    for name in NOT_SIMULATED:
+        predict_once(name, CycleRule.WINDOW)
+        _estimate_wave(name)
     aging.warm_up()
 
 
@@ -100,6 +104,24 @@ def predict_once(name: str, rule: CycleRule) -> None:
         np.empty(count),
         np.empty(count, dtype=np.uint8),
     )
+
+
+def _estimate_wave(name: str) -> None:
+    """Estimate a made-up cycle of a valve that cannot be simulated: output follows command."""
+    from valve_twin.core.estimation.sequence import Memory, estimate_cycle
+
+    model, period_s, count = get_model(name), 0.1, 200
+    wave = np.sin(0.2 * np.arange(count))
+    frames = Frames(
+        stamp_ns=round(1e9 * period_s) * np.arange(1, count + 1),
+        position=wave,
+        inputs=np.tile(wave[:, None], (1, len(model.inputs))),
+        counter=np.full(count, np.nan),
+        reference=np.full(count, np.nan),
+        valid=np.ones(count, dtype=np.bool_),
+    )
+    cycle = Cycle(1, period_s, frames)
+    estimate_cycle(model, complete_options(model, {}), cycle, Memory.empty())
 
 
 def _twin(model: ValveModel, rule: CycleRule, period_s: float) -> Twin:

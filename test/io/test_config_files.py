@@ -16,6 +16,8 @@ NAMES = [
     "boiler_valve",
     "eha_cylinder",
     "hybrid_actuator",
+    "hydraulic_actuator",
+    "hydraulic_rig",
     "press_archive",
     "press_cartridge",
     "press_fleet",

@@ -246,7 +246,7 @@ class Segmenter:
     Raises
     ------
     ValueError
-        If the rule names a command that the model does not have.
+        If the rule names a command that the model does not have, or needs one and there is none.
     """
 
     def __init__(
@@ -259,6 +259,9 @@ class Segmenter:
         resumed: bool = False,
         resume: Resume | None = None,
     ) -> None:
+        if config.rule is CycleRule.COMMANDS and not inputs:
+            msg = "cycles.rule: commands needs a command and this model has none"
+            raise ValueError(msg)
         self._config = config
         self._period_s = period_s
         self._columns = np.array(

@@ -192,3 +192,5 @@ def test_a_model_without_a_command_cannot_be_cut_by_one(tmp_path):
         load_config(file)
     assert get_model("cycle_timing").inputs == ()
     Segmenter(CycleConfig(rule=CycleRule.WINDOW), (), PERIOD_S)
+    with pytest.raises(ValueError, match="this model has none"):
+        Segmenter(CycleConfig(), (), PERIOD_S)
