@@ -60,7 +60,10 @@ def told(results, deaf):
         "messages sent more than 1 s before the kill": sum(r.expected for r in results),
         "of these missing or still on their way": sum(r.missing for r in results),
         **spread("age of the oldest lost message since it was sent", [r.lost_s for r in results]),
-        **spread("from sent to received", np.concatenate([r.delivery_s for r in results])),
+        **spread(
+            "from sent to received",
+            np.maximum(np.concatenate([r.delivery_s for r in results]), 0.0),
+        ),
         **spread("from received to taken", np.concatenate([r.wait_s for r in results])),
         **spread("loop stood at the kill", [r.stood_s for r in results]),
     }
