@@ -255,3 +255,34 @@ def test_a_stroke_that_is_not_caught_has_no_seating_speed():
     assert by_name["seating_speed_open"].reason == "no stroke reached the open seat"
     assert by_name["spring_rate"].value == pytest.approx(18820.0, rel=0.02)
     assert by_name["damping"].value == pytest.approx(12.0, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    "given", [{"plant.gas_force": 20.0}, {"plant.magnet_coupling": 0.6}, {"measurement.delay": 1}]
+)
+def test_a_force_or_delay_that_is_not_in_the_model_is_seen_in_the_flights(given):
+    """Taken for a new valve, 20 N of gas would look like half the spring and no damping."""
+    (estimate,) = MODEL.estimate(make_cycles(given)[0], OPTIONS)
+    by_name = {p.name: p for p in estimate.parameters}
+    assert estimate.status is EstimateStatus.PARTIAL
+    for name in ("spring_rate", "damping", "magnet_force"):
+        assert by_name[name].status is ParameterStatus.REFUSED
+        assert "a force is missing or an option is wrong" in by_name[name].reason
+    assert by_name["resistance_opener"].value == pytest.approx(0.34, rel=0.01)
+
+
+def test_a_known_gas_force_is_taken_into_account():
+    cycle = make_cycles({"plant.gas_force": 20.0})[0]
+    (estimate,) = MODEL.estimate(cycle, {**OPTIONS, "gas_force": 20.0})
+    assert estimate.status is EstimateStatus.ACCEPTED
+    assert estimate.value("spring_rate") == pytest.approx(18820.0, rel=0.03)
+    assert estimate.value("damping") == pytest.approx(3.559, rel=0.04)
+    assert estimate.value("magnet_force") == pytest.approx(128.0, rel=0.05)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.1e-3])
+def test_the_check_of_the_flights_knows_the_noise(noise):
+    cycles = [make_cycles({"measurement.noise": noise}, seed=s)[0] for s in range(10)]
+    for cycle in cycles:
+        (estimate,) = MODEL.estimate(cycle, OPTIONS)
+        assert estimate.status is EstimateStatus.ACCEPTED, estimate.reason

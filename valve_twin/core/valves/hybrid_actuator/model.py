@@ -54,6 +54,12 @@ LONGEST_PERIOD_S = 2.5e-4
 
 _MAX_CONDITION = 1e5
 _REST_SHARE = 6e-3  # of the full scale: a current below it counts as none [1] [A]
+_MISFIT = 1.3
+"""Residual of the flights over the noise at rest above which the model is not this valve's [A]."""
+
+_MISFIT_FLOOR = 6e-5
+"""Residual that counts as none, of the stroke [1]: currents between samples are straight lines."""
+
 _FEWEST = 50  # fewest usable samples of a cycle [A]
 
 
@@ -96,7 +102,7 @@ class HybridActuatorModel:
         values = {p.name: p for p in _electrical(cycle, options, record, known)}
         strokes = find_strokes(cycle.frames.position, known, cycle.period_s)
         fit = fit_flights(record, strokes, armature(options, {}), solenoid(options, {}))
-        values.update({p.name: p for p in _mechanical(fit, options, cycle.period_s)})
+        values.update({p.name: p for p in _mechanical(fit, options, cycle)})
         return (_estimate(cycle, tuple(values[n] for n in NAMES), fit=fit),)
 
     def coefficients(
@@ -206,7 +212,7 @@ def _coil(side: str, fit: CoilFit) -> list[ParameterValue]:
     ]
 
 
-def _mechanical(fit: FlightFit | None, options: Options, period_s: float) -> list[ParameterValue]:
+def _mechanical(fit: FlightFit | None, options: Options, cycle: Cycle) -> list[ParameterValue]:
     if fit is None:
         reason = "the armature did not cross from seat to seat"
         return [
@@ -215,22 +221,36 @@ def _mechanical(fit: FlightFit | None, options: Options, period_s: float) -> lis
         ]
     spring, damping, magnet = (float(value) for value in fit.values)
     mass = number(options, "mass")
-    known = fit.condition <= _MAX_CONDITION
     values = []
     derived = (np.sqrt(spring / mass), damping / (2.0 * np.sqrt(max(spring * mass, 1e-300))))
     names = (*SHARED, "natural_frequency", "damping_ratio")
+    status, reason = _doubt(fit, cycle, 2.0 * number(options, "half_travel"))
     for name, value in zip(names, (spring, damping, magnet, *derived), strict=True):
-        if not known:
-            reason = f"the flights do not tell it apart: condition {fit.condition:.2g}"
-            nothing = float("nan")
-            values.append(ParameterValue(name, nothing, ParameterStatus.NOT_EXCITED, reason))
+        if reason:
+            values.append(ParameterValue(name, float("nan"), status, reason))
         elif value <= 0.0:
             values.append(ParameterValue(name, value, ParameterStatus.AT_BOUND, "rests on 0"))
         else:
             values.append(ParameterValue(name, float(value)))
     for opening, side in ((True, "open"), (False, "closed")):
-        values += _seating(fit, opening, side, period_s)
+        values += _seating(fit, opening, side, cycle.period_s)
     return values
+
+
+def _doubt(fit: FlightFit, cycle: Cycle, stroke: float) -> tuple[ParameterStatus, str]:
+    """Return why spring, damping and magnet cannot be used, and as what; empty if they can."""
+    if fit.condition > _MAX_CONDITION:
+        reason = f"the flights do not tell it apart: condition {fit.condition:.2g}"
+        return ParameterStatus.NOT_EXCITED, reason
+    noise = _rest_noise(cycle) * stroke
+    limit = float(np.hypot(_MISFIT * noise, _MISFIT_FLOOR * stroke))
+    if fit.rms > limit:
+        reason = (
+            f"the flights leave {1e6 * fit.rms:.1f} um, the noise is {1e6 * noise:.1f} um: a "
+            "force is missing or an option is wrong (gas_force, mass, gap, kernel)"
+        )
+        return ParameterStatus.REFUSED, reason
+    return ParameterStatus.OK, ""
 
 
 def _seating(fit: FlightFit, opening: bool, side: str, period_s: float) -> list[ParameterValue]:
@@ -263,7 +283,7 @@ def _estimate(
 ) -> Estimate:
     withheld = [v.name for v in values if not np.isfinite(v.value)]
     status = EstimateStatus.PARTIAL if withheld else EstimateStatus.ACCEPTED
-    reason = f"not excited: {', '.join(withheld)}" if withheld else "accepted"
+    reason = f"withheld: {', '.join(withheld)}" if withheld else "accepted"
     if refused or len(withheld) == len(values):
         status, reason = EstimateStatus.REFUSED, refused or "neither pulse nor stroke in the cycle"
     count = len(cycle.frames)
