@@ -7,21 +7,27 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
+import numpy as np
 import yaml
 
 from valve_twin.core.simulation import SimulatedValve, configure
 from valve_twin.core.valves.registry import get_simulation
 from valve_twin.io.bags import BagWriter
 from valve_twin.io.errors import ConfigError
+from valve_twin.io.mapping import SERIES_TYPE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from valve_twin.core.simulation import SimulationBlock, SimulationConfig
+    from valve_twin.core.types import FloatArray, IntArray
     from valve_twin.io.config import ValveConfig
 
 _EXPONENT = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+")
+
+SERIES_SAMPLES = 100
+"""Samples in one message of a signal that is configured as Float64Series."""
 
 START_NS = 1_600_000_000_000_000_000
 """Stamp of the first sample [ns]: a fixed date, because stamp 0 means "no stamp" in ROS."""
@@ -127,6 +133,26 @@ def _write_block(
     stamps = block.stamp_ns + START_NS
     rows = [(topics[n], stamps, values) for n, values in columns.items() if n in topics]
     delivered = block.delivered
-    rows.append((topics[position], stamps[delivered], block.position[delivered]))
-    bag.write_samples(rows)
-    return sum(len(stamps) for _, stamps, _ in rows)
+    series = {source.topic for source in config.signals.values() if source.type == SERIES_TYPE}
+    if topics[position] in series:
+        rows.append((topics[position], stamps, np.where(delivered, block.position, np.nan)))
+    else:
+        rows.append((topics[position], stamps[delivered], block.position[delivered]))
+    singles = [row for row in rows if row[0] not in series]
+    if singles:
+        bag.write_samples(singles)
+    batches = _write_series(bag, config.period_s, [row for row in rows if row[0] in series])
+    return sum(len(stamps) for _, stamps, _ in singles) + batches
+
+
+def _write_series(
+    bag: BagWriter, period_s: float, rows: Sequence[tuple[str, IntArray, FloatArray]]
+) -> int:
+    """Write what is configured as Float64Series in batches; a lost sample has no value there."""
+    written = 0
+    for at in range(0, len(rows[0][1]) if rows else 0, SERIES_SAMPLES):
+        part = slice(at, at + SERIES_SAMPLES)
+        for topic, stamps, values in rows:
+            bag.write_series(topic, int(stamps[at]), period_s, values[part])
+            written += 1
+    return written
