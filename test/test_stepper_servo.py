@@ -34,3 +34,15 @@ def test_the_twin_listens_where_the_simulated_valve_publishes(root):
     (config,) = load_config(root / "config" / "stepper_servo.yaml")
     for name in get_model("stepper_servo").inputs:
         assert config.signals[name].topic.endswith(f"/command/{name}")
+
+
+def test_the_committed_sample_is_small_and_tells_the_screw(root, capsys):
+    bag = root / "docs" / "samples" / "stepper_servo"
+    assert sum(path.stat().st_size for path in bag.iterdir()) < 300_000
+    config = str(root / "config" / "stepper_servo.yaml")
+    assert main(["estimate", str(bag), "--config", config]) == 0
+    screw = json.loads(capsys.readouterr().out.splitlines()[0])
+    found = dict(zip(screw["names"], screw["values"], strict=True))
+    assert 2.1 * found["backlash"] == pytest.approx(0.1, rel=0.05)
+    assert 2.1 * found["band_lower"] == pytest.approx(0.45, abs=0.01)
+    assert 2.1 * found["band_upper"] == pytest.approx(1.70, abs=0.01)
