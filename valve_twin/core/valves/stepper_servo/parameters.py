@@ -60,7 +60,7 @@ OPTIONS = (
     Option(
         "estimators",
         [MECHANICS, WIENER],
-        "estimators to run; the first feeds trend and prediction",
+        "estimators to run; backlash_output_error always runs: it feeds trend and prediction",
         choices=(MECHANICS, WIENER),
     ),
     Option("step_size", 0.01 / 2.1, "travel of a full step over the stroke", "1", 1e-6, 0.5),
