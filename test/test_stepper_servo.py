@@ -37,7 +37,7 @@ def test_the_twin_listens_where_the_simulated_valve_publishes(root):
 
 
 def test_the_committed_sample_is_small_and_tells_the_screw(root, capsys):
-    bag = root / "docs" / "samples" / "stepper_servo"
+    bag = root / "samples" / "stepper_servo"
     assert sum(path.stat().st_size for path in bag.iterdir()) < 300_000
     config = str(root / "config" / "stepper_servo.yaml")
     assert main(["estimate", str(bag), "--config", config]) == 0
