@@ -29,7 +29,7 @@ SHARED = ("spring_rate", "damping", "magnet_force")
 _LONGEST_S = 0.03  # longest part of a flight that is fitted, for one that does not land [s]
 _FEWEST = 12  # fewest samples of a flight [A]
 _SUBSTEPS = 2
-_STEPS_TO_SEAT = 400  # how far the fitted flight is followed to its seat, in half samples
+_STEPS_TO_SEAT = 20  # how far the fitted flight is followed to its seat, in half samples
 
 
 @dataclass(frozen=True, slots=True)
@@ -302,12 +302,15 @@ class _Problem:
         a, solenoid = self._with(p)
         x, v = (float(value) for value in self.flight(p, k)[-1])
         h = self.record.period_s / _SUBSTEPS
-        here = s.end - 1
+        # the sample after the contact knows another speed: go on as the last two samples did
+        last, slopes = [], []
+        for current in (self.record.opener, self.record.closer):
+            last.append(float(current[s.end - 1]))
+            slopes.append(float(current[s.end - 1] - current[s.end - 2]) / _SUBSTEPS)
         for step in range(_STEPS_TO_SEAT):
-            n = min(here + step // _SUBSTEPS, len(self.record.opener) - 1)
-            i_o, i_c = float(self.record.opener[n]), float(self.record.closer[n])
+            o, c = ((i + step * d, i + (step + 1) * d) for i, d in zip(last, slopes, strict=True))
             before = (x, v)
-            x, v = advance(a, solenoid, x, v, i_o, i_o, i_c, i_c, h)
+            x, v = advance(a, solenoid, x, v, o[0], o[1], c[0], c[1], h)
             if abs(x) >= a.travel:
                 share = (a.travel - abs(before[0])) / max(abs(x) - abs(before[0]), 1e-300)
                 return abs(before[1] + share * (v - before[1]))
