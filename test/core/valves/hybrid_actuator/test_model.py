@@ -284,3 +284,14 @@ def test_the_check_of_the_flights_knows_the_noise(noise):
     for cycle in cycles:
         (estimate,) = MODEL.estimate(cycle, OPTIONS)
         assert estimate.status is EstimateStatus.ACCEPTED, estimate.reason
+
+
+def test_a_record_of_noise_is_estimated_with_a_bounded_effort():
+    rng = np.random.default_rng(0)
+    cycle = make_cycles()[0]
+    walk = np.clip(0.5 + np.cumsum(rng.normal(0.0, 0.1, 2000)), -0.1, 1.1)
+    noise = changed(cycle, position=walk, inputs=rng.uniform(-1.0, 1.0, (2000, 4)))
+    (estimate,) = MODEL.estimate(noise, OPTIONS)
+    by_name = {p.name: p for p in estimate.parameters}
+    assert by_name["spring_rate"].status is not ParameterStatus.OK
+    assert estimate.counts.used <= 6 * 300  # six flights of 30 ms

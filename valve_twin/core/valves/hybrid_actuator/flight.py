@@ -28,6 +28,7 @@ SHARED = ("spring_rate", "damping", "magnet_force")
 
 _LONGEST_S = 0.03  # longest part of a flight that is fitted, for one that does not land [s]
 _FEWEST = 12  # fewest samples of a flight [A]
+_MOST_STROKES = 6  # fitted of a cycle, which has two: noise may look like many
 _SUBSTEPS = 2
 _STEPS_TO_SEAT = 20  # how far the fitted flight is followed to its seat, in half samples
 
@@ -219,6 +220,7 @@ def fit_flights(
         What is known, and where the search of the rest starts.
     """
     strokes = [s for s in strokes if np.count_nonzero(record.known[s.first : s.end]) >= _FEWEST]
+    strokes = strokes[:_MOST_STROKES]
     if not strokes:
         return None
     problem = _Problem(record, strokes, a, solenoid)

@@ -60,6 +60,7 @@ _MISFIT = 1.3
 _MISFIT_FLOOR = 6e-5
 """Residual that counts as none, of the stroke [1]: currents between samples are straight lines."""
 
+_FEWEST_AT_REST = 12  # fewest samples on a seat that tell the noise [A]
 _FEWEST = 50  # fewest usable samples of a cycle [A]
 
 
@@ -243,6 +244,8 @@ def _doubt(fit: FlightFit, cycle: Cycle, stroke: float) -> tuple[ParameterStatus
         reason = f"the flights do not tell it apart: condition {fit.condition:.2g}"
         return ParameterStatus.NOT_EXCITED, reason
     noise = _rest_noise(cycle) * stroke
+    if not np.isfinite(noise):
+        return ParameterStatus.REFUSED, "no rest on a seat tells the noise to judge the flights by"
     limit = float(np.hypot(_MISFIT * noise, _MISFIT_FLOOR * stroke))
     if fit.rms > limit:
         reason = (
@@ -311,7 +314,7 @@ def _rest_noise(cycle: Cycle) -> float:
     steps = np.diff(position, 2)
     rest = np.abs(position[1:-1] - np.round(position[1:-1])) < 5e-3
     calm = steps[rest & np.isfinite(steps)]
-    if len(calm) < _FEWEST:
+    if len(calm) < _FEWEST_AT_REST:
         return float("nan")
     return float(1.4826 * np.median(np.abs(calm)) / np.sqrt(6.0))
 
