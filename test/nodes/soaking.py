@@ -167,7 +167,7 @@ class Soak:
             plant.stdin.write("go\n")
             plant.stdin.flush()
             sent = (len(found) + 1) * CYCLE * self.valves
-            self.graph.spin_until(lambda n=sent: self._quiet(n), 90.0, "a quiet twin")
+            self.graph.spin_until(lambda n=sent: self.is_quiet(n), 90.0, "a quiet twin")
             figures = self.figures()
             lines = len(self._blocks())
             os.kill(self.twin.pid, signal.SIGUSR1)
@@ -184,7 +184,18 @@ class Soak:
             del self.diagnostics[:-2]
         return found
 
-    def _quiet(self, sent: int) -> bool:
+    def send(self, cycles: int) -> None:
+        """Let the plant that `rounds` started publish so many cycles more, without a look."""
+        plant = self.plant
+        assert plant is not None
+        assert plant.stdin is not None
+        assert plant.stdout is not None
+        for _ in range(cycles):
+            plant.stdin.write("go\n")
+            plant.stdin.flush()
+            assert plant.stdout.readline()
+
+    def is_quiet(self, sent: int) -> bool:
         """Return whether all that was sent is predicted, estimated and stored."""
         figures = self.figures()
         waiting = ("estimations pending", "cycles unsaved")

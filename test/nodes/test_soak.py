@@ -7,12 +7,13 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import signal
 from pathlib import Path
 
 import pytest
 from scipy.stats import theilslopes
 
-from test.nodes.soaking import CYCLE, PERIOD_S, Result, Soak
+from test.nodes.soaking import CYCLE, PERIOD_S, Result, Soak, children, rss_mb
 from valve_twin.io.history import History
 
 VALVES = 50
@@ -47,6 +48,30 @@ def test_fifty_valves_at_twenty_times_real_time_lose_nothing_and_keep_nothing(gr
     assert kept_kb < 16.0, [r.rss_mb for r in rounds]
     blocks = theilslopes([r.blocks for r in warm], cycles)[0]
     assert blocks < 120.0, [r.blocks for r in rounds]
+
+
+def test_memory_of_a_backlog_of_estimations_goes_back_to_the_system(graph, tmp_path):
+    """The estimating process stands still for 20 cycles of ten valves, then catches up."""
+    made = Soak(graph, tmp_path, valves=10, rate=100.0, batch=34)
+    try:
+        made.rounds(3, tmp_path)
+        base = rss_mb(made.twin.pid)
+        (worker,) = children(made.twin.pid)
+        os.kill(worker, signal.SIGSTOP)
+        made.send(20)
+        pending = "estimations pending"
+        graph.spin_until(
+            lambda: sum(int(f[pending]) for f in made.figures()) >= 190, 60.0, "a backlog"
+        )
+        grown = rss_mb(made.twin.pid) - base
+        os.kill(worker, signal.SIGCONT)
+        graph.spin_until(lambda: made.is_quiet(23 * CYCLE * 10), 60.0, "a quiet twin")
+        graph.spin_until(
+            lambda: rss_mb(made.twin.pid) - base < 0.6 * grown, 15.0, f"less than {grown} MB more"
+        )
+        assert made.end() == 0
+    finally:
+        made.end()
 
 
 @pytest.mark.slow

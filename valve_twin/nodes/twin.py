@@ -14,6 +14,7 @@ from rclpy.duration import Duration
 from valve_twin.io.history import History
 from valve_twin.nodes.diagnostics import ERROR, STALE, Diagnostics, Report
 from valve_twin.nodes.estimation_job import warm_up, warm_up_prediction
+from valve_twin.nodes.heap import Relief
 from valve_twin.nodes.inputs import InputConfig, by_topic, seconds_now
 from valve_twin.nodes.keeper import Keeper
 from valve_twin.nodes.live_valve import LiveValve
@@ -53,6 +54,7 @@ class TwinNode(ValveNode):
         self._faults: dict[str, TwinFaults] = {}
         self._restarts = 0
         self._left_out: dict[str, str] = {}
+        self._relief = Relief(0)
 
     def configure(self) -> None:
         """Open the histories and make the twins with what they had learnt."""
@@ -87,6 +89,7 @@ class TwinNode(ValveNode):
                 f"{valve.name}: {config.model}, cycles go on from {valve.last_cycle}, "
                 f"history {valve.history.where}"
             )
+        self._relief = Relief(len(self._valves))
         self._diagnostics = Diagnostics(self, self._reports)
 
     def activate(self) -> None:
@@ -153,6 +156,9 @@ class TwinNode(ValveNode):
 
     def _reports(self) -> Iterable[Report]:
         self._look_at_node()
+        waiting = sum(v.twin.pending_jobs for v in self._valves)
+        late_s = max((v.worst_latency_s for v in self._valves), default=0.0)
+        self._relief.look(waiting, late_s, seconds_now())
         for name, why in self._left_out.items():
             yield Report(f"valve {name}", name, level=ERROR, message=why)
         for valve in self._valves:
