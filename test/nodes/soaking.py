@@ -73,6 +73,10 @@ class Result:
     worker_mb: list[tuple[float, float]]
     blocks: list[tuple[float, float]]
     cpu: float
+    most_waiting: int
+    """Most estimations that waited at a time: 110 kB each, so that a growth can be told apart."""
+    longest_ms: float
+    """Longest way of a sample that the diagnostics looked at told of [ms]."""
 
     def slope(self, series: str, after_s: float) -> tuple[float, float, float]:
         """Return Theil-Sen slope and its 95 % limits, in units in 10 min."""
@@ -127,10 +131,13 @@ class Soak:
         arguments = [str(x) for x in (self.valves, self.rate, self.batch, seconds)]
         self.plant = self._start("plant", arguments, folder / "plant.log")
         series: dict[str, list[tuple[float, float]]] = {"rss": [], "worker": [], "blocks": []}
-        cpu, begin = cpu_s(self.twin.pid), time.monotonic()
+        cpu, begin, waiting, longest = cpu_s(self.twin.pid), time.monotonic(), 0, 0.0
         while self.plant.poll() is None:
             self.graph.spin(every_s)
             del self.diagnostics[:-3]
+            figures = self.figures()
+            waiting = max(waiting, sum(int(f["estimations pending"]) for f in figures))
+            longest = max(longest, *(float(f["worst latency [ms]"]) for f in figures))
             if self.twin.poll() is not None:
                 raise AssertionError(self.log.read_text()[-3000:])
             now = time.monotonic() - begin
@@ -152,7 +159,7 @@ class Soak:
             sum(int(f["cycles stored"]) for f in figures), expected,
             sum(int(v.split("/")[1]) for f in figures for k, v in f.items() if "/lost" in k),
             sum(int(f["estimations pending"]) for f in figures),
-            series["rss"], series["worker"], series["blocks"], cpu,
+            series["rss"], series["worker"], series["blocks"], cpu, waiting, longest,
         )  # fmt: skip
 
     def rounds(self, count: int, folder: Path) -> list[Round]:
