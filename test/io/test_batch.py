@@ -242,14 +242,12 @@ def test_a_signal_ends_the_batch_and_the_same_command_goes_on(archive, tmp_path,
     command = [sys.executable, "-m", "valve_twin.cli", "batch", bags, "--config", archive.config]
     command += ["--out", out, "--jobs", "1"]
     with (tmp_path / "log").open("w+") as log:
+        # a shell starts what it puts into the background with SIGINT ignored, for children, too
+        before = signal.signal(signal.SIGINT, signal.default_int_handler)
         process = subprocess.Popen(
-            [str(c) for c in command],
-            stderr=log,
-            stdout=log,
-            start_new_session=True,
-            # a shell starts what it puts into the background with SIGINT ignored
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+            [str(c) for c in command], stderr=log, stdout=log, start_new_session=True
         )
+        signal.signal(signal.SIGINT, before)
         end = time.monotonic() + 60.0
         while not (out / "bag_000.batch.json").exists() and time.monotonic() < end:
             assert process.poll() is None
