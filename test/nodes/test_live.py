@@ -176,7 +176,13 @@ def test_an_estimation_does_not_delay_the_predictions(run):
     latency, during = np.array(latencies), np.array(estimating)
     assert during.sum() > 200
     quiet, loud = np.percentile(latency[~during], 99), np.percentile(latency[during], 99)
-    assert loud <= 2.0 * quiet, f"p99 {1e-6 * loud:.2f} ms during, {1e-6 * quiet:.2f} ms without"
+    # what waits for an estimation is late by all of it: half is far from both, and twice the quiet
+    # latency is no waiting at all
+    span = float(np.median(np.diff(busy, axis=1)))
+    said = (
+        f"p99 {1e-6 * loud:.2f} ms during, {1e-6 * quiet:.2f} ms without, of {1e-6 * span:.1f} ms"
+    )
+    assert loud <= max(2.0 * quiet, 0.5 * span), said
 
 
 def test_what_was_published_as_stored_is_in_the_history_after_a_kill(run):

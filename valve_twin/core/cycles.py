@@ -35,6 +35,10 @@ MIN_SAMPLES = 8
 USUAL_SHARE = 0.9
 """Share of the usual length that a cycle needs in which the record ends [A]."""
 
+_JOINED_PARTS = 32
+"""Parts of a cycle that are joined on the way: samples that come singly are not all joined at its
+end, where predictions would wait for it."""
+
 PERIOD_TOLERANCE = 0.1
 """How far the median step of the stamps may be off the sampling time, relative [A]."""
 
@@ -290,6 +294,7 @@ class Segmenter:
         if self._config.rule is CycleRule.REFERENCE:
             self._flags[_ARMED] = 0
         self._parts: list[Frames] = []
+        self._loose: list[Frames] = []
         self._number = 0
         self._missed = 0
         self._reproducible = True
@@ -462,13 +467,16 @@ class Segmenter:
 
     def _extend(self, frames: Frames, *, opens: bool) -> Part:
         if self._number:
-            self._parts.append(frames)
+            self._loose.append(frames)
+            if len(self._loose) >= _JOINED_PARTS:
+                self._parts.append(join_frames(self._loose))
+                self._loose = []
         return Part(frames, self._ordinal, self._number, opens)
 
     def _close(self, why: Closing) -> list[Cycle]:
         if not self._number:
             return []
-        frames = join_frames(self._parts)
+        frames = join_frames([*self._parts, *self._loose])
         lost = count_lost(frames.stamp_ns, self._period_s)
         problem = self._too_short(len(frames), why) or self._off_period(frames.stamp_ns)
         cycle = Cycle(
@@ -481,7 +489,7 @@ class Segmenter:
             reason=f"{problem}; {why.value}" if problem else why.value,
             reproducible=self._reproducible and lost == 0,
         )
-        self._parts, self._number, self._reproducible = [], 0, True
+        self._parts, self._loose, self._number, self._reproducible = [], [], 0, True
         return [cycle]
 
     def _off_period(self, stamp_ns: IntArray) -> str:

@@ -46,6 +46,7 @@ class FaultDesk:
         self._node = node
         self._book = FaultBook(FAULT_KINDS)
         self._moment = Moment(-1.0, 0)
+        self._told = 0
         self._publisher = node.create_publisher(msg.Faults, "~/faults", _LATCHED)
         node.create_service(srv.ClearFaults, "~/clear_faults", self._clear)
 
@@ -83,6 +84,8 @@ class FaultDesk:
         """Let time pass; called once a second."""
         self._book.step(self._now())
         self._tell()
+        if self._events() != self._told:
+            self._publish()
 
     def faults(self, valve: str | None = None) -> list[Fault]:
         """Return all faults, or those of one valve ("" = of the node itself)."""
@@ -118,6 +121,11 @@ class FaultDesk:
         message.header.stamp = self._node.get_clock().now().to_msg()
         message.faults = [_message(f) for f in self._book.faults()]
         self._publisher.publish(message)
+        self._told = self._events()
+
+    def _events(self) -> int:
+        """Return how many events all faults had: those of a lasting fault are told, too."""
+        return sum(f.events for f in self._book.faults())
 
     def _clear(self, request: Any, response: Any) -> Any:
         response.cleared = self._book.clear(unit=request.valve, code=request.code)
