@@ -199,7 +199,7 @@ def test_where_the_plant_goes_on_only_whole_cycles_are_stored_under_new_numbers(
         start = data.stamps[cycle * n]
         graph.spin_until(
             lambda: bool(summaries) and from_time(summaries[-1].start) >= start,
-            20.0,
+            60.0,
             f"the summary of the cycle at sample {cycle * n}",
         )
 
