@@ -183,7 +183,7 @@ def gain_fit(
         told.lag,
         mse,
         _condition(solution),
-        mask_counts(masks, solution.rows),
+        _mask_counts(masks, solution.rows),
         noise_ratio,
     )
 
@@ -195,11 +195,11 @@ def refused_fit(reason: str, masks: Masks) -> GainFit:
         ParameterValue(name, nothing, ParameterStatus.REFUSED, reason) for name in NAMES
     )
     return GainFit(
-        parameters, EstimateStatus.REFUSED, reason, 0, nothing, nothing, mask_counts(masks, 0)
+        parameters, EstimateStatus.REFUSED, reason, 0, nothing, nothing, _mask_counts(masks, 0)
     )
 
 
-def mask_counts(masks: Masks, used: int) -> MaskCounts:
+def _mask_counts(masks: Masks, used: int) -> MaskCounts:
     """Count what each mask took out."""
     return MaskCounts(
         used,

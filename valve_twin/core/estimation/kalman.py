@@ -180,7 +180,6 @@ class _Problem:
         `spread` are distances from the found ratio on the logarithmic scale; each weighs as its
         restricted likelihood. With the found ratio taken for certain, the leak of one cycle
         covered 91-92 % at sigma 1e-3, and 87 % where too small a ratio was found.
-
         """
         searched = self.options.pole < 0.0
         known = np.append(self.told.columns, searched and mode.pole > 0.0)

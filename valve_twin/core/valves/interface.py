@@ -130,3 +130,10 @@ class ValveModel(Protocol):
         AT_SEAT and STALE as in `Validity`. `predicted[n]` may use positions before n only.
         """
         ...
+
+
+def number(options: Options, name: str) -> float:
+    """Return a numeric option; its type was checked when the configuration was read."""
+    value = options[name]
+    assert isinstance(value, (int, float))
+    return float(value)

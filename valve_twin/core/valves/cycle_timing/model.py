@@ -17,13 +17,9 @@ from valve_twin.core.types import (
     ParameterValue,
 )
 from valve_twin.core.valves.cycle_timing.kernels import STATE_SIZE, predict_block
-from valve_twin.core.valves.cycle_timing.parameters import (
-    ESTIMATOR,
-    OPTIONS,
-    PARAMETERS,
-    number,
-)
+from valve_twin.core.valves.cycle_timing.parameters import ESTIMATOR, OPTIONS, PARAMETERS
 from valve_twin.core.valves.cycle_timing.timing import Timing, find_timing
+from valve_twin.core.valves.interface import number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

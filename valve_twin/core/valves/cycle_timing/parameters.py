@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from valve_twin.core.types import Parameter
-from valve_twin.core.valves.interface import Option, Options
+from valve_twin.core.valves.interface import Option
 
 ESTIMATOR = "centroid"
 
@@ -59,10 +59,3 @@ OPTIONS = (
     Option("healthy_flow", 0.0, "steady_flow of the healthy pump", "m^3/s", 0.0, 1e3),
     Option("estimators", [ESTIMATOR], "estimators to run", choices=(ESTIMATOR,)),
 )
-
-
-def number(options: Options, name: str) -> float:
-    """Return a numeric option; its type was checked when the configuration was read."""
-    value = options[name]
-    assert isinstance(value, (int, float))
-    return float(value)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.valves.cycle_timing.parameters import number
+from valve_twin.core.valves.interface import number
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, Cycle, FloatArray

@@ -31,7 +31,6 @@ from valve_twin.core.valves.hybrid_actuator.parameters import (
     OPTIONS,
     PARAMETERS,
     armature,
-    number,
     refusal_of,
     solenoid,
 )
@@ -42,6 +41,7 @@ from valve_twin.core.valves.hybrid_actuator.predictor import (
     coefficients,
     predict_block,
 )
+from valve_twin.core.valves.interface import number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -11,7 +11,7 @@ from valve_twin.core.types import Parameter
 from valve_twin.core.valves.hybrid_actuator.magnetics import KERNELS, Magnetics
 from valve_twin.core.valves.hybrid_actuator.plant import HybridActuatorPlant, check_gap
 from valve_twin.core.valves.hybrid_actuator.plant_kernel import Armature
-from valve_twin.core.valves.interface import Option, Options
+from valve_twin.core.valves.interface import Option, Options, number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -84,13 +84,6 @@ def _options() -> tuple[Option, ...]:
 
 
 OPTIONS = _options()
-
-
-def number(options: Options, name: str) -> float:
-    """Return a numeric option; its type was checked when the configuration was read."""
-    value = options[name]
-    assert isinstance(value, (int, float))
-    return float(value)
 
 
 def refusal_of(options: Options) -> str:

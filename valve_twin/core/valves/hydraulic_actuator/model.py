@@ -24,8 +24,8 @@ from valve_twin.core.valves.hydraulic_actuator.parameters import (
     NAMES,
     OPTIONS,
     PARAMETERS,
-    number,
 )
+from valve_twin.core.valves.interface import number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from valve_twin.core.types import Parameter
-from valve_twin.core.valves.interface import Option, Options
+from valve_twin.core.valves.interface import Option
 
 ESTIMATOR = "output_error"
 
@@ -70,10 +70,3 @@ OPTIONS = (
     Option("min_samples", 100, "a cycle of fewer usable samples is refused [A]", "1", 20, 1e6),
     Option("estimators", [ESTIMATOR], "estimators to run", choices=(ESTIMATOR,)),
 )
-
-
-def number(options: Options, name: str) -> float:
-    """Return a numeric option; its type was checked when the configuration was read."""
-    value = options[name]
-    assert isinstance(value, (int, float))
-    return float(value)

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.valves.interface import number
 from valve_twin.core.valves.positioner.fit import FASTEST_RATE, bounds, fit_free_run
 from valve_twin.core.valves.positioner.kernels import STATE_SIZE, predict_block
 from valve_twin.core.valves.positioner.outcome import accepted, refused
-from valve_twin.core.valves.positioner.parameters import ESTIMATOR, OPTIONS, PARAMETERS, number
+from valve_twin.core.valves.positioner.parameters import ESTIMATOR, OPTIONS, PARAMETERS
 from valve_twin.core.valves.positioner.record import prepare
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from valve_twin.core.types import Parameter
-from valve_twin.core.valves.interface import Option, Options
+from valve_twin.core.valves.interface import Option
 
 ESTIMATOR = "output_error"
 FITTED = ("rate_rising", "rate_falling", "slew_rising", "slew_falling", "dead_band")
@@ -86,10 +86,3 @@ OPTIONS = (
     Option("upper_stop", 1.1, "mechanical stop of rising position", "1", -10.0, 10.0),
     Option("estimators", [ESTIMATOR], "estimators to run", choices=(ESTIMATOR,)),
 )
-
-
-def number(options: Options, name: str) -> float:
-    """Return a numeric option; its type was checked when the configuration was read."""
-    value = options[name]
-    assert isinstance(value, (int, float))
-    return float(value)

@@ -13,9 +13,9 @@ from valve_twin.core.estimation.masks import MaskOptions, find_masks
 from valve_twin.core.estimation.noise import rest_noise
 from valve_twin.core.gaps import find_gaps
 from valve_twin.core.types import MaskCounts
+from valve_twin.core.valves.interface import number
 from valve_twin.core.valves.positioner.fit import Record
 from valve_twin.core.valves.positioner.kernels import MAX_LAG
-from valve_twin.core.valves.positioner.parameters import number
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, Cycle, FloatArray, Frames

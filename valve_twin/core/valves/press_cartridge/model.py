@@ -35,7 +35,7 @@ from valve_twin.core.types import (
     Parameter,
     ParameterValue,
 )
-from valve_twin.core.valves.interface import Option, Options
+from valve_twin.core.valves.interface import Option, Options, number
 from valve_twin.core.valves.press_cartridge.predictor import (
     COEFFICIENTS,
     MAX_LAG,
@@ -190,7 +190,7 @@ class PressCartridgeModel:
         """
         frames = cycle.frames
         masks = find_masks(frames, cycle.period_s, push=_PUSH, options=_mask_options(options))
-        sigma = rest_noise(frames, masks, active_command=_number(options, "active_command")).sigma
+        sigma = rest_noise(frames, masks, active_command=number(options, "active_command")).sigma
         scan = _scan(cycle, masks, options)
         always = (self.trend_estimator,) if options["output_error"] else ()
         names = dict.fromkeys((*always, *_names(options, "estimators")))
@@ -219,7 +219,7 @@ class PressCartridgeModel:
             _set_gains(c, values, period_s, options)
         c[9] = min(max(lag, 0), MAX_LAG)
         c[10:] = [
-            _number(options, name)
+            number(options, name)
             for name in (
                 "lower_seat",
                 "upper_seat",
@@ -353,7 +353,7 @@ def _set_gains(
     pole = values.get("pole", 0.0)
     share = 1.0 - pole
     slope_in, slope_out = values.get("K_in_slope", 0.0), values.get("K_out_slope", 0.0)
-    at_in, at_out = values.get("v_in_mean", 0.0), _number(options, "v_ref")
+    at_in, at_out = values.get("v_in_mean", 0.0), number(options, "v_ref")
     c[0] = -share
     c[1] = share * (values.get("K_in", np.nan) - slope_in * at_in)
     c[2] = -share * (values.get("K_out", np.nan) - slope_out * at_out)
@@ -362,36 +362,30 @@ def _set_gains(
     c[8] = share * values.get("leak", 0.0) * period_s
 
 
-def _number(options: Options, name: str) -> float:
-    value = options[name]
-    assert isinstance(value, (int, float))  # checked when the configuration was read
-    return float(value)
-
-
 def _names(options: Options, name: str) -> list[str]:
     return [str(item) for item in cast("Sequence[object]", options[name])]
 
 
 def _mask_options(options: Options) -> MaskOptions:
     return MaskOptions(
-        lower_stop=_number(options, "lower_seat"),
-        upper_stop=_number(options, "upper_seat"),
-        stop_margin=_number(options, "seat_margin"),
-        active_command=_number(options, "active_command"),
-        max_lag=int(_number(options, "max_lag")),
+        lower_stop=number(options, "lower_seat"),
+        upper_stop=number(options, "upper_seat"),
+        stop_margin=number(options, "seat_margin"),
+        active_command=number(options, "active_command"),
+        max_lag=int(number(options, "max_lag")),
     )
 
 
 def _guard(options: Options) -> GuardOptions:
     return GuardOptions(
-        active_command=_number(options, "active_command"),
-        min_travel=_number(options, "min_travel"),
+        active_command=number(options, "active_command"),
+        min_travel=number(options, "min_travel"),
     )
 
 
 def _scan(cycle: Cycle, masks: Masks, options: Options) -> LagScan:
     """Find the lag, or take the configured one as settled."""
-    lag, max_lag = int(_number(options, "lag")), int(_number(options, "max_lag"))
+    lag, max_lag = int(number(options, "lag")), int(number(options, "max_lag"))
     if lag >= 0:
         return LagScan(lag, np.full(max_lag + 1, np.nan), np.inf)
     return scan_lag(cycle.frames, masks, max_lag=max_lag)
@@ -399,18 +393,18 @@ def _scan(cycle: Cycle, masks: Masks, options: Options) -> LagScan:
 
 def _output_error_options(options: Options, lag: int) -> OutputErrorOptions:
     return OutputErrorOptions(
-        v_ref=_number(options, "v_ref"),
-        v_max=_number(options, "v_max"),
+        v_ref=number(options, "v_ref"),
+        v_max=number(options, "v_max"),
         lag=lag,
-        max_lag=int(_number(options, "max_lag")),
-        pole=_number(options, "pole_fixed"),
-        wander=_number(options, "wander"),
-        lower_seat=_number(options, "lower_seat"),
-        upper_seat=_number(options, "upper_seat"),
-        seat_margin=_number(options, "seat_margin"),
-        offset_in=_number(options, "v_offset_in"),
-        offset_out=_number(options, "v_offset_out"),
-        min_hold=int(_number(options, "min_hold")),
+        max_lag=int(number(options, "max_lag")),
+        pole=number(options, "pole_fixed"),
+        wander=number(options, "wander"),
+        lower_seat=number(options, "lower_seat"),
+        upper_seat=number(options, "upper_seat"),
+        seat_margin=number(options, "seat_margin"),
+        offset_in=number(options, "v_offset_in"),
+        offset_out=number(options, "v_offset_out"),
+        min_hold=int(number(options, "min_hold")),
         guard=_guard(options),
     )
 
@@ -418,8 +412,8 @@ def _output_error_options(options: Options, lag: int) -> OutputErrorOptions:
 def _equation_error_options(options: Options) -> EquationErrorOptions:
     constraints = _names(options, "constraints")
     return EquationErrorOptions(
-        v_in_max=_number(options, "v_max"),
-        v_out_max=_number(options, "v_max"),
+        v_in_max=number(options, "v_max"),
+        v_out_max=number(options, "v_max"),
         extended=bool(options["extended_constraints"]),
         constraints=parse_inequalities(constraints) if constraints else None,
         solver=str(options["solver"]),

@@ -17,6 +17,7 @@ from valve_twin.core.types import (
     ParameterStatus,
     ParameterValue,
 )
+from valve_twin.core.valves.interface import number
 from valve_twin.core.valves.stepper_servo.fit import end_offset
 from valve_twin.core.valves.stepper_servo.outcome import Settings, mechanics, wiener
 from valve_twin.core.valves.stepper_servo.parameters import (
@@ -28,7 +29,6 @@ from valve_twin.core.valves.stepper_servo.parameters import (
     THETA,
     THREAD,
     WIENER,
-    number,
 )
 from valve_twin.core.valves.stepper_servo.predictor import (
     COEFFICIENTS,

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from valve_twin.core.types import Parameter
-from valve_twin.core.valves.interface import Option, Options
+from valve_twin.core.valves.interface import Option
 from valve_twin.core.valves.stepper_servo.predictor import MAX_LAG, ORDER
 
 MECHANICS = "backlash_output_error"
@@ -85,10 +85,3 @@ OPTIONS = (
     Option("nl", 3, "highest power of its static parts, 1 = linear", "1", 1, ORDER),
     Option("forgetting", 1.0, "weight of the past a sample", "1", 0.5, 1.0),
 )
-
-
-def number(options: Options, name: str) -> float:
-    """Return a numeric option; its type was checked when the configuration was read."""
-    value = options[name]
-    assert isinstance(value, (int, float))
-    return float(value)

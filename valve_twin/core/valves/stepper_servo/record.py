@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.gaps import find_gaps
+from valve_twin.core.valves.interface import number
 from valve_twin.core.valves.stepper_servo.fit import Record
-from valve_twin.core.valves.stepper_servo.parameters import number
 from valve_twin.core.valves.stepper_servo.predictor import MAX_LAG
 
 if TYPE_CHECKING:
