@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum, IntEnum
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,6 +117,16 @@ def join_frames(parts: list[Frames]) -> Frames:
     )
 
 
+class Origin(TypedDict):
+    """The fields of an `Estimate` that come from its cycle."""
+
+    cycle: int
+    start_ns: int
+    end_ns: int
+    missed_cycles: int
+    reproducible: bool
+
+
 @dataclass(frozen=True, slots=True)
 class Cycle:
     """One production cycle.
@@ -158,6 +169,17 @@ class Cycle:
     def end_ns(self) -> int:
         """Stamp of the last sample [ns]."""
         return int(self.frames.stamp_ns[-1])
+
+    @property
+    def origin(self) -> Origin:
+        """What an `Estimate` of the cycle takes over from it."""
+        return Origin(
+            cycle=self.number,
+            start_ns=self.start_ns,
+            end_ns=self.end_ns,
+            missed_cycles=self.missed_cycles,
+            reproducible=self.reproducible,
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -72,16 +72,12 @@ class CycleTimingModel:
             Estimate(
                 model=self.name,
                 estimator=ESTIMATOR,
-                cycle=cycle.number,
-                start_ns=cycle.start_ns,
-                end_ns=cycle.end_ns,
                 parameters=_values(timing, options),
                 status=status,
                 reason="; ".join(reasons) or "accepted",
                 noise_sigma=timing.noise,
                 counts=MaskCounts(timing.used, bad=bad),
-                missed_cycles=cycle.missed_cycles,
-                reproducible=cycle.reproducible,
+                **cycle.origin,
             ),
         )
 

@@ -294,17 +294,13 @@ def _estimate(
     return Estimate(
         model="hybrid_actuator",
         estimator=ESTIMATOR,
-        cycle=cycle.number,
-        start_ns=cycle.start_ns,
-        end_ns=cycle.end_ns,
         parameters=values,
         status=status,
         reason=reason,
         condition_number=float("nan") if fit is None else fit.condition,
         noise_sigma=float("nan") if refused else _rest_noise(cycle),
         counts=MaskCounts(0 if fit is None else fit.used, bad=count - known),
-        missed_cycles=cycle.missed_cycles,
-        reproducible=cycle.reproducible,
+        **cycle.origin,
     )
 
 

@@ -94,16 +94,12 @@ class HydraulicActuatorModel:
         return Estimate(
             model=self.name,
             estimator=ESTIMATOR,
-            cycle=cycle.number,
-            start_ns=cycle.start_ns,
-            end_ns=cycle.end_ns,
             parameters=values,
             status=status,
             reason=reason,
             condition_number=condition,
             counts=MaskCounts(used, bad=len(cycle.frames) - used),
-            missed_cycles=cycle.missed_cycles,
-            reproducible=cycle.reproducible,
+            **cycle.origin,
         )
 
     def coefficients(

@@ -47,16 +47,12 @@ def refused(model: str, cycle: Cycle, prepared: Prepared) -> Estimate:
     return Estimate(
         model=model,
         estimator=ESTIMATOR,
-        cycle=cycle.number,
-        start_ns=cycle.start_ns,
-        end_ns=cycle.end_ns,
         parameters=tuple(blank),
         status=EstimateStatus.REFUSED,
         reason=reason,
         noise_sigma=prepared.noise_sigma,
         counts=replace(prepared.counts, used=0),
-        missed_cycles=cycle.missed_cycles,
-        reproducible=cycle.reproducible,
+        **cycle.origin,
     )
 
 
@@ -87,9 +83,6 @@ def accepted(
     return Estimate(
         model=model,
         estimator=ESTIMATOR,
-        cycle=cycle.number,
-        start_ns=cycle.start_ns,
-        end_ns=cycle.end_ns,
         parameters=values,
         status=EstimateStatus.PARTIAL if withheld else EstimateStatus.ACCEPTED,
         reason=f"not excited: {', '.join(withheld)}" if withheld else "accepted",
@@ -97,8 +90,7 @@ def accepted(
         lag=solution.lag,
         noise_sigma=prepared.noise_sigma,
         counts=prepared.counts,
-        missed_cycles=cycle.missed_cycles,
-        reproducible=cycle.reproducible,
+        **cycle.origin,
     )
 
 

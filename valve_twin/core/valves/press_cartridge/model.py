@@ -330,9 +330,6 @@ class PressCartridgeModel:
         return Estimate(
             model=self.name,
             estimator=estimator,
-            cycle=cycle.number,
-            start_ns=cycle.start_ns,
-            end_ns=cycle.end_ns,
             parameters=parameters,
             status=verdict[0],
             reason=verdict[1],
@@ -340,9 +337,8 @@ class PressCartridgeModel:
             lag=lag,
             noise_sigma=sigma,
             counts=counts,
-            missed_cycles=cycle.missed_cycles,
             used_by_trend=estimator == self.trend_estimator,
-            reproducible=cycle.reproducible,
+            **cycle.origin,
         )
 
 

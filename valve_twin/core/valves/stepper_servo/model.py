@@ -212,9 +212,6 @@ def _accepted(
     return Estimate(
         model=model,
         estimator=estimator,
-        cycle=cycle.number,
-        start_ns=cycle.start_ns,
-        end_ns=cycle.end_ns,
         parameters=values,
         status=EstimateStatus.PARTIAL if withheld else EstimateStatus.ACCEPTED,
         reason=f"not excited: {', '.join(withheld)}" if withheld else "accepted",
@@ -222,9 +219,8 @@ def _accepted(
         lag=lag,
         noise_sigma=sigma,
         counts=counts,
-        missed_cycles=cycle.missed_cycles,
         used_by_trend=estimator == MECHANICS,
-        reproducible=cycle.reproducible,
+        **cycle.origin,
     )
 
 
@@ -234,9 +230,6 @@ def _refused(
     return Estimate(
         model=model,
         estimator=estimator,
-        cycle=cycle.number,
-        start_ns=cycle.start_ns,
-        end_ns=cycle.end_ns,
         parameters=tuple(
             ParameterValue(name, float("nan"), ParameterStatus.REFUSED, reason)
             for name in _NAMES[estimator]
@@ -244,8 +237,7 @@ def _refused(
         status=EstimateStatus.REFUSED,
         reason=reason,
         counts=MaskCounts(0, bad=counts.bad),
-        missed_cycles=cycle.missed_cycles,
-        reproducible=cycle.reproducible,
+        **cycle.origin,
     )
 
 
