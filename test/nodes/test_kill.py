@@ -18,7 +18,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rclpy
-from rclpy.qos import QoSProfile
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from valve_twin_msgs.msg import CycleSummary, Estimate, Float64Stamped
 
 from test.io.test_history import bits
@@ -34,6 +35,7 @@ from valve_twin.nodes.convert import from_time
 from valve_twin.nodes.outlets import Gate
 
 TOPICS = ("command/v_in", "command/v_out", "spool_position")
+LATCHED = QoSProfile(depth=100000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 RESULT = Path(__file__).resolve().parents[2] / "docs" / "campaigns" / "kill.json"
 
 
@@ -75,6 +77,16 @@ class Life:
         graph.spin_until(
             lambda: gate.is_open(self.publishers, 1, time.monotonic()), 60.0, "the twin's inputs"
         )
+        self._be_heard()
+
+    def _be_heard(self) -> None:
+        """Wait until the twin knows the subscribers of the test, this latest one included."""
+        heard: list[DiagnosticArray] = []
+        subscription = self.graph.node.create_subscription(
+            DiagnosticArray, "/diagnostics", heard.append, 10
+        )
+        self.graph.spin_until(lambda: heard, 60.0, "the twin's diagnostics")
+        self.graph.node.destroy_subscription(subscription)
 
     def kill(self) -> None:
         self.twin.process.kill()
@@ -96,6 +108,15 @@ def wait_for_cycle(life: Life, number: int) -> None:
     life.graph.spin_until(reached, 60.0, f"cycle {number} in the history")
 
 
+def wait_for_word(life: Life, estimates, number: int) -> None:
+    """Wait for the news of a stored cycle; a twin that ends at once takes it along."""
+    life.graph.spin_until(
+        lambda: any(m.stored and m.cycle >= number for m in estimates),
+        60.0,
+        f"the estimates of cycle {number}",
+    )
+
+
 def kept(database: Path, ns: str):
     """Return cycles and estimates of a history, by their bits, and what they say about aging."""
     with History(database, read_only=True) as history:
@@ -111,7 +132,7 @@ def kill_at_random(graph, tmp_path: Path, kills: int, seed: int) -> dict[str, ob
     rng = random.Random(seed)
     data = Data(cycles=kills * 2 + 4)
     summaries = graph.record(f"{NS}/twin/cycle", CycleSummary)
-    estimates = graph.record(f"{NS}/twin/estimate", Estimate)
+    estimates = graph.record(f"{NS}/twin/estimate", Estimate, LATCHED)
     database, undisturbed = tmp_path / "killed.sqlite", tmp_path / "undisturbed.sqlite"
     last_cycle = len(data) // data.cycle_samples  # the first samples of one more end it
     life = Life(graph, NS, database)
@@ -133,6 +154,7 @@ def kill_at_random(graph, tmp_path: Path, kills: int, seed: int) -> dict[str, ob
         life = Life(graph, NS, database)
     data.publish(life.publishers, at, len(data))
     wait_for_cycle(life, last_cycle)
+    wait_for_word(life, estimates, last_cycle)
     assert life.twin.end() == 0
 
     reference = Life(graph, "/press/ref", undisturbed)
@@ -190,7 +212,7 @@ def test_so_it_does_after_many_kills(graph, tmp_path, seed):
 def test_where_the_plant_goes_on_only_whole_cycles_are_stored_under_new_numbers(graph, tmp_path):
     data = Data(cycles=8)
     summaries = graph.record(f"{NS}/twin/cycle", CycleSummary)
-    estimates = graph.record(f"{NS}/twin/estimate", Estimate)
+    estimates = graph.record(f"{NS}/twin/estimate", Estimate, LATCHED)
     database = tmp_path / "killed.sqlite"
     life = Life(graph, NS, database)
     at, n = 0, data.cycle_samples
@@ -212,6 +234,7 @@ def test_where_the_plant_goes_on_only_whole_cycles_are_stored_under_new_numbers(
     data.publish(life.publishers, at, len(data))
     closed(7)
     wait_for_cycle(life, summaries[-1].cycle)
+    wait_for_word(life, estimates, summaries[-1].cycle)
     check_numbers(summaries)
     check_stored(database, estimates)
     whole_ns = int(data.stamps[n] - data.stamps[0])
