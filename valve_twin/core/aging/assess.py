@@ -89,6 +89,7 @@ def assess(
     *,
     parameters: Sequence[Parameter],
     valve: str = "",
+    confidence: float = 0.95,
 ) -> Assessment:
     """Assess the aging of one valve.
 
@@ -104,6 +105,8 @@ def assess(
         What the valve's model publishes; `trend` marks those followed by default.
     valve : str
         Name of the valve, copied into the results.
+    confidence : float
+        Of the limits of the remaining life; what is published has 95 % [1].
 
     Returns
     -------
@@ -115,7 +118,13 @@ def assess(
     ordered = order_history(history, config.axis)
     results = [
         _assess_parameter(
-            name, known[name].unit if name in known else "1", ordered, maintenance, config, valve
+            name,
+            known[name].unit if name in known else "1",
+            ordered,
+            maintenance,
+            config,
+            valve,
+            confidence,
         )
         for name in names
     ]
@@ -160,6 +169,7 @@ def _assess_parameter(
     maintenance: Sequence[Maintenance],
     config: AgingConfig,
     valve: str,
+    confidence: float,
 ) -> tuple[Trend, TrendDetail]:
     series = series_of(history, name)
     pieces = cut(series, maintenance, config)
@@ -175,7 +185,7 @@ def _assess_parameter(
             [e.end_ns for e in history.estimates[-config.rate_cycles :]], dtype=np.int64
         )
         trend = replace(trend, cycle_rate=axis_rate(history.axis, ends, len(ends)))
-    trend = _judge(trend, series, pieces, lines, maintenance, config)
+    trend = _judge(trend, series, pieces, lines, maintenance, config, confidence)
     return replace(trend, reason=trend.reason + _caveats(series, pieces, config)), detail
 
 
@@ -218,6 +228,7 @@ def _judge(
     lines: tuple[Line | None, ...],
     maintenance: Sequence[Maintenance],
     config: AgingConfig,
+    confidence: float,
 ) -> Trend:
     line = lines[-1]
     if line is None or line.samples < config.min_samples:
@@ -230,7 +241,7 @@ def _judge(
     reference = find_reference(trend.parameter, series, pieces, lines, maintenance, config)
     trend = _with_line(trend, line)
     trend = with_drift(trend, line, reference)
-    limit = nearest_limit(trend, line, reference, config)
+    limit = nearest_limit(trend, line, reference, config, confidence=confidence)
     trend = _with_life(trend, limit)
     if limit.beyond:
         status = TrendStatus.BEYOND_THRESHOLD

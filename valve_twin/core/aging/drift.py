@@ -166,15 +166,25 @@ def _percent(a: float, b: float, limits: tuple[float, float]) -> tuple[float, fl
     return 100.0 * (a / b - 1.0), 100.0 * (low - 1.0), 100.0 * (high - 1.0)
 
 
-def nearest_limit(trend: Trend, line: Line, reference: Reference, config: AgingConfig) -> Limit:
-    """Return the threshold that is reached first: beyond already, else soonest, else nearest."""
+def nearest_limit(
+    trend: Trend,
+    line: Line,
+    reference: Reference,
+    config: AgingConfig,
+    *,
+    confidence: float = 0.95,
+) -> Limit:
+    """Return the threshold that is reached first: beyond already, else soonest, else nearest.
+
+    `confidence` is that of the limits of what remains to it [1].
+    """
     wanted = [t for t in config.thresholds if t.parameter == trend.parameter]
     if not wanted and config.default_percent > 0.0:
         wanted = [
             Threshold(trend.parameter, -config.default_percent),
             Threshold(trend.parameter, config.default_percent),
         ]
-    limits = [_life_to(t, trend, line, reference) for t in wanted]
+    limits = [_life_to(t, trend, line, reference, confidence) for t in wanted]
     usable = [limit for limit in limits if np.isfinite(limit.value)]
     return min(
         usable,
@@ -188,7 +198,9 @@ def nearest_limit(trend: Trend, line: Line, reference: Reference, config: AgingC
     )
 
 
-def _life_to(threshold: Threshold, trend: Trend, line: Line, reference: Reference) -> Limit:
+def _life_to(
+    threshold: Threshold, trend: Trend, line: Line, reference: Reference, confidence: float
+) -> Limit:
     """Return one threshold and what remains to it; a relative one shares the reference's doubt."""
     if threshold.relative:
         if not np.isfinite(trend.drift_reference):
@@ -215,5 +227,6 @@ def _life_to(threshold: Threshold, trend: Trend, line: Line, reference: Referenc
         cov=scale * reference.cov_slope - (line.cov + offset * line.var_slope),
         var_slope=line.var_slope,
         freedom=line.freedom,
+        confidence=confidence,
     )
     return Limit(value, gap <= 0.0, life)
