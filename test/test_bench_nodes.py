@@ -11,6 +11,8 @@ import pytest
 from valve_twin.bench import nodes
 from valve_twin.bench.processes import some_domain, start_node
 
+pytestmark = pytest.mark.alone
+
 TWIN_MB, PLAIN_MB = 220.0, 150.0
 """Resident memory of a node with compiled kernels and of one without [MB]."""
 
