@@ -227,7 +227,7 @@ class _Fit:
         others = np.setdiff1d(self.excited, members)
         ordered = self.scaled[:, np.concatenate([others, members])]
         padding = np.zeros((max(ordered.shape[1] - len(ordered), 0), ordered.shape[1]))
-        full: FloatArray = np.linalg.qr(np.vstack([ordered, padding]), mode="r")
+        full = _triangle(np.vstack([ordered, padding]))
         root = full[len(others) :, len(others) :]
         _, singular, directions = np.linalg.svd(root)
         return root, directions[singular * self.limit <= 1.0]
@@ -261,10 +261,14 @@ def _errors(scaled: FloatArray) -> FloatArray:
     """Return the standard error of each of P scaled parameters, all of them unknown."""
     if not scaled.shape[1]:
         return np.zeros(0)
-    _, singular, directions = np.linalg.svd(np.linalg.qr(scaled, mode="r"))
+    _, singular, directions = np.linalg.svd(_triangle(scaled))
     singular = np.append(singular, np.zeros(len(directions) - len(singular)))
     floor = np.maximum(singular, _TINY * singular[0])
     return np.asarray(np.sqrt(np.sum((directions / floor[:, None]) ** 2, axis=0)))
+
+
+def _triangle(matrix: FloatArray) -> FloatArray:
+    return np.asarray(np.linalg.qr(matrix, mode="r"), np.float64)
 
 
 def _ridges(fit: _Fit, refused: IntArray) -> list[IntArray]:
