@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from valve_twin import __version__
 from valve_twin.cli import (
+    backtest,
     batch,
     bench,
     budget,
@@ -49,6 +50,7 @@ VERBS = (
     cut,
     convert,
     budget,
+    backtest,
     validate,
     bench,
 )
