@@ -10,6 +10,7 @@ RUN := tools/run
 
 help:
 	@echo "make demo       run a simulated aging press valve with its twin, aging monitor and recorder; ends with a report"
+	@echo "                another valve: make demo VALVE=stepper_servo, or hybrid_actuator"
 	@echo "make test       lint, types, tests, short benchmark"
 	@echo "make test-long  the statistical campaigns that make test leaves out"
 	@echo "make setup      environment, messages, package, compiled kernels; the targets above call it themselves"
@@ -20,7 +21,7 @@ setup:
 	@$(PYTHON) tools/bootstrap.py
 
 demo: setup
-	@$(RUN) python -m valve_twin.demo
+	@$(RUN) python -m valve_twin.demo $(if $(VALVE),--valve $(VALVE))
 
 test: setup
 	@$(RUN) tools/check

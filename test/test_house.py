@@ -61,7 +61,7 @@ FORBIDDEN = {
 LAZY = {"cvxpy"}  # seconds to import: only inside the function that uses it
 SEEDED = {"BitGenerator", "Generator", "PCG64", "Philox", "SeedSequence", "default_rng"}
 OUTPUT_AND_EXIT = {"print", "sys.exit", "exit", "quit"}
-COMMANDS = {"demo.py", "warmup.py", "executables.py"}
+COMMANDS = {"__main__.py", "warmup.py", "executables.py"}
 
 
 def python_files(folder: Path) -> list[Path]:

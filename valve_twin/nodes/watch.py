@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 ROWS = 12
 """Cycles in the table."""
 
+COLUMNS = 5
+"""Parameters in the table, the wanted one first: a terminal of 100 letters holds them."""
+
 EVERY = 10
 """Without a terminal, one line is printed every so many cycles."""
 
@@ -71,7 +74,12 @@ class Watcher(Node):
 
 
 def watch(
-    namespace: str, cycles: int, *, limit_s: float, alive: Callable[[], bool] = lambda: True
+    namespace: str,
+    cycles: int,
+    *,
+    limit_s: float,
+    alive: Callable[[], bool] = lambda: True,
+    first: str = "",
 ) -> int:
     """Show a valve until enough cycles are estimated.
 
@@ -85,6 +93,8 @@ def watch(
         Longest time to wait [s].
     alive : callable
         Says whether waiting still makes sense.
+    first : str
+        Parameter that is shown before the others.
 
     Returns
     -------
@@ -103,21 +113,21 @@ def watch(
                 rclpy.spin_once(node, timeout_sec=0.2)
                 node.follow_trends()
                 if table is not None:
-                    table.update(render(node, cycles), refresh=True)
+                    table.update(render(node, cycles, first), refresh=True)
                 elif len(node.cycles) >= told + EVERY:
                     told = len(node.cycles)
-                    console.print(_line(node, cycles), highlight=False)
+                    console.print(_line(node, cycles, first), highlight=False)
         if table is None:
-            console.print(render(node, cycles))
+            console.print(render(node, cycles, first))
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
     return len(node.cycles)
 
 
-def render(node: Watcher, cycles: int) -> Group:
+def render(node: Watcher, cycles: int, first: str = "") -> Group:
     """Return the present table with trends and verdict below."""
-    names = _shown(node)
+    names = _shown(node, first)
     table = Table(title=f"{len(node.cycles)} of {cycles} cycles", expand=False)
     for title in ("cycle", *names, "fit %"):
         table.add_column(title, justify="right", no_wrap=True)
@@ -133,21 +143,23 @@ def render(node: Watcher, cycles: int) -> Group:
     return Group(table, *lines)
 
 
-def _shown(node: Watcher) -> list[str]:
+def _shown(node: Watcher, first: str) -> list[str]:
     """Return the followed parameters, the first ones before there are trends."""
     if not node.estimates:
         return []
     published = list(node.estimates[-1].names)
-    return [n for n in published if n in node.trends] or published[:4]
+    names = [n for n in published if n in node.trends] or published
+    return sorted(names, key=lambda name: name != first)[:COLUMNS]
 
 
 def _known(trend: Any) -> bool:
     return not math.isnan(trend.drift_reference)
 
 
-def _line(node: Watcher, cycles: int) -> str:
+def _line(node: Watcher, cycles: int, first: str) -> str:
     last = node.estimates[-1]
-    values = ", ".join(f"{n} {_number(v)}" for n, v in zip(last.names, last.values, strict=True))
+    found = dict(zip(last.names, last.values, strict=True))
+    values = ", ".join(f"{n} {_number(found[n])}" for n in _shown(node, first))
     return f"cycle {len(node.cycles)} of {cycles}: {values}"
 
 

@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Which valves the demo shows and what it takes for the truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from valve_twin.core.simulation import AgingRule
+from valve_twin.core.valves.registry import get_model, get_simulation
+from valve_twin.demo.__main__ import main
+from valve_twin.demo.cases import DRIFT, case_names, config_of, find_case, injected
+from valve_twin.io.config import load_config
+
+
+def test_the_simulated_valves_with_an_aging_law_are_shown():
+    assert {"press_cartridge", "stepper_servo", "hybrid_actuator"} <= set(case_names())
+
+
+@pytest.mark.parametrize("model", case_names())
+def test_a_case_follows_a_trend_of_its_model(model):
+    case = find_case(model)
+    followed = {p.name for p in get_model(model).parameters if p.trend}
+    assert case.followed in followed
+    assert abs(case.aging_rate * case.cycles) == pytest.approx(DRIFT, abs=0.011)
+
+
+@pytest.mark.parametrize("model", case_names())
+def test_the_twin_listens_where_the_simulated_valve_publishes(model):
+    (config,) = load_config(config_of(model))
+    plant_inputs = get_simulation(model).plant.inputs
+    for name in plant_inputs:
+        topic = name if name == "command" else f"command/{name}"
+        assert config.signals[name].topic.endswith(f"/{topic}")
+
+
+def test_a_shorter_demo_ages_as_far():
+    case = find_case("hybrid_actuator", cycles=30)
+    assert case.cycles == 30
+    assert 30 * case.aging_rate == pytest.approx(-DRIFT)
+
+
+def test_the_truth_of_a_number_of_the_plant_is_its_law():
+    case = find_case("stepper_servo")
+    rule = AgingRule("backlash", "linear", 0.01, 1)
+    simulation = replace(get_simulation("stepper_servo"), aging=(rule,))
+    assert injected(case, simulation, [1, 5, 10]) == pytest.approx([1.01, 1.05, 1.10])
+
+
+def test_the_truth_of_the_press_is_its_steady_gain():
+    case = find_case("press_cartridge")
+    rule = AgingRule("area_in", "linear", -0.01, 1)
+    simulation = replace(get_simulation("press_cartridge"), aging=(rule,))
+    new, old = injected(case, simulation, [0, 10])
+    assert old / new == pytest.approx(0.9, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--valve", "stepper_serve"], "did you mean stepper_servo?"),
+        (["--valve", "cycle_timing"], "no such valve to show; there are press_cartridge"),
+        (["--cycles", "-1"], "cycles = -1, rate = 0.0: must not be negative"),
+        (["--rate", "nan"], "must not be negative"),
+    ],
+)
+def test_what_cannot_be_shown_is_refused_in_one_line(capsys, arguments, told):
+    assert main(arguments) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert told in line
