@@ -175,29 +175,31 @@ def _show(title: str, tests: Sequence[LifeTest], how: BacktestConfig) -> None:
         console = Console(file=sys.stdout, width=_WIDTH)
     table = Table(title=title, title_justify="left", pad_edge=False)
     table.add_column("parameter", no_wrap=True)
-    for name in ("life", "limit", "forecasts", f"in {how.confidence:.0%} limits", "unbounded"):
-        table.add_column(name, justify="right")
-    for share in LAMBDAS:
-        table.add_column(f"error at {share:.0%}", justify="right")
-    table.add_column(f"within ±{how.alpha:.0%}", justify="right")
-    table.add_column("note", ratio=1, min_width=20)
+    shares = "/".join(f"{100 * share:.0f}" for share in LAMBDAS)
+    columns = ("life", "limit", "told", f"in {how.confidence:.0%}", "open", f"error {shares} %")
+    for name in (*columns, f"±{how.alpha:.0%}"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("note", ratio=1, min_width=30)
     for test in tests:
         errors = [f.error if (f := test.at(share)) else math.nan for share in LAMBDAS]
         table.add_row(
             test.parameter,
-            f"{test.start:.6g} .. {test.end:.6g}" if test.forecasts else f"{test.start:.6g} ..",
+            f"{test.start:.4g} .. {test.end:.4g}" if test.forecasts else f"{test.start:.4g} ..",
             _limit(test),
             str(len(test.forecasts)),
             _percent(test.coverage),
             _percent(test.unbounded),
-            *(f"{e:+.0%}" if math.isfinite(e) else "-" for e in errors),
+            " ".join(f"{e:+.0%}" if math.isfinite(e) else "-" for e in errors),
             _percent(test.accurate(how.alpha)),
             _note(test),
         )
     console.print(table)
     console.print(
-        "error at x %: of the median, x % of the way from the first forecast to the end; "
-        "forecasts of one life share their data",
+        f"told: forecasts judged; in {how.confidence:.0%}: share whose limits hold the end; open: "
+        "share without an upper limit;\n"
+        f"error: of the median, {shares} % of the way from the first forecast to the end; "
+        f"±{how.alpha:.0%}: share of medians that near.\n"
+        "Forecasts of one life share their data; those near its end know the scatter at its end.",
         highlight=False,
     )
 
