@@ -12,7 +12,7 @@ measurement noise.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -37,12 +37,9 @@ from valve_twin.core.estimation.output_error_kernel import N_COLUMNS, N_LINEAR, 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from valve_twin.core.estimation.kalman_kernel import Stretch
     from valve_twin.core.estimation.masks import Masks
     from valve_twin.core.types import BoolArray, FloatArray, Frames, IntArray
-
-    _Data: TypeAlias = tuple[
-        FloatArray, BoolArray, BoolArray, BoolArray, BoolArray, FloatArray, FloatArray, float
-    ]
 
 ESTIMATOR = "kalman"
 
@@ -55,11 +52,9 @@ _MIN_POOLED = 5
 _LEAST_ERROR = 0.2
 """The ratio of one valve may differ by so much from cycle to cycle, logarithmic [A]."""
 
-_NOTHING = np.zeros(2)
 _FAR = 6.0
 _ROOT_TWO_PI = 2.5066282746310002
 _NEAR = 0.15
-_FEW = 4
 
 _REST = 40
 """Samples of rest on a seat before it is left that count [samples]: they tell the level. A spool
@@ -107,11 +102,10 @@ def fit_kalman(
         return refused_fit(told, masks)
     phases = find_phases(told.run, told.lag, options)
     problem = _Problem(told, phases, told.run.use & ~_long_rest(phases), options)
-    alone, solution = problem.search(noise_ratio, _NOTHING)
-    ratio, prior = alone, _NOTHING
+    prior = np.zeros(2)
     if pooled is not None and noise_ratio < 0.0:
-        prior = np.array([pooled.mean, pooled.standard_error**-2.0])
-        ratio, solution = problem.search(noise_ratio, prior)
+        prior[:] = pooled.mean, pooled.standard_error**-2.0
+    alone, ratio, solution = problem.search(noise_ratio, prior)
     fitted = int(np.count_nonzero(solution.linear)) + (options.pole < 0.0)
     if solution.rows <= fitted + N_LINEAR:
         reason = f"{solution.rows} usable samples off the seats, {fitted + N_LINEAR + 1} needed"
@@ -164,13 +158,17 @@ class _Problem:
     use: BoolArray
     options: OutputErrorOptions
 
-    def search(self, ratio: float, prior: FloatArray) -> tuple[float, Solution]:
-        """Return the noise ratio of greatest restricted likelihood and the solution there."""
+    def search(self, ratio: float, prior: FloatArray) -> tuple[float, float, Solution]:
+        """Return the noise ratio of greatest restricted likelihood, alone and with the prior.
+
+        And the solution at the latter.
+        """
         p, gram = np.zeros(N_LINEAR), np.zeros((N_COLUMNS, N_COLUMNS))
-        found, pole, cost, rows = search_ratio(
-            *self._data(), self.told.columns, prior, self.options.pole, ratio, p, gram
+        options = self.options
+        alone, found, pole, cost, rows = search_ratio(
+            self._data(), options.v_max, self.told.columns, prior, options.pole, ratio, p, gram
         )
-        return found, self._solution(pole, p, gram, cost, rows)
+        return alone, found, self._solution(pole, p, gram, cost, rows)
 
     def covariance(
         self, ratio: float, mode: Solution, prior: FloatArray, spread: Sequence[float]
@@ -189,13 +187,13 @@ class _Problem:
             if searched
             else (mode.pole, mode.pole)
         )
-        center = np.append(mode.linear, mode.pole)
+        center, v_max = np.append(mode.linear, mode.pole), self.options.v_max
         values, parts = [], []
         for step in spread:
             p, gram = np.zeros(N_LINEAR), np.zeros((N_COLUMNS, N_COLUMNS))
             at = max(ratio, np.exp(LOG_LOW)) * np.exp(step)
             value, pole, cost, rows = restricted(
-                *self._data(), at, self.told.columns, prior, low, high, _FEW, p, gram
+                self._data(), v_max, at, self.told.columns, prior, low, high, mode.pole, p, gram
             )
             s = self._solution(pole, p, gram, cost, rows)
             off = np.append(p, pole) - center
@@ -204,7 +202,7 @@ class _Problem:
         weight = np.exp(-0.5 * (np.array(values) - min(values)))
         return np.tensordot(weight / weight.sum(), np.array(parts), axes=1)
 
-    def _data(self) -> _Data:
+    def _data(self) -> Stretch:
         phases = self.phases
         return (
             self.told.run.position,
@@ -214,7 +212,6 @@ class _Problem:
             phases.moving,
             phases.v_in,
             phases.v_out,
-            self.options.v_max,
         )
 
     def _solution(

@@ -19,6 +19,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
+from valve_twin.core.estimation.line_search import (
+    BEST,
+    BEST_VALUE,
+    line_next,
+    line_start,
+    line_told,
+)
 from valve_twin.core.estimation.output_error_kernel import (
     N_COLUMNS,
     N_LINEAR,
@@ -27,18 +34,23 @@ from valve_twin.core.estimation.output_error_kernel import (
 )
 
 if TYPE_CHECKING:
+    from typing import TypeAlias
+
     from valve_twin.core.types import BoolArray, FloatArray
 
+    Stretch: TypeAlias = tuple[
+        FloatArray, BoolArray, BoolArray, BoolArray, BoolArray, FloatArray, FloatArray
+    ]
+
 _POLES = 13
-_FEW = 4
-_NEAR = 0.1  # half width of the pole search once the ratio is about known
+_NEAR = 0.1  # half width of the pole search around the pole of a neighbouring ratio
+_EXTENSIONS = 10
 _POLE_WIDTH = 1e-3
 LOG_LOW = -14.0
 """Logarithm of the smallest noise ratio that is told from none."""
 
 _LOG_HIGH, _LOG_STEP = 10.0, 2.0
 _LOG_WIDTH = 0.02
-_GOLDEN = 0.6180339887498949
 _SINGULAR = 1e-12  # relative pivot below which columns count as dependent
 
 
@@ -171,13 +183,7 @@ def _log_determinant(gram: FloatArray, used: BoolArray) -> float:
 
 @njit(cache=True)
 def _likelihood(
-    y: FloatArray,
-    use: BoolArray,
-    free: BoolArray,
-    anchor: BoolArray,
-    moving: BoolArray,
-    v_in: FloatArray,
-    v_out: FloatArray,
+    data: Stretch,
     pole: float,
     v_max: float,
     ratio: float,
@@ -186,122 +192,100 @@ def _likelihood(
     gram: FloatArray,
 ) -> float:
     """Return minus twice the log likelihood, a constant left out, and write its minimiser `p`."""
-    log_determinant, rows = whiten(
-        y, use, free, anchor, moving, v_in, v_out, pole, v_max, ratio, p, gram
-    )
+    log_determinant, rows = whiten(*data, pole, v_max, ratio, p, gram)
     cost = float(solve_positive(gram, columns, p))
     return float(rows * np.log(max(cost, 1e-300) / max(rows, 1)) + log_determinant)
 
 
 @njit(cache=True)
-def _best_pole(
-    y: FloatArray,
-    use: BoolArray,
-    free: BoolArray,
-    anchor: BoolArray,
-    moving: BoolArray,
-    v_in: FloatArray,
-    v_out: FloatArray,
+def _pole_between(
+    data: Stretch,
     v_max: float,
     ratio: float,
     columns: BoolArray,
     low: float,
     high: float,
-    points: int,
+    start: float,
+    value: float,
+    p: FloatArray,
+    gram: FloatArray,
+) -> tuple[float, float]:
+    """Return the pole of least `_likelihood` in [low, high], and that; `value` is that of start.
+
+    Searched is the neighbourhood of `start`, and on in the direction in which it falls.
+    """
+    pole, best = start, value
+    for _ in range(_EXTENSIONS):
+        left, right = max(pole - _NEAR, low), min(pole + _NEAR, high)
+        state = line_start(left, right, pole, best)
+        at = line_next(state, _POLE_WIDTH)
+        while not np.isnan(at):
+            line_told(state, at, _likelihood(data, at, v_max, ratio, columns, p, gram))
+            at = line_next(state, _POLE_WIDTH)
+        pole, best = state[BEST], state[BEST_VALUE]
+        inner = (left <= low or pole > left + 3.0 * _POLE_WIDTH) and (
+            right >= high or pole < right - 3.0 * _POLE_WIDTH
+        )
+        if inner:
+            break
+    for end in (low, high):
+        if pole != end and abs(pole - end) <= 3.0 * _POLE_WIDTH:
+            f = _likelihood(data, end, v_max, ratio, columns, p, gram)
+            if f <= best:
+                pole, best = end, f
+    return pole, best
+
+
+@njit(cache=True)
+def _best_pole(
+    data: Stretch,
+    v_max: float,
+    ratio: float,
+    columns: BoolArray,
+    low: float,
+    high: float,
+    start: float,
     p: FloatArray,
     gram: FloatArray,
 ) -> float:
-    """Return the pole of greatest likelihood in an interval: a grid, then golden section."""
+    """Return the pole of greatest likelihood: near `start`; where that is negative, of all."""
     if high <= low:
         return low
-    step = (high - low) / (points - 1)
-    best, pole = np.inf, low
-    for k in range(points):
-        f = _likelihood(
-            y,
-            use,
-            free,
-            anchor,
-            moving,
-            v_in,
-            v_out,
-            low + k * step,
-            v_max,
-            ratio,
-            columns,
-            p,
-            gram,
-        )
-        if f < best:
-            best, pole = f, low + k * step
-    left, right = max(pole - step, low), min(pole + step, high)
-    a, b = right - _GOLDEN * (right - left), left + _GOLDEN * (right - left)
-    f_a = _likelihood(y, use, free, anchor, moving, v_in, v_out, a, v_max, ratio, columns, p, gram)
-    f_b = _likelihood(y, use, free, anchor, moving, v_in, v_out, b, v_max, ratio, columns, p, gram)
-    while right - left > _POLE_WIDTH:
-        if f_a < f_b:
-            right, b, f_b = b, a, f_a
-            a = right - _GOLDEN * (right - left)
-            f_a = _likelihood(
-                y, use, free, anchor, moving, v_in, v_out, a, v_max, ratio, columns, p, gram
-            )
-        else:
-            left, a, f_a = a, b, f_b
-            b = left + _GOLDEN * (right - left)
-            f_b = _likelihood(
-                y, use, free, anchor, moving, v_in, v_out, b, v_max, ratio, columns, p, gram
-            )
-    if min(f_a, f_b) >= best:
-        return pole
-    return a if f_a < f_b else b
+    best, pole = np.inf, start
+    if start >= 0.0:
+        best = _likelihood(data, start, v_max, ratio, columns, p, gram)
+    else:
+        for k in range(_POLES):
+            at = low + k * (high - low) / (_POLES - 1)
+            f = _likelihood(data, at, v_max, ratio, columns, p, gram)
+            if f < best:
+                best, pole = f, at
+    return _pole_between(data, v_max, ratio, columns, low, high, max(pole, low), best, p, gram)[0]
 
 
 @njit(cache=True)
 def restricted(
-    y: FloatArray,
-    use: BoolArray,
-    free: BoolArray,
-    anchor: BoolArray,
-    moving: BoolArray,
-    v_in: FloatArray,
-    v_out: FloatArray,
+    data: Stretch,
     v_max: float,
     ratio: float,
     columns: BoolArray,
     prior: FloatArray,
     low: float,
     high: float,
-    points: int,
+    start: float,
     p: FloatArray,
     gram: FloatArray,
 ) -> tuple[float, float, float, int]:
     """Return minus twice the log restricted likelihood of a ratio, its pole, cost and rows.
 
-    The pole is that of greatest likelihood between `low` and `high`. `prior` (2,) is what other
-    cycles say of the logarithm of the ratio: mean, and inverse variance, 0 = nothing. `p` (5,)
-    and `gram` (7, 7), with the sensitivity to the pole, are written there.
+    The pole is that of greatest likelihood between `low` and `high`, searched near `start`, on
+    the whole interval where that is negative. `prior` (2,) is what other cycles say of the
+    logarithm of the ratio: mean, and inverse variance, 0 = nothing. `p` (5,) and `gram` (7, 7),
+    with the sensitivity to the pole, are written there.
     """
-    pole = _best_pole(
-        y,
-        use,
-        free,
-        anchor,
-        moving,
-        v_in,
-        v_out,
-        v_max,
-        ratio,
-        columns,
-        low,
-        high,
-        points,
-        p,
-        gram,
-    )
-    _likelihood(y, use, free, anchor, moving, v_in, v_out, pole, v_max, ratio, columns, p, gram)
-    log_determinant, rows = whiten(
-        y, use, free, anchor, moving, v_in, v_out, pole, v_max, ratio, p, gram
-    )
+    pole = _best_pole(data, v_max, ratio, columns, low, high, start, p, gram)
+    _likelihood(data, pole, v_max, ratio, columns, p, gram)
+    log_determinant, rows = whiten(*data, pole, v_max, ratio, p, gram)
     cost = float(solve_positive(gram, columns, p))
     used = np.zeros(N_LINEAR + 1, dtype=np.bool_)
     count = 0
@@ -318,14 +302,35 @@ def restricted(
 
 
 @njit(cache=True)
+def _ratio_between(
+    data: Stretch,
+    v_max: float,
+    columns: BoolArray,
+    prior: FloatArray,
+    poles: tuple[float, float],
+    bracket: tuple[float, float, float],
+    start: float,
+    value: float,
+    p: FloatArray,
+    gram: FloatArray,
+) -> tuple[float, float]:
+    """Return the logarithm of the best ratio of a bracket (low, place, high), and its pole."""
+    low, high = poles
+    state = line_start(bracket[0], bracket[2], bracket[1], value)
+    pole = start
+    at = line_next(state, _LOG_WIDTH)
+    while not np.isnan(at):
+        f, z, _, _ = restricted(data, v_max, np.exp(at), columns, prior, low, high, pole, p, gram)
+        if f <= state[BEST_VALUE]:
+            pole = z
+        line_told(state, at, f)
+        at = line_next(state, _LOG_WIDTH)
+    return state[BEST], pole
+
+
+@njit(cache=True)
 def search_ratio(
-    y: FloatArray,
-    use: BoolArray,
-    free: BoolArray,
-    anchor: BoolArray,
-    moving: BoolArray,
-    v_in: FloatArray,
-    v_out: FloatArray,
+    data: Stretch,
     v_max: float,
     columns: BoolArray,
     prior: FloatArray,
@@ -333,8 +338,8 @@ def search_ratio(
     fixed_ratio: float,
     p: FloatArray,
     gram: FloatArray,
-) -> tuple[float, float, float, int]:
-    """Find noise ratio, pole and parameters; return ratio, pole, cost, rows.
+) -> tuple[float, float, float, float, int]:
+    """Find noise ratio, pole and parameters.
 
     The ratio maximises the restricted likelihood, which counts the parameters that were fitted:
     plain maximum likelihood took 35 % too little process noise at sigma 1e-3 and half of it at
@@ -343,8 +348,10 @@ def search_ratio(
 
     Parameters
     ----------
-    y, use, free, anchor, moving, v_in, v_out, v_max
-        As in `whiten`.
+    data : tuple of (N,) arrays
+        y, use, free, anchor, moving, v_in, v_out as in `whiten`.
+    v_max : float
+        Greatest command [1].
     columns : (5,) bool array
         Parameters that are fitted.
     prior : (2,) array
@@ -353,96 +360,55 @@ def search_ratio(
         Taken as they are where not negative.
     p, gram : (5,), (7, 7) arrays
         Results, with the sensitivity to the pole.
+
+    Returns
+    -------
+    tuple
+        The ratio that this cycle alone tells, the ratio with the prior, then pole, cost and rows.
     """
     low, high = (0.0, POLE_MAX) if fixed_pole < 0.0 else (fixed_pole, fixed_pole)
-    pole = low
-    center = np.log(fixed_ratio) if fixed_ratio > 0.0 else LOG_LOW
+    nothing = np.zeros(2)
+    alone = center = np.log(fixed_ratio) if fixed_ratio > 0.0 else LOG_LOW
     if fixed_ratio < 0.0:
-        best, count = np.inf, round((_LOG_HIGH - LOG_LOW) / _LOG_STEP)
-        for k in range(count + 1):
+        best, pole, start = np.inf, -1.0, -1.0
+        for k in range(round((_LOG_HIGH - LOG_LOW) / _LOG_STEP) + 1):
             at = LOG_LOW + k * _LOG_STEP
-            f, z, _, _ = restricted(
-                y,
-                use,
-                free,
-                anchor,
-                moving,
-                v_in,
-                v_out,
-                v_max,
-                np.exp(at),
-                columns,
-                prior,
-                low,
-                high,
-                _POLES,
-                p,
-                gram,
+            f, start, _, _ = restricted(
+                data, v_max, np.exp(at), columns, nothing, low, high, start, p, gram
             )
             if f < best:
-                best, center, pole = f, at, z
-        left, right = center - _LOG_STEP, center + _LOG_STEP
-        near, far = max(pole - _NEAR, low), min(pole + _NEAR, high)
-        while right - left > _LOG_WIDTH:
-            a, b = right - _GOLDEN * (right - left), left + _GOLDEN * (right - left)
-            f_a, _, _, _ = restricted(
-                y,
-                use,
-                free,
-                anchor,
-                moving,
-                v_in,
-                v_out,
+                best, alone, pole = f, at, start
+        alone, pole = _ratio_between(
+            data,
+            v_max,
+            columns,
+            nothing,
+            (low, high),
+            (alone - _LOG_STEP, alone, alone + _LOG_STEP),
+            pole,
+            best,
+            p,
+            gram,
+        )
+        center = alone
+        if prior[1] > 0.0:
+            # the best of a sum of two such curves lies between the best of each
+            value, pole, _, _ = restricted(
+                data, v_max, np.exp(prior[0]), columns, prior, low, high, pole, p, gram
+            )
+            ends = (min(alone, prior[0]) - _LOG_WIDTH, max(alone, prior[0]) + _LOG_WIDTH)
+            center, _ = _ratio_between(
+                data,
                 v_max,
-                np.exp(a),
                 columns,
                 prior,
-                near,
-                far,
-                _FEW,
+                (low, high),
+                (ends[0], prior[0], ends[1]),
+                pole,
+                value,
                 p,
                 gram,
             )
-            f_b, _, _, _ = restricted(
-                y,
-                use,
-                free,
-                anchor,
-                moving,
-                v_in,
-                v_out,
-                v_max,
-                np.exp(b),
-                columns,
-                prior,
-                near,
-                far,
-                _FEW,
-                p,
-                gram,
-            )
-            if f_a < f_b:
-                right = b
-            else:
-                left = a
-        center = 0.5 * (left + right)
     ratio = 0.0 if fixed_ratio == 0.0 or center <= LOG_LOW else np.exp(center)
-    _, pole, cost, rows = restricted(
-        y,
-        use,
-        free,
-        anchor,
-        moving,
-        v_in,
-        v_out,
-        v_max,
-        ratio,
-        columns,
-        prior,
-        low,
-        high,
-        _POLES,
-        p,
-        gram,
-    )
-    return ratio, pole, cost, rows
+    _, pole, cost, rows = restricted(data, v_max, ratio, columns, prior, low, high, -1.0, p, gram)
+    return 0.0 if alone <= LOG_LOW else np.exp(alone), ratio, pole, cost, rows
