@@ -55,11 +55,16 @@ class StartFault:
         default="none",
         metadata={
             "unit": "1",
-            "description": "Fault to start with: none, leak, stuck, sensor_freeze or lost_samples",
+            "description": "Fault to start with: none, leak, stuck, sensor_freeze, lost_samples "
+            "or what else the valve's plant takes",
         },
     )
     severity: float = quantity(
-        0.0, "1", "leak: loss of stroke [1/s]; lost_samples: probability [1]", lower=0.0, upper=1.0
+        0.0,
+        "1",
+        "leak: loss of stroke [1/s]; lost_samples: probability; else as in docs/diagnosis.md [1]",
+        lower=-1.0,
+        upper=10.0,
     )
     start_s: float = quantity(0.0, "s", "Simulated time of its start", lower=0.0, upper=1e9)
     duration_s: float = quantity(

@@ -7,8 +7,48 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-KINDS = ("leak", "stuck", "sensor_freeze", "lost_samples")
-_LARGEST = {"leak": 1.0, "lost_samples": 1.0}
+COMMON_KINDS = ("leak", "stuck", "sensor_freeze", "lost_samples")
+"""Kinds that every simulated valve takes."""
+
+KINDS = (
+    *COMMON_KINDS,
+    "stiction",
+    "preload",
+    "coil_resistance",
+    "dead_band",
+    "sensor_offset",
+    "sensor_gain",
+    "command_loss",
+    "supply_drop",
+    "aeration",
+)
+"""Every kind; what a valve takes beyond `COMMON_KINDS` is named by its plant."""
+
+PLANT_KINDS = (
+    "stiction",
+    "preload",
+    "coil_resistance",
+    "dead_band",
+    "supply_drop",
+    "aeration",
+)
+"""Kinds that are other numbers of the plant."""
+
+_LOWEST = {"sensor_offset": -1.0, "sensor_gain": -0.9}
+_LARGEST = {
+    "leak": 1.0,
+    "sensor_freeze": 1.0,
+    "lost_samples": 1.0,
+    "stiction": 0.5,
+    "preload": 1.0,
+    "coil_resistance": 10.0,
+    "dead_band": 0.5,
+    "sensor_offset": 1.0,
+    "sensor_gain": 1.0,
+    "command_loss": 1.0,
+    "supply_drop": 0.95,
+    "aeration": 0.5,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +60,13 @@ class Fault:
     kind : str
         One of `KINDS`.
     severity : float
-        leak: loss of stroke [1/s]; lost_samples: probability [1]; else without meaning.
+        leak: loss of stroke [1/s]; lost_samples: probability [1]; sensor_freeze: share of
+        samples at which the sensor repeats its last value, 0 = all [1]; stiction: change of
+        command that a sticking pilot does not follow [1]; preload: further closing force over
+        that of the supply [1]; coil_resistance: relative rise [1]; dead_band: growth at either
+        command [1]; sensor_offset [1]; sensor_gain: relative change [1]; command_loss: share of
+        samples whose command does not reach the valve [1]; supply_drop: relative [1]; aeration:
+        share of gas in the chamber's volume under pressure [1]; stuck: without meaning.
     end : int
         Index of the first sample without it, -1 = until cleared.
     """
@@ -52,8 +98,11 @@ class Faults:
             message = f"fault.kind = {kind!r}: must be one of {', '.join(KINDS)} or none"
             raise ValueError(message)
         largest = _LARGEST.get(kind, math.inf)
-        if not 0.0 <= severity <= largest:
-            message = f"fault.severity = {severity!r} for {kind}: must be from 0 to {largest:g}"
+        lowest = _LOWEST.get(kind, 0.0)
+        if not lowest <= severity <= largest:
+            message = (
+                f"fault.severity = {severity!r} for {kind}: must be from {lowest:g} to {largest:g}"
+            )
             raise ValueError(message)
         others = tuple(f for f in self.present if f.kind != kind)
         end = start + samples if samples > 0 else -1
@@ -75,3 +124,7 @@ class Faults:
     def has(self, kind: str) -> bool:
         """Return whether a kind is present."""
         return any(f.kind == kind for f in self.present)
+
+    def of(self, kinds: tuple[str, ...]) -> tuple[Fault, ...]:
+        """Return the faults present whose kind is among `kinds`."""
+        return tuple(f for f in self.present if f.kind in kinds)

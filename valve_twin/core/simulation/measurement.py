@@ -12,7 +12,7 @@ import numpy as np
 from valve_twin.core.physics.quantity import check_quantities, quantity, whole
 
 if TYPE_CHECKING:
-    from valve_twin.core.types import FloatArray
+    from valve_twin.core.types import BoolArray, FloatArray
 
 RANDOM_PHASE = -1
 
@@ -106,7 +106,9 @@ def measure(
     noise: FloatArray,
     phase: int,
     *,
-    frozen: bool,
+    frozen: bool | BoolArray,
+    gain: float = 1.0,
+    offset: float = 0.0,
 ) -> tuple[SensorState, FloatArray]:
     """Measure N positions.
 
@@ -120,8 +122,10 @@ def measure(
         True position [1] and standard normal numbers.
     phase : int
         Samples until the next new value, counted from the first of the N.
-    frozen : bool
-        The sensor repeats its last value.
+    frozen : bool or (N,) bool array
+        The sensor repeats its last value, always or at these samples.
+    gain, offset : float
+        A faulty sensor gives gain * position + offset [1].
 
     Returns
     -------
@@ -130,13 +134,12 @@ def measure(
     """
     count = len(position)
     history = np.concatenate([state.past, position])
-    value = history[:count] + config.position_offset + config.noise * noise
+    value = gain * history[:count] + (config.position_offset + offset) + config.noise * noise
     if config.quantum > 0.0:
         value = np.round(value / config.quantum) * config.quantum
     index = np.arange(count)
     fresh = (index - phase) % config.refresh == 0
-    if frozen:
-        fresh[:] = False
+    fresh &= ~np.asarray(frozen)
     last = np.maximum.accumulate(np.where(fresh, index, -1))
     measured = np.where(last >= 0, value[last], state.held)
     held = float(measured[-1]) if count else state.held

@@ -38,6 +38,12 @@ class Drive:
         Stuck fault: the spindle does not move.
     frozen : bool
         Sensor freeze fault: the controller goes on with the last position it has read.
+    sensor_gain, sensor_offset : float
+        Sensor faults: the controller reads gain * position + offset [1].
+    freezes : (N,) bool array or None
+        Samples at which alone the sensor freezes; None = none.
+    lost_commands : (N,) bool array or None
+        Samples whose command does not reach the valve; None = none.
     """
 
     reference: FloatArray
@@ -47,6 +53,10 @@ class Drive:
     leak_rate: float = 0.0
     stuck: bool = False
     frozen: bool = False
+    sensor_gain: float = 1.0
+    sensor_offset: float = 0.0
+    freezes: BoolArray | None = None
+    lost_commands: BoolArray | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +79,8 @@ class Plant(Protocol):
     """A simulated valve with its local controller.
 
     Implementations are frozen dataclasses; their quantities can be replaced, aged and scattered
-    by name.
+    by name. One that takes more than the common faults names them in `fault_kinds` and has
+    `with_fault(kind, severity)`, which returns it with a fault that is other numbers of the plant.
     """
 
     @property

@@ -12,7 +12,7 @@ import numpy as np
 from valve_twin.core.simulation.aging_laws import AgingRule
 from valve_twin.core.simulation.block import SimulationBlock, join_blocks
 from valve_twin.core.simulation.config import SimulationConfig, changed_plant, check_parameter
-from valve_twin.core.simulation.faults import Faults
+from valve_twin.core.simulation.faults import COMMON_KINDS, PLANT_KINDS, Faults
 from valve_twin.core.simulation.measurement import RANDOM_PHASE, measure, start_sensor
 from valve_twin.core.simulation.plant import Drive, Plant
 
@@ -31,6 +31,8 @@ class _Stream(IntEnum):
     PROCESS = 2
     LOSS = 3
     CYCLE = 4
+    FREEZE = 5
+    COMMAND = 6
 
 
 class SimulatedValve:
@@ -62,6 +64,8 @@ class SimulatedValve:
         self._sensor_noise = np.random.default_rng([seed, _Stream.SENSOR])
         self._process_noise = np.random.default_rng([seed, _Stream.PROCESS])
         self._losses = np.random.default_rng([seed, _Stream.LOSS])
+        self._freezes = np.random.default_rng([seed, _Stream.FREEZE])
+        self._lost_commands = np.random.default_rng([seed, _Stream.COMMAND])
         self._armed = True
         self._was_active = False
         self._moved = False
@@ -117,9 +121,9 @@ class SimulatedValve:
         Parameters
         ----------
         kind : str
-            leak, stuck, sensor_freeze, lost_samples or none.
+            leak, stuck, sensor_freeze, lost_samples, what else the plant takes, or none.
         severity : float
-            leak: loss of stroke [1/s]; lost_samples: probability [1]; else ignored.
+            As in `Fault`.
         duration_s : float
             Simulated time it stays [s], 0 = until cleared.
 
@@ -132,7 +136,12 @@ class SimulatedValve:
             message = f"fault.duration = {duration_s!r}: must be a time from 0 on [s]"
             raise ValueError(message)
         count = max(round(duration_s / self.config.period_s), 1) if duration_s > 0.0 else 0
-        self._faults = self._faults.with_fault(kind, severity, self._sample, count)
+        taken = (*COMMON_KINDS, *getattr(self.config.plant, "fault_kinds", ()))
+        faults = self._faults.with_fault(kind, severity, self._sample, count)
+        if kind not in ("none", *taken):
+            message = f"fault.kind = {kind!r}: this valve takes {', '.join(taken)} or none"
+            raise ValueError(message)
+        self._faults = faults
         if kind == "none":
             return "all faults cleared"
         until = f"for {duration_s:g} s" if count else "until cleared"
@@ -264,7 +273,12 @@ class SimulatedValve:
         ticks = np.arange(first, first + count * self._ticks) % len(self._program.position)
         reference = self._program.position[ticks]
         layer = self.config.measurement
-        frozen = self._faults.has("sensor_freeze")
+        frozen, freezes = self._draw_freezes(count)
+        plant = self._plant
+        for fault in self._faults.of(PLANT_KINDS):
+            plant = plant.with_fault(fault.kind, fault.severity)  # type: ignore[attr-defined]
+        gain = 1.0 + self._faults.severity("sensor_gain")
+        offset = self._faults.severity("sensor_offset")
         drive = Drive(
             reference=reference,
             hold=self._program.hold[ticks],
@@ -273,12 +287,23 @@ class SimulatedValve:
             leak_rate=self._faults.severity("leak"),
             stuck=self._faults.has("stuck"),
             frozen=frozen,
+            sensor_gain=gain,
+            sensor_offset=offset,
+            freezes=freezes,
+            lost_commands=self._draw_lost_commands(count),
         )
-        response = self._plant.run(self._state, drive, self.config.period_s)
+        response = plant.run(self._state, drive, self.config.period_s)
         noise = self._sensor_noise.standard_normal(count)
         phase = (self._phase - self._since_start) % layer.refresh
         self._sensor, measured = measure(
-            self._sensor, layer, response.position, noise, phase, frozen=frozen
+            self._sensor,
+            layer,
+            response.position,
+            noise,
+            phase,
+            frozen=frozen if freezes is None else freezes,
+            gain=gain,
+            offset=offset,
         )
         lost = self._losses.random(count) < self._faults.severity("lost_samples")
         stamp_ns = (self._sample + np.arange(count, dtype=np.int64)) * self.period_ns
@@ -295,6 +320,20 @@ class SimulatedValve:
             true_position=response.position,
             delivered=~lost,
         )
+
+    def _draw_freezes(self, count: int) -> tuple[bool, BoolArray | None]:
+        """Return whether the sensor freezes for good, else at which samples."""
+        share = self._faults.severity("sensor_freeze")
+        if not self._faults.has("sensor_freeze") or not 0.0 < share < 1.0:
+            return self._faults.has("sensor_freeze"), None
+        return False, self._freezes.random(count) < share
+
+    def _draw_lost_commands(self, count: int) -> BoolArray | None:
+        """Return the samples whose command is lost, None where the fault is absent."""
+        if not self._faults.has("command_loss"):
+            return None
+        lost: BoolArray = self._lost_commands.random(count) < self._faults.severity("command_loss")
+        return lost
 
 
 def simulate_cycles(

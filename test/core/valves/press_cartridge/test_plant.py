@@ -11,12 +11,18 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from valve_twin.core.control.plc import PlcConfig
-from valve_twin.core.simulation import Drive
+from valve_twin.core.simulation import Drive, SimulatedValve
+from valve_twin.core.simulation.config import SimulationConfig
 from valve_twin.core.valves.press_cartridge.plant import PressCartridgePlant
+from valve_twin.core.valves.registry import get_simulation
 
 PLANT = PressCartridgePlant()
 T = 0.03
 BALANCE = PLANT.area_ratio * PLANT.supply_pressure
+
+
+HEALTHY = {"offset_in", "offset_out", "preload", "resistance_in", "stiction"}
+"""Numbers that are those of a valve without faults: nothing is assumed."""
 
 
 def drive(commands, **changes):
@@ -249,4 +255,35 @@ def test_every_number_states_unit_range_and_whether_it_is_an_assumption():
             continue
         assert {"unit", "description", "lower", "upper"} <= set(item.metadata)
         tagged = item.metadata["description"].endswith("[A] assumption")
-        assert tagged is (item.name not in {"offset_in", "offset_out"})
+        assert tagged is (item.name not in HEALTHY)
+
+
+@pytest.mark.parametrize("kind", PLANT.fault_kinds)
+def test_every_fault_changes_what_the_valve_does_and_none_changes_nothing(kind):
+    def stroke(severity):
+        valve = SimulatedValve(SimulationConfig(PLANT))
+        valve.set_fault(kind, severity)
+        block = valve.advance(400)
+        return np.stack((block.position, *block.inputs.T))
+
+    assert not np.array_equal(stroke(0.05), stroke(0.0))
+    np.testing.assert_array_equal(stroke(0.0), np.stack(_healthy_stroke()))
+
+
+def _healthy_stroke():
+    block = SimulatedValve(SimulationConfig(PLANT)).advance(400)
+    return block.position, *block.inputs.T
+
+
+def test_a_lost_command_is_logged_and_moves_nothing():
+    valve = SimulatedValve(SimulationConfig(PLANT))
+    valve.set_fault("command_loss", 1.0)
+    block = valve.advance(200)
+    assert block.inputs.max() == 0.8
+    assert block.true_position.max() == 0.0
+
+
+def test_a_valve_refuses_faults_that_its_plant_does_not_take():
+    stepper = SimulatedValve(get_simulation("stepper_servo"))
+    with pytest.raises(ValueError, match=r"fault.kind = 'aeration': this valve takes leak, stuck"):
+        stepper.set_fault("aeration", 0.1)

@@ -16,7 +16,7 @@ needs no small step.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -26,6 +26,7 @@ from valve_twin.core.control.plc import initial_state as plc_state
 from valve_twin.core.physics.orifice import signed_root
 from valve_twin.core.physics.quantity import check_quantities, quantity
 from valve_twin.core.simulation.config import Scatter, SimulationConfig
+from valve_twin.core.simulation.faults import PLANT_KINDS
 from valve_twin.core.simulation.plant import Drive, PlantFactory, Response
 from valve_twin.core.valves.press_cartridge.plant_kernel import PressCoefficients, run_press
 
@@ -41,6 +42,12 @@ class PressCartridgePlant:
     """Numbers of the simulated valve; every field carries its unit, range and description."""
 
     inputs: ClassVar[tuple[str, ...]] = ("v_in", "v_out")
+    fault_kinds: ClassVar[tuple[str, ...]] = (
+        *PLANT_KINDS,
+        "sensor_offset",
+        "sensor_gain",
+        "command_loss",
+    )
 
     area_in: float = quantity(
         1.27e-5,
@@ -107,6 +114,23 @@ class PressCartridgePlant:
         upper=0.99,
         assumed=True,
     )
+    preload: float = quantity(
+        0.0,
+        "N",
+        "Closing force on the spindle beside that of the supply",
+        lower=-1e6,
+        upper=1e6,
+    )
+    resistance_in: float = quantity(
+        1.0,
+        "1",
+        "Resistance of the filling coil over that when new: the command acts divided by it",
+        lower=0.1,
+        upper=100.0,
+    )
+    stiction: float = quantity(
+        0.0, "1", "Change of command that a sticking pilot does not follow", lower=0.0, upper=0.5
+    )
     mass: float = quantity(
         80.0, "kg", "Mass of the spindle (M)", lower=0.01, upper=1e4, assumed=True
     )
@@ -159,23 +183,57 @@ class PressCartridgePlant:
         return _ratio(period_s, self.plc.period_s, "period_s", "plc.period_s")
 
     def initial_state(self) -> FloatArray:
-        """Return the (8,) state: spindle on its closed seat, chamber drained, pilots shut.
+        """Return the (10,) state: spindle on its closed seat, chamber drained, pilots shut.
 
         Position [1], speed [m/s], chamber pressure [Pa], pilot openings in and out [1], position
-        read by the controller [1], its integral [s] and off latch.
+        read by the controller [1], its integral [s] and off latch, commands that the pilots
+        follow [1].
         """
-        return np.concatenate([np.zeros(6), plc_state()])
+        return np.concatenate([np.zeros(6), plc_state(), np.zeros(2)])
+
+    def with_fault(self, kind: str, severity: float) -> PressCartridgePlant:
+        """Return the valve with a fault that is other numbers of it.
+
+        Parameters
+        ----------
+        kind : str
+            One of `PLANT_KINDS`.
+        severity : float
+            As in `simulation.faults.Fault`; gas is compressed isentropically (exponent 1.4) at
+            the balance pressure.
+        """
+        if kind == "stiction":
+            return replace(self, stiction=severity)
+        if kind == "preload":
+            top_force = self.area_ratio * self.piston_area * self.supply_pressure
+            return replace(self, preload=self.preload + severity * top_force)
+        if kind == "coil_resistance":
+            return replace(self, resistance_in=self.resistance_in * (1.0 + severity))
+        if kind == "dead_band":
+            offset_in, offset_out = (
+                min(offset + severity, 0.5) for offset in (self.offset_in, self.offset_out)
+            )
+            return replace(self, offset_in=offset_in, offset_out=offset_out)
+        if kind == "supply_drop":
+            return replace(self, supply_pressure=self.supply_pressure * (1.0 - severity))
+        gas = severity / (1.4 * self.area_ratio * self.supply_pressure)
+        stiff = 1.0 / (1.0 / self.bulk_modulus + gas)
+        return replace(self, bulk_modulus=max(stiff, 1e7))
 
     def run(self, state: FloatArray, drive: Drive, period_s: float) -> Response:
         """Run N samples; `state` is written in place."""
         samples = len(drive.disturbance)
         external = drive.commands is not None
         commands = np.zeros((0, 2)) if drive.commands is None else drive.commands
+        nothing = np.zeros(samples, dtype=np.bool_)
+        frozen = nothing if drive.freezes is None else drive.freezes
         position = np.empty(samples)
         inputs = np.empty((samples, 2))
         run_press(
             state,
-            self.coefficients(),
+            self.coefficients()._replace(
+                sensor_gain=float(drive.sensor_gain), sensor_offset=float(drive.sensor_offset)
+            ),
             self.plc.settings(),
             _ratio(self.plc.period_s, self.step, "plc.period_s", "step"),
             self.ticks_per_sample(period_s),
@@ -186,7 +244,8 @@ class PressCartridgePlant:
             drive.disturbance * (self.piston_area * self.stroke / period_s),
             self._leak_coefficient(drive.leak_rate),
             drive.stuck,
-            drive.frozen,
+            frozen | drive.frozen,
+            nothing if drive.lost_commands is None else drive.lost_commands,
             position,
             inputs,
         )
@@ -204,12 +263,13 @@ class PressCartridgePlant:
             Commands v_in, v_out [1].
         """
         root = math.sqrt(2.0 / self.density)
-        opening_in = _opening(float(inputs[0]), self.offset_in, self.saturation_in)
+        command_in = float(inputs[0]) / self.resistance_in
+        opening_in = _opening(command_in, self.offset_in, self.saturation_in)
         opening_out = _opening(float(inputs[1]), self.offset_out, self.saturation_out)
 
         def imbalance(speed: float) -> float:
             pressure = self.area_ratio * self.supply_pressure
-            pressure += self.damping * speed / self.piston_area
+            pressure += (self.preload + self.damping * speed) / self.piston_area
             flow = self.area_in * root * opening_in * signed_root(self.supply_pressure - pressure)
             flow -= self.area_out * root * opening_out * signed_root(pressure)
             return flow - self.leak * signed_root(pressure) - self.piston_area * speed
@@ -247,7 +307,7 @@ class PressCartridgePlant:
             pilot_share=-math.expm1(-self.step / self.pilot_lag),
             leak=float(self.leak),
             piston_area=float(self.piston_area),
-            top_force=self.area_ratio * self.piston_area * self.supply_pressure,
+            top_force=self.area_ratio * self.piston_area * self.supply_pressure + self.preload,
             mass=float(self.mass),
             damping=float(self.damping),
             stroke=float(self.stroke),
@@ -255,6 +315,8 @@ class PressCartridgePlant:
             bulk_modulus=float(self.bulk_modulus),
             dead_volume=float(self.dead_volume),
             step_s=float(self.step),
+            resistance_in=float(self.resistance_in),
+            stick=float(self.stiction),
         )
 
 

@@ -22,7 +22,9 @@ class PressCoefficients(NamedTuple):
     """Numbers of `PressCartridgePlant` as the kernel takes them, SI.
 
     `conductance_*` are the pilot areas times sqrt(2/rho), `top_force` is A_T Pz, `pilot_share` is
-    the part of the way to its target that a pilot goes in one step.
+    the part of the way to its target that a pilot goes in one step, `resistance_in` that of the
+    filling coil over new, `stick` the change of command that a sticking pilot does not follow;
+    the controller reads sensor_gain * position + sensor_offset.
     """
 
     conductance_in: float
@@ -42,6 +44,10 @@ class PressCoefficients(NamedTuple):
     bulk_modulus: float
     dead_volume: float
     step_s: float
+    resistance_in: float
+    stick: float
+    sensor_gain: float = 1.0
+    sensor_offset: float = 0.0
 
 
 @njit(cache=True)
@@ -118,15 +124,16 @@ def run_press(
     noise_flow: FloatArray,
     extra_leak: float,
     stuck: bool,
-    frozen: bool,
+    frozen: BoolArray,
+    lost: BoolArray,
     position: FloatArray,
     inputs: FloatArray,
 ) -> None:
     """Run N samples; writes `state`, `position` (N,) and `inputs` (N, 2) in place."""
     for n in range(len(position)):
         for k in range(ticks_per_sample):
-            if not frozen:
-                state[5] = state[0]
+            if not frozen[n]:
+                state[5] = c.sensor_gain * state[0] + c.sensor_offset
             if external:
                 v_in = commands[n, 0]
                 v_out = commands[n, 1]
@@ -139,11 +146,16 @@ def run_press(
                 position[n] = state[0]
                 inputs[n, 0] = v_in
                 inputs[n, 1] = v_out
+            reach = 0.0 if lost[n] else 1.0
+            if abs(reach * v_in - state[8]) > c.stick:
+                state[8] = reach * v_in
+            if abs(reach * v_out - state[9]) > c.stick:
+                state[9] = reach * v_out
             _advance(
                 state,
                 c,
-                _opening(v_in, c.offset_in, c.saturation_in),
-                _opening(v_out, c.offset_out, c.saturation_out),
+                _opening(state[8] / c.resistance_in, c.offset_in, c.saturation_in),
+                _opening(state[9], c.offset_out, c.saturation_out),
                 c.leak + extra_leak,
                 noise_flow[n],
                 stuck,
