@@ -113,6 +113,11 @@ def fit_free_run(record: Record, *, max_lag: int, limits: Limits) -> Solution:
     return best
 
 
+def normal(record: Record, parameters: FloatArray, lag: int) -> tuple[FloatArray, FloatArray]:
+    """Return J^T r (5,), J^T J (5, 5) of the used samples at parameters (5,) and a delay."""
+    return _evaluate(record, parameters, lag)[1:3]
+
+
 def _search(record: Record, max_lag: int, limits: Limits) -> Solution:
     """Scan the delay from coarse to fine, each from several starts."""
     starts = _starts(record, limits)

@@ -4,23 +4,37 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from valve_twin.core.valves.interface import number
-from valve_twin.core.valves.positioner.fit import FASTEST_RATE, bounds, fit_free_run
+from valve_twin.core.valves.positioner.fit import (
+    FASTEST_RATE,
+    bounds,
+    fit_free_run,
+    normal,
+)
+from valve_twin.core.valves.positioner.intervals import block_errors
 from valve_twin.core.valves.positioner.kernels import STATE_SIZE, predict_block
-from valve_twin.core.valves.positioner.outcome import accepted, refused
+from valve_twin.core.valves.positioner.outcome import MIN_DRIVEN, Errors, accepted, refused
 from valve_twin.core.valves.positioner.parameters import ESTIMATOR, OPTIONS, PARAMETERS
 from valve_twin.core.valves.positioner.record import prepare
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from valve_twin.core.types import ByteArray, Cycle, Estimate, FloatArray, Parameter
+    from valve_twin.core.types import (
+        BoolArray,
+        ByteArray,
+        Cycle,
+        Estimate,
+        FloatArray,
+        Parameter,
+    )
     from valve_twin.core.valves.interface import Option, Options
+    from valve_twin.core.valves.positioner.fit import Limits, Record, Solution
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +77,10 @@ class PositionerModel:
             max_dead_band=number(options, "max_dead_band"),
         )
         solution = fit_free_run(prepared.record, max_lag=prepared.max_lag, limits=limits)
-        return (accepted(self.name, cycle, prepared, solution, limits),)
+        errors = _errors(
+            prepared.record, solution, limits, int(number(options, "interval_blocks"))
+        )
+        return (accepted(self.name, cycle, prepared, solution, limits, errors),)
 
     def merge(self, estimates: Sequence[Estimate]) -> Mapping[str, float]:
         """Return what several cycles together know: the newest value of every parameter.
@@ -129,6 +146,20 @@ class PositionerModel:
         predict_block(
             state, coefficients, position, inputs, restart, predicted, simulated, validity
         )
+
+
+def _errors(record: Record, solution: Solution, limits: Limits, blocks: int) -> Errors | None:
+    """Return standard errors from blocks of the cycle, None where none are asked for."""
+    p, free = solution.parameters, (solution.parameters > limits[0])
+    free &= (p < limits[1]) & (solution.active >= MIN_DRIVEN)
+    if blocks < 2:
+        return None
+
+    def normal_of(mask: BoolArray) -> tuple[FloatArray, FloatArray]:
+        return normal(replace(record, used=mask), p, solution.lag)
+
+    errors = block_errors(solution.hessian, normal_of, record.used, free, blocks)
+    return Errors(errors, blocks - 1)
 
 
 MODEL = PositionerModel()

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,14 +16,15 @@ from valve_twin.core.types import (
     ParameterValue,
 )
 from valve_twin.core.valves.positioner.fit import shown_speeds
+from valve_twin.core.valves.positioner.intervals import half_width
 from valve_twin.core.valves.positioner.parameters import DERIVED, ESTIMATOR, FITTED
 
 if TYPE_CHECKING:
-    from valve_twin.core.types import Cycle
+    from valve_twin.core.types import Cycle, FloatArray
     from valve_twin.core.valves.positioner.fit import Limits, Record, Solution
     from valve_twin.core.valves.positioner.record import Prepared
 
-_MIN_DRIVEN = 5.0
+MIN_DRIVEN = 5.0
 """How long a parameter must have moved the spool to be reported [samples] [A]."""
 
 
@@ -57,7 +58,12 @@ def refused(model: str, cycle: Cycle, prepared: Prepared) -> Estimate:
 
 
 def accepted(
-    model: str, cycle: Cycle, prepared: Prepared, solution: Solution, limits: Limits
+    model: str,
+    cycle: Cycle,
+    prepared: Prepared,
+    solution: Solution,
+    limits: Limits,
+    errors: Errors | None = None,
 ) -> Estimate:
     """Return the estimate of a fitted cycle.
 
@@ -73,11 +79,15 @@ def accepted(
         The fit.
     limits : tuple of (5,) arrays
         The bounds it obeyed.
+    errors : Errors, optional
+        Standard errors of the fitted parameters, where the cycle itself gives them.
     """
     fitted = [
         _fitted(name, float(solution.parameters[i]), limits[0][i], limits[1][i], driven)
         for i, (name, driven) in enumerate(zip(FITTED, solution.active, strict=True))
     ]
+    if errors is not None:
+        fitted = [errors.put_on(value, i) for i, value in enumerate(fitted)]
     values = (*fitted, *_derived(fitted, prepared, solution))
     withheld = [v.name for v in values if v.status is ParameterStatus.NOT_EXCITED]
     return Estimate(
@@ -94,9 +104,30 @@ def accepted(
     )
 
 
+@dataclass(frozen=True, slots=True)
+class Errors:
+    """Standard errors (P,) from inside a cycle and the degrees of freedom they rest on."""
+
+    standard: FloatArray
+    degrees: int
+
+    def put_on(self, value: ParameterValue, i: int) -> ParameterValue:
+        """Return the value with its interval, cut at 0, where it has one."""
+        error = float(self.standard[i])
+        if not value.usable or not np.isfinite(error):
+            return value
+        half = half_width(error, self.degrees)
+        return replace(
+            value,
+            standard_error=error,
+            lower_95=max(value.value - half, 0.0),
+            upper_95=value.value + half,
+        )
+
+
 def _fitted(name: str, value: float, lower: float, upper: float, driven: float) -> ParameterValue:
-    if name != "dead_band" and driven < _MIN_DRIVEN:
-        reason = f"it moved the spool for {driven:.0f} samples, fewer than {_MIN_DRIVEN:.0f}"
+    if name != "dead_band" and driven < MIN_DRIVEN:
+        reason = f"it moved the spool for {driven:.0f} samples, fewer than {MIN_DRIVEN:.0f}"
         return ParameterValue(name, np.nan, ParameterStatus.NOT_EXCITED, reason)
     if lower < value < upper:
         return ParameterValue(name, value)
@@ -116,13 +147,23 @@ def _derived(
         else ParameterValue(name, np.nan, ParameterStatus.NOT_EXCITED, f"{rate.name}: no motion")
         for name, rate in zip(DERIVED[1:3], fitted[:2], strict=True)
     ]
-    speeds = zip(DERIVED[3:5], shown_speeds(prepared.record), strict=True)
+    shown = shown_speeds(prepared.record)
+    speeds = zip(DERIVED[3:5], shown, strict=True)
     return [
         _delay(delay, at_bound=0 < prepared.max_lag == solution.lag),
         *responses,
         *(ParameterValue(name, value) for name, value in speeds),
         ParameterValue(DERIVED[5], _command_fit(prepared.record)),
+        _asymmetry(*shown),
     ]
+
+
+def _asymmetry(rising: float, falling: float) -> ParameterValue:
+    if rising > 0.0 and falling > 0.0:
+        return ParameterValue(DERIVED[6], rising / falling)
+    way = "rose" if falling > 0.0 else "fell"
+    reason = f"the position never {way} by a fifth of its motion"
+    return ParameterValue(DERIVED[6], np.nan, ParameterStatus.REFUSED, reason)
 
 
 def _delay(delay: float, *, at_bound: bool) -> ParameterValue:

@@ -16,6 +16,7 @@ DERIVED = (
     "speed_rising",
     "speed_falling",
     "command_fit",
+    "asymmetry",
 )
 
 PARAMETERS = (
@@ -75,6 +76,12 @@ PARAMETERS = (
         "fit of the trivial model, position = command: what fit_test has to beat",
         upper=100.0,
     ),
+    Parameter(
+        "asymmetry",
+        "1",
+        "speed_rising over speed_falling: 1 for a valve that is as fast both ways",
+        0.0,
+    ),
 )
 
 OPTIONS = (
@@ -84,5 +91,13 @@ OPTIONS = (
     Option("min_motion", 0.02, "a cycle that moves less is refused [A]", "1", 0.0, 1.0),
     Option("lower_stop", -0.1, "mechanical stop of falling position", "1", -10.0, 10.0),
     Option("upper_stop", 1.1, "mechanical stop of rising position", "1", -10.0, 10.0),
+    Option(
+        "interval_blocks",
+        0,
+        "blocks of a cycle whose scatter gives the intervals, 0 = from cycle to cycle [A]",
+        "1",
+        0,
+        1000,
+    ),
     Option("estimators", [ESTIMATOR], "estimators to run", choices=(ESTIMATOR,)),
 )
