@@ -1,0 +1,343 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The thirteen equations of paper 003, (13) to (25), with corrected signs, and their Jacobian.
+
+Corrected against the print: the structural damper acts against the piston's speed, the losses of
+chamber 2 and of the fittings of the supply line act against their flows, the bracket of eq. (20)
+is closed, the force turns the load about its arm, the fluid in the supply and return lines is
+compressible besides the pipe, and the flow force is odd in x_v. SI units; pressures above
+atmosphere; x_p counts from the middle of the stroke.
+"""
+
+from __future__ import annotations
+
+from math import cos, sin, sqrt, tanh
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+
+from valve_twin.core.physics import hysteresis
+from valve_twin.core.physics.fluid import compressibility, smooth_root
+from valve_twin.core.physics.friction import stribeck
+from valve_twin.core.valves.servo_system.areas import ORIFICES, areas
+from valve_twin.core.valves.servo_system.numbers import (
+    AIR,
+    AREA_1,
+    AREA_2,
+    ARM,
+    BG,
+    BS,
+    BULK,
+    BV,
+    C_1,
+    C_2,
+    C_LINE,
+    CD,
+    CDL,
+    CLEARANCE,
+    COULOMB,
+    CREEP,
+    DEAD,
+    DECAY,
+    I_R,
+    I_S,
+    INERTIA,
+    K1,
+    KF,
+    KIB,
+    KIF,
+    KP,
+    KQ,
+    KS,
+    KV,
+    KVEL,
+    LE,
+    LIMIT,
+    LINEAR,
+    M_P,
+    M_R,
+    M_S,
+    MASS,
+    MV,
+    OUTER,
+    PISTON_STOP,
+    PR,
+    PS,
+    R_1,
+    R_2,
+    R_R,
+    R_S,
+    RADIUS,
+    RE,
+    REACH,
+    RHO,
+    SATURATION,
+    SHARE,
+    STATIC,
+    STROKE,
+    TORQUE,
+    TRAVEL,
+    U_R,
+    U_S,
+    V_1,
+    V_2,
+    V_R,
+    V_S,
+    VALVE_STOP,
+    VISCOUS,
+    B,
+)
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import FloatArray
+
+IS, VV, XV, QS, PLS, P1, P2, VP, XP, OM, TH, PLR, QR = range(13)
+STATES = 13
+"""Motor current, valve speed and position, supply flow and pressure, chamber pressures, piston
+speed and position, load speed and angle, return pressure and flow."""
+
+FLOOR = np.array(
+    [0.02, 0.02, 1e-4, 2e-5, 5e6, 5e6, 5e6, 0.05, 0.02, 0.5, 0.2, 5e5, 2e-5], dtype=np.float64
+)
+"""Size of each state below which the integrator's error counts absolutely, (13,)."""
+
+WANTED, FED_BACK, HELD, LEAK = range(4)
+CONTROLS = 4
+"""Desired position [m], position that the controller has instead of x_p [m] (NaN = x_p), whether
+the valve pipe is held (1), conductance of a leak from chamber 1 to return [m^3/s/sqrt(Pa)]."""
+
+WORK = 3 * ORIFICES
+
+
+@njit(cache=True)
+def motor(current: float, rate: float, p: FloatArray, memory: FloatArray) -> tuple[float, float]:
+    """Return the motor's force [N] with hysteresis and saturation, and its slope [N/A]."""
+    effective, slope = hysteresis.output(current, rate, memory, p[REACH], p[SHARE])
+    turn = tanh(p[B] * effective / p[SATURATION])
+    return p[SATURATION] * turn, p[B] * slope * (1.0 - turn * turn)
+
+
+@njit(cache=True)
+def flows(y: FloatArray, p: FloatArray, w: FloatArray) -> None:
+    """Write the flows of the five orifices [m^3/s] and their slopes over x_v and the drop.
+
+    Parameters
+    ----------
+    y : (13,) array
+        State.
+    p : (COUNT,) array
+        Numbers.
+    w : (WORK,) array
+        Overwritten: q1, q2, q3, q4, qL; slopes over x_v; slopes over the pressure drop.
+    """
+    area, slope = w[ORIFICES : 2 * ORIFICES], w[2 * ORIFICES :]
+    areas(y[XV], p[RADIUS], p[CLEARANCE], p[U_S], p[U_R], area, slope)
+    unit = sqrt(2.0 / p[RHO])
+    for j in range(ORIFICES):
+        if j == 0:
+            drop = y[PLS] - y[P1]
+        elif j == 1:
+            drop = y[PLS] - y[P2]
+        elif j == 2:
+            drop = y[P1] - y[PLR]
+        elif j == 3:
+            drop = y[P2] - y[PLR]
+        else:
+            drop = y[PLS] - y[PLR]
+        root, root_slope = smooth_root(drop, p[LINEAR])
+        gain = unit * (p[CDL] if j == ORIFICES - 1 else p[CD])
+        opening = area[j]
+        w[j] = gain * opening * root
+        area[j], slope[j] = gain * slope[j] * root, gain * opening * root_slope
+
+
+@njit(cache=True)
+def command(y: FloatArray, p: FloatArray, u: FloatArray, force: float) -> tuple[float, bool]:
+    """Return the desired current of the three loops, eq. (12), and whether it is not limited.
+
+    Paper 003 adds the number 1 to a gain in A/N; here k_f F_nominal / i_limit stands beside it.
+    """
+    position = y[XP] if np.isnan(u[FED_BACK]) else u[FED_BACK]
+    outer = p[KP] * (u[WANTED] - position) - p[KVEL] * y[VP]
+    wanted = p[OUTER] * outer - p[KF] * force
+    limited = min(max(wanted, -p[LIMIT]), p[LIMIT])
+    return limited, limited == wanted
+
+
+@njit(cache=True)
+def _valve(
+    y: FloatArray, p: FloatArray, memory: FloatArray, u: FloatArray, w: FloatArray,
+    dy: FloatArray, jac: FloatArray, want: bool,
+) -> None:  # fmt: skip
+    """Motor and valve pipe, eqs. (13) to (15); x_L and F_s come with the loops."""
+    sine, cosine = sin(y[TH]), cos(y[TH])
+    force = p[KS] * (y[XP] - p[ARM] * sine) + p[BS] * (y[VP] - p[ARM] * y[OM] * cosine)
+    wanted, free = command(y, p, u, force)
+    dy[IS] = (p[KIF] * (wanted - p[KIB] * y[IS]) - p[RE] * y[IS] - p[B] * y[VV]) / p[LE]
+    push, push_i = motor(y[IS], dy[IS], p, memory)
+    x = y[XV]
+    flow_sum = abs(w[0]) + abs(w[3]) - abs(w[1]) - abs(w[2])
+    near = sqrt(abs(x) + p[K1])
+    beyond = max(abs(x) - p[TRAVEL], 0.0)
+    stop = p[VALVE_STOP] * (beyond if x > 0.0 else -beyond)
+    pull = p[KV] * x + stop + p[KQ] * flow_sum / near
+    held = u[HELD] > 0.0
+    dy[VV] = 0.0 if held else (push - p[BV] * y[VV] - pull) / p[MV]
+    dy[XV] = 0.0 if held else y[VV]
+    if not want:
+        return
+    jac[IS, IS] = -(p[KIF] * p[KIB] + p[RE]) / p[LE]
+    jac[IS, VV] = -p[B] / p[LE]
+    if free:
+        k = p[KIF] / p[LE]
+        lever, turn = p[ARM] * cosine, p[ARM] * y[OM] * sine
+        jac[IS, VP] = k * (-p[OUTER] * p[KVEL] - p[KF] * p[BS])
+        fed = p[OUTER] * p[KP] if np.isnan(u[FED_BACK]) else 0.0
+        jac[IS, XP] = k * (-fed - p[KF] * p[KS])
+        jac[IS, OM] = k * p[KF] * p[BS] * lever
+        jac[IS, TH] = k * p[KF] * (p[KS] * lever - p[BS] * turn)
+    if held:
+        return
+    m = p[MV]
+    jac[VV, IS] = push_i / m
+    jac[VV, VV] = -p[BV] / m
+    s1, s2 = np.sign(w[0]), np.sign(w[1])
+    s3, s4 = np.sign(w[2]), np.sign(w[3])
+    g = p[KQ] / (near * m)
+    by_x = s1 * w[5] + s4 * w[8] - s2 * w[6] - s3 * w[7]
+    stiff = p[KV] + (p[VALVE_STOP] if beyond > 0.0 else 0.0)
+    bend = 0.5 * flow_sum / (abs(x) + p[K1]) * np.sign(x)
+    jac[VV, XV] = -stiff / m - g * (by_x - bend)
+    jac[VV, PLS] = -g * (s1 * w[10] - s2 * w[11])
+    jac[VV, P1] = -g * (-s1 * w[10] - s3 * w[12])
+    jac[VV, P2] = -g * (s4 * w[13] + s2 * w[11])
+    jac[VV, PLR] = -g * (-s4 * w[13] + s3 * w[12])
+    jac[XV, VV] = 1.0
+
+
+@njit(cache=True)
+def _lines(
+    y: FloatArray, p: FloatArray, w: FloatArray, dy: FloatArray, jac: FloatArray, want: bool
+) -> None:
+    """Supply and return line, eqs. (16), (17), (24), (25), pipe and fluid both compliant."""
+    q_s, q_r = y[QS], y[QR]
+    dy[QS] = (p[PS] - p[R_S] * q_s - p[M_S] * q_s * abs(q_s) - y[PLS]) / p[I_S]
+    dy[QR] = (y[PLR] - p[PR] - p[R_R] * q_r - p[M_R] * q_r * abs(q_r)) / p[I_R]
+    soft_s, soft_s_p = compressibility(y[PLS], p[BULK], p[AIR])
+    soft_r, soft_r_p = compressibility(y[PLR], p[BULK], p[AIR])
+    c_s = p[V_S] * (p[C_LINE] + soft_s)
+    c_r = p[V_R] * (p[C_LINE] + soft_r)
+    dy[PLS] = (q_s - w[4] - w[0] - w[1]) / c_s
+    dy[PLR] = (w[4] + w[2] + w[3] - q_r) / c_r
+    if not want:
+        return
+    jac[QS, QS] = -(p[R_S] + 2.0 * p[M_S] * abs(q_s)) / p[I_S]
+    jac[QS, PLS] = -1.0 / p[I_S]
+    jac[QR, QR] = -(p[R_R] + 2.0 * p[M_R] * abs(q_r)) / p[I_R]
+    jac[QR, PLR] = 1.0 / p[I_R]
+    jac[PLS, QS] = 1.0 / c_s
+    jac[PLS, XV] = -(w[9] + w[5] + w[6]) / c_s
+    jac[PLS, PLS] = -(w[14] + w[10] + w[11]) / c_s - dy[PLS] * p[V_S] * soft_s_p / c_s
+    jac[PLS, P1], jac[PLS, P2], jac[PLS, PLR] = w[10] / c_s, w[11] / c_s, w[14] / c_s
+    jac[PLR, QR] = -1.0 / c_r
+    jac[PLR, XV] = (w[9] + w[7] + w[8]) / c_r
+    jac[PLR, PLR] = -(w[14] + w[12] + w[13]) / c_r - dy[PLR] * p[V_R] * soft_r_p / c_r
+    jac[PLR, P1], jac[PLR, P2], jac[PLR, PLS] = w[12] / c_r, w[13] / c_r, w[14] / c_r
+
+
+@njit(cache=True)
+def _chambers(
+    y: FloatArray, p: FloatArray, u: FloatArray, w: FloatArray,
+    dy: FloatArray, jac: FloatArray, want: bool,
+) -> None:  # fmt: skip
+    """Pressures on both sides of the piston, eqs. (18) and (19)."""
+    root, root_slope = smooth_root(y[P1] - y[PLR], p[LINEAR])
+    lost, lost_p = u[LEAK] * root, u[LEAK] * root_slope
+    base = 0.5 * p[STROKE] + p[DEAD]
+    room_1 = p[AREA_1] * (base + y[XP]) + p[V_1]
+    room_2 = p[AREA_2] * (base - y[XP]) + p[V_2]
+    soft_1, soft_1_p = compressibility(y[P1], p[BULK], p[AIR])
+    soft_2, soft_2_p = compressibility(y[P2], p[BULK], p[AIR])
+    c_1 = p[C_1] + room_1 * soft_1
+    c_2 = p[C_2] + room_2 * soft_2
+    dy[P1] = (w[0] - w[2] - lost - p[AREA_1] * y[VP]) / c_1
+    dy[P2] = (w[1] - w[3] + p[AREA_2] * y[VP]) / c_2
+    if not want:
+        return
+    jac[P1, XV] = (w[5] - w[7]) / c_1
+    jac[P1, PLS], jac[P1, PLR] = w[10] / c_1, (w[12] + lost_p) / c_1
+    jac[P1, P1] = -(w[10] + w[12] + lost_p) / c_1 - dy[P1] * room_1 * soft_1_p / c_1
+    jac[P1, VP] = -p[AREA_1] / c_1
+    jac[P1, XP] = -dy[P1] * p[AREA_1] * soft_1 / c_1
+    jac[P2, XV] = (w[6] - w[8]) / c_2
+    jac[P2, PLS], jac[P2, PLR] = w[11] / c_2, w[13] / c_2
+    jac[P2, P2] = -(w[11] + w[13]) / c_2 - dy[P2] * room_2 * soft_2_p / c_2
+    jac[P2, VP] = p[AREA_2] / c_2
+    jac[P2, XP] = dy[P2] * p[AREA_2] * soft_2 / c_2
+
+
+@njit(cache=True)
+def _mechanics(y: FloatArray, p: FloatArray, dy: FloatArray, jac: FloatArray, want: bool) -> None:
+    """Piston and load, eqs. (20) to (23); the end covers are stiff springs."""
+    v, sine, cosine = y[VP], sin(y[TH]), cos(y[TH])
+    lever = p[ARM] * cosine
+    force = p[KS] * (y[XP] - p[ARM] * sine) + p[BS] * (v - lever * y[OM])
+    rub, rub_v = stribeck(v, p[COULOMB], p[STATIC], p[VISCOUS], p[CREEP], p[DECAY])
+    beyond = max(abs(y[XP]) - 0.5 * p[STROKE], 0.0)
+    stop = p[PISTON_STOP] * (beyond if y[XP] > 0.0 else -beyond)
+    line = p[R_1] * p[AREA_1] ** 2 + p[R_2] * p[AREA_2] ** 2
+    fit = p[M_P] * (p[AREA_1] ** 3 + p[AREA_2] ** 3)
+    push = p[AREA_1] * y[P1] - p[AREA_2] * y[P2]
+    dy[VP] = (push - force - rub - stop - line * v - fit * v * abs(v)) / p[MASS]
+    dy[XP] = v
+    dy[OM] = (lever * force - p[BG] * y[OM] + p[TORQUE]) / p[INERTIA]
+    dy[TH] = y[OM]
+    if not want:
+        return
+    by_th = -p[KS] * lever + p[BS] * p[ARM] * y[OM] * sine
+    m, i = p[MASS], p[INERTIA]
+    jac[VP, P1], jac[VP, P2] = p[AREA_1] / m, -p[AREA_2] / m
+    jac[VP, VP] = -(p[BS] + rub_v + line + 2.0 * fit * abs(v)) / m
+    jac[VP, XP] = -(p[KS] + (p[PISTON_STOP] if beyond > 0.0 else 0.0)) / m
+    jac[VP, OM], jac[VP, TH] = p[BS] * lever / m, -by_th / m
+    jac[XP, VP] = 1.0
+    jac[OM, VP], jac[OM, XP] = lever * p[BS] / i, lever * p[KS] / i
+    jac[OM, OM] = (-lever * p[BS] * lever - p[BG]) / i
+    jac[OM, TH] = (lever * by_th - p[ARM] * sine * force) / i
+    jac[TH, OM] = 1.0
+
+
+@njit(cache=True)
+def evaluate(
+    y: FloatArray, p: FloatArray, memory: FloatArray, u: FloatArray, w: FloatArray,
+    dy: FloatArray, jac: FloatArray, want: bool,
+) -> None:  # fmt: skip
+    """Write the derivative of the state, and its Jacobian where it is wanted.
+
+    Parameters
+    ----------
+    y : (13,) array
+        State; see `STATES`.
+    p : (COUNT,) array
+        Numbers; see `numbers`.
+    memory : (PLAYS,) array
+        Of the motor's hysteresis, since when the current has been monotone.
+    u : (CONTROLS,) array
+        What acts from outside.
+    w : (WORK,) array
+        Overwritten with the flows.
+    dy : (13,) array
+        Overwritten.
+    jac : (13, 13) array
+        Overwritten if `want`.
+    want : bool
+        Whether the Jacobian is wanted.
+    """
+    if want:
+        jac[:, :] = 0.0
+    flows(y, p, w)
+    _valve(y, p, memory, u, w, dy, jac, want)
+    _lines(y, p, w, dy, jac, want)
+    _chambers(y, p, u, w, dy, jac, want)
+    _mechanics(y, p, dy, jac, want)

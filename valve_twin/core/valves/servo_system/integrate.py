@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Compiled adaptive integration of the servosystem, and its resting state.
+
+The desired position is held from sample to sample, so that every interval is autonomous. The
+memory of the hysteresis is written after each accepted step: inside a step the current is taken
+as monotone.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+
+from valve_twin.core.physics import hysteresis, rodas
+from valve_twin.core.valves.servo_system.dynamics import (
+    CONTROLS,
+    FED_BACK,
+    FLOOR,
+    IS,
+    P1,
+    P2,
+    PLR,
+    PLS,
+    STATES,
+    TH,
+    WANTED,
+    WORK,
+    XP,
+    evaluate,
+)
+from valve_twin.core.valves.servo_system.numbers import (
+    AREA_1,
+    AREA_2,
+    ARM,
+    PR,
+    PS,
+    REACH,
+)
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import FloatArray, IntArray
+
+MOST_STEPS = 5000
+"""Steps a sample after which an integration counts as failed, rejected ones included."""
+
+FIRST_STEP = 1e-5
+"""Step to start with [s]."""
+
+_SETTLE_S = 1.5  # time that the loops get to settle [s]
+_SETTLE_RTOL = 1e-4
+
+
+@njit(cache=True)
+def _step(
+    y: FloatArray, memory: FloatArray, p: FloatArray, u: FloatArray, h: float, rtol: float,
+    fresh: bool, k: FloatArray, jac: FloatArray, matrix: FloatArray, pivot: IntArray,
+    ends: FloatArray, work: FloatArray,
+) -> float:  # fmt: skip
+    """Try one step: increments in `k`, the new state in `ends[1]`; return its error [1].
+
+    `jac` is renewed if `fresh`, else it is that of the same state from the try before.
+    """
+    point, new = ends[0], ends[1]
+    evaluate(y, p, memory, u, work, k[0], jac, fresh)
+    rodas.shift(jac, h, matrix)
+    if not rodas.factorise(matrix, pivot):
+        return np.nan
+    rodas.solve(matrix, pivot, k[0])
+    for i in range(1, rodas.STAGES):
+        rodas.stage_point(y, k, i, point)
+        evaluate(point, p, memory, u, work, k[i], jac, False)
+        rodas.stage_load(k, i, h)
+        rodas.solve(matrix, pivot, k[i])
+    for s in range(STATES):
+        new[s] = point[s] + k[rodas.STAGES - 1, s]
+    return float(rodas.error_norm(y, new, k[rodas.STAGES - 1], FLOOR, rtol))
+
+
+@njit(cache=True)
+def span(
+    y: FloatArray, memory: FloatArray, p: FloatArray, u: FloatArray, period: float, step: float,
+    rtol: float, out: FloatArray,
+) -> tuple[float, float, int]:  # fmt: skip
+    """Integrate over N samples in which nothing outside changes, in steps as long as they can be.
+
+    Parameters
+    ----------
+    y : (13,) array
+        State, written in place.
+    memory : (PLAYS,) array
+        Of the hysteresis, written in place.
+    p : (COUNT,) array
+        Numbers.
+    u : (CONTROLS,) array
+        What acts from outside.
+    period, step : float
+        Sampling time and step to try first [s].
+    rtol : float
+        Allowed relative error of a step [1].
+    out : (N, 13) array
+        Overwritten with the states at the samples after the first, period apart.
+
+    Returns
+    -------
+    tuple of float, float, int
+        Step to try next [s]; time reached [s], less than N periods where the integration failed;
+        steps tried.
+    """
+    k = np.empty((rodas.STAGES, STATES))
+    jac, matrix = np.empty((STATES, STATES)), np.empty((STATES, STATES))
+    pivot = np.empty(STATES, dtype=np.int64)
+    ends, work = np.empty((2, STATES)), np.empty(WORK)
+    duration = len(out) * period
+    t, count, fresh, sample = 0.0, 0, True, 0
+    h = step
+    while t < duration * (1.0 - 1e-12):
+        count += 1
+        if count > MOST_STEPS * len(out) or not h > rodas.SMALLEST_STEP:
+            return h, t, count
+        last = t + h * 1.000001 >= duration
+        used = duration - t if last else h
+        error = _step(
+            y, memory, p, u, used, rtol, fresh, k, jac, matrix, pivot, ends, work
+        )  # fmt: skip
+        fresh = False
+        proposed = rodas.next_step(used, error)
+        if error <= 1.0:
+            end = duration if last else t + used
+            while sample < len(out) and (sample + 1) * period <= end + 1e-9 * period:
+                share = ((sample + 1) * period - t) / used
+                rodas.inside(y, ends[1], k, min(share, 1.0), out[sample])
+                sample += 1
+            t = end
+            y[:] = ends[1]
+            hysteresis.remember(y[IS], memory, p[REACH])
+            fresh = True
+            h = max(h, proposed) if last else proposed
+        else:
+            h = proposed
+    return h, t, count
+
+
+@njit(cache=True)
+def advance(
+    y: FloatArray, memory: FloatArray, p: FloatArray, u: FloatArray, duration: float, step: float,
+    rtol: float,
+) -> tuple[float, float, int]:  # fmt: skip
+    """Integrate over one interval; see `span`."""
+    return span(y, memory, p, u, duration, step, rtol, np.empty((1, STATES)))
+
+
+@njit(cache=True)
+def simulate(
+    y: FloatArray, memory: FloatArray, p: FloatArray, wanted: FloatArray, period: float,
+    rtol: float, out: FloatArray,
+) -> int:  # fmt: skip
+    """Simulate the closed loop over a record; return how many samples it reached.
+
+    Parameters
+    ----------
+    y, memory : (13,), (PLAYS,) arrays
+        State at the first sample, written in place.
+    p : (COUNT,) array
+        Numbers.
+    wanted : (N,) array
+        Desired position, held from each sample to the next [m].
+    period, rtol : float
+        Sampling time [s] and allowed relative error of a step [1].
+    out : (N, 13) array
+        Overwritten with the state at every sample; NaN from where the integration failed.
+    """
+    count = len(wanted)
+    u = np.zeros(CONTROLS)
+    u[FED_BACK] = np.nan
+    out[0] = y
+    h, first = FIRST_STEP, 0
+    while first < count - 1:
+        last = first + 1
+        while last < count - 1 and wanted[last] == wanted[first]:
+            last += 1
+        u[WANTED] = wanted[first]
+        h, reached, _ = span(
+            y, memory, p, u, period, min(h, period), rtol, out[first + 1 : last + 1]
+        )
+        if reached < (last - first) * period * (1.0 - 1e-9):
+            out[first + 1 :] = np.nan
+            return first + 1
+        first = last
+    return count
+
+
+@njit(cache=True)
+def rest(position: float, p: FloatArray, y: FloatArray, memory: FloatArray) -> bool:
+    """Write the state at rest about a position of the piston [m]; False if it does not settle.
+
+    The loops are left to settle there; `memory` (PLAYS,) is what the motor remembers before, and
+    is written in place.
+    """
+    y[:] = 0.0
+    ratio = p[AREA_2] / (p[AREA_1] + p[AREA_2])
+    y[XP] = position
+    y[TH] = np.arcsin(min(max(position / p[ARM], -1.0), 1.0))
+    y[PLS], y[PLR] = p[PS], p[PR]
+    y[P1], y[P2] = p[PR] + ratio * (p[PS] - p[PR]), p[PS] - ratio * (p[PS] - p[PR])
+    u = np.zeros(CONTROLS)
+    u[FED_BACK] = np.nan
+    u[WANTED] = position
+    _, done, _ = advance(y, memory, p, u, _SETTLE_S, FIRST_STEP, _SETTLE_RTOL)
+    return bool(done >= _SETTLE_S)

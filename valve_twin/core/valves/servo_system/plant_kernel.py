@@ -1,0 +1,172 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Compiled run of the simulated servosystem from sample to sample, and what its sensors give."""
+
+from __future__ import annotations
+
+from math import cos, log, nan, pi, sin, sqrt
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from valve_twin.core.physics.hysteresis import PLAYS
+from valve_twin.core.valves.servo_system.dynamics import (
+    CONTROLS,
+    FED_BACK,
+    HELD,
+    IS,
+    LEAK,
+    OM,
+    P1,
+    P2,
+    PLR,
+    PLS,
+    STATES,
+    TH,
+    VV,
+    WANTED,
+    XP,
+    XV,
+)
+from valve_twin.core.valves.servo_system.integrate import FIRST_STEP, advance
+from valve_twin.core.valves.servo_system.numbers import AREA_1, ARM, PR, PS, STROKE
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import FloatArray
+
+INPUTS = (
+    "desired_position",
+    "current",
+    "valve_position",
+    "supply_line_pressure",
+    "pressure_1",
+    "pressure_2",
+    "return_line_pressure",
+    "load_position",
+    "load_speed",
+)
+"""Signals besides the piston's position, in parts of their full scales."""
+
+POSITION, FIRST = 0, 1
+MEMORY = FIRST + STATES
+STEP, TIME, READ, FAILED, SAMPLES = range(MEMORY + PLAYS, MEMORY + PLAYS + 5)
+STATE_SIZE = MEMORY + PLAYS + 5
+"""Position [1], the 13 states, the motor's memory [A], next step [s], time [s], position that the
+controller has read [m], whether the integration failed, samples so far."""
+
+
+class Sensors(NamedTuple):
+    """Full scales of the sensors, their noise and steps in parts of them."""
+
+    current: float
+    valve: float
+    pressure: float
+    return_pressure: float
+    speed: float
+    noise: float
+    quantum: float
+    seed: int
+
+
+@njit(cache=True)
+def _uniform(seed: int, index: int) -> float:
+    """Return a number in (0, 1) that depends on seed and index only (splitmix64)."""
+    z = np.uint64(seed) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(index)
+    z = (z + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
+    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    z = z ^ (z >> np.uint64(31))
+    return (float(z >> np.uint64(11)) + 0.5) / 9007199254740992.0
+
+
+@njit(cache=True)
+def _normal(seed: int, index: int) -> float:
+    """Return a normal number that depends on seed and index only."""
+    first, second = _uniform(seed, 2 * index), _uniform(seed, 2 * index + 1)
+    return sqrt(-2.0 * log(first)) * cos(2.0 * pi * second)
+
+
+@njit(cache=True)
+def scaled(y: FloatArray, p: FloatArray, s: Sensors, out: FloatArray) -> None:
+    """Write what ideal sensors give of a state (13,): `INPUTS` but the desired position, (8,)."""
+    sine, cosine = sin(y[TH]), cos(y[TH])
+    out[0] = y[IS] / s.current
+    out[1] = y[XV] / s.valve
+    out[2] = y[PLS] / s.pressure
+    out[3] = y[P1] / s.pressure
+    out[4] = y[P2] / s.pressure
+    out[5] = y[PLR] / s.return_pressure
+    out[6] = p[ARM] * sine / p[STROKE] + 0.5
+    out[7] = p[ARM] * y[OM] * cosine / s.speed
+
+
+@njit(cache=True)
+def _read(state: FloatArray, p: FloatArray, s: Sensors, out: FloatArray) -> None:
+    """Write what the sensors give now, (8,), with noise and steps."""
+    scaled(state[FIRST:MEMORY], p, s, out)
+    index = int(state[SAMPLES]) * len(out)
+    for j in range(len(out)):
+        if s.noise > 0.0:
+            out[j] += s.noise * _normal(s.seed, index + j)
+        if s.quantum > 0.0:
+            out[j] = s.quantum * np.round(out[j] / s.quantum)
+
+
+@njit(cache=True)
+def run_plant(
+    state: FloatArray, p: FloatArray, sensors: Sensors, rtol: float, period: float,
+    wanted: FloatArray, disturbance: FloatArray, leak_rate: float, stuck: bool, frozen: bool,
+    position: FloatArray, inputs: FloatArray,
+) -> None:  # fmt: skip
+    """Run N samples; `state`, `position` (N,) and `inputs` (N, 9) are written.
+
+    Parameters
+    ----------
+    state : (STATE_SIZE,) array
+        See `STATE_SIZE`.
+    p : (COUNT,) array
+        Numbers.
+    sensors : Sensors
+        What the sensors make of the state.
+    rtol, period : float
+        Allowed relative error of a step [1], sampling time [s].
+    wanted : (N,) array
+        Desired position [1].
+    disturbance : (N,) array
+        Displacement that process noise adds over each sample to piston and load [1].
+    leak_rate : float
+        Leak from chamber 1 to return: stroke a second at the whole pressure drop [1/s].
+    stuck, frozen : bool
+        The valve pipe does not move; the controller keeps the position it has read.
+    position, inputs : (N,), (N, 9) arrays
+        Position of the piston; desired position and sensors [1].
+    """
+    y, memory = state[FIRST:MEMORY], state[MEMORY:STEP]
+    u = np.zeros(CONTROLS)
+    u[HELD] = 1.0 if stuck else 0.0
+    u[LEAK] = leak_rate * p[STROKE] * p[AREA_1] / sqrt(p[PS] - p[PR])
+    stroke = p[STROKE]
+    for n in range(len(position)):
+        position[n], inputs[n, 0] = nan, wanted[n]
+        inputs[n, 1:] = nan
+        if state[FAILED] > 0.0:
+            continue
+        position[n] = state[POSITION]
+        _read(state, p, sensors, inputs[n, 1:])
+        if not frozen:
+            state[READ] = y[XP]
+        u[FED_BACK] = state[READ] if frozen else nan
+        u[WANTED] = (wanted[n] - 0.5) * stroke
+        if stuck:
+            y[VV] = 0.0
+        h, reached, _ = advance(y, memory, p, u, period, max(state[STEP], FIRST_STEP), rtol)
+        state[STEP] = h
+        state[TIME] += reached
+        state[SAMPLES] += 1.0
+        if reached < period * (1.0 - 1e-9) or not np.isfinite(y).all():
+            state[FAILED] = 1.0
+            continue
+        y[XP] += disturbance[n] * stroke
+        y[TH] += disturbance[n] * stroke / p[ARM]
+        state[POSITION] = y[XP] / stroke + 0.5
