@@ -316,8 +316,9 @@ def _leave(code: int, held: list[Any]) -> int:
     Peers keep a participant that goes without a word until its lease ends, 20 s later, and a
     lossless publisher waits for it; so node and executor are destroyed, in `held` the last
     references to them. Should that hang, as destructors of the middleware may, a timer ends the
-    process.
+    process. What weak references of libraries complain of while all goes tells nobody anything.
     """
+    sys.unraisablehook = _say_nothing
     end = threading.Timer(FAREWELL_S, os._exit, (code,))
     end.daemon = True
     end.start()
@@ -329,6 +330,10 @@ def _leave(code: int, held: list[Any]) -> int:
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)
+
+
+def _say_nothing(_: object) -> None:
+    pass
 
 
 def _destroy(held: list[Any]) -> None:

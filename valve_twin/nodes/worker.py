@@ -31,6 +31,9 @@ Deliver = Callable[["Outcome"], None]
 ATTEMPTS = 3
 """How often a job is tried that takes its process down."""
 
+START_S = 1.0
+"""How long the end of a node waits for a process that is just being started [s]."""
+
 NICENESS = 5
 """Priority below the data path's, so that an estimation does not delay a prediction."""
 
@@ -86,7 +89,7 @@ class WorkerProcess:
         self._begun.set()
         if self._process is not None:
             self._process.kill()
-        self._thread.join(timeout=0.5)
+        self._thread.join(timeout=START_S)
 
     def _serve(self) -> None:
         self._begun.wait()
@@ -124,10 +127,13 @@ class WorkerProcess:
         """Start a fresh interpreter: forking a process that holds DDS threads is not safe."""
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        self._process = context.Process(target=_child, args=(theirs, self._warm_up), daemon=True)
-        self._process.start()
+        process = context.Process(target=_child, args=(theirs, self._warm_up), daemon=True)
+        process.start()
+        self._process = process  # only now can it be killed
         theirs.close()
         self.restarts += 1
+        if self._closing:
+            process.kill()
 
 
 def _child(pipe: Connection, warm_up: Work | None) -> None:
