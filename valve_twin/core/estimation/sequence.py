@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.estimation.plausibility import input_fault
 from valve_twin.core.estimation.scatter import scatter_between_cycles
 from valve_twin.core.prediction import restart_marks, run_model
 from valve_twin.core.types import (
@@ -162,8 +163,9 @@ def estimate_cycle(
         nothing = (_nothing(model, cycle),)
         return nothing, memory.after(nothing)
     results = model.estimate(cycle, options, memory.estimates)
-    if not cycle.accepted:
-        results = tuple(_refused(e, cycle.reason) for e in results)
+    refusal = input_fault(model, cycle, options) if cycle.accepted else cycle.reason
+    if refusal or not cycle.accepted:
+        results = tuple(_refused(e, refusal) for e in results)
     judges = getattr(model, "judges", None)
     if judges is not None and not judges(options):
         return results, memory

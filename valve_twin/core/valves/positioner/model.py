@@ -9,6 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.estimation.plausibility import (
+    LARGEST,
+    follow_fault,
+    known_rows,
+    same_fault,
+    unit_fault,
+)
 from valve_twin.core.valves.interface import number
 from valve_twin.core.valves.positioner.fit import (
     FASTEST_RATE,
@@ -81,6 +88,35 @@ class PositionerModel:
             prepared.record, solution, limits, int(number(options, "interval_blocks"))
         )
         return (accepted(self.name, cycle, prepared, solution, limits, errors),)
+
+    def input_fault(self, cycle: Cycle, options: Options) -> str:
+        """Return why the signals cannot be those of a positioner, empty where they can.
+
+        Parameters
+        ----------
+        cycle : Cycle
+            At least one sample.
+        options : mapping
+            The model's options, complete.
+        """
+        known = known_rows(cycle.frames)
+        if len(known) == 0:
+            return ""
+        names = (self.output, *self.inputs)
+        position, command = known.position, known.inputs[:, 0]
+        spare = LARGEST - 1.0
+        lower = min(number(options, "lower_stop"), 0.0) - spare
+        upper = max(number(options, "upper_stop"), 1.0) + spare
+        faults = [
+            unit_fault(name, values, lower, upper)
+            for name, values in zip(names, (position, command), strict=True)
+        ]
+        faults.append(same_fault(names, (position, command)))
+        max_lag = max(1, round(number(options, "max_delay_s") / cycle.period_s))
+        faults.append(
+            follow_fault(names, position, command, period_s=cycle.period_s, max_lag=max_lag)
+        )
+        return next((fault for fault in faults if fault), "")
 
     def merge(self, estimates: Sequence[Estimate]) -> Mapping[str, float]:
         """Return what several cycles together know: the newest value of every parameter.

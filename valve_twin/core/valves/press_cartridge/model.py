@@ -25,6 +25,14 @@ from valve_twin.core.estimation.lag import LagScan, scan_lag
 from valve_twin.core.estimation.masks import MaskOptions, Masks, find_masks
 from valve_twin.core.estimation.noise import rest_noise
 from valve_twin.core.estimation.output_error import fit_output_error
+from valve_twin.core.estimation.plausibility import (
+    LARGEST,
+    drive_fault,
+    known_rows,
+    same_fault,
+    still_fault,
+    unit_fault,
+)
 from valve_twin.core.types import (
     ByteArray,
     Cycle,
@@ -204,6 +212,34 @@ class PressCartridgeModel:
     def judges(self, options: Options) -> bool:
         """Tell whether estimates are judged by the cycles before: not without the output error."""
         return bool(options["output_error"])
+
+    def input_fault(self, cycle: Cycle, options: Options) -> str:
+        """Return why the signals cannot be those of a press valve, empty where they can.
+
+        Parameters
+        ----------
+        cycle : Cycle
+            At least one sample.
+        options : mapping
+            The model's options, complete.
+        """
+        known = known_rows(cycle.frames)
+        if len(known) == 0:
+            return ""
+        seats = number(options, "lower_seat"), number(options, "upper_seat")
+        names, columns = (self.output, *self.inputs), (known.position, *known.inputs.T)
+        faults = [
+            unit_fault(name, u, LARGEST - 2.0, LARGEST)
+            for name, u in zip(self.inputs, columns[1:], strict=True)
+        ]
+        reach = (LARGEST - 1.0) * (seats[1] - seats[0])
+        faults.append(unit_fault(self.output, known.position, seats[0] - reach, seats[1] + reach))
+        faults.append(same_fault(names, columns) or still_fault(self.inputs, columns[1:]))
+        max_lag = int(number(options, "max_lag"))
+        faults.append(
+            drive_fault(names, known.position, known.inputs, seats=seats, max_lag=max_lag)
+        )
+        return next((fault for fault in faults if fault), "")
 
     def coefficients(
         self, values: Mapping[str, float], lag: int, period_s: float, options: Options

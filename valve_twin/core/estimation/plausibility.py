@@ -1,0 +1,292 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Recognise signals that are not what the configuration says, before anything is fitted to them.
+
+A fit to exchanged commands, an inverted position or percent gives numbers, often with small
+errors. Each check looks for one mistake whose effect no working valve shows, and answers with one
+line that names it and what to write; an empty line means that nothing speaks against the signals.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from valve_twin.core.types import Cycle, FloatArray, Frames, IntArray
+    from valve_twin.core.valves.interface import Options, ValveModel
+
+PERIOD_TOLERANCE = 0.1
+"""Relative difference between the samples' distance and period_s that is refused [A]."""
+
+LARGEST = 1.5
+"""A signal that is 0..1 does not go beyond this, overshoot and offset included [1] [A]."""
+
+_FEWEST_STEPS = 20  # between samples, to tell their distance
+_FEWEST_BEYOND = 3  # samples: fewer are outliers, not a unit
+_GAP = 1.5  # median steps; a longer one is a gap
+_SURE = 6.0  # standard errors by which a direction is told
+_EXPLAINED = 0.2  # least share of the motion that the commands explain, to tell its direction
+_AT_SEAT = 0.05  # distance from a seat that counts as resting there [1]
+_AGAINST = -0.5  # correlation below which a position runs against its command at every delay
+_LEADS = 0.6  # least correlation at which a position can be said to come before its command
+_MOST_LAGS = 64  # tried, evenly up to the longest
+_LEADS_BY = 0.5  # what is unexplained with the position first, over that with the command first
+
+
+def input_fault(model: ValveModel, cycle: Cycle, options: Options) -> str:
+    """Return in one line why a cycle's signals cannot be what is configured; empty = plausible.
+
+    Parameters
+    ----------
+    model : ValveModel
+        Its own `input_fault(cycle, options)` is asked, where it has one.
+    cycle : Cycle
+        At least one sample.
+    options : mapping
+        The model's options, complete.
+    """
+    fault = sampling_fault(cycle.frames.stamp_ns, cycle.period_s)
+    own = getattr(model, "input_fault", None)
+    return fault if fault or own is None else str(own(cycle, options))
+
+
+def sampling_fault(stamp_ns: IntArray, period_s: float) -> str:
+    """Compare the distance of samples with the configured one.
+
+    Both the median step and the mean step without gaps must disagree: lost samples and messages
+    that come in bunches are no wrong sampling time.
+
+    Parameters
+    ----------
+    stamp_ns : (N,) int64 array
+        Stamps [ns].
+    period_s : float
+        Configured sampling time [s].
+    """
+    if len(stamp_ns) <= _FEWEST_STEPS:
+        return ""
+    steps = np.diff(stamp_ns) * 1e-9
+    median = float(np.median(steps))
+    mean = float(steps[steps <= _GAP * median].mean()) if median > 0.0 else median
+    lower, upper = period_s * (1.0 - PERIOD_TOLERANCE), period_s * (1.0 + PERIOD_TOLERANCE)
+    if not (max(median, mean) < lower or min(median, mean) > upper):
+        return ""
+    return (
+        f"samples of the position are {median:.4g} s apart, period_s is {period_s:.4g}: "
+        "correct period_s, or the stamps"
+    )
+
+
+def unit_fault(signal: str, values: FloatArray, lower: float, upper: float) -> str:
+    """Name a signal that leaves the range that a normalised one can have.
+
+    Parameters
+    ----------
+    signal : str
+        Its name.
+    values : (N,) array
+        Its finite values [1].
+    lower, upper : float
+        The range [1].
+    """
+    beyond = (values < lower) | (values > upper)
+    if np.count_nonzero(beyond) < _FEWEST_BEYOND:
+        return ""
+    hint = "a negative one where it is inverted" if values.mean() < 0.0 else "0.01 for percent"
+    return (
+        f"{signal} runs from {values.min():.4g} to {values.max():.4g}, it is to be 0 to 1: "
+        f"correct signals.{signal}.scale ({hint}) and .offset"
+    )
+
+
+def same_fault(names: Sequence[str], columns: Sequence[FloatArray]) -> str:
+    """Name two signals that move and are equal in every sample: one topic was mapped twice.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The signals.
+    columns : sequence of (N,) arrays
+        Their values [1].
+    """
+    for i, first in enumerate(columns):
+        for j in range(i):
+            if float(np.ptp(first)) > 0.0 and np.array_equal(first, columns[j]):
+                return (
+                    f"{names[j]} and {names[i]} carry the same values: correct "
+                    f"signals.{names[j]} or signals.{names[i]}"
+                )
+    return ""
+
+
+def still_fault(names: Sequence[str], commands: Sequence[FloatArray]) -> str:
+    """Name commands that all stay where they are, other than off.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The commands.
+    commands : sequence of (N,) arrays
+        Their values [1].
+    """
+    if any(float(np.ptp(u)) > 0.0 for u in commands) or not any(u[0] for u in commands):
+        return ""
+    where = " and ".join(f"{n} at {u[0]:.4g}" for n, u in zip(names, commands, strict=True))
+    topics = " and ".join(f"signals.{n}.topic" for n in names)
+    return f"nothing is commanded, {where} all the time: correct {topics}"
+
+
+def known_rows(frames: Frames) -> Frames:
+    """Return only the samples whose position and commands are valid and finite."""
+    known = frames.valid & np.isfinite(frames.position) & np.isfinite(frames.inputs).all(axis=1)
+    if known.all():
+        return frames
+    return type(frames)(
+        frames.stamp_ns[known],
+        frames.position[known],
+        frames.inputs[known],
+        frames.counter[known],
+        frames.reference[known],
+        frames.valid[known],
+    )
+
+
+def drive_fault(
+    names: Sequence[str],
+    position: FloatArray,
+    inputs: FloatArray,
+    *,
+    seats: tuple[float, float],
+    max_lag: int,
+) -> str:
+    """Tell whether a position falls with the command that is to raise it, and the other way.
+
+    The increments of the position are explained by both commands, at the lag that explains them
+    best. A command that does not speak clearly says nothing.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The position, the command that raises it, the command that lowers it.
+    position : (N,) array
+        Position [1].
+    inputs : (N, 2) array
+        The command that raises it and the one that lowers it [1].
+    seats : tuple of float
+        Lower and upper seat [1].
+    max_lag : int
+        Longest lag tried [samples].
+    """
+    rising, falling = _driven_by(position, inputs, max_lag)
+    wrong = [rising < -_SURE, falling > _SURE]
+    if not any(wrong) or rising > _SURE or falling < -_SURE:
+        return ""
+    what = [f"falls while {names[1]} is on", f"rises while {names[2]} is on"]
+    seen = " and ".join(text for text, is_so in zip(what, wrong, strict=True) if is_so)
+    exchanged = (
+        f"exchange signals.{names[1]} and signals.{names[2]} (or the record runs backwards)"
+    )
+    inverted = (
+        f"the position is inverted: turn the sign of signals.{names[0]}.scale and correct .offset"
+    )
+    low, high = (float(q) for q in np.quantile(position, (0.01, 0.99)))
+    at_lower = abs(low - seats[0]) < _AT_SEAT
+    at_upper = abs(high - seats[1]) < _AT_SEAT
+    if at_lower != at_upper:
+        return f"{names[0]} {seen}: {exchanged if at_lower else inverted}"
+    if high < seats[0] + _AT_SEAT:
+        return f"{names[0]} {seen}: {inverted}"
+    return f"{names[0]} {seen}: {exchanged}, or {inverted}"
+
+
+def _driven_by(position: FloatArray, inputs: FloatArray, max_lag: int) -> tuple[float, float]:
+    """Return t of both commands' effects on the increments, at the lag that explains most.
+
+    One lag at which both act as they should is enough: no lag shows that of a wrong mapping.
+    """
+    dy = np.diff(position)
+    best, found = _EXPLAINED, (0.0, 0.0)
+    for lag in range(max_lag + 1):
+        if len(dy) - lag < _FEWEST_STEPS:
+            break
+        explained, t = _effects(inputs[: len(dy) - lag], dy[lag:])
+        if explained > best:
+            best, found = explained, t
+        if explained > _EXPLAINED and t[0] > _SURE and t[1] < -_SURE:
+            return t
+    return found
+
+
+def _effects(inputs: FloatArray, increments: FloatArray) -> tuple[float, tuple[float, float]]:
+    """Return the share of the increments that two commands explain, and t of their effects."""
+    total = float(increments @ increments)
+    (a, c), (_, b) = (inputs.T @ inputs).tolist()
+    p, q = (inputs.T @ increments).tolist()
+    if not (total > 0.0 and a + b > 0.0):
+        return 0.0, (0.0, 0.0)
+    if a * b - c * c <= 1e-9 * (a + b) ** 2:  # one of them never acts, or both act alike
+        first, second = (p / a, 0.0) if a >= b else (0.0, q / b)
+        errors = (1.0 / a, 0.0) if a >= b else (0.0, 1.0 / b)
+    else:
+        d = a * b - c * c
+        first, second = (b * p - c * q) / d, (a * q - c * p) / d
+        errors = (b / d, a / d)
+    rest = max(total - first * p - second * q, 0.0)
+    noise = max(rest, np.finfo(float).eps * total) / (len(increments) - 2)
+    t = tuple(
+        effect / (e * noise) ** 0.5 if e > 0.0 else 0.0
+        for effect, e in zip((first, second), errors, strict=True)
+    )
+    return 1.0 - rest / total, (t[0], t[1])
+
+
+def follow_fault(
+    names: Sequence[str],
+    position: FloatArray,
+    command: FloatArray,
+    *,
+    period_s: float,
+    max_lag: int,
+) -> str:
+    """Tell whether a position runs against its command, or comes before it.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The position and the command.
+    position, command : (N,) arrays
+        Position and command [1], without gaps.
+    period_s : float
+        Sampling time [s].
+    max_lag : int
+        Longest delay tried [samples].
+    """
+    reach = min(max_lag, len(position) // 8)
+    lags = np.unique(np.linspace(0, reach, min(reach, _MOST_LAGS) + 1).astype(np.int64)).tolist()
+    after = [_correlation(command, position, lag) for lag in lags]
+    before = [_correlation(position, command, lag) for lag in lags]
+    follows, leads = max(after), max(before)
+    if follows < _AGAINST:
+        return (
+            f"{names[0]} falls as {names[1]} rises (correlation {min(after):.2f}): one of them is "
+            f"inverted: turn the sign of signals.{names[0]}.scale and correct .offset"
+        )
+    lag = lags[before.index(leads)]
+    if lag > 1 and leads > _LEADS and 1.0 - leads < _LEADS_BY * (1.0 - follows):
+        return (
+            f"{names[0]} moves {lag * period_s:.3g} s before {names[1]}: exchange "
+            f"signals.{names[0]} and signals.{names[1]}, or the record runs backwards"
+        )
+    return ""
+
+
+def _correlation(first: FloatArray, second: FloatArray, lag: int) -> float:
+    """Return the correlation of second[n] with first[n - lag]; 0 where one of them rests."""
+    a, b = first[: len(first) - lag], second[lag:]
+    a, b = a - a.mean(), b - b.mean()
+    scale = float(np.sqrt((a @ a) * (b @ b)))
+    return float(a @ b) / scale if scale > 0.0 else 0.0
