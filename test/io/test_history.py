@@ -25,9 +25,11 @@ import sqlalchemy as sa
 
 from valve_twin.core.types import (
     Cycle,
+    Disagreement,
     Estimate,
     EstimateStatus,
     Frames,
+    Guard,
     Maintenance,
     MaskCounts,
     ParameterStatus,
@@ -80,6 +82,15 @@ def estimate(number: int, estimator: str = "output_error", **changes: object) ->
         missed_cycles=-1,
         used_by_trend=estimator == "output_error",
         reproducible=number % 2 == 0,
+        trend_reason="output_error always feeds the trend" if number % 3 else "",
+        disagreements=(
+            Disagreement("kalman", "K_in", -1.5e-5 / 7, 1.0 / 3),
+            Disagreement("kalman", "leak", 0.0, np.nan),
+        )[: number % 3],
+        guards=(
+            Guard("identifiability", True, 0.1 / 3, 0.5, "largest error 3.3 %"),
+            Guard("condition number", False, np.inf, 1e6, "not finite: \u221e"),
+        )[: number % 3],
     )
     return dataclasses.replace(base, **changes)  # type: ignore[arg-type]
 

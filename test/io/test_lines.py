@@ -12,8 +12,10 @@ import pytest
 
 from valve_twin.core.aging import AgingConfig, assess
 from valve_twin.core.types import (
+    Disagreement,
     Estimate,
     EstimateStatus,
+    Guard,
     MaskCounts,
     ParameterStatus,
     ParameterValue,
@@ -54,6 +56,9 @@ def estimate(cycle: int, value: float = 0.01) -> Estimate:
         lag=2,
         counts=MaskCounts(used=300, seat=5, stuck=4, stale=3),
         used_by_trend=True,
+        trend_reason="output_error always feeds the trend",
+        disagreements=(Disagreement("kalman", "K_in", -1e-5, math.nan),),
+        guards=(Guard("condition number", False, math.inf, 1e6, "not finite"),),
     )
 
 
@@ -99,6 +104,8 @@ def test_what_is_not_known_is_null_and_what_is_unbounded_is_a_word(lines):
     assert first["values"] == [0.01 + 1e-5 * 2, None]
     assert first["condition_number"] == "Infinity"
     assert first["mse_test"] is None
+    assert (first["disagreement"], first["disagreement_errors"]) == ([-1e-5], [None])
+    assert (first["guard_passed"], first["guard_values"]) == ([False], ["Infinity"])
     assert (first["names"], first["units"]) == (["K_in", "leak"], ["1", "1/s"])
     masked = [first[f"samples_{k}"] for k in ("used", "masked_seat", "masked_stuck")]
     assert masked == [300, 5, 4]

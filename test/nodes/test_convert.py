@@ -9,8 +9,17 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from valve_twin_msgs.msg import PredictionSeries
 
-from valve_twin.core.types import Prediction
-from valve_twin.nodes.convert import series_bytes
+from valve_twin.core.types import (
+    Disagreement,
+    Estimate,
+    EstimateStatus,
+    Guard,
+    MaskCounts,
+    ParameterStatus,
+    ParameterValue,
+    Prediction,
+)
+from valve_twin.nodes.convert import estimate_message, estimate_value, series_bytes
 
 PERIOD_S = 0.01
 
@@ -42,3 +51,35 @@ def test_a_gap_parts_a_series():
     prediction = Prediction(1, stamps, column, nothing, nothing, nothing, np.nan, validity)
     found = [deserialize_message(d, PredictionSeries) for d in series_bytes(prediction, PERIOD_S)]
     assert [list(m.measured) for m in found] == [[0.0, 1.0], [2.0, 3.0, 4.0]]
+
+
+def test_an_estimate_comes_back_from_its_message_whole():
+    estimate = Estimate(
+        model="press_cartridge",
+        estimator="output_error",
+        cycle=7,
+        start_ns=3_000_000_001,
+        end_ns=9_000_000_002,
+        parameters=(
+            ParameterValue("K_in", 0.01, ParameterStatus.OK, "", 1e-4, 0.0098, 0.0102),
+            ParameterValue("leak", 0.0, ParameterStatus.AT_BOUND, "rests on its bound 0"),
+        ),
+        status=EstimateStatus.PARTIAL,
+        reason="at bound: leak",
+        mse_test=1e-6,
+        mse_train=2e-6,
+        fit_test=97.0,
+        fit_train=98.0,
+        condition_number=float("inf"),
+        lag=2,
+        noise_sigma=1e-3,
+        counts=MaskCounts(800, 30, 20, 10),
+        missed_cycles=0,
+        used_by_trend=True,
+        trend_reason="output_error always feeds the trend",
+        disagreements=(Disagreement("kalman", "K_in", 1e-5, 0.1),),
+        guards=(Guard("bound", False, 1.0, 0.0, "leak rests on its bound"),),
+    )
+    message = estimate_message("/v", estimate, {"leak": "1/s"}, stored=True)
+    back = estimate_value(deserialize_message(serialize_message(message), type(message)))
+    assert repr(back) == repr(estimate)  # unlike ==, NaN is NaN

@@ -13,7 +13,13 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from valve_twin.core.types import EstimateStatus, ParameterStatus, ParameterValue
+from valve_twin.core.types import (
+    Disagreement,
+    EstimateStatus,
+    Guard,
+    ParameterStatus,
+    ParameterValue,
+)
 from valve_twin.io.errors import ValveTwinError
 from valve_twin.report import ReportData, render_report, write_report
 
@@ -346,3 +352,25 @@ class TestWriting:
             ValveTwinError, match=r"nowhere/r.html: the report cannot be written: No such file"
         ):
             write_report(data, tmp_path / "nowhere" / "r.html")
+
+
+def test_estimators_are_held_against_each_other(data: ReportData) -> None:
+    *before, last = data.estimates
+    judged = dataclasses.replace(
+        last,
+        trend_reason="output_error always feeds the trend; scatter: <1 %",
+        disagreements=(
+            Disagreement("kalman", "K_in", 1e-5, 0.34),
+            Disagreement("kalman", "K_out", -1e-3, -2.41),
+            Disagreement("kalman", "pole", 0.1, np.nan),
+        ),
+        guards=(
+            Guard("noise at rest", True, 1e-3, 0.01, "1.0e-3"),
+            Guard("structure: level of v_in", False, 0.2, 0.1, "K_in is 20 % larger below 0.4"),
+        ),
+    )
+    text = Structure(render_report(dataclasses.replace(data, estimates=(*before, judged)))).text
+    assert "output_error always feeds the trend; scatter: <1 %" in text
+    assert "kalman: K_in +0.3, K_out \N{MINUS SIGN}2.4" in text
+    assert "structure: level of v_in K_in is 20 % larger below 0.4 1 passed" in text
+    assert "Disagreement" not in Structure(render_report(data)).text

@@ -239,6 +239,52 @@ class MaskCounts:
 
 
 @dataclass(frozen=True, slots=True)
+class Guard:
+    """One check of an estimate: a value with a reason, whether it passed or not.
+
+    Attributes
+    ----------
+    name : str
+        What is checked, such as "identifiability" or "structure: level of v_in".
+    passed : bool
+        Whether the estimate stands the check.
+    value, limit : float
+        What was found and what is allowed [unit by check]; NaN = could not be told, no limit.
+    reason : str
+        The finding in one line.
+    """
+
+    name: str
+    passed: bool
+    value: float
+    limit: float
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Disagreement:
+    """How far two estimators of the same cycle lie apart in one parameter.
+
+    Attributes
+    ----------
+    estimator : str
+        The other estimator.
+    parameter : str
+        Name of the parameter that both publish.
+    difference : float
+        This estimate's value minus the other's [unit of the parameter].
+    standard_errors : float
+        The same in standard errors of the difference as if the two were independent [1]; they
+        share the noise, so that beyond 2 is rare where both are right. NaN = not calibrated.
+    """
+
+    estimator: str
+    parameter: str
+    difference: float
+    standard_errors: float
+
+
+@dataclass(frozen=True, slots=True)
 class Estimate:
     """Parameters of one cycle by one estimator and what is known about them.
 
@@ -273,6 +319,12 @@ class Estimate:
         Whether this estimator feeds the trend.
     reproducible : bool
         All inputs had header stamps and none was lost: offline gives the same bits.
+    trend_reason : str
+        Which estimator feeds the trend and why, one line; empty where there is only one.
+    disagreements : tuple of Disagreement
+        Against the other estimators of the cycle.
+    guards : tuple of Guard
+        What was checked.
     """
 
     model: str
@@ -294,6 +346,9 @@ class Estimate:
     missed_cycles: int = 0
     used_by_trend: bool = False
     reproducible: bool = True
+    trend_reason: str = ""
+    disagreements: tuple[Disagreement, ...] = ()
+    guards: tuple[Guard, ...] = ()
 
     def value(self, name: str) -> float:
         """Return the value of a parameter, NaN where it is refused or unknown."""

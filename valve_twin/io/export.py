@@ -8,6 +8,7 @@ Files appear complete or not at all: they are written beside their place and ren
 from __future__ import annotations
 
 import csv
+import dataclasses
 import json
 import math
 import os
@@ -32,9 +33,11 @@ from valve_twin.io.history_tables import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
 
     from sqlalchemy.engine import Connection
+
+    from valve_twin.core.types import Disagreement, Guard
 
 _PAGE = 1000
 """Rows copied at a time."""
@@ -233,7 +236,8 @@ def _write_json_lines(connection: Connection, path: Path) -> None:
 def _flat_estimate(row: Mapping[str, Any]) -> dict[str, Any]:
     estimate = row_estimate(row)
     masked = zip(("seat", "stuck", "stale", "bad"), json.loads(row["samples_masked"]), strict=True)
-    flat = {name: _finite(value) for name, value in row.items() if name != "samples_masked"}
+    packed = {"samples_masked", "findings"}
+    flat = {name: _finite(value) for name, value in row.items() if name not in packed}
     flat |= {f"samples_masked_{name}": count for name, count in masked}
     flat["status"] = EstimateStatus(row["status"]).name
     flat["parameters"] = [
@@ -248,7 +252,14 @@ def _flat_estimate(row: Mapping[str, Any]) -> dict[str, Any]:
         }
         for p in estimate.parameters
     ]
+    flat["trend_reason"] = estimate.trend_reason
+    flat["disagreements"] = _rows_of(estimate.disagreements)
+    flat["guards"] = _rows_of(estimate.guards)
     return flat
+
+
+def _rows_of(values: Sequence[Disagreement | Guard]) -> list[dict[str, object]]:
+    return [{k: _finite(v) for k, v in dataclasses.asdict(value).items()} for value in values]
 
 
 def _finite(value: object) -> object:

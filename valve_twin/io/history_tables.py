@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 import numpy as np
 from sqlalchemy import (
@@ -32,8 +32,10 @@ from sqlalchemy import (
 
 from valve_twin.core.types import (
     Cycle,
+    Disagreement,
     Estimate,
     EstimateStatus,
+    Guard,
     Maintenance,
     MaskCounts,
     ParameterStatus,
@@ -43,7 +45,7 @@ from valve_twin.core.types import (
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-SCHEMA_VERSION = "0002"
+SCHEMA_VERSION = "0003"
 """Revision of the schema of this code: the newest file in `migrations/versions`."""
 
 SCHEMA_TABLE = "valve_twin_schema"
@@ -107,6 +109,7 @@ ESTIMATE = Table(
     Column("missed_cycles", BigInteger, nullable=False),
     Column("used_by_trend", Boolean, nullable=False),
     Column("reproducible", Boolean, nullable=False),
+    Column("findings", Text, nullable=False, server_default=""),
     UniqueConstraint("valve_id", "cycle", "estimator", name="uq_estimate_cycle"),
     Index("ix_estimate_estimator", "valve_id", "estimator", "cycle"),
 )
@@ -120,6 +123,14 @@ MAINTENANCE = Table(
     Column("note", Text, nullable=False),
     Column("new_reference", Boolean, nullable=False),
 )
+
+
+class _Findings(TypedDict):
+    """The fields of an `Estimate` that stand in column `findings`."""
+
+    trend_reason: str
+    disagreements: tuple[Disagreement, ...]
+    guards: tuple[Guard, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,6 +233,7 @@ def estimate_row(valve_id: int, position: int, estimate: Estimate) -> dict[str, 
         "missed_cycles": int(estimate.missed_cycles),
         "used_by_trend": bool(estimate.used_by_trend),
         "reproducible": bool(estimate.reproducible),
+        "findings": _encode_findings(estimate),
     }
 
 
@@ -247,6 +259,7 @@ def row_estimate(row: Mapping[str, Any]) -> Estimate:
         missed_cycles=row["missed_cycles"],
         used_by_trend=bool(row["used_by_trend"]),
         reproducible=bool(row["reproducible"]),
+        **_decode_findings(row["findings"]),
     )
 
 
@@ -287,6 +300,42 @@ def _decode_parameters(text: str) -> tuple[ParameterValue, ...]:
         for name, status, reason, (v, *rest) in zip(
             data["names"], data["status"], data["reasons"], data["values"], strict=True
         )
+    )
+
+
+def _encode_findings(estimate: Estimate) -> str:
+    """Return what was checked and compared as text; nothing as the empty text."""
+    if not (estimate.trend_reason or estimate.disagreements or estimate.guards):
+        return ""
+    return _ENCODER.encode(
+        {
+            "trend": estimate.trend_reason,
+            "disagreements": [
+                [d.estimator, d.parameter, _to_json(d.difference), _to_json(d.standard_errors)]
+                for d in estimate.disagreements
+            ],
+            "guards": [
+                [g.name, g.passed, _to_json(g.value), _to_json(g.limit), g.reason]
+                for g in estimate.guards
+            ],
+        }
+    )
+
+
+def _decode_findings(text: str) -> _Findings:
+    if not text:
+        return _Findings(trend_reason="", disagreements=(), guards=())
+    data = json.loads(text)
+    return _Findings(
+        trend_reason=data["trend"],
+        disagreements=tuple(
+            Disagreement(other, name, _from_json(apart), _from_json(errors))
+            for other, name, apart, errors in data["disagreements"]
+        ),
+        guards=tuple(
+            Guard(name, passed, _from_json(value), _from_json(limit), reason)
+            for name, passed, value, limit, reason in data["guards"]
+        ),
     )
 
 

@@ -65,6 +65,16 @@ def estimate_fields(estimate: Estimate, valve: str) -> dict[str, Any]:
         "samples_masked_stale": estimate.counts.stale,
         "missed_cycles": estimate.missed_cycles,
         "used_by_trend": estimate.used_by_trend,
+        "trend_reason": estimate.trend_reason,
+        "disagreement_estimator": [d.estimator for d in estimate.disagreements],
+        "disagreement_parameter": [d.parameter for d in estimate.disagreements],
+        "disagreement": [_plain(d.difference) for d in estimate.disagreements],
+        "disagreement_errors": [_plain(d.standard_errors) for d in estimate.disagreements],
+        "guard_names": [g.name for g in estimate.guards],
+        "guard_passed": [g.passed for g in estimate.guards],
+        "guard_values": [_plain(g.value) for g in estimate.guards],
+        "guard_limits": [_plain(g.limit) for g in estimate.guards],
+        "guard_reasons": [g.reason for g in estimate.guards],
         "reproducible": estimate.reproducible,
     }
 

@@ -15,8 +15,10 @@ from valve_twin_msgs import msg
 
 from valve_twin.core.types import (
     Cycle,
+    Disagreement,
     Estimate,
     EstimateStatus,
+    Guard,
     Maintenance,
     MaskCounts,
     Parameter,
@@ -160,6 +162,16 @@ def estimate_message(
         samples_masked_stuck=estimate.counts.stuck,
         samples_masked_stale=estimate.counts.stale,
         used_by_trend=estimate.used_by_trend,
+        trend_reason=estimate.trend_reason,
+        disagreement_estimator=[d.estimator for d in estimate.disagreements],
+        disagreement_parameter=[d.parameter for d in estimate.disagreements],
+        disagreement=array("d", [d.difference for d in estimate.disagreements]),
+        disagreement_errors=array("d", [d.standard_errors for d in estimate.disagreements]),
+        guard_names=[g.name for g in estimate.guards],
+        guard_passed=[g.passed for g in estimate.guards],
+        guard_values=array("d", [g.value for g in estimate.guards]),
+        guard_limits=array("d", [g.limit for g in estimate.guards]),
+        guard_reasons=[g.reason for g in estimate.guards],
         reproducible=estimate.reproducible,
         stored=stored,
         wall_time=wall_s,
@@ -210,6 +222,28 @@ def estimate_value(message: msg.Estimate, missed_cycles: int = 0) -> Estimate:
         missed_cycles=missed_cycles,
         used_by_trend=bool(message.used_by_trend),
         reproducible=bool(message.reproducible),
+        trend_reason=message.trend_reason,
+        disagreements=tuple(
+            Disagreement(other, name, float(apart), float(errors))
+            for other, name, apart, errors in zip(
+                message.disagreement_estimator,
+                message.disagreement_parameter,
+                message.disagreement,
+                message.disagreement_errors,
+                strict=True,
+            )
+        ),
+        guards=tuple(
+            Guard(name, bool(passed), float(value), float(limit), reason)
+            for name, passed, value, limit, reason in zip(
+                message.guard_names,
+                message.guard_passed,
+                message.guard_values,
+                message.guard_limits,
+                message.guard_reasons,
+                strict=True,
+            )
+        ),
     )
 
 

@@ -141,7 +141,31 @@ def estimates_table(data: ReportData, last: Sequence[Estimate]) -> str:
     )
     rows.append(["Condition number", *(number(e.condition_number, 3) for e in last)])
     rows.append(["Lag<small>command to position, samples</small>", *(str(e.lag) for e in last)])
-    return table(head, rows)
+    if any(e.disagreements for e in last):
+        about = "own value minus that of the others, in standard errors of both"
+        rows.append([f"Disagreement<small>{about}</small>", *(_apart(e) for e in last)])
+    if any(e.guards for e in last):
+        rows.append(["Checks", *(_checks(e) for e in last)])
+    reason = next((e.trend_reason for e in last if e.trend_reason), "")
+    return table(head, rows, esc(reason))
+
+
+def _apart(e: Estimate) -> str:
+    """Return how far an estimate lies from each other one, one line an estimator."""
+    lines: dict[str, list[str]] = {}
+    for d in e.disagreements:
+        if math.isfinite(d.standard_errors):
+            apart = fixed(d.standard_errors, 1, sign=True)
+            lines.setdefault(d.estimator, []).append(f"{esc(d.parameter)} {apart}")
+    return "".join(f"<small>{esc(k)}: {', '.join(v)}</small>" for k, v in lines.items()) or NONE
+
+
+def _checks(e: Estimate) -> str:
+    """Return what did not pass, and how many checks did."""
+    failed = [g for g in e.guards if not g.passed]
+    passed = len(e.guards) - len(failed)
+    shown = [f"{esc(g.name)}<small>{esc(g.reason)}</small>" for g in failed]
+    return "".join([*shown, f"{passed} passed"]) if e.guards else NONE
 
 
 def _estimator_head(e: Estimate) -> str:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.estimation.comparison import compare_estimators
 from valve_twin.core.estimation.plausibility import input_fault
 from valve_twin.core.estimation.scatter import scatter_between_cycles
 from valve_twin.core.prediction import restart_marks, run_model
@@ -73,7 +74,7 @@ class Memory:
 
     def after(self, estimates: Iterable[Estimate]) -> Memory:
         """Return the memory with the estimates of one more cycle."""
-        newest = sorted(estimates, key=lambda e: e.estimator)
+        newest = sorted(map(_lean, estimates), key=lambda e: e.estimator)
         return Memory(_last_cycles((*self.estimates, *newest)))
 
 
@@ -85,7 +86,7 @@ def memory_from_history(estimates: Sequence[Estimate]) -> Memory:
     estimates : sequence of Estimate
         Estimates as stored, in any order; those of the last `MEMORY_CYCLES` cycles are enough.
     """
-    ordered = sorted(estimates, key=lambda e: (e.cycle, e.start_ns, e.estimator))
+    ordered = sorted(map(_lean, estimates), key=lambda e: (e.cycle, e.start_ns, e.estimator))
     return Memory(_last_cycles(tuple(ordered)))
 
 
@@ -138,8 +139,9 @@ def estimate_cycle(
     """Estimate one cycle and judge the result by the cycles before.
 
     Adds to each estimate its errors and fits as test data for the model before and as training
-    data for the new one, and the intervals from the scatter between cycles (NaN before there are
-    ten), unless the model `judges` nothing with these options. Never raises for bad data.
+    data for the new one, the intervals from the scatter between cycles (NaN before there are
+    ten), and how far the other estimators lie apart, unless the model `judges` nothing with these
+    options. Never raises for bad data.
 
     Parameters
     ----------
@@ -170,6 +172,13 @@ def estimate_cycle(
     if judges is not None and not judges(options):
         return results, memory
     done = tuple(_judged(model, options, cycle, memory, e) for e in results)
+    if len(done) > 1:
+        done = compare_estimators(
+            done,
+            memory.estimates,
+            trend_estimator=model.trend_estimator,
+            trended=[p.name for p in model.parameters if p.trend],
+        )
     return done, memory.after(done)
 
 
@@ -296,6 +305,13 @@ def _expected_sigma(estimates: tuple[Estimate, ...]) -> float:
 
 def _usable(before: tuple[Estimate, ...], estimate: Estimate) -> tuple[Estimate, ...]:
     return before if estimate.status is EstimateStatus.REFUSED else (*before, estimate)
+
+
+def _lean(estimate: Estimate) -> Estimate:
+    """Leave out what no later cycle asks for: a worker process is sent the memory."""
+    if not (estimate.trend_reason or estimate.disagreements or estimate.guards):
+        return estimate
+    return replace(estimate, trend_reason="", disagreements=(), guards=())
 
 
 def _last_cycles(estimates: tuple[Estimate, ...]) -> tuple[Estimate, ...]:

@@ -210,7 +210,7 @@ def test_without_the_output_error_only_what_is_listed_is_estimated_and_nothing_j
 def test_further_constraints_bind_the_equation_error():
     text = "theta_2 <= 0.005"
     options = complete_options(MODEL, {"constraints": [text]})
-    estimate = MODEL.estimate(make_cycle(Truth(), seed=7), options)[1]
+    estimate = MODEL.estimate(make_cycle(Truth(), seed=7), options)[-1]
     assert estimate.value("theta_2") == pytest.approx(0.005, abs=1e-12)
     limited = next(p for p in estimate.parameters if p.name == "theta_2")
     assert limited.status is ParameterStatus.AT_BOUND

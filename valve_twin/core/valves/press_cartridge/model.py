@@ -106,7 +106,7 @@ PARAMETERS = (
 OPTIONS = (
     Option(
         "estimators",
-        [output_error.ESTIMATOR, "equation_error_qp4"],
+        [output_error.ESTIMATOR, kalman.ESTIMATOR, "equation_error_qp4"],
         "estimators to run",
         choices=(output_error.ESTIMATOR, kalman.ESTIMATOR, *EQUATION_ERROR),
     ),
