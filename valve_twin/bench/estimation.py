@@ -10,10 +10,14 @@ import numpy as np
 
 from valve_twin.bench.measure import Ratio, Scale, median
 from valve_twin.core.estimation.constraints import physical_inequalities
+from valve_twin.core.estimation.free_run import OutputErrorOptions
+from valve_twin.core.estimation.kalman import fit_kalman
 from valve_twin.core.estimation.masks import find_masks
+from valve_twin.core.estimation.noise import rest_noise
 from valve_twin.core.estimation.qp import solve_qp
 from valve_twin.core.estimation.regression import design, gram, usable_rows
 from valve_twin.core.simulation import simulate_cycles, to_frames
+from valve_twin.core.types import EstimateStatus
 from valve_twin.core.valves.registry import get_simulation
 
 if TYPE_CHECKING:
@@ -22,6 +26,9 @@ if TYPE_CHECKING:
     from valve_twin.core.estimation.constraints import Inequalities
     from valve_twin.core.types import FloatArray
 
+CYCLE_SAMPLES = 850
+"""Samples of a production cycle of the reference experiment."""
+
 KKT_GOAL = 1e-12
 """Largest violation of the optimality conditions: an objective gap below 1e-12 [1]."""
 
@@ -29,6 +36,7 @@ KKT_GOAL = 1e-12
 def compare(scale: Scale) -> Iterator[Ratio]:
     """Yield the comparisons of this area."""
     yield _constrained_solve(scale.repeats)
+    yield from _whitened(scale.repeats)
 
 
 def _constrained_solve(repeats: int) -> Ratio:
@@ -57,6 +65,37 @@ def _constrained_solve(repeats: int) -> Ratio:
         median(lambda: solve_in_cvxpy(*design(frames, rows, 2), inequalities), 2 * repeats),
         200.0,
     )
+
+
+def _whitened(repeats: int) -> Iterator[Ratio]:
+    """One Kalman-whitened estimate from the samples of a cycle against one solve by cvxpy.
+
+    It searches the noise ratio, and with the pole or for a given one; cvxpy is given both.
+    """
+    config = get_simulation("press_cartridge")
+    (block,) = simulate_cycles(config, 1, seed=1)
+    frames = to_frames(block)
+    assert len(frames) == CYCLE_SAMPLES
+    masks = find_masks(frames, config.period_s, push=(1.0, -1.0))
+    rows = usable_rows(frames, masks, 2)
+    inequalities = physical_inequalities(v_in_max=0.8, v_out_max=0.8)
+    peer = median(lambda: solve_in_cvxpy(*design(frames, rows, 2), inequalities), 2 * repeats)
+
+    def ours(pole: float) -> None:
+        masks = find_masks(frames, config.period_s, push=(1.0, -1.0))
+        sigma = rest_noise(frames, masks, active_command=0.01).sigma
+        options = OutputErrorOptions(lag=2, pole=pole)
+        fit = fit_kalman(frames, masks, config.period_s, noise_sigma=sigma, options=options)
+        assert fit.status is not EstimateStatus.REFUSED
+
+    for name, pole, goal in (("given pole", 0.0, 1 / 5), ("pole search", -1.0, 1 / 15)):
+        yield Ratio(
+            f"Kalman-whitened estimate of one cycle, {name}",
+            "cvxpy rebuilt, one solve",
+            median(lambda: ours(pole), 4 * repeats),  # noqa: B023  called before the next pole
+            peer,
+            goal,
+        )
 
 
 def solve_in_cvxpy(u: FloatArray, y: FloatArray, limits: Inequalities) -> FloatArray:
