@@ -16,7 +16,7 @@ from valve_twin.core.cycles import Announced
 from valve_twin.core.estimation.sequence import MEMORY_CYCLES, Memory, memory_from_history
 from valve_twin.core.gaps import GapCounter
 from valve_twin.core.twin import ClockJump, Estimated, Event, Job
-from valve_twin.core.types import Cycle, Estimate, Prediction
+from valve_twin.core.types import Cycle, Estimate, EstimateStatus, Prediction
 from valve_twin.core.valves.registry import complete_options, get_model
 from valve_twin.io.assembly import make_twin
 from valve_twin.nodes import convert
@@ -348,7 +348,8 @@ class LiveValve:
     def _judge(self, number: int, estimates: tuple[Estimate, ...]) -> None:
         """Count a cycle that gave nothing for the trend; several in a row are a fault."""
         faults, code = self._node.faults, "estimation.refused"
-        if any(e.used_by_trend for e in estimates):
+        good = [e for e in estimates if e.status is not EstimateStatus.REFUSED]
+        if any(e.used_by_trend for e in good):
             faults.passed(code, valve=self.name)
             return
         self.refused += 1
