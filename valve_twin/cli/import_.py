@@ -28,5 +28,7 @@ def _import(arguments: argparse.Namespace) -> int:
     config = chosen_config(arguments)
     with progress_of("importing", len(arguments.csv)) as advance:
         summary = import_csv(arguments.csv, config, arguments.out, on_file=advance)
+    for notice in summary.notices:
+        say(f"valve-twin: {notice}")
     say(f"{arguments.out}: {summary}")
     return OK

@@ -18,7 +18,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.estimation.plausibility import LARGEST, sampling_fault, unit_fault
 from valve_twin.core.types import CycleRule, FloatArray, IntArray
+from valve_twin.core.valves.registry import get_model
 from valve_twin.io.bag_writer import BagWriter
 from valve_twin.io.cdr import encode_series, encode_stamped, encode_string
 from valve_twin.io.csv_table import Table, read_table
@@ -56,10 +58,22 @@ class ImportedFile:
 
 @dataclass(frozen=True, slots=True)
 class ImportSummary:
-    """What an import wrote."""
+    """What an import wrote.
+
+    Attributes
+    ----------
+    files : tuple of ImportedFile
+        In their order.
+    messages : int
+        Written into the bag.
+    notices : tuple of str
+        What looks wrong in a file but could be so, one line each: columns that never change or
+        are not in the unit that the valve's model expects.
+    """
 
     files: tuple[ImportedFile, ...]
     messages: int
+    notices: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         """Return it in words."""
@@ -138,16 +152,24 @@ def import_csv(
     # a wrong column leaves no bag behind
     tables = [_read(path, config, streams) for path in paths[:1]]
     done: list[ImportedFile] = []
+    notices: list[str] = []
     with BagWriter(out, flush_s=60.0) as bag:
         _add_topics(bag, config, streams)
-        for path in paths:
-            table = tables.pop() if tables else _read(path, config, streams)
-            after_ns = done[-1].end_ns + round(config.csv.gap_s * _SECOND_NS) if done else None
-            stamps = _stamps(table, config, base_ns, after_ns)
-            done.append(_write_file(bag, config, streams, table, stamps))
-            on_file()
+        try:
+            for path in paths:
+                table = tables.pop() if tables else _read(path, config, streams)
+                after_ns = done[-1].end_ns + round(config.csv.gap_s * _SECOND_NS) if done else None
+                stamps = _stamps(table, config, base_ns, after_ns)
+                notices += _notices(table, config)
+                done.append(_write_file(bag, config, streams, table, stamps))
+                on_file()
+        except BagError as err:
+            if not done:
+                raise
+            msg = f"{err}; {bag.path} holds only the {len(done)} files before it: remove it"
+            raise BagError(msg) from err
         bag.note({"valve": config.name, "model": config.model, "imported_files": len(done)})
-        return ImportSummary(tuple(done), sum(bag.counts.values()))
+        return ImportSummary(tuple(done), sum(bag.counts.values()), tuple(notices))
 
 
 def _streams(config: ValveConfig) -> list[_Stream]:
@@ -222,6 +244,9 @@ def _stamps(
     else:
         ticks = table.columns[0] * (1.0 if table.dated else config.csv.time_scale)
         _check_time(table, ticks, config)
+    if config.csv.time_column:
+        elapsed_ns: IntArray = np.rint((ticks - ticks[0]) * 1e9).astype(np.int64)
+        _check_sampling(table, elapsed_ns, config)
     if table.dated or base_ns is None:
         stamps: IntArray = np.rint(ticks * 1e6).astype(np.int64) * 1000
         if after_ns is not None and stamps[0] <= after_ns - round(config.csv.gap_s * _SECOND_NS):
@@ -243,6 +268,13 @@ def _check_time(table: Table, ticks: FloatArray, config: ValveConfig) -> None:
         msg = f"{table.path}:{table.lines[lost[0]]}: column '{name}' has no time; remove the row"
         raise BagError(msg)
     back = np.flatnonzero(np.diff(ticks) <= 0.0)
+    if 1 < len(back) == len(ticks) - 1 and ticks[0] > ticks[-1]:
+        msg = (
+            f"{table.path}: the rows run backwards in time, column '{name}' from "
+            f"{table.columns[0][0]:.12g} to {table.columns[0][-1]:.12g}; sort the file by it, "
+            "the oldest row first"
+        )
+        raise BagError(msg)
     if len(back):
         at = int(back[0]) + 1
         raw = table.columns[0]
@@ -253,6 +285,44 @@ def _check_time(table: Table, ticks: FloatArray, config: ValveConfig) -> None:
             f"remove the row or sort the file ({len(back)} such rows)"
         )
         raise BagError(msg)
+
+
+def _check_sampling(table: Table, stamps: IntArray, config: ValveConfig) -> None:
+    """Refuse rows that are not period_s apart: estimates would be wrong by the same factor."""
+    fault = sampling_fault(stamps, config.period_s)
+    if fault:
+        scale = "" if table.dated else f" or csv.time_scale, now {config.csv.time_scale:g}"
+        step = float(np.median(np.diff(stamps))) * 1e-9
+        msg = (
+            f"{table.path}: column '{config.csv.time_column}': the rows are {step:.4g} s apart, "
+            f"period_s is {config.period_s:.4g}; correct period_s{scale}"
+        )
+        raise BagError(msg)
+
+
+def _notices(table: Table, config: ValveConfig) -> list[str]:
+    """Say what looks wrong in the columns but could be so."""
+    columns = table.columns[len(table.columns) - len(_streams(config)) :]
+    by_topic = dict(zip((s.topic for s in _streams(config)), columns, strict=True))
+    model = get_model(config.model)
+    normalised = (*model.inputs, model.output) if hasattr(model, "input_fault") else ()
+    notices = []
+    for source in config.signals.values():
+        if not source.column or source.signal not in (*model.inputs, model.output):
+            continue
+        raw = by_topic[source.topic]
+        values = raw[np.isfinite(raw)]
+        where = f"{table.path}: column '{source.column}'"
+        if not len(values):
+            notices.append(f"{where} holds no number")
+            continue
+        if len(values) > 1 and float(np.ptp(values)) == 0.0:
+            notices.append(f"{where} is {values[0]:.6g} in all {len(values)} rows")
+        if source.signal in normalised:
+            mapped = source.scale * values + source.offset
+            fault = unit_fault(source.signal, mapped, LARGEST - 2.0, LARGEST)
+            notices += [f"{where}: {fault}"] if fault else []
+    return notices
 
 
 def _add_topics(bag: BagWriter, config: ValveConfig, streams: Sequence[_Stream]) -> None:

@@ -81,7 +81,7 @@ def read_table(
         If the file is no CSV file, a column is missing, or a cell is no number; names the file,
         line and column.
     """
-    text = _read_text(path)
+    text = _read_text(path).lstrip("\ufeff")  # joined files carry more than one
     numbered = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip()]
     if not numbered:
         msg = f"{path}: is empty; give a CSV file with rows"
@@ -168,6 +168,13 @@ def _date_s(cell: str) -> float | None:
 
 
 def _index(path: Path, name: str, header: Sequence[str], width: int) -> int:
+    if header.count(name) > 1:
+        places = " and ".join(str(i) for i, cell in enumerate(header) if cell == name)
+        msg = (
+            f"{path}: column '{name}' stands {header.count(name)} times in the header; write "
+            f"the number of the right one instead, counted from 0: {places}"
+        )
+        raise BagError(msg)
     if name in header:
         return header.index(name)
     if name.isdigit():
