@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""A drift of 15 % of what ages is found inside the interval that the aging monitor publishes."""
+
+from __future__ import annotations
+
+import pytest
+
+from test.core.valves.drift import study
+
+DRIFTS = {"backlash": 15.0, "band_lower": -15.0, "band_upper": -15.0, "flow_full": -15.0}
+OPTIONS = {"estimators": ["backlash_output_error"]}
+LOSES = {"plant.lost_share": 0.05}
+SYSTEMATIC = 0.02
+"""What the corners of average and meter leave, of a change [%]; no interval counts it."""
+
+
+def of_one(name, drift, seeds):
+    return study("stepper_servo", {name: drift}, [name], seeds, options=OPTIONS)[name]
+
+
+def lost_steps(seeds):
+    drifts = {"lost_share": 15.0}
+    found = study("stepper_servo", drifts, ["lost_steps"], seeds, given=LOSES, options=OPTIONS)
+    return found["lost_steps"]
+
+
+@pytest.mark.parametrize("name", DRIFTS)
+def test_a_drift_is_found(name):
+    of = of_one(name, DRIFTS[name], range(2))
+    assert of.found == pytest.approx(of.truth, abs=0.5)
+
+
+def test_more_lost_steps_are_counted():
+    of = lost_steps(range(1))
+    assert 8.0 < of.found[0] < 20.0  # 11 to 13 whole steps a cycle
+    assert of.lower[0] > 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("name", DRIFTS)
+def test_intervals_hold_a_drift_in_twenty_seeds(name, sign):
+    if sign * DRIFTS[name] > 0.0 and name == "band_upper":
+        pytest.skip("the edge would pass the opening that is saturated")
+    of = of_one(name, sign * DRIFTS[name], range(20))
+    wide = sum(
+        low - SYSTEMATIC <= of.truth <= high + SYSTEMATIC
+        for low, high in zip(of.lower, of.upper, strict=True)
+    )
+    assert wide >= 17  # of a 95 % interval: fewer in 2 % of campaigns
+    assert of.found.mean() == pytest.approx(of.truth, abs=0.3)
+
+
+@pytest.mark.slow
+def test_lost_steps_that_become_more_are_counted():
+    of = lost_steps(range(20))
+    assert of.inside >= 17
