@@ -22,7 +22,14 @@ from valve_twin.core.valves.registry import complete_options, get_model, get_sim
 if TYPE_CHECKING:
     from valve_twin.core.valves.interface import ValveModel
 
-MODELS = ("press_cartridge", "positioner", "stepper_servo", "hybrid_actuator")
+MODELS = (
+    "press_cartridge",
+    "positioner",
+    "stepper_servo",
+    "hybrid_actuator",
+    "double_solenoid",
+    "servo_system",
+)
 NOT_SIMULATED = ("cycle_timing", "hydraulic_actuator")
 
 

@@ -14,6 +14,7 @@ from valve_twin.io.csv_import import import_csv
 
 NAMES = [
     "boiler_valve",
+    "double_solenoid",
     "eha_cylinder",
     "hybrid_actuator",
     "hydraulic_actuator",

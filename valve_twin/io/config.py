@@ -99,7 +99,8 @@ VALVE_SPECS = (
         Kind.STRING,
         "press_cartridge",
         "Valve model: press_cartridge, positioner, stepper_servo, "
-        "hybrid_actuator, cycle_timing, hydraulic_actuator or one added by a package.",
+        "hybrid_actuator, servo_system, double_solenoid, cycle_timing, hydraulic_actuator or one "
+        "added by a package.",
     ),
     Spec(
         "period_s", Kind.FLOAT, 0.03, "Nominal sampling time of the position.", "s", 1e-6, 3600.0

@@ -30,6 +30,8 @@ _BUILT_IN = (
     "positioner",
     "stepper_servo",
     "hybrid_actuator",
+    "servo_system",
+    "double_solenoid",
     "cycle_timing",
     "hydraulic_actuator",
 )

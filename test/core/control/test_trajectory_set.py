@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The candidates and costs of the trajectory set, and the nonlinear PID beside it."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from valve_twin.core.control.nonlinear_pid import PidConfig, pid_output
+from valve_twin.core.control.trajectory_set import (
+    CANDIDATES,
+    HORIZON,
+    MODEL_STEPS,
+    TrajectorySetConfig,
+    candidate,
+    end_cost,
+    error_cost,
+)
+
+
+@given(st.floats(-1.0, 1.0))
+def test_candidates_hold_the_last_input_and_both_limits_and_stay_inside(last):
+    inputs = [candidate(k, last) for k in range(CANDIDATES)]
+    assert inputs[0] == last
+    assert {-1.0, 1.0} <= set(inputs)
+    assert all(-1.0 <= u <= 1.0 for u in inputs)
+
+
+def test_a_decision_takes_about_900_model_steps():
+    assert CANDIDATES * HORIZON * MODEL_STEPS == 896
+
+
+def test_an_error_beyond_the_target_weighs_more():
+    w = TrajectorySetConfig().weights()
+    assert error_cost(w, 0.1, -0.02) == pytest.approx(5.0 * error_cost(w, 0.1, 0.02))
+    assert end_cost(w, 10.0, 0.0) == pytest.approx((10.0 * 5e-4) ** 2)
+
+
+def test_a_weight_outside_its_range_is_refused_by_name():
+    with pytest.raises(ValueError, match=r"TrajectorySetConfig.overshoot = 0.5: .*from 1 to"):
+        TrajectorySetConfig(overshoot=0.5)
+
+
+@given(st.floats(-2.0, 2.0), st.floats(-50.0, 50.0), st.floats(-1.0, 1.0))
+def test_the_pid_stays_inside_its_limits(error, speed, integral):
+    output, after = pid_output(PidConfig().gains(), error, speed, integral, 1e-4)
+    assert -1.0 <= output <= 1.0
+    assert -1.0 <= after <= 1.0
+
+
+def test_the_gain_of_the_pid_falls_with_the_error():
+    g = PidConfig().gains()
+    near, _ = pid_output(g, 1e-4, 0.0, 0.0, 1e-4)
+    far, _ = pid_output(g, 0.5, 0.0, 0.0, 1e-4)
+    assert near / 1e-4 > 4.0 * far / 0.5

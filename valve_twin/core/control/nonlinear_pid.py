@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Position control by a PID whose gains follow the error (paper 000, section 1).
+
+Proportional and integral gains are curves of the error: large ones near the target, where friction
+holds the spool, small ones far away, where the drive saturates.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from numba import njit
+
+from valve_twin.core.physics.quantity import check_quantities, quantity
+
+
+class PidGains(NamedTuple):
+    """Numbers of `PidConfig` as the compiled controller takes them."""
+
+    near: float
+    far: float
+    integral_near: float
+    integral_far: float
+    rate: float
+    knee: float
+
+
+@dataclass(frozen=True, slots=True)
+class PidConfig:
+    """Numbers of the nonlinear PID; errors are shares of half the stroke."""
+
+    gain_near: float = quantity(
+        10.0, "1", "Proportional gain at no error", lower=0.0, upper=1e3, assumed=True, ages=False
+    )
+    gain_far: float = quantity(
+        1.0, "1", "Proportional gain far away", lower=0.0, upper=1e3, assumed=True, ages=False
+    )
+    integral_near: float = quantity(
+        200.0, "1/s", "Integral gain at no error", lower=0.0, upper=1e6, assumed=True, ages=False
+    )
+    integral_far: float = quantity(
+        0.0, "1/s", "Integral gain far away", lower=0.0, upper=1e6, assumed=True, ages=False
+    )
+    rate: float = quantity(
+        2e-3, "s", "Gain on the speed", lower=0.0, upper=1.0, assumed=True, ages=False
+    )
+    knee: float = quantity(
+        0.03,
+        "1",
+        "Error at which gains are half way",
+        lower=1e-4,
+        upper=2.0,
+        assumed=True,
+        ages=False,
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse values outside their range."""
+        check_quantities(self)
+
+    def gains(self) -> PidGains:
+        """Return the numbers for the compiled controller."""
+        return PidGains(
+            float(self.gain_near),
+            float(self.gain_far),
+            float(self.integral_near),
+            float(self.integral_far),
+            float(self.rate),
+            float(self.knee),
+        )
+
+
+@njit(cache=True)
+def pid_output(
+    g: PidGains, error: float, speed: float, integral: float, period: float
+) -> tuple[float, float]:
+    """Return the output, limited to -1..1, and the integral part after this sample [1].
+
+    Parameters
+    ----------
+    g : PidGains
+        Its numbers.
+    error : float
+        Wanted minus present position, over half the stroke [1].
+    speed : float
+        Of the position, over half the stroke [1/s].
+    integral : float
+        Integral part before [1].
+    period : float
+        Control sample [s].
+    """
+    share = abs(error) / (abs(error) + g.knee)
+    gain = g.near + share * (g.far - g.near)
+    slope = g.integral_near + share * (g.integral_far - g.integral_near)
+    after = min(max(integral + slope * error * period, -1.0), 1.0)
+    wanted = gain * error + after - g.rate * speed
+    if abs(wanted) > 1.0 and wanted * error > 0.0:
+        after = integral
+        wanted = gain * error + after - g.rate * speed
+    return min(max(wanted, -1.0), 1.0), after

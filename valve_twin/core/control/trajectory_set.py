@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Model predictive trajectory set control: a few constant inputs, each predicted, the best taken.
+
+Paper 000, section 2.2, names it and says: sub-optimal, 10 kHz, three parameters, all states. How
+the set is built is not in the text. Read here from the name [A]: every candidate is one input held
+over the horizon; the set is the input of the last sample, small and large changes of it, and both
+limits. With 7 candidates, 32 samples of horizon and 4 model steps a sample a decision takes 896
+model steps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from numba import njit
+
+from valve_twin.core.physics.quantity import check_quantities, quantity
+
+HORIZON = 32
+"""Control samples that a candidate is predicted [A]."""
+
+MODEL_STEPS = 4
+"""Model steps a control sample: 25 us, well below the limit of 160 us [A]."""
+
+CANDIDATES = 7
+"""Candidates: the last input, two small and two large changes, two limits [A]."""
+
+_SMALL, _LARGE = 0.02, 0.2
+
+
+class TrajectoryWeights(NamedTuple):
+    """Numbers of `TrajectorySetConfig` as the compiled controller takes them."""
+
+    overshoot: float
+    speed_time: float
+    effort: float
+
+
+@dataclass(frozen=True, slots=True)
+class TrajectorySetConfig:
+    """The three parameters of the controller."""
+
+    overshoot: float = quantity(
+        5.0,
+        "1",
+        "Weight of squared errors beyond the target over those before it",
+        lower=1.0,
+        upper=1e4,
+        assumed=True,
+        ages=False,
+    )
+    speed_time: float = quantity(
+        5e-4,
+        "s",
+        "Time by which the speed at the end of the horizon counts as error",
+        lower=0.0,
+        upper=1.0,
+        assumed=True,
+        ages=False,
+    )
+    effort: float = quantity(
+        1e-6,
+        "1",
+        "Weight of a squared change of the input",
+        lower=0.0,
+        upper=1.0,
+        assumed=True,
+        ages=False,
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse values outside their range."""
+        check_quantities(self)
+
+    def weights(self) -> TrajectoryWeights:
+        """Return the numbers for the compiled controller."""
+        return TrajectoryWeights(float(self.overshoot), float(self.speed_time), float(self.effort))
+
+
+@njit(cache=True)
+def candidate(index: int, last: float) -> float:
+    """Return one input of the set, -1..1 [1].
+
+    Parameters
+    ----------
+    index : int
+        Which, 0..CANDIDATES - 1; 0 is the last input.
+    last : float
+        Input of the last sample [1].
+    """
+    if index >= CANDIDATES - 2:
+        return 1.0 if index == CANDIDATES - 1 else -1.0
+    if index == 0:
+        return last
+    change = _SMALL if index < 3 else _LARGE
+    return min(max(last + (change if index % 2 == 1 else -change), -1.0), 1.0)
+
+
+@njit(cache=True)
+def error_cost(w: TrajectoryWeights, first: float, error: float) -> float:
+    """Return the cost of an error [1] of a trajectory that started with the error `first` [1]."""
+    return error * error * (w.overshoot if error * first < 0.0 else 1.0)
+
+
+@njit(cache=True)
+def end_cost(w: TrajectoryWeights, speed: float, change: float) -> float:
+    """Return the cost of the speed at the end [1/s] and of the change of the input [1]."""
+    rest = w.speed_time * speed
+    return rest * rest + w.effort * change * change

@@ -1,0 +1,8 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Double-solenoid directional valve 4WRREH6: two coupled coils, a spool between two springs."""
+
+from valve_twin.core.valves.double_solenoid.model import MODEL
+from valve_twin.core.valves.double_solenoid.plant import PLANT
+
+__all__ = ["MODEL", "PLANT"]

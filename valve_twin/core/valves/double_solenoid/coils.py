@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Resistance of a coil from the flux balance of a cycle.
+
+Voltage and current are means over the samples, so paper 000, eq. (1) summed up is exact:
+
+    sum of V T = R sum of i T + psi(t) - psi(0)
+
+with psi by the characteristic curves from current and position. The sums of a cycle are tens of
+times the flux, so what eddy currents do to psi hardly shows in R.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+
+from valve_twin.core.physics.solenoid_map import coil_current
+
+if TYPE_CHECKING:
+    from valve_twin.core.physics.solenoid_map import MapTables
+    from valve_twin.core.types import FloatArray
+
+_HALVINGS = 40
+_MIN_CHARGE = 3.0
+"""Least product of resistance and charge over the largest flux that tells a resistance [1] [A]."""
+
+
+@dataclass(frozen=True, slots=True)
+class CoilFit:
+    """Resistance [ohm] of one coil; NaN, with a reason, if there is none."""
+
+    resistance: float
+    reason: str = ""
+
+
+@njit(cache=True)
+def coil_flux(m: MapTables, current: float, other: float, x: float) -> float:
+    """Return psi with i_s(psi, other, x) = current, by halving [Wb].
+
+    Parameters
+    ----------
+    m : MapTables
+        Curves of one coil.
+    current, other : float
+        Its current and that of the other coil [A].
+    x : float
+        Position, positive towards this coil [m].
+    """
+    reach = 2.0 * (m.current.shape[0] - 1) / m.per_flux
+    low, high = 0.0, reach
+    wanted = abs(current)
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        if coil_current(m, middle, 0.0, x) < wanted:
+            low = middle
+        else:
+            high = middle
+    flux = 0.5 * (low + high)
+    return float((flux if current >= 0.0 else -flux) + m.mutual * other)
+
+
+@njit(cache=True)
+def flux_record(
+    m: MapTables, own: FloatArray, other: FloatArray, x: FloatArray, out: FloatArray
+) -> None:
+    """Write the flux linkage (N,) at N samples, by the curves.
+
+    Parameters
+    ----------
+    m : MapTables
+        Curves of one coil.
+    own, other : (N,) arrays
+        Currents of the coil and of the other one, means over the samples before [A].
+    x : (N,) array
+        Position, positive towards this coil [m].
+    out : (N,) array
+        Overwritten [Wb].
+    """
+    last = len(own) - 1
+    for n in range(len(own)):
+        after = min(n + 1, last)
+        i, j = 0.5 * (own[n] + own[after]), 0.5 * (other[n] + other[after])
+        out[n] = coil_flux(m, i, j, x[n])
+
+
+def fit_resistance(
+    voltage: FloatArray, current: FloatArray, flux: FloatArray, period_s: float
+) -> CoilFit:
+    """Estimate the resistance of a coil.
+
+    Parameters
+    ----------
+    voltage, current : (N,) arrays
+        Means over the samples before their stamps [V], [A].
+    flux : (N,) array
+        Flux linkage at the stamps, by the curves [Wb].
+    period_s : float
+        Sampling time [s].
+    """
+    charge = np.cumsum(current[1:]) * period_s
+    applied = np.cumsum(voltage[1:]) * period_s
+    change = flux[1:] - flux[0]
+    largest = float(np.abs(flux).max())
+    if largest == 0.0 or abs(applied[-1]) < _MIN_CHARGE * largest:
+        return CoilFit(
+            float("nan"),
+            f"voltage and time of the cycle make {abs(applied[-1]):.3g} Wb, too little beside "
+            f"{largest:.3g} Wb of flux",
+        )
+    rows = np.column_stack([charge, change, np.ones(len(charge))])
+    scale = np.sqrt(np.sum(rows**2, axis=0))
+    used = scale > 1e-9 * scale[0]
+    found = np.linalg.lstsq(rows[:, used] / scale[used], applied, rcond=None)[0] / scale[used]
+    if not found[0] > 0.0:
+        return CoilFit(float("nan"), f"resistance {found[0]:.3g} ohm: check the signs")
+    return CoilFit(float(found[0]))

@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The valve in its position loop: trajectory set control or the nonlinear PID, at 10 kHz."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+from numba import njit
+
+from valve_twin.core.control.current_loop import SUB_STEPS, CurrentGains
+from valve_twin.core.control.nonlinear_pid import PidGains, pid_output
+from valve_twin.core.control.trajectory_set import (
+    CANDIDATES,
+    HORIZON,
+    MODEL_STEPS,
+    TrajectoryWeights,
+    candidate,
+    end_cost,
+    error_cost,
+)
+from valve_twin.core.valves.double_solenoid.plant_kernel import (
+    COMMAND,
+    FAILED,
+    MEAN_A,
+    PID_INTEGRAL,
+    POSITION,
+    READ,
+    SAMPLE_S,
+    SPEED,
+    VOLTS_A,
+    VOLTS_B,
+    Valve,
+    X,
+    control_sample,
+    predict_sample,
+)
+
+if TYPE_CHECKING:
+    from valve_twin.core.physics.solenoid_map import MapTables
+    from valve_twin.core.types import FloatArray
+
+PID, TRAJECTORY_SET = 0, 1
+CONTROLS = ("pid", "trajectory_set")
+
+N_INPUTS = 5
+"""Setpoint, voltages of A and B, currents of A and B."""
+
+
+class Sensing(NamedTuple):
+    """What 1 means in the voltages [V] and in the currents [A]; step of the currents [A]."""
+
+    supply: float
+    scale: float
+    quantum: float
+
+
+@njit(cache=True)
+def decide(
+    s: FloatArray,
+    v: Valve,
+    m: MapTables,
+    g: CurrentGains,
+    w: TrajectoryWeights,
+    wanted: float,
+    work: FloatArray,
+) -> float:
+    """Return the best input of the trajectory set [1].
+
+    Parameters
+    ----------
+    s : (STATE_SIZE,) array
+        State of the valve, not changed.
+    v, m, g, w : Valve, MapTables, CurrentGains, TrajectoryWeights
+        Model of the valve with its current controllers; weights.
+    wanted : float
+        Wanted position [m].
+    work : (STATE_SIZE,) array
+        Scratch.
+    """
+    last = s[COMMAND]
+    per_half = 1.0 / v.half_stroke
+    first = (wanted - s[X]) * per_half
+    best, lowest = last, math.inf
+    for k in range(CANDIDATES):
+        u = candidate(k, last)
+        for j in range(len(s)):
+            work[j] = s[j]
+        cost = 0.0
+        for _ in range(HORIZON):
+            predict_sample(work, v, m, g, u, MODEL_STEPS)
+            cost += error_cost(w, first, (wanted - work[X]) * per_half)
+        cost = cost / HORIZON + end_cost(w, work[SPEED] * per_half, u - last)
+        if cost < lowest:
+            best, lowest = u, cost
+    return float(best)
+
+
+@njit(cache=True)
+def run_valve(
+    s: FloatArray,
+    v: Valve,
+    m: MapTables,
+    g: CurrentGains,
+    pid: PidGains,
+    weights: TrajectoryWeights,
+    control: int,
+    wanted: FloatArray,
+    disturbance: FloatArray,
+    stuck: bool,
+    frozen: bool,
+    sensing: Sensing,
+    samples: int,
+    position: FloatArray,
+    inputs: FloatArray,
+) -> None:
+    """Run N samples of `samples` control samples each, in place.
+
+    Parameters
+    ----------
+    s : (STATE_SIZE,) array
+        Written in place.
+    v, m, g, pid, weights : Valve, MapTables, CurrentGains, PidGains, TrajectoryWeights
+        Numbers of valve and controllers.
+    control : int
+        PID or TRAJECTORY_SET.
+    wanted : (N,) array
+        Setpoint, 0..1 [1].
+    disturbance : (N,) array
+        Displacement that each sample of motion adds [1].
+    stuck, frozen : bool
+        The spool does not move; the controller goes on with the last position it has read.
+    sensing : Sensing
+        Numbers of the sensors.
+    samples : int
+        Control samples in a sample.
+    position, inputs : (N,), (N, N_INPUTS) arrays
+        Overwritten: position [1]; setpoint, means of voltages and currents over the last control
+        sample [1].
+    """
+    work = s.copy()
+    for n in range(len(position)):
+        position[n] = s[POSITION] if s[FAILED] == 0.0 else math.nan
+        inputs[n, 0] = wanted[n]
+        inputs[n, 1], inputs[n, 2] = s[VOLTS_A] / sensing.supply, s[VOLTS_B] / sensing.supply
+        for j in range(2):
+            shown = s[MEAN_A + j]
+            if sensing.quantum > 0.0:
+                shown = round(shown / sensing.quantum) * sensing.quantum
+            inputs[n, 3 + j] = shown / sensing.scale
+        if disturbance[n] != 0.0 and s[SPEED] != 0.0 and not stuck:
+            moved = s[X] + 2.0 * v.half_stroke * disturbance[n]
+            s[X] = min(max(moved, -v.stop), v.stop)
+        target = (2.0 * wanted[n] - 1.0) * v.half_stroke
+        for _ in range(samples):
+            if s[FAILED] != 0.0:
+                break
+            read = s[READ] if frozen else s[X]
+            if control == TRAJECTORY_SET:
+                held = s[X]
+                s[X] = read
+                command = decide(s, v, m, g, weights, target, work)
+                s[X] = held
+            else:
+                speed = (read - s[READ]) / (v.half_stroke * SAMPLE_S)
+                error = (target - read) / v.half_stroke
+                command, s[PID_INTEGRAL] = pid_output(pid, error, speed, s[PID_INTEGRAL], SAMPLE_S)
+            s[READ] = read
+            control_sample(s, v, m, g, command, stuck)
+
+
+@njit(cache=True)
+def drive_open_loop(
+    s: FloatArray, v: Valve, m: MapTables, g: CurrentGains, command: FloatArray, out: FloatArray
+) -> None:
+    """Run N control samples under given inputs and show every state, for studies.
+
+    Parameters
+    ----------
+    s : (STATE_SIZE,) array
+        Written in place.
+    v, m, g : Valve, MapTables, CurrentGains
+        The valve and its current controllers.
+    command : (N,) array
+        Output of a position controller, -1..1 [1].
+    out : (N, STATE_SIZE) array
+        Overwritten with the states after each sample.
+    """
+    for n in range(len(command)):
+        control_sample(s, v, m, g, command[n], False)
+        out[n] = s
+
+
+STEPS_A_DECISION = CANDIDATES * HORIZON * MODEL_STEPS
+"""Model steps of one decision."""
+
+assert SUB_STEPS % MODEL_STEPS == 0

@@ -1,0 +1,293 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The model of the double-solenoid valve: what is estimated from one cycle, how it predicts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.gaps import find_gaps
+from valve_twin.core.types import (
+    Estimate,
+    EstimateStatus,
+    MaskCounts,
+    ParameterStatus,
+    ParameterValue,
+)
+from valve_twin.core.valves.double_solenoid.coils import fit_resistance, flux_record
+from valve_twin.core.valves.double_solenoid.motion import MotionFit, Record, fit_motion
+from valve_twin.core.valves.double_solenoid.parameters import (
+    COILS,
+    ESTIMATOR,
+    MECHANICAL,
+    NAMES,
+    OPTIONS,
+    PARAMETERS,
+    known_valve,
+)
+from valve_twin.core.valves.double_solenoid.plant import INPUTS, DoubleSolenoidPlant
+from valve_twin.core.valves.double_solenoid.predictor import (
+    N_COEFFICIENTS,
+    STATE_SIZE,
+    coefficients,
+    predict_block,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from valve_twin.core.types import BoolArray, ByteArray, Cycle, FloatArray, Parameter
+    from valve_twin.core.valves.interface import Option, Options
+
+LONGEST_PERIOD_S = 2e-4
+"""Slowest sampling that shows the force behind currents that change in 0.3 ms [s] [A]."""
+
+_FEWEST = 500  # fewest usable samples of a cycle [A]
+_MIN_TRAVEL = 0.02  # of half the stroke: less motion tells no friction [1] [A]
+_MAX_CONDITION = 300.0
+_MISFIT = 3.0
+"""Residual of the motion over the noise at rest above which the model is not this valve's [A]."""
+
+_MISFIT_FLOOR = 1e-3
+"""Residual that counts as none, of half the stroke [1]: ripple of the currents [A]."""
+
+
+@dataclass(frozen=True, slots=True)
+class DoubleSolenoidModel:
+    """Implements `ValveModel` for two coils, their voltages and currents, and one spool."""
+
+    name: str = "double_solenoid"
+    inputs: tuple[str, ...] = INPUTS
+    output: str = "position"
+    parameters: tuple[Parameter, ...] = PARAMETERS
+    options: tuple[Option, ...] = OPTIONS
+    trend_estimator: str = ESTIMATOR
+
+    def estimate(
+        self, cycle: Cycle, options: Options, earlier: Sequence[Estimate] = ()
+    ) -> tuple[Estimate, ...]:
+        """Estimate coils, force gain, friction and preload from one cycle.
+
+        Parameters
+        ----------
+        cycle : Cycle
+            Some steps of the setpoint, sampled every 0.2 ms or faster.
+        options : mapping
+            The model's options, complete.
+        earlier : sequence of Estimate
+            Not used: nothing is pooled.
+
+        Returns
+        -------
+        tuple of Estimate
+            One estimate; REFUSED with its reason where the cycle says nothing.
+        """
+        del earlier
+        known = _known(cycle)
+        valve, refusal = _valve(options)
+        refusal = refusal or _refusal(cycle, known)
+        if refusal or valve is None:
+            return (_estimate(cycle, _blank(NAMES, refusal), known, refused=refusal),)
+        record = _record(cycle, valve, known)
+        coils = _coils(cycle, valve, record)
+        fit = fit_motion(record, valve.valve(), valve.tables())
+        values = (*coils, *_mechanical(fit, valve, _rest_noise(record.x)))
+        return (_estimate(cycle, values, known, fit=fit, valve=valve),)
+
+    def coefficients(
+        self, values: Mapping[str, float], lag: int, period_s: float, options: Options
+    ) -> FloatArray:
+        """Return the coefficients of `predict`; what is not estimated comes from the options."""
+        del lag
+        finite = {n: v for n, v in values.items() if n in NAMES and np.isfinite(v)}
+        try:
+            return coefficients(known_valve(options, finite), period_s)
+        except ValueError:
+            return np.full(N_COEFFICIENTS, np.nan)
+
+    def initial_state(self) -> FloatArray:
+        """Return the state before the first sample."""
+        return np.zeros(STATE_SIZE)
+
+    def predict(
+        self,
+        state: FloatArray,
+        coefficients: FloatArray,
+        position: FloatArray,
+        inputs: FloatArray,
+        restart: ByteArray,
+        predicted: FloatArray,
+        simulated: FloatArray,
+        validity: ByteArray,
+    ) -> None:
+        """Predict a block of samples; see `ValveModel.predict`."""
+        predict_block(
+            state, coefficients, position, inputs, restart, predicted, simulated, validity
+        )
+
+
+def _known(cycle: Cycle) -> BoolArray:
+    """Return which samples can be used, (N,)."""
+    frames = cycle.frames
+    known: BoolArray = frames.valid & np.isfinite(frames.position)
+    return known & np.isfinite(frames.inputs[:, 1:]).all(axis=1)
+
+
+def _valve(options: Options) -> tuple[DoubleSolenoidPlant | None, str]:
+    """Return the valve of the options, or why there is none."""
+    try:
+        return known_valve(options, {}), ""
+    except ValueError as error:
+        return None, str(error).removeprefix("DoubleSolenoidPlant.")
+
+
+def _refusal(cycle: Cycle, known: BoolArray) -> str:
+    if cycle.period_s > LONGEST_PERIOD_S:
+        return (
+            f"sampled every {cycle.period_s:g} s: currents that change in 0.3 ms need "
+            f"{LONGEST_PERIOD_S:g} s or faster"
+        )
+    count = int(np.count_nonzero(known))
+    if count < _FEWEST:
+        return f"{count} usable samples, fewer than {_FEWEST}"
+    gaps = int(np.count_nonzero(find_gaps(cycle.frames.stamp_ns, cycle.period_s)))
+    if gaps:
+        return f"{gaps} gaps: voltages and currents are summed up over the samples"
+    return ""
+
+
+def _record(cycle: Cycle, valve: DoubleSolenoidPlant, known: BoolArray) -> Record:
+    """Return position and currents in SI units; unusable samples repeat the last usable one."""
+    index = np.maximum.accumulate(np.where(known, np.arange(len(known)), 0))
+    position = np.nan_to_num(cycle.frames.position[index])
+    inputs = np.nan_to_num(cycle.frames.inputs[index])
+    return Record(
+        x=valve.half_stroke * (2.0 * position - 1.0),
+        current_a=np.ascontiguousarray(inputs[:, 3] * valve.current_scale),
+        current_b=np.ascontiguousarray(inputs[:, 4] * valve.current_scale),
+        known=known,
+        period_s=cycle.period_s,
+    )
+
+
+def _coils(cycle: Cycle, valve: DoubleSolenoidPlant, record: Record) -> list[ParameterValue]:
+    """Return the resistances; they need every sample, their sums have no room for gaps."""
+    if not record.known.all():
+        bad = int(np.count_nonzero(~record.known))
+        first, end = _longest_run(record.known)
+        if end - first < _FEWEST:
+            return list(_blank(COILS, f"{bad} samples cannot be used, no long part is whole"))
+    else:
+        first, end = 0, len(record.x)
+    part = slice(first, end)
+    x = record.x[part]
+    sides = ((record.current_a, record.current_b, x), (record.current_b, record.current_a, -x))
+    values = []
+    for column, (own, other, place) in enumerate(sides):
+        flux = np.empty(end - first)
+        flux_record(
+            valve.tables(),
+            np.ascontiguousarray(own[part]),
+            np.ascontiguousarray(other[part]),
+            np.ascontiguousarray(place),
+            flux,
+        )
+        volts = np.nan_to_num(cycle.frames.inputs[part, 1 + column]) * valve.supply_voltage
+        fit = fit_resistance(volts, own[part], flux, cycle.period_s)
+        status = ParameterStatus.NOT_EXCITED if fit.reason else ParameterStatus.OK
+        values.append(ParameterValue(COILS[column], fit.resistance, status, fit.reason))
+    return values
+
+
+def _longest_run(known: BoolArray) -> tuple[int, int]:
+    """Return first and end of the longest part without unusable samples."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], known, [False])).astype(np.int8)))
+    starts, ends = edges[::2], edges[1::2]
+    longest = int(np.argmax(ends - starts))
+    return int(starts[longest]), int(ends[longest])
+
+
+def _mechanical(
+    fit: MotionFit | None, valve: DoubleSolenoidPlant, noise: float
+) -> tuple[ParameterValue, ...]:
+    status, reason = _doubt(fit, valve, noise)
+    if fit is None or reason:
+        nothing = float("nan")
+        return tuple(ParameterValue(n, nothing, status, reason) for n in MECHANICAL)
+    values = []
+    for name, value in zip(MECHANICAL, fit.values, strict=True):
+        if value <= 0.0:
+            values.append(
+                ParameterValue(name, float(value), ParameterStatus.AT_BOUND, "rests on 0")
+            )
+        else:
+            values.append(ParameterValue(name, float(value)))
+    return tuple(values)
+
+
+def _doubt(
+    fit: MotionFit | None, valve: DoubleSolenoidPlant, noise: float
+) -> tuple[ParameterStatus, str]:
+    """Return why the motion cannot be used, and as what; empty if it can."""
+    if fit is None:
+        return ParameterStatus.NOT_EXCITED, "no three parts of 10 ms are whole and off the stops"
+    if fit.travel < _MIN_TRAVEL * valve.half_stroke:
+        reason = f"the spool moved by {1e6 * fit.travel:.2f} um: no friction shows"
+        return ParameterStatus.NOT_EXCITED, reason
+    if not fit.condition <= _MAX_CONDITION:
+        reason = f"the motion does not tell it apart: condition {fit.condition:.2g}"
+        return ParameterStatus.NOT_EXCITED, reason
+    limit = float(np.hypot(_MISFIT * noise, _MISFIT_FLOOR * valve.half_stroke))
+    if not fit.rms <= limit:
+        reason = (
+            f"the motion leaves {1e6 * fit.rms:.2f} um, the noise is {1e6 * noise:.2f} um: a "
+            "force is missing or an option is wrong (mass, springs, curves)"
+        )
+        return ParameterStatus.REFUSED, reason
+    return ParameterStatus.OK, ""
+
+
+def _rest_noise(x: FloatArray) -> float:
+    """Return the noise of the position [m] from its second differences."""
+    return float(1.4826 * np.median(np.abs(np.diff(x, 2))) / np.sqrt(6.0))
+
+
+def _blank(names: tuple[str, ...], reason: str) -> tuple[ParameterValue, ...]:
+    nothing = float("nan")
+    return tuple(ParameterValue(n, nothing, ParameterStatus.REFUSED, reason) for n in names)
+
+
+def _estimate(
+    cycle: Cycle,
+    values: tuple[ParameterValue, ...],
+    known: BoolArray,
+    *,
+    fit: MotionFit | None = None,
+    valve: DoubleSolenoidPlant | None = None,
+    refused: str = "",
+) -> Estimate:
+    withheld = [v.name for v in values if not np.isfinite(v.value)]
+    status = EstimateStatus.PARTIAL if withheld else EstimateStatus.ACCEPTED
+    reason = f"withheld: {', '.join(withheld)}" if withheld else "accepted"
+    if refused or len(withheld) == len(values):
+        status, reason = EstimateStatus.REFUSED, refused or values[0].reason
+    noise = float("nan")
+    if valve is not None:
+        noise = _rest_noise(np.nan_to_num(cycle.frames.position[known]))
+    return Estimate(
+        model="double_solenoid",
+        estimator=ESTIMATOR,
+        parameters=values,
+        status=status,
+        reason=reason,
+        condition_number=float("nan") if fit is None else fit.condition,
+        noise_sigma=noise,
+        counts=MaskCounts(0 if fit is None else fit.used, bad=int(np.count_nonzero(~known))),
+        **cycle.origin,
+    )
+
+
+MODEL = DoubleSolenoidModel()

@@ -1,0 +1,472 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The plant of paper 000: a spool between two coils and two springs, in its own position loop.
+
+Position 0 .. 1 is the whole stroke, 0.5 the middle; the setpoint is the valve's command. Voltages
+are shares of the supply, currents of the sensors' full scale; both are means over the last control
+sample. The paper gives no number: the set is that of equations.md 5.2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from valve_twin.core.control.current_loop import CurrentGains
+from valve_twin.core.control.nonlinear_pid import PidConfig
+from valve_twin.core.control.trajectory_set import TrajectorySetConfig
+from valve_twin.core.physics.quantity import check_quantities, quantity
+from valve_twin.core.physics.solenoid_map import (
+    FluxCurves,
+    MapTables,
+    map_from_curves,
+    pole_curves,
+)
+from valve_twin.core.simulation.config import SimulationConfig
+from valve_twin.core.simulation.measurement import MeasurementConfig
+from valve_twin.core.simulation.plant import Drive, PlantFactory, Response
+from valve_twin.core.simulation.program import CycleProgram
+from valve_twin.core.valves.double_solenoid.control_kernel import (
+    CONTROLS,
+    N_INPUTS,
+    Sensing,
+    run_valve,
+)
+from valve_twin.core.valves.double_solenoid.plant_kernel import (
+    FAILED,
+    GA_1,
+    GB_1,
+    I_A,
+    I_B,
+    LEVEL_A,
+    LEVEL_B,
+    MEAN_A,
+    MEAN_B,
+    POSITION,
+    PSI_A,
+    PSI_B,
+    SAMPLE_S,
+    SPEED,
+    STATE_SIZE,
+    TIME,
+    Second,
+    Valve,
+    X,
+    second_order,
+)
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import FloatArray
+
+INPUTS = ("setpoint", "voltage_a", "voltage_b", "current_a", "current_b")
+
+_REACH = 1.0667  # of the end stop: how far the tables go [1]
+_LARGEST_FLUX = 1.15  # of the saturation flux: how far the tables go [1]
+_LARGEST_CURRENT = 6.0  # how far the tables go, beyond in straight lines [A]
+
+
+def _list(unit: str, description: str) -> tuple[float, ...]:
+    return field(default=(), metadata={"unit": unit, "description": description, "ages": False})
+
+
+@dataclass(frozen=True, slots=True)
+class DoubleSolenoidPlant:
+    """Numbers of the simulated valve; every field carries its unit, range and description."""
+
+    inputs: ClassVar[tuple[str, ...]] = INPUTS
+
+    control: str = field(
+        default=CONTROLS[0],
+        metadata={
+            "unit": "1",
+            "description": "Position controller: pid (the valve's own, nonlinear) or "
+            "trajectory_set (model predictive, knows this plant exactly)",
+        },
+    )
+    mass: float = quantity(0.075, "kg", "Armature and spool", lower=1e-3, upper=10.0, assumed=True)
+    spring_1: float = quantity(
+        5e3, "N/m", "Rate of the spring that pushes towards A", lower=1.0, upper=1e6, assumed=True
+    )
+    spring_2: float = quantity(
+        5e3, "N/m", "Rate of the spring that pushes towards B", lower=1.0, upper=1e6, assumed=True
+    )
+    preload_1: float = quantity(
+        20.0, "N", "Spring 1 with the spool in the middle", lower=0.0, upper=1e3, assumed=True
+    )
+    preload_2: float = quantity(
+        20.0, "N", "Spring 2 with the spool in the middle", lower=0.0, upper=1e3, assumed=True
+    )
+    friction: float = quantity(
+        6.0,
+        "N",
+        "Coulomb friction peak to peak (F_h): half of it on each side",
+        lower=0.0,
+        upper=500.0,
+        assumed=True,
+    )
+    alpha: float = quantity(
+        800.0, "s/m", "Steepness of the smoothed friction", lower=1.0, upper=5e3, assumed=True
+    )
+    beta: float = quantity(18.0, "N s/m", "Viscous damping", lower=0.0, upper=1e4, assumed=True)
+    force_gain: float = quantity(
+        1.0, "1", "Force over that of the characteristic curves", lower=0.05, upper=5.0
+    )
+    resistance_a: float = quantity(2.6, "ohm", "Coil A", lower=0.01, upper=1e3, assumed=True)
+    resistance_b: float = quantity(2.6, "ohm", "Coil B", lower=0.01, upper=1e3, assumed=True)
+    half_stroke: float = quantity(
+        0.8e-3, "m", "From the middle to a fully open port", lower=1e-4, upper=0.02, assumed=True
+    )
+    end_stop: float = quantity(
+        0.9e-3, "m", "From the middle to an end stop", lower=1e-4, upper=0.03, assumed=True
+    )
+    turns: float = quantity(350.0, "1", "Turns of a coil", lower=1.0, upper=1e5, assumed=True)
+    pole_area: float = quantity(
+        1.2e-4, "m^2", "Area of a pole", lower=1e-6, upper=0.1, assumed=True
+    )
+    gap: float = quantity(
+        1.7e-3,
+        "m",
+        "Gap in the middle: 1.4 mm and a residual 0.3 mm",
+        lower=1e-4,
+        upper=0.05,
+        assumed=True,
+    )
+    saturation_flux: float = quantity(
+        0.040,
+        "Wb",
+        "Flux linkage at which the iron takes 1 A",
+        lower=1e-4,
+        upper=10.0,
+        assumed=True,
+    )
+    coupling: float = quantity(
+        0.06,
+        "1",
+        "Mutual inductance over a coil's own in the middle",
+        lower=0.0,
+        upper=0.4,
+        assumed=True,
+    )
+    current_b1: float = quantity(
+        0.55e-3, "s", "b1 of G_A and G_B", lower=0.0, upper=0.1, assumed=True, ages=False
+    )
+    current_b2: float = quantity(
+        0.045e-6, "s^2", "b2 of G_A and G_B", lower=0.0, upper=1e-2, assumed=True, ages=False
+    )
+    current_a1: float = quantity(
+        0.43e-3, "s", "a1 of G_A and G_B", lower=2e-5, upper=0.1, assumed=True, ages=False
+    )
+    current_a2: float = quantity(
+        0.028e-6, "s^2", "a2 of G_A and G_B", lower=1e-9, upper=1e-2, assumed=True, ages=False
+    )
+    force_f1: float = quantity(
+        0.25e-3, "s", "f1 of G_F", lower=0.0, upper=0.1, assumed=True, ages=False
+    )
+    force_f2: float = quantity(
+        0.010e-6, "s^2", "f2 of G_F", lower=0.0, upper=1e-2, assumed=True, ages=False
+    )
+    force_d1: float = quantity(
+        0.75e-3, "s", "d1 of G_F", lower=2e-5, upper=0.1, assumed=True, ages=False
+    )
+    force_d2: float = quantity(
+        0.090e-6, "s^2", "d2 of G_F", lower=1e-9, upper=1e-2, assumed=True, ages=False
+    )
+    bias_current: float = quantity(
+        1.0, "A", "Of both coils at no output", lower=0.0, upper=10.0, assumed=True, ages=False
+    )
+    span_current: float = quantity(
+        1.6, "A", "Change at full output", lower=0.01, upper=20.0, assumed=True, ages=False
+    )
+    largest_current: float = quantity(
+        2.6, "A", "Limit of the references", lower=0.1, upper=30.0, assumed=True, ages=False
+    )
+    current_gain: float = quantity(
+        20.0, "V/A", "Current controller", lower=0.0, upper=1e3, assumed=True, ages=False
+    )
+    current_integral: float = quantity(
+        2e4, "V/(A s)", "Current controller", lower=0.0, upper=1e7, assumed=True, ages=False
+    )
+    supply_voltage: float = quantity(
+        24.0, "V", "Levels of the bridges, + and -", lower=1.0, upper=100.0, ages=False
+    )
+    current_scale: float = quantity(
+        5.0, "A", "Full scale of the current sensors", lower=0.1, upper=100.0, assumed=True,
+        ages=False,
+    )  # fmt: skip
+    current_quantum: float = quantity(
+        1.25e-3, "A", "Resolution of the current sensors", lower=0.0, upper=1.0, assumed=True,
+        ages=False,
+    )  # fmt: skip
+    map_current: tuple[float, ...] = _list(
+        "A", "Currents of a computed field, from 0; empty = pole, gap and saturation above"
+    )
+    map_position: tuple[float, ...] = _list("m", "Positions of a computed field, -x .. x")
+    map_flux: tuple[float, ...] = _list("Wb", "Flux linkages, the positions of a current together")
+    map_mutual: float = quantity(
+        6.52e-4, "H", "Mutual inductance with a computed field", lower=0.0, upper=1.0, ages=False
+    )
+    pid: PidConfig = field(default_factory=PidConfig)
+    trajectory_set: TrajectorySetConfig = field(default_factory=TrajectorySetConfig)
+
+    def __post_init__(self) -> None:
+        """Refuse values outside their range, and numbers that do not fit together."""
+        check_quantities(self)
+        if self.control not in CONTROLS:
+            message = f"control = {self.control!r}: must be one of {', '.join(CONTROLS)}"
+            raise ValueError(message)
+        refusal = check_geometry(self.gap, self.end_stop, self.half_stroke)
+        if refusal:
+            message = f"DoubleSolenoidPlant.{refusal}"
+            raise ValueError(message)
+        self._check_dynamics()
+        self.tables()
+
+    def ticks_per_sample(self, period_s: float) -> int:
+        """Return 1: the setpoint is taken once a sample."""
+        self._samples(period_s)
+        return 1
+
+    def initial_state(self) -> FloatArray:
+        """Return the state (STATE_SIZE,): in the middle, both coils at their bias."""
+        m, bias = self.tables(), float(self.bias_current)
+        middle = m.current[:, (m.current.shape[1] - 1) // 2]
+        nodes = np.arange(len(middle)) / m.per_flux
+        flux = float(np.interp(bias, middle, nodes)) + m.mutual * bias
+        state = np.zeros(STATE_SIZE)
+        state[POSITION] = 0.5
+        state[[PSI_A, PSI_B]] = flux
+        state[[GA_1, GB_1, I_A, I_B, MEAN_A, MEAN_B]] = bias
+        state[[LEVEL_A, LEVEL_B]] = 1.0
+        return state
+
+    def run(self, state: FloatArray, drive: Drive, period_s: float) -> Response:
+        """Run N samples; `state` is written in place.
+
+        With commands from outside the first column is the setpoint, the others are ignored. A leak
+        has no meaning for this valve and changes nothing. Where the integration fails, positions
+        are NaN from there on, and `failure` tells when and where.
+        """
+        count = len(drive.disturbance)
+        position, inputs = np.empty(count), np.empty((count, N_INPUTS))
+        wanted = drive.reference if drive.commands is None else drive.commands[:, 0]
+        run_valve(
+            state,
+            self.valve(),
+            self.tables(),
+            self.current_gains(),
+            self.pid.gains(),
+            self.trajectory_set.weights(),
+            CONTROLS.index(self.control),
+            np.ascontiguousarray(wanted),
+            np.ascontiguousarray(drive.disturbance),
+            bool(drive.stuck),
+            bool(drive.frozen),
+            Sensing(
+                float(self.supply_voltage), float(self.current_scale), float(self.current_quantum)
+            ),
+            self._samples(period_s),
+            position,
+            inputs,
+        )
+        return Response(position, inputs)
+
+    def failure(self, state: FloatArray) -> str:
+        """Return when and in what state the integration failed, empty if it did not.
+
+        Parameters
+        ----------
+        state : (STATE_SIZE,) array
+            The state that `run` has written.
+        """
+        if state[FAILED] == 0.0:
+            return ""
+        return (
+            f"integration failed at {state[TIME]:.6f} s: x = {state[X]:g} m, speed = "
+            f"{state[SPEED]:g} m/s, flux linkages {state[PSI_A]:g} and {state[PSI_B]:g} Wb, "
+            f"currents {state[I_A]:g} and {state[I_B]:g} A"
+        )
+
+    def steady_rate(self, inputs: FloatArray) -> float:
+        """Return 0: the valve holds its setpoint, no constant command keeps it moving."""
+        del inputs
+        return 0.0
+
+    def valve(self) -> Valve:
+        """Return the numbers of coils and mechanics for the compiled functions."""
+        return Valve(
+            resistance_a=float(self.resistance_a),
+            resistance_b=float(self.resistance_b),
+            current=self.current_dynamics(),
+            force=self.force_dynamics(),
+            force_gain=float(self.force_gain),
+            mass=float(self.mass),
+            preload_1=float(self.preload_1),
+            preload_2=float(self.preload_2),
+            spring_1=float(self.spring_1),
+            spring_2=float(self.spring_2),
+            friction=float(self.friction),
+            alpha=float(self.alpha),
+            beta=float(self.beta),
+            stop=float(self.end_stop),
+            half_stroke=float(self.half_stroke),
+            bias=float(self.bias_current),
+            span=float(self.span_current),
+            largest=float(self.largest_current),
+        )
+
+    def current_dynamics(self) -> Second:
+        """Return G_A = G_B, paper 000, eq. (4)."""
+        return second_order(self.current_b1, self.current_b2, self.current_a1, self.current_a2)
+
+    def force_dynamics(self) -> Second:
+        """Return G_F, paper 000, eq. (4)."""
+        return second_order(self.force_f1, self.force_f2, self.force_d1, self.force_d2)
+
+    def current_gains(self) -> CurrentGains:
+        """Return the numbers of the inner controllers."""
+        return CurrentGains(
+            proportional=float(self.current_gain),
+            integral=self.current_integral * SAMPLE_S,
+            supply=float(self.supply_voltage),
+            resistance=0.5 * (self.resistance_a + self.resistance_b),
+        )
+
+    def tables(self) -> MapTables:
+        """Return the characteristic curves of a coil for the compiled functions."""
+        given = max(len(self.map_current), len(self.map_position), len(self.map_flux)) > 1
+        return map_tables(
+            given,
+            (self.turns, self.pole_area, self.gap, self.saturation_flux, self.coupling),
+            self.end_stop,
+            (self.map_current, self.map_position, self.map_flux),
+            self.map_mutual,
+        )
+
+    def _check_dynamics(self) -> None:
+        """Refuse dynamics that Euler at 80 kHz cannot follow, and a loop that does not close."""
+        for name, (a1, a2) in {
+            "current": (self.current_a1, self.current_a2),
+            "force": (self.force_d1, self.force_d2),
+        }.items():
+            fastest = fastest_time(a1, a2)
+            if fastest < SAMPLE_S / 4.0:
+                first, second = ("a1", "a2") if name == "current" else ("d1", "d2")
+                message = (
+                    f"DoubleSolenoidPlant.{name}_{first} = {a1!r}, {name}_{second} = {a2!r}: the "
+                    f"fastest time is {fastest:.3g} s; must be {SAMPLE_S / 4.0:g} s or longer for "
+                    "steps of 12.5 us"
+                )
+                raise ValueError(message)
+        direct = self.current_b2 / self.current_a2
+        if direct * self.coupling >= 1.0:
+            message = (
+                f"DoubleSolenoidPlant.coupling = {self.coupling!r}: must be below "
+                f"current_a2/current_b2 = {1.0 / direct:g} [1], the currents of the two coils "
+                "drive each other up otherwise"
+            )
+            raise ValueError(message)
+
+    def _samples(self, period_s: float) -> int:
+        """Return how many control samples a sample takes."""
+        count = round(period_s / SAMPLE_S)
+        if count < 1 or abs(count * SAMPLE_S - period_s) > 1e-9 * period_s:
+            message = (
+                f"period_s = {period_s!r}: must be a multiple of {SAMPLE_S:g} [s], the sample of "
+                "the valve's controllers"
+            )
+            raise ValueError(message)
+        return count
+
+
+def check_geometry(gap: float, end_stop: float, half_stroke: float) -> str:
+    """Return why gap, end stop and stroke do not fit together, empty if they do [m]."""
+    if not end_stop >= half_stroke:
+        return f"end_stop = {end_stop!r}: must be half_stroke = {half_stroke!r} or more [m]"
+    if not gap >= 1.1 * end_stop:
+        return f"gap = {gap!r}: must be 1.1 end_stop = {1.1 * end_stop:g} or more [m]"
+    return ""
+
+
+def fastest_time(a1: float, a2: float) -> float:
+    """Return the fastest time constant of 1 + a1 s + a2 s^2 [s]."""
+    return float(1.0 / np.abs(np.roots([a2, a1, 1.0])).max())
+
+
+@lru_cache(maxsize=64)
+def map_tables(
+    given: bool,
+    pole: tuple[float, float, float, float, float],
+    end_stop: float,
+    curves: tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]],
+    mutual: float,
+) -> MapTables:
+    """Return the characteristic curves of a coil, computed once.
+
+    Parameters
+    ----------
+    given : bool
+        Whether `curves` hold a computed field.
+    pole : tuple of float
+        Turns [1], area [m^2], gap [m], saturation flux [Wb], coupling [1].
+    end_stop : float
+        Largest position [m].
+    curves : tuple of tuple of float
+        Currents [A], positions [m], flux linkages [Wb], the positions of a current together.
+    mutual : float
+        Mutual inductance that goes with `curves` [H].
+
+    Raises
+    ------
+    ValueError
+        If the curves are none of a solenoid or end before the stop.
+    """
+    if given:
+        current, position, flux = (np.array(c, dtype=np.float64) for c in curves)
+        shape = (len(current), len(position))
+        if flux.size == shape[0] * shape[1]:
+            flux = flux.reshape(shape)
+        if len(position) and not position[-1] >= end_stop:
+            message = (
+                f"map_position ends at {position[-1]:g} m: must reach end_stop = {end_stop:g} m"
+            )
+            raise ValueError(message)
+        return map_from_curves(FluxCurves(current, position, flux, mutual))
+    turns, area, gap, saturation, coupling = (float(p) for p in pole)
+    inductance = 4e-7 * np.pi * turns**2 * area / gap
+    return pole_curves(
+        turns,
+        area,
+        gap,
+        saturation,
+        mutual=coupling * inductance,
+        reach=min(_REACH * end_stop, 0.5 * (gap + end_stop)),
+        largest_flux=_LARGEST_FLUX * saturation,
+        largest_current=_LARGEST_CURRENT,
+    )
+
+
+class _DoubleSolenoidPlant:
+    """What makes the valve simulable."""
+
+    name = "double_solenoid"
+
+    def simulation(self) -> SimulationConfig:
+        """Return steps of all sizes in 0.36 s, sampled every 0.1 ms; position noise 0.16 um."""
+        program = CycleProgram(
+            times_s=(0.0, 0.005, 0.045, 0.085, 0.125, 0.165, 0.205, 0.245, 0.285, 0.325),
+            kinds=("hold",) * 10,
+            targets=(0.5, 0.9, 0.1, 0.75, 0.25, 0.5, 0.625, 0.575, 0.5, 0.475),
+            duration_s=0.36,
+        )
+        return SimulationConfig(
+            plant=DoubleSolenoidPlant(),
+            program=program,
+            measurement=MeasurementConfig(delay=0, noise=1e-4),
+            period_s=1e-4,
+        )
+
+
+PLANT: PlantFactory = _DoubleSolenoidPlant()
