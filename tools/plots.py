@@ -1,0 +1,165 @@
+#!/usr/bin/env python3
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Draw the figures of docs/valves anew: tools/run python tools/plots.py [NAME ...]."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.aging import AgingConfig, assess
+from valve_twin.core.estimation.sequence import Memory, estimate_cycle
+from valve_twin.core.simulation import AgingRule, simulate_cycles, to_frames
+from valve_twin.core.types import Cycle
+from valve_twin.core.valves.hybrid_actuator.magnetics import KERNELS, coil_force, magnet_force
+from valve_twin.core.valves.hybrid_actuator.plant import HybridActuatorPlant
+from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
+from valve_twin.report.svg import Panel, drawing, thin
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from valve_twin.core.types import FloatArray
+
+IMAGES = Path(__file__).resolve().parents[1] / "docs" / "images"
+CYCLES = 40
+STYLE = """<style>
+svg { font: 11px sans-serif; fill: #1b2026; } path { fill: none; }
+.tick, .label { fill: #545d68; } .end { text-anchor: end; } .mid { text-anchor: middle; }
+.head { font-weight: 600; } .grid { stroke: #e4e7eb; } .axis { stroke: #8a929b; }
+.dot { stroke: #545d68; stroke-width: 2.2; stroke-linecap: round; }
+.fine { stroke: #545d68; stroke-width: 1.2; }
+.truth { stroke: #c2500a; stroke-width: 1.5; }
+.a { stroke: #0072b2; stroke-width: 1.6; } .b { stroke: #c2500a; stroke-width: 1.6; }
+.c { stroke: #00664f; stroke-width: 1.6; }
+.dash { stroke-dasharray: 5 3; } .ink-a { fill: #0072b2; } .ink-b { fill: #c2500a; }
+.ink-c { fill: #00664f; }
+</style>
+<rect width="100%" height="100%" fill="#fff"/>"""
+
+
+def main(names: Sequence[str]) -> None:
+    """Draw the named figures, all without a name."""
+    for name in names or FIGURES:
+        panels = FIGURES[name]()
+        path = IMAGES / f"{name}.svg"
+        svg = drawing(960, 230, panels, name.replace("_", " "))
+        svg = svg.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1)
+        path.write_text(svg.replace(">\n", f">\n{STYLE}\n", 1) + "\n", encoding="utf-8")
+        print(f"{path} written")
+
+
+def panel(
+    column: int, x: tuple[float, float], y: tuple[float, float], labels: tuple[str, str]
+) -> Panel:
+    """Return one of three pairs of axes, drawn."""
+    made = Panel(48.0 + 320.0 * column, 26.0, 258.0, 160.0, x, y)
+    made.axes(x_label=labels[0], y_label=labels[1], x_ticks=5)
+    return made
+
+
+def first_cycle(name: str, seed: int = 1) -> Cycle:
+    """Return one simulated cycle of a new valve."""
+    simulation = get_simulation(name)
+    (block,) = simulate_cycles(simulation, 1, seed)
+    return Cycle(1, simulation.period_s, to_frames(block))
+
+
+def followed(name: str, aged: str, drift: float, wanted: Sequence[str]) -> list[FloatArray]:
+    """Return estimates over cycles (CYCLES,) while a number of the plant drifts linearly."""
+    simulation, model = get_simulation(name), get_model(name)
+    rule = AgingRule(aged, "linear", drift / (CYCLES - 1), 2)
+    simulation = replace(simulation, aging=(rule,))
+    options, memory, found = complete_options(model, {}), Memory.empty(), []
+    for number, block in enumerate(simulate_cycles(simulation, CYCLES, 1), 1):
+        cycle = Cycle(number, simulation.period_s, to_frames(block))
+        estimates, memory = estimate_cycle(model, options, cycle, memory)
+        found += [e for e in estimates if e.used_by_trend]
+    for trend in assess(found, (), AgingConfig(parameters=tuple(wanted)),
+                        parameters=model.parameters).trends:  # fmt: skip
+        print(
+            f"{name} {trend.parameter}: {trend.drift_reference:+.1f} % "
+            f"({trend.drift_reference_lower_95:+.1f} .. {trend.drift_reference_upper_95:+.1f})"
+        )
+    return [np.array([e.value(n) for e in found]) for n in wanted]
+
+
+def draw_stepper() -> list[Panel]:
+    """Return backlash between count and spool, dead band of the flow, and a thread that wears."""
+    mm = 2.1
+    cycle = first_cycle("stepper_servo")
+    motor, flow = cycle.frames.inputs.T
+    away = cycle.frames.position - motor
+    play = panel(0, (0.0, mm), (-0.2, 0.2), ("counted motor position [mm]", "spool − motor [mm]"))
+    play.dots(mm * motor, mm * away, "dot")
+    for side in (-0.05, 0.05):
+        play.level(side, "truth")
+    band = panel(1, (0.0, mm), (-0.05, 1.15), ("spool position [mm]", "metered flow [1]"))
+    band.dots(mm * cycle.frames.position, flow, "dot")
+    for edge in (0.45, 1.70):
+        band.mark(edge, "truth")
+    (backlash,) = followed("stepper_servo", "backlash", 0.15, ["backlash"])
+    return [play, band, course(mm * backlash, 0.1, 0.15, "backlash [mm]", (0.098, 0.118))]
+
+
+def course(
+    values: FloatArray, new: float, drift: float, label: str, y: tuple[float, float]
+) -> Panel:
+    """Return estimates over cycles beside the injected drift."""
+    made = panel(2, (0.0, CYCLES + 1.0), y, ("cycle", label))
+    number = np.arange(1.0, CYCLES + 1)
+    made.dots(number, values, "dot")
+    made.line(number, new * (1.0 + drift * (number - 1.0) / (CYCLES - 1)), "truth")
+    return made
+
+
+def draw_actuator() -> list[Panel]:
+    """Return an opening, the kernels' forces over the gap, and a magnet that fades."""
+    cycle = first_cycle("hybrid_actuator")
+    ms = np.arange(len(cycle.frames)) * 0.1
+    shown = ms <= 30.0
+    stroke = panel(0, (0.0, 30.0), (-0.45, 1.25), ("time [ms]", "position, current / 50 A [1]"))
+    for values, style in (
+        (cycle.frames.inputs[:, 3], "b"),
+        (cycle.frames.inputs[:, 2], "a"),
+        (cycle.frames.position, "fine"),
+    ):
+        stroke.line(*thin(ms[shown], values[shown], 300), style)
+    stroke.text(200, 45, "position", "label")
+    stroke.text(200, 122, "opening coil", "ink-a")
+    stroke.text(80, 178, "closing coil", "ink-b")
+    gap = np.linspace(0.15, 4.0, 200)
+    force = panel(1, (0.0, 4.0), (0.0, 1000.0), ("gap [mm]", "force of a coil at 20 and 60 A [N]"))
+    for kernel, style in zip(KERNELS, "abc", strict=True):
+        m = replace(HybridActuatorPlant(), kernel=kernel).magnetics()
+        for current, dash in ((20.0, " dash"), (60.0, "")):
+            newton = np.array([coil_force(m, current, 1e-3 * g) for g in gap])
+            force.line(gap, np.where(newton < 1000.0, newton, np.nan), style + dash)
+    magnet = np.array([magnet_force(m, 1e-3 * g) for g in gap])
+    force.line(gap, magnet, "fine")
+    for i, (text, style) in enumerate(
+        (
+            ("linear", "ink-a"),
+            ("saturating", "ink-b"),
+            ("saturating_fit", "ink-c"),
+            ("magnet alone", ""),
+        )
+    ):
+        force.text(505, 60 + 15 * i, text, style)
+    magnet_course, _ = followed("hybrid_actuator", "magnet_force", -0.15,
+                                ["magnet_force", "seating_speed_open"])  # fmt: skip
+    return [stroke, force, course(magnet_course, 128.0, -0.15, "magnet force [N]", (105.0, 133.0))]
+
+
+FIGURES: dict[str, Callable[[], list[Panel]]] = {
+    "stepper_servo": draw_stepper,
+    "hybrid_actuator": draw_actuator,
+}
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
