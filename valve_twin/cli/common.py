@@ -78,11 +78,11 @@ def run_offline(
     config: ValveConfig, bag: str, *, close_last: bool = True, predict: bool = True
 ) -> tuple[Record, Assessment]:
     """Estimate a bag and assess its trends; say on stderr what was bad in it."""
-    from valve_twin.io.offline import assess_record, describe_bad, run_bag
+    from valve_twin.io.offline import assess_record, describe_bad, describe_refused, run_bag
 
     with progress_of("estimating", None) as advance:
         record = run_bag(config, bag, close_last=close_last, predict=predict, on_cycle=advance)
-    for line in describe_bad(config, bag, record):
+    for line in [*describe_bad(config, bag, record), *describe_refused(bag, record)]:
         say(f"valve-twin: {line}")
     return record, assess_record(config, record)
 

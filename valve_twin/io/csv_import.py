@@ -149,8 +149,9 @@ def import_csv(
     paths = [path for pattern in files for path in csv_files(pattern)]
     streams = _streams(config)
     base_ns = _base_ns(config)
-    # a wrong column leaves no bag behind
+    # a wrong column or time leaves no bag behind
     tables = [_read(path, config, streams) for path in paths[:1]]
+    _stamps(tables[0], config, base_ns, None)
     done: list[ImportedFile] = []
     notices: list[str] = []
     with BagWriter(out, flush_s=60.0) as bag:

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -12,7 +14,7 @@ import numpy as np
 from valve_twin.core.aging import Assessment, assess
 from valve_twin.core.estimation.sequence import estimate_cycle
 from valve_twin.core.twin import Estimated, Event
-from valve_twin.core.types import Cycle, Estimate, Prediction
+from valve_twin.core.types import Cycle, Estimate, EstimateStatus, Prediction
 from valve_twin.core.valves.registry import complete_options, get_model
 from valve_twin.io.assembly import make_twin
 from valve_twin.io.bags import SLICE_S, read_signals
@@ -28,6 +30,9 @@ if TYPE_CHECKING:
     from valve_twin.core.types import Frames
     from valve_twin.io.config import ValveConfig
     from valve_twin.io.mapping import SignalBlock
+
+_NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?")
+_REASONS = 3  # told of refused cycles
 
 
 @dataclass(slots=True)
@@ -254,6 +259,21 @@ def describe_bad(config: ValveConfig, bag: str | Path, record: Record) -> list[s
                 "they were left out: raise hold_back_s"
             )
     return lines
+
+
+def describe_refused(bag: str | Path, record: Record) -> list[str]:
+    """Return one line a reason for which cycles gave no estimate, the most frequent first.
+
+    Reasons that differ in their numbers only are one; the first is told.
+    """
+    trended = [e for e in record.estimates if e.used_by_trend]
+    refused = [e.reason for e in trended if e.status is EstimateStatus.REFUSED]
+    kinds = Counter(_NUMBER.sub("#", reason) for reason in refused)
+    first = {_NUMBER.sub("#", reason): reason for reason in reversed(refused)}
+    return [
+        f"{bag}: {count} of {len(trended)} cycles give no estimate: {first[kind]}"
+        for kind, count in kinds.most_common(_REASONS)
+    ]
 
 
 def assess_record(config: ValveConfig, record: Record) -> Assessment:

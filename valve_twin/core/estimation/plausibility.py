@@ -27,7 +27,7 @@ LARGEST = 1.5
 
 _FEWEST_STEPS = 20  # between samples, to tell their distance
 _FEWEST_BEYOND = 3  # samples: fewer are outliers, not a unit
-_GAP = 1.5  # median steps; a longer one is a gap
+_GAP, _BUNCH = 1.5, 10.0  # median steps, periods; a step longer than both is a gap
 _SURE = 6.0  # standard errors by which a direction is told
 _EXPLAINED = 0.2  # least share of the motion that the commands explain, to tell its direction
 _AT_SEAT = 0.05  # distance from a seat that counts as resting there [1]
@@ -71,7 +71,7 @@ def sampling_fault(stamp_ns: IntArray, period_s: float) -> str:
         return ""
     steps = np.diff(stamp_ns) * 1e-9
     median = float(np.median(steps))
-    mean = float(steps[steps <= _GAP * median].mean()) if median > 0.0 else median
+    mean = float(steps[steps <= max(_GAP * median, _BUNCH * period_s)].mean())
     lower, upper = period_s * (1.0 - PERIOD_TOLERANCE), period_s * (1.0 + PERIOD_TOLERANCE)
     if not (max(median, mean) < lower or min(median, mean) > upper):
         return ""

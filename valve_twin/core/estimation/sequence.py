@@ -141,7 +141,8 @@ def estimate_cycle(
     Adds to each estimate its errors and fits as test data for the model before and as training
     data for the new one, the intervals from the scatter between cycles (NaN before there are
     ten), and how far the other estimators lie apart, unless the model `judges` nothing with these
-    options. Never raises for bad data.
+    options. Where the signals cannot be what is configured (`plausibility`) nothing is fitted, and
+    the trend's estimator says so alone. Never raises for bad data.
 
     Parameters
     ----------
@@ -162,12 +163,15 @@ def estimate_cycle(
         The memory with them.
     """
     if len(cycle.frames) == 0:
-        nothing = (_nothing(model, cycle),)
+        nothing = (_nothing(model, cycle, cycle.reason or "the cycle has no samples"),)
         return nothing, memory.after(nothing)
-    results = model.estimate(cycle, options, memory.estimates)
-    refusal = input_fault(model, cycle, options) if cycle.accepted else cycle.reason
-    if refusal or not cycle.accepted:
-        results = tuple(_refused(e, refusal) for e in results)
+    fault = input_fault(model, cycle, options) if cycle.accepted else ""
+    if fault:  # nothing is fitted to signals that cannot be what is configured
+        results: tuple[Estimate, ...] = (_nothing(model, cycle, fault),)
+    else:
+        results = model.estimate(cycle, options, memory.estimates)
+    if not cycle.accepted:
+        results = tuple(_refused(e, cycle.reason) for e in results)
     judges = getattr(model, "judges", None)
     if judges is not None and not judges(options):
         return results, memory
@@ -334,9 +338,9 @@ def _refused(estimate: Estimate, reason: str) -> Estimate:
     return replace(estimate, parameters=parameters, status=EstimateStatus.REFUSED, reason=reason)
 
 
-def _nothing(model: ValveModel, cycle: Cycle) -> Estimate:
-    """Refuse a cycle without samples."""
-    reason = cycle.reason or "the cycle has no samples"
+def _nothing(model: ValveModel, cycle: Cycle, reason: str) -> Estimate:
+    """Refuse a cycle to which nothing can be fitted."""
+    there = len(cycle.frames) > 0
     parameters = tuple(
         ParameterValue(p.name, float("nan"), ParameterStatus.REFUSED, reason)
         for p in model.parameters
@@ -345,12 +349,12 @@ def _nothing(model: ValveModel, cycle: Cycle) -> Estimate:
         model=model.name,
         estimator=model.trend_estimator,
         cycle=cycle.number,
-        start_ns=0,
-        end_ns=0,
+        start_ns=cycle.start_ns if there else 0,
+        end_ns=cycle.end_ns if there else 0,
         parameters=parameters,
         status=EstimateStatus.REFUSED,
         reason=reason,
         missed_cycles=cycle.missed_cycles,
         used_by_trend=True,
-        reproducible=False,
+        reproducible=there and cycle.reproducible,
     )
