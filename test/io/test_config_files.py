@@ -22,6 +22,7 @@ NAMES = [
     "press_archive",
     "press_cartridge",
     "press_fleet",
+    "servo_system",
     "simulated_press",
     "stepper_servo",
 ]

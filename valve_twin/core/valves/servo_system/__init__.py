@@ -2,6 +2,7 @@
 # Copyright 2026 valve_twin maintainers
 """A hydraulic servosystem with a suspension valve, after paper 003."""
 
+from valve_twin.core.valves.servo_system.model import MODEL
 from valve_twin.core.valves.servo_system.plant import PLANT
 
-__all__ = ["PLANT"]
+__all__ = ["MODEL", "PLANT"]

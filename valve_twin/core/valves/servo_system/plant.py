@@ -135,7 +135,7 @@ class ServoSystemPlant:
     )
     sensor_seed: int = whole(0, "1", "Seed of the sensors' noise", lower=0, upper=2**31)
     tolerance: float = _q(
-        1e-4, "1", "Allowed relative error of an integration step", 1e-10, 1e-2, ages=False
+        1e-5, "1", "Allowed relative error of an integration step", 1e-10, 1e-2, ages=False
     )
 
     def __post_init__(self) -> None:

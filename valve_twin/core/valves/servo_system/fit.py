@@ -1,0 +1,377 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Output error of the closed loop: parameters that make its simulation follow nine signals.
+
+The loop is simulated from the desired position alone, which carries no noise, so that noise in the
+signals does not bias the parameters. Sensitivities are ranked first: what the cycle does not tell,
+given all that it tells better, is held; while the residual is large, so is what else is held.
+Where the piston starts and what the motor remembers from the cycle before are found with them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+
+from valve_twin.core.physics.hysteresis import PLAYS
+from valve_twin.core.valves.servo_system.dynamics import STATES, TH, XP
+from valve_twin.core.valves.servo_system.integrate import rest, simulate
+from valve_twin.core.valves.servo_system.numbers import ARM, REACH, STROKE, derive
+from valve_twin.core.valves.servo_system.parameters import INDEX, NAMES
+from valve_twin.core.valves.servo_system.plant_kernel import Sensors, scaled
+from valve_twin.core.valves.servo_system.record import SIGNALS
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import BoolArray, FloatArray
+    from valve_twin.core.valves.servo_system.record import Record
+
+START, REMEMBERED = len(NAMES), len(NAMES) + 1
+UNKNOWNS = len(NAMES) + 2
+"""Estimated parameters over their starting values, start [stroke], remembered [reach]."""
+
+RTOL = 1e-4
+"""Relative error of an integration step in the fit [1]."""
+
+_DIFFERENCE = np.array(
+    [0.02, 0.2, 0.04, 0.4, 0.15, 0.04, 0.04, 0.1, 0.15, 0.04, 0.01, 0.04, 2e-3, 0.3]
+)
+"""Steps of the sensitivities, the larger the less an unknown does: what they change in the signals
+is far above the integration's error."""
+
+_LOWER = np.array([0.05] * len(NAMES) + [-0.2, -1.0])
+_UPPER = np.array([20.0] * len(NAMES) + [1.2, 1.0])
+_MAX_STAGES, _MAX_ROUNDS = 8, 12
+_ENOUGH = 0.02  # gain over what is above the noise that ends a stage [1]
+_MOVED = 0.03  # change of an unknown after which sensitivities are renewed at the end [1]
+_WORTH = 6.0  # promised gain below which a step that failed is not tried shorter [1]
+_LEAST_GAIN = 0.5  # promised gain that is not worth a step [1]
+_LONGEST = 0.5  # largest change of an unknown in a step [1]
+_START_SIGMA, _MEMORY_SIGMA = 2e-3, 0.5
+"""What start and memory are taken to scatter by beforehand [stroke], [reach]: a motor with a small
+hysteresis does not tell its memory."""
+
+_ERROR_FLOOR = 1e-3
+"""Relative error that a parameter is given at least: the integration's in simulation and fit."""
+
+_SMALL = 0.02  # length of a step in standard errors that ends the search [1]
+_DAMPING_UP, _DAMPING_DOWN, _DAMPING_MAX = 8.0, 0.2, 1e8
+_RENEW = 0.8  # share of the promised gain below which sensitivities are renewed [1]
+
+
+@dataclass(frozen=True, slots=True)
+class LoopFit:
+    """What the fit found.
+
+    Attributes
+    ----------
+    values : (12,) array
+        Parameters in the order of `NAMES` [their units].
+    errors : (12,) array
+        Their standard errors; of what was held, the error that it would have.
+    told : (12,) bool array
+        Which were estimated; the others kept their values.
+    at_bound : (12,) bool array
+        Which rest on a bound.
+    misfit : float
+        Residual over the noise, root mean square [1].
+    worst : str
+        The signal that is followed worst.
+    worst_misfit : float
+        Its residual over its noise [1].
+    condition : float
+        Condition number of the column-scaled sensitivities [1].
+    failed : str
+        Why nothing was found, empty if something was.
+    """
+
+    values: FloatArray
+    errors: FloatArray
+    told: BoolArray
+    at_bound: BoolArray
+    misfit: float
+    worst: str
+    worst_misfit: float
+    condition: float
+    failed: str = ""
+
+
+@njit(cache=True)
+def run_loop(
+    p: FloatArray,
+    sensors: Sensors,
+    wanted: FloatArray,
+    start: float,
+    remembered: float,
+    period: float,
+    rtol: float,
+    out: FloatArray,
+) -> int:
+    """Simulate the loop from rest and write its signals (N, 9); return the samples reached.
+
+    Parameters
+    ----------
+    p : (COUNT,) array
+        Numbers, derived ones renewed.
+    sensors : Sensors
+        Full scales.
+    wanted : (N,) array
+        Desired position [1].
+    start, remembered : float
+        Position of the piston at the first sample [1]; what the plays of the motor stand at,
+        in parts of their largest reach [1].
+    period, rtol : float
+        Sampling time [s] and relative error of a step [1].
+    out : (N, 9) array
+        Overwritten.
+    """
+    count = len(wanted)
+    y, memory = np.zeros(STATES), np.full(PLAYS, remembered * p[REACH])
+    place = (start - 0.5) * p[STROKE]
+    out[:, :] = np.nan
+    if not rest(place, p, y, memory):
+        return 0
+    y[TH] += np.arcsin(min(max(place / p[ARM], -1.0), 1.0))
+    y[TH] -= np.arcsin(min(max(y[XP] / p[ARM], -1.0), 1.0))
+    y[XP] = place
+    states = np.empty((count, STATES))
+    metres = (wanted - 0.5) * p[STROKE]
+    reached = simulate(y, memory, p, metres, period, rtol, states)
+    for n in range(reached):
+        out[n, 0] = states[n, XP] / p[STROKE] + 0.5
+        scaled(states[n], p, sensors, out[n, 1:])
+    return reached
+
+
+class _Problem:
+    """The weighted residual of a record and its sensitivities, by forward differences."""
+
+    def __init__(self, record: Record, p: FloatArray, sensors: Sensors) -> None:
+        self.record, self.sensors, self.p = record, sensors, p
+        self.base = p[INDEX].copy()
+        self.start = _first_position(record)
+
+    def residual(self, x: FloatArray) -> FloatArray | None:
+        """Return measured minus simulated over the noise, flat, and what start and memory cost.
+
+        None where the integration fails.
+        """
+        p = self.p.copy()
+        p[INDEX] = self.base * x[: len(NAMES)]
+        derive(p)
+        record = self.record
+        out = np.empty(record.measured.shape)
+        reached = run_loop(
+            p,
+            self.sensors,
+            record.wanted,
+            float(x[START]),
+            float(x[REMEMBERED]),
+            record.period_s,
+            RTOL,
+            out,
+        )
+        if reached < len(out) or not np.isfinite(out).all():
+            return None
+        weighted = ((record.measured - out) * record.weight).ravel()
+        away = (x[START] - self.start) / _START_SIGMA
+        return np.concatenate((weighted, [away, x[REMEMBERED] / _MEMORY_SIGMA]))
+
+    def sensitivities(self, x: FloatArray, r: FloatArray) -> FloatArray | None:
+        """Return d residual / d x, (N * 9 + 2, UNKNOWNS); None where integration fails."""
+        jacobian = np.empty((len(r), UNKNOWNS))
+        for j in range(UNKNOWNS):
+            step = _DIFFERENCE[j] * (x[j] if j < len(NAMES) else 1.0)
+            if x[j] + step > _UPPER[j]:
+                step = -step
+            aside = x.copy()
+            aside[j] += step
+            other = self.residual(aside)
+            if other is None:
+                return None
+            jacobian[:, j] = (other - r) / step
+        return jacobian
+
+
+def fit_loop(
+    record: Record,
+    p: FloatArray,
+    sensors: Sensors,
+    *,
+    max_error: float,
+    guess: FloatArray | None = None,
+) -> LoopFit:
+    """Fit the parameters of `NAMES` to a record that begins at rest.
+
+    Parameters
+    ----------
+    record : Record
+        N samples of nine signals.
+    p : (COUNT,) array
+        Numbers to start from and to keep.
+    sensors : Sensors
+        Full scales.
+    max_error : float
+        Relative standard error above which a parameter is held [1].
+    guess : (12,) array, optional
+        Values to search from, NaN = those of `p` [their units].
+    """
+    problem = _Problem(record, p, sensors)
+    x = np.ones(UNKNOWNS)
+    x[START] = problem.start
+    x[REMEMBERED] = 0.0
+    if guess is not None:
+        known = np.isfinite(guess)
+        x[:START][known] = np.clip(guess[known] / problem.base[known], 0.5, 2.0)
+    r = problem.residual(x)
+    jacobian = None if r is None else problem.sensitivities(x, r)
+    if r is None or jacobian is None:
+        return _failure(problem, "the simulation of the cycle fails: an option is wrong")
+    free = np.zeros(UNKNOWNS, dtype=np.bool_)
+    for _ in range(_MAX_STAGES):
+        ranked = rank(jacobian, x, max_error / max(_misfit(r), 1.0))
+        if (ranked == free).all():
+            break
+        x[:START][free[:START] & ~ranked[:START]] = 1.0
+        moved = problem.residual(x)
+        free, r = ranked, r if moved is None else moved
+        x, r, jacobian = _descend(problem, x, r, jacobian, free)
+    return _result(problem, x, r, jacobian, free)
+
+
+def _misfit(r: FloatArray) -> float:
+    """Return the residual over the noise, root mean square [1]."""
+    return float(np.sqrt(np.mean(r * r)))
+
+
+def rank(jacobian: FloatArray, x: FloatArray, max_error: float) -> BoolArray:
+    """Return which unknowns the record tells, (UNKNOWNS,), most sensitive first.
+
+    An unknown is taken if its standard error, given all unknowns taken before it, stays below
+    `max_error`; start and memory always are.
+
+    Parameters
+    ----------
+    jacobian : (M, UNKNOWNS) array
+        Sensitivities of the weighted residual.
+    x : (UNKNOWNS,) array
+        Where they were taken.
+    max_error : float
+        Largest relative standard error [1].
+    """
+    gram = jacobian.T @ jacobian
+    left = list(range(START))
+    taken = [START, REMEMBERED]
+    while left:
+        known = gram[np.ix_(taken, taken)] + 1e-12 * np.diag(np.diag(gram)[taken] + 1e-300)
+        cross = gram[np.ix_(taken, left)]
+        rest_ = np.diag(gram)[left] - np.sum(cross * np.linalg.solve(known, cross), axis=0)
+        error = 1.0 / (np.sqrt(np.maximum(rest_, 1e-300)) * x[left])
+        best = int(np.argmin(error))
+        if error[best] > max_error:
+            break
+        taken.append(left.pop(best))
+    free = np.zeros(UNKNOWNS, dtype=np.bool_)
+    free[taken] = True
+    return free
+
+
+def _descend(
+    problem: _Problem, x: FloatArray, r: FloatArray, jacobian: FloatArray, free: BoolArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Levenberg-Marquardt inside the bounds; sensitivities are renewed where they mislead."""
+    damping, cost, fresh, taken_at = 1e-6, float(r @ r), True, x
+    for _ in range(_MAX_ROUNDS):
+        step, promised, change = _step(jacobian, r, x, free, damping)
+        if change < _SMALL or promised < _LEAST_GAIN:
+            break
+        trial = np.clip(x + step, _LOWER, _UPPER)
+        there = problem.residual(trial)
+        gained = cost - float(there @ there) if there is not None else -np.inf
+        if there is not None and gained > 0.0:
+            x, r, cost = trial, there, cost - gained
+            damping *= _DAMPING_DOWN
+            fresh = False
+            if gained < max(_LEAST_GAIN, _ENOUGH * (cost - len(r))):
+                break
+        elif fresh and promised < _WORTH:
+            break
+        else:
+            damping = max(damping, 1e-4) * _DAMPING_UP
+        if not fresh and gained < _RENEW * promised:
+            renewed = problem.sensitivities(x, r)
+            if renewed is None:
+                break
+            jacobian, fresh, taken_at = renewed, True, x
+        if damping > _DAMPING_MAX:
+            break
+    if np.abs(x - taken_at).max() > _MOVED:
+        renewed = problem.sensitivities(x, r)
+        jacobian = jacobian if renewed is None else renewed
+    return x, r, jacobian
+
+
+def _step(
+    jacobian: FloatArray, r: FloatArray, x: FloatArray, free: BoolArray, damping: float
+) -> tuple[FloatArray, float, float]:
+    """Return the step, the gain it promises and its length in standard errors."""
+    gradient = -(jacobian.T @ r)
+    outwards = ((x <= _LOWER) & (gradient < 0.0)) | ((x >= _UPPER) & (gradient > 0.0))
+    on = np.flatnonzero(free & ~outwards)
+    gram = jacobian[:, on].T @ jacobian[:, on]
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    matrix = gram / np.outer(scale, scale) + damping * np.eye(len(on))
+    part = np.linalg.solve(matrix, gradient[on] / scale) / scale
+    step = np.zeros(UNKNOWNS)
+    step[on] = part
+    length = float(np.sqrt(max(float(part @ gram @ part), 0.0)))
+    share = min(1.0, _LONGEST / max(float(np.abs(part).max(initial=0.0)), 1e-300))
+    promised = 2.0 * share * float(part @ gradient[on]) - (share * length) ** 2
+    return share * step, promised, length
+
+
+def _first_position(record: Record) -> float:
+    """Return the measured position before the piston can have moved [1]."""
+    known = np.flatnonzero(record.weight[:, 0] > 0.0)[:3]
+    return float(np.mean(record.measured[known, 0]))
+
+
+def _result(
+    problem: _Problem, x: FloatArray, r: FloatArray, jacobian: FloatArray, free: BoolArray
+) -> LoopFit:
+    names = len(NAMES)
+    used = problem.record.weight > 0.0
+    misfit = float(np.sqrt(r @ r / max(int(used.sum()) - int(free.sum()), 1)))
+    each = np.sqrt(
+        np.sum(r[:-2].reshape(used.shape) ** 2, axis=0) / np.maximum(used.sum(axis=0), 1)
+    )
+    gram = jacobian.T @ jacobian
+    errors = np.full(names, np.inf)
+    for j in range(names):
+        on = np.flatnonzero(free | (np.arange(UNKNOWNS) == j))
+        scale = np.sqrt(np.maximum(np.diag(gram)[on], 1e-300))
+        inverse = np.linalg.pinv(gram[np.ix_(on, on)] / np.outer(scale, scale))
+        place = int(np.flatnonzero(on == j)[0])
+        errors[j] = np.sqrt(max(inverse[place, place], 0.0)) / scale[place]
+    on = np.flatnonzero(free)
+    columns = jacobian[:, on] / np.sqrt(np.maximum(np.diag(gram)[on], 1e-300))
+    at_bound = (x <= _LOWER * (1 + 1e-9)) | (x >= _UPPER * (1 - 1e-9))
+    return LoopFit(
+        values=problem.base * x[:names],
+        errors=problem.base * np.hypot(errors * max(misfit, 1.0), _ERROR_FLOOR * x[:names]),
+        told=free[:names],
+        at_bound=at_bound[:names],
+        misfit=misfit,
+        worst=SIGNALS[int(np.argmax(each))],
+        worst_misfit=float(each.max()),
+        condition=float(np.linalg.cond(columns)),
+    )
+
+
+def _failure(problem: _Problem, reason: str) -> LoopFit:
+    nothing = np.full(len(NAMES), np.nan)
+    none = np.zeros(len(NAMES), dtype=np.bool_)
+    nan = float("nan")
+    return LoopFit(nothing, nothing, none, none, nan, "", nan, nan, reason)

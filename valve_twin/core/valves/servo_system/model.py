@@ -1,0 +1,199 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The model of the servosystem: what is estimated from one cycle and how it predicts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.types import (
+    Estimate,
+    EstimateStatus,
+    MaskCounts,
+    ParameterStatus,
+    ParameterValue,
+)
+from valve_twin.core.valves.interface import number
+from valve_twin.core.valves.servo_system.fit import LoopFit, fit_loop
+from valve_twin.core.valves.servo_system.parameters import (
+    ESTIMATOR,
+    NAMES,
+    OPTIONS,
+    PARAMETERS,
+    numbers,
+    refusal_of,
+    sensors,
+)
+from valve_twin.core.valves.servo_system.plant_kernel import INPUTS
+from valve_twin.core.valves.servo_system.predictor import (
+    N_COEFFICIENTS,
+    STATE_SIZE,
+    predict_block,
+)
+from valve_twin.core.valves.servo_system.record import Record, excitation_of, take_record
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from valve_twin.core.types import ByteArray, Cycle, FloatArray, Parameter
+    from valve_twin.core.valves.interface import Option, Options
+
+_QUANTILE_95 = 1.96
+
+
+@dataclass(frozen=True, slots=True)
+class ServoSystemModel:
+    """Implements `ValveModel` for the servosystem of paper 003."""
+
+    name: str = "servo_system"
+    inputs: tuple[str, ...] = INPUTS
+    output: str = "piston_position"
+    parameters: tuple[Parameter, ...] = PARAMETERS
+    options: tuple[Option, ...] = OPTIONS
+    trend_estimator: str = ESTIMATOR
+
+    def estimate(
+        self, cycle: Cycle, options: Options, earlier: Sequence[Estimate] = ()
+    ) -> tuple[Estimate, ...]:
+        """Estimate what one cycle tells of the parameters.
+
+        Parameters
+        ----------
+        cycle : Cycle
+            One cycle of moves that begins at rest, sampled every 2 ms or faster.
+        options : mapping
+            The model's options, complete.
+        earlier : sequence of Estimate
+            The search begins at the last of them: it ends where the cycle says.
+
+        Returns
+        -------
+        tuple of Estimate
+            One estimate; REFUSED with its reason where the cycle says nothing.
+        """
+        refusal = refusal_of(options)
+        record = None
+        if not refusal:
+            record, refusal = take_record(cycle)
+        if record is not None:
+            refusal = excitation_of(record, options)
+        if record is None or refusal:
+            return (_refused(cycle, refusal),)
+        fit = fit_loop(
+            record,
+            numbers(options, {}),
+            sensors(options),
+            max_error=number(options, "max_error"),
+            guess=_guess(earlier),
+        )
+        refusal = fit.failed or _misfit(fit, options)
+        if refusal:
+            return (_refused(cycle, refusal, fit),)
+        return (_accepted(cycle, record, fit, number(options, "max_error")),)
+
+    def coefficients(
+        self, values: Mapping[str, float], lag: int, period_s: float, options: Options
+    ) -> FloatArray:
+        """Return the coefficients of `predict`; what is not estimated comes from the options."""
+        del lag
+        if refusal_of(options):
+            return np.full(N_COEFFICIENTS, np.nan)
+        return np.append(numbers(options, values), period_s)
+
+    def initial_state(self) -> FloatArray:
+        """Return the state before the first sample."""
+        return np.zeros(STATE_SIZE)
+
+    def predict(
+        self,
+        state: FloatArray,
+        coefficients: FloatArray,
+        position: FloatArray,
+        inputs: FloatArray,
+        restart: ByteArray,
+        predicted: FloatArray,
+        simulated: FloatArray,
+        validity: ByteArray,
+    ) -> None:
+        """Predict a block of samples; see `ValveModel.predict`."""
+        predict_block(
+            state,
+            coefficients,
+            np.ascontiguousarray(position),
+            np.ascontiguousarray(inputs),
+            restart,
+            predicted,
+            simulated,
+            validity,
+        )
+
+
+def _guess(earlier: Sequence[Estimate]) -> FloatArray | None:
+    """Return the parameters of the last cycle that was not refused, (12,), NaN where unknown."""
+    for estimate in reversed(earlier):
+        if estimate.estimator == ESTIMATOR and estimate.status is not EstimateStatus.REFUSED:
+            return np.array([estimate.value(name) for name in NAMES])
+    return None
+
+
+def _misfit(fit: LoopFit, options: Options) -> str:
+    limit = number(options, "max_misfit")
+    if fit.misfit <= limit:
+        return ""
+    return (
+        f"the loop leaves {fit.misfit:.2g} times the noise of the signals, more than max_misfit "
+        f"{limit:g}, most in {fit.worst} ({fit.worst_misfit:.2g}): the cycle does not begin at "
+        "rest, an option is wrong or a fault is not in the equations"
+    )
+
+
+def _value(fit: LoopFit, i: int, max_error: float) -> ParameterValue:
+    name, value, error = NAMES[i], float(fit.values[i]), float(fit.errors[i])
+    if not fit.told[i] or error > max_error * value:
+        told = f"{100.0 * error / value:.0f} %" if np.isfinite(error) and value > 0.0 else "none"
+        reason = f"not told by this cycle: standard error {told} of {value:.3g}"
+        return ParameterValue(name, float("nan"), ParameterStatus.NOT_EXCITED, reason)
+    if fit.at_bound[i]:
+        reason = f"rests on its bound {value:.3g}"
+        return ParameterValue(name, value, ParameterStatus.AT_BOUND, reason)
+    half = _QUANTILE_95 * error
+    low, high = max(value - half, PARAMETERS[i].lower), min(value + half, PARAMETERS[i].upper)
+    return ParameterValue(name, value, ParameterStatus.OK, "", error, low, high)
+
+
+def _accepted(cycle: Cycle, record: Record, fit: LoopFit, max_error: float) -> Estimate:
+    values = tuple(_value(fit, i, max_error) for i in range(len(NAMES)))
+    withheld = [v.name for v in values if not np.isfinite(v.value)]
+    return Estimate(
+        model="servo_system",
+        estimator=ESTIMATOR,
+        parameters=values,
+        status=EstimateStatus.PARTIAL if withheld else EstimateStatus.ACCEPTED,
+        reason=f"not told: {', '.join(withheld)}" if withheld else "accepted",
+        condition_number=fit.condition,
+        noise_sigma=float(record.sigma[0]),
+        counts=MaskCounts(len(record.wanted) - record.bad, bad=record.bad),
+        **cycle.origin,
+    )
+
+
+def _refused(cycle: Cycle, reason: str, fit: LoopFit | None = None) -> Estimate:
+    nothing = float("nan")
+    return Estimate(
+        model="servo_system",
+        estimator=ESTIMATOR,
+        parameters=tuple(
+            ParameterValue(name, nothing, ParameterStatus.REFUSED, reason) for name in NAMES
+        ),
+        status=EstimateStatus.REFUSED,
+        reason=reason,
+        condition_number=nothing if fit is None else fit.condition,
+        counts=MaskCounts(0, bad=len(cycle.frames)),
+        **cycle.origin,
+    )
+
+
+MODEL = ServoSystemModel()

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Compiled prediction of the piston from the desired position: one step ahead, and free.
+
+Both simulate the whole loop. One step ahead, piston and load are moved towards each measured
+position; the free run starts from there at the beginning of a cycle.
+"""
+
+from __future__ import annotations
+
+from math import nan
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+
+from valve_twin.core.physics.hysteresis import PLAYS
+from valve_twin.core.valves.servo_system.dynamics import (
+    CONTROLS,
+    FED_BACK,
+    STATES,
+    TH,
+    WANTED,
+    XP,
+)
+from valve_twin.core.valves.servo_system.integrate import FIRST_STEP, advance, rest
+from valve_twin.core.valves.servo_system.numbers import ARM, COUNT, STROKE
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import ByteArray, FloatArray
+
+N_COEFFICIENTS = COUNT + 1
+"""Numbers of the loop, and the sampling time [s]."""
+
+_SEEN, _LAST = 0, 1
+_RUN = STATES + PLAYS + 1
+_OBSERVED = 2
+_FREE = _OBSERVED + _RUN
+STATE_SIZE = _FREE + _RUN
+"""Whether started, desired position [1]; of the observed and of the free loop the states, the
+motor's memory and the next step."""
+
+_GAIN = 0.1  # share of the distance to a measured position that is made good [1] [A]
+_RTOL = 1e-4
+_STARTING, _BAD_INPUT = 2, 5
+_NEW_CYCLE, _GAP, _BAD = 1, 2, 3
+
+
+@njit(cache=True)
+def _shift(y: FloatArray, p: FloatArray, way: float) -> None:
+    """Move piston and load together [m]."""
+    y[XP] += way
+    y[TH] += way / p[ARM]
+
+
+@njit(cache=True)
+def _begin(run: FloatArray, p: FloatArray, place: float) -> bool:
+    """Write a loop at rest about a position [m]."""
+    y, memory = run[:STATES], run[STATES : STATES + PLAYS]
+    memory[:] = 0.0
+    run[STATES + PLAYS] = FIRST_STEP
+    settled = rest(place, p, y, memory)
+    _shift(y, p, place - y[XP])
+    return bool(settled and np.isfinite(y).all())
+
+
+@njit(cache=True)
+def _move(run: FloatArray, p: FloatArray, u: FloatArray, period: float) -> bool:
+    """Let a loop run for a sample; False where the integration fails."""
+    y, memory = run[:STATES], run[STATES : STATES + PLAYS]
+    h, reached, _ = advance(y, memory, p, u, period, max(run[-1], FIRST_STEP), _RTOL)
+    run[STATES + PLAYS] = h
+    return bool(reached >= period * (1.0 - 1e-9) and np.isfinite(y).all())
+
+
+@njit(cache=True)
+def predict_block(
+    state: FloatArray,
+    c: FloatArray,
+    position: FloatArray,
+    inputs: FloatArray,
+    restart: ByteArray,
+    predicted: FloatArray,
+    simulated: FloatArray,
+    validity: ByteArray,
+) -> None:
+    """Predict N samples in place; see `ValveModel.predict`.
+
+    Parameters
+    ----------
+    state : (STATE_SIZE,) array
+        Written in place.
+    c : (N_COEFFICIENTS,) array
+        See `N_COEFFICIENTS`.
+    position : (N,) array
+        Measured position [1].
+    inputs : (N, 9) array
+        Desired position and sensors [1].
+    restart : (N,) uint8 array
+        0 go on, 1 a cycle starts, 2 a gap lies before, 3 not valid.
+    predicted, simulated : (N,) arrays
+        One-step prediction and free run [1].
+    validity : (N,) uint8 array
+        One `Validity` a sample.
+    """
+    p, period = c[:COUNT], c[COUNT]
+    stroke = p[STROKE]
+    observed, free = state[_OBSERVED:_FREE], state[_FREE:]
+    u = np.zeros(CONTROLS)
+    u[FED_BACK] = nan
+    for n in range(len(position)):
+        flag = restart[n]
+        if flag == _GAP:
+            state[_SEEN] = 0.0
+        if state[_SEEN] > 0.0:
+            u[WANTED] = (state[_LAST] - 0.5) * stroke
+            alive = _move(observed, p, u, period) and _move(free, p, u, period)
+            state[_SEEN] = 1.0 if alive else 0.0
+        ready = state[_SEEN] > 0.0
+        predicted[n] = observed[XP] / stroke + 0.5 if ready else nan
+        validity[n] = _BAD_INPUT if flag == _BAD else 0 if ready else _STARTING
+        if flag != _BAD:
+            measured = min(max(position[n], -0.2), 1.2)
+            if ready:
+                _shift(observed, p, _GAIN * ((measured - 0.5) * stroke - observed[XP]))
+            elif _begin(observed, p, (measured - 0.5) * stroke):
+                state[_SEEN] = 1.0
+            if flag == _NEW_CYCLE or not ready:
+                free[:] = observed
+            state[_LAST] = min(max(inputs[n, 0], -1.0), 2.0)
+        simulated[n] = free[XP] / stroke + 0.5 if ready else nan
