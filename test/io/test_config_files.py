@@ -19,6 +19,7 @@ NAMES = [
     "hybrid_actuator",
     "hydraulic_actuator",
     "hydraulic_rig",
+    "pilot_valve",
     "press_archive",
     "press_cartridge",
     "press_fleet",

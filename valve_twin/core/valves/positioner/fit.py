@@ -107,7 +107,7 @@ def fit_free_run(record: Record, *, max_lag: int, limits: Limits) -> Solution:
         The best of all starts and delays.
     """
     every = max(1, len(record.position) // _SEARCH_SAMPLES)
-    best = _search(_thin(record, every), -(-max_lag // every), limits)
+    best = _search(thin(record, every), -(-max_lag // every), limits)
     if every > 1:
         best = _refine(record, best, every, max_lag, limits)
     return best
@@ -120,7 +120,7 @@ def normal(record: Record, parameters: FloatArray, lag: int) -> tuple[FloatArray
 
 def _search(record: Record, max_lag: int, limits: Limits) -> Solution:
     """Scan the delay from coarse to fine, each from several starts."""
-    starts = _starts(record, limits)
+    starts = starting_values(record, limits)
     best: Solution | None = None
     tried: set[int] = set()
     for lags in _coarse_to_fine(max_lag):
@@ -160,7 +160,8 @@ def _refine(
             step = -(-step // 3)
 
 
-def _thin(record: Record, every: int) -> Record:
+def thin(record: Record, every: int) -> Record:
+    """Return every k-th sample of a record."""
     return Record(
         position=np.ascontiguousarray(record.position[::every]),
         command=np.ascontiguousarray(record.command[::every]),
@@ -180,8 +181,8 @@ def _coarse_to_fine(max_lag: int) -> list[list[int]]:
     return scans
 
 
-def _starts(record: Record, limits: Limits) -> list[FloatArray]:
-    """Guess rates and slew limits from the measured speeds: three rates x two slew limits."""
+def starting_values(record: Record, limits: Limits) -> list[FloatArray]:
+    """Guess rates and slew limits (5,) from the measured speeds: three rates x two slew limits."""
     speed = np.diff(record.position) / record.period_s
     error = record.command[:-1] - record.position[:-1]
     rates, slews = np.empty(2), np.empty(2)

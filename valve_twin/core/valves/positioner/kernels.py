@@ -36,9 +36,10 @@ MAX_LAG = 1024
 
 _RATE_RISING, _RATE_FALLING, _SLEW_RISING, _SLEW_FALLING, _DEAD_BAND = range(N_PARAMETERS)
 
-_LAST, _FREE, _SEEN, _HEAD, _LINE = 0, 1, 2, 3, 4
-STATE_SIZE = _LINE + MAX_LAG + 1
-"""Last measured and free position [1], samples seen, head and content of the delay line."""
+_LAST, _FREE, SEEN, HEAD, LINE = 0, 1, 2, 3, 4
+STATE_SIZE = LINE + MAX_LAG + 1 + 8
+"""Last measured and free position [1], samples seen, head and content of the delay line, and the
+two motions of the extended law."""
 
 _STARTING, _BAD_INPUT = 2, 5
 _NEW_CYCLE, _GAP, _BAD = 1, 2, 3
@@ -128,15 +129,15 @@ def predict_block(
     for n in range(len(position)):
         flag = restart[n]
         if flag == _GAP:
-            state[_SEEN] = 0.0
-        head = int(state[_HEAD])
+            state[SEEN] = 0.0
+        head = int(state[HEAD])
         if flag == _BAD:
-            state[_LINE + head] = state[_LINE + (head - 1) % (MAX_LAG + 1)]
+            state[LINE + head] = state[LINE + (head - 1) % (MAX_LAG + 1)]
         else:
-            state[_LINE + head] = inputs[n, 0]
-        state[_HEAD] = (head + 1) % (MAX_LAG + 1)
-        ready = state[_SEEN] > lag
-        command = state[_LINE + (head - lag) % (MAX_LAG + 1)]
+            state[LINE + head] = inputs[n, 0]
+        state[HEAD] = (head + 1) % (MAX_LAG + 1)
+        ready = state[SEEN] > lag
+        command = state[LINE + (head - lag) % (MAX_LAG + 1)]
         if ready:
             predicted[n] = _step(state[_LAST], command, c)
             state[_FREE] = _step(state[_FREE], command, c)
@@ -152,7 +153,7 @@ def predict_block(
             if not ready or flag == _NEW_CYCLE:
                 state[_FREE] = position[n]
         simulated[n] = state[_FREE] if ready else nan
-        state[_SEEN] += 1.0
+        state[SEEN] += 1.0
 
 
 @njit(cache=True)

@@ -17,17 +17,27 @@ from valve_twin.core.estimation.plausibility import (
     unit_fault,
 )
 from valve_twin.core.valves.interface import number
+from valve_twin.core.valves.positioner.curve import (
+    line_through,
+    pooled,
+    settled,
+    shows_several_levels,
+)
+from valve_twin.core.valves.positioner.extended import predict_extended
 from valve_twin.core.valves.positioner.fit import (
     FASTEST_RATE,
     bounds,
     fit_free_run,
     normal,
 )
+from valve_twin.core.valves.positioner.fit_extended import fit_extended
 from valve_twin.core.valves.positioner.intervals import block_errors
 from valve_twin.core.valves.positioner.kernels import STATE_SIZE, predict_block
 from valve_twin.core.valves.positioner.outcome import MIN_DRIVEN, Errors, accepted, refused
+from valve_twin.core.valves.positioner.outcome_extended import Fitted, accepted_extended
 from valve_twin.core.valves.positioner.parameters import ESTIMATOR, OPTIONS, PARAMETERS
 from valve_twin.core.valves.positioner.record import prepare
+from valve_twin.core.valves.positioner.structure import extend, structure_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -42,6 +52,11 @@ if TYPE_CHECKING:
     )
     from valve_twin.core.valves.interface import Option, Options
     from valve_twin.core.valves.positioner.fit import Limits, Record, Solution
+    from valve_twin.core.valves.positioner.record import Prepared
+    from valve_twin.core.valves.positioner.structure import Structure
+
+N_PLAIN = 9
+"""Coefficients of the plain law."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,14 +82,13 @@ class PositionerModel:
         options : mapping
             The model's options, complete.
         earlier : sequence of Estimate
-            Not used: nothing is pooled.
+            Their settled levels are pooled into the dead command of a static curve; nothing else.
 
         Returns
         -------
         tuple of Estimate
             One estimate; REFUSED with its reason where the cycle says nothing.
         """
-        del earlier
         prepared = prepare(cycle, options)
         if prepared.refusal:
             return (refused(self.name, cycle, prepared),)
@@ -83,6 +97,10 @@ class PositionerModel:
             min_slew=number(options, "min_slew"),
             max_dead_band=number(options, "max_dead_band"),
         )
+        structure, blocks = structure_of(options), int(number(options, "interval_blocks"))
+        if structure.extended:
+            found = _fit_extended(prepared, structure, limits, earlier)
+            return (accepted_extended(self.name, cycle, found, blocks),)
         solution = fit_free_run(prepared.record, max_lag=prepared.max_lag, limits=limits)
         errors = _errors(
             prepared.record, solution, limits, int(number(options, "interval_blocks"))
@@ -122,7 +140,8 @@ class PositionerModel:
         """Return what several cycles together know: the newest value of every parameter.
 
         A slew limit that later cycles did not reach stays in force until one of them moves
-        faster: a limit that the spool has been seen to pass is none.
+        faster: a limit that the spool has been seen to pass is none. Cycles of a static curve,
+        each at a command of its own, are pooled: see `curve.pooled`.
 
         Parameters
         ----------
@@ -137,16 +156,23 @@ class PositionerModel:
                 if speed > values.get(limit, np.inf):
                     del values[limit]
             values.update(known)
-        return values
+        return {**values, **pooled(estimates)}
 
     def coefficients(
         self, values: Mapping[str, float], lag: int, period_s: float, options: Options
     ) -> FloatArray:
-        """Return the 9 coefficients of `predict`; what no cycle has shown does not limit it.
+        """Return the coefficients of `predict`; what no cycle has shown does not limit it.
 
         A rate known in one direction only serves both; an unknown slew limit is one stroke a
-        sample.
+        sample. 9 of the plain law, 17 of the extended one.
         """
+        plain = self._plain(values, lag, period_s, options)
+        structure = structure_of(options)
+        return extend(plain, values, structure) if structure.extended else plain
+
+    def _plain(
+        self, values: Mapping[str, float], lag: int, period_s: float, options: Options
+    ) -> FloatArray:
         fastest = 1.0 / period_s
         rising = values.get("rate_rising", values.get("rate_falling", FASTEST_RATE / period_s))
         return np.array(
@@ -179,9 +205,26 @@ class PositionerModel:
         validity: ByteArray,
     ) -> None:
         """Predict a block of samples; see `ValveModel.predict`."""
-        predict_block(
-            state, coefficients, position, inputs, restart, predicted, simulated, validity
-        )
+        plain = len(coefficients) == N_PLAIN
+        kernel = predict_block if plain else predict_extended
+        kernel(state, coefficients, position, inputs, restart, predicted, simulated, validity)
+
+
+def _fit_extended(
+    prepared: Prepared, structure: Structure, limits: Limits, earlier: Sequence[Estimate]
+) -> Fitted:
+    """Fit the extended law; a dead command that a cycle does not show comes from those before."""
+    several = structure.static_curve and shows_several_levels(prepared.record)
+    line = line_through(*settled(earlier))
+    known = None if several else (0.0 if line is None else line[0])
+    fit = fit_extended(
+        prepared.record,
+        structure,
+        max_lag=prepared.max_lag,
+        limits=limits,
+        dead_command=known,
+    )
+    return Fitted(prepared, structure, fit, earlier)
 
 
 def _errors(record: Record, solution: Solution, limits: Limits, blocks: int) -> Errors | None:

@@ -88,7 +88,7 @@ def accepted(
     ]
     if errors is not None:
         fitted = [errors.put_on(value, i) for i, value in enumerate(fitted)]
-    values = (*fitted, *_derived(fitted, prepared, solution))
+    values = (*fitted, *derived(fitted, prepared, solution.lag))
     withheld = [v.name for v in values if v.status is ParameterStatus.NOT_EXCITED]
     return Estimate(
         model=model,
@@ -96,7 +96,7 @@ def accepted(
         parameters=values,
         status=EstimateStatus.PARTIAL if withheld else EstimateStatus.ACCEPTED,
         reason=f"not excited: {', '.join(withheld)}" if withheld else "accepted",
-        condition_number=_condition(solution),
+        condition_number=condition(solution.hessian),
         lag=solution.lag,
         noise_sigma=prepared.noise_sigma,
         counts=prepared.counts,
@@ -136,11 +136,19 @@ def _fitted(name: str, value: float, lower: float, upper: float, driven: float) 
     return ParameterValue(name, value, ParameterStatus.AT_BOUND, reason)
 
 
-def _derived(
-    fitted: list[ParameterValue], prepared: Prepared, solution: Solution
-) -> list[ParameterValue]:
-    """Return what follows from the fit or from the data alone, in the order of `DERIVED`."""
-    delay = solution.lag * prepared.record.period_s
+def derived(fitted: list[ParameterValue], prepared: Prepared, lag: int) -> list[ParameterValue]:
+    """Return what follows from the fit or from the data alone, in the order of `DERIVED`.
+
+    Parameters
+    ----------
+    fitted : list of ParameterValue
+        In the order of `FITTED`.
+    prepared : Prepared
+        What was fitted.
+    lag : int
+        Delay [samples].
+    """
+    delay = lag * prepared.record.period_s
     responses = [
         replace(rate, name=name, value=delay + 1.0 / rate.value)
         if rate.value > 0.0
@@ -150,7 +158,7 @@ def _derived(
     shown = shown_speeds(prepared.record)
     speeds = zip(DERIVED[3:5], shown, strict=True)
     return [
-        _delay(delay, at_bound=0 < prepared.max_lag == solution.lag),
+        _delay(delay, at_bound=0 < prepared.max_lag == lag),
         *responses,
         *(ParameterValue(name, value) for name, value in speeds),
         ParameterValue(DERIVED[5], _command_fit(prepared.record)),
@@ -180,11 +188,17 @@ def _command_fit(record: Record) -> float:
     return float(100.0 * (1.0 - np.sqrt(miss / spread)))
 
 
-def _condition(solution: Solution) -> float:
-    """Return the condition number of the column-scaled sensitivities of what is excited."""
-    scale = np.sqrt(np.diag(solution.hessian))
+def condition(hessian: FloatArray) -> float:
+    """Return the condition number of the column-scaled sensitivities of what is excited.
+
+    Parameters
+    ----------
+    hessian : (P, P) array
+        J^T J of the sensitivities J.
+    """
+    scale = np.sqrt(np.diag(hessian))
     seen = scale > 0
     if not seen.any():
         return float("nan")
-    scaled = solution.hessian[np.ix_(seen, seen)] / np.outer(scale[seen], scale[seen])
+    scaled = hessian[np.ix_(seen, seen)] / np.outer(scale[seen], scale[seen])
     return float(np.sqrt(np.linalg.cond(scaled)))

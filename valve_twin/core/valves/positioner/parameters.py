@@ -18,6 +18,8 @@ DERIVED = (
     "command_fit",
     "asymmetry",
 )
+SECOND_ORDER = ("velocity_lag", "stiffness_rising", "stiffness_falling", "damping")
+CURVE = ("dead_command", "static_gain", "rest_level", "top_command", "top_level")
 
 PARAMETERS = (
     Parameter(
@@ -82,6 +84,49 @@ PARAMETERS = (
         "speed_rising over speed_falling: 1 for a valve that is as fast both ways",
         0.0,
     ),
+    Parameter(
+        "velocity_lag",
+        "s",
+        "time constant with which the speed follows what is asked of it [A]",
+        0.0,
+        trend=True,
+    ),
+    Parameter(
+        "stiffness_rising",
+        "1/s^2",
+        "acceleration per distance to the target, rising: rate / velocity_lag [A]",
+        0.0,
+        trend=True,
+    ),
+    Parameter("stiffness_falling", "1/s^2", "the same, falling position [A]", 0.0, trend=True),
+    Parameter("damping", "1/s", "deceleration per speed: 1 / velocity_lag [A]", 0.0, trend=True),
+    Parameter("delay_falling", "s", "delay of a falling command, whole samples", 0.0),
+    Parameter(
+        "stiction",
+        "1",
+        "distance beyond the dead band that a resting spool needs to break away [A]",
+        0.0,
+        trend=True,
+    ),
+    Parameter(
+        "backlash",
+        "1",
+        "way of the spool that the position does not show when the motion turns [A]",
+        0.0,
+        trend=True,
+    ),
+    Parameter(
+        "dead_command",
+        "1",
+        "command below which the position rests; from cycles at different levels",
+        0.0,
+    ),
+    Parameter(
+        "static_gain", "1", "settled position per command beyond dead_command", 0.0, trend=True
+    ),
+    Parameter("rest_level", "1", "position that a command below dead_command leads to"),
+    Parameter("top_command", "1", "highest command of the cycle"),
+    Parameter("top_level", "1", "position that top_command leads to"),
 )
 
 OPTIONS = (
@@ -91,6 +136,13 @@ OPTIONS = (
     Option("min_motion", 0.02, "a cycle that moves less is refused [A]", "1", 0.0, 1.0),
     Option("lower_stop", -0.1, "mechanical stop of falling position", "1", -10.0, 10.0),
     Option("upper_stop", 1.1, "mechanical stop of rising position", "1", -10.0, 10.0),
+    Option("second_order", False, "the speed follows what is asked with a lag: overshoot [A]"),
+    Option("max_velocity_lag", 1.0, "longest lag of the speed [A]", "s", 1e-4, 60.0),
+    Option("static_curve", False, "the command acts through a dead command and a gain [A]"),
+    Option("two_delays", False, "a falling command has a delay of its own [A]"),
+    Option("slew_limits", True, "the speed is limited [A]"),
+    Option("max_stiction", 0.0, "upper bound of the stiction, 0 = none [A]", "1", 0.0, 1.0),
+    Option("max_backlash", 0.0, "upper bound of the backlash, 0 = none [A]", "1", 0.0, 1.0),
     Option(
         "interval_blocks",
         0,

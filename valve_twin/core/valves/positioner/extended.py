@@ -1,0 +1,315 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Compiled recursions of the extended positioner: what a plain rate law does not show.
+
+The plain law of `kernels` asks for a speed; here the spool's speed may follow that with a lag, the
+target may come through a static curve and through delays of its own each way, and friction may
+hold the spool or play may hide its motion::
+
+    target    = rest_level + static_gain max(u - dead_command, 0)     (static curve, else u)
+    asked     = the speed of the plain law at the target's distance
+    lag dv/dt = asked - v,  dx/dt = v                                 (second order)
+    x at rest moves only beyond dead_band + stiction; position = play(x, backlash)
+
+With the lag, x'' = stiffness (target - x) - damping x' where nothing saturates: damping = 1 / lag
+and stiffness = rate / lag, so the rate of the plain law is their ratio. The region (rising,
+falling, limited, at rest) is judged at the start of each sub-step, and inside it the solution is
+the closed one [A].
+"""
+
+from __future__ import annotations
+
+from math import cos, cosh, exp, nan, sin, sinh, sqrt
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+
+from valve_twin.core.valves.positioner.kernels import (
+    HEAD,
+    LINE,
+    MAX_LAG,
+    SEEN,
+    STATE_SIZE,
+    motion,
+)
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import ByteArray, FloatArray
+
+N_EXTENDED = 12
+"""The 5 of the plain law, then lag [s], stiction, backlash, dead_command, static_gain, rest_level
+[1] and whether the curve is in force."""
+
+LAG, STICTION, BACKLASH, DEAD_COMMAND, STATIC_GAIN, REST_LEVEL, CURVED = range(5, N_EXTENDED)
+
+_X, _V, _MOVING, _Y = range(4)
+MOTION_SIZE = 4
+"""Spool position [1] and speed [1/s], whether it moves, position behind the play [1]."""
+
+N_TRANSITION = 9
+_SUB_STEPS = 4  # sub-steps a sample in which the region is judged anew, with a lag [1] [A]
+_LEAST_LAG = 1e-9  # below this the lag is none [s]
+_STARTING, _BAD_INPUT = 2, 5
+_NEW_CYCLE, _GAP, _BAD = 1, 2, 3
+
+
+@njit(cache=True)
+def _linear(rate: float, lag: float, h: float, out: FloatArray) -> None:
+    """Write exp(h [[0, 1], [-rate/lag, -1/lag]]) into `out` (4,)."""
+    k, half = rate / lag, 0.5 / lag
+    square = half * half - k
+    if square > 0.0:
+        w = sqrt(square)
+        if w * h > 30.0:  # cosh would overflow; both decay
+            fast, slow = exp(-(half + w) * h), exp(-k / (half + w) * h)
+            c, s = 0.5 * (slow + fast), 0.5 * (slow - fast) / w
+        else:
+            c, s = exp(-half * h) * cosh(w * h), exp(-half * h) * sinh(w * h) / w
+    elif square < 0.0:
+        w = sqrt(-square)
+        c, s = exp(-half * h) * cos(w * h), exp(-half * h) * sin(w * h) / w
+    else:
+        c, s = exp(-half * h), exp(-half * h) * h
+    out[0], out[1], out[2], out[3] = c + half * s, s, -k * s, c - half * s
+
+
+@njit(cache=True)
+def transition(p: FloatArray, h: float, out: FloatArray) -> None:
+    """Prepare a sub-step of `h` [s] for parameters `p` (12,): fill `out` (9,)."""
+    if p[LAG] > _LEAST_LAG:
+        _linear(p[0], p[LAG], h, out[0:4])
+        _linear(p[1], p[LAG], h, out[4:8])
+        out[8] = exp(-h / p[LAG])
+
+
+@njit(cache=True)
+def sub_steps(p: FloatArray) -> int:
+    """Return the sub-steps of a sample: without a lag the solution is closed over all of it."""
+    return _SUB_STEPS if p[LAG] > _LEAST_LAG else 1
+
+
+@njit(cache=True)
+def target_of(command: float, p: FloatArray) -> float:
+    """Return where the spool is sent by a command [1]."""
+    if p[CURVED] == 0.0:
+        return command
+    return float(p[REST_LEVEL] + p[STATIC_GAIN] * max(command - p[DEAD_COMMAND], 0.0))
+
+
+@njit(cache=True)
+def move(
+    z: FloatArray,
+    target: float,
+    p: FloatArray,
+    h: float,
+    steps: int,
+    m: FloatArray,
+    lower: float,
+    upper: float,
+) -> None:
+    """Move the spool towards a held target by `steps` sub-steps of `h` [s].
+
+    Parameters
+    ----------
+    z : (4,) array
+        State, see `MOTION_SIZE`; written in place.
+    target : float
+        Where it is sent [1].
+    p, m : (12,), (9,) arrays
+        Parameters and what `transition` made of them.
+    h, steps : float, int
+        Length [s] and number of sub-steps.
+    lower, upper : float
+        Mechanical stops [1].
+    """
+    x, v = z[_X], z[_V]
+    for _ in range(steps):
+        e = target - x
+        band = p[4] if z[_MOVING] > 0.0 else p[4] + p[STICTION]
+        way = 1.0 if e > band else (-1.0 if e < -band else 0.0)
+        z[_MOVING] = abs(way)
+        j = 0 if way > 0.0 else 1
+        q = abs(e) - p[4]
+        if p[LAG] <= _LEAST_LAG:
+            if way != 0.0:
+                v = way * motion(q, p[j], p[2 + j], h)[0] / h
+                x += v * h
+            else:
+                v = 0.0
+        elif way != 0.0 and p[j] * q <= p[2 + j]:
+            distance = -way * q
+            x += m[4 * j] * distance + m[4 * j + 1] * v - distance
+            v = m[4 * j + 2] * distance + m[4 * j + 3] * v
+        else:
+            asked = way * p[2 + j]
+            over = v - asked
+            x += asked * h + over * p[LAG] * (1.0 - m[8])
+            v = asked + over * m[8]
+        if x < lower or x > upper:
+            x = min(max(x, lower), upper)
+            v = 0.0
+    z[_X], z[_V] = x, v
+    play = 0.5 * p[BACKLASH]
+    z[_Y] = min(max(z[_Y], x - play), x + play)
+
+
+@njit(cache=True)
+def rest_at(z: FloatArray, position: float) -> None:
+    """Put the spool at rest at a position [1], in the middle of its play."""
+    z[_X] = position
+    z[_V] = 0.0
+    z[_MOVING] = 0.0
+    z[_Y] = position
+
+
+@njit(cache=True)
+def delayed(line: FloatArray, n: int, rising: int, falling: int) -> float:
+    """Return the command in force at sample n; a rise and a fall have delays of their own.
+
+    `line` (L,) is read as a ring, so a whole record serves as well as a delay line.
+    """
+    size = len(line)
+    u = line[(n - rising) % size]
+    if rising > falling:
+        for k in range(n - rising + 1, n - falling + 1):
+            u = min(u, line[k % size])
+    else:
+        for k in range(n - falling, n - rising):
+            u = max(u, line[k % size])
+    return float(u)
+
+
+@njit(cache=True)
+def delay_record(command: FloatArray, rising: int, falling: int) -> FloatArray:
+    """Return the command (N,) in force at each sample; up to the longer delay, as it comes.
+
+    Parameters
+    ----------
+    command : (N,) array
+        Command [1].
+    rising, falling : int
+        Delay of a rise and of a fall [samples].
+    """
+    out = command.copy()
+    for n in range(max(rising, falling), len(command)):
+        out[n] = delayed(command, n, rising, falling)
+    return out
+
+
+@njit(cache=True)
+def free_run(
+    p: FloatArray,
+    position: FloatArray,
+    in_force: FloatArray,
+    period: float,
+    first: int,
+    stops: FloatArray,
+    out: FloatArray,
+) -> None:
+    """Run the model free from the measured position after the first delay, at rest.
+
+    Parameters
+    ----------
+    p : (12,) array
+        Parameters, see `N_EXTENDED`.
+    position, in_force : (N,) arrays
+        Measured position and command in force, see `delay_record` [1].
+    period : float
+        Sampling time [s].
+    first : int
+        The longer delay, below N [samples].
+    stops : (2,) array
+        Mechanical stops [1].
+    out : (N,) array
+        Written: simulated position [1], the measured one over the first delay.
+    """
+    z = np.zeros(MOTION_SIZE)
+    m = np.zeros(N_TRANSITION)
+    steps = sub_steps(p)
+    h = period / steps
+    transition(p, h, m)
+    out[: first + 1] = position[: first + 1]
+    rest_at(z, position[first])
+    for n in range(first + 1, len(position)):
+        target = target_of(in_force[n], p)
+        move(z, target, p, h, steps, m, stops[0], stops[1])
+        out[n] = z[_Y]
+
+
+@njit(cache=True)
+def predict_extended(
+    state: FloatArray,
+    c: FloatArray,
+    position: FloatArray,
+    inputs: FloatArray,
+    restart: ByteArray,
+    predicted: FloatArray,
+    simulated: FloatArray,
+    validity: ByteArray,
+) -> None:
+    """Predict N samples in place; see `ValveModel.predict` and `kernels.predict_block`.
+
+    One step ahead, the speed is an observer's: what the position did otherwise than predicted
+    corrects it, the more the shorter the lag is.
+
+    Parameters
+    ----------
+    state : (STATE_SIZE,) array
+        Written in place.
+    c : (17,) array
+        The 12 parameters, period [s], delay of a rise and of a fall [samples], stops [1].
+    position : (N,) array
+        Measured position [1].
+    inputs : (N, 1) array
+        Command [1].
+    restart : (N,) uint8 array
+        0 go on, 1 a cycle starts, 2 a gap lies before, 3 not valid.
+    predicted, simulated : (N,) arrays
+        One-step prediction and free run [1], NaN before the first delay has passed.
+    validity : (N,) uint8 array
+        One `Validity` a sample.
+    """
+    p = c[:N_EXTENDED]
+    period = c[N_EXTENDED]
+    rising, falling = int(c[N_EXTENDED + 1]), int(c[N_EXTENDED + 2])
+    lower, upper = c[N_EXTENDED + 3], c[N_EXTENDED + 4]
+    line = state[LINE : LINE + MAX_LAG + 1]
+    seen = state[LINE + MAX_LAG + 1 : LINE + MAX_LAG + 1 + MOTION_SIZE]
+    free = state[LINE + MAX_LAG + 1 + MOTION_SIZE : STATE_SIZE]
+    steps = sub_steps(p)
+    h = period / steps
+    m = np.zeros(N_TRANSITION)
+    transition(p, h, m)
+    trust = 1.0 / (p[LAG] + period)
+    for n in range(len(position)):
+        flag = restart[n]
+        if flag == _GAP:
+            state[SEEN] = 0.0
+        head = int(state[HEAD])
+        line[head] = line[(head - 1) % len(line)] if flag == _BAD else inputs[n, 0]
+        state[HEAD] = (head + 1) % len(line)
+        ready = state[SEEN] > max(rising, falling)
+        if ready:
+            target = target_of(delayed(line, head + len(line), rising, falling), p)
+            move(seen, target, p, h, steps, m, lower, upper)
+            move(free, target, p, h, steps, m, lower, upper)
+            predicted[n] = seen[_Y]
+            validity[n] = 0
+        else:
+            predicted[n] = nan
+            validity[n] = _STARTING
+        if flag == _BAD:
+            validity[n] = _BAD_INPUT
+        elif not ready:
+            rest_at(seen, position[n])
+            free[:] = seen
+        else:
+            miss = position[n] - seen[_Y]
+            seen[_X] += miss
+            seen[_Y] = position[n]
+            seen[_V] += trust * miss
+            if flag == _NEW_CYCLE:
+                free[:] = seen
+        simulated[n] = free[_Y] if ready else nan
+        state[SEEN] += 1.0

@@ -1,0 +1,255 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Output-error fit of the extended positioner: bounded least squares, several starts, delay scan.
+
+As `fit`, with more terms: the cost has local minima (a lag looks like a delay, a slew limit like a
+slow rate), so several starts are tried at coarse delays, and the best one is followed to the best
+delays sample by sample.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.valves.positioner.extended import (
+    DEAD_COMMAND,
+    LAG,
+    REST_LEVEL,
+    STATIC_GAIN,
+    delay_record,
+    free_run,
+    target_of,
+)
+from valve_twin.core.valves.positioner.fit import starting_values, thin
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import FloatArray, IntArray
+    from valve_twin.core.valves.positioner.fit import Limits, Record
+    from valve_twin.core.valves.positioner.structure import Structure
+
+_SEARCH_SAMPLES = 2000  # a longer record is searched on every k-th sample ...
+_SEARCH_LAGS = 10  # ... as long as the longest delay keeps so many of them
+_COARSE = 4  # parts of the longest delay tried from every start
+_EVALUATIONS, _EVALUATIONS_COARSE, _EVALUATIONS_NEAR = 60, 12, 6
+_LAG_SHARES = (0.1, 0.6)  # starts of the lag in units of 1 / rate [1]
+_DIFFERENCE = [1e-6]  # relative step of the derivatives [1]
+
+
+@dataclass(frozen=True, slots=True)
+class Extended:
+    """A fit of the extended positioner.
+
+    Attributes
+    ----------
+    parameters, lower, upper : (12,) arrays
+        Parameters and the bounds they obeyed.
+    free : (F,) int array
+        Which were fitted.
+    lags : (int, int)
+        Delay of a rise and of a fall [samples].
+    cost : float
+        Sum of squared residuals of the used samples [1].
+    jacobian : (N, F) array
+        Derivative of the residual (simulated - measured) of the used samples.
+    residual : (N,) array
+        It.
+    """
+
+    parameters: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    free: IntArray
+    lags: tuple[int, int]
+    cost: float
+    jacobian: FloatArray
+    residual: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """One fit: record, what is free, bounds, and whether a fall has its own delay."""
+
+    record: Record
+    base: FloatArray
+    free: IntArray
+    limits: Limits
+    max_lag: int
+    two_delays: bool
+
+    def at(self, record: Record, max_lag: int) -> _Task:
+        return replace(self, record=record, max_lag=max_lag)
+
+    def fit(self, start: FloatArray, lags: tuple[int, int], evaluations: int) -> Extended:
+        from scipy.optimize import least_squares
+
+        lower, upper = self.limits
+        free = self.free
+        span = upper[free] - lower[free]
+        begin = np.clip(start[free], lower[free] + 1e-9 * span, upper[free] - 1e-9 * span)
+
+        record = self.record
+        in_force = delay_record(record.command, *lags)
+        out = np.empty(len(record.position))
+
+        def miss(z: FloatArray) -> FloatArray:
+            p = self.expand(z)
+            free_run(p, record.position, in_force, record.period_s, max(lags), record.stops, out)
+            return np.asarray((out - record.position)[record.used])
+
+        found = least_squares(
+            miss,
+            begin,
+            bounds=(lower[free], upper[free]),
+            x_scale=np.maximum(np.abs(begin), 1e-3),
+            diff_step=_DIFFERENCE,
+            max_nfev=evaluations,
+        )
+        return Extended(
+            self.expand(found.x),
+            lower,
+            upper,
+            free,
+            lags,
+            2.0 * float(found.cost),
+            np.asarray(found.jac, np.float64),
+            np.asarray(found.fun, np.float64),
+        )
+
+    def expand(self, z: FloatArray) -> FloatArray:
+        p = self.base.copy()
+        p[self.free] = z
+        return p
+
+
+def simulate(p: FloatArray, record: Record, lags: tuple[int, int]) -> FloatArray:
+    """Return the (N,) free run of a record for parameters (12,) and two delays [samples]."""
+    out = np.empty(len(record.position))
+    in_force = delay_record(record.command, *lags)
+    free_run(p, record.position, in_force, record.period_s, max(lags), record.stops, out)
+    return out
+
+
+def fit_extended(
+    record: Record,
+    structure: Structure,
+    *,
+    max_lag: int,
+    limits: Limits,
+    dead_command: float | None,
+) -> Extended:
+    """Find parameters and delays that make the free run follow the measured position.
+
+    Parameters
+    ----------
+    record : Record
+        At least `max_lag` + 8 samples.
+    structure : Structure
+        Which terms are in force.
+    max_lag : int
+        Longest delay tried [samples].
+    limits : tuple of (5,) arrays
+        Lower and upper bounds of the plain law.
+    dead_command : float or None
+        Known dead command [1]; None = to be found from the record.
+    """
+    base = structure.neutral(record.period_s)
+    base[DEAD_COMMAND] = dead_command or 0.0
+    widened = structure.widen(limits, record.period_s)
+    dead_band = bool(limits[1][4] > 0.0)
+    free = structure.free(dead_command=dead_command is None, dead_band=dead_band)
+    task = _Task(record, base, free, widened, max_lag, structure.two_delays)
+    every = min(len(record.position) // _SEARCH_SAMPLES, max_lag // _SEARCH_LAGS)
+    if every <= 1:
+        return _polish(task, _descend(task, _search(task), max(1, max_lag // (2 * _COARSE))))
+    coarse = task.at(thin(record, every), -(-max_lag // every))
+    best = _descend(coarse, _search(coarse), max(1, coarse.max_lag // (2 * _COARSE)))
+    lags = (min(best.lags[0] * every, max_lag), min(best.lags[1] * every, max_lag))
+    return _polish(task, _descend(task, task.fit(best.parameters, lags, _EVALUATIONS), every))
+
+
+def _search(task: _Task) -> Extended:
+    """Try every start at a few delays."""
+    step = max(1, task.max_lag // _COARSE)
+    found = [
+        task.fit(start, (lag, lag), _EVALUATIONS_COARSE)
+        for lag in range(0, task.max_lag + 1, step)
+        for start in _starts(task)
+    ]
+    return min(found, key=lambda f: f.cost)
+
+
+def _descend(task: _Task, best: Extended, step: int) -> Extended:
+    """Follow the best delays with ever smaller steps."""
+    ways = [(1, 1), (-1, -1)]
+    if task.two_delays:
+        ways += [(1, 0), (-1, 0), (0, 1), (0, -1)]
+    tried = {best.lags}
+    while True:
+        near = {
+            (_within(best.lags[0] + a * step, task), _within(best.lags[1] + b * step, task))
+            for a, b in ways
+        } - tried
+        tried |= near
+        found = [task.fit(best.parameters, lags, _EVALUATIONS_NEAR) for lags in sorted(near)]
+        better = min(found, key=lambda f: f.cost, default=best)
+        if better.cost < best.cost:
+            best = better
+        elif step == 1:
+            return best
+        else:
+            step = -(-step // 3)
+
+
+def _polish(task: _Task, best: Extended) -> Extended:
+    found = task.fit(best.parameters, best.lags, _EVALUATIONS)
+    return found if found.cost <= best.cost else best
+
+
+def _within(lag: int, task: _Task) -> int:
+    return min(max(lag, 0), task.max_lag)
+
+
+def _starts(task: _Task) -> list[FloatArray]:
+    """Return starting values (12,): those of the plain law, with and without a lag."""
+    record, p = task.record, task.base.copy()
+    if STATIC_GAIN in task.free:
+        p[REST_LEVEL], p[STATIC_GAIN] = _curve(record, float(p[DEAD_COMMAND]))
+        command = np.array([target_of(float(u), p) for u in record.command])
+        record = replace(record, command=command)
+    plain = (task.limits[0][:5], task.limits[1][:5])
+    shares = _LAG_SHARES if LAG in task.free else _LAG_SHARES[:1]
+    chosen = starting_values(record, plain)
+    chosen = chosen if 2 in task.free else chosen[1::2]
+    starts = []
+    for values in chosen:
+        for share in shares:
+            q = p.copy()
+            q[task.free[task.free < 5]] = values[task.free[task.free < 5]]
+            if LAG in task.free:
+                q[LAG] = share / max(float(np.sqrt(q[0] * q[1])), 1e-6)
+            starts.append(q)
+    return starts
+
+
+def _curve(record: Record, dead_command: float) -> tuple[float, float]:
+    """Guess rest level and gain from where the position stays at low and at high command."""
+    u, y, used = record.command, record.position, record.used
+    low, high = used & (u <= u[used].min()), used & (u >= u[used].max())
+    rest, top = float(np.median(y[low])), float(np.median(y[high]))
+    return rest, max((top - rest) / max(float(u[used].max()) - dead_command, 1e-6), 1e-6)
+
+
+def correlated_sigma(residual: FloatArray) -> float:
+    """Return the residual's standard deviation [1], widened by how long it hangs together.
+
+    As many white samples of this size tell as little: sigma sqrt((1 + r) / (1 - r)) with the
+    correlation r of neighbours.
+    """
+    spread = float(np.mean(residual**2))
+    if spread == 0.0 or len(residual) < 3:
+        return float(np.sqrt(spread))
+    r = float(np.clip(np.mean(residual[1:] * residual[:-1]) / spread, 0.0, 0.999))
+    return float(np.sqrt(spread * (1.0 + r) / (1.0 - r)))

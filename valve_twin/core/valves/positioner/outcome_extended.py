@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Turn a fit of the extended positioner into an estimate: what its further terms say."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.estimation.identifiability import assess_identifiability
+from valve_twin.core.types import Estimate, EstimateStatus, ParameterStatus, ParameterValue
+from valve_twin.core.valves.positioner.curve import line_through, settled
+from valve_twin.core.valves.positioner.extended import (
+    BACKLASH,
+    DEAD_COMMAND,
+    LAG,
+    REST_LEVEL,
+    STATIC_GAIN,
+    STICTION,
+)
+from valve_twin.core.valves.positioner.fit_extended import correlated_sigma
+from valve_twin.core.valves.positioner.intervals import block_errors
+from valve_twin.core.valves.positioner.outcome import Errors, condition, derived
+from valve_twin.core.valves.positioner.parameters import (
+    CURVE,
+    ESTIMATOR,
+    FITTED,
+    SECOND_ORDER,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from valve_twin.core.types import BoolArray, Cycle, FloatArray
+    from valve_twin.core.valves.positioner.fit_extended import Extended
+    from valve_twin.core.valves.positioner.record import Prepared
+    from valve_twin.core.valves.positioner.structure import Structure
+
+_AT_BOUND = 1e-5  # distance to a bound that counts as none, in units of the interval [1]
+_NO_EFFECT = 1e-9  # sum of squared derivatives of a parameter that moved nothing [1]
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """A fitted cycle: its record, structure, fit and the cycles before."""
+
+    prepared: Prepared
+    structure: Structure
+    fit: Extended
+    earlier: Sequence[Estimate]
+
+
+def accepted_extended(model: str, cycle: Cycle, found: Fitted, blocks: int) -> Estimate:
+    """Return the estimate of a fitted cycle.
+
+    Parameters
+    ----------
+    model : str
+        Name of the model.
+    cycle : Cycle
+        The cycle.
+    found : Fitted
+        What was fitted, and how.
+    blocks : int
+        Blocks of the cycle that give the intervals; fewer than 2 = none.
+    """
+    fit, structure, period_s = found.fit, found.structure, cycle.period_s
+    plain = [_value(name, i, fit, blocks) for i, name in enumerate(FITTED) if i in fit.free]
+    values = [*plain, *derived(plain, found.prepared, fit.lags[0])]
+    if structure.second_order:
+        values += _second_order(fit, blocks)
+    if structure.two_delays:
+        at_bound = fit.lags[1] == found.prepared.max_lag > 0
+        status = ParameterStatus.AT_BOUND if at_bound else ParameterStatus.OK
+        reason = "rests on the longest delay tried: raise max_delay_s" if at_bound else ""
+        values.append(ParameterValue("delay_falling", fit.lags[1] * period_s, status, reason))
+    for name, i in (("stiction", STICTION), ("backlash", BACKLASH)):
+        if i in fit.free:
+            values.append(_value(name, i, fit, blocks))
+    if structure.static_curve:
+        values += _curve(found, blocks)
+    absent = (ParameterStatus.NOT_EXCITED, ParameterStatus.REFUSED)
+    withheld = [v for v in values if v.status in absent]
+    reasons = dict.fromkeys(v.reason for v in withheld if v.status is ParameterStatus.REFUSED)
+    missing = [v.name for v in withheld if v.status is ParameterStatus.NOT_EXCITED]
+    lines = [*([f"not excited: {', '.join(missing)}"] if missing else []), *reasons]
+    return Estimate(
+        model=model,
+        estimator=ESTIMATOR,
+        parameters=tuple(values),
+        status=EstimateStatus.PARTIAL if withheld else EstimateStatus.ACCEPTED,
+        reason="; ".join(lines) or "accepted",
+        condition_number=condition(fit.jacobian.T @ fit.jacobian),
+        lag=fit.lags[0],
+        noise_sigma=found.prepared.noise_sigma,
+        counts=found.prepared.counts,
+        **cycle.origin,
+    )
+
+
+def _column(fit: Extended, i: int) -> FloatArray:
+    """Return the derivative (N,) of the residual by parameter i, 0 where it was not fitted."""
+    where = np.flatnonzero(fit.free == i)
+    return fit.jacobian[:, where[0]] if len(where) else np.zeros(len(fit.residual))
+
+
+def _value(name: str, i: int, fit: Extended, blocks: int) -> ParameterValue:
+    """Return one fitted parameter with its doubt."""
+    value, lower, upper = float(fit.parameters[i]), float(fit.lower[i]), float(fit.upper[i])
+    if i not in fit.free:
+        reason = "not a term of this valve's options"
+        return ParameterValue(name, np.nan, ParameterStatus.NOT_EXCITED, reason)
+    size = max(abs(value), 1e-3)
+    may_be_none = name in ("dead_band", "stiction", "backlash")
+    if not may_be_none and np.sum((_column(fit, i) * size) ** 2) < _NO_EFFECT:
+        reason = "it did not move the spool"
+        return ParameterValue(name, np.nan, ParameterStatus.NOT_EXCITED, reason)
+    near = _AT_BOUND * (upper - lower)
+    if value - lower <= near or upper - value <= near:
+        reason = f"rests on its bound {value:.3g}"
+        return ParameterValue(name, value, ParameterStatus.AT_BOUND, reason)
+    errors = _errors(fit, blocks)
+    return errors.put_on(ParameterValue(name, value), i) if errors else ParameterValue(name, value)
+
+
+def _errors(fit: Extended, blocks: int) -> Errors | None:
+    if blocks < 2:
+        return None
+    span = fit.upper - fit.lower
+    inside = (fit.parameters > fit.lower + _AT_BOUND * span) & (
+        fit.parameters < fit.upper - _AT_BOUND * span
+    )
+    jacobian = fit.jacobian
+
+    def normal_of(mask: BoolArray) -> tuple[FloatArray, FloatArray]:
+        part = jacobian[mask]
+        return -part.T @ fit.residual[mask], part.T @ part
+
+    standard = np.full(len(fit.parameters), np.nan)
+    standard[fit.free] = block_errors(
+        jacobian.T @ jacobian,
+        normal_of,
+        np.ones(len(fit.residual), dtype=np.bool_),
+        inside[fit.free],
+        blocks,
+    )
+    return Errors(standard, blocks - 1)
+
+
+def _second_order(fit: Extended, blocks: int) -> list[ParameterValue]:
+    """Return lag, stiffness and damping; what the record tells only as a ratio is refused.
+
+    stiffness = rate / lag and damping = 1 / lag, so the ratio of the two is the rate.
+    """
+    lag = float(fit.parameters[LAG])
+    damping = 1.0 / lag
+    stiffness = fit.parameters[:2] * damping
+    rising, falling, by_lag = (_column(fit, i) for i in (0, 1, LAG))
+    by_damping = -(rising * fit.parameters[0] + falling * fit.parameters[1] + by_lag * lag) * lag
+    others = [i for i in fit.free if i not in (0, 1, LAG)]
+    names = SECOND_ORDER[1:]
+    columns = [rising * lag, falling * lag, by_damping, *(_column(fit, i) for i in others)]
+    values = np.array([*stiffness, damping])
+    sigma = correlated_sigma(fit.residual)
+    told = assess_identifiability(names, values, _apart(columns), sigma)
+    out = [_value(SECOND_ORDER[0], LAG, fit, blocks)]
+    for name, value, reason in zip(names, values, told.reasons, strict=True):
+        if reason:
+            out.append(ParameterValue(name, np.nan, ParameterStatus.REFUSED, reason))
+        elif value > 0.0:
+            out.append(ParameterValue(name, float(value)))
+        else:
+            out.append(ParameterValue(name, float(value), ParameterStatus.AT_BOUND, "rests on 0"))
+    return out
+
+
+def _apart(columns: list[FloatArray]) -> FloatArray:
+    """Return what the first three columns (N,) tell beyond all further ones: (N, 3)."""
+    first, others = np.column_stack(columns[:3]), columns[3:]
+    if not others:
+        return first
+    rest = np.column_stack(others)
+    seen = np.linalg.norm(rest, axis=0) > 0.0
+    base, _ = np.linalg.qr(rest[:, seen])
+    return np.asarray(first - base @ (base.T @ first))
+
+
+def _curve(found: Fitted, blocks: int) -> list[ParameterValue]:
+    """Return dead command, gain, rest, and what the valve settled at under the top command."""
+    fit = found.fit
+    record = found.prepared.record
+    top = float(record.command[record.used].max())
+    dead, gain, rest = (float(fit.parameters[i]) for i in (DEAD_COMMAND, STATIC_GAIN, REST_LEVEL))
+    above = gain * max(top - dead, 0.0)
+    values = [
+        _value(CURVE[0], DEAD_COMMAND, fit, blocks),
+        _value(CURVE[1], STATIC_GAIN, fit, blocks),
+        ParameterValue(CURVE[2], rest),
+        ParameterValue(CURVE[3], top),
+        ParameterValue(CURVE[4], rest + above),
+    ]
+    if DEAD_COMMAND in fit.free:
+        return values
+    commands, levels = settled(found.earlier)
+    line = line_through(np.append(commands, top), np.append(levels, above))
+    if line is None:
+        reason = (
+            f"one level of the command so far, {top:.3g}: a dead command and a gain look alike"
+        )
+        for i in (0, 1):
+            values[i] = ParameterValue(CURVE[i], np.nan, ParameterStatus.NOT_EXCITED, reason)
+    else:
+        values[0] = ParameterValue(CURVE[0], line[0])
+        values[1] = ParameterValue(CURVE[1], above / max(top - line[0], 1e-9))
+    return values

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Which terms of the positioner are in force, as the options say."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.valves.interface import number
+from valve_twin.core.valves.positioner.extended import (
+    BACKLASH,
+    DEAD_COMMAND,
+    LAG,
+    N_EXTENDED,
+    REST_LEVEL,
+    STATIC_GAIN,
+    STICTION,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from valve_twin.core.types import FloatArray, IntArray
+    from valve_twin.core.valves.interface import Options
+    from valve_twin.core.valves.positioner.fit import Limits
+
+LEAST_LAG = 0.05
+"""Least velocity lag tried, in sampling times: a shorter one is not told from none [1] [A]."""
+
+_WIDEST_GAIN, _WIDEST_REST = 1e3, 2.0  # bounds of the static curve [1] [A]
+
+
+@dataclass(frozen=True, slots=True)
+class Structure:
+    """Terms beyond delay, dead band, rates and slew limits.
+
+    Attributes
+    ----------
+    second_order : bool
+        The speed follows what is asked of it with a lag.
+    static_curve : bool
+        The command acts through a dead command and a gain.
+    two_delays : bool
+        A falling command has a delay of its own.
+    slew_limits : bool
+        The speed is limited.
+    max_velocity_lag : float
+        Longest lag tried [s].
+    max_stiction, max_backlash : float
+        Upper bounds [1]; 0 = none.
+    """
+
+    second_order: bool
+    static_curve: bool
+    two_delays: bool
+    slew_limits: bool
+    max_velocity_lag: float
+    max_stiction: float
+    max_backlash: float
+
+    @property
+    def extended(self) -> bool:
+        """Whether any of them is in force."""
+        return (
+            self.second_order
+            or self.static_curve
+            or self.two_delays
+            or not self.slew_limits
+            or self.max_stiction > 0.0
+            or self.max_backlash > 0.0
+        )
+
+    def free(self, *, dead_command: bool, dead_band: bool) -> IntArray:
+        """Return the indices of the parameters to fit, of the 12.
+
+        Parameters
+        ----------
+        dead_command : bool
+            Whether the record shows enough levels to find it.
+        dead_band : bool
+            Whether there may be one.
+        """
+        chosen = [0, 1, *([2, 3] if self.slew_limits else []), *([4] if dead_band else [])]
+        chosen += [LAG] if self.second_order else []
+        chosen += [STICTION] if self.max_stiction > 0.0 else []
+        chosen += [BACKLASH] if self.max_backlash > 0.0 else []
+        if self.static_curve:
+            chosen += [*([DEAD_COMMAND] if dead_command else []), STATIC_GAIN, REST_LEVEL]
+        return np.array(chosen, dtype=np.int64)
+
+    def widen(self, limits: Limits, period_s: float) -> Limits:
+        """Return the bounds (12,) each of all parameters from those (5,) of the plain law."""
+        least = LEAST_LAG * period_s if self.second_order else 0.0
+        lower = [least, 0.0, 0.0, 0.0, 0.0, -_WIDEST_REST, 0.0]
+        upper = [
+            max(self.max_velocity_lag, 2.0 * least),
+            self.max_stiction,
+            self.max_backlash,
+            1.0,
+            _WIDEST_GAIN,
+            _WIDEST_REST,
+            1.0,
+        ]
+        return np.concatenate([limits[0], lower]), np.concatenate([limits[1], upper])
+
+    def neutral(self, period_s: float) -> FloatArray:
+        """Return parameters (12,) that switch every further term off."""
+        p = np.zeros(N_EXTENDED)
+        p[2:4] = 1.0 / period_s
+        p[STATIC_GAIN] = 1.0
+        p[N_EXTENDED - 1] = float(self.static_curve)
+        return p
+
+
+def extend(plain: FloatArray, values: Mapping[str, float], structure: Structure) -> FloatArray:
+    """Return the 17 coefficients of the extended prediction.
+
+    Parameters
+    ----------
+    plain : (9,) array
+        Coefficients of the plain law.
+    values : mapping
+        Parameter values by name; what is not known acts as if it were not there.
+    structure : Structure
+        Which terms are in force.
+    """
+    period_s = float(plain[5])
+    lag = float(round(values.get("delay", plain[6] * period_s) / period_s))
+    p = structure.neutral(period_s)
+    p[:5] = plain[:5]
+    p[LAG] = values.get("velocity_lag", 0.0)
+    p[STICTION], p[BACKLASH] = values.get("stiction", 0.0), values.get("backlash", 0.0)
+    dead, top = values.get("dead_command", 0.0), values.get("top_command", 1.0)
+    rest = values.get("rest_level", 0.0)
+    settled = (values.get("top_level", top) - rest) / max(top - dead, 1e-9)
+    p[DEAD_COMMAND], p[REST_LEVEL] = dead, rest
+    p[STATIC_GAIN] = values.get("static_gain", settled)
+    falling = lag
+    if structure.two_delays:
+        falling = float(round(values.get("delay_falling", lag * period_s) / period_s))
+    return np.array([*p, period_s, lag, falling, plain[7], plain[8]])
+
+
+def structure_of(options: Options) -> Structure:
+    """Return the structure that a valve's options ask for."""
+    return Structure(
+        second_order=bool(options["second_order"]),
+        static_curve=bool(options["static_curve"]),
+        two_delays=bool(options["two_delays"]),
+        slew_limits=bool(options["slew_limits"]),
+        max_velocity_lag=number(options, "max_velocity_lag"),
+        max_stiction=number(options, "max_stiction"),
+        max_backlash=number(options, "max_backlash"),
+    )
