@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.plausibility import LARGEST, sampling_fault, unit_fault
+from valve_twin.core.estimation.plausibility import LARGEST, unit_fault, wrong_step
 from valve_twin.core.types import CycleRule, FloatArray, IntArray
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.bag_writer import BagWriter
@@ -290,12 +290,11 @@ def _check_time(table: Table, ticks: FloatArray, config: ValveConfig) -> None:
 
 def _check_sampling(table: Table, stamps: IntArray, config: ValveConfig) -> None:
     """Refuse rows that are not period_s apart: estimates would be wrong by the same factor."""
-    fault = sampling_fault(stamps, config.period_s)
-    if fault:
+    step_s = wrong_step(stamps, config.period_s)
+    if step_s:
         scale = "" if table.dated else f" or csv.time_scale, now {config.csv.time_scale:g}"
-        step = float(np.median(np.diff(stamps))) * 1e-9
         msg = (
-            f"{table.path}: column '{config.csv.time_column}': the rows are {step:.4g} s apart, "
+            f"{table.path}: column '{config.csv.time_column}': the rows are {step_s:.4g} s apart, "
             f"period_s is {config.period_s:.4g}; correct period_s{scale}"
         )
         raise BagError(msg)

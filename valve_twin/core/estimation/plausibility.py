@@ -13,14 +13,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.cycles import PERIOD_TOLERANCE
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from valve_twin.core.types import Cycle, FloatArray, Frames, IntArray
     from valve_twin.core.valves.interface import Options, ValveModel
-
-PERIOD_TOLERANCE = 0.1
-"""Relative difference between the samples' distance and period_s that is refused [A]."""
 
 LARGEST = 1.5
 """A signal that is 0..1 does not go beyond this, overshoot and offset included [1] [A]."""
@@ -40,6 +39,8 @@ _LEADS_BY = 0.5  # what is unexplained with the position first, over that with t
 def input_fault(model: ValveModel, cycle: Cycle, options: Options) -> str:
     """Return in one line why a cycle's signals cannot be what is configured; empty = plausible.
 
+    The sampling time is looked at where cycles are cut.
+
     Parameters
     ----------
     model : ValveModel
@@ -49,13 +50,12 @@ def input_fault(model: ValveModel, cycle: Cycle, options: Options) -> str:
     options : mapping
         The model's options, complete.
     """
-    fault = sampling_fault(cycle.frames.stamp_ns, cycle.period_s)
     own = getattr(model, "input_fault", None)
-    return fault if fault or own is None else str(own(cycle, options))
+    return "" if own is None else str(own(cycle, options))
 
 
-def sampling_fault(stamp_ns: IntArray, period_s: float) -> str:
-    """Compare the distance of samples with the configured one.
+def wrong_step(stamp_ns: IntArray, period_s: float) -> float:
+    """Return the distance of samples where it is not the configured one [s], else 0.
 
     Both the median step and the mean step without gaps must disagree: lost samples and messages
     that come in bunches are no wrong sampling time.
@@ -68,17 +68,12 @@ def sampling_fault(stamp_ns: IntArray, period_s: float) -> str:
         Configured sampling time [s].
     """
     if len(stamp_ns) <= _FEWEST_STEPS:
-        return ""
+        return 0.0
     steps = np.diff(stamp_ns) * 1e-9
     median = float(np.median(steps))
     mean = float(steps[steps <= max(_GAP * median, _BUNCH * period_s)].mean())
     lower, upper = period_s * (1.0 - PERIOD_TOLERANCE), period_s * (1.0 + PERIOD_TOLERANCE)
-    if not (max(median, mean) < lower or min(median, mean) > upper):
-        return ""
-    return (
-        f"samples of the position are {median:.4g} s apart, period_s is {period_s:.4g}: "
-        "correct period_s, or the stamps"
-    )
+    return median if max(median, mean) < lower or min(median, mean) > upper else 0.0
 
 
 def unit_fault(signal: str, values: FloatArray, lower: float, upper: float) -> str:
