@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The hybrid actuator live at its own 10 kHz: real processes, batches of 100 samples a message."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+from valve_twin_msgs.msg import Estimate, Float64Series, PredictionSeries, Trend
+
+from test.nodes.conftest import make_graph
+from valve_twin.core.simulation import simulate_cycles
+from valve_twin.core.valves.registry import get_model
+from valve_twin.io.config import load_config
+from valve_twin.io.offline import run_bag
+from valve_twin.io.simulated_bag import simulation_of, write_simulated_bag
+from valve_twin.nodes.convert import from_time
+
+NAME = "/engine/valve_1"
+BATCH, PERIOD_NS, SAMPLES = 100, 100_000, 2000
+CYCLES = 13
+"""Estimated ones: the monitor judges from ten on. One more is simulated, which ends the last."""
+
+
+@dataclass
+class Run:
+    """What was on the network."""
+
+    inputs: dict[str, list[Any]] = field(default_factory=dict)
+    predictions: list[Any] = field(default_factory=list)
+    estimates: list[Any] = field(default_factory=list)
+    trend: list[Any] = field(default_factory=list)
+    config: Any = None
+
+
+@pytest.fixture(scope="module")
+def run(root, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("actuator")
+    graph = make_graph(folder)
+    try:
+        yield _live(graph, folder, root / "config" / "hybrid_actuator.yaml")
+    finally:
+        graph.close()
+
+
+def _live(graph, folder, file) -> Run:
+    (config,) = load_config(file)
+    run = Run(config=config)
+    for name in (*get_model(config.model).inputs, "position"):
+        run.inputs[name] = graph.record(config.signals[name].topic, Float64Series)
+    run.predictions = graph.record(f"{NAME}/twin/prediction", PredictionSeries)
+    run.estimates = graph.record(f"{NAME}/twin/estimate", Estimate)
+    run.trend = graph.record(f"{NAME}/aging_monitor/trend/magnet_force", Trend)
+    given = ["--params-file", str(file)]
+    history = {"history_url": f"sqlite:///{folder}/history.sqlite"}
+    graph.start("twin", NAME, given, **history)
+    graph.start("aging_monitor", NAME, given, **history)
+    live = {"rate": 1.0, "stop_after_cycles": CYCLES + 1, "wait_for_subscribers": 2}
+    graph.start("simulated_valve", NAME, given, **live)
+    graph.spin_until(lambda: len(run.estimates) >= CYCLES, 60.0, "the estimates")
+    graph.spin_until(lambda: run.trend and run.trend[-1].samples >= CYCLES, 20.0, "the trend")
+    total = (CYCLES + 1) * SAMPLES
+    graph.spin_until(lambda: _count(run.inputs["position"]) >= total, 20.0, "all positions")
+    graph.spin_until(lambda: _count(run.predictions) >= CYCLES * SAMPLES, 20.0, "predictions")
+    return run
+
+
+def _count(messages) -> int:
+    return sum(len(_values(m)) for m in messages)
+
+
+def _values(message):
+    return message.values if isinstance(message, Float64Series) else message.measured
+
+
+def test_every_sample_comes_in_batches_at_ten_kilohertz(run):
+    for name, messages in run.inputs.items():
+        stamps = np.array([from_time(m.header.stamp) for m in messages])
+        assert (np.diff(stamps) == BATCH * PERIOD_NS).all(), name
+        assert {len(m.values) for m in messages} == {BATCH}
+        assert {m.period for m in messages} == {1e-4}
+
+
+def test_the_samples_are_those_of_the_seed(run):
+    simulation = simulation_of(run.config)
+    blocks = list(simulate_cycles(simulation, 2, 1))
+    found = np.concatenate([m.values for m in run.inputs["position"]])[: 2 * SAMPLES]
+    np.testing.assert_array_equal(found, np.concatenate([b.position for b in blocks]))
+
+
+def test_every_sample_has_its_prediction(run):
+    measured = np.concatenate([m.measured for m in run.predictions])
+    sent = np.concatenate([m.values for m in run.inputs["position"]])
+    np.testing.assert_array_equal(measured[: CYCLES * SAMPLES], sent[: CYCLES * SAMPLES])
+
+
+def test_the_live_estimates_are_those_of_a_bag(run, tmp_path):
+    write_simulated_bag(run.config, tmp_path / "bag", cycles=CYCLES + 1, seed=1)
+    offline = run_bag(run.config, tmp_path / "bag").estimates
+    assert [e.cycle for e in run.estimates] == list(range(1, CYCLES + 1))
+    assert {e.status for e in run.estimates} == {Estimate.ACCEPTED}
+    for live, own in zip(run.estimates, offline, strict=False):
+        np.testing.assert_array_equal(live.values, [p.value for p in own.parameters])
+
+
+def test_the_next_cycle_is_predicted(run):
+    assert all(e.fit_test > 99.5 for e in run.estimates[2:])
+
+
+def test_the_trend_follows(run):
+    last = run.trend[-1]
+    assert last.parameter == "magnet_force"
+    assert last.samples >= CYCLES
