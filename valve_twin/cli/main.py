@@ -14,6 +14,7 @@ from valve_twin.cli import (
     batch,
     bench,
     budget,
+    campaign,
     configure,
     convert,
     cut,
@@ -52,6 +53,7 @@ VERBS = (
     budget,
     backtest,
     validate,
+    campaign,
     bench,
 )
 """One module a verb, in the order of the help."""

@@ -47,7 +47,7 @@ _LARGEST = {
     "sensor_gain": 1.0,
     "command_loss": 1.0,
     "supply_drop": 0.95,
-    "aeration": 0.5,
+    "aeration": 0.9,
 }
 
 

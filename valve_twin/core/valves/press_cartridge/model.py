@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
+from valve_twin.core.diagnosis import features
+from valve_twin.core.diagnosis.features import FeatureOptions, cycle_features
 from valve_twin.core.estimation import kalman, output_error
 from valve_twin.core.estimation.constraints import THETA, parse_inequalities
 from valve_twin.core.estimation.equation_error import (
@@ -53,6 +55,8 @@ from valve_twin.core.valves.press_cartridge.predictor import (
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
+
+    from valve_twin.core.diagnosis.table import SignatureTable
 
 _GAIN = "1/sample of stroke per unit command"
 
@@ -101,6 +105,7 @@ PARAMETERS = (
     Parameter("theta_6", "1", "paper 002, eq. (18): product of the commands"),
     Parameter("theta_7", "1", "paper 002, eq. (18): inflow command times speed"),
     Parameter("theta_8", "1", "paper 002, eq. (18): outflow command times speed"),
+    *features.FEATURES,
 )
 
 OPTIONS = (
@@ -108,7 +113,12 @@ OPTIONS = (
         "estimators",
         [output_error.ESTIMATOR, kalman.ESTIMATOR, "equation_error_qp4"],
         "estimators to run",
-        choices=(output_error.ESTIMATOR, kalman.ESTIMATOR, *EQUATION_ERROR),
+        choices=(
+            output_error.ESTIMATOR,
+            kalman.ESTIMATOR,
+            *EQUATION_ERROR,
+            features.ESTIMATOR,
+        ),
     ),
     Option(
         "output_error",
@@ -202,12 +212,27 @@ class PressCartridgeModel:
         scan = _scan(cycle, masks, options)
         always = (self.trend_estimator,) if options["output_error"] else ()
         names = dict.fromkeys((*always, *_names(options, "estimators")))
-        return tuple(
-            self._equation_error(name, cycle, masks, sigma, scan, options)
-            if name in EQUATION_ERROR
-            else self._gains(name, cycle, masks, sigma, scan, options, earlier)
-            for name in names
-        )
+        results = []
+        for name in names:
+            if name == features.ESTIMATOR:
+                results.append(self._features(cycle, masks, sigma, options))
+            elif name in EQUATION_ERROR:
+                results.append(self._equation_error(name, cycle, masks, sigma, scan, options))
+            else:
+                results.append(self._gains(name, cycle, masks, sigma, scan, options, earlier))
+        return tuple(results)
+
+    def features(self, cycle: Cycle, options: Options) -> tuple[ParameterValue, ...]:
+        """Return what the cycle shows of faults, see `diagnosis.features`."""
+        mask = _mask_options(options)
+        masks = find_masks(cycle.frames, cycle.period_s, push=_PUSH, options=mask)
+        return cycle_features(cycle.frames, masks, cycle.period_s, _feature_options(options))
+
+    def signatures(self) -> SignatureTable:
+        """Return how faults change the features, derived by simulation."""
+        from valve_twin.core.valves.press_cartridge.signatures import TABLE
+
+        return TABLE
 
     def judges(self, options: Options) -> bool:
         """Tell whether estimates are judged by the cycles before: not without the output error."""
@@ -324,6 +349,23 @@ class PressCartridgeModel:
             fit.counts,
         )
 
+    def _features(self, cycle: Cycle, masks: Masks, sigma: float, options: Options) -> Estimate:
+        shown = cycle_features(cycle.frames, masks, cycle.period_s, _feature_options(options))
+        count = sum(p.usable for p in shown)
+        whole = count == len(shown)
+        status = EstimateStatus.ACCEPTED if whole else EstimateStatus.PARTIAL
+        reason = f"{count} of {len(shown)} features of faults are shown"
+        counts = MaskCounts(
+            int(np.count_nonzero(~masks.any)),
+            seat=int(np.count_nonzero(masks.seat)),
+            stuck=int(np.count_nonzero(masks.stuck)),
+            stale=int(np.count_nonzero(masks.stale)),
+            bad=int(np.count_nonzero(masks.bad)),
+        )
+        return self._estimate(
+            features.ESTIMATOR, cycle, shown, (status, reason), np.nan, 0, sigma, counts
+        )
+
     def _equation_error(
         self,
         name: str,
@@ -405,6 +447,16 @@ def _mask_options(options: Options) -> MaskOptions:
         stop_margin=number(options, "seat_margin"),
         active_command=number(options, "active_command"),
         max_lag=int(number(options, "max_lag")),
+    )
+
+
+def _feature_options(options: Options) -> FeatureOptions:
+    lag = int(number(options, "lag"))
+    return FeatureOptions(
+        lower_seat=number(options, "lower_seat"),
+        upper_seat=number(options, "upper_seat"),
+        active_command=number(options, "active_command"),
+        lag=lag if lag >= 0 else FeatureOptions().lag,
     )
 
 

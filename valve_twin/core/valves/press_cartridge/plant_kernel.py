@@ -23,7 +23,8 @@ class PressCoefficients(NamedTuple):
 
     `conductance_*` are the pilot areas times sqrt(2/rho), `top_force` is A_T Pz, `pilot_share` is
     the part of the way to its target that a pilot goes in one step, `resistance_in` that of the
-    filling coil over new, `stick` the change of command that a sticking pilot does not follow;
+    filling coil over new, `stick` the change of command that a sticking pilot does not follow
+    (without command its spring closes it);
     the controller reads sensor_gain * position + sensor_offset.
     """
 
@@ -147,9 +148,9 @@ def run_press(
                 inputs[n, 0] = v_in
                 inputs[n, 1] = v_out
             reach = 0.0 if lost[n] else 1.0
-            if abs(reach * v_in - state[8]) > c.stick:
+            if abs(reach * v_in - state[8]) > c.stick or v_in == 0.0:
                 state[8] = reach * v_in
-            if abs(reach * v_out - state[9]) > c.stick:
+            if abs(reach * v_out - state[9]) > c.stick or v_out == 0.0:
                 state[9] = reach * v_out
             _advance(
                 state,

@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""`valve-twin campaign`: are faults found and named, and how often is there none."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from valve_twin.cli.common import OK, USAGE, add_verb, fail, positive, progress_of
+from valve_twin.io.campaign_config import load_campaign, write_severities
+
+if TYPE_CHECKING:
+    import argparse
+
+    from valve_twin.cli.common import Verbs
+    from valve_twin.core.diagnosis.campaign import CampaignResult
+    from valve_twin.core.diagnosis.isolability import Isolability
+
+_WIDTH = 150
+
+
+def add(verbs: Verbs) -> None:
+    """Add the verb."""
+    text = "Inject faults into a simulated valve and count what is detected and named right."
+    parser = add_verb(verbs, "campaign", text, _campaign)
+    parser.add_argument("--config", required=True, metavar="FILE", help="YAML of the campaign")
+    parser.add_argument("--seeds", type=positive, metavar="N", help="records, default as in FILE")
+    parser.add_argument(
+        "--fault", action="append", metavar="NAME", help="only this fault; may be repeated"
+    )
+    parser.add_argument("--json", metavar="OUT", help="also write all figures to this file")
+    parser.add_argument(
+        "--derive",
+        metavar="MODULE",
+        help="instead derive signatures and sizes by simulation: write them to this Python module "
+        "and into FILE",
+    )
+
+
+def _campaign(arguments: argparse.Namespace) -> int:
+    campaign = load_campaign(arguments.config)
+    if arguments.derive:
+        return _derive(arguments)
+    from valve_twin.core.diagnosis.campaign import run_campaign
+
+    config = campaign.config
+    if arguments.seeds:
+        config = replace(config, seeds=tuple(range(1, arguments.seeds + 1)))
+    for name in arguments.fault or ():
+        if name not in config.severities:
+            known = ", ".join(config.severities)
+            return fail(f"campaign: there is no fault '{name}'; there are {known}", USAGE)
+    if arguments.fault:
+        config = replace(config, severities={n: config.severities[n] for n in arguments.fault})
+    table = campaign.rig.model.signatures()
+    with progress_of("records", len(config.seeds)) as advance:
+        result = run_campaign(campaign.rig, table, config, advance=advance)
+    if arguments.json:
+        text = json.dumps(_plain(result, config.seeds), indent=1, allow_nan=False)
+        Path(arguments.json).write_text(f"{text}\n", encoding="utf-8")
+    _show(result)
+    return OK
+
+
+def _derive(arguments: argparse.Namespace) -> int:
+    from valve_twin.core.diagnosis.derive import derive
+    from valve_twin.core.diagnosis.source import table_source
+    from valve_twin.core.diagnosis.table import BY_NAME
+
+    rig = load_campaign(arguments.config).rig
+    with progress_of("faults", len(BY_NAME)) as advance:
+        table = derive(rig, advance=advance)
+    Path(arguments.derive).write_text(table_source(table), encoding="utf-8")
+    write_severities(arguments.config, table)
+    return OK
+
+
+def _plain(result: CampaignResult, seeds: tuple[int, ...]) -> dict[str, object]:
+    """Return the outcome as plain data: not a number = null."""
+    told = result.isolability
+    rows = [
+        {k: (None if isinstance(v, float) and math.isnan(v) else v) for k, v in asdict(r).items()}
+        for r in result.rows
+    ]
+    return {
+        "seeds": len(seeds),
+        "healthy_cycles": result.healthy,
+        "false_alarms": [
+            {"seed": seed, "fault": fault, "cycle": cycle} for seed, fault, cycle in result.alarms
+        ],
+        "rows": rows,
+        "classes": [list(c) for c in told.classes if len(c) > 1],
+        "faults": list(told.faults),
+        "distance": [[round(float(d), 2) for d in row] for row in told.distance],
+    }
+
+
+def _show(result: CampaignResult) -> None:
+    """Print what was found, then which faults can be told apart."""
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(file=sys.stdout)
+    if not console.is_terminal:
+        console = Console(file=sys.stdout, width=_WIDTH)
+    table = Table(title="Faults", title_justify="left", pad_edge=False)
+    for name in ("fault", "size"):
+        table.add_column(name, no_wrap=True)
+    for name in ("severity", "detected", "in 5 cycles", "delay median", "most", "named", "class"):
+        table.add_column(name, justify="right")
+    for r in result.rows:
+        table.add_row(
+            r.fault,
+            r.size,
+            f"{r.severity:.3g}",
+            f"{r.detected}/{r.cases}",
+            f"{r.within_5}/{r.cases}",
+            f"{r.delay_median:.1f}",
+            f"{r.delay_most:.0f}",
+            f"{r.named}/{r.cases}",
+            f"{r.in_class}/{r.cases}",
+        )
+    console.print(table)
+    _show_isolability(result.isolability, console.print)
+    console.print(
+        f"{len(result.alarms)} false alarms in {result.healthy} healthy aging cycles",
+        highlight=False,
+    )
+
+
+def _show_isolability(told: Isolability, show: object) -> None:
+    from rich.table import Table
+
+    title = "Distance of a fault of medium size (row) from another [standard deviations]"
+    table = Table(title=title, title_justify="left", pad_edge=False)
+    table.add_column("", no_wrap=True)
+    for name in told.faults:
+        table.add_column(name.replace("_", " "), justify="right", max_width=10)
+    for name, row in zip(told.faults, told.distance, strict=True):
+        table.add_row(
+            name,
+            *(
+                "-" if other == name else f"{d:.1f}"
+                for other, d in zip(told.faults, row, strict=True)
+            ),
+        )
+    assert callable(show)
+    show(table)
+    pairs = ["; ".join(" = ".join(c) for c in told.classes if len(c) > 1) or "none"]
+    show(f"No data of this kind tell apart: {pairs[0]}")

@@ -1,0 +1,438 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Find sudden changes of a valve's features against its own aging, and name the fault.
+
+Each cycle is compared with the line through the features of the cycles before it, so that aging
+is no fault. What is left is whitened by the valve's own scatter and projected on the signatures:
+the generalised likelihood ratio of "a fault of unknown size since m cycles" over "only aging".
+An alarm needs a ratio beyond chance in a thousand years and two cycles one after another that
+each show it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.diagnosis.table import BY_NAME, SignatureTable, whitener, with_floor
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from valve_twin.core.types import FloatArray, IntArray
+
+UNKNOWN = "unknown"
+"""Name of a change that is like no fault of the table."""
+
+
+@dataclass(frozen=True, slots=True)
+class DetectionConfig:
+    """When a change is a fault; lengths in cycles.
+
+    Attributes
+    ----------
+    learn : int
+        Cycles whose scatter is the valve's own.
+    least : int
+        Fewest cycles of a line.
+    window : int
+        Most cycles of a line.
+    recent : int
+        Most cycles that are compared with the line at a time.
+    confirm : int
+        Newest cycles that must each show the change.
+    threshold : float
+        Ratio above which it is a fault: squared standard deviations [1].
+    each : float
+        Standard deviations by which each of the `confirm` cycles must show it [1].
+    isolate : int
+        Cycles behind that of the onset that name the fault.
+    heal : int
+        Cycles without it after which it is over.
+    extrapolate : int
+        Cycles since the alarm for which the line before it is a measure; what lasts longer lasts
+        until maintenance.
+    trust : float
+        Cycles that the table's correlations count as.
+    margin : float
+        Factor on the own standard deviations: they come from few cycles [1].
+    like : float
+        Share of the change that its signature explains, below which it is unknown [1], if also
+    excess : float
+        chi-square over its expectation is above this [1].
+    """
+
+    learn: int = 30
+    least: int = 20
+    window: int = 40
+    recent: int = 8
+    confirm: int = 2
+    threshold: float = 32.0
+    each: float = 2.5
+    isolate: int = 5
+    heal: int = 5
+    extrapolate: int = 100
+    trust: float = 60.0
+    margin: float = 1.1
+    like: float = 0.4
+    excess: float = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A fault that was found.
+
+    Attributes
+    ----------
+    fault : str
+        Its name, `UNKNOWN` for a change like no signature.
+    rivals : tuple of str
+        Faults that fit as well: twice the log likelihood less by under `RIVAL`.
+    part : str
+        valve, command, sensor or supply.
+    severity : float
+        Its size [unit of the fault]; NaN where unknown.
+    deviation : float
+        The change in standard deviations of one cycle [1].
+    onset, alarm : int
+        Numbers of the first cycle that has it and of the cycle that raised the alarm.
+    end : int
+        Number of the cycle at which it was seen to be over; -1 = it lasts.
+    """
+
+    fault: str
+    rivals: tuple[str, ...]
+    part: str
+    severity: float
+    deviation: float
+    onset: int
+    alarm: int
+    end: int = -1
+
+
+RIVAL = 6.0
+"""Difference of twice the log likelihood below which two faults are not told apart [1]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """What the features of a valve say.
+
+    Attributes
+    ----------
+    findings : tuple of Finding
+        Every fault that was found, oldest first.
+    cycles : int
+        Cycles looked at.
+    ready : bool
+        Whether there are enough cycles since start or maintenance to tell a fault.
+    """
+
+    findings: tuple[Finding, ...]
+    cycles: int
+    ready: bool
+
+    @property
+    def present(self) -> Finding | None:
+        """The fault that lasts, None = none."""
+        last = self.findings[-1] if self.findings else None
+        return last if last is not None and last.end < 0 else None
+
+
+NOTHING = Diagnosis((), 0, ready=False)
+"""What is known of a valve without features."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Rays:
+    """Whitened signatures: `white` (F, F), `changes` and unit `rays` (S, F), `spread` (S, F, F).
+
+    `spread` is the covariance by which the fault adds to the scatter of a cycle.
+    """
+
+    white: FloatArray
+    changes: FloatArray
+    rays: FloatArray
+    spread: FloatArray
+
+
+def detect(
+    cycles: IntArray,
+    vectors: FloatArray,
+    table: SignatureTable,
+    config: DetectionConfig | None = None,
+    *,
+    restarts: Sequence[int] = (),
+) -> Diagnosis:
+    """Find the faults in a history of features; a pure function of it.
+
+    Parameters
+    ----------
+    cycles : (N,) int64 array
+        Cycle numbers, rising.
+    vectors : (N, F) array
+        Features as they are followed; NaN where a cycle does not show one.
+    table : SignatureTable
+        Signatures of the valve's faults.
+    config : DetectionConfig, optional
+        When to speak.
+    restarts : sequence of int
+        Cycle numbers of maintenance: what was before is no measure for what comes after.
+
+    Returns
+    -------
+    Diagnosis
+        Faults, oldest first.
+    """
+    config = config or DetectionConfig()
+    edges = [0, *sorted({int(np.searchsorted(cycles, c)) for c in restarts}), len(cycles)]
+    findings: list[Finding] = []
+    ready = False
+    for first, last in pairwise(edges):
+        if last > first:
+            part = slice(first, last)
+            found, ready = _search(cycles[part], vectors[part], table, config)
+            maintained = int(cycles[last]) if last < len(cycles) else -1
+            findings += [
+                f if f.end >= 0 or maintained < 0 else _ended(f, maintained) for f in found
+            ]
+    return Diagnosis(tuple(findings), len(cycles), ready)
+
+
+def _ended(finding: Finding, cycle: int) -> Finding:
+    return replace(finding, end=cycle)
+
+
+def _search(
+    cycles: IntArray, vectors: FloatArray, table: SignatureTable, config: DetectionConfig
+) -> tuple[list[Finding], bool]:
+    """Return the faults between two maintenance events, and whether one could be found now."""
+    findings: list[Finding] = []
+    start = 0
+    while len(cycles) - start >= config.least + config.confirm:
+        y = _filled(vectors[start:], config.least)
+        y -= y[: config.learn].mean(axis=0)
+        rays = _rays(y[: config.learn], np.isfinite(vectors[start:]), table, config)
+        alarm = _first_alarm(y @ rays.white.T, rays, config)
+        if alarm is None:
+            return findings, True
+        at = alarm[0]
+        onset = _onset(y @ rays.white.T, rays, config, *alarm)
+        finding, end = _isolate(y @ rays.white.T, rays, table, config, onset, at)
+        number = cycles[start:]
+        over = int(number[end]) if end >= 0 else -1
+        named = (int(number[onset]), int(number[at]), over)
+        findings.append(_finding(finding, table, *named))
+        if end < 0:
+            return findings, True
+        start += max(end - config.heal + 1, 1)
+    return findings, False
+
+
+def _filled(vectors: FloatArray, least: int) -> FloatArray:
+    """Return the features with the last known value where there is none.
+
+    Before the first one stands that one; a feature that is never there is 0.
+    """
+    filled = np.array(vectors)
+    for j in range(filled.shape[1]):
+        known = np.isfinite(filled[:, j])
+        if np.count_nonzero(known[:least]) < least // 2:
+            filled[:, j] = 0.0
+            continue
+        index = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
+        filled[:, j] = filled[np.where(index < 0, int(np.argmax(known)), index), j]
+    return filled
+
+
+def _rays(
+    y: FloatArray, known: FloatArray, table: SignatureTable, config: DetectionConfig
+) -> _Rays:
+    """Whiten the signatures by the scatter of the first cycles about their line.
+
+    Standard deviations are the valve's own; correlations are mixed with those of the table.
+    """
+    n = len(y)
+    t = np.arange(n) - 0.5 * (n - 1)
+    off = y - y.mean(axis=0) - np.outer(t, t @ y / (t @ t))
+    floor = np.array(table.floor)
+    own = with_floor(off.T @ off / (n - 2), floor)
+    scale = config.margin * np.sqrt(np.diag(own))
+    prior = with_floor(np.array(table.covariance), floor)
+    deviation = np.sqrt(np.diag(prior))
+    mixed = config.trust * prior / np.outer(deviation, deviation)
+    deviation = np.sqrt(np.diag(own))
+    mixed += (n - 2) * own / np.outer(deviation, deviation)
+    correlation = mixed / (config.trust + n - 2)
+    white = whitener(correlation * np.outer(scale, scale))
+    absent = np.count_nonzero(known[: config.least], axis=0) < config.least // 2
+    changes = np.where(absent, 0.0, table.changes()) @ white.T
+    length = np.maximum(np.linalg.norm(changes, axis=1), 1e-12)
+    root = white[None] * np.where(absent, 0.0, table.scatters())[:, None, :]
+    return _Rays(white, changes, changes / length[:, None], root @ root.transpose(0, 2, 1))
+
+
+@dataclass(frozen=True, slots=True)
+class _Lines:
+    """Lines through the cycles before: prediction at `x` and its variance over that of a cycle."""
+
+    level: FloatArray
+    slope: FloatArray
+    centre: FloatArray
+    count: FloatArray
+
+    def at(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        spread = self.count * (self.count**2 - 1.0) / 12.0
+        off = x - self.centre
+        return self.level + self.slope * off[:, None], 1.0 / self.count + off**2 / spread
+
+
+def _lines(w: FloatArray, last: IntArray, window: int) -> _Lines:
+    """Fit a line through at most `window` rows of w (N, F) that end with each of `last`."""
+    total = np.concatenate((np.zeros((1, w.shape[1])), np.cumsum(w, axis=0)))
+    moment = np.concatenate((total[:1], np.cumsum(w * np.arange(len(w))[:, None], axis=0)))
+    first = np.maximum(last - window + 1, 0)
+    count = (last - first + 1).astype(np.float64)
+    centre = 0.5 * (first + last).astype(np.float64)
+    level = (total[last + 1] - total[first]) / count[:, None]
+    above = moment[last + 1] - moment[first] - (count * centre)[:, None] * level
+    return _Lines(level, above / (count * (count**2 - 1.0) / 12.0)[:, None], centre, count)
+
+
+def _first_alarm(w: FloatArray, rays: _Rays, config: DetectionConfig) -> tuple[int, int] | None:
+    """Return the row that raises an alarm and the row of its onset, None = no alarm."""
+    total = np.concatenate((np.zeros((1, w.shape[1])), np.cumsum(w, axis=0)))
+    best: tuple[int, float, int] | None = None
+    for m in range(config.confirm, config.recent + 1):
+        end = np.arange(config.least + m - 1, len(w))
+        if not len(end):
+            continue
+        lines = _lines(w, end - m, config.window)
+        line, variance = lines.at(end.astype(np.float64) - 0.5 * (m - 1))
+        mean = (total[end + 1] - total[end + 1 - m]) / m - line
+        ratio = (mean / np.sqrt(1.0 / m + variance)[:, None]) @ rays.rays.T
+        shown = ratio > np.sqrt(config.threshold)
+        for back in range(config.confirm):
+            line, variance = lines.at((end - back).astype(np.float64))
+            each = (w[end - back] - line) / np.sqrt(1.0 + variance)[:, None]
+            shown &= each @ rays.rays.T > config.each
+        hits = np.flatnonzero(shown.any(axis=1))
+        if not len(hits):
+            continue
+        row, score = int(end[hits[0]]), float(np.where(shown, ratio, 0.0)[hits[0]].max())
+        if best is None or (row, -score) < (best[0], -best[1]):
+            best = (row, score, m)
+    return None if best is None else (best[0], best[0] - best[2] + 1)
+
+
+def _onset(w: FloatArray, rays: _Rays, config: DetectionConfig, alarm: int, first: int) -> int:
+    """Return the first row up to the alarm since when all rows show half the change or more."""
+    early = max(alarm - config.recent, config.least - 1)
+    line = _lines(w, np.array([min(early, first - 1)]), config.window)
+    rows = np.arange(early + 1, min(alarm + config.confirm, len(w)))
+    off = w[rows] - line.at(rows.astype(np.float64))[0]
+    newest = off[-config.confirm :].mean(axis=0)
+    shown = off @ rays.rays[int(np.argmax(rays.rays @ newest))]
+    half = 0.5 * float(np.median(shown[-config.confirm :]))
+    before = np.flatnonzero(shown[: alarm - early] < half)
+    return early + 1 + (int(before[-1]) + 1 if len(before) else 0)
+
+
+@dataclass(frozen=True, slots=True)
+class _Match:
+    """How the first cycles fit: twice the log likelihood per fault, the best one's numbers."""
+
+    likelihood: dict[str, float]
+    severity: float
+    deviation: float
+    like: float
+    excess: float
+
+
+def _isolate(
+    w: FloatArray,
+    rays: _Rays,
+    table: SignatureTable,
+    config: DetectionConfig,
+    onset: int,
+    alarm: int,
+) -> tuple[_Match, int]:
+    """Match the first cycles behind the onset; return that and the row where it is over, -1.
+
+    The cycle of the onset is a mixture and is left out.
+    """
+    before = _lines(w, np.array([onset - 1]), config.window)
+    last = min(max(onset + config.isolate, alarm), len(w) - 1)
+    onset = min(onset, len(w) - 2)
+    rows = np.arange(onset + 1, last + 1)
+    variance = before.at(np.array([rows.mean()]))[1]
+    off = w[rows] - before.at(rows.astype(np.float64))[0]
+    fits = [
+        _fit(off, rays.changes[k], rays.spread[k], float(variance[0]), table.range(k))
+        for k in range(len(table.signatures))
+    ]
+    best: dict[str, float] = {}
+    for signature, (value, _, _) in zip(table.signatures, fits, strict=True):
+        best[signature.fault] = max(best.get(signature.fault, -np.inf), value)
+    k = int(np.argmax([value for value, _, _ in fits]))
+    size, change = fits[k][1], off.mean(axis=0)
+    like = float(rays.rays[k] @ change) ** 2 / max(float(change @ change), 1e-300)
+    severity = table.signatures[k].severity * size
+    excess = fits[k][2] / off.size
+    match = _Match(best, severity, float(np.linalg.norm(change)), like, excess)
+    return match, _healed(w, rays.rays[k], before, config, alarm)
+
+
+def _fit(
+    off: FloatArray,
+    change: FloatArray,
+    spread: FloatArray,
+    line: float,
+    limits: tuple[float, float],
+) -> tuple[float, float, float]:
+    """Return twice the log likelihood of the cycles `off` (m, F), the size and chi-square.
+
+    Each cycle scatters by 1, by the line's error and by what the fault adds.
+    """
+    covariance = (1.0 + line) * np.eye(len(change)) + spread
+    solved = np.linalg.solve(covariance, change)
+    mean = off.mean(axis=0)
+    size = float(solved @ mean) / max(float(solved @ change), 1e-300)
+    size = min(max(size, limits[0]), limits[1])
+    left = off - size * change
+    chi2 = float(np.sum(left * np.linalg.solve(covariance, left.T).T))
+    return -chi2 - len(off) * float(np.linalg.slogdet(covariance)[1]), size, chi2
+
+
+def _healed(
+    w: FloatArray, ray: FloatArray, before: _Lines, config: DetectionConfig, alarm: int
+) -> int:
+    """Return the first row at which `heal` cycles since the alarm are back on the line, or -1."""
+    rows = np.arange(alarm + 1, min(alarm + 1 + config.extrapolate, len(w)))
+    if len(rows) < config.heal:
+        return -1
+    x = rows.astype(np.float64)
+    spread = before.count * (before.count**2 - 1.0) / 12.0
+    off = x - before.centre
+    line = before.level + before.slope * off[:, None]
+    each = np.abs((w[rows] - line) @ ray) / np.sqrt(1.0 + 1.0 / before.count + off**2 / spread)
+    back = (each < config.each).astype(np.int64)
+    run = np.convolve(back, np.ones(config.heal, dtype=np.int64), mode="valid")
+    hits = np.flatnonzero(run == config.heal)
+    return int(rows[hits[0] + config.heal - 1]) if len(hits) else -1
+
+
+def _finding(match: _Match, table: SignatureTable, onset: int, alarm: int, end: int) -> Finding:
+    """Name the fault."""
+    names = sorted(match.likelihood, key=lambda name: -match.likelihood[name])
+    best = names[0]
+    rivals = tuple(n for n in names[1:] if match.likelihood[best] - match.likelihood[n] < RIVAL)
+    config = DetectionConfig()
+    if match.like < config.like and match.excess > config.excess:
+        return Finding(UNKNOWN, (), "valve", float("nan"), match.deviation, onset, alarm, end)
+    return Finding(
+        best, rivals, BY_NAME[best].part, match.severity, match.deviation, onset, alarm, end
+    )

@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Faults, and how each of them changes the features of a cycle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import FloatArray
+
+SIZES = ("small", "medium", "large")
+FACTORS = (1.0, 3.0, 10.0)
+"""Sizes of a fault over the size that four standard deviations of one cycle tell."""
+
+
+@dataclass(frozen=True, slots=True)
+class FaultType:
+    """What is known of a fault beforehand.
+
+    Attributes
+    ----------
+    name : str
+        As in `simulation.faults.KINDS`.
+    part : str
+        What is to be looked at: valve, command, sensor or supply.
+    text : str
+        What it is, in words.
+    unit : str
+        Unit of its size.
+    two_sided : bool
+        Whether it comes in both directions.
+    """
+
+    name: str
+    part: str
+    text: str
+    unit: str = "1"
+    two_sided: bool = False
+
+
+FAULT_TYPES = (
+    FaultType("leak", "valve", "leak of the chamber", "1/s"),
+    FaultType("stiction", "valve", "sticking pilot"),
+    FaultType("preload", "valve", "shifted closing force"),
+    FaultType("coil_resistance", "valve", "risen resistance of the filling coil"),
+    FaultType("dead_band", "valve", "grown dead band"),
+    FaultType("aeration", "valve", "gas in the chamber"),
+    FaultType("sensor_offset", "sensor", "offset of the position sensor", two_sided=True),
+    FaultType("sensor_gain", "sensor", "gain of the position sensor", two_sided=True),
+    FaultType("sensor_freeze", "sensor", "freezing position sensor"),
+    FaultType("command_loss", "command", "command that does not reach the valve"),
+    FaultType("supply_drop", "supply", "drop of the supply pressure"),
+)
+"""Every fault that is told apart, by the part that has it."""
+
+BY_NAME = {f.name: f for f in FAULT_TYPES}
+
+
+@dataclass(frozen=True, slots=True)
+class Signature:
+    """Change of the features by a fault of one size.
+
+    Attributes
+    ----------
+    fault : str
+        Name of the fault.
+    severity : float
+        Its size, with sign [unit of the fault].
+    change : tuple of float
+        Mean change of each feature as it is followed, logarithms where relative.
+    scatter : tuple of float
+        Standard deviation of that change from cycle to cycle: a fault that comes and goes by
+        chance scatters more than a healthy valve.
+    """
+
+    fault: str
+    severity: float
+    change: tuple[float, ...]
+    scatter: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SignatureTable:
+    """How faults change the features of a cycle of one model, derived by simulation.
+
+    Attributes
+    ----------
+    features : tuple of str
+        Names of the F features.
+    covariance : tuple of tuple of float
+        (F, F) covariance of the features of a healthy valve's cycle about their trend.
+    floor : tuple of float
+        (F,) least standard deviation of each feature: one sample more or less, or rounding.
+    signatures : tuple of Signature
+        Of each fault, size by size, small first.
+    """
+
+    features: tuple[str, ...]
+    covariance: tuple[tuple[float, ...], ...]
+    floor: tuple[float, ...]
+    signatures: tuple[Signature, ...]
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """Names of the faults, in the order of the signatures."""
+        return tuple(dict.fromkeys(s.fault for s in self.signatures))
+
+    def range(self, index: int) -> tuple[float, float]:
+        """Return for which multiples of its size a signature stands: to half the way to others."""
+        own = self.signatures[index]
+        same = [s.severity / own.severity for s in self.signatures if s.fault == own.fault]
+        ratios = [r for r in same if r > 0.0]
+        lower = 0.5 if min(ratios) < 1.0 else 0.0
+        return lower, 2.0 if max(ratios) > 1.0 else np.inf
+
+    def changes(self) -> FloatArray:
+        """Return the changes of all signatures, (S, F)."""
+        return np.array([s.change for s in self.signatures])
+
+    def scatters(self) -> FloatArray:
+        """Return the scatter of all signatures, (S, F)."""
+        return np.array([s.scatter for s in self.signatures])
+
+
+def whitener(covariance: FloatArray) -> FloatArray:
+    """Return (F, F) W: W r has unit covariance where r has `covariance`."""
+    return np.linalg.inv(np.linalg.cholesky(covariance))
+
+
+def with_floor(covariance: FloatArray, floor: FloatArray) -> FloatArray:
+    """Return a covariance whose standard deviations are at least `floor` (F,)."""
+    missing = np.maximum(floor**2 - np.diag(covariance), 0.0)
+    return covariance + np.diag(missing + 1e-4 * np.diag(covariance))
