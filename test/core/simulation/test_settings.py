@@ -59,7 +59,7 @@ def test_rules_are_added_by_parameter_and_keep_what_is_not_given():
         ),
         ({"plant.mass": "heavy"}, "simulation.plant.mass = 'heavy': must be a finite number"),
         ({"plant.mass": True}, "must be a finite number"),
-        ({"plant.mass": np.nan}, "must be a finite number"),
+        ({"plant.mass": np.nan}, r"must be a finite number from 0\.\d+ to \d+ \[kg\]"),
         ({"measurement.delay": 1.5}, "measurement.delay = 1.5: must be a whole number"),
         ({"controller": 3}, "controller = 3: must be a word"),
         ({"controller": "manual"}, "controller = 'manual': must be one of cycles, external"),

@@ -113,7 +113,7 @@ def _convert(setting: Setting, value: object) -> object:
             message = f"{where}: must be a word"
             raise ValueError(message)
         return value
-    number = _number(where, value)
+    number = _number(where, value, setting)
     if isinstance(present, int):
         if number != int(number):
             message = f"{where}: must be a whole number"
@@ -122,9 +122,12 @@ def _convert(setting: Setting, value: object) -> object:
     return number
 
 
-def _number(where: str, value: object) -> float:
+def _number(where: str, value: object, setting: Setting | None = None) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        message = f"{where}: must be a finite number"
+        allowed = ""
+        if setting is not None and math.isfinite(setting.lower + setting.upper):
+            allowed = f" from {setting.lower:g} to {setting.upper:g} [{setting.unit}]"
+        message = f"{where}: must be a finite number{allowed}"
         raise ValueError(message)
     return float(value)
 

@@ -258,6 +258,11 @@ def test_refuses_a_period_that_is_no_multiple_of_the_step():
         HybridActuatorPlant().ticks_per_sample(1.25e-5)
 
 
+def test_refuses_a_sampling_that_shows_no_flight():
+    with pytest.raises(ValueError, match=r"period_s = 0.001: must be at most 0.00025 \[s\]"):
+        HybridActuatorPlant().ticks_per_sample(1e-3)
+
+
 def test_an_integration_that_fails_is_a_value_with_time_and_state():
     plant = HybridActuatorPlant()
     drive = Drive(np.zeros(50), np.ones(50, dtype=np.bool_), None, np.zeros(50))

@@ -163,7 +163,12 @@ def test_blocks_of_any_length_give_the_same_samples():
     ("change", "message"),
     [
         ({"backlash": -1e-4}, r"StepperServoPlant\.backlash = -0\.0001: must be a number from 0"),
-        ({"band_lower": 1.8e-3}, r"full_lower, band_lower, band_upper, .*must increase \[m\]"),
+        (
+            {"band_lower": 1.8e-3},
+            r"\.band_lower = 0\.0018: must be below band_upper = 0\.0017 \[m\]",
+        ),
+        ({"full_upper": 3e-3}, r"\.full_upper = 0\.003: must be below stroke = 0\.0021 \[m\]"),
+        ({"lead": 0.1}, r"\.lead = 0\.1: must be at most 0\.021 \[m\], so that a step"),
         ({"window": 0}, r"StepperServoPlant\.window = 0: must be a number from 1"),
         ({"lead": float("nan")}, r"StepperServoPlant\.lead = nan: must be a number"),
     ],
@@ -171,6 +176,11 @@ def test_blocks_of_any_length_give_the_same_samples():
 def test_refuses_what_is_no_valve(change, message):
     with pytest.raises(ValueError, match=message):
         replace(PLANT, **change)
+
+
+def test_refuses_a_sampling_that_shows_no_thread():
+    with pytest.raises(ValueError, match=r"period_s = 0\.5: must be at most 0\.2 \[s\]"):
+        PLANT.ticks_per_sample(0.5)
 
 
 def test_refuses_a_sampling_that_the_controller_does_not_meet():

@@ -34,7 +34,7 @@ from valve_twin.core.valves.hybrid_actuator.parameters import (
     refusal_of,
     solenoid,
 )
-from valve_twin.core.valves.hybrid_actuator.plant import INPUTS
+from valve_twin.core.valves.hybrid_actuator.plant import INPUTS, check_period
 from valve_twin.core.valves.hybrid_actuator.predictor import (
     N_COEFFICIENTS,
     STATE_SIZE,
@@ -48,9 +48,6 @@ if TYPE_CHECKING:
 
     from valve_twin.core.types import BoolArray, ByteArray, Cycle, FloatArray, Parameter
     from valve_twin.core.valves.interface import Option, Options
-
-LONGEST_PERIOD_S = 2.5e-4
-"""Slowest sampling that shows pulses of 1.5 ms and flights of 8 ms [s] [A]."""
 
 _MAX_CONDITION = 1e5
 _REST_SHARE = 6e-3  # of the full scale: a current below it counts as none [1] [A]
@@ -152,11 +149,8 @@ def _known(cycle: Cycle) -> BoolArray:
 def _refusal(cycle: Cycle, options: Options, known: BoolArray) -> str:
     if refusal_of(options):
         return refusal_of(options)
-    if cycle.period_s > LONGEST_PERIOD_S:
-        return (
-            f"sampled every {cycle.period_s:g} s: flights of about 8 ms need "
-            f"{LONGEST_PERIOD_S:g} s or faster"
-        )
+    if check_period(cycle.period_s):
+        return check_period(cycle.period_s)
     count = int(np.count_nonzero(known))
     if count < _FEWEST:
         return f"{count} usable samples, fewer than {_FEWEST}"

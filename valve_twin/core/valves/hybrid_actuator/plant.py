@@ -51,6 +51,9 @@ INPUTS = ("opener_voltage", "closer_voltage", "opener_current", "closer_current"
 SMALLEST_FIT_GAP = 1e-4
 """Smallest gap of the reading "fit" [m]; its pole lies at C2, 0.0604 mm in the paper."""
 
+LONGEST_PERIOD_S = 2.5e-4
+"""Slowest sampling that shows pulses of 1.5 ms and flights of 8 ms [s] [A]."""
+
 _LONG_AGO = 3600.0  # time since the last command at rest [s]
 _ABOVE_POLE = 4e-5  # the same distance to the pole for another C2 [m]
 
@@ -73,6 +76,16 @@ def check_gap(kernel: str, residual_gap: float, c2: float) -> str:
     return (
         f"residual_gap = {residual_gap!r}: must be a number from {least:g} to 0.005 [m] with "
         f"kernel '{kernel}', which has a pole at c2 = {c2:g} m; use kernel 'saturating'"
+    )
+
+
+def check_period(period_s: float) -> str:
+    """Return why a sampling time is too slow for this valve [s], empty if it is not."""
+    if period_s <= LONGEST_PERIOD_S:
+        return ""
+    return (
+        f"period_s = {period_s:g}: must be at most {LONGEST_PERIOD_S:g} [s] to show pulses of "
+        "1.5 ms and flights of 8 ms"
     )
 
 
@@ -328,6 +341,9 @@ class HybridActuatorPlant:
 
     def _steps(self, period_s: float) -> int:
         """Return how many steps a sample takes."""
+        refusal = check_period(period_s)
+        if refusal:
+            raise ValueError(refusal)
         count = round(period_s / self.step)
         if count < 1 or abs(count * self.step - period_s) > 1e-9 * period_s:
             message = f"period_s = {period_s!r}: must be a multiple of step = {self.step!r} [s]"

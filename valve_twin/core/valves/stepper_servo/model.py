@@ -30,6 +30,7 @@ from valve_twin.core.valves.stepper_servo.parameters import (
     THREAD,
     WIENER,
 )
+from valve_twin.core.valves.stepper_servo.plant import check_period
 from valve_twin.core.valves.stepper_servo.predictor import (
     COEFFICIENTS,
     MAX_LAG,
@@ -87,7 +88,7 @@ class StepperServoModel:
         chosen = cast("Sequence[object]", options["estimators"])
         names = dict.fromkeys((MECHANICS, *(str(name) for name in chosen)))
         counts = MaskCounts(int(record.used.sum()), bad=bad + lost)
-        refusal = refusal_of(record, options)
+        refusal = check_period(cycle.period_s) or refusal_of(record, options)
         if refusal:
             return tuple(_refused(self.name, name, cycle, refusal, counts) for name in names)
         values, thread = mechanics(

@@ -32,6 +32,22 @@ if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
 
 
+LONGEST_PERIOD_S = 0.2
+"""Slowest sampling at which the backlash is found within 5 % and the edges within 0.01 mm [s]."""
+
+_EDGES = ("full_lower", "band_lower", "band_upper", "full_upper", "stroke")
+
+
+def check_period(period_s: float) -> str:
+    """Return why a sampling time is too slow for this valve [s], empty if it is not."""
+    if period_s <= LONGEST_PERIOD_S:
+        return ""
+    return (
+        f"period_s = {period_s:g}: must be at most {LONGEST_PERIOD_S:g} [s] to tell a flank of "
+        "the thread from the other"
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class StepperServoPlant:
     """Numbers of the stepper valve; every field carries its unit, range and description."""
@@ -75,11 +91,18 @@ class StepperServoPlant:
     def __post_init__(self) -> None:
         """Refuse values outside their range, and edges in the wrong order."""
         check_quantities(self)
-        edges = (self.full_lower, self.band_lower, self.band_upper, self.full_upper, self.stroke)
-        if not all(a < b for a, b in pairwise(edges)):
+        for name, after in pairwise(_EDGES):
+            mine, limit = getattr(self, name), getattr(self, after)
+            if mine >= limit:
+                message = (
+                    f"StepperServoPlant.{name} = {mine!r}: must be below {after} = {limit!r} [m]"
+                )
+                raise ValueError(message)
+        if self.step_size > 0.5 * self.stroke:
             message = (
-                f"full_lower, band_lower, band_upper, full_upper, stroke = {edges!r}: "
-                "must increase [m]"
+                f"StepperServoPlant.lead = {self.lead!r}: must be at most "
+                f"{0.5 * self.stroke * self.steps_per_turn:g} [m], so that a step of "
+                "lead / steps_per_turn fits into half the stroke"
             )
             raise ValueError(message)
 
@@ -91,6 +114,9 @@ class StepperServoPlant:
     def ticks_per_sample(self, period_s: float) -> int:
         """Return how many base samples of the controller a sample takes."""
         tick = self.controller.period_s
+        refusal = check_period(period_s)
+        if refusal:
+            raise ValueError(refusal)
         count = round(period_s / tick)
         if count < 1 or abs(count * tick - period_s) > 1e-9 * period_s:
             message = (
