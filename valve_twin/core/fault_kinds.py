@@ -172,6 +172,33 @@ _STORE = (
     ),
 )
 
+_DIAGNOSIS = tuple(
+    FaultKind(f"diagnosis.{part}", _WARN, meaning, remedy, heal_s=inf)
+    for part, meaning, remedy in (
+        (
+            "valve",
+            "What the valve does has changed suddenly; the fault is named with its size.",
+            "Look at what is named: leak, pilots, coil, spring, gas in the chamber; then mark the "
+            "maintenance.",
+        ),
+        (
+            "command",
+            "The valve answers as if its command did not always reach it.",
+            "Look at cable, connector and amplifier; then mark the maintenance.",
+        ),
+        (
+            "sensor",
+            "The position signal has changed suddenly: offset, gain, or it freezes.",
+            "Look at the position sensor, its cable and its scaling; then mark the maintenance.",
+        ),
+        (
+            "supply",
+            "The valve acts as if its supply pressure had fallen.",
+            "Look at pump, accumulator and filter; then mark the maintenance.",
+        ),
+    )
+)
+
 _NODES = (
     FaultKind(
         "parameter.refused",
@@ -221,7 +248,14 @@ _NODES = (
     ),
 )
 
-FAULT_KINDS: tuple[FaultKind, ...] = (*_INPUTS, *_STAMPS, *_ESTIMATION, *_STORE, *_NODES)
+FAULT_KINDS: tuple[FaultKind, ...] = (
+    *_INPUTS,
+    *_STAMPS,
+    *_ESTIMATION,
+    *_STORE,
+    *_DIAGNOSIS,
+    *_NODES,
+)
 """Every fault by area."""
 
 

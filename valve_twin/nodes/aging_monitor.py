@@ -7,6 +7,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from valve_twin.core.aging.verdict import TrendStatus, VerdictKind
+from valve_twin.core.diagnosis.history import describe_finding
+from valve_twin.core.diagnosis.table import PARTS
 from valve_twin.nodes.diagnostics import ERROR, WARN, Diagnostics, Report
 from valve_twin.nodes.monitored_valve import MonitoredValve
 from valve_twin.nodes.runtime import STEADY, ValveNode
@@ -84,12 +86,22 @@ class AgingMonitorNode(ValveNode):
         self.faults.look("twin.absent", absent, valve=valve.name)
         self.faults.look("assessment.failed", valve.failure, valve=valve.name)
         found = valve.assessment
+        self._look_at_faults(valve)
         if found is not None:
             report.values["verdict"] = found.verdict.text
             for trend in found.trends:
                 report.values[f"{trend.parameter} drift [%]"] = f"{trend.drift_reference:.2f}"
                 if trend.status is TrendStatus.BEYOND_THRESHOLD:
                     report.raise_to(ERROR, f"{trend.parameter}: {trend.reason}")
-            if found.verdict.verdict is VerdictKind.VALVE:
+            if found.verdict.verdict not in (VerdictKind.OK, VerdictKind.NOT_ENOUGH_DATA):
                 report.raise_to(WARN, found.verdict.evidence)
         return report
+
+    def _look_at_faults(self, valve: MonitoredValve) -> None:
+        """Report the fault that lasts under the part that has it."""
+        found = valve.assessment
+        present = found.diagnosis.present if found is not None else None
+        for part in PARTS:
+            here = present is not None and present.part == part
+            evidence = describe_finding(present) if present is not None and here else ""
+            self.faults.look(f"diagnosis.{part}", evidence, valve=valve.name)

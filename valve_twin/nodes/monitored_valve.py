@@ -16,6 +16,7 @@ from valve_twin_msgs import msg, srv
 
 from valve_twin.core.aging.assess import Assessment, assess
 from valve_twin.core.aging.verdict import VerdictKind
+from valve_twin.core.diagnosis.features import ESTIMATOR
 from valve_twin.core.valves.registry import get_model
 from valve_twin.nodes import convert
 from valve_twin.nodes.inputs import seconds_now
@@ -55,6 +56,10 @@ class MonitoredValve:
         self._parameters, self._trend_estimator = model.parameters, model.trend_estimator
         self._wanted = 0
         self._history: list[Estimate] = []
+        self._features: list[Estimate] = []
+        self._of_features = False
+        listed = config.options.get("estimators")
+        self._has_features = isinstance(listed, (list, tuple)) and ESTIMATOR in listed
         self._maintenance: dict[tuple[int, int, str], Maintenance] = {}
         self._asked_s: float | None = None
         self._again = True
@@ -124,8 +129,11 @@ class MonitoredValve:
         if self._asked_s is not None or not self._again or not self.twin_answers:
             return
         self._asked_s, self._again = seconds_now(), False
+        known = self._features if self._of_features else self._history
         request = srv.GetHistory.Request(
-            estimator="", first_cycle=self.last_cycle + 1, limit=self._page
+            estimator=ESTIMATOR if self._of_features else "",
+            first_cycle=known[-1].cycle + 1 if known else 1,
+            limit=self._page,
         )
         self._client.call_async(request).add_done_callback(self._on_answer)
 
@@ -139,14 +147,21 @@ class MonitoredValve:
         self.failure = ""
         pairs = zip(answer.estimates, answer.missed_cycles, strict=True)
         fresh = [convert.estimate_value(m, int(missed)) for m, missed in pairs]
-        self._history += [e for e in fresh if e.cycle > self.last_cycle]
+        known = self._features if self._of_features else self._history
+        last = known[-1].cycle if known else 0
+        known += [e for e in fresh if e.cycle > last]
         events = [convert.maintenance_value(m) for m in answer.maintenance]
-        known = len(self._maintenance)
+        events_known = len(self._maintenance)
         self._maintenance |= {(e.cycle, e.stamp_ns, e.note): e for e in events}
-        self._changed = self._changed or bool(fresh) or len(self._maintenance) != known
+        self._changed = self._changed or bool(fresh) or len(self._maintenance) != events_known
         if answer.more:
             self.ask(anew=True)
             return
+        if self._has_features:  # they are asked for behind the estimates of the same cycles
+            self._of_features = not self._of_features
+            if self._of_features:
+                self.ask(anew=True)
+                return
         self._again = self._again or self.last_cycle < self._wanted  # not in the database yet
         self._assess()
 
@@ -159,7 +174,7 @@ class MonitoredValve:
         self._busy, self._changed = True, False
         work = partial(
             assess,
-            tuple(self._history),
+            (*self._history, *self._features),
             tuple(self._maintenance.values()),
             self.config.aging,
             parameters=self._parameters,
@@ -178,7 +193,8 @@ class MonitoredValve:
         self._publish(outcome.result)
         verdict = outcome.result.verdict
         if before is None or before.verdict.verdict is not verdict.verdict:
-            level = "warning" if verdict.verdict is VerdictKind.VALVE else "info"
+            fine = verdict.verdict in (VerdictKind.OK, VerdictKind.NOT_ENOUGH_DATA)
+            level = "info" if fine else "warning"
             getattr(self._node.get_logger(), level)(
                 f"{self.name}: {verdict.text}: {verdict.evidence}"
             )

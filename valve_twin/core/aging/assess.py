@@ -32,6 +32,8 @@ from valve_twin.core.aging.trend import (
     residuals,
 )
 from valve_twin.core.aging.verdict import Trend, TrendStatus, Verdict, decide, describe_remaining
+from valve_twin.core.diagnosis.detection import NOTHING, Diagnosis
+from valve_twin.core.diagnosis.history import diagnose
 from valve_twin.core.types import Estimate, EstimateStatus, Parameter, ParameterValue
 
 if TYPE_CHECKING:
@@ -75,11 +77,12 @@ class TrendDetail:
 
 @dataclass(frozen=True, slots=True)
 class Assessment:
-    """Trends and verdict of one valve; `details` are in the order of `trends`."""
+    """Trends, verdict and faults of one valve; `details` are in the order of `trends`."""
 
     trends: tuple[Trend, ...]
     verdict: Verdict
     details: tuple[TrendDetail, ...]
+    diagnosis: Diagnosis = NOTHING
 
 
 def assess(
@@ -96,7 +99,8 @@ def assess(
     Parameters
     ----------
     history : sequence of Estimate
-        The whole stored history, any order; only estimates with `used_by_trend` count.
+        The whole stored history, any order; estimates with `used_by_trend` give the trends, those
+        of the estimator `features` the faults.
     maintenance : sequence of Maintenance
         All maintenance events of the valve.
     config : AgingConfig
@@ -131,14 +135,16 @@ def assess(
     label = f" ({config.label})" if config.label else ""
     trends = tuple(replace(trend, reason=trend.reason + label) for trend, _ in results)
     last = ordered.estimates[-1] if ordered.estimates else None
+    diagnosis = NOTHING if config.label else diagnose(history, maintenance)
     verdict = decide(
         trends,
         config,
         valve=valve,
         stamp_ns=last.end_ns if last else 0,
         cycle=last.cycle if last else 0,
+        fault=diagnosis.present,
     )
-    return Assessment(trends, verdict, tuple(detail for _, detail in results))
+    return Assessment(trends, verdict, tuple(detail for _, detail in results), diagnosis)
 
 
 def warm_up() -> None:

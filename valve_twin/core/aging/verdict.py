@@ -2,7 +2,10 @@
 # Copyright 2026 valve_twin maintainers
 """One word a maintenance engineer can act on, and the trends it rests on.
 
-Rule: `valve` if for any followed parameter
+A sudden fault that lasts (`core.diagnosis`) comes first: the verdict is the part that has it,
+valve, command, sensor or supply, since what the parameters do meanwhile is its doing.
+
+Else the verdict is `valve` if for any followed parameter
 
 1. the fitted level is beyond its threshold and the drift against the reference is significant, or
 2. the 95 % interval of the drift against the reference lies wholly beyond `alert_fraction` of the
@@ -24,10 +27,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.diagnosis.history import describe_finding
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from valve_twin.core.aging.config import AgingConfig
+    from valve_twin.core.diagnosis.detection import Finding
 
 
 class TrendStatus(IntEnum):
@@ -141,15 +147,23 @@ def concern(trend: Trend, config: AgingConfig) -> int:
 
 
 def decide(
-    trends: Sequence[Trend], config: AgingConfig, *, valve: str, stamp_ns: int, cycle: int
+    trends: Sequence[Trend],
+    config: AgingConfig,
+    *,
+    valve: str,
+    stamp_ns: int,
+    cycle: int,
+    fault: Finding | None = None,
 ) -> Verdict:
-    """Return the verdict from all trends of one valve (rule: see the module)."""
+    """Return the verdict from all trends of one valve and its fault (rule: see the module)."""
     judged = [t for t in trends if t.status is not TrendStatus.NOT_ENOUGH_DATA]
     graves = [(concern(t, config), -t.remaining_median, t) for t in judged]
     worst = max(graves, key=lambda g: g[:2], default=None)
     if config.label:
         kind = VerdictKind.NOT_ENOUGH_DATA
         evidence = f"the cycles differ ({config.label}): what changes is not taken for wear"
+    elif fault is not None:
+        kind, evidence = VerdictKind[fault.part.upper()], describe_finding(fault)
     elif worst is None:
         kind = VerdictKind.NOT_ENOUGH_DATA
         why = "; ".join(f"{t.parameter}: {t.reason}" for t in trends)

@@ -12,6 +12,9 @@ import numpy as np
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
 
+PARTS = ("valve", "command", "sensor", "supply")
+"""What can have a fault, as in the verdict."""
+
 SIZES = ("small", "medium", "large")
 FACTORS = (1.0, 3.0, 10.0)
 """Sizes of a fault over the size that four standard deviations of one cycle tell."""

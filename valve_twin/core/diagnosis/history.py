@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Faults in a stored history, and what is said of them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.diagnosis.detection import NOTHING, UNKNOWN, Diagnosis, Finding, detect
+from valve_twin.core.diagnosis.features import ESTIMATOR, feature_vector
+from valve_twin.core.diagnosis.table import BY_NAME
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from valve_twin.core.diagnosis.table import SignatureTable
+    from valve_twin.core.types import Estimate, Maintenance
+
+
+def diagnose(history: Sequence[Estimate], maintenance: Sequence[Maintenance]) -> Diagnosis:
+    """Find the faults in a stored history; a pure function of it.
+
+    Parameters
+    ----------
+    history : sequence of Estimate
+        Estimates of all estimators, in any order; those named `features` count.
+    maintenance : sequence of Maintenance
+        All maintenance events of the valve.
+
+    Returns
+    -------
+    Diagnosis
+        `NOTHING` where no features are stored or the model has no signatures.
+    """
+    shown = {e.cycle: e for e in history if e.estimator == ESTIMATOR}
+    if not shown:
+        return NOTHING
+    table = _signatures(next(iter(shown.values())).model)
+    if table is None:
+        return NOTHING
+    cycles = np.array(sorted(shown), dtype=np.int64)
+    vectors = np.array([feature_vector(shown[int(c)].parameters) for c in cycles])
+    return detect(cycles, vectors, table, restarts=[m.cycle for m in maintenance])
+
+
+def _signatures(model: str) -> SignatureTable | None:
+    """Return the signatures of a model, None where it has none or is not installed."""
+    from valve_twin.core.valves.registry import get_model  # which knows every model
+
+    try:
+        known = getattr(get_model(model), "signatures", None)
+    except ValueError:
+        return None
+    table: SignatureTable | None = known() if known is not None else None
+    return table
+
+
+def describe_finding(finding: Finding) -> str:
+    """Return a fault in one line: which, how large, since when, what fits as well."""
+    since = f"since cycle {finding.onset}"
+    sure = f"{finding.deviation:.1f} standard deviations of one cycle"
+    if finding.fault == UNKNOWN:
+        return f"a sudden change that is like no known fault, {since} ({sure})"
+    kind = BY_NAME[finding.fault]
+    unit = "" if kind.unit == "1" else f" {kind.unit}"
+    line = f"{kind.text}, size {finding.severity:.2g}{unit}, {since} ({sure})"
+    if not finding.rivals:
+        return line
+    others = " or ".join(BY_NAME[name].text for name in finding.rivals)
+    return f"{line}; the data fit as well: {others}"
