@@ -181,6 +181,41 @@ def test_offsets_of_command_and_position_are_found():
     assert role(found, "v_out").offset == 0.0
 
 
+def test_a_press_position_below_zero_is_inverted():
+    table = press_columns()
+    table = {k: table[k] for k in ("x", "down", "up")}
+    found = propose({**table, "x": replace(table["x"], values=-table["x"].values)})
+    assert found is not None
+    assert (role(found, "v_in").source, role(found, "v_out").source) == ("up", "down")
+    position = role(found, "spool_position")
+    assert (position.scale, position.offset) == (-1.0, 0.0)
+    assert "inverted" in position.evidence
+
+
+def test_a_press_position_at_the_upper_end_may_count_from_there():
+    table = press_columns()
+    table = {k: table[k] for k in ("x", "down", "up")}
+    found = propose({**table, "x": replace(table["x"], values=1.0 - table["x"].values)})
+    assert found is not None
+    assert "if it counts from the other end: scale -1" in role(found, "spool_position").evidence
+
+
+@pytest.mark.parametrize("scale", [1.0, 100.0])
+@pytest.mark.parametrize("end", [0.0, 1.0])
+def test_a_position_that_falls_as_its_command_rises_is_turned_round(end, scale):
+    u, y = follower()
+    found = propose(columns(a=scale * (end - y), b=scale * u))
+    assert found is not None
+    position, command = role(found, "position"), role(found, "command")
+    assert (position.source, command.source) == ("a", "b")
+    assert "inverted: it falls as the command rises" in position.evidence
+    assert position.scale == -1.0 / scale
+    mapped = scale * (end - y) * position.scale + position.offset
+    wanted = scale * u * command.scale + command.offset
+    assert np.abs(np.median(mapped - wanted)) < 0.02
+    assert np.abs(mapped - y).max() < 0.02
+
+
 def test_the_position_may_be_named():
     found = propose(press_columns(), position="true")
     assert found is not None

@@ -219,7 +219,10 @@ def nothing_there(path):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (nothing_moves, r"no command that moves a position .*\(/still:value\); give --position"),
+        (
+            nothing_moves,
+            r"no command that moves a position .*\(/still:value\); /still:value stays at 1; give --pos",
+        ),
         (nothing_there, r"no command that moves a position .*\(none\); write the configuration"),
         (lambda path: path, "there is no such file"),
     ],

@@ -10,7 +10,7 @@ in `survey_cycles`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,7 +26,7 @@ from valve_twin.core.survey_pairs import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from valve_twin.core.types import FloatArray
 
@@ -36,6 +36,8 @@ MIN_SAMPLES = 50
 _MIN_FINITE = 0.9  # share of finite numbers that a signal needs
 _PERCENT = (20.0, 110.0)  # a largest value in here is taken for percent
 _NORMALISED = 1.5  # a largest value up to here is taken as it is
+_UPPER_HALF = 0.5  # a position that stays above and reaches 1 may count from the other end
+_NEGATIVE = 0.1  # a position that rises no higher than this share of its depth is inverted
 _SMALL_OFFSET = 0.005  # an offset below this share of full scale is not worth proposing
 _REST_BINS = 12  # over a quarter of the range: about 2 % of it each
 _DELAY_MARGIN = 4  # samples that the delay scan may reach beyond twice the lag found
@@ -120,9 +122,15 @@ def propose(signals: Mapping[str, Signal], *, position: str = "") -> Proposal | 
     views = Views(movers)
     targets = [position] if position else list(movers)
     found = find_driven(views, targets) or find_followed(views, targets)
-    if found is None:
-        return None
-    roles = _driven_roles(movers, found) if isinstance(found, Driven) else _roles(movers, found)
+    if isinstance(found, Driven):
+        roles = _driven_roles(movers, found)
+    elif found is not None:
+        roles = _roles(movers, found)
+    else:
+        mirrored = _find_inverted(movers, targets)
+        if mirrored is None:
+            return None
+        found, roles = mirrored
     if counters:
         roles.append(Role("cycle_counter", counters[0], 1.0, 0.0, "whole numbers that count up"))
     period_s, evidence = _period(movers[found.position])
@@ -178,6 +186,16 @@ def _period(position: Signal) -> tuple[float, str]:
 def _driven_roles(signals: Mapping[str, Signal], found: Driven) -> list[Role]:
     up = f"the position rises with it (correlation with its rate {found.rising:.2f})"
     down = f"the position falls with it (correlation with its rate {found.falling:.2f})"
+    position = signals[found.position]
+    if _negative(position.values):
+        mirror = replace(position, values=-position.values)
+        role = _position_role(mirror)
+        seen = f"values {position.values.min():.4g} .. {position.values.max():.4g}; inverted"
+        return [
+            replace(role, scale=-role.scale, evidence=f"{seen}: they are negative"),
+            _command_role("v_in", signals[found.down], down),
+            _command_role("v_out", signals[found.up], up),
+        ]
     return [
         _position_role(signals[found.position]),
         _command_role("v_in", signals[found.up], up),
@@ -185,11 +203,50 @@ def _driven_roles(signals: Mapping[str, Signal], found: Driven) -> list[Role]:
     ]
 
 
+def _find_inverted(
+    signals: Mapping[str, Signal], targets: Sequence[str]
+) -> tuple[Followed, list[Role]] | None:
+    """Find a position that falls as its command rises: its mirror image follows the command."""
+    best: tuple[Followed, dict[str, Signal]] | None = None
+    for target in targets:
+        if target not in signals:
+            continue
+        column = signals[target]
+        ends = float(column.values.min() + column.values.max())
+        mirror = (0.0 if _negative(column.values) else ends) - column.values
+        table = {**signals, target: replace(column, values=mirror)}
+        found = find_followed(Views(table), [target])
+        if found is not None and (best is None or found.correlation > best[0].correlation):
+            best = found, table
+    if best is None:
+        return None
+    found, table = best
+    position, command = _roles(table, found)
+    column, given = signals[found.position], signals[found.command]
+    total = float(column.values[0] + table[found.position].values[0])
+    if found.gain == 1.0:  # both count in one unit: at rest they add up to the other end of it
+        at = np.searchsorted(given.stamp_ns, column.stamp_ns, side="right") - 1
+        total = float(np.median(column.values + given.values[np.maximum(at, 0)]))
+    seen = f"values {column.values.min():.4g} .. {column.values.max():.4g}"
+    inverted = replace(
+        position,
+        scale=-position.scale,
+        offset=_offset(total * position.scale),
+        evidence=f"{seen}; inverted: it falls as the command rises",
+    )
+    return found, [inverted, command]
+
+
 def _position_role(column: Signal) -> Role:
     """Propose a position that is 0 where it rests at the bottom."""
     scale = _scale(column.values)
     rest = _rest(column.values)
+    low, high = float(column.values.min()) * scale, float(column.values.max()) * scale
     seen = f"values {column.values.min():.4g} .. {column.values.max():.4g}, rests at {rest:.4g}"
+    if low > _UPPER_HALF and abs(high - 1.0) < 0.1 * (high - low):
+        seen += (
+            f"; if it counts from the other end: scale {-scale:g}, offset 1.0, commands swapped"
+        )
     return Role("spool_position", column.name, scale, _offset(-rest * scale), seen)
 
 
@@ -217,6 +274,11 @@ def _roles(signals: Mapping[str, Signal], found: Followed) -> list[Role]:
         Role("position", found.position, scale, 0.0, seen),
         Role("command", found.command, gain, level, follows),
     ]
+
+
+def _negative(values: FloatArray) -> bool:
+    """Whether a position lies below 0 but for its noise."""
+    return float(values.max()) < _NEGATIVE * -float(values.min())
 
 
 def _scale(values: FloatArray) -> float:

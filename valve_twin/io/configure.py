@@ -18,7 +18,7 @@ from valve_twin.io.errors import BagError, ConfigError, suggest
 from valve_twin.io.mapping import SignalSource
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
     from pathlib import Path
 
     from valve_twin.core.types import FloatArray, IntArray
@@ -83,20 +83,32 @@ def propose_yaml(bag: str | Path, *, position: str = "") -> str:
     signals, received = _read(bag, sources)
     proposal = propose(signals, position=position)
     if proposal is None:
-        raise BagError(_nothing(bag, sources, position))
-    return _text(bag, proposal, sources, received)
+        raise BagError(_nothing(bag, sources, position, _still(signals)))
+    return _text(bag, proposal, sources, received, _still(signals))
 
 
-def _nothing(bag: str | Path, sources: dict[str, SignalSource], position: str) -> str:
+def _still(signals: Mapping[str, Signal]) -> dict[str, float]:
+    """Return the columns that never change, and where they stay."""
+    finite = {k: s.values[np.isfinite(s.values)] for k, s in signals.items()}
+    return {k: float(v[0]) for k, v in finite.items() if len(v) and float(np.ptp(v)) == 0.0}
+
+
+def _nothing(
+    bag: str | Path,
+    sources: dict[str, SignalSource],
+    position: str,
+    still: Mapping[str, float],
+) -> str:
     names = ", ".join(list(sources)[:_NAMED]) or "none"
     more = f" and {len(sources) - _NAMED} more" if len(sources) > _NAMED else ""
     moved = f"'{position}'" if position else "a position"
     remedy = "write the configuration by hand"
     if not position and sources:
         remedy = f"give --position, or {remedy}"
+    never = ", ".join(f"{k} stays at {v:.4g}" for k, v in list(still.items())[:_NAMED])
     return (
         f"{bag}: no command that moves {moved} was found among its numeric fields "
-        f"({names}{more}); {remedy}"
+        f"({names}{more}); {f'{never}; ' if never else ''}{remedy}"
     )
 
 
@@ -162,7 +174,11 @@ def _read(bag: str | Path, sources: dict[str, SignalSource]) -> tuple[dict[str, 
 
 
 def _text(
-    bag: str | Path, proposal: Proposal, sources: dict[str, SignalSource], received: set[str]
+    bag: str | Path,
+    proposal: Proposal,
+    sources: dict[str, SignalSource],
+    received: set[str],
+    still: Mapping[str, float],
 ) -> str:
     lines = [
         f"# Proposed from {bag}: every value is a guess with its reason; check each before use.",
@@ -187,7 +203,10 @@ def _text(
     lines += _option_lines(proposal)
     if proposal.left_out:
         lines += ["    # left out, because nothing shows what they are:"]
-        lines += [f"    #   {name}" for name in proposal.left_out]
+        lines += [
+            f"    #   {name}" + (f" (stays at {still[name]:.4g})" if name in still else "")
+            for name in proposal.left_out
+        ]
     return "\n".join(lines) + "\n"
 
 
