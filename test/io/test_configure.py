@@ -221,7 +221,7 @@ def nothing_there(path):
     [
         (
             nothing_moves,
-            r"no command that moves a position .*\(/still:value\); /still:value stays at 1; give --pos",
+            r"no command .*\(/still:value\); /still:value stays at 1; give --position",
         ),
         (nothing_there, r"no command that moves a position .*\(none\); write the configuration"),
         (lambda path: path, "there is no such file"),

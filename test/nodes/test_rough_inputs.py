@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.duration import Duration
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
-from valve_twin_msgs.msg import Fault, Float64Stamped
+from valve_twin_msgs.msg import Estimate, Fault, Float64Stamped
 from valve_twin_msgs.srv import ClearFaults
 
 from test.nodes.conftest import NS
@@ -315,3 +315,19 @@ def test_an_aging_rule_that_is_set_while_it_runs_is_refused_with_the_service(gra
     assert not answer.results[0].successful
     assert "read at start only" in answer.results[0].reason
     assert "set_aging" in answer.results[0].reason
+
+
+def test_exchanged_commands_are_a_fault_with_the_remedy_and_are_not_fitted(graph, tmp_path):
+    given = {"signals.v_in.topic": "command/v_out", "signals.v_out.topic": "command/v_in"}
+    twin = Watched(graph, tmp_path, **given)
+    feeder = Feeder(graph, NS)
+    feeder.feed(5 * feeder.cycle_samples)
+    fault = twin.wait_for("estimation.refused")
+    assert "falls while v_in is on and rises while v_out is on: exchange" in fault.evidence
+    twin.fresh()
+    assert twin.figure("fault.estimation.refused.status") == "confirmed"
+    assert twin.figure("fault.estimation.refused.severity") == "WARN"
+    told = twin.estimated().values()
+    assert len(told) >= 3
+    assert all(m.status == Estimate.REFUSED for m in told)
+    assert all(math.isnan(v) for m in told for v in m.values)
