@@ -2,9 +2,12 @@
 # Copyright 2026 valve_twin maintainers
 """The simulated valve in place of the hardware."""
 
+import math
+
 import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
-from valve_twin_msgs.msg import Float64Series, Float64Stamped
+from valve_twin_msgs.msg import Faults, Float64Series, Float64Stamped
 from valve_twin_msgs.srv import InjectFault, SetAging
 
 from test.nodes.conftest import NS
@@ -74,6 +77,25 @@ def test_with_an_external_controller_the_command_topics_move_it(graph):
     graph.spin_until(lambda: found[-1].value > at_rest + 0.2, what="a movement")
 
 
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        (1.7, "v_in = 1.7: must be a number from 0 to 1 [1]; limited"),
+        (math.nan, "v_in = nan: must be a number from 0 to 1 [1]; the last one is held"),
+    ],
+)
+def test_a_command_that_is_none_is_told_with_its_range(graph, value, told):
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    reports = graph.record(f"{NS}/simulated_valve/faults", Faults, latched)
+    graph.host(SimulatedValveNode, **{"rate": 20.0, "simulation.controller": "external"})
+    command = graph.node.create_publisher(Float64Stamped, f"/sim{NS}/command/v_in", 10)
+    graph.spin_until(command.get_subscription_count)
+    command.publish(Float64Stamped(value=value))
+    faults = graph.spin_until(lambda: reports and reports[-1].faults, what="the fault")
+    assert [(f.code, f.subject) for f in faults] == [("simulation.command", "v_in")]
+    assert told in faults[0].evidence
+
+
 def test_a_fault_can_be_injected_and_cleared(graph):
     found = graph.record(POSITION, Float64Stamped)
     cycles = graph.record(f"/sim{NS}/cycle", Float64Stamped)
@@ -92,7 +114,7 @@ def test_a_wrong_fault_is_refused_with_the_remedy(graph):
     graph.host(SimulatedValveNode)
     answer = graph.call(InjectFault, f"{NS}/simulated_valve/inject_fault", kind="leek")
     assert not answer.success
-    assert "must be one of leak, stuck, sensor_freeze, lost_samples or none" in answer.message
+    assert "must be one of leak, stuck, sensor_freeze, lost_samples, stiction" in answer.message
 
 
 def test_aging_can_be_set_while_it_runs(graph):

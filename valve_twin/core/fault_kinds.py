@@ -227,6 +227,14 @@ _NODES = (
         heal_s=EVENT_HEAL_S,
     ),
     FaultKind(
+        "simulation.command",
+        _WARN,
+        "A command from outside is beyond what the simulated valve takes and is limited, or is no "
+        "number and the last one is held.",
+        "Correct its publisher: command, value and range stand in the evidence.",
+        heal_s=EVENT_HEAL_S,
+    ),
+    FaultKind(
         "safety.stopped",
         _ERROR,
         "Publishing was stopped: a foreign publisher or taker of commands came into reach.",

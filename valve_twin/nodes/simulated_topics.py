@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from valve_twin_msgs import msg, srv
 
+from valve_twin.core.simulation.plant import command_range
 from valve_twin.core.simulation.valve import SimulatedValve
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.cdr import encode_series, encode_stamped
@@ -163,9 +164,19 @@ class SimulatedTopics:
         return columns
 
     def _take(self, block: Any, received_ns: int) -> None:
-        """Hold the newest command; one that is no number keeps the last."""
+        """Hold the newest command; one that is no number keeps the last, one beyond is limited."""
         del received_ns
         value = float(block.values[-1])
+        low, high = command_range(self.simulation.plant)
+        if not low <= value <= high:
+            done = "limited" if np.isfinite(value) else "the last one is held"
+            self._node.faults.report(
+                "simulation.command",
+                f"{block.signal} = {value:g}: must be a number from {low:g} to {high:g} [1]; "
+                f"{done}",
+                valve=self._config.name,
+                subject=block.signal,
+            )
         if np.isfinite(value):
             self._commands[self._inputs_order.index(block.signal)] = value
 

@@ -19,6 +19,7 @@ from valve_twin.core.simulation import (
     to_frames,
 )
 from valve_twin.core.valves.press_cartridge.plant import PLANT, PressCartridgePlant
+from valve_twin.core.valves.registry import get_simulation
 
 DEFAULT = PLANT.simulation()
 IDEAL = configure(
@@ -355,3 +356,29 @@ def test_truth_of_a_cycle_is_the_steady_gain_at_its_weighted_command(ideal_cycle
     gain = SimulatedValve(AGED).steady_gain(429, mean)
     assert truth.gains[0] == pytest.approx(gain, rel=1e-12)
     assert 0.0 < truth.commands[1] < 0.8
+
+
+def test_commands_from_outside_are_limited_to_what_the_plant_takes():
+    wild = np.array([[3.0, -2.0]] * 20)
+    tame = np.array([[1.0, 0.0]] * 20)
+    one, other = (SimulatedValve(EXTERNAL).advance(20, c) for c in (wild, tame))
+    np.testing.assert_array_equal(one.true_position, other.true_position)
+    actuator = replace(get_simulation("hybrid_actuator"), controller="external")
+    inverse = np.tile([0.0, -1.0, 0.0, 0.0], (10, 1))
+    block = SimulatedValve(actuator).advance(10, 2.0 * inverse)
+    np.testing.assert_array_equal(block.inputs[:, 1], inverse[:, 1])
+
+
+@pytest.mark.parametrize(
+    ("model", "aged", "rate", "limit"),
+    [
+        ("stepper_servo", "band_upper", 0.5, "full_upper"),
+        ("stepper_servo", "band_lower", -0.9, "full_lower"),
+    ],
+)
+def test_aging_stops_where_the_numbers_make_no_valve(model, aged, rate, limit):
+    rule = AgingRule(aged, "step", rate, 1)
+    valve = SimulatedValve(replace(get_simulation(model), aging=(rule,)))
+    left = getattr(valve.plant, aged) / getattr(valve.plant, limit)
+    assert left == pytest.approx(1.0, abs=1e-6)
+    assert (left < 1.0) == (rate > 0.0)

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 CONTROLLERS = ("cycles", "external")
 
+_HALVINGS = 30  # the share of a change is found to 1e-9
+
 T = TypeVar("T")
 
 
@@ -197,7 +199,11 @@ def check_parameter(plant: Plant, name: str) -> None:
 
 
 def changed_plant(plant: Plant, factors: Mapping[str, float]) -> Plant:
-    """Return the plant with parameters multiplied, each kept inside its allowed range."""
+    """Return the plant with parameters multiplied, each kept inside its allowed range.
+
+    Where numbers that are allowed one by one make no valve together, such as edges that pass each
+    other, the change stops at the last share of it that does.
+    """
     if not factors:
         return plant
     node = cast("DataclassInstance", plant)
@@ -210,4 +216,21 @@ def changed_plant(plant: Plant, factors: Mapping[str, float]) -> Plant:
     for name, factor in factors.items():
         lower, upper = limits[name]
         values[name] = min(max(getattr(plant, name) * factor, lower), upper)
-    return cast("Plant", replace(node, **values))
+    try:
+        return cast("Plant", replace(node, **values))
+    except ValueError:
+        return cast("Plant", _as_far_as_it_is_one(node, values))
+
+
+def _as_far_as_it_is_one(node: DataclassInstance, values: Mapping[str, float]) -> object:
+    """Return the plant changed by the largest share of the change that leaves a valve."""
+    best: object = node
+    low, high = 0.0, 1.0
+    for _ in range(_HALVINGS):
+        share = 0.5 * (low + high)
+        part = {n: (1.0 - share) * getattr(node, n) + share * v for n, v in values.items()}
+        try:
+            best, low = replace(node, **part), share
+        except ValueError:
+            high = share
+    return best

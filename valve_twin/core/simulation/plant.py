@@ -105,6 +105,15 @@ class Plant(Protocol):
         ...
 
 
+def command_range(plant: Plant) -> tuple[float, float]:
+    """Return the least and the greatest command that a plant takes from outside [1].
+
+    0 to 1, unless the plant's class has a `command_range` of its own.
+    """
+    low, high = getattr(plant, "command_range", (0.0, 1.0))
+    return float(low), float(high)
+
+
 class PlantFactory(Protocol):
     """What a valve package exports as `PLANT`."""
 

@@ -14,7 +14,7 @@ from valve_twin.core.simulation.block import SimulationBlock, join_blocks
 from valve_twin.core.simulation.config import SimulationConfig, changed_plant, check_parameter
 from valve_twin.core.simulation.faults import COMMON_KINDS, PLANT_KINDS, Faults
 from valve_twin.core.simulation.measurement import RANDOM_PHASE, measure, start_sensor
-from valve_twin.core.simulation.plant import Drive, Plant
+from valve_twin.core.simulation.plant import Drive, Plant, command_range
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -94,7 +94,7 @@ class SimulatedValve:
             How many (N), not negative.
         commands : (N, M) array, optional
             Commands, each held for one sample [1]; needed with controller "external" only. Values
-            are limited to [0, 1].
+            are limited to `command_range`.
 
         Raises
         ------
@@ -196,7 +196,7 @@ class SimulatedValve:
         return abs(rate) * self.config.period_s / command
 
     def _checked(self, samples: int, commands: FloatArray | None) -> FloatArray | None:
-        """Return the commands as a (N, M) array inside [0, 1], or refuse them."""
+        """Return the commands as a (N, M) array inside their range, or refuse them."""
         external = self.config.controller == "external"
         if samples < 0:
             message = f"samples = {samples}: must not be negative"
@@ -212,7 +212,7 @@ class SimulatedValve:
         if given.shape != shape or not np.isfinite(given).all():
             message = f"commands: must be finite and of shape {shape}, got shape {given.shape}"
             raise ValueError(message)
-        return np.clip(given, 0.0, 1.0)
+        return np.clip(given, *command_range(self.config.plant))
 
     def _starts(self, samples: int, commands: FloatArray | None) -> BoolArray:
         """Return at which of the next N samples a new cycle starts, (N,)."""

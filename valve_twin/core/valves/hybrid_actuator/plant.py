@@ -94,6 +94,7 @@ class HybridActuatorPlant:
     """Numbers of the simulated actuator; every field carries its unit, range and description."""
 
     inputs: ClassVar[tuple[str, ...]] = INPUTS
+    command_range: ClassVar[tuple[float, float]] = (-1.0, 1.0)
 
     kernel: str = field(
         default=KERNELS[REGULAR],
