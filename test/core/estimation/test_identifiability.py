@@ -112,7 +112,18 @@ def test_two_ridges_are_kept_apart():
     matrix = np.column_stack([a, b, a, c, -b])
     found = assess_identifiability("vwxyz", np.ones(5), matrix, 1e-3)
     assert [c.text for c in found.combinations] == ["v*x", "w/z"]
+    assert found.ridges == (("v", "x"), ("w", "z"))
     assert found.identified.tolist() == [False, False, False, True, False]
+
+
+def test_what_is_weak_by_itself_is_no_ridge():
+    found = assess_identifiability("ab", np.ones(2), np.diag([1.0, 1.0]) @ [[9, 0], [0, 2.5]], 2.0)
+    assert found.identified.tolist() == [True, False]
+    assert (found.ridges, found.combinations) == ((), ())
+    assert found.reason == "b has no effect above the noise"
+    matrix = np.array([[9.0, 4.0, 4.0], [0.0, 3.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.9]])
+    weak = assess_identifiability("abc", np.ones(3), matrix, 1.0)
+    assert weak.reason == "c is known to 74% only"
 
 
 def test_a_record_that_tells_nothing_is_refused_whole():

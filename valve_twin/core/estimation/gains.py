@@ -13,6 +13,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.estimation.checks import (
+    check_bounds,
+    check_condition,
+    check_excitation,
+    check_identifiability,
+    check_noise,
+)
 from valve_twin.core.estimation.free_run import (
     OutputErrorOptions,
     Run,
@@ -21,6 +28,7 @@ from valve_twin.core.estimation.free_run import (
     hold_samples,
     lay_out,
 )
+from valve_twin.core.estimation.gain_ridges import RIDGE, gain_identifiability, refuse_ridges
 from valve_twin.core.estimation.guards import assess_input
 from valve_twin.core.estimation.output_error_kernel import N_LINEAR, POLE_MAX
 from valve_twin.core.estimation.regression import usable_rows
@@ -28,6 +36,7 @@ from valve_twin.core.types import (
     BoolArray,
     EstimateStatus,
     FloatArray,
+    Guard,
     IntArray,
     MaskCounts,
     ParameterStatus,
@@ -41,6 +50,9 @@ if TYPE_CHECKING:
 
 NAMES = ("pole", "K_in", "K_in_slope", "v_in_mean", "K_out", "K_out_slope", "leak")
 """Parameters in the order in which they are published."""
+
+FOLLOWED = ("K_in", "K_out", "leak")
+"""Those that a trend follows."""
 
 _NORMAL_95 = 1.959963984540054
 """97.5 % point of the standard normal distribution."""
@@ -68,6 +80,8 @@ class GainFit:
     noise_ratio : float
         Variance of the process noise over that of the measurement noise [1]; NaN where the
         estimator does not find it.
+    guards : tuple of Guard
+        What was checked.
     """
 
     parameters: tuple[ParameterValue, ...]
@@ -78,6 +92,7 @@ class GainFit:
     condition_number: float
     counts: MaskCounts
     noise_ratio: float = float("nan")
+    guards: tuple[Guard, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +111,8 @@ class Told:
         Samples of hold off the seats.
     columns : (5,) bool array
         Which parameters can be fitted.
+    noise_sigma : float
+        Position noise at rest [1]; NaN = unknown.
     """
 
     run: Run
@@ -104,6 +121,7 @@ class Told:
     outflow: Excitation
     hold: int
     columns: BoolArray
+    noise_sigma: float
 
 
 def find_told(
@@ -131,7 +149,7 @@ def find_told(
     columns = np.array(
         [inflow.excited, inflow.graded, outflow.excited, outflow.graded, hold >= options.min_hold]
     )
-    return Told(run, lag, inflow, outflow, hold, columns)
+    return Told(run, lag, inflow, outflow, hold, columns, noise_sigma)
 
 
 def _unusable(run: Run, options: OutputErrorOptions) -> str:
@@ -177,14 +195,24 @@ def gain_fit(
     if covariance is not None:
         parameters = _with_intervals(parameters, told, solution, covariance, options)
         parameters += (ParameterValue("noise_ratio", noise_ratio),)
+    found = gain_identifiability(solution, _fitted(solution), mse, told.run.period_s, options)
+    parameters = refuse_ridges(parameters, found)
+    condition, guard = _condition(solution), options.guard
     return GainFit(
         parameters,
         *_verdict(parameters),
         told.lag,
         mse,
-        _condition(solution),
+        condition,
         _mask_counts(masks, solution.rows),
         noise_ratio,
+        (
+            check_noise(told.noise_sigma, guard),
+            *check_excitation(told.inflow, told.outflow, guard),
+            check_condition(condition, guard),
+            check_bounds(parameters, FOLLOWED),
+            check_identifiability(found, RIDGE.max_error),
+        ),
     )
 
 
@@ -355,7 +383,8 @@ def _condition(s: Solution) -> float:
 def _verdict(parameters: tuple[ParameterValue, ...]) -> tuple[EstimateStatus, str]:
     missing = [p for p in parameters if p.status is ParameterStatus.NOT_EXCITED]
     bound = [p.name for p in parameters if p.status is ParameterStatus.AT_BOUND]
-    parts = []
+    refused = dict.fromkeys(p.reason for p in parameters if p.status is ParameterStatus.REFUSED)
+    parts = list(refused)
     if missing:
         parts.append("not excited: " + "; ".join(f"{p.name} ({p.reason})" for p in missing))
     if bound:

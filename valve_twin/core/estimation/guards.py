@@ -38,6 +38,13 @@ class GuardOptions:
         its square from itself [1].
     max_condition : float
         Largest condition number of the column-scaled regressor [1].
+    max_noise : float
+        Largest position noise at rest [1]: intervals were measured up to 4e-3.
+    max_gap : float
+        Largest relative difference of a gain between equation error and output error [1]: the
+        former is biased by noise, the latter is not.
+    max_pole_gap : float
+        Largest difference of the pole between the two [1]: it shows noise first.
     """
 
     active_command: float = 0.01
@@ -46,6 +53,9 @@ class GuardOptions:
     noise_travel: float = 5.0
     min_level_spread: float = 0.05
     max_condition: float = 1e6
+    max_noise: float = 5e-3
+    max_gap: float = 0.2
+    max_pole_gap: float = 0.3
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +76,8 @@ class Excitation:
         Whether its gain, and the dependence of the gain on its level, can be told.
     reason : str
         Why not; empty where both.
+    needed : float
+        Travel that tells the gain [1].
     """
 
     samples: int
@@ -75,6 +87,7 @@ class Excitation:
     excited: bool
     graded: bool
     reason: str = ""
+    needed: float = float("nan")
 
 
 def assess_input(
@@ -127,7 +140,8 @@ def assess_input(
         excited = False
     elif not graded:
         reason = f"the command has one level only (spread {spread:.1%})"
-    return Excitation(count, travel, mean, spread, excited, excited and graded, reason)
+    graded = excited and graded
+    return Excitation(count, travel, mean, spread, excited, graded, reason, need)
 
 
 def term_reasons(inflow: Excitation, outflow: Excitation, gram: Gram) -> tuple[str, ...]:

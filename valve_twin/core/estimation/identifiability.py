@@ -40,6 +40,7 @@ _READABLE = (1.0, 2.0, 3.0)
 
 _ALIKE = 0.99  # shares of a weak direction that count as equal
 _TINY = 1e-14  # relative size of what is rounding only
+_EXACT = 1e-12  # least noise relative to the sensitivities: exact data are not infinitely sharp
 _SMALLEST = float(np.finfo(np.float64).tiny)
 
 
@@ -97,6 +98,8 @@ class Identifiability:
         What is known of those that may not.
     condition_number : float
         Of the column-scaled sensitivities of the parameters with an effect [1].
+    ridges : tuple of tuple of str
+        Parameters that are not told apart from each other, ridge by ridge.
     """
 
     errors: FloatArray
@@ -104,6 +107,7 @@ class Identifiability:
     reasons: tuple[str, ...]
     combinations: tuple[Combination, ...]
     condition_number: float
+    ridges: tuple[tuple[str, ...], ...] = ()
 
     @property
     def reason(self) -> str:
@@ -142,7 +146,8 @@ def assess_identifiability(
     """
     limit = (options or IdentifiabilityOptions()).max_error
     size = np.abs(values) if sizes is None else np.asarray(sizes, np.float64)
-    scaled = np.nan_to_num(sensitivity * size / max(sigma, _SMALLEST))
+    raw = np.nan_to_num(sensitivity * size)
+    scaled = raw / max(sigma, _EXACT * float(np.max(np.abs(raw), initial=0.0)), _SMALLEST)
     alone = np.sqrt(np.sum(scaled**2, axis=0))
     excited = np.flatnonzero(alone * limit > 1.0)
     errors = 1.0 / np.maximum(alone, _SMALLEST)
@@ -155,11 +160,16 @@ def assess_identifiability(
     powers = sizes is None and bool(np.all(values[excited] > 0.0))
     fit = _Fit(tuple(names), values, size, scaled, excited, limit, powers)
     combinations: list[Combination] = []
+    ridges: list[tuple[str, ...]] = []
     for group in _ridges(fit, excited[errors[excited] > limit]):
+        if len(group) == 1:
+            reasons[group[0]] = f"{names[group[0]]} is known to {errors[group[0]]:.0%} only"
+            continue
         own = fit.combinations(group)
         combinations.extend(own)
         known = ", ".join(_described(c) for c in own) or "no combination either"
-        listed = " and ".join(names[k] for k in group)
+        ridges.append(tuple(names[k] for k in group))
+        listed = " and ".join(ridges[-1])
         for k in group:
             reasons[k] = f"{listed} are not told apart; known: {known}"
     return Identifiability(
@@ -168,6 +178,7 @@ def assess_identifiability(
         tuple(reasons),
         tuple(combinations),
         _condition(scaled[:, excited] / alone[excited]),
+        tuple(ridges),
     )
 
 

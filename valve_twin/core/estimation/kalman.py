@@ -11,7 +11,7 @@ measurement noise.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,6 +33,7 @@ from valve_twin.core.estimation.gains import (
 )
 from valve_twin.core.estimation.kalman_kernel import LOG_LOW, restricted, search_ratio
 from valve_twin.core.estimation.output_error_kernel import N_COLUMNS, N_LINEAR, POLE_MAX
+from valve_twin.core.estimation.structure import check_structure
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -112,7 +113,9 @@ def fit_kalman(
         return refused_fit(reason, masks)
     spread = _SPREAD if noise_ratio < 0.0 else (0.0,)
     covariance = problem.covariance(ratio, solution, prior, spread)
-    return gain_fit(told, solution, masks, options, noise_ratio=alone, covariance=covariance)
+    fit = gain_fit(told, solution, masks, options, noise_ratio=alone, covariance=covariance)
+    structure = check_structure(told.run, phases, problem.use, solution, ratio, options.v_max)
+    return replace(fit, guards=(*fit.guards, *structure))
 
 
 @dataclass(frozen=True, slots=True)

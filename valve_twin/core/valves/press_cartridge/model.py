@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from valve_twin.core.diagnosis import features
 from valve_twin.core.diagnosis.features import FeatureOptions, cycle_features
 from valve_twin.core.estimation import kalman, output_error
+from valve_twin.core.estimation.checks import check_gap
 from valve_twin.core.estimation.constraints import THETA, parse_inequalities
 from valve_twin.core.estimation.equation_error import (
     ESTIMATORS as EQUATION_ERROR,
@@ -41,6 +42,7 @@ from valve_twin.core.types import (
     Estimate,
     EstimateStatus,
     FloatArray,
+    Guard,
     MaskCounts,
     Parameter,
     ParameterValue,
@@ -220,7 +222,7 @@ class PressCartridgeModel:
                 results.append(self._equation_error(name, cycle, masks, sigma, scan, options))
             else:
                 results.append(self._gains(name, cycle, masks, sigma, scan, options, earlier))
-        return tuple(results)
+        return _with_gap(results, options)
 
     def features(self, cycle: Cycle, options: Options) -> tuple[ParameterValue, ...]:
         """Return what the cycle shows of faults, see `diagnosis.features`."""
@@ -347,6 +349,7 @@ class PressCartridgeModel:
             fit.lag,
             sigma,
             fit.counts,
+            fit.guards,
         )
 
     def _features(self, cycle: Cycle, masks: Masks, sigma: float, options: Options) -> Estimate:
@@ -404,6 +407,7 @@ class PressCartridgeModel:
         lag: int,
         sigma: float,
         counts: MaskCounts,
+        guards: tuple[Guard, ...] = (),
     ) -> Estimate:
         return Estimate(
             model=self.name,
@@ -416,8 +420,30 @@ class PressCartridgeModel:
             noise_sigma=sigma,
             counts=counts,
             used_by_trend=estimator == self.trend_estimator,
+            guards=guards,
             **cycle.origin,
         )
+
+
+def _with_gap(estimates: Sequence[Estimate], options: Options) -> tuple[Estimate, ...]:
+    """Hold the gains against those of the equation error, where that was run."""
+    paper = next((e for e in estimates if e.estimator in EQUATION_ERROR), None)
+    if paper is None:
+        return tuple(estimates)
+    theta = {p.name: p.value for p in paper.parameters}
+    v_ref, guard = number(options, "v_ref"), _guard(options)
+    return tuple(
+        replace(
+            e,
+            guards=(
+                *e.guards,
+                *check_gap({p.name: p.value for p in e.parameters}, theta, v_ref, guard),
+            ),
+        )
+        if e.guards
+        else e
+        for e in estimates
+    )
 
 
 def _set_gains(
