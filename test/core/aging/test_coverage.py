@@ -26,6 +26,15 @@ def test_limits_of_autocorrelated_histories_hold_the_truth(samples):
     assert found.silent <= 0.01
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("samples", [60, 105])
+@pytest.mark.parametrize("autocorrelation", [0.0, 0.5])
+def test_limits_of_many_histories_hold_the_truth(samples, autocorrelation):
+    found = coverage_of_life(samples, autocorrelation, histories=4000, seed=1)
+    # binomial standard error 0.5 %; 87-92 % in fact
+    assert (0.865 if autocorrelation else 0.885) <= found.covered <= 0.93
+
+
 def test_limits_err_to_both_sides_alike():
     found = coverage_of_life(105, 0.0)
     # half of the histories each: binomial standard error 2.2 % of the median
