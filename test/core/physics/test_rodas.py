@@ -86,6 +86,13 @@ def test_refuses_a_matrix_that_cannot_be_factorised(value):
 
 
 def test_shrinks_a_step_whose_error_is_no_number():
-    assert rodas.next_step(1.0, np.nan) == pytest.approx(0.2)
-    assert rodas.next_step(1.0, 0.0) == pytest.approx(5.0)
-    assert rodas.next_step(1.0, 1.0) == pytest.approx(0.9)
+    assert rodas.next_step(1.0, np.nan, 0.0, 1.0) == pytest.approx(0.2)
+    assert rodas.next_step(1.0, 0.0, 0.0, 1.0) == pytest.approx(5.0)
+    assert rodas.next_step(1.0, 1.0, 0.0, 1.0) == pytest.approx(0.9)
+
+
+def test_expects_an_error_that_grew_to_go_on_growing():
+    steady = rodas.next_step(1.0, 0.5, 1.0, 0.5)
+    assert steady == pytest.approx(0.9 * 0.5**-0.25)
+    assert rodas.next_step(1.0, 0.5, 1.0, 0.1) < steady
+    assert rodas.next_step(1.0, 0.5, 1.0, 0.9) == pytest.approx(steady)

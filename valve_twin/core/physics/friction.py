@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Friction of a seal over speed: viscous, Coulomb and the higher force at which it breaks away."""
+"""Forces of contact: friction of a seal over speed, and stops that are pressed gradually."""
 
 from __future__ import annotations
 
@@ -33,3 +33,25 @@ def stribeck(
     turn = tanh(v / creep)
     slope = -2.0 * v / decay**2 * bell * turn + (coulomb + bell) * (1.0 - turn * turn) / creep
     return (coulomb + bell) * turn + viscous * v, slope + viscous
+
+
+@njit(cache=True)
+def stop(x: float, travel: float, stiffness: float, onset: float) -> tuple[float, float]:
+    """Return the force of a stop on either side [N], and its slope [N/m].
+
+    k b^2/(b + onset) with b how far x is beyond: straight after the onset, smooth at contact.
+
+    Parameters
+    ----------
+    x, travel : float
+        Position from the middle, and where the stops stand [m].
+    stiffness, onset : float
+        k [N/m], and the depth over which it comes up [m].
+    """
+    beyond = abs(x) - travel
+    if beyond <= 0.0:
+        return 0.0, 0.0
+    whole = beyond + onset
+    force = stiffness * beyond * beyond / whole
+    slope = stiffness * beyond * (beyond + 2.0 * onset) / (whole * whole)
+    return (force if x > 0.0 else -force), slope

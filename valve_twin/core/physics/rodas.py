@@ -89,7 +89,7 @@ def factorise(m: FloatArray, pivot: IntArray) -> bool:
     Parameters
     ----------
     m : (S, S) array
-        Overwritten with L and U.
+        Overwritten with L and U, on the diagonal the inverse of U's.
     pivot : (S,) int64 array
         Overwritten with the row that stands where.
     """
@@ -106,6 +106,7 @@ def factorise(m: FloatArray, pivot: IntArray) -> bool:
             for j in range(size):
                 m[k, j], m[best, j] = m[best, j], m[k, j]
         inverse = 1.0 / m[k, k]
+        m[k, k] = inverse
         for i in range(k + 1, size):
             factor = m[i, k] * inverse
             m[i, k] = factor
@@ -115,26 +116,25 @@ def factorise(m: FloatArray, pivot: IntArray) -> bool:
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def solve(m: FloatArray, pivot: IntArray, b: FloatArray) -> None:
     """Solve with what `factorise` left; `b` (S,) becomes the solution."""
     size = len(b)
     for k in range(size):
         if pivot[k] != k:
             b[k], b[pivot[k]] = b[pivot[k]], b[k]
-    for i in range(1, size):
-        total = b[i]
-        for j in range(i):
-            total -= m[i, j] * b[j]
-        b[i] = total
-    for i in range(size - 1, -1, -1):
-        total = b[i]
-        for j in range(i + 1, size):
-            total -= m[i, j] * b[j]
-        b[i] = total / m[i, i]
+    for k in range(size):
+        known = b[k]
+        for i in range(k + 1, size):
+            b[i] -= m[i, k] * known
+    for k in range(size - 1, -1, -1):
+        known = b[k] * m[k, k]
+        b[k] = known
+        for i in range(k):
+            b[i] -= m[i, k] * known
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def shift(jacobian: FloatArray, step: float, w: FloatArray) -> None:
     """Write W = 1/(gamma h) - J of a step [s]; both (S, S)."""
     size = len(w)
@@ -144,7 +144,7 @@ def shift(jacobian: FloatArray, step: float, w: FloatArray) -> None:
         w[i, i] += 1.0 / (GAMMA * step)
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def stage_point(y: FloatArray, k: FloatArray, i: int, point: FloatArray) -> None:
     """Write where stage i (0..5) takes the right-hand side, (S,), from increments `k` (6, S)."""
     for s in range(len(y)):
@@ -154,7 +154,7 @@ def stage_point(y: FloatArray, k: FloatArray, i: int, point: FloatArray) -> None
         point[s] = value
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def stage_load(k: FloatArray, i: int, step: float) -> None:
     """Add the increments before stage i to `k[i]`, which holds f."""
     for j in range(i):
@@ -163,7 +163,7 @@ def stage_load(k: FloatArray, i: int, step: float) -> None:
             k[i, s] += weight * k[j, s]
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def error_norm(
     y: FloatArray, new: FloatArray, error: FloatArray, floor: FloatArray, rtol: float
 ) -> float:
@@ -186,11 +186,25 @@ def error_norm(
 
 
 @njit(cache=True)
-def next_step(step: float, error: float) -> float:
-    """Return the step to take after one with this relative error [s]."""
+def next_step(step: float, error: float, before: float, error_before: float) -> float:
+    """Return the step to take after one with this relative error [s].
+
+    Where errors grow from step to step, the next one is taken into account (Gustafsson).
+
+    Parameters
+    ----------
+    step, error : float
+        Step [s] and its error [1].
+    before, error_before : float
+        The last step that was accepted [s], 0 = none, and its error [1].
+    """
     if not np.isfinite(error):
         return step * _SHRINK
-    factor = _SAFETY * max(error, 1e-10) ** -0.25
+    error = max(error, 1e-6)
+    factor = _SAFETY * error**-0.25
+    if before > 0.0 and error <= 1.0:
+        trend = (step / before) * (max(error_before, 1e-2) / error) ** 0.25
+        factor = min(factor, factor * trend)
     return float(step * min(max(factor, _SHRINK), _GROW))
 
 

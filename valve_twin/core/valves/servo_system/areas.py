@@ -34,13 +34,15 @@ _LEAST_ROOT = 1e-3
 @njit(cache=True)
 def _supply(x: float, r: float, c: float, underlap: float) -> tuple[float, float, float, float]:
     """Return strip and opening of a supply orifice [m^2], and their slopes [m]."""
-    d = min(max(2.0 * r - x - underlap, 0.0), 2.0 * r)
+    d = max(2.0 * r - x - underlap, 0.0)
+    if d >= 2.0 * r:
+        return 0.0, 0.0, 0.0, 0.0
     ratio = d / (2.0 * r)
     root = sqrt(max(1.0 - ratio * ratio, 0.0))
     angle = acos(ratio)
     strip = 8.0 * r * c * angle
     lens = 8.0 * r * r * angle - 4.0 * r * d * root
-    if d <= 0.0 or d >= 2.0 * r:
+    if d <= 0.0:
         return strip, lens, 0.0, 0.0
     return strip, lens, 4.0 * c / max(root, _LEAST_ROOT), 8.0 * r * root
 
@@ -48,7 +50,11 @@ def _supply(x: float, r: float, c: float, underlap: float) -> tuple[float, float
 @njit(cache=True)
 def _segments(x: float, r: float, underlap: float) -> tuple[float, float]:
     """Return the opening of a return orifice [m^2], and its slope [m]."""
-    s = min(max(underlap - x, 0.0), 2.0 * r)
+    s = underlap - x
+    if s <= 0.0:
+        return 0.0, 0.0
+    if s >= 2.0 * r:
+        return 4.0 * pi * r * r, 0.0
     inner = sqrt(max(2.0 * r * s - s * s, 0.0))
     return 4.0 * (r * r * acos((r - s) / r) - (r - s) * inner), -8.0 * inner
 

@@ -19,7 +19,7 @@ from numba import njit
 
 from valve_twin.core.physics import hysteresis
 from valve_twin.core.physics.fluid import compressibility, smooth_root
-from valve_twin.core.physics.friction import stribeck
+from valve_twin.core.physics.friction import stop, stribeck
 from valve_twin.core.valves.servo_system.areas import ORIFICES, areas
 from valve_twin.core.valves.servo_system.numbers import (
     AIR,
@@ -40,6 +40,7 @@ from valve_twin.core.valves.servo_system.numbers import (
     CREEP,
     DEAD,
     DECAY,
+    FITTINGS,
     I_R,
     I_S,
     INERTIA,
@@ -54,8 +55,8 @@ from valve_twin.core.valves.servo_system.numbers import (
     KVEL,
     LE,
     LIMIT,
+    LINE,
     LINEAR,
-    M_P,
     M_R,
     M_S,
     MASS,
@@ -64,8 +65,6 @@ from valve_twin.core.valves.servo_system.numbers import (
     PISTON_STOP,
     PR,
     PS,
-    R_1,
-    R_2,
     R_R,
     R_S,
     RADIUS,
@@ -109,8 +108,11 @@ the valve pipe is held (1), conductance of a leak from chamber 1 to return [m^3/
 
 WORK = 3 * ORIFICES
 
+_VALVE_ONSET, _PISTON_ONSET = 2e-6, 2e-4
+"""Depth over which the stops of valve and piston come up [m]."""
 
-@njit(cache=True)
+
+@njit(cache=True, inline="always")
 def motor(current: float, rate: float, p: FloatArray, memory: FloatArray) -> tuple[float, float]:
     """Return the motor's force [N] with hysteresis and saturation, and its slope [N/A]."""
     effective, slope = hysteresis.output(current, rate, memory, p[REACH], p[SHARE])
@@ -118,7 +120,7 @@ def motor(current: float, rate: float, p: FloatArray, memory: FloatArray) -> tup
     return p[SATURATION] * turn, p[B] * slope * (1.0 - turn * turn)
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def flows(y: FloatArray, p: FloatArray, w: FloatArray) -> None:
     """Write the flows of the five orifices [m^3/s] and their slopes over x_v and the drop.
 
@@ -152,7 +154,7 @@ def flows(y: FloatArray, p: FloatArray, w: FloatArray) -> None:
         area[j], slope[j] = gain * slope[j] * root, gain * opening * root_slope
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def command(y: FloatArray, p: FloatArray, u: FloatArray, force: float) -> tuple[float, bool]:
     """Return the desired current of the three loops, eq. (12), and whether it is not limited.
 
@@ -165,7 +167,7 @@ def command(y: FloatArray, p: FloatArray, u: FloatArray, force: float) -> tuple[
     return limited, limited == wanted
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _valve(
     y: FloatArray, p: FloatArray, memory: FloatArray, u: FloatArray, w: FloatArray,
     dy: FloatArray, jac: FloatArray, want: bool,
@@ -179,9 +181,8 @@ def _valve(
     x = y[XV]
     flow_sum = abs(w[0]) + abs(w[3]) - abs(w[1]) - abs(w[2])
     near = sqrt(abs(x) + p[K1])
-    beyond = max(abs(x) - p[TRAVEL], 0.0)
-    stop = p[VALVE_STOP] * (beyond if x > 0.0 else -beyond)
-    pull = p[KV] * x + stop + p[KQ] * flow_sum / near
+    against, against_x = stop(x, p[TRAVEL], p[VALVE_STOP], _VALVE_ONSET)
+    pull = p[KV] * x + against + p[KQ] * flow_sum / near
     held = u[HELD] > 0.0
     dy[VV] = 0.0 if held else (push - p[BV] * y[VV] - pull) / p[MV]
     dy[XV] = 0.0 if held else y[VV]
@@ -206,9 +207,8 @@ def _valve(
     s3, s4 = np.sign(w[2]), np.sign(w[3])
     g = p[KQ] / (near * m)
     by_x = s1 * w[5] + s4 * w[8] - s2 * w[6] - s3 * w[7]
-    stiff = p[KV] + (p[VALVE_STOP] if beyond > 0.0 else 0.0)
     bend = 0.5 * flow_sum / (abs(x) + p[K1]) * np.sign(x)
-    jac[VV, XV] = -stiff / m - g * (by_x - bend)
+    jac[VV, XV] = -(p[KV] + against_x) / m - g * (by_x - bend)
     jac[VV, PLS] = -g * (s1 * w[10] - s2 * w[11])
     jac[VV, P1] = -g * (-s1 * w[10] - s3 * w[12])
     jac[VV, P2] = -g * (s4 * w[13] + s2 * w[11])
@@ -216,7 +216,7 @@ def _valve(
     jac[XV, VV] = 1.0
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _lines(
     y: FloatArray, p: FloatArray, w: FloatArray, dy: FloatArray, jac: FloatArray, want: bool
 ) -> None:
@@ -246,7 +246,7 @@ def _lines(
     jac[PLR, P1], jac[PLR, P2], jac[PLR, PLS] = w[12] / c_r, w[13] / c_r, w[14] / c_r
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _chambers(
     y: FloatArray, p: FloatArray, u: FloatArray, w: FloatArray,
     dy: FloatArray, jac: FloatArray, want: bool,
@@ -277,19 +277,17 @@ def _chambers(
     jac[P2, XP] = dy[P2] * p[AREA_2] * soft_2 / c_2
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _mechanics(y: FloatArray, p: FloatArray, dy: FloatArray, jac: FloatArray, want: bool) -> None:
     """Piston and load, eqs. (20) to (23); the end covers are stiff springs."""
     v, sine, cosine = y[VP], sin(y[TH]), cos(y[TH])
     lever = p[ARM] * cosine
     force = p[KS] * (y[XP] - p[ARM] * sine) + p[BS] * (v - lever * y[OM])
     rub, rub_v = stribeck(v, p[COULOMB], p[STATIC], p[VISCOUS], p[CREEP], p[DECAY])
-    beyond = max(abs(y[XP]) - 0.5 * p[STROKE], 0.0)
-    stop = p[PISTON_STOP] * (beyond if y[XP] > 0.0 else -beyond)
-    line = p[R_1] * p[AREA_1] ** 2 + p[R_2] * p[AREA_2] ** 2
-    fit = p[M_P] * (p[AREA_1] ** 3 + p[AREA_2] ** 3)
+    against, against_x = stop(y[XP], 0.5 * p[STROKE], p[PISTON_STOP], _PISTON_ONSET)
+    line, fit = p[LINE], p[FITTINGS]
     push = p[AREA_1] * y[P1] - p[AREA_2] * y[P2]
-    dy[VP] = (push - force - rub - stop - line * v - fit * v * abs(v)) / p[MASS]
+    dy[VP] = (push - force - rub - against - line * v - fit * v * abs(v)) / p[MASS]
     dy[XP] = v
     dy[OM] = (lever * force - p[BG] * y[OM] + p[TORQUE]) / p[INERTIA]
     dy[TH] = y[OM]
@@ -299,7 +297,7 @@ def _mechanics(y: FloatArray, p: FloatArray, dy: FloatArray, jac: FloatArray, wa
     m, i = p[MASS], p[INERTIA]
     jac[VP, P1], jac[VP, P2] = p[AREA_1] / m, -p[AREA_2] / m
     jac[VP, VP] = -(p[BS] + rub_v + line + 2.0 * fit * abs(v)) / m
-    jac[VP, XP] = -(p[KS] + (p[PISTON_STOP] if beyond > 0.0 else 0.0)) / m
+    jac[VP, XP] = -(p[KS] + against_x) / m
     jac[VP, OM], jac[VP, TH] = p[BS] * lever / m, -by_th / m
     jac[XP, VP] = 1.0
     jac[OM, VP], jac[OM, XP] = lever * p[BS] / i, lever * p[KS] / i

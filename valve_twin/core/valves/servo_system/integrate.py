@@ -115,7 +115,7 @@ def span(
     ends, work = np.empty((2, STATES)), np.empty(WORK)
     duration = len(out) * period
     t, count, fresh, sample = 0.0, 0, True, 0
-    h = step
+    h, before, error_before = step, 0.0, 1.0
     while t < duration * (1.0 - 1e-12):
         count += 1
         if count > MOST_STEPS * len(out) or not h > rodas.SMALLEST_STEP:
@@ -125,8 +125,9 @@ def span(
         error = _step(
             y, memory, p, u, used, rtol, fresh, k, jac, matrix, pivot, ends, work
         )  # fmt: skip
+        refused = not fresh
         fresh = False
-        proposed = rodas.next_step(used, error)
+        proposed = rodas.next_step(used, error, before, error_before)
         if error <= 1.0:
             end = duration if last else t + used
             while sample < len(out) and (sample + 1) * period <= end + 1e-9 * period:
@@ -137,6 +138,9 @@ def span(
             y[:] = ends[1]
             hysteresis.remember(y[IS], memory, p[REACH])
             fresh = True
+            before, error_before = used, error
+            if refused:
+                proposed = min(proposed, used)
             h = max(h, proposed) if last else proposed
         else:
             h = proposed

@@ -91,9 +91,9 @@ PHYSICAL = (
 
 (
     R_S, R_R, R_1, R_2, M_S, M_R, M_P, I_S, I_R, C_LINE, C_1, C_2, V_1, V_2, V_S, V_R, MASS, BV,
-    SHARE, OUTER, VALVE_STOP, PISTON_STOP,
-) = range(len(PHYSICAL), len(PHYSICAL) + 22)  # fmt: skip
-COUNT = len(PHYSICAL) + 22
+    SHARE, OUTER, VALVE_STOP, PISTON_STOP, LINE, FITTINGS,
+) = range(len(PHYSICAL), len(PHYSICAL) + 24)  # fmt: skip
+COUNT = len(PHYSICAL) + 24
 """Length of the array, derived numbers included."""
 
 _VALVE_STOP = 30.0  # stiffness of the valve's stops over its spring [1]
@@ -126,3 +126,5 @@ def derive(p: FloatArray) -> None:
     p[OUTER] = 1.0 + p[KF] * p[NOMINAL] / p[LIMIT]
     p[VALVE_STOP] = _VALVE_STOP * p[KV]
     p[PISTON_STOP] = _PISTON_STOP
+    p[LINE] = p[R_1] * p[AREA_1] ** 2 + p[R_2] * p[AREA_2] ** 2
+    p[FITTINGS] = p[M_P] * (p[AREA_1] ** 3 + p[AREA_2] ** 3)
