@@ -74,7 +74,7 @@ def test_force_draws_shut_rises_with_current_and_is_even(current, more, x):
 
 
 def work_around(m, fluxes, xs):
-    """Return what a closed loop of two coils' fluxes and position gains, over what it moves [1]."""
+    """Return what a closed loop of fluxes and position gains, over what it moves [1]."""
     gained = moved = 0.0
     count = len(xs)
     for n in range(count):
