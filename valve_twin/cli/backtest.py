@@ -214,7 +214,8 @@ def _limit(test: LifeTest) -> str:
 def _note(test: LifeTest) -> str:
     if test.reason:
         return test.reason
-    silent = f"; nothing told at {test.silent} cycles" if test.silent else ""
+    cycles = "cycle" if test.silent == 1 else "cycles"
+    silent = f"; nothing told at {test.silent} {cycles}" if test.silent else ""
     what = "service limit reached" if test.reached else "no limit reached: the last level is one"
     return what + silent
 
