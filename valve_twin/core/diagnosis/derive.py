@@ -113,7 +113,7 @@ class Rig:
 
 def derive(
     rig: Rig,
-    faults: tuple[str, ...] = tuple(BY_NAME),
+    faults: tuple[str, ...] = tuple(GUESSES),
     *,
     effort: Effort | None = None,
     advance: Callable[[], None] = lambda: None,

@@ -55,6 +55,8 @@ class DetectionConfig:
     extrapolate : int
         Cycles since the alarm for which the line before it is a measure; what lasts longer lasts
         until maintenance.
+    wild : float
+        Distance from the five cycles before at which a single cycle is left out of the lines [1].
     trust : float
         Cycles that the table's correlations count as.
     margin : float
@@ -75,6 +77,7 @@ class DetectionConfig:
     isolate: int = 5
     heal: int = 5
     extrapolate: int = 100
+    wild: float = 8.0
     trust: float = 60.0
     margin: float = 1.1
     like: float = 0.4
@@ -112,6 +115,12 @@ class Finding:
     alarm: int
     end: int = -1
 
+
+_BEFORE = 5
+"""Cycles before a cycle whose median it is compared with."""
+
+_ROBUST = 1.4826
+"""Standard deviation of a normal variable over its median absolute deviation."""
 
 RIVAL = 6.0
 """Difference of twice the log likelihood below which two faults are not told apart [1]."""
@@ -216,16 +225,19 @@ def _search(
         y = _filled(vectors[start:], config.least)
         y -= y[: config.learn].mean(axis=0)
         rays = _rays(y[: config.learn], np.isfinite(vectors[start:]), table, config)
-        alarm = _first_alarm(y @ rays.white.T, rays, config)
+        w = y @ rays.white.T
+        base = _without_wild(w, config)
+        alarm = _first_alarm(w, base, rays, config)
         if alarm is None:
             return findings, True
         at = alarm[0]
-        onset = _onset(y @ rays.white.T, rays, config, *alarm)
-        finding, end = _isolate(y @ rays.white.T, rays, table, config, onset, at)
+        onset = _onset(w, base, rays, config, *alarm)
+        finding, end = _isolate(w, base, rays, table, config, onset, at)
         number = cycles[start:]
         over = int(number[end]) if end >= 0 else -1
-        named = (int(number[onset]), int(number[at]), over)
-        findings.append(_finding(finding, table, *named))
+        found = _finding(finding, int(number[onset]), int(number[at]), over)
+        later = slice(start + onset, None if end < 0 else start + end - config.heal + 1)
+        findings.append(_gross(found, vectors[later], table))
         if end < 0:
             return findings, True
         start += max(end - config.heal + 1, 1)
@@ -258,6 +270,8 @@ def _rays(
     n = len(y)
     t = np.arange(n) - 0.5 * (n - 1)
     off = y - y.mean(axis=0) - np.outer(t, t @ y / (t @ t))
+    spread = _ROBUST * np.median(np.abs(off), axis=0)
+    off = np.where(spread > 0.0, np.clip(off, -4.0 * spread, 4.0 * spread), off)
     floor = np.array(table.floor)
     own = with_floor(off.T @ off / (n - 2), floor)
     scale = config.margin * np.sqrt(np.diag(own))
@@ -302,7 +316,26 @@ def _lines(w: FloatArray, last: IntArray, window: int) -> _Lines:
     return _Lines(level, above / (count * (count**2 - 1.0) / 12.0)[:, None], centre, count)
 
 
-def _first_alarm(w: FloatArray, rays: _Rays, config: DetectionConfig) -> tuple[int, int] | None:
+def _without_wild(w: FloatArray, config: DetectionConfig) -> FloatArray:
+    """Return the rows with single wild ones replaced by the median of the five before.
+
+    A row is wild where the next one is back; so a row is never judged by more than the next.
+    """
+    base = np.array(w)
+    if len(w) < _BEFORE + 2:
+        return base
+    windows = np.lib.stride_tricks.sliding_window_view(w, _BEFORE, axis=0)[:-2]
+    middle = np.median(windows, axis=-1)
+    off = np.linalg.norm(w[_BEFORE:-1] - middle, axis=1)
+    back = np.linalg.norm(w[_BEFORE + 1 :] - middle, axis=1)
+    wild = (off > config.wild) & (back < config.wild)
+    base[_BEFORE:-1][wild] = middle[wild]
+    return base
+
+
+def _first_alarm(
+    w: FloatArray, base: FloatArray, rays: _Rays, config: DetectionConfig
+) -> tuple[int, int] | None:
     """Return the row that raises an alarm and the row of its onset, None = no alarm."""
     total = np.concatenate((np.zeros((1, w.shape[1])), np.cumsum(w, axis=0)))
     best: tuple[int, float, int] | None = None
@@ -310,7 +343,7 @@ def _first_alarm(w: FloatArray, rays: _Rays, config: DetectionConfig) -> tuple[i
         end = np.arange(config.least + m - 1, len(w))
         if not len(end):
             continue
-        lines = _lines(w, end - m, config.window)
+        lines = _lines(base, end - m, config.window)
         line, variance = lines.at(end.astype(np.float64) - 0.5 * (m - 1))
         mean = (total[end + 1] - total[end + 1 - m]) / m - line
         ratio = (mean / np.sqrt(1.0 / m + variance)[:, None]) @ rays.rays.T
@@ -328,10 +361,12 @@ def _first_alarm(w: FloatArray, rays: _Rays, config: DetectionConfig) -> tuple[i
     return None if best is None else (best[0], best[0] - best[2] + 1)
 
 
-def _onset(w: FloatArray, rays: _Rays, config: DetectionConfig, alarm: int, first: int) -> int:
+def _onset(
+    w: FloatArray, base: FloatArray, rays: _Rays, config: DetectionConfig, alarm: int, first: int
+) -> int:
     """Return the first row up to the alarm since when all rows show half the change or more."""
     early = max(alarm - config.recent, config.least - 1)
-    line = _lines(w, np.array([min(early, first - 1)]), config.window)
+    line = _lines(base, np.array([min(early, first - 1)]), config.window)
     rows = np.arange(early + 1, min(alarm + config.confirm, len(w)))
     off = w[rows] - line.at(rows.astype(np.float64))[0]
     newest = off[-config.confirm :].mean(axis=0)
@@ -354,6 +389,7 @@ class _Match:
 
 def _isolate(
     w: FloatArray,
+    base: FloatArray,
     rays: _Rays,
     table: SignatureTable,
     config: DetectionConfig,
@@ -364,7 +400,7 @@ def _isolate(
 
     The cycle of the onset is a mixture and is left out.
     """
-    before = _lines(w, np.array([onset - 1]), config.window)
+    before = _lines(base, np.array([onset - 1]), config.window)
     last = min(max(onset + config.isolate, alarm), len(w) - 1)
     onset = min(onset, len(w) - 2)
     rows = np.arange(onset + 1, last + 1)
@@ -425,7 +461,21 @@ def _healed(
     return int(rows[hits[0] + config.heal - 1]) if len(hits) else -1
 
 
-def _finding(match: _Match, table: SignatureTable, onset: int, alarm: int, end: int) -> Finding:
+def _gross(found: Finding, vectors: FloatArray, table: SignatureTable) -> Finding:
+    """Name what takes most features away: a frozen sensor, no motion at all."""
+    newest = vectors[-1]
+    repeats, stuck = (newest[table.features.index(name)] for name in ("repeats", "stuck"))
+    gains = [newest[i] for i, n in enumerate(table.features) if n.startswith("gain_")]
+    if repeats > 0.5:
+        name, severity = "sensor_freeze", float(repeats)
+    elif stuck > 0.0 and not np.isfinite(gains).any():
+        name, severity = "no_motion", float("nan")
+    else:
+        return found
+    return replace(found, fault=name, rivals=(), part=BY_NAME[name].part, severity=severity)
+
+
+def _finding(match: _Match, onset: int, alarm: int, end: int) -> Finding:
     """Name the fault."""
     names = sorted(match.likelihood, key=lambda name: -match.likelihood[name])
     best = names[0]

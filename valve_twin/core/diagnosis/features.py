@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.estimation.masks import held_recently
 from valve_twin.core.estimation.noise import find_rest, rest_noise
 from valve_twin.core.types import Parameter, ParameterStatus, ParameterValue
 
@@ -73,6 +74,9 @@ class FeatureOptions:
         Samples after the last command that do not count as rest.
     min_run : int
         Fewest samples of a run that gives a gain.
+    max_gaps : float
+        Gaps a sample above which nothing is said: what is lost on the way is no fault of the
+        valve.
     """
 
     lower_seat: float = 0.0
@@ -84,6 +88,7 @@ class FeatureOptions:
     lag: int = 2
     settle: int = 15
     min_run: int = 5
+    max_gaps: float = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +125,10 @@ def cycle_features(
     tuple of ParameterValue
         NOT_EXCITED and NaN where the cycle does not show a feature.
     """
+    if np.count_nonzero(masks.gap) > options.max_gaps * len(frames):
+        return tuple(_value(name, np.nan, "samples are missing") for name in NAMES)
     x, good = frames.position, ~masks.bad & np.isfinite(frames.position)
+    good &= ~held_recently(masks.gap, options.lag)  # sums of commands do not reach over a gap
     rest = find_rest(frames, masks, active_command=options.active_command, settle=options.settle)
     low = rest & good & (x < options.lower_seat + options.near)
     free = rest & good & (x > options.lower_seat + options.near)
@@ -147,12 +155,12 @@ def cycle_features(
     return tuple(_value(name, v) for name, v in zip(NAMES, values, strict=True))
 
 
-def _value(name: str, value: float) -> ParameterValue:
+def _value(
+    name: str, value: float, reason: str = "the cycle does not show this"
+) -> ParameterValue:
     if np.isfinite(value) and not (name in RELATIVE and value <= 0.0):
         return ParameterValue(name, float(value))
-    return ParameterValue(
-        name, np.nan, ParameterStatus.NOT_EXCITED, "the cycle does not show this"
-    )
+    return ParameterValue(name, np.nan, ParameterStatus.NOT_EXCITED, reason)
 
 
 def feature_vector(values: tuple[ParameterValue, ...]) -> FloatArray:
@@ -191,8 +199,9 @@ def _lines(
     """Return the lines of small and of large commands of one input."""
     v = np.nan_to_num(frames.inputs[:, index])
     x = sign * frames.position
-    small = _runs((v > options.active_command) & (v < options.low_command), options.min_run)
-    large = _runs(v > options.high_command, options.min_run)
+    low = good & (v > options.active_command) & (v < options.low_command)
+    small = _runs(low, options.min_run)
+    large = _runs(good & (v > options.high_command), options.min_run)
     return _line(x, v, good, small, options), _line(x, v, good, large, options)
 
 
@@ -210,8 +219,9 @@ def _line(
         y = x[first:last][known]
         centred.append((c - c.mean(), y - y.mean()))
         before = slice(max(part.start - 10, 0), part.start + 1)
-        start = x[before][good[before]]
-        if len(start):
+        still = v[before][:-1] <= options.active_command
+        start = x[before]
+        if len(still) and still.all() and good[before].all():
             delayed.append((c.mean(), y.mean() - start.mean(), float(v[part].mean())))
     if not centred:
         return _NO_LINE

@@ -60,10 +60,13 @@ def _signatures(model: str) -> SignatureTable | None:
 def describe_finding(finding: Finding) -> str:
     """Return a fault in one line: which, how large, since when, what fits as well."""
     since = f"since cycle {finding.onset}"
-    sure = f"{finding.deviation:.1f} standard deviations of one cycle"
+    deviation = f"{finding.deviation:.1f}" if finding.deviation < 100.0 else "over 100"
+    sure = f"{deviation} standard deviations of one cycle"
     if finding.fault == UNKNOWN:
         return f"a sudden change that is like no known fault, {since} ({sure})"
     kind = BY_NAME[finding.fault]
+    if not np.isfinite(finding.severity):
+        return f"{kind.text}, {since}"
     unit = "" if kind.unit == "1" else f" {kind.unit}"
     line = f"{kind.text}, size {finding.severity:.2g}{unit}, {since} ({sure})"
     if not finding.rivals:

@@ -52,6 +52,7 @@ FAULT_TYPES = (
     FaultType("coil_resistance", "valve", "risen resistance of the filling coil"),
     FaultType("dead_band", "valve", "grown dead band"),
     FaultType("aeration", "valve", "gas in the chamber"),
+    FaultType("no_motion", "valve", "no motion: the spool is stuck, or no command reaches it"),
     FaultType("sensor_offset", "sensor", "offset of the position sensor", two_sided=True),
     FaultType("sensor_gain", "sensor", "gain of the position sensor", two_sided=True),
     FaultType("sensor_freeze", "sensor", "freezing position sensor"),

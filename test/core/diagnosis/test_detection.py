@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Detection and isolation on features drawn from the table's own scatter: truth is known."""
+
+import numpy as np
+import pytest
+
+from valve_twin.core.diagnosis.detection import UNKNOWN, detect
+from valve_twin.core.diagnosis.isolability import isolability
+from valve_twin.core.diagnosis.table import FACTORS, SIZES, whitener, with_floor
+
+ONSET = 60
+
+
+def healthy(table, cycles, seed, drift=0.0):
+    """Return (cycles, F) features that scatter as the table says and drift on a line."""
+    covariance = with_floor(np.array(table.covariance), np.array(table.floor))
+    random = np.random.default_rng(seed)
+    noise = random.standard_normal((cycles, len(covariance))) @ np.linalg.cholesky(covariance).T
+    deviation = np.sqrt(np.diag(covariance))
+    direction = random.choice([-1.0, 1.0], len(covariance))
+    return noise + drift * np.arange(cycles)[:, None] * direction * deviation
+
+
+def with_fault(table, vectors, signature, *, start=ONSET, end=None):
+    return vectors + np.where(
+        ((np.arange(len(vectors)) >= start) & (np.arange(len(vectors)) < (end or 10**9)))[:, None],
+        np.array(signature.change),
+        0.0,
+    )
+
+
+def search(table, vectors, **options):
+    return detect(np.arange(1, len(vectors) + 1), vectors, table, **options)
+
+
+def medium(table):
+    return [s for i, s in enumerate(table.signatures) if i % len(FACTORS) == 1]
+
+
+def test_4000_healthy_cycles_of_aging_raise_no_alarm(table):
+    # 8 standard deviations of a cycle over the record: what the line cannot take, it would find
+    for seed in range(20):
+        assert search(table, healthy(table, 200, seed, drift=0.04)).findings == ()
+
+
+def test_medium_faults_are_found_at_their_second_cycle_and_named(table):
+    told = isolability(table)
+    named = 0
+    for seed, signature in enumerate(medium(table)):
+        vectors = with_fault(table, healthy(table, ONSET + 8, seed, drift=0.04), signature)
+        found = search(table, vectors).present
+        assert found is not None, signature.fault
+        assert found.alarm - ONSET <= 5, signature.fault
+        assert abs(found.onset - (ONSET + 1)) <= 1
+        named += found.fault in told.together(signature.fault)
+    assert named >= len(medium(table)) - 1
+
+
+def test_the_size_is_told(table):
+    leak = next(s for s in medium(table) if s.fault == "leak")
+    sizes = [
+        search(table, with_fault(table, healthy(table, ONSET + 7, seed), leak)).present.severity
+        for seed in range(10)
+    ]
+    # 12 standard deviations a cycle, 6 cycles against a line of 40: 5 % each
+    assert np.mean(sizes) == pytest.approx(leak.severity, rel=0.06)
+
+
+def test_a_fault_that_goes_is_over_and_the_next_is_found(table):
+    first, second = (s for s in medium(table) if s.fault in {"leak", "dead_band"})
+    vectors = with_fault(table, healthy(table, 160, 3), first, end=ONSET + 12)
+    vectors = with_fault(table, vectors, second, start=140)
+    diagnosis = search(table, vectors)
+    assert [f.fault for f in diagnosis.findings] == ["leak", "dead_band"]
+    assert ONSET + 12 < diagnosis.findings[0].end <= ONSET + 20
+    assert diagnosis.present is diagnosis.findings[1]
+
+
+def test_maintenance_ends_a_fault_and_asks_for_patience(table):
+    leak = next(s for s in medium(table) if s.fault == "leak")
+    vectors = with_fault(table, healthy(table, 100, 4), leak)
+    diagnosis = search(table, vectors, restarts=[90])
+    assert diagnosis.findings[0].end == 90
+    assert diagnosis.present is None
+    assert not diagnosis.ready
+
+
+def test_one_wild_cycle_is_no_fault(table):
+    vectors = healthy(table, 120, 5)
+    leak = next(s for s in table.signatures if s.fault == "leak")
+    vectors[70] += 10.0 * np.array(leak.change)
+    assert search(table, vectors).findings == ()
+
+
+def test_a_change_like_no_signature_is_unknown(table):
+    vectors = healthy(table, ONSET + 8, 6)
+    white = whitener(with_floor(np.array(table.covariance), np.array(table.floor)))
+    # every feature at once, against the signs of every fault that it could be
+    rays = np.array([s.change for s in table.signatures]) @ white.T
+    rays /= np.linalg.norm(rays, axis=1)[:, None]
+    odd = np.linalg.svd(rays)[2][-1]
+    odd = 0.9 * odd + 0.45 * rays[0]
+    vectors[ONSET:] += 60.0 * np.linalg.solve(white, odd)
+    found = search(table, vectors).present
+    assert found is not None
+    assert found.fault == UNKNOWN
+
+
+def test_missing_features_neither_alarm_nor_hide(table):
+    vectors = healthy(table, ONSET + 8, 7)
+    vectors[30:34] = np.nan
+    vectors[::5, 3] = np.nan
+    assert search(table, vectors).findings == ()
+    leak = next(s for s in medium(table) if s.fault == "leak")
+    found = search(table, with_fault(table, vectors, leak)).present
+    assert found is not None
+    assert found.fault == "leak"
+
+
+def test_scatter_of_the_valve_itself_counts(table):
+    # three times as noisy as the simulated valve: nothing may be found in it
+    for seed in range(10):
+        assert search(table, 3.0 * healthy(table, 200, seed)).findings == ()
+
+
+@pytest.mark.parametrize("cycles", [0, 1, 5, 21])
+def test_too_few_cycles_say_nothing(table, cycles):
+    diagnosis = search(table, healthy(table, cycles, 8))
+    assert diagnosis.findings == ()
+    assert not diagnosis.ready
+
+
+def test_the_past_is_not_rewritten_by_what_comes(table):
+    leak = next(s for s in medium(table) if s.fault == "leak")
+    vectors = with_fault(table, healthy(table, 120, 9), leak)
+    known = [search(table, vectors[:n]).present for n in range(ONSET + 8, 100)]
+    assert all(f is not None for f in known)
+    assert len({(f.fault, f.onset, f.alarm, f.severity) for f in known}) == 1
+
+
+def test_inseparable_faults_are_named(table):
+    told = isolability(table)
+    assert {c for c in told.classes if len(c) > 1} == {
+        ("preload", "coil_resistance"),
+        ("sensor_gain", "supply_drop"),
+    }
+    assert told.together("leak") == ("leak",)
+    # the output scaled is the gains scaled: no cycle can tell
+    a, b = (told.faults.index(n) for n in ("sensor_gain", "supply_drop"))
+    assert told.distance[a, b] < told.distance[a, told.faults.index("preload")]
+
+
+def test_signatures_stand_size_by_size(table):
+    for name in table.faults:
+        sizes = [s.severity for s in table.signatures if s.fault == name]
+        assert len(sizes) % len(SIZES) == 0
+        assert np.allclose(np.array(sizes[:3]) / sizes[0], FACTORS)
+    assert len({len(s.change) for s in table.signatures}) == 1

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Features tell physical sizes, one by one, and nothing where the cycle shows nothing."""
+
+import numpy as np
+import pytest
+
+from valve_twin.core.diagnosis.features import FEATURES, NAMES, RELATIVE, feature_vector
+from valve_twin.core.estimation.sequence import Memory, estimate_cycle
+from valve_twin.core.simulation import to_frames
+from valve_twin.core.types import Cycle, EstimateStatus, ParameterStatus
+from valve_twin.core.valves.press_cartridge import MODEL
+from valve_twin.core.valves.registry import complete_options
+
+OPTIONS = complete_options(MODEL, {"estimators": ["output_error", "features"]})
+
+
+def change(rig, started, kind, severity, name, cycles=3):
+    """Return the mean change of a feature by a fault, as it is followed."""
+    healthy, faulty = (
+        rig.run(valve, cycles)[1:] for valve in (started(), started(kind, severity))
+    )
+    return float((faulty - healthy).mean(axis=0)[NAMES.index(name)])
+
+
+def test_an_offset_of_the_sensor_is_the_rest_level(rig, started):
+    # below the dead band of the controller, 2e-3, which would act on a larger one
+    moved = change(rig, started, "sensor_offset", 1.5e-3, "rest_level")
+    assert moved == pytest.approx(1.5e-3, abs=5e-5)
+
+
+def test_a_leak_is_the_slope_in_hold(rig, started):
+    # the spool is moved at the pressure of balance: 2 % of the rate
+    assert change(rig, started, "leak", 1e-3, "hold_slope") == pytest.approx(-1e-3, rel=0.02)
+
+
+def test_a_sensor_gain_scales_both_directions(rig, started):
+    for name in ("gain_in_high", "gain_out_high"):
+        moved = change(rig, started, "sensor_gain", 0.05, name)
+        assert moved == pytest.approx(np.log(1.05), abs=0.012)
+
+
+def test_a_dead_band_takes_more_of_small_commands(rig, started):
+    small = change(rig, started, "dead_band", 0.01, "gain_in_low")
+    large = change(rig, started, "dead_band", 0.01, "gain_in_high")
+    assert small < 2.0 * large < 0.0
+
+
+def test_gas_in_the_chamber_delays_the_opening(rig, started):
+    assert change(rig, started, "aeration", 0.1, "delay_in") > 5e-3
+
+
+def test_a_freezing_sensor_repeats_its_values(rig, started):
+    share = change(rig, started, "sensor_freeze", 0.1, "repeats")
+    assert share == pytest.approx(0.1, abs=0.03)  # 2 * 850 draws: three deviations are 0.022
+
+
+def test_lost_samples_are_no_feature(started):
+    frames = to_frames(started("lost_samples", 0.05).advance(850))
+    values = MODEL.features(Cycle(2, 0.03, frames), OPTIONS)
+    assert {p.reason for p in values} == {"samples are missing"}
+    assert np.isnan(feature_vector(values)).all()
+
+
+def test_a_cycle_without_motion_says_what_it_lacks(started):
+    frames = to_frames(started("stuck").advance(850))
+    values = {p.name: p for p in MODEL.features(Cycle(2, 0.03, frames), OPTIONS)}
+    assert values["gain_in_low"].status is ParameterStatus.NOT_EXCITED
+    assert values["stuck"].value > 0.0
+
+
+def test_few_or_bad_samples_never_raise(started):
+    frames = to_frames(started().advance(850))
+    for count in (1, 2, 7, 40):
+        assert len(MODEL.features(Cycle(2, 0.03, frames[:count]), OPTIONS)) == len(FEATURES)
+    frames.position[::3] = np.nan
+    frames.inputs[::7] = np.nan
+    assert len(MODEL.features(Cycle(2, 0.03, frames), OPTIONS)) == len(FEATURES)
+
+
+def test_they_are_an_estimate_beside_the_others_that_feeds_no_trend(started):
+    cycle = Cycle(2, 0.03, to_frames(started().advance(850)))
+    estimates, memory = estimate_cycle(MODEL, OPTIONS, cycle, Memory.empty())
+    found = {e.estimator: e for e in estimates}
+    assert list(found) == ["output_error", "features"]
+    assert found["features"].status is EstimateStatus.ACCEPTED
+    assert not found["features"].used_by_trend
+    assert [p.name for p in found["features"].parameters] == list(NAMES)
+    again, _ = estimate_cycle(MODEL, OPTIONS, cycle, memory)
+    assert again[1].value("rest_level") == found["features"].value("rest_level")
+
+
+def test_relative_features_are_followed_by_their_logarithm(started):
+    cycle = Cycle(2, 0.03, to_frames(started().advance(850)))
+    values = MODEL.features(cycle, OPTIONS)
+    vector = feature_vector(values)
+    for name, value, followed in zip(NAMES, (p.value for p in values), vector, strict=True):
+        assert followed == (np.log(value) if name in RELATIVE else value)
