@@ -11,8 +11,7 @@ import pytest
 from valve_twin.core.simulation import AgingRule
 from valve_twin.core.valves.registry import get_model, get_simulation
 from valve_twin.demo.__main__ import main
-from valve_twin.demo.cases import DRIFT, case_names, config_of, find_case, injected
-from valve_twin.io.config import load_config
+from valve_twin.demo.cases import DRIFT, case_names, find_case, injected
 
 
 def test_the_simulated_valves_with_an_aging_law_are_shown():
@@ -25,15 +24,6 @@ def test_a_case_follows_a_trend_of_its_model(model):
     followed = {p.name for p in get_model(model).parameters if p.trend}
     assert case.followed in followed
     assert abs(case.aging_rate * case.cycles) == pytest.approx(DRIFT, abs=0.011)
-
-
-@pytest.mark.parametrize("model", case_names())
-def test_the_twin_listens_where_the_simulated_valve_publishes(model):
-    (config,) = load_config(config_of(model))
-    plant_inputs = get_simulation(model).plant.inputs
-    for name in plant_inputs:
-        topic = name if name == "command" else f"command/{name}"
-        assert config.signals[name].topic.endswith(f"/{topic}")
 
 
 def test_a_shorter_demo_ages_as_far():

@@ -13,6 +13,8 @@ from valve_twin_msgs.srv import InjectFault, SetAging
 from test.nodes.conftest import NS
 from valve_twin.core.simulation.valve import SimulatedValve
 from valve_twin.core.valves.registry import get_simulation
+from valve_twin.demo.cases import case_names, config_of
+from valve_twin.io.config import load_config
 from valve_twin.nodes.convert import from_time
 from valve_twin.nodes.simulated_valve import SimulatedValveNode
 
@@ -54,6 +56,31 @@ def test_the_clock_runs_at_the_rate(graph):
     graph.spin_until(lambda: len(found) > 400, what="400 clock messages")
     simulated, wall = (found[-1][i] - found[0][i] for i in (0, 1))
     assert simulated / wall == pytest.approx(20.0, rel=0.1)
+
+
+@pytest.mark.parametrize("model", case_names())
+def test_it_publishes_where_the_twin_of_the_same_file_listens(graph, model):
+    file = config_of(model)
+    (config,) = load_config(file)
+    node = graph.host(SimulatedValveNode, config.name, ["--params-file", str(file)])
+    published = {o.topic for valve in node._valves for o in valve.outlets}
+    assert {s.topic for s in config.signals.values()} <= published
+
+
+@pytest.mark.parametrize(
+    ("source", "topic"),
+    [
+        ({}, "/sim/press/v1/command/v_in"),
+        ({"topic": "oil/fill"}, "/sim/press/v1/oil/fill"),
+        ({"topic": "/sim/oil/fill"}, "/sim/oil/fill"),
+        ({"topic": "/plant/oil/fill"}, "/sim/plant/oil/fill"),
+        ({"topic": "oil/fill", "scale": 0.01}, "/sim/press/v1/command/v_in"),
+        ({"topic": "command/v_out"}, "/sim/press/v1/command/v_in"),
+    ],
+)
+def test_a_mapped_signal_is_published_below_the_prefix(graph, source, topic):
+    node = graph.host(SimulatedValveNode, **{f"signals.v_in.{k}": v for k, v in source.items()})
+    assert node._valves[0]._topics["v_in"] == topic
 
 
 def test_it_stops_after_the_cycles_asked_for(graph):

@@ -14,7 +14,7 @@ from valve_twin.core.simulation.plant import command_range
 from valve_twin.core.simulation.valve import SimulatedValve
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.cdr import encode_series, encode_stamped
-from valve_twin.io.mapping import STAMPED_TYPE, SignalSource
+from valve_twin.io.mapping import SERIES_TYPE, STAMPED_TYPE, SignalSource
 from valve_twin.io.topic_names import resolve_topic
 from valve_twin.nodes.inputs import InputConfig, TopicInput, by_topic
 from valve_twin.nodes.safety import Outlet
@@ -62,11 +62,14 @@ class SimulatedTopics:
         self.simulation = simulation
         model = get_model(config.model)
         self._external = simulation.controller == "external"
-        topic = partial(resolve_topic, valve=config.name, prefix=prefix)
-        self._command_topics = {n: topic(_command_topic(n)) for n in model.inputs}
-        self._topics = {"position": topic(model.output), "cycle": topic("cycle")}
+        topic = partial(_published_topic, config, prefix)
+        self._command_topics = {n: topic(n, _command_topic(n)) for n in model.inputs}
+        self._topics = {
+            "position": topic(model.output, model.output),
+            "cycle": topic("cycle_counter", "cycle"),
+        }
         if not self._external:
-            self._topics["reference"] = topic("reference")
+            self._topics["reference"] = topic("reference", "reference")
             self._topics |= self._command_topics
         self.outlets = [Outlet(t, command=k in model.inputs) for k, t in self._topics.items()]
         self._inputs_order = model.inputs
@@ -193,6 +196,24 @@ class SimulatedTopics:
             response,
             lambda: self._valve.set_fault(request.kind, request.severity, request.duration),
         )
+
+
+def _published_topic(config: ValveConfig, prefix: str, signal: str, default: str) -> str:
+    """Return where a signal is published: below the prefix, there where the twin has it mapped.
+
+    A signal that is mapped to a part of another message, or scaled, goes to its default.
+    """
+    source = config.signals.get(signal)
+    shared = source is not None and [s.topic for s in config.signals.values()].count(source.topic)
+    plain = source is not None and (source.type, source.field, source.scale, source.offset) in {
+        (STAMPED_TYPE, "value", 1.0, 0.0),
+        (SERIES_TYPE, "values[]", 1.0, 0.0),
+    }
+    if source is None or shared != 1 or not plain:
+        return resolve_topic(default, config.name, prefix)
+    head = f"/{prefix.strip('/')}/"
+    inside = prefix.strip("/") and source.topic.startswith(head)
+    return source.topic if inside else resolve_topic(source.topic, config.name, prefix)
 
 
 def _command_topic(name: str) -> str:
