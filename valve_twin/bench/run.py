@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING
 
 import yaml
 
-from valve_twin.bench import archive, estimation, reading, recursion, simulation, storing, writing
+from valve_twin.bench import (
+    archive,
+    estimation,
+    reading,
+    recursion,
+    simulation,
+    solenoid,
+    storing,
+    writing,
+)
 from valve_twin.bench.measure import Ratio, Scale, describe, median
 
 if TYPE_CHECKING:
@@ -27,6 +36,7 @@ AREAS = {
     "simulation": simulation.compare,
     "estimation": estimation.compare,
     "recursion": recursion.compare,
+    "solenoid": solenoid.compare,
     "archive": archive.compare,
     "reading": reading.compare,
     "writing": writing.compare,

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from valve_twin.core.validation.check import Check
 
 _MODULES = {
+    "000": "valve_twin.core.validation.paper_000",
     "001": "valve_twin.core.validation.paper_001",
     "002": "valve_twin.core.validation.paper_002",
     "004": "valve_twin.core.validation.paper_004",

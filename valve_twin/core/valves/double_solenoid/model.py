@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.estimation.plausibility import normalised_fault
 from valve_twin.core.gaps import find_gaps
 from valve_twin.core.types import (
     Estimate,
@@ -96,6 +97,19 @@ class DoubleSolenoidModel:
         fit = fit_motion(record, valve.valve(), valve.tables())
         values = (*coils, *_mechanical(fit, valve, _rest_noise(record.x)))
         return (_estimate(cycle, values, known, fit=fit, valve=valve),)
+
+    def input_fault(self, cycle: Cycle, options: Options) -> str:
+        """Return why the signals cannot be those of a double-solenoid valve, empty where they can.
+
+        Parameters
+        ----------
+        cycle : Cycle
+            At least one sample.
+        options : mapping
+            The model's options, complete.
+        """
+        del options
+        return normalised_fault((self.output, *self.inputs), cycle, follows="setpoint")
 
     def coefficients(
         self, values: Mapping[str, float], lag: int, period_s: float, options: Options

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The double-solenoid valve against real time, its trajectory set control against its budget."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.bench.measure import Ratio, Scale, median
+from valve_twin.core.valves.double_solenoid.control_kernel import decide, drive_open_loop
+from valve_twin.core.valves.double_solenoid.plant import DoubleSolenoidPlant
+from valve_twin.core.valves.double_solenoid.plant_kernel import SAMPLE_S
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+BUDGET_S = 4e-5
+"""What one decision of the trajectory set may take [s]."""
+
+_SAMPLES = 4000
+_DECISIONS = 100
+
+
+def compare(scale: Scale) -> Iterator[Ratio]:
+    """Yield the comparisons of this area."""
+    yield _simulation(scale.repeats)
+    yield _control(scale.repeats)
+
+
+def _simulation(repeats: int) -> Ratio:
+    """Compare 0.4 s of valve, bridges and current controllers at 80 kHz with their length."""
+    plant = DoubleSolenoidPlant()
+    commands = 0.3 * np.sin(0.01 * np.arange(_SAMPLES))
+    state = plant.initial_state()
+    out = np.empty((_SAMPLES, len(state)))
+    numbers = (plant.valve(), plant.tables(), plant.current_gains(), commands, out)
+    ours = median(lambda: drive_open_loop(state, *numbers), repeats)
+    return Ratio("double-solenoid valve, 80 kHz", "real time", ours, SAMPLE_S * _SAMPLES, 300.0)
+
+
+def _control(repeats: int) -> Ratio:
+    """Compare decisions of 896 model steps with the time that is left for them at 10 kHz."""
+    plant = DoubleSolenoidPlant()
+    state = plant.initial_state()
+    numbers = (plant.valve(), plant.tables(), plant.current_gains())
+    weights, work = plant.trajectory_set.weights(), np.empty_like(state)
+
+    def decisions() -> None:
+        for n in range(_DECISIONS):
+            decide(state, *numbers, weights, 8e-6 * (n % 100), work)
+
+    ours = median(decisions, repeats) / _DECISIONS
+    return Ratio("trajectory set control, 896 model steps", "40 us", ours, BUDGET_S, 1.0)
