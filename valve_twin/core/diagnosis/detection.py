@@ -237,7 +237,8 @@ def _search(
         over = int(number[end]) if end >= 0 else -1
         found = _finding(finding, int(number[onset]), int(number[at]), over)
         later = slice(start + onset, None if end < 0 else start + end - config.heal + 1)
-        findings.append(_gross(found, vectors[later], table))
+        before = vectors[start : start + onset]
+        findings.append(_gross(found, before, vectors[later], table))
         if end < 0:
             return findings, True
         start += max(end - config.heal + 1, 1)
@@ -461,14 +462,18 @@ def _healed(
     return int(rows[hits[0] + config.heal - 1]) if len(hits) else -1
 
 
-def _gross(found: Finding, vectors: FloatArray, table: SignatureTable) -> Finding:
-    """Name what takes most features away: a frozen sensor, no motion at all."""
-    newest = vectors[-1]
-    repeats, stuck = (newest[table.features.index(name)] for name in ("repeats", "stuck"))
-    gains = [newest[i] for i, n in enumerate(table.features) if n.startswith("gain_")]
+def _gross(
+    found: Finding, before: FloatArray, after: FloatArray, table: SignatureTable
+) -> Finding:
+    """Name what takes most features away: a frozen sensor, gains fallen to less than a tenth."""
+    newest = after[-1]
+    repeats = newest[table.features.index("repeats")]
+    gains = [i for i, n in enumerate(table.features) if n.startswith("gain_")]
+    fallen = newest[gains] - np.median(_filled(before, len(before))[:, gains], axis=0)
+    fallen = fallen[np.isfinite(fallen)]
     if repeats > 0.5:
         name, severity = "sensor_freeze", float(repeats)
-    elif stuck > 0.0 and not np.isfinite(gains).any():
+    elif len(fallen) and fallen.max() < -np.log(10.0):
         name, severity = "no_motion", float("nan")
     else:
         return found

@@ -46,6 +46,9 @@ FEATURES = (
 
 NAMES = tuple(p.name for p in FEATURES)
 
+NO_GAIN = 1e-6
+"""Gain of a command that moves nothing, or the wrong way: its logarithm must exist."""
+
 RELATIVE = frozenset(
     n for n in NAMES if n.startswith(("rest_noise", "gain_", "rough_", "shortfall"))
 )
@@ -228,10 +231,10 @@ def _line(
     dc = np.concatenate([c for c, _ in centred])
     dy = np.concatenate([y for _, y in centred])
     spread = float(dc @ dc)
-    gain = float(dc @ dy) / spread if spread > 0.0 else float("nan")
+    gain = max(float(dc @ dy) / spread, NO_GAIN) if spread > 0.0 else float("nan")
     rough = float(np.sqrt(np.mean((dy - gain * dc) ** 2)))
     shortfall = max(_shortfall(c, y) for c, y in centred)
-    if not delayed or not gain > 0.0:
+    if not delayed or not gain > NO_GAIN:
         return _Line(gain, rough=rough, shortfall=shortfall)
     delay = np.mean([(c - moved / gain) / command for c, moved, command in delayed])
     return _Line(gain, float(delay), rough, shortfall)

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The verdict of a stored history names the part that has the fault, its size and its onset."""
+
+from copy import deepcopy
+
+import pytest
+
+from valve_twin.core.aging import AgingConfig, VerdictKind, assess
+from valve_twin.core.estimation.sequence import Memory, estimate_cycle
+from valve_twin.core.simulation import SimulatedValve, to_frames
+from valve_twin.core.types import Cycle, Maintenance
+from valve_twin.core.valves.press_cartridge import MODEL, PLANT
+from valve_twin.core.valves.registry import complete_options
+from valve_twin.io.history_tables import estimate_row, row_estimate
+
+OPTIONS = complete_options(MODEL, {"estimators": ["output_error", "features"]})
+BEFORE = 30
+
+
+def run_on(valve, cycles, history, memory):
+    """Return history and memory after further cycles, as stored and read again."""
+    for _ in range(cycles):
+        frames = to_frames(valve.advance(850))
+        cycle = Cycle(valve.cycle, 0.03, frames)
+        estimates, memory = estimate_cycle(MODEL, OPTIONS, cycle, memory)
+        history = [*history, *(row_estimate(estimate_row(1, 0, e)) for e in estimates)]
+    return history, memory
+
+
+@pytest.fixture(scope="module")
+def healthy():
+    valve = SimulatedValve(PLANT.simulation(), 5)
+    history, memory = run_on(valve, BEFORE, [], Memory.empty())
+    return valve, history, memory
+
+
+def assess_fault(healthy, kind, severity, cycles=4, **options):
+    start, history, memory = healthy
+    valve = deepcopy(start)
+    valve.set_fault(kind, severity)
+    history, _ = run_on(valve, cycles, history, memory)
+    events = options.get("maintenance", ())
+    return assess(
+        history, events, options.get("config", AgingConfig()), parameters=MODEL.parameters
+    )
+
+
+def test_a_healthy_valve_is_ok(healthy):
+    said = assess(healthy[1], (), AgingConfig(), parameters=MODEL.parameters)
+    assert said.verdict.verdict is VerdictKind.OK
+    assert said.diagnosis.ready
+    assert said.diagnosis.present is None
+
+
+@pytest.mark.parametrize(
+    ("kind", "severity", "verdict", "evidence"),
+    [
+        ("leak", 3e-4, VerdictKind.VALVE, "leak of the chamber, size 0.0003"),
+        ("dead_band", 0.01, VerdictKind.VALVE, "grown dead band, size 0.0"),
+        ("sensor_offset", -1e-3, VerdictKind.SENSOR, "offset of the position sensor, size -0.00"),
+        ("sensor_freeze", 0.0, VerdictKind.SENSOR, "freezing position sensor, size 1"),
+        ("command_loss", 0.1, VerdictKind.COMMAND, "command that does not reach the valve"),
+        ("command_loss", 1.0, VerdictKind.VALVE, "no command reaches it"),
+        ("stuck", 0.0, VerdictKind.VALVE, "the spool is stuck"),
+        ("supply_drop", 0.1, VerdictKind.SUPPLY, "the data fit as well: gain of the position"),
+    ],
+)
+def test_the_part_with_the_fault_is_named(healthy, kind, severity, verdict, evidence):
+    said = assess_fault(healthy, kind, severity).verdict
+    assert said.verdict is verdict, said.evidence
+    assert evidence in said.evidence
+    assert f"since cycle {BEFORE + 1}" in said.evidence or kind in {"stuck", "command_loss"}
+    assert "\n" not in said.evidence
+
+
+def test_lost_samples_are_no_fault_of_the_valve(healthy):
+    assert assess_fault(healthy, "lost_samples", 0.2).diagnosis.findings == ()
+
+
+def test_maintenance_takes_the_fault_back(healthy):
+    event = Maintenance(0, BEFORE + 4, "sensor adjusted")
+    said = assess_fault(healthy, "sensor_offset", 1e-3, maintenance=(event,))
+    assert said.verdict.verdict is not VerdictKind.SENSOR
+    assert [f.end for f in said.diagnosis.findings] == [BEFORE + 4]
+
+
+def test_cycles_that_differ_by_label_give_no_fault(healthy):
+    said = assess_fault(healthy, "leak", 3e-4, config=AgingConfig(label="by load"))
+    assert said.verdict.verdict is VerdictKind.NOT_ENOUGH_DATA
+    assert said.diagnosis.findings == ()
+
+
+def test_a_history_without_features_has_the_verdict_of_its_trends(healthy):
+    history = [e for e in healthy[1] if e.used_by_trend]
+    said = assess(history, (), AgingConfig(), parameters=MODEL.parameters)
+    assert said.verdict.verdict is VerdictKind.OK
+    assert not said.diagnosis.ready
