@@ -108,7 +108,8 @@ def trapezoid(flank_s: float, amplitude: float, plateau_s: float) -> FloatArray:
     levels = BIAS_A + amplitude * np.array([0.0, 0.0, 1.0, 1.0, -1.0, -1.0, 0.0, 0.0])
     samples = int(np.ceil(corners[-1] / (SUB_STEPS * STEP_S)))
     times = STEP_S * np.arange(SUB_STEPS * samples + 1)
-    return np.interp(times, corners, levels)
+    current: FloatArray = np.interp(times, corners, levels)
+    return current
 
 
 def excite(

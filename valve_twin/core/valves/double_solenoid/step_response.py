@@ -69,9 +69,10 @@ def step_response(plant: DoubleSolenoidPlant, share: float) -> StepResponse:
     settling = SAMPLE_S * (int(outside[-1]) + 1) if len(outside) else 0.0
     if len(outside) and outside[-1] + 1 == len(position):
         settling = float("inf")
+    time_s: FloatArray = SAMPLE_S * np.arange(len(position), dtype=np.float64)
     first, last = np.argmax(position >= 0.1), np.argmax(position >= 0.9)
     return StepResponse(
-        time_s=SAMPLE_S * np.arange(len(position)),
+        time_s=time_s,
         position=position,
         rise_s=float(last - first) * SAMPLE_S if (position >= 0.9).any() else float("nan"),
         overshoot=float(max(position.max() - 1.0, 0.0)),
