@@ -14,8 +14,11 @@ import numpy as np
 
 from valve_twin.core.aging import AgingConfig, assess
 from valve_twin.core.estimation.sequence import Memory, estimate_cycle
+from valve_twin.core.physics.solenoid_map import coil_force as solenoid_force
 from valve_twin.core.simulation import AgingRule, simulate_cycles, to_frames
 from valve_twin.core.types import Cycle
+from valve_twin.core.valves.double_solenoid.plant import DoubleSolenoidPlant
+from valve_twin.core.valves.double_solenoid.step_response import step_response
 from valve_twin.core.valves.hybrid_actuator.magnetics import KERNELS, coil_force, magnet_force
 from valve_twin.core.valves.hybrid_actuator.plant import HybridActuatorPlant
 from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
@@ -156,9 +159,33 @@ def draw_actuator() -> list[Panel]:
     return [stroke, force, course(magnet_course, 128.0, -0.15, "magnet force [N]", (105.0, 133.0))]
 
 
+def draw_double_solenoid() -> list[Panel]:
+    """Return steps by both controllers, the force map, and friction that grows."""
+    plant = DoubleSolenoidPlant()
+    steps = panel(0, (0.0, 15.0), (-0.1, 1.3), ("time [ms]", "position over the step [1]"))
+    for share, dash in ((0.05, " dash"), (0.98, "")):
+        for control, style in (("pid", "b"), ("trajectory_set", "a")):
+            of = step_response(replace(plant, control=control), share)
+            steps.line(1e3 * of.time_s[:151], of.position[:151], style + dash)
+    steps.text(170, 120, "trajectory set control", "ink-a")
+    steps.text(170, 135, "nonlinear PID", "ink-b")
+    steps.text(170, 150, "98 %, dashed 5 %", "label")
+    labels = ("position [mm]", "force of coil A [N]")
+    force = panel(1, (-0.9, 0.9), (0.0, 45.0), labels)
+    x, m = np.linspace(-0.9e-3, 0.9e-3, 181), plant.tables()
+    for current, style in ((1.0, "a"), (1.8, "b"), (2.6, "c")):
+        newton = np.array([solenoid_force(m, current, place) for place in x])
+        force.line(1e3 * x, newton, style)
+    for i, (text, style) in enumerate((("2.6 A", "ink-c"), ("1.8 A", "ink-b"), ("1 A", "ink-a"))):
+        force.text(385, 60 + 15 * i, text, style)
+    (friction,) = followed("double_solenoid", "friction", 0.15, ["friction"])
+    return [steps, force, course(friction, 6.0, 0.15, "friction [N]", (5.8, 7.1))]
+
+
 FIGURES: dict[str, Callable[[], list[Panel]]] = {
     "stepper_servo": draw_stepper,
     "hybrid_actuator": draw_actuator,
+    "double_solenoid": draw_double_solenoid,
 }
 
 if __name__ == "__main__":
