@@ -9,8 +9,10 @@ import pytest
 
 from valve_twin.core.estimation.plausibility import input_fault, wrong_step
 from valve_twin.core.estimation.sequence import Memory, estimate_cycle
-from valve_twin.core.types import Cycle, EstimateStatus, Frames
-from valve_twin.core.valves.registry import complete_options, get_model
+from valve_twin.core.simulation import simulate_cycles
+from valve_twin.core.simulation.block import to_frames
+from valve_twin.core.types import Cycle, EstimateStatus, Frames, join_frames
+from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
 
 PRESS, POSITIONER = get_model("press_cartridge"), get_model("positioner")
 PRESS_S, POSITIONER_S = 0.03, 0.02
@@ -188,3 +190,49 @@ def test_a_frozen_position_is_refused_with_its_value(press, value):
     )
     assert {e.status for e in estimates} == {EstimateStatus.REFUSED}
     assert f"the position stays at {value:g}" in {e.reason for e in estimates}
+
+
+SIMULATED = ["stepper_servo", "hybrid_actuator", "servo_system", "double_solenoid", "positioner"]
+
+
+@pytest.fixture(scope="module")
+def simulated():
+    """Return a function that gives a cycle of a simulated valve, made once."""
+    made = {}
+
+    def make(name):
+        if name not in made:
+            config = get_simulation(name)
+            frames = [to_frames(block) for block in simulate_cycles(config, 1, 3)]
+            period_s = float(np.median(np.diff(frames[0].stamp_ns))) * 1e-9
+            made[name] = join_frames(frames), period_s
+        return made[name]
+
+    return make
+
+
+@pytest.mark.parametrize("name", SIMULATED)
+def test_nothing_speaks_against_a_simulated_valve(simulated, name):
+    frames, period_s = simulated(name)
+    assert fault_of(get_model(name), frames, period_s) == ""
+
+
+@pytest.mark.parametrize("name", SIMULATED)
+def test_percent_is_named_in_every_signal(simulated, name):
+    frames, period_s = simulated(name)
+    model = get_model(name)
+    said = fault_of(model, changed(frames, 100.0 * frames.position), period_s)
+    assert f"signals.{model.output}.scale (0.01 for percent)" in said
+    for i, signal in enumerate(model.inputs):
+        scaled = frames.inputs.copy()
+        scaled[:, i] *= 100.0
+        assert f"correct signals.{signal}.scale" in fault_of(
+            model, changed(frames, inputs=scaled), period_s
+        )
+
+
+@pytest.mark.parametrize("name", ["stepper_servo", "double_solenoid", "positioner"])
+def test_an_inverted_position_of_a_valve_that_follows_is_named(simulated, name):
+    frames, period_s = simulated(name)
+    said = fault_of(get_model(name), changed(frames, 1.0 - frames.position), period_s)
+    assert "one of them is inverted" in said

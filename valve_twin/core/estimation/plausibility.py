@@ -24,13 +24,15 @@ if TYPE_CHECKING:
 LARGEST = 1.5
 """A signal that is 0..1 does not go beyond this, overshoot and offset included [1] [A]."""
 
+_FAR = 3.0  # speeds and pressures may exceed their full scale more than positions [1]
 _FEWEST_STEPS = 20  # between samples, to tell their distance
 _FEWEST_BEYOND = 3  # samples: fewer are outliers, not a unit
 _GAP, _BUNCH = 1.5, 10.0  # median steps, periods; a step longer than both is a gap
 _SURE = 6.0  # standard errors by which a direction is told
 _EXPLAINED = 0.2  # least share of the motion that the commands explain, to tell its direction
 _AT_SEAT = 0.05  # distance from a seat that counts as resting there [1]
-_AGAINST = -0.5  # correlation below which a position runs against its command at every delay
+_AGAINST = -0.5  # correlation at which a position runs against its command ...
+_WEAKER = 0.5  # ... if none at another delay is stronger than this share of it
 _LEADS = 0.6  # least correlation at which a position can be said to come before its command
 _MOST_LAGS = 64  # tried, evenly up to the longest
 _LEADS_BY = 0.5  # what is unexplained with the position first, over that with the command first
@@ -150,6 +152,42 @@ def known_rows(frames: Frames) -> Frames:
     )
 
 
+def normalised_fault(
+    names: Sequence[str], cycle: Cycle, *, follows: str = "", reach_s: float = 0.0
+) -> str:
+    """Check a cycle of a valve all of whose signals are parts of their full scale.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The position, then the inputs in the order of the frames.
+    cycle : Cycle
+        At least one sample.
+    follows : str
+        The input that the position follows; empty = none.
+    reach_s : float
+        Longest delay between the two [s].
+    """
+    known = known_rows(cycle.frames)
+    if len(known) == 0:
+        return ""
+    columns = (known.position, *known.inputs.T)
+    limits = (LARGEST - 2.0, LARGEST), (-_FAR, _FAR)
+    faults = [
+        unit_fault(name, values, *limits[min(i, 1)])
+        for i, (name, values) in enumerate(zip(names, columns, strict=True))
+    ]
+    faults.append(same_fault(names, columns))
+    if follows:
+        max_lag = max(1, round(reach_s / cycle.period_s))
+        command = columns[list(names).index(follows)]
+        pair = (names[0], follows)
+        faults.append(
+            follow_fault(pair, columns[0], command, period_s=cycle.period_s, max_lag=max_lag)
+        )
+    return next((fault for fault in faults if fault), "")
+
+
 def drive_fault(
     names: Sequence[str],
     position: FloatArray,
@@ -265,7 +303,7 @@ def follow_fault(
     after = [_correlation(command, position, lag) for lag in lags]
     before = [_correlation(position, command, lag) for lag in lags]
     follows, leads = max(after), max(before)
-    if follows < _AGAINST:
+    if min(after) < _AGAINST and follows < _WEAKER * -min(after):
         return (
             f"{names[0]} falls as {names[1]} rises (correlation {min(after):.2f}): one of them is "
             f"inverted: turn the sign of signals.{names[0]}.scale and correct .offset"

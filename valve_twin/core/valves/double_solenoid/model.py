@@ -55,6 +55,9 @@ _MISFIT = 3.0
 _MISFIT_FLOOR = 1e-3
 """Residual that counts as none, of half the stroke [1]: ripple of the currents [A]."""
 
+_REACH_S = 0.02
+"""Longest delay between command and position that the check of the signals tries [s] [A]."""
+
 
 @dataclass(frozen=True, slots=True)
 class DoubleSolenoidModel:
@@ -109,7 +112,8 @@ class DoubleSolenoidModel:
             The model's options, complete.
         """
         del options
-        return normalised_fault((self.output, *self.inputs), cycle, follows="setpoint")
+        names = (self.output, *self.inputs)
+        return normalised_fault(names, cycle, follows="setpoint", reach_s=_REACH_S)
 
     def coefficients(
         self, values: Mapping[str, float], lag: int, period_s: float, options: Options

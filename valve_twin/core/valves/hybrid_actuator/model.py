@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.estimation.plausibility import normalised_fault
 from valve_twin.core.gaps import find_gaps
 from valve_twin.core.types import (
     Estimate,
@@ -102,6 +103,19 @@ class HybridActuatorModel:
         fit = fit_flights(record, strokes, armature(options, {}), solenoid(options, {}))
         values.update({p.name: p for p in _mechanical(fit, options, cycle)})
         return (_estimate(cycle, tuple(values[n] for n in NAMES), fit=fit),)
+
+    def input_fault(self, cycle: Cycle, options: Options) -> str:
+        """Return why the signals cannot be those of an engine valve, empty where they can.
+
+        Parameters
+        ----------
+        cycle : Cycle
+            At least one sample.
+        options : mapping
+            The model's options, complete.
+        """
+        del options
+        return normalised_fault((self.output, *self.inputs), cycle)
 
     def coefficients(
         self, values: Mapping[str, float], lag: int, period_s: float, options: Options

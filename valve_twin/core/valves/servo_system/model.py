@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.estimation.plausibility import normalised_fault
 from valve_twin.core.types import (
     Estimate,
     EstimateStatus,
@@ -42,6 +43,9 @@ if TYPE_CHECKING:
     from valve_twin.core.valves.interface import Option, Options
 
 _QUANTILE_95 = 1.96
+
+_REACH_S = 0.1
+"""Longest delay between command and position that the check of the signals tries [s] [A]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,6 +97,20 @@ class ServoSystemModel:
         if refusal:
             return (_refused(cycle, refusal, fit),)
         return (_accepted(cycle, record, fit, number(options, "max_error")),)
+
+    def input_fault(self, cycle: Cycle, options: Options) -> str:
+        """Return why the signals cannot be those of the servosystem, empty where they can.
+
+        Parameters
+        ----------
+        cycle : Cycle
+            At least one sample.
+        options : mapping
+            The model's options, complete.
+        """
+        del options
+        names = (self.output, *self.inputs)
+        return normalised_fault(names, cycle, follows="desired_position", reach_s=_REACH_S)
 
     def coefficients(
         self, values: Mapping[str, float], lag: int, period_s: float, options: Options

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
+from valve_twin.core.estimation.plausibility import normalised_fault
 from valve_twin.core.estimation.recursive import Adaptation, Structure, project_stable
 from valve_twin.core.types import (
     Estimate,
@@ -52,6 +53,9 @@ if TYPE_CHECKING:
     from valve_twin.core.valves.interface import Option, Options
 
 _NAMES = {MECHANICS: (*THREAD, *FLOW), WIENER: (*THETA, THREAD[3], *FITS)}
+
+_REACH_S = 0.2
+"""Longest delay between command and position that the check of the signals tries [s] [A]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +120,20 @@ class StepperServoModel:
             numbers = (condition, lag, sigma)
             done.append(_accepted(self.name, WIENER, cycle, learned, counts, numbers))
         return tuple(done)
+
+    def input_fault(self, cycle: Cycle, options: Options) -> str:
+        """Return why the signals cannot be those of a servo-valve, empty where they can.
+
+        Parameters
+        ----------
+        cycle : Cycle
+            At least one sample.
+        options : mapping
+            The model's options, complete.
+        """
+        del options
+        names = (self.output, *self.inputs)
+        return normalised_fault(names, cycle, follows="motor_position", reach_s=_REACH_S)
 
     def coefficients(
         self, values: Mapping[str, float], lag: int, period_s: float, options: Options
