@@ -36,12 +36,14 @@ from valve_twin.io.history_tables import (
     row_estimate,
     row_maintenance,
 )
+from valve_twin.io.history_verdicts import VERDICT, add_verdict, row_verdict
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from sqlalchemy.engine import Connection
 
+    from valve_twin.core.aging.verdict import Verdict
     from valve_twin.io.history_claim import Claim
 
 __all__ = ["CycleRecord", "CycleTakenError", "History", "cycle_record"]
@@ -213,6 +215,23 @@ class History:
                 return False
             connection.execute(MAINTENANCE.insert(), row)
         return True
+
+    def add_verdict(self, valve: str, verdict: Verdict) -> bool:
+        """Store a verdict where it differs from the last stored one; on the disk on return.
+
+        Returns
+        -------
+        bool
+            False if it says nothing new.
+        """
+        self.mend()
+        with self._database.write() as connection:
+            return add_verdict(connection, self._valve_id(connection, valve), verdict)
+
+    def verdicts(self, valve: str, first_cycle: int = 0) -> list[Verdict]:
+        """Return the stored verdicts from `first_cycle` on, oldest first."""
+        query = _of_valve(VERDICT, valve).where(VERDICT.c.cycle >= first_cycle)
+        return [row_verdict(valve, r) for r in self._rows(query.order_by(VERDICT.c.id))]
 
     def valves(self) -> list[str]:
         """Return the names of all valves, sorted."""

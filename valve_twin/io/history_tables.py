@@ -45,7 +45,7 @@ from valve_twin.core.types import (
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-SCHEMA_VERSION = "0003"
+SCHEMA_VERSION = "0004"
 """Revision of the schema of this code: the newest file in `migrations/versions`."""
 
 SCHEMA_TABLE = "valve_twin_schema"

@@ -13,6 +13,7 @@ from valve_twin.core.types import Cycle, Maintenance
 from valve_twin.nodes import convert
 from valve_twin.nodes.budget_service import begin_budget
 from valve_twin.nodes.services import DeferredService, Done
+from valve_twin.nodes.verdict_log import VerdictLog
 
 if TYPE_CHECKING:
     from valve_twin.nodes.live_valve import LiveValve
@@ -31,6 +32,7 @@ class TwinServices:
         self._estimate_now_service = node.create_service(
             srv.EstimateNow, f"{base}/estimate_now", self._estimate_now
         )
+        self._verdicts = VerdictLog(node, valve)
         self._deferred = [
             DeferredService(node, srv.MarkMaintenance, f"{base}/mark_maintenance", self._mark),
             DeferredService(node, srv.GetHistory, f"{base}/get_history", self._get_history),
@@ -43,6 +45,7 @@ class TwinServices:
     def destroy(self) -> None:
         """Take the services down."""
         self._node.destroy_service(self._estimate_now_service)
+        self._verdicts.destroy()
         for service in self._deferred:
             service.destroy()
 

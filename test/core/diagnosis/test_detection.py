@@ -157,3 +157,19 @@ def test_signatures_stand_size_by_size(table):
         assert len(sizes) % len(SIZES) == 0
         assert np.allclose(np.array(sizes[:3]) / sizes[0], FACTORS)
     assert len({len(s.change) for s in table.signatures}) == 1
+
+
+def test_whatever_comes_nothing_raises(table):
+    random = np.random.default_rng(12)
+    for _ in range(60):
+        vectors = healthy(table, int(random.integers(20, 90)), int(random.integers(10**6)))
+        scale = np.sqrt(np.diag(with_floor(np.array(table.covariance), np.array(table.floor))))
+        for _ in range(int(random.integers(1, 6))):
+            first = int(random.integers(len(vectors)))
+            part = slice(first, first + int(random.integers(1, 20)))
+            vectors[part] += (
+                scale * random.standard_normal(len(scale)) * 10.0 ** random.uniform(0, 3)
+            )
+        vectors[random.random(vectors.shape) < 0.05] = np.nan
+        diagnosis = search(table, vectors)
+        assert all(f.onset <= f.alarm for f in diagnosis.findings)

@@ -374,7 +374,7 @@ def _onset(
     shown = off @ rays.rays[int(np.argmax(rays.rays @ newest))]
     half = 0.5 * float(np.median(shown[-config.confirm :]))
     before = np.flatnonzero(shown[: alarm - early] < half)
-    return early + 1 + (int(before[-1]) + 1 if len(before) else 0)
+    return min(early + 1 + (int(before[-1]) + 1 if len(before) else 0), alarm)
 
 
 @dataclass(frozen=True, slots=True)
