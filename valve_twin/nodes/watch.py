@@ -10,6 +10,7 @@ from collections import deque
 from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import rclpy
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -24,8 +25,8 @@ if TYPE_CHECKING:
 ROWS = 12
 """Cycles in the table."""
 
-COLUMNS = 5
-"""Parameters in the table, the wanted one first: a terminal of 100 letters holds them."""
+BESIDE = 32
+"""Letters of a row of the table beside the parameters' columns."""
 
 EVERY = 10
 """Without a terminal, one line is printed every so many cycles."""
@@ -113,21 +114,21 @@ def watch(
                 rclpy.spin_once(node, timeout_sec=0.2)
                 node.follow_trends()
                 if table is not None:
-                    table.update(render(node, cycles, first), refresh=True)
+                    table.update(render(node, cycles, first, console.width), refresh=True)
                 elif len(node.cycles) >= told + EVERY:
                     told = len(node.cycles)
-                    console.print(_line(node, cycles, first), highlight=False)
+                    console.print(_line(node, cycles, first, console.width), highlight=False)
         if table is None:
-            console.print(render(node, cycles, first))
+            console.print(render(node, cycles, first, console.width))
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
     return len(node.cycles)
 
 
-def render(node: Watcher, cycles: int, first: str = "") -> Group:
-    """Return the present table with trends and verdict below."""
-    names = _shown(node, first)
+def render(node: Watcher, cycles: int, first: str = "", width: int = 80) -> Group:
+    """Return the present table with trends and verdict below, for a terminal of that width."""
+    names = _shown(node, first, width - BESIDE)
     table = Table(title=f"{len(node.cycles)} of {cycles} cycles", expand=False)
     for title in ("cycle", *names, "fit %"):
         table.add_column(title, justify="right", no_wrap=True)
@@ -143,23 +144,25 @@ def render(node: Watcher, cycles: int, first: str = "") -> Group:
     return Group(table, *lines)
 
 
-def _shown(node: Watcher, first: str) -> list[str]:
-    """Return the followed parameters, the first ones before there are trends."""
+def _shown(node: Watcher, first: str, room: int) -> list[str]:
+    """Return the followed parameters that have room, in letters; any before there are trends."""
     if not node.estimates:
         return []
     published = list(node.estimates[-1].names)
     names = [n for n in published if n in node.trends] or published
-    return sorted(names, key=lambda name: name != first)[:COLUMNS]
+    names.sort(key=lambda name: name != first)
+    widths = np.cumsum([max(len(n), 7) + 3 for n in names])
+    return names[: max(1, int(np.searchsorted(widths, room, side="right")))]
 
 
 def _known(trend: Any) -> bool:
     return not math.isnan(trend.drift_reference)
 
 
-def _line(node: Watcher, cycles: int, first: str) -> str:
+def _line(node: Watcher, cycles: int, first: str, width: int) -> str:
     last = node.estimates[-1]
     found = dict(zip(last.names, last.values, strict=True))
-    values = ", ".join(f"{n} {_number(found[n])}" for n in _shown(node, first))
+    values = ", ".join(f"{n} {_number(found[n])}" for n in _shown(node, first, width - BESIDE))
     return f"cycle {len(node.cycles)} of {cycles}: {values}"
 
 
