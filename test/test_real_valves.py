@@ -275,6 +275,30 @@ def test_the_cylinder_answers_more_slowly_under_load_at_equal_stroke(cylinder):
     assert np.all(np.diff(rate.mean(axis=(1, 2))) < 0)
 
 
+def test_the_stiffness_of_the_cylinder_falls_with_load_at_equal_stroke(cylinder):
+    """In each of the 8 rows (4 strokes, first and second cycle) and from load to load."""
+    stiffness = table(cylinder, lambda e, _: e.value("stiffness_rising"))
+    say("\ncylinder by load at equal stroke, not aging: stiffness_rising [1/s^2]")
+    for half in range(CYCLES_A_RUN):
+        for stroke in range(STROKES):
+            cells = "  ".join(f"{k:5.1f}" for k in stiffness[:, stroke, half])
+            say(f"stroke {stroke + 1}, cycle {half + 1}: {cells}")
+    assert np.all(np.diff(stiffness, axis=0) < 0)
+    falling = table(cylinder, lambda e, _: e.value("stiffness_falling"))
+    assert np.all(np.diff(falling.mean(axis=(1, 2))) < 0)
+
+
+def test_the_second_cycle_of_the_cylinder_is_followed_by_the_model_of_the_first(cylinder):
+    """Structure and bounds were chosen on the first cycles alone, across strokes."""
+    unseen = table(cylinder, lambda e, _: e.fit_test)[:, :, 1]
+    trivial = table(cylinder, lambda _, c: trivial_fit(c))[:, :, 1]
+    say(
+        f"\ncylinder, second cycles: {np.median(unseen):.1f} %, command {np.median(trivial):.1f} %"
+    )
+    assert np.median(unseen) > 94.0
+    assert np.all(unseen > trivial + 10.0)
+
+
 def test_no_verdict_of_aging_is_given_for_the_cylinder(cylinder):
     (verdict,) = [line for line in cylinder.lines if line["kind"] == "verdict"]
     assert verdict["text"] == "not enough data"

@@ -20,6 +20,7 @@ NAMES = [
     "hydraulic_actuator",
     "hydraulic_rig",
     "pilot_valve",
+    "pilot_valve_current",
     "press_archive",
     "press_cartridge",
     "press_fleet",

@@ -49,6 +49,7 @@ MOTION_SIZE = 4
 
 N_TRANSITION = 9
 _SUB_STEPS = 4  # sub-steps a sample in which the region is judged anew, with a lag [1] [A]
+_LONG_LAG = 8.0  # lag in sampling times from which one sub-step will do [1] [A]
 _LEAST_LAG = 1e-9  # below this the lag is none [s]
 _STARTING, _BAD_INPUT = 2, 5
 _NEW_CYCLE, _GAP, _BAD = 1, 2, 3
@@ -84,9 +85,12 @@ def transition(p: FloatArray, h: float, out: FloatArray) -> None:
 
 
 @njit(cache=True)
-def sub_steps(p: FloatArray) -> int:
-    """Return the sub-steps of a sample: without a lag the solution is closed over all of it."""
-    return _SUB_STEPS if p[LAG] > _LEAST_LAG else 1
+def sub_steps(p: FloatArray, period: float) -> int:
+    """Return the sub-steps of a sample [s]: one where it is short beside the lag, or without one.
+
+    Without a lag the solution is closed over all of it.
+    """
+    return _SUB_STEPS if _LEAST_LAG < p[LAG] < _LONG_LAG * period else 1
 
 
 @njit(cache=True)
@@ -226,7 +230,7 @@ def free_run(
     """
     z = np.zeros(MOTION_SIZE)
     m = np.zeros(N_TRANSITION)
-    steps = sub_steps(p)
+    steps = sub_steps(p, period)
     h = period / steps
     transition(p, h, m)
     out[: first + 1] = position[: first + 1]
@@ -277,7 +281,7 @@ def predict_extended(
     line = state[LINE : LINE + MAX_LAG + 1]
     seen = state[LINE + MAX_LAG + 1 : LINE + MAX_LAG + 1 + MOTION_SIZE]
     free = state[LINE + MAX_LAG + 1 + MOTION_SIZE : STATE_SIZE]
-    steps = sub_steps(p)
+    steps = sub_steps(p, period)
     h = period / steps
     m = np.zeros(N_TRANSITION)
     transition(p, h, m)

@@ -23,7 +23,7 @@ from valve_twin.core.valves.positioner.extended import (
     free_run,
     target_of,
 )
-from valve_twin.core.valves.positioner.fit import starting_values, thin
+from valve_twin.core.valves.positioner.fit import shown_speeds, starting_values, thin
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray, IntArray
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from valve_twin.core.valves.positioner.structure import Structure
 
 _SEARCH_SAMPLES = 2000  # a longer record is searched on every k-th sample ...
-_SEARCH_LAGS = 10  # ... as long as the longest delay keeps so many of them
+_SEARCH_MOTION = 0.02  # ... no coarser than this share of its fastest way [1]
 _COARSE = 4  # parts of the longest delay tried from every start
 _EVALUATIONS, _EVALUATIONS_COARSE, _EVALUATIONS_NEAR = 60, 12, 6
 _LAG_SHARES = (0.1, 0.6)  # starts of the lag in units of 1 / rate [1]
@@ -161,13 +161,22 @@ def fit_extended(
     dead_band = bool(limits[1][4] > 0.0)
     free = structure.free(dead_command=dead_command is None, dead_band=dead_band)
     task = _Task(record, base, free, widened, max_lag, structure.two_delays)
-    every = min(len(record.position) // _SEARCH_SAMPLES, max_lag // _SEARCH_LAGS)
+    every = min(len(record.position) // _SEARCH_SAMPLES, _samples_of_motion(record))
     if every <= 1:
         return _polish(task, _descend(task, _search(task), max(1, max_lag // (2 * _COARSE))))
     coarse = task.at(thin(record, every), -(-max_lag // every))
     best = _descend(coarse, _search(coarse), max(1, coarse.max_lag // (2 * _COARSE)))
     lags = (min(best.lags[0] * every, max_lag), min(best.lags[1] * every, max_lag))
     return _polish(task, _descend(task, task.fit(best.parameters, lags, _EVALUATIONS), every))
+
+
+def _samples_of_motion(record: Record) -> int:
+    """Return how many samples pass in a small share of the record's fastest motion."""
+    fastest = max(shown_speeds(record))
+    way = float(np.ptp(record.position[record.used]))
+    if fastest <= 0.0:
+        return 1
+    return int(_SEARCH_MOTION * way / (fastest * record.period_s))
 
 
 def _search(task: _Task) -> Extended:

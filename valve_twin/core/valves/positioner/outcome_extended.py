@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.identifiability import assess_identifiability
 from valve_twin.core.types import Estimate, EstimateStatus, ParameterStatus, ParameterValue
 from valve_twin.core.valves.positioner.curve import line_through, settled
 from valve_twin.core.valves.positioner.extended import (
@@ -20,7 +19,6 @@ from valve_twin.core.valves.positioner.extended import (
     STATIC_GAIN,
     STICTION,
 )
-from valve_twin.core.valves.positioner.fit_extended import correlated_sigma
 from valve_twin.core.valves.positioner.intervals import block_errors
 from valve_twin.core.valves.positioner.outcome import Errors, condition, derived
 from valve_twin.core.valves.positioner.parameters import (
@@ -29,6 +27,7 @@ from valve_twin.core.valves.positioner.parameters import (
     FITTED,
     SECOND_ORDER,
 )
+from valve_twin.core.valves.positioner.second_order import column, second_order
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -70,7 +69,8 @@ def accepted_extended(model: str, cycle: Cycle, found: Fitted, blocks: int) -> E
     plain = [_value(name, i, fit, blocks) for i, name in enumerate(FITTED) if i in fit.free]
     values = [*plain, *derived(plain, found.prepared, fit.lags[0])]
     if structure.second_order:
-        values += _second_order(fit, blocks)
+        lag = _value(SECOND_ORDER[0], LAG, fit, blocks)
+        values += second_order(lag, fit, found.prepared.record)
     if structure.two_delays:
         at_bound = fit.lags[1] == found.prepared.max_lag > 0
         status = ParameterStatus.AT_BOUND if at_bound else ParameterStatus.OK
@@ -100,12 +100,6 @@ def accepted_extended(model: str, cycle: Cycle, found: Fitted, blocks: int) -> E
     )
 
 
-def _column(fit: Extended, i: int) -> FloatArray:
-    """Return the derivative (N,) of the residual by parameter i, 0 where it was not fitted."""
-    where = np.flatnonzero(fit.free == i)
-    return fit.jacobian[:, where[0]] if len(where) else np.zeros(len(fit.residual))
-
-
 def _value(name: str, i: int, fit: Extended, blocks: int) -> ParameterValue:
     """Return one fitted parameter with its doubt."""
     value, lower, upper = float(fit.parameters[i]), float(fit.lower[i]), float(fit.upper[i])
@@ -114,7 +108,7 @@ def _value(name: str, i: int, fit: Extended, blocks: int) -> ParameterValue:
         return ParameterValue(name, np.nan, ParameterStatus.NOT_EXCITED, reason)
     size = max(abs(value), 1e-3)
     may_be_none = name in ("dead_band", "stiction", "backlash")
-    if not may_be_none and np.sum((_column(fit, i) * size) ** 2) < _NO_EFFECT:
+    if not may_be_none and np.sum((column(fit, i) * size) ** 2) < _NO_EFFECT:
         reason = "it did not move the spool"
         return ParameterValue(name, np.nan, ParameterStatus.NOT_EXCITED, reason)
     near = _AT_BOUND * (upper - lower)
@@ -147,44 +141,6 @@ def _errors(fit: Extended, blocks: int) -> Errors | None:
         blocks,
     )
     return Errors(standard, blocks - 1)
-
-
-def _second_order(fit: Extended, blocks: int) -> list[ParameterValue]:
-    """Return lag, stiffness and damping; what the record tells only as a ratio is refused.
-
-    stiffness = rate / lag and damping = 1 / lag, so the ratio of the two is the rate.
-    """
-    lag = float(fit.parameters[LAG])
-    damping = 1.0 / lag
-    stiffness = fit.parameters[:2] * damping
-    rising, falling, by_lag = (_column(fit, i) for i in (0, 1, LAG))
-    by_damping = -(rising * fit.parameters[0] + falling * fit.parameters[1] + by_lag * lag) * lag
-    others = [i for i in fit.free if i not in (0, 1, LAG)]
-    names = SECOND_ORDER[1:]
-    columns = [rising * lag, falling * lag, by_damping, *(_column(fit, i) for i in others)]
-    values = np.array([*stiffness, damping])
-    sigma = correlated_sigma(fit.residual)
-    told = assess_identifiability(names, values, _apart(columns), sigma)
-    out = [_value(SECOND_ORDER[0], LAG, fit, blocks)]
-    for name, value, reason in zip(names, values, told.reasons, strict=True):
-        if reason:
-            out.append(ParameterValue(name, np.nan, ParameterStatus.REFUSED, reason))
-        elif value > 0.0:
-            out.append(ParameterValue(name, float(value)))
-        else:
-            out.append(ParameterValue(name, float(value), ParameterStatus.AT_BOUND, "rests on 0"))
-    return out
-
-
-def _apart(columns: list[FloatArray]) -> FloatArray:
-    """Return what the first three columns (N,) tell beyond all further ones: (N, 3)."""
-    first, others = np.column_stack(columns[:3]), columns[3:]
-    if not others:
-        return first
-    rest = np.column_stack(others)
-    seen = np.linalg.norm(rest, axis=0) > 0.0
-    base, _ = np.linalg.qr(rest[:, seen])
-    return np.asarray(first - base @ (base.T @ first))
 
 
 def _curve(found: Fitted, blocks: int) -> list[ParameterValue]:
