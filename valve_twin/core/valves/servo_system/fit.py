@@ -44,10 +44,13 @@ is far above the integration's error."""
 _LOWER = np.array([0.05] * len(NAMES) + [-0.2, -1.0])
 _UPPER = np.array([20.0] * len(NAMES) + [1.2, 1.0])
 _MAX_STAGES, _MAX_ROUNDS = 8, 12
+_MOST_RUNS = 180  # simulations after which no further step is begun [1]
 _ENOUGH = 0.02  # gain over what is above the noise that ends a stage [1]
 _MOVED = 0.03  # change of an unknown after which sensitivities are renewed at the end [1]
 _WORTH = 6.0  # promised gain below which a step that failed is not tried shorter [1]
 _LEAST_GAIN = 0.5  # promised gain that is not worth a step [1]
+_POLISHES, _CLOSE = 4, 0.2  # whole steps at the end, and what is close [standard errors]
+_HIDDEN = 50.0  # gain that the integration's error can hide [1]
 _LONGEST = 0.5  # largest change of an unknown in a step [1]
 _START_SIGMA, _MEMORY_SIGMA = 2e-3, 0.5
 """What start and memory are taken to scatter by beforehand [stroke], [reach]: a motor with a small
@@ -152,12 +155,14 @@ class _Problem:
         self.record, self.sensors, self.p = record, sensors, p
         self.base = p[INDEX].copy()
         self.start = _first_position(record)
+        self.runs = 0
 
     def residual(self, x: FloatArray) -> FloatArray | None:
         """Return measured minus simulated over the noise, flat, and what start and memory cost.
 
         None where the integration fails.
         """
+        self.runs += 1
         p = self.p.copy()
         p[INDEX] = self.base * x[: len(NAMES)]
         derive(p)
@@ -232,12 +237,13 @@ def fit_loop(
     free = np.zeros(UNKNOWNS, dtype=np.bool_)
     for _ in range(_MAX_STAGES):
         ranked = rank(jacobian, x, max_error / max(_misfit(r), 1.0))
-        if (ranked == free).all():
+        if (ranked == free).all() or problem.runs > _MOST_RUNS:
             break
         x[:START][free[:START] & ~ranked[:START]] = 1.0
         moved = problem.residual(x)
         free, r = ranked, r if moved is None else moved
         x, r, jacobian = _descend(problem, x, r, jacobian, free)
+    x, r = _polish(problem, x, r, jacobian, free)
     return _result(problem, x, r, jacobian, free)
 
 
@@ -285,7 +291,7 @@ def _descend(
     damping, cost, fresh, taken_at = 1e-6, float(r @ r), True, x
     for _ in range(_MAX_ROUNDS):
         step, promised, change = _step(jacobian, r, x, free, damping)
-        if change < _SMALL or promised < _LEAST_GAIN:
+        if problem.runs > _MOST_RUNS or change < _SMALL or promised < _LEAST_GAIN:
             break
         trial = np.clip(x + step, _LOWER, _UPPER)
         there = problem.residual(trial)
@@ -311,6 +317,26 @@ def _descend(
         renewed = problem.sensitivities(x, r)
         jacobian = jacobian if renewed is None else renewed
     return x, r, jacobian
+
+
+def _polish(
+    problem: _Problem, x: FloatArray, r: FloatArray, jacobian: FloatArray, free: BoolArray
+) -> tuple[FloatArray, FloatArray]:
+    """Go on with whole steps to where the gradient vanishes.
+
+    Close to the minimum the integration's error hides what a step gains, and a search that must
+    gain would stay near where it began.
+    """
+    for _ in range(_POLISHES):
+        step, _, length = _step(jacobian, r, x, free, 0.0)
+        if length < _CLOSE:
+            break
+        trial = np.clip(x + step, _LOWER, _UPPER)
+        there = problem.residual(trial)
+        if there is None or float(there @ there) > float(r @ r) + _HIDDEN:
+            break
+        x, r = trial, there
+    return x, r
 
 
 def _step(

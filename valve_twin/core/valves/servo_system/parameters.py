@@ -65,7 +65,7 @@ def _options() -> tuple[Option, ...]:
         Option("estimators", [ESTIMATOR], "estimators to run", choices=(ESTIMATOR,)),
         Option(
             "max_error",
-            0.1,
+            0.15,
             "a parameter that the cycle tells less well is held and not published: relative "
             "standard error [A]",
             "1",

@@ -1,0 +1,245 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The servosystem's twin: what it recovers, withholds, refuses and predicts."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from valve_twin.core.estimation.sequence import evaluate
+from valve_twin.core.simulation import SimulatedValve, configure, to_frames
+from valve_twin.core.simulation.program import CycleProgram
+from valve_twin.core.types import Cycle, EstimateStatus, ParameterStatus
+from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
+from valve_twin.core.valves.servo_system.fit import START, UNKNOWNS, rank
+from valve_twin.core.valves.servo_system.parameters import NAMES
+from valve_twin.core.valves.servo_system.plant import PLANT, ServoSystemPlant
+
+MODEL = get_model("servo_system")
+OPTIONS = complete_options(MODEL, {})
+CLEAN = {"plant.sensor_noise": 0.0, "plant.sensor_quantum": 0.0, "measurement.noise": 0.0,
+         "measurement.quantum": 0.0}  # fmt: skip
+AWAY = {
+    "discharge": 0.7,
+    "leak_discharge": 0.5,
+    "bulk_modulus": 1.2e9,
+    "viscous_friction": 50.0,
+    "coulomb_friction": 30.0,
+    "hysteresis_width": 2e-3,
+    "structural_stiffness": 1.8e6,
+}
+"""Where searches start: 10 to 20 % off the plant."""
+
+
+def record(given=None, seed=1):
+    """A cycle after the first one, as the sensors give it."""
+    config = configure(
+        get_simulation("servo_system"), {"plant.sensor_seed": seed, **(given or {})}
+    )
+    valve = SimulatedValve(config, seed)
+    valve.advance(config.cycle_samples)
+    return Cycle(2, config.period_s, to_frames(valve.advance(config.cycle_samples)))
+
+
+def spoil(cycle, signal, values):
+    frames = cycle.frames
+    if signal == MODEL.output:
+        return replace(cycle, frames=replace(frames, position=values))
+    inputs = frames.inputs.copy()
+    inputs[:, MODEL.inputs.index(signal)] = values
+    return replace(cycle, frames=replace(frames, inputs=inputs))
+
+
+@pytest.fixture(scope="module")
+def cycle():
+    return record()
+
+
+@pytest.fixture(scope="module")
+def estimate(cycle):
+    (found,) = MODEL.estimate(cycle, {**OPTIONS, **AWAY})
+    return found
+
+
+def test_a_production_cycle_tells_every_parameter_within_its_interval(estimate):
+    assert estimate.status is EstimateStatus.ACCEPTED
+    truth = ServoSystemPlant()
+    for value in estimate.parameters:
+        off = abs(value.value - getattr(truth, value.name)) / value.standard_error
+        assert off < 3.5, value.name  # once in 2000
+        assert value.lower_95 < value.value < value.upper_95
+
+
+def test_the_stated_accuracies_are_reached(estimate):
+    truth = ServoSystemPlant()
+    shares = {
+        "discharge": 0.005,
+        "bulk_modulus": 0.01,
+        "structural_stiffness": 0.01,
+        "hysteresis_width": 0.01,
+        "leak_discharge": 0.05,
+        "coulomb_friction": 0.05,
+    }
+    for name, share in shares.items():
+        assert estimate.value(name) == pytest.approx(getattr(truth, name), rel=share), name
+
+
+def rich(seed, *, duration_s=12.0, period_s=1e-4):
+    """Long strokes to and fro, every signal with white noise of 0.5 % of its range."""
+    moves = int((duration_s - 0.3) / 0.55)
+    program = CycleProgram(
+        times_s=tuple(round(0.55 * k, 3) for k in range(moves)),
+        kinds=("step",) * moves,
+        targets=tuple(0.9 if k % 2 == 0 else 0.1 for k in range(moves)),
+        duration_s=duration_s,
+        step_time_s=0.0,
+    )
+    config = replace(configure(PLANT.simulation(), CLEAN), program=program, period_s=period_s)
+    frames = to_frames(SimulatedValve(config, 1).advance(config.cycle_samples))
+    random = np.random.default_rng(seed)
+    inputs = frames.inputs.copy()
+    noise = 0.005 * np.ptp(inputs[:, 1:], axis=0)
+    inputs[:, 1:] += noise * random.standard_normal(inputs[:, 1:].shape)
+    position = frames.position + 0.005 * np.ptp(frames.position) * random.standard_normal(
+        len(frames)
+    )
+    return Cycle(1, period_s, replace(frames, position=position, inputs=inputs))
+
+
+def check_rich(seeds, **shape):
+    truth, found = ServoSystemPlant(), []
+    for seed in seeds:
+        (estimate,) = MODEL.estimate(rich(seed, **shape), {**OPTIONS, **AWAY})
+        found.append([estimate.value(n) / getattr(truth, n) for n in NAMES])
+    return dict(zip(NAMES, np.array(found).T, strict=True))
+
+
+def test_a_rich_record_at_half_a_percent_noise_gives_discharge_and_bulk_modulus():
+    """A short record; the viscous friction needs the long one."""
+    found = check_rich([0], duration_s=3.0, period_s=1e-3)
+    for name in ("discharge", "bulk_modulus", "structural_stiffness"):
+        assert found[name] == pytest.approx(1.0, abs=0.05), name
+
+
+@pytest.mark.slow
+def test_a_rich_record_gives_discharge_bulk_modulus_and_viscous_friction_within_5_percent():
+    """12 s at 10 kHz; the standard error of the viscous friction is 2.5 %."""
+    found = check_rich(range(6))
+    for name in ("discharge", "bulk_modulus"):
+        assert found[name] == pytest.approx(1.0, abs=0.05), name
+    viscous = found["viscous_friction"]
+    assert viscous.mean() == pytest.approx(1.0, abs=0.05)
+    assert np.abs(viscous - 1.0).max() < 0.10  # four standard errors
+
+
+def test_what_a_small_move_does_not_tell_is_withheld_and_not_invented():
+    small = {
+        "program.times_s": [0.0, 0.3],
+        "program.kinds": ["step", "step"],
+        "program.targets": [0.53, 0.5],
+        "program.duration_s": 1.0,
+    }
+    (found,) = MODEL.estimate(record(small), {**OPTIONS, "viscous_friction": 50.0})
+    assert found.status is EstimateStatus.PARTIAL
+    values = {v.name: v for v in found.parameters}
+    assert values["viscous_friction"].status is ParameterStatus.NOT_EXCITED
+    assert "standard error" in values["viscous_friction"].reason
+    assert np.isnan(values["viscous_friction"].value)
+    assert found.value("discharge") == pytest.approx(0.62, rel=0.05)
+
+
+def test_ranking_takes_the_most_sensitive_and_leaves_what_they_explain():
+    random = np.random.default_rng(3)
+    jacobian = random.standard_normal((400, UNKNOWNS))
+    jacobian[:, 5] = jacobian[:, 2] + 1e-3 * jacobian[:, 5]  # nearly the same as another
+    jacobian[:, 7] *= 1e-3  # nearly nothing
+    free = rank(jacobian, np.ones(UNKNOWNS), 0.1)
+    assert free[2] != free[5]
+    assert not free[7]
+    assert free[[0, 1, 3, 4, 6]].all()
+    assert free[START:].all()
+
+
+def test_the_estimate_does_not_depend_on_what_came_before(cycle, estimate):
+    (again,) = MODEL.estimate(cycle, OPTIONS, (estimate,))
+    for value in estimate.parameters:
+        assert again.value(value.name) == pytest.approx(value.value, abs=value.standard_error)
+
+
+def test_predicts_the_next_cycle(estimate):
+    values = {v.name: v.value for v in estimate.parameters}
+    coefficients = MODEL.coefficients(values, 0, 1e-3, OPTIONS)
+    mse, fit = evaluate(MODEL, coefficients, record(seed=4).frames, 1e-3)
+    assert fit > 98.5  # the noise of the position alone takes 0.5
+    assert np.sqrt(mse) < 1.3e-3
+
+
+def test_prediction_is_the_same_in_any_blocks(cycle):
+    coefficients = MODEL.coefficients({}, 0, 1e-3, OPTIONS)
+    frames = cycle.frames
+    restart = np.zeros(300, dtype=np.uint8)
+    restart[[0, 120]] = 2, 3
+    results = []
+    for cuts in ([0, 300], [0, 1, 77, 300]):
+        state = MODEL.initial_state()
+        out, codes = np.empty((2, 300)), np.empty(300, dtype=np.uint8)
+        for a, b in pairwise(cuts):
+            MODEL.predict(state, coefficients, frames.position[a:b], frames.inputs[a:b],
+                          restart[a:b], out[0, a:b], out[1, a:b], codes[a:b])  # fmt: skip
+        results.append((out, codes))
+    np.testing.assert_array_equal(results[0][0], results[1][0])
+    np.testing.assert_array_equal(results[0][1], results[1][1])
+    assert results[0][1][120] == 5
+    assert results[0][1][0] == 2
+    assert np.isfinite(results[0][0][:, 1:]).all()
+
+
+@pytest.mark.parametrize("signal", [*MODEL.inputs, MODEL.output])
+def test_refuses_a_signal_of_nothing_but_not_a_number_by_its_name(cycle, signal):
+    (found,) = MODEL.estimate(spoil(cycle, signal, np.nan * cycle.frames.position), OPTIONS)
+    assert found.status is EstimateStatus.REFUSED
+    assert found.reason.startswith(f"{signal}: 4000 of 4000 values")
+
+
+def test_some_samples_that_are_no_numbers_do_no_harm(cycle, estimate):
+    pressure = cycle.frames.inputs[:, MODEL.inputs.index("pressure_1")].copy()
+    pressure[::37] = np.nan
+    (found,) = MODEL.estimate(spoil(cycle, "pressure_1", pressure), OPTIONS, (estimate,))
+    assert found.counts.bad == len(pressure[::37])
+    assert found.value("discharge") == pytest.approx(0.62, rel=0.005)
+
+
+def test_refuses_sampling_too_slow_for_its_modes(cycle):
+    (found,) = MODEL.estimate(replace(cycle, period_s=0.01), OPTIONS)
+    assert found.reason.startswith("sampled every 0.01 s")
+    assert "from 0 to 0.002 s" in found.reason
+
+
+def test_refuses_options_that_contradict_each_other(cycle):
+    (found,) = MODEL.estimate(cycle, {**OPTIONS, "supply_underlap": 1e-3})
+    assert found.reason.startswith("supply_underlap = 0.001: must be a number from 0 to 0.0007")
+    assert np.isnan(MODEL.coefficients({}, 0, 1e-3, {**OPTIONS, "stroke": 0.5})).all()
+
+
+def test_refuses_a_cycle_at_rest(cycle):
+    still = cycle.frames[3800:4000]
+    many = replace(cycle, frames=still)
+    (found,) = MODEL.estimate(many, OPTIONS)
+    assert "less than min_motion" in found.reason
+
+
+def test_refuses_a_gap():
+    frames = record().frames
+    kept = np.r_[0:1000, 1100:4000]
+    names = ("stamp_ns", "position", "inputs", "counter", "reference", "valid")
+    parts = {name: getattr(frames, name)[kept] for name in names}
+    (found,) = MODEL.estimate(Cycle(1, 1e-3, type(frames)(**parts)), OPTIONS)
+    assert found.reason.startswith("a gap of 100 samples")
+
+
+def test_refuses_a_load_that_the_options_do_not_know(cycle):
+    (found,) = MODEL.estimate(cycle, {**OPTIONS, "load_inertia": 0.25})
+    assert found.status is EstimateStatus.REFUSED
+    assert "times the noise of the signals" in found.reason
