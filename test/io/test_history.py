@@ -24,6 +24,7 @@ import pytest
 import sqlalchemy as sa
 
 from valve_twin.core.types import (
+    Condition,
     Cycle,
     Disagreement,
     Estimate,
@@ -91,6 +92,7 @@ def estimate(number: int, estimator: str = "output_error", **changes: object) ->
             Guard("identifiability", True, 0.1 / 3, 0.5, "largest error 3.3 %"),
             Guard("condition number", False, np.inf, 1e6, "not finite: \u221e"),
         )[: number % 3],
+        conditions=(Condition("stroke", 0.28), Condition("load", np.nan))[: number % 3],
     )
     return dataclasses.replace(base, **changes)  # type: ignore[arg-type]
 

@@ -10,6 +10,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from valve_twin_msgs.msg import PredictionSeries
 
 from valve_twin.core.types import (
+    Condition,
     Disagreement,
     Estimate,
     EstimateStatus,
@@ -79,6 +80,7 @@ def test_an_estimate_comes_back_from_its_message_whole():
         trend_reason="output_error always feeds the trend",
         disagreements=(Disagreement("kalman", "K_in", 1e-5, 0.1),),
         guards=(Guard("bound", False, 1.0, 0.0, "leak rests on its bound"),),
+        conditions=(Condition("stroke", 0.28),),
     )
     message = estimate_message("/v", estimate, {"leak": "1/s"}, stored=True)
     back = estimate_value(deserialize_message(serialize_message(message), type(message)))

@@ -262,6 +262,14 @@ class Guard:
 
 
 @dataclass(frozen=True, slots=True)
+class Condition:
+    """Under what a cycle ran: name and value, such as the stroke [1]."""
+
+    name: str
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
 class Disagreement:
     """How far two estimators of the same cycle lie apart in one parameter.
 
@@ -325,6 +333,8 @@ class Estimate:
         Against the other estimators of the cycle.
     guards : tuple of Guard
         What was checked.
+    conditions : tuple of Condition
+        Under what the cycle ran.
     """
 
     model: str
@@ -349,6 +359,7 @@ class Estimate:
     trend_reason: str = ""
     disagreements: tuple[Disagreement, ...] = ()
     guards: tuple[Guard, ...] = ()
+    conditions: tuple[Condition, ...] = ()
 
     def value(self, name: str) -> float:
         """Return the value of a parameter, NaN where it is refused or unknown."""

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from sqlalchemy.engine import Connection
 
-    from valve_twin.core.types import Disagreement, Guard
+    from valve_twin.core.types import Condition, Disagreement, Guard
 
 _PAGE = 1000
 """Rows copied at a time."""
@@ -255,10 +255,11 @@ def _flat_estimate(row: Mapping[str, Any]) -> dict[str, Any]:
     flat["trend_reason"] = estimate.trend_reason
     flat["disagreements"] = _rows_of(estimate.disagreements)
     flat["guards"] = _rows_of(estimate.guards)
+    flat["conditions"] = _rows_of(estimate.conditions)
     return flat
 
 
-def _rows_of(values: Sequence[Disagreement | Guard]) -> list[dict[str, object]]:
+def _rows_of(values: Sequence[Condition | Disagreement | Guard]) -> list[dict[str, object]]:
     return [{k: _finite(v) for k, v in dataclasses.asdict(value).items()} for value in values]
 
 

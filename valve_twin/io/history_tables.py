@@ -31,6 +31,7 @@ from sqlalchemy import (
 )
 
 from valve_twin.core.types import (
+    Condition,
     Cycle,
     Disagreement,
     Estimate,
@@ -131,6 +132,7 @@ class _Findings(TypedDict):
     trend_reason: str
     disagreements: tuple[Disagreement, ...]
     guards: tuple[Guard, ...]
+    conditions: tuple[Condition, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -305,7 +307,8 @@ def _decode_parameters(text: str) -> tuple[ParameterValue, ...]:
 
 def _encode_findings(estimate: Estimate) -> str:
     """Return what was checked and compared as text; nothing as the empty text."""
-    if not (estimate.trend_reason or estimate.disagreements or estimate.guards):
+    told = (estimate.trend_reason, estimate.disagreements, estimate.guards, estimate.conditions)
+    if not any(told):
         return ""
     return _ENCODER.encode(
         {
@@ -318,13 +321,14 @@ def _encode_findings(estimate: Estimate) -> str:
                 [g.name, g.passed, _to_json(g.value), _to_json(g.limit), g.reason]
                 for g in estimate.guards
             ],
+            "conditions": [[c.name, _to_json(c.value)] for c in estimate.conditions],
         }
     )
 
 
 def _decode_findings(text: str) -> _Findings:
     if not text:
-        return _Findings(trend_reason="", disagreements=(), guards=())
+        return _Findings(trend_reason="", disagreements=(), guards=(), conditions=())
     data = json.loads(text)
     return _Findings(
         trend_reason=data["trend"],
@@ -336,6 +340,7 @@ def _decode_findings(text: str) -> _Findings:
             Guard(name, passed, _from_json(value), _from_json(limit), reason)
             for name, passed, value, limit, reason in data["guards"]
         ),
+        conditions=tuple(Condition(name, _from_json(value)) for name, value in data["conditions"]),
     )
 
 

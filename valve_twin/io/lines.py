@@ -75,6 +75,8 @@ def estimate_fields(estimate: Estimate, valve: str) -> dict[str, Any]:
         "guard_values": [_plain(g.value) for g in estimate.guards],
         "guard_limits": [_plain(g.limit) for g in estimate.guards],
         "guard_reasons": [g.reason for g in estimate.guards],
+        "condition_names": [c.name for c in estimate.conditions],
+        "condition_values": [_plain(c.value) for c in estimate.conditions],
         "reproducible": estimate.reproducible,
     }
 

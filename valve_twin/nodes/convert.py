@@ -14,6 +14,7 @@ from builtin_interfaces.msg import Time
 from valve_twin_msgs import msg
 
 from valve_twin.core.types import (
+    Condition,
     Cycle,
     Disagreement,
     Estimate,
@@ -172,6 +173,8 @@ def estimate_message(
         guard_values=array("d", [g.value for g in estimate.guards]),
         guard_limits=array("d", [g.limit for g in estimate.guards]),
         guard_reasons=[g.reason for g in estimate.guards],
+        condition_names=[c.name for c in estimate.conditions],
+        condition_values=array("d", [c.value for c in estimate.conditions]),
         reproducible=estimate.reproducible,
         stored=stored,
         wall_time=wall_s,
@@ -243,6 +246,10 @@ def estimate_value(message: msg.Estimate, missed_cycles: int = 0) -> Estimate:
                 message.guard_reasons,
                 strict=True,
             )
+        ),
+        conditions=tuple(
+            Condition(name, float(value))
+            for name, value in zip(message.condition_names, message.condition_values, strict=True)
         ),
     )
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.aging.config import AgingConfig, Axis
+from valve_twin.core.aging.covariates import describe_effects, without_conditions
 from valve_twin.core.aging.drift import find_reference, nearest_limit, with_drift
 from valve_twin.core.aging.life import axis_rate, date_after
 from valve_twin.core.aging.series import (
@@ -177,7 +178,9 @@ def _assess_parameter(
     valve: str,
     confidence: float,
 ) -> tuple[Trend, TrendDetail]:
-    series = series_of(history, name)
+    series, effects = without_conditions(
+        series_of(history, name), history.estimates, maintenance, config
+    )
     pieces = cut(series, maintenance, config)
     lines = _fit_pieces(series, pieces)
     detail = TrendDetail(
@@ -192,7 +195,8 @@ def _assess_parameter(
         )
         trend = replace(trend, cycle_rate=axis_rate(history.axis, ends, len(ends)))
     trend = _judge(trend, series, pieces, lines, maintenance, config, confidence)
-    return replace(trend, reason=trend.reason + _caveats(series, pieces, config)), detail
+    caveats = _caveats(series, pieces, config) + describe_effects(effects)
+    return replace(trend, reason=trend.reason + caveats), detail
 
 
 def _blank(

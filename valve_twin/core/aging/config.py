@@ -28,6 +28,25 @@ class Axis(Enum):
     HOURS = "hours"
 
 
+def parse_bin(text: str) -> tuple[str, float]:
+    """Return name and width of a binned condition, written as "load 500".
+
+    Raises
+    ------
+    ValueError
+        If it is written otherwise.
+    """
+    name, _, width = text.strip().partition(" ")
+    try:
+        size = float(width)
+    except ValueError:
+        size = np.nan
+    if not (name and np.isfinite(size) and size > 0.0):
+        msg = f'binned is "{text}": write a condition and the width of its bins, e.g. "load 500"'
+        raise ValueError(msg)
+    return name, size
+
+
 @dataclass(frozen=True, slots=True)
 class Threshold:
     """A service limit of one parameter.
@@ -126,6 +145,13 @@ class AgingConfig:
     verdict_significance : float
         Error probability of "beyond doubt"; stricter than `significance`, because every cycle
         tests anew.
+    covariates : tuple of str
+        Conditions whose linear effect is taken out of every parameter before its trend is judged,
+        such as stroke, supply_pressure, load or temperature; or a parameter that the estimate
+        publishes. The effect and its doubt stand in the trend's reason.
+    binned : tuple of str
+        Conditions, each with the width of a bin behind it ("load 500"), whose effect need not be
+        linear: every bin gets a level of its own.
     """
 
     label: str = ""
@@ -147,6 +173,8 @@ class AgingConfig:
     alert_fraction: float = _limited(0.5, lower=0.01, upper=1.0)
     horizon: float = _limited(50.0, lower=0.0, unit="axis unit")
     verdict_significance: float = _limited(0.001, lower=1e-9, upper=1.0)
+    covariates: tuple[str, ...] = ()
+    binned: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse values that cannot work.
@@ -163,6 +191,8 @@ class AgingConfig:
                 upto = f" and at most {upper:g}" if upper < np.inf else ""
                 msg = f"{item.name} is {value}, it must be at least {lower:g}{upto}"
                 raise ValueError(msg)
+        for text in self.binned:
+            parse_bin(text)
         for record in self.commissioning:
             if not (np.isfinite(record.value) and record.standard_error >= 0.0):
                 msg = (

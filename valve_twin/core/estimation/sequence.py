@@ -20,6 +20,7 @@ from valve_twin.core.estimation.plausibility import input_fault
 from valve_twin.core.estimation.scatter import scatter_between_cycles
 from valve_twin.core.prediction import restart_marks, run_model
 from valve_twin.core.types import (
+    Condition,
     Cycle,
     Estimate,
     EstimateStatus,
@@ -249,7 +250,30 @@ def _judged(
         mse_train=mse_train,
         fit_train=fit_train,
         used_by_trend=estimate.estimator == model.trend_estimator,
+        conditions=(*estimate.conditions, *cycle_conditions(cycle)),
     )
+
+
+def cycle_conditions(cycle: Cycle) -> tuple[Condition, ...]:
+    """Return under what a cycle ran.
+
+    Parameters
+    ----------
+    cycle : Cycle
+        With at least one sample.
+
+    Returns
+    -------
+    tuple of Condition
+        `stroke`: from the 1 % to the 99 % quantile of the believed positions [unit of the
+        position].
+    """
+    position = cycle.frames.position[cycle.frames.valid & np.isfinite(cycle.frames.position)]
+    if not len(position):
+        return (Condition("stroke", float("nan")),)
+    ordered = np.sort(position)
+    low, high = ordered[len(ordered) // 100], ordered[-1 - len(ordered) // 100]
+    return (Condition("stroke", float(high - low)),)
 
 
 def _with_interval(
@@ -313,9 +337,10 @@ def _usable(before: tuple[Estimate, ...], estimate: Estimate) -> tuple[Estimate,
 
 def _lean(estimate: Estimate) -> Estimate:
     """Leave out what no later cycle asks for: a worker process is sent the memory."""
-    if not (estimate.trend_reason or estimate.disagreements or estimate.guards):
+    told = (estimate.trend_reason, estimate.disagreements, estimate.guards, estimate.conditions)
+    if not any(told):
         return estimate
-    return replace(estimate, trend_reason="", disagreements=(), guards=())
+    return replace(estimate, trend_reason="", disagreements=(), guards=(), conditions=())
 
 
 def _last_cycles(estimates: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
