@@ -32,6 +32,9 @@ FILES = {DEFAULT: "simulated_press.yaml"}
 DRIFT = 0.15
 """Relative change that is injected over the demo, in the direction of the file's own law."""
 
+PACES = {"servo_system": (40, 2.0)}
+"""Cycles and rate of valves whose estimation takes longer than a cycle would: 1.2 s of a core."""
+
 CYCLES = 60
 CYCLE_S = 0.6
 """Time that a cycle takes at least [s]: shorter ones run in real time, longer ones faster."""
@@ -168,6 +171,7 @@ def _derived(model: str, cycles: int) -> Case:
     simulation = simulation_of(config)
     (rule,) = (r for r in simulation.aging if r.parameter == aged)
     cycle_s = simulation.program.duration_s
+    own_cycles, rate = PACES.get(model, (CYCLES, max(1.0, round(cycle_s / CYCLE_S))))
     return Case(
         model=model,
         file=file,
@@ -175,9 +179,9 @@ def _derived(model: str, cycles: int) -> Case:
         label=model,
         aged=aged,
         followed=_followed(config, aged),
-        aging_rate=math.copysign(DRIFT, rule.rate) / (cycles or CYCLES),
-        cycles=CYCLES,
-        rate=max(1.0, round(cycle_s / CYCLE_S)),
+        aging_rate=math.copysign(DRIFT, rule.rate) / (cycles or own_cycles),
+        cycles=own_cycles,
+        rate=rate,
         cycle_s=cycle_s,
         batch=1,
         counts=config.cycles.rule is CycleRule.WINDOW,
