@@ -19,6 +19,7 @@ from valve_twin.core.valves.positioner.extended import (
     STATIC_GAIN,
     STICTION,
 )
+from valve_twin.core.valves.positioner.fit_extended import correlated_sigma
 from valve_twin.core.valves.positioner.intervals import block_errors
 from valve_twin.core.valves.positioner.outcome import Errors, condition, derived
 from valve_twin.core.valves.positioner.parameters import (
@@ -38,7 +39,7 @@ if TYPE_CHECKING:
     from valve_twin.core.valves.positioner.structure import Structure
 
 _AT_BOUND = 1e-5  # distance to a bound that counts as none, in units of the interval [1]
-_NO_EFFECT = 1e-9  # sum of squared derivatives of a parameter that moved nothing [1]
+_LEAST_EFFECT = 2.0  # of all of a parameter on the residual, in its standard deviations [1] [A]
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,8 +109,9 @@ def _value(name: str, i: int, fit: Extended, blocks: int) -> ParameterValue:
         return ParameterValue(name, np.nan, ParameterStatus.NOT_EXCITED, reason)
     size = max(abs(value), 1e-3)
     may_be_none = name in ("dead_band", "stiction", "backlash")
-    if not may_be_none and np.sum((column(fit, i) * size) ** 2) < _NO_EFFECT:
-        reason = "it did not move the spool"
+    effect = float(np.linalg.norm(column(fit, i))) * size
+    if not may_be_none and effect <= _LEAST_EFFECT * correlated_sigma(fit.residual):
+        reason = "it has no effect above the noise"
         return ParameterValue(name, np.nan, ParameterStatus.NOT_EXCITED, reason)
     near = _AT_BOUND * (upper - lower)
     if value - lower <= near or upper - value <= near:

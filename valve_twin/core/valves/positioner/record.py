@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,7 +33,7 @@ class Prepared:
     Attributes
     ----------
     record : Record
-        The longest stretch without a gap.
+        The longest stretch without a gap in which the position moves.
     max_lag : int
         Longest delay to try [samples].
     counts : MaskCounts
@@ -64,7 +65,7 @@ def prepare(cycle: Cycle, options: Options) -> Prepared:
         The model's options, complete.
     """
     max_lag = _max_lag(options, cycle.period_s)
-    part = _longest_whole(cycle.frames, cycle.period_s)
+    part = _longest_whole(cycle.frames, cycle.period_s, number(options, "min_motion"))
     bad = ~part.valid | ~np.isfinite(part.position)
     command = _held(part.inputs[:, 0], np.isfinite(part.inputs[:, 0]))
     position = _held(part.position, ~bad)
@@ -82,14 +83,25 @@ def _max_lag(options: Options, period_s: float) -> int:
     return min(max(1, round(number(options, "max_delay_s") / period_s)), MAX_LAG)
 
 
-def _longest_whole(frames: Frames, period_s: float) -> Frames:
-    """Return the longest stretch without a gap, from its first usable sample on."""
+def _longest_whole(frames: Frames, period_s: float, min_motion: float) -> Frames:
+    """Return the longest stretch without a gap in which the position moves, if there is one.
+
+    It starts with its first usable sample. A rest before the next recording may be longer.
+    """
     gaps = find_gaps(frames.stamp_ns, period_s)
     edges = np.concatenate(([0], np.flatnonzero(gaps), [len(frames)]))
-    longest = int(np.argmax(np.diff(edges)))
+    lengths = np.diff(edges)
+    moves = [_span(frames[int(a) : int(b)]) >= min_motion for a, b in pairwise(edges)]
+    longest = int(np.argmax(np.where(moves, lengths, 0) if any(moves) else lengths))
     part = frames[int(edges[longest]) : int(edges[longest + 1])]
     usable = part.valid & np.isfinite(part.position)
     return part[int(np.argmax(usable)) :]
+
+
+def _span(frames: Frames) -> float:
+    """Return how far the usable positions of a stretch lie apart [1]."""
+    usable = frames.position[frames.valid & np.isfinite(frames.position)]
+    return float(np.ptp(usable)) if len(usable) else 0.0
 
 
 def _held(values: FloatArray, known: BoolArray) -> FloatArray:

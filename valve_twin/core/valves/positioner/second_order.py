@@ -46,7 +46,7 @@ def refresh_s(record: Record) -> float:
 
 
 def second_order(lag: ParameterValue, fit: Extended, record: Record) -> list[ParameterValue]:
-    """Return lag, stiffness both ways and damping; all refused on a ridge, with what is known.
+    """Return lag, stiffness both ways and damping; refused on a ridge, with what is known.
 
     Parameters
     ----------
@@ -63,10 +63,17 @@ def second_order(lag: ParameterValue, fit: Extended, record: Record) -> list[Par
     told = assess_identifiability(
         SECOND_ORDER[1:], values, _sensitivity(fit), correlated_sigma(fit.residual)
     )
-    reason = told.reason or _too_short(fit, lag_s, refresh_s(record))
+    short = _too_short(fit, lag_s, refresh_s(record))
+    reasons = [short or reason for reason in told.reasons]
+    first = _or_refused(lag, reasons[-1])
+    published = map(_at_zero, SECOND_ORDER[1:], values)
+    return [first, *(_or_refused(v, r) for v, r in zip(published, reasons, strict=True))]
+
+
+def _or_refused(value: ParameterValue, reason: str) -> ParameterValue:
     if not reason:
-        return [lag, *map(_at_zero, SECOND_ORDER[1:], values)]
-    return [ParameterValue(name, np.nan, ParameterStatus.REFUSED, reason) for name in SECOND_ORDER]
+        return value
+    return ParameterValue(value.name, np.nan, ParameterStatus.REFUSED, reason)
 
 
 def _too_short(fit: Extended, lag_s: float, refresh: float) -> str:
