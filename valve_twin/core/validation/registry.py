@@ -17,6 +17,7 @@ _MODULES = {
     "000": "valve_twin.core.validation.paper_000",
     "001": "valve_twin.core.validation.paper_001",
     "002": "valve_twin.core.validation.paper_002",
+    "003": "valve_twin.core.validation.paper_003",
     "004": "valve_twin.core.validation.paper_004",
 }
 

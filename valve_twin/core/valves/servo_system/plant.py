@@ -277,7 +277,7 @@ class _ServoSystemPlant:
         return SimulationConfig(
             plant=ServoSystemPlant(),
             program=program,
-            measurement=MeasurementConfig(delay=0, noise=1e-3, quantum=2.0**-12),
+            measurement=MeasurementConfig(delay=0, noise=1e-3, quantum=2.0**-11),
             period_s=1e-3,
         )
 
