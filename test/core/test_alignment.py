@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -49,7 +50,9 @@ def whole(data):
 
 def same(a, b):
     return all(
-        np.array_equal(getattr(a, k), getattr(b, k), equal_nan=True) for k in Frames.__slots__
+        np.array_equal(getattr(a, k), getattr(b, k), equal_nan=True)
+        for k in Frames.__slots__
+        if k != "conditions"
     )
 
 
@@ -157,3 +160,36 @@ def test_counter_and_reference_ride_along():
     assert frames is not None
     assert frames.counter.tolist() == [3.0, 3.0, 3.0, 4.0]
     assert frames.reference.tolist() == [0.25] * 4
+
+
+def test_conditions_are_held_and_spoil_no_frame():
+    aligner = make_aligner(
+        conditions=(SignalRange("temperature", 0.0, 100.0), SignalRange("supply_pressure"))
+    )
+    stamps = np.arange(4, dtype=np.int64) * 30 * MS
+    for name in ("v_in", "v_out"):
+        aligner.push(name, stamps, np.full(4, 0.25))
+    aligner.push("temperature", stamps, np.array([20.0, 21.0, np.nan, 900.0]))
+    aligner.push("supply_pressure", stamps[1:], np.array([2e7, 2.1e7, 2.2e7]))
+    frames = aligner.push("position", stamps, np.zeros(4))
+    assert frames is not None
+    assert frames.valid.all()
+    assert frames.conditions is not None
+    pressure, load, temperature = frames.conditions.T
+    np.testing.assert_array_equal(pressure, [np.nan, 2e7, 2.1e7, 2.2e7])
+    assert np.isnan(load).all()
+    np.testing.assert_array_equal(temperature, [20.0, 21.0, np.nan, np.nan])
+    joined = join_frames([frames[:1], replace(frames[1:3], conditions=None), frames[3:]])
+    assert joined.conditions is not None
+    np.testing.assert_array_equal(joined.conditions[:, 0], [np.nan, np.nan, np.nan, 2.2e7])
+
+
+def test_without_conditions_there_is_no_column_for_them():
+    aligner = make_aligner()
+    stamps = np.arange(3, dtype=np.int64) * 30 * MS
+    for name in ("v_in", "v_out"):
+        aligner.push(name, stamps, np.zeros(3))
+    frames = aligner.push("position", stamps, np.zeros(3))
+    assert frames is not None
+    assert frames.conditions is None
+    assert join_frames([frames[:1], frames[1:]]).conditions is None

@@ -168,3 +168,25 @@ def test_receive_times_are_said_to_be_not_reproducible(record):
     assert job is not None
     assert not job.cycle.reproducible
     assert not estimate_cycle(MODEL, OPTIONS, job.cycle, job.memory)[0][0].reproducible
+
+
+def test_the_mean_of_a_condition_stands_in_every_estimate(record):
+    twin = Twin(replace(CONFIG, conditions=(SignalRange("load"),)), MODEL)
+    columns = {
+        "command": record.inputs[:, 0],
+        "cycle_counter": record.cycle * 1.0,
+        "load": 100.0 * record.cycle + np.arange(len(record)) % 2,
+        "position": record.position,
+    }
+    events = []
+    for name, values in columns.items():
+        events += twin.push(name, record.stamp_ns, values)
+    while (job := twin.next_job()) is not None:
+        events += deliver(twin, job)
+    estimates = [e for x in events if isinstance(x, Estimated) for e in x.estimates]
+    assert len(estimates) >= CYCLES - 1
+    for estimate in estimates:
+        found = {c.name: c.value for c in estimate.conditions}
+        assert found["load"] == pytest.approx(100.0 * estimate.cycle + 0.5, abs=0.01)
+        assert found["stroke"] > 0.0
+        assert "temperature" not in found

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
-from valve_twin.core.types import BoolArray, FloatArray, Frames, IntArray
+from valve_twin.core.types import CONDITIONS, BoolArray, FloatArray, Frames, IntArray
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -69,6 +69,8 @@ class Aligner:
         The position first, then the commands in the model's order.
     counter, reference : SignalRange or None
         The optional signals.
+    conditions : tuple of SignalRange
+        Those of the signals `CONDITIONS` that are mapped, in any order.
     hold_back_s : float
         Longest time, on the data's clock, by which a silent signal delays the others [s].
     jump_s : float
@@ -82,15 +84,17 @@ class Aligner:
         *,
         counter: SignalRange | None = None,
         reference: SignalRange | None = None,
+        conditions: tuple[SignalRange, ...] = (),
         hold_back_s: float = 2.0,
         jump_s: float = 1.0,
     ) -> None:
         self._n_inputs = len(signals) - 1
-        extra = [s for s in (counter, reference) if s is not None]
+        extra = [s for s in (counter, reference, *conditions) if s is not None]
         self._tracks = [_Track(s) for s in (*signals, *extra)]
         self._names = {t.signal.name: i for i, t in enumerate(self._tracks)}
         self._counter = self._names[counter.name] if counter is not None else -1
         self._reference = self._names[reference.name] if reference is not None else -1
+        self._conditions = [(self._names[s.name], CONDITIONS.index(s.name)) for s in conditions]
         self._hold_back_ns = round(hold_back_s * 1e9)
         self._jump_ns = round(jump_s * 1e9)
         self._released_ns: int | None = None
@@ -244,7 +248,20 @@ class Aligner:
             counter=self._optional(self._counter, stamps, valid),
             reference=self._optional(self._reference, stamps, valid),
             valid=valid,
+            conditions=self._held_conditions(stamps, valid),
         )
+
+    def _held_conditions(self, stamps: IntArray, valid: BoolArray) -> FloatArray | None:
+        """Return the (N, 3) conditions, NaN where a value is not believed; they spoil no frame."""
+        if not self._conditions:
+            return None
+        held = np.full((len(stamps), len(CONDITIONS)), np.nan)
+        for index, column in self._conditions:
+            track = self._tracks[index]
+            _hold(track, stamps, held, column, valid, judge=False)
+            limits, values = track.signal, held[:, column]
+            values[~((values >= limits.lower) & (values <= limits.upper))] = np.nan
+        return held
 
     def _optional(self, index: int, stamps: IntArray, valid: BoolArray) -> FloatArray:
         """Return the column of a signal that may be missing: NaN then."""

@@ -44,6 +44,8 @@ class TwinConfig:
         The position first, then the commands in the model's order.
     counter, reference : SignalRange or None
         Optional signals.
+    conditions : tuple of SignalRange
+        Mapped signals under which the valve runs, see `types.CONDITIONS`.
     cycles : CycleConfig
         How the stream is cut.
     options : mapping
@@ -59,6 +61,7 @@ class TwinConfig:
     cycles: CycleConfig = field(default_factory=CycleConfig)
     options: Options = field(default_factory=dict)
     hold_back_s: float = 2.0
+    conditions: tuple[SignalRange, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +126,7 @@ class Twin:
             config.signals,
             counter=config.counter,
             reference=config.reference,
+            conditions=config.conditions,
             hold_back_s=config.hold_back_s,
         )
         self._segmenter = Segmenter(

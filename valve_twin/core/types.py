@@ -22,6 +22,10 @@ BoolArray = NDArray[np.bool_]
 ByteArray = NDArray[np.uint8]
 
 
+CONDITIONS = ("supply_pressure", "load", "temperature")
+"""Signals under which a valve runs, none of which a model needs, in the order of their columns."""
+
+
 class Validity(IntEnum):
     """What a prediction is worth; the numbers are those of Prediction.msg."""
 
@@ -78,6 +82,9 @@ class Frames:
         Position reference, NaN where none is mapped [1].
     valid : (N,) bool array
         False where a value was missing, not finite or outside its configured range.
+    conditions : (N, 3) array, optional
+        The signals `CONDITIONS`, held [unit as configured], NaN where one is not mapped or not
+        believed; None where none is mapped.
     """
 
     stamp_ns: IntArray
@@ -86,13 +93,14 @@ class Frames:
     counter: FloatArray
     reference: FloatArray
     valid: BoolArray
+    conditions: FloatArray | None = None
 
     def __len__(self) -> int:
         """Return the number of samples N."""
         return len(self.stamp_ns)
 
-    def __getitem__(self, part: slice) -> Frames:
-        """Return a contiguous part (views, no copies)."""
+    def __getitem__(self, part: slice | BoolArray) -> Frames:
+        """Return a contiguous part (views, no copies), or chosen samples."""
         return Frames(
             self.stamp_ns[part],
             self.position[part],
@@ -100,6 +108,7 @@ class Frames:
             self.counter[part],
             self.reference[part],
             self.valid[part],
+            None if self.conditions is None else self.conditions[part],
         )
 
 
@@ -114,6 +123,18 @@ def join_frames(parts: list[Frames]) -> Frames:
         np.concatenate([p.counter for p in parts]),
         np.concatenate([p.reference for p in parts]),
         np.concatenate([p.valid for p in parts]),
+        _join_conditions(parts),
+    )
+
+
+def _join_conditions(parts: list[Frames]) -> FloatArray | None:
+    if all(p.conditions is None for p in parts):
+        return None
+    return np.concatenate(
+        [
+            np.full((len(p), len(CONDITIONS)), np.nan) if p.conditions is None else p.conditions
+            for p in parts
+        ]
     )
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.cycles import CycleConfig
-from valve_twin.core.types import CycleRule
+from valve_twin.core.types import CONDITIONS, CycleRule
 from valve_twin.core.valves.registry import complete_options, get_model
 from valve_twin.io.csv_config import CsvConfig
 from valve_twin.io.errors import ConfigError, suggest
@@ -36,7 +36,7 @@ T = TypeVar("T")
 DEFAULT_HISTORY = "sqlite:///valve_twin_history.sqlite"
 """History database in the working directory."""
 
-OPTIONAL_SIGNALS = ("cycle_counter", "reference")
+OPTIONAL_SIGNALS = ("cycle_counter", "reference", *CONDITIONS)
 """Signals that any valve may map beside its model's inputs and output."""
 
 _ROS_OWN = ("use_sim_time", "start_type_description_service")

@@ -43,7 +43,8 @@ def parameter_reference(models: Sequence[str]) -> str:
         _HEAD,
         _section("Valve", VALVE_SPECS),
         _section("Signals", signal_specs(_SIGNAL, "")),
-        f"`{_SIGNAL}` is an input or the output of the model, `cycle_counter` or `reference`.\n",
+        f"`{_SIGNAL}` is an input or the output of the model, `cycle_counter`, `reference`, or a "
+        "condition that a trend may take out: `supply_pressure`, `load`, `temperature`.\n",
         _section("Cycles", [s for s in common if s.name.startswith("cycles.")]),
         _section("Aging", _once(aging, names)),
         f"`{_PARAMETER}` is a parameter of the model.\n",

@@ -20,6 +20,7 @@ from valve_twin.core.estimation.plausibility import input_fault
 from valve_twin.core.estimation.scatter import scatter_between_cycles
 from valve_twin.core.prediction import restart_marks, run_model
 from valve_twin.core.types import (
+    CONDITIONS,
     Condition,
     Cycle,
     Estimate,
@@ -266,14 +267,26 @@ def cycle_conditions(cycle: Cycle) -> tuple[Condition, ...]:
     -------
     tuple of Condition
         `stroke`: from the 1 % to the 99 % quantile of the believed positions [unit of the
-        position].
+        position]. Of each mapped signal of `CONDITIONS` its mean while believed [unit as
+        configured].
     """
     position = cycle.frames.position[cycle.frames.valid & np.isfinite(cycle.frames.position)]
     if not len(position):
-        return (Condition("stroke", float("nan")),)
+        return tuple(_mean_conditions(cycle.frames))
     ordered = np.sort(position)
     low, high = ordered[len(ordered) // 100], ordered[-1 - len(ordered) // 100]
-    return (Condition("stroke", float(high - low)),)
+    return (Condition("stroke", float(high - low)), *_mean_conditions(cycle.frames))
+
+
+def _mean_conditions(frames: Frames) -> list[Condition]:
+    if frames.conditions is None:
+        return []
+    found = []
+    for name, values in zip(CONDITIONS, frames.conditions.T, strict=True):
+        known = values[np.isfinite(values)]
+        if len(known):
+            found.append(Condition(name, float(known.mean())))
+    return found
 
 
 def _with_interval(

@@ -339,9 +339,7 @@ def test_a_gap_leaves_the_longest_whole_stretch():
     cycle = make_cycle(command, position)
     keep = np.ones(2000, dtype=bool)
     keep[500:520] = False
-    columns = (getattr(cycle.frames, k) for k in Frames.__slots__)
-    frames = Frames(*(c if c is None else c[keep] for c in columns))
-    (found,) = MODEL.estimate(Cycle(1, PERIOD_S, frames), OPTIONS)
+    (found,) = MODEL.estimate(Cycle(1, PERIOD_S, cycle.frames[keep]), OPTIONS)
     assert found.counts.used == 1480
     assert found.value("rate_falling") == pytest.approx(5.0, rel=0.01)
 
