@@ -13,6 +13,7 @@ from valve_twin.core.aging import VerdictKind
 from valve_twin.core.types import EstimateStatus, ParameterStatus
 from valve_twin.io.errors import ValveTwinError
 from valve_twin.report.budget import budget_section
+from valve_twin.report.faults import faults_section
 from valve_twin.report.plots import Marks, has_line, plot_cycle, plot_parameter
 from valve_twin.report.style import CSS
 from valve_twin.report.tables import (
@@ -93,6 +94,7 @@ def render_report(data: ReportData) -> str:
         _last_cycle(data),
         _parameters(data),
         _life(data),
+        faults_section(data.assessment if data.aging else None),
         _estimates(data),
         budget_section(data.budget),
         _refused(data),

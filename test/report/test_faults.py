@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The page names sudden faults, or says that there is none."""
+
+from dataclasses import replace
+
+import pytest
+
+from test.core.diagnosis.test_detection import healthy, medium, search, with_fault
+from test.report.example import report_data
+from valve_twin.core.valves.press_cartridge import MODEL
+from valve_twin.report.faults import faults_section
+from valve_twin.report.page import render_report
+
+
+@pytest.fixture(scope="module")
+def told():
+    table = MODEL.signatures()
+    leak = next(s for s in medium(table) if s.fault == "leak")
+    quiet = healthy(table, 68, 4)
+    return {"none": search(table, quiet), "leak": search(table, with_fault(table, quiet, leak))}
+
+
+def page(diagnosis):
+    data = report_data()
+    assert data.assessment is not None
+    return replace(data, assessment=replace(data.assessment, diagnosis=diagnosis))
+
+
+def test_a_fault_stands_with_part_size_and_onset(told):
+    html = render_report(page(told["leak"]))
+    section = html.split("<h2>Sudden faults</h2>")[1].split("</section>")[0]
+    assert "leak of the chamber" in section
+    assert "<td>valve</td>" in section
+    assert "1/s</td><td>61</td>" in section
+    assert "lasts" in section
+
+
+def test_no_fault_is_said(told):
+    assert "None in 68 cycles" in render_report(page(told["none"]))
+
+
+def test_without_features_there_is_no_section():
+    assert "Sudden faults" not in render_report(report_data())
+    assert faults_section(None) == ""
