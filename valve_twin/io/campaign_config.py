@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -15,6 +15,7 @@ from valve_twin.core.diagnosis.campaign import CampaignConfig
 from valve_twin.core.diagnosis.derive import Rig
 from valve_twin.core.diagnosis.table import BY_NAME, SIZES
 from valve_twin.core.simulation.aging_laws import AgingRule
+from valve_twin.core.simulation.faults import Faults
 from valve_twin.core.simulation.settings import configure
 from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
 from valve_twin.io.errors import ConfigError, suggest
@@ -67,12 +68,15 @@ def load_campaign(path: str | Path) -> Campaign:
             raise ConfigError(msg)
         simulation = configure(get_simulation(model.name), given.get("simulation") or {})
         rig = Rig(cast("Diagnosable", model), complete_options(model, {}), simulation)
-        return Campaign(model.name, rig, _config(path, given))
+        config = _config(path, given)
+        replace(simulation, aging=config.aging)  # refuses what does not age
+        return Campaign(model.name, rig, config)
     except yaml.YAMLError as err:
         msg = f"{path}: not valid YAML: {' '.join(str(err).split())}"
         raise ConfigError(msg) from err
     except (KeyError, TypeError, ValueError, AttributeError) as err:
-        msg = f"{path}: {type(err).__name__}: {err}"
+        what = f"key {err} is missing" if isinstance(err, KeyError) else str(err)
+        msg = f"{path}: {what}"
         raise ConfigError(msg) from err
 
 
@@ -83,6 +87,8 @@ def _config(path: str | Path, given: Mapping[str, Any]) -> CampaignConfig:
             msg = f"{path}: severities: unknown fault '{name}'; {suggest(name, list(BY_NAME))}"
             raise ConfigError(msg)
         small, medium, large = (float(s) for s in sizes)
+        for severity in (small, medium, large):
+            Faults().with_fault(name, severity, 0, 0)  # refuses what is out of range
         severities[name] = (small, medium, large)
     cycles, onset = int(given.get("cycles", 200)), int(given.get("onset", 100))
     seeds = int(given.get("seeds", 20))
@@ -99,7 +105,8 @@ def _config(path: str | Path, given: Mapping[str, Any]) -> CampaignConfig:
         onset=onset,
         after=int(given.get("after", 10)),
         aging=tuple(
-            AgingRule(name, "linear", float(rate)) for name, rate in (given["aging"] or {}).items()
+            AgingRule(name, "linear", float(rate))
+            for name, rate in (given.get("aging") or {}).items()
         ),
     )
 

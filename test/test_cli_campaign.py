@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""`valve-twin campaign` on a short campaign, and what it says of a file that is wrong."""
+
+import json
+
+import pytest
+
+from valve_twin.cli.main import main
+
+SHORT = """
+model: press_cartridge
+seeds: 1
+cycles: 40
+onset: 31
+after: 4
+aging: {area_in: -0.0007}
+severities:
+  leak: [8.9e-05, 2.67e-04, 8.9e-04]
+  dead_band: [0.0025, 0.0075, 0.025]
+"""
+
+
+@pytest.fixture
+def config(tmp_path):
+    path = tmp_path / "faults.yaml"
+    path.write_text(SHORT, encoding="utf-8")
+    return path
+
+
+def test_it_prints_what_was_found_and_writes_all_figures(config, tmp_path, capsys):
+    out = tmp_path / "faults.json"
+    assert main(["campaign", "--config", str(config), "--json", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert "0 false alarms in 40 healthy aging cycles" in said
+    assert "preload = coil_resistance; sensor_gain = supply_drop" in said
+    figures = json.loads(out.read_text(encoding="utf-8"))
+    large = [r for r in figures["rows"] if r["size"] == "large"]
+    assert [(r["fault"], r["within_5"], r["in_class"]) for r in large] == [
+        ("leak", 1, 1),
+        ("dead_band", 1, 1),
+    ]
+
+
+def test_one_fault_may_be_chosen(config, tmp_path, capsys):
+    out = tmp_path / "faults.json"
+    arguments = ["campaign", "--config", str(config), "--json", str(out)]
+    assert main([*arguments, "--fault", "leak", "--seeds", "1"]) == 0
+    assert {r["fault"] for r in json.loads(out.read_text())["rows"]} == {"leak"}
+    capsys.readouterr()
+    assert main([*arguments, "--fault", "leek"]) == 2
+    assert "there is no fault 'leek'; there are leak, dead_band" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "text"),
+    [
+        ("seeds: 1", "sedes: 1", "unknown key 'sedes'"),
+        ("leak: [", "leek: [", "unknown fault 'leek'"),
+        ("press_cartridge", "hydraulic_actuator", "shows no features of faults"),
+        ("onset: 31", "onset: 3", "the onset between cycle 25 and the last"),
+        ("area_in:", "aera_in:", "plant parameter 'aera_in' is unknown"),
+        ("[0.0025,", "[", "faults.yaml"),
+        ("model:", "model: [", "not valid YAML"),
+    ],
+)
+def test_a_wrong_file_is_one_line(config, capsys, old, new, text):
+    config.write_text(SHORT.replace(old, new), encoding="utf-8")
+    assert main(["campaign", "--config", str(config)]) == 2
+    said = capsys.readouterr().err
+    assert text in said
+    assert said.count("\n") == 1
+
+
+def test_a_missing_file_is_said(tmp_path, capsys):
+    assert main(["campaign", "--config", str(tmp_path / "none.yaml")]) == 1
+    assert "none.yaml" in capsys.readouterr().err
