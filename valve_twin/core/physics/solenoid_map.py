@@ -30,7 +30,7 @@ SATURATION_EXPONENT = 9
 """Of the saturating part of the current, (psi / psi_s)^9 A; equations.md 5.2 [A]."""
 
 FLUX_NODES, CURRENT_NODES = 97, 97
-POSITION_NODES_FLUX, POSITION_NODES_FORCE = 33, 65
+POSITION_NODES = 65
 
 _NEWTON_STEPS = 60
 
@@ -40,16 +40,16 @@ class MapTables(NamedTuple):
 
     Attributes
     ----------
-    current : (FLUX_NODES, POSITION_NODES_FLUX) array
+    current : (FLUX_NODES, POSITION_NODES) array
         Current over flux linkage from 0 and position from -reach to reach [A].
-    force : (CURRENT_NODES, POSITION_NODES_FORCE) array
+    force : (CURRENT_NODES, POSITION_NODES) array
         Force over current from 0 and position [N].
     per_flux, per_current : float
         Nodes a weber, nodes an ampere.
     reach : float
         Largest position of the tables [m].
-    per_position_flux, per_position_force : float
-        Nodes a metre of either table.
+    per_position : float
+        Nodes a metre.
     mutual : float
         Mutual inductance of the two coils [H].
     """
@@ -59,8 +59,7 @@ class MapTables(NamedTuple):
     per_flux: float
     per_current: float
     reach: float
-    per_position_flux: float
-    per_position_force: float
+    per_position: float
     mutual: float
 
 
@@ -88,14 +87,43 @@ class FluxCurves:
 
 
 @njit(cache=True)
-def _bilinear(table: FloatArray, row: float, column: float) -> float:
+def column_at(m: MapTables, x: float) -> tuple[int, float]:
+    """Return the column of the tables before a position and the share to the next [1].
+
+    Parameters
+    ----------
+    m : MapTables
+        Curves of one coil.
+    x : float
+        Position, positive towards this coil [m].
+    """
+    place = (x + m.reach) * m.per_position
+    k = min(max(int(place), 0), POSITION_NODES - 2)
+    return k, place - k
+
+
+@njit(cache=True)
+def _bilinear(table: FloatArray, row: float, k: int, t: float) -> float:
     """Interpolate between the four nodes around; beyond the table go on in straight lines."""
     j = min(max(int(row), 0), table.shape[0] - 2)
-    k = min(max(int(column), 0), table.shape[1] - 2)
-    s, t = row - j, column - k
+    s = row - j
     near = table[j, k] + t * (table[j, k + 1] - table[j, k])
     far = table[j + 1, k] + t * (table[j + 1, k + 1] - table[j + 1, k])
     return float(near + s * (far - near))
+
+
+@njit(cache=True)
+def current_at(m: MapTables, flux: float, other: float, k: int, t: float) -> float:
+    """Return `coil_current` at a column and share of `column_at` [A]."""
+    own = flux - m.mutual * other
+    found = _bilinear(m.current, abs(own) * m.per_flux, k, t)
+    return found if own >= 0.0 else -found
+
+
+@njit(cache=True)
+def force_at(m: MapTables, current: float, k: int, t: float) -> float:
+    """Return `coil_force` at a column and share of `column_at` [N]."""
+    return _bilinear(m.force, abs(current) * m.per_current, k, t)
 
 
 @njit(cache=True)
@@ -113,9 +141,8 @@ def coil_current(m: MapTables, flux: float, other: float, x: float) -> float:
     x : float
         Position, positive towards this coil [m]: coil B takes -x.
     """
-    own = flux - m.mutual * other
-    found = _bilinear(m.current, abs(own) * m.per_flux, (x + m.reach) * m.per_position_flux)
-    return found if own >= 0.0 else -found
+    k, t = column_at(m, x)
+    return current_at(m, flux, other, k, t)
 
 
 @njit(cache=True)
@@ -131,8 +158,8 @@ def coil_force(m: MapTables, current: float, x: float) -> float:
     x : float
         Position, positive towards this coil [m].
     """
-    column = (x + m.reach) * m.per_position_force
-    return _bilinear(m.force, abs(current) * m.per_current, column)
+    k, t = column_at(m, x)
+    return force_at(m, current, k, t)
 
 
 def pole_curves(
@@ -163,11 +190,11 @@ def pole_curves(
         Ranges of the tables: position [m], flux linkage [Wb], current [A].
     """
     constant = VACUUM * turns**2 * pole_area
-    x_flux = np.linspace(-reach, reach, POSITION_NODES_FLUX)
+    x_flux = np.linspace(-reach, reach, POSITION_NODES)
     flux = np.linspace(0.0, largest_flux, FLUX_NODES)
     iron = (flux / saturation_flux) ** SATURATION_EXPONENT
     current = flux[:, None] * (gap - x_flux[None, :]) / constant + iron[:, None]
-    x_force = np.linspace(-reach, reach, POSITION_NODES_FORCE)
+    x_force = np.linspace(-reach, reach, POSITION_NODES)
     wanted = np.linspace(0.0, largest_current, CURRENT_NODES)[:, None]
     linear = (gap - x_force[None, :]) / constant
     psi = np.minimum(wanted / linear, 2.0 * saturation_flux)
@@ -199,13 +226,13 @@ def map_from_curves(curves: FluxCurves) -> MapTables:
 
     i, x, reach = curves.current, curves.position, float(curves.position[-1])
     spline = RectBivariateSpline(i, x, curves.flux, kx=3, ky=3, s=0)
-    x_force = np.linspace(-reach, reach, POSITION_NODES_FORCE)
+    x_force = np.linspace(-reach, reach, POSITION_NODES)
     fine = np.linspace(0.0, i[-1], 8 * (CURRENT_NODES - 1) + 1)
     slope = spline(fine, x_force, dx=0, dy=1)
     step = fine[1]
     simpson = step / 3.0 * (slope[:-2:2] + 4.0 * slope[1:-1:2] + slope[2::2])
     summed = np.concatenate([np.zeros((1, len(x_force))), np.cumsum(simpson, axis=0)])
-    x_flux = np.linspace(-reach, reach, POSITION_NODES_FLUX)
+    x_flux = np.linspace(-reach, reach, POSITION_NODES)
     psi = spline(fine, x_flux)
     if np.any(np.diff(psi, axis=0) <= 0.0):
         message = (
@@ -274,7 +301,6 @@ def _tables(
         per_flux=(FLUX_NODES - 1) / largest_flux,
         per_current=(CURRENT_NODES - 1) / largest_current,
         reach=reach,
-        per_position_flux=(POSITION_NODES_FLUX - 1) / (2.0 * reach),
-        per_position_force=(POSITION_NODES_FORCE - 1) / (2.0 * reach),
+        per_position=(POSITION_NODES - 1) / (2.0 * reach),
         mutual=mutual,
     )

@@ -26,7 +26,7 @@ from valve_twin.core.control.current_loop import (
     mean_voltage,
     positive_steps,
 )
-from valve_twin.core.physics.solenoid_map import MapTables, coil_current, coil_force
+from valve_twin.core.physics.solenoid_map import MapTables, column_at, current_at, force_at
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
@@ -149,11 +149,14 @@ def step_sample(
         if switched:
             level_a = level_at(s[LEVEL_A], up[0], k)
             level_b = level_at(s[LEVEL_B], up[1], k)
-        stat_a = coil_current(m, psi_a, i_b, x)
-        stat_b = coil_current(m, psi_b, i_a, -x)
+        at_a, share_a = column_at(m, x)
+        at_b, share_b = column_at(m, -x)
+        stat_a = current_at(m, psi_a, i_b, at_a, share_a)
+        stat_b = current_at(m, psi_b, i_a, at_b, share_b)
         i_a = c.out_1 * a1 + c.out_2 * a2 + c.direct * stat_a
         i_b = c.out_1 * b1 + c.out_2 * b2 + c.direct * stat_b
-        static = v.force_gain * (coil_force(m, i_a, x) - coil_force(m, i_b, -x))
+        pull_a, pull_b = force_at(m, i_a, at_a, share_a), force_at(m, i_b, at_b, share_b)
+        static = v.force_gain * (pull_a - pull_b)
         force = g.out_1 * f1 + g.out_2 * f2 + g.direct * static
         sum_a += i_a
         sum_b += i_b

@@ -18,8 +18,7 @@ from numba import njit
 from valve_twin.core.physics.solenoid_map import (
     CURRENT_NODES,
     FLUX_NODES,
-    POSITION_NODES_FLUX,
-    POSITION_NODES_FORCE,
+    POSITION_NODES,
     MapTables,
     coil_force,
 )
@@ -41,9 +40,9 @@ STATE_SIZE = 9
 """Samples seen; position [m], speed [m/s] and both states of the force filter [N], [N/s], of the
 observer and of the free run."""
 
-_SCALARS = 24
-_CURRENT_TABLE = FLUX_NODES * POSITION_NODES_FLUX
-_FORCE_TABLE = CURRENT_NODES * POSITION_NODES_FORCE
+_SCALARS = 23
+_CURRENT_TABLE = FLUX_NODES * POSITION_NODES
+_FORCE_TABLE = CURRENT_NODES * POSITION_NODES
 N_COEFFICIENTS = _SCALARS + _CURRENT_TABLE + _FORCE_TABLE
 
 _POSITION_GAIN, _SPEED_GAIN = 0.5, 0.15  # of the observer, per sample [1] [A]
@@ -64,7 +63,7 @@ def coefficients(valve: DoubleSolenoidPlant, period_s: float) -> FloatArray:
     v, m = valve.valve(), valve.tables()
     mechanics = (v.mass, v.preload_1, v.preload_2, v.spring_1, v.spring_2)
     rubbing = (v.friction, v.alpha, v.beta, v.stop, v.half_stroke, v.force_gain)
-    curves = (m.per_flux, m.per_current, m.reach, m.per_position_flux, m.per_position_force)
+    curves = (m.per_flux, m.per_current, m.reach, m.per_position)
     numbers = [*mechanics, *rubbing, *v.force, *curves, m.mutual, valve.current_scale, period_s]
     assert len(numbers) == _SCALARS
     return np.concatenate([numbers, m.current.ravel(), m.force.ravel()])
@@ -82,9 +81,9 @@ def _valve(c: FloatArray) -> Valve:
 @njit(cache=True)
 def _tables(c: FloatArray) -> MapTables:
     a, b = _SCALARS, _SCALARS + _CURRENT_TABLE
-    current = c[a:b].reshape((FLUX_NODES, POSITION_NODES_FLUX))
-    force = c[b : b + _FORCE_TABLE].reshape((CURRENT_NODES, POSITION_NODES_FORCE))
-    return MapTables(current, force, c[16], c[17], c[18], c[19], c[20], c[21])
+    current = c[a:b].reshape((FLUX_NODES, POSITION_NODES))
+    force = c[b : b + _FORCE_TABLE].reshape((CURRENT_NODES, POSITION_NODES))
+    return MapTables(current, force, c[16], c[17], c[18], c[19], c[20])
 
 
 @njit(cache=True)
@@ -139,7 +138,7 @@ def predict_block(
         One `Validity` a sample.
     """
     v, m = _valve(c), _tables(c)
-    scale, period = c[22], c[23]
+    scale, period = c[21], c[22]
     for n in range(len(position)):
         flag = restart[n]
         if flag == _GAP:
