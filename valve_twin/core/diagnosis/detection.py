@@ -5,7 +5,7 @@
 Each cycle is compared with the line through the features of the cycles before it, so that aging
 is no fault. What is left is whitened by the valve's own scatter and projected on the signatures:
 the generalised likelihood ratio of "a fault of unknown size since m cycles" over "only aging".
-An alarm needs a ratio beyond chance in a thousand years and two cycles one after another that
+An alarm needs a ratio beyond chance in a thousand years and two cycles among the last eight that
 each show it.
 """
 
@@ -43,7 +43,7 @@ class DetectionConfig:
     recent : int
         Most cycles that are compared with the line at a time.
     confirm : int
-        Newest cycles that must each show the change.
+        Cycles of those compared that must each show the change.
     threshold : float
         Ratio above which it is a fault: squared standard deviations [1].
     each : float
@@ -349,10 +349,12 @@ def _first_alarm(
         mean = (total[end + 1] - total[end + 1 - m]) / m - line
         ratio = (mean / np.sqrt(1.0 / m + variance)[:, None]) @ rays.rays.T
         shown = ratio > np.sqrt(config.threshold)
-        for back in range(config.confirm):
+        showing = np.zeros(shown.shape, dtype=np.int64)
+        for back in range(m):
             line, variance = lines.at((end - back).astype(np.float64))
             each = (w[end - back] - line) / np.sqrt(1.0 + variance)[:, None]
-            shown &= each @ rays.rays.T > config.each
+            showing += each @ rays.rays.T > config.each
+        shown &= showing >= config.confirm
         hits = np.flatnonzero(shown.any(axis=1))
         if not len(hits):
             continue
@@ -365,7 +367,7 @@ def _first_alarm(
 def _onset(
     w: FloatArray, base: FloatArray, rays: _Rays, config: DetectionConfig, alarm: int, first: int
 ) -> int:
-    """Return the first row up to the alarm since when all rows show half the change or more."""
+    """Return the first row since when, up to the alarm, most rows show half the change."""
     early = max(alarm - config.recent, config.least - 1)
     line = _lines(base, np.array([min(early, first - 1)]), config.window)
     rows = np.arange(early + 1, min(alarm + config.confirm, len(w)))
@@ -373,8 +375,10 @@ def _onset(
     newest = off[-config.confirm :].mean(axis=0)
     shown = off @ rays.rays[int(np.argmax(rays.rays @ newest))]
     half = 0.5 * float(np.median(shown[-config.confirm :]))
-    before = np.flatnonzero(shown[: alarm - early] < half)
-    return min(early + 1 + (int(before[-1]) + 1 if len(before) else 0), alarm)
+    marked = shown[: alarm - early] >= half
+    share = np.cumsum(marked[::-1])[::-1] / np.arange(len(marked), 0, -1)
+    since = np.flatnonzero(marked & (share >= 0.5))
+    return early + 1 + int(since[0]) if len(since) else alarm
 
 
 @dataclass(frozen=True, slots=True)
