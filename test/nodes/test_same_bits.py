@@ -116,6 +116,6 @@ def test_live_replayed_and_offline_give_the_same_bits(tmp_path, domain):
         for e in event.estimates
         if e.cycle <= CYCLES
     )
-    assert len(offline) == 2 * CYCLES
+    assert len(offline) == 3 * CYCLES  # estimators
     assert lived == offline
     assert replayed == offline
