@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from valve_twin.core.aging import VerdictKind
+from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.types import EstimateStatus, ParameterStatus
 from valve_twin.io.errors import ValveTwinError
 from valve_twin.report.budget import budget_section
@@ -278,10 +279,11 @@ def _maintenance(data: ReportData) -> str:
 
 
 def _estimates(data: ReportData) -> str:
-    accepted = [e.cycle for e in data.estimates if e.status is not EstimateStatus.REFUSED]
+    shown = [e for e in data.estimates if e.estimator != FEATURES]
+    accepted = [e.cycle for e in shown if e.status is not EstimateStatus.REFUSED]
     if not accepted:
         return ""
-    last = [e for e in data.estimates if e.cycle == max(accepted)]
+    last = [e for e in shown if e.cycle == max(accepted)]
     last.sort(key=lambda e: not e.used_by_trend)
     return f"<h2>Estimates of cycle {max(accepted)}</h2>{estimates_table(data, last)}"
 
