@@ -22,6 +22,8 @@ from valve_twin.core.valves.double_solenoid.step_response import step_response
 from valve_twin.core.valves.hybrid_actuator.magnetics import KERNELS, coil_force, magnet_force
 from valve_twin.core.valves.hybrid_actuator.plant import HybridActuatorPlant
 from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
+from valve_twin.core.valves.servo_system.loops import FREQUENCIES_HZ, valve_loop
+from valve_twin.core.valves.servo_system.plant import ServoSystemPlant
 from valve_twin.report.svg import Panel, drawing, thin
 
 if TYPE_CHECKING:
@@ -182,10 +184,54 @@ def draw_double_solenoid() -> list[Panel]:
     return [steps, force, course(friction, 6.0, 0.15, "friction [N]", (5.8, 7.1))]
 
 
+def draw_servo_loops() -> list[Panel]:
+    """Return valve position over current at the paper's three frequencies, with minor loops."""
+    plant, panels = ServoSystemPlant(), []
+    for column, frequency in enumerate(FREQUENCIES_HZ):
+        labels = (f"current at {frequency:g} Hz [mA]", "valve position [µm]")
+        made = panel(column, (-65.0, 65.0), (-280.0, 280.0), labels)
+        for amplitude, mean, style in ((0.06, 0.0, "a"), (0.03, 0.0, "c"), (0.01, 0.03, "b")):
+            loop = valve_loop(plant, frequency, amplitude, mean=mean)
+            made.line(*thin(1e3 * loop.current, 1e6 * loop.position, 400), style)
+        panels.append(made)
+    panels[0].text(60, 50, "60 mA", "ink-a")
+    panels[0].text(60, 65, "30 mA", "ink-c")
+    panels[0].text(60, 80, "10 mA about 30 mA", "ink-b")
+    return panels
+
+
+def draw_servo() -> list[Panel]:
+    """Return the moves of a cycle, its pressures, and orifices that erode."""
+    plant, cycle = ServoSystemPlant(), first_cycle("servo_system")
+    frames, model = cycle.frames, get_model("servo_system")
+    second = np.arange(len(frames)) * cycle.period_s
+    move = panel(0, (0.0, 4.0), (0.0, 1.0), ("time [s]", "desired and piston position [1]"))
+    move.line(second, frames.inputs[:, 0], "truth")
+    move.line(*thin(second, frames.position, 500), "a")
+    pressure = panel(1, (0.0, 0.8), (0.0, 22.0), ("time [s]", "pressure [MPa]"))
+    shown = second <= 0.8
+    scale = 1e-6 * plant.pressure_scale
+    for signal, style, text, y in (
+        ("supply_line_pressure", "fine", "supply line", 55),
+        ("pressure_1", "a", "chamber 1", 68),
+        ("pressure_2", "b", "chamber 2", 81),
+    ):
+        values = scale * frames.inputs[shown, model.inputs.index(signal)]
+        pressure.line(*thin(second[shown], values, 400), style)
+        pressure.text(560, y, text, f"ink-{style}" if len(style) == 1 else "label")
+    back = 1e-6 * plant.return_scale * frames.inputs[:, model.inputs.index("return_line_pressure")]
+    pressure.line(*thin(second[shown], back[shown], 400), "c")
+    pressure.text(560, 94, "return line", "ink-c")
+    (discharge,) = followed("servo_system", "discharge", 0.15, ["discharge"])
+    return [move, pressure, course(discharge, 0.62, 0.15, "discharge C_d [1]", (0.61, 0.72))]
+
+
 FIGURES: dict[str, Callable[[], list[Panel]]] = {
     "stepper_servo": draw_stepper,
     "hybrid_actuator": draw_actuator,
     "double_solenoid": draw_double_solenoid,
+    "servo_system": draw_servo,
+    "servo_system_loops": draw_servo_loops,
 }
 
 if __name__ == "__main__":
