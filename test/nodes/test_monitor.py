@@ -2,6 +2,8 @@
 # Copyright 2026 valve_twin maintainers
 """The aging monitor says what the stored history says, whenever it comes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -12,6 +14,7 @@ from valve_twin_msgs.srv import MarkMaintenance
 from test.nodes.conftest import NS
 from valve_twin.core.aging.assess import assess
 from valve_twin.core.aging.config import AgingConfig
+from valve_twin.core.aging.verdict import VerdictKind
 from valve_twin.core.types import Estimate, EstimateStatus, ParameterValue
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.history import History
@@ -19,6 +22,7 @@ from valve_twin.io.history_tables import CycleRecord
 from valve_twin.nodes.aging_monitor import AgingMonitorNode
 from valve_twin.nodes.convert import filled
 from valve_twin.nodes.twin import TwinNode
+from valve_twin.nodes.worker import Outcome
 
 CYCLES = 40
 CYCLE_NS = 25_000_000_000
@@ -112,3 +116,15 @@ def test_a_late_reader_gets_trend_and_verdict(graph, history):
     graph.spin_until(lambda: trends and verdicts, what="the latched messages")
     assert verdicts[-1].text == "valve"
     assert "K_in" in verdicts[-1].evidence
+
+
+def test_a_verdict_that_changes_is_logged_each_time(graph, history, capfd):
+    graph.host(TwinNode, **history)
+    monitor = graph.host(AgingMonitorNode, **{"aging.default_percent": 5.0})
+    (valve,) = monitor._valves
+    worn = graph.spin_until(lambda: valve.assessment, what="the first assessment")
+    new = replace(worn, verdict=replace(worn.verdict, verdict=VerdictKind.OK, text="ok"))
+    for said in (new, worn, new):
+        valve._on_assessed(Outcome(said, "", 0.0))
+    levels = [line[:6] for line in capfd.readouterr().err.splitlines() if ": K_in -" in line]
+    assert levels == ["[WARN]", "[INFO]", "[WARN]", "[INFO]"]

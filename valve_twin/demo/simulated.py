@@ -80,7 +80,7 @@ def _watch(processes: Processes, case: Case) -> int:
     """Show the live table until enough cycles are estimated."""
     from valve_twin.nodes.watch import watch  # ROS is needed from here on
 
-    limit_s = max(60.0, 2.5 * case.cycle_s * case.cycles / case.rate)
+    limit_s = max(120.0, 5.0 * case.cycle_s * case.cycles / case.rate)
     return watch(
         case.namespace,
         case.cycles,

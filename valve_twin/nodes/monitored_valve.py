@@ -193,11 +193,11 @@ class MonitoredValve:
         self._publish(outcome.result)
         verdict = outcome.result.verdict
         if before is None or before.verdict.verdict is not verdict.verdict:
-            fine = verdict.verdict in (VerdictKind.OK, VerdictKind.NOT_ENOUGH_DATA)
-            level = "info" if fine else "warning"
-            getattr(self._node.get_logger(), level)(
-                f"{self.name}: {verdict.text}: {verdict.evidence}"
-            )
+            text = f"{self.name}: {verdict.text}: {verdict.evidence}"
+            if verdict.verdict in (VerdictKind.OK, VerdictKind.NOT_ENOUGH_DATA):
+                self._node.get_logger().info(text)
+            else:  # on a line of its own: a logger refuses another severity from the same line
+                self._node.get_logger().warning(text)
         self._assess()
 
     def _publish(self, assessment: Assessment) -> None:
