@@ -16,7 +16,7 @@ import pytest
 
 from valve_twin.cli import main
 from valve_twin.core.estimation.sequence import Memory, evaluate, model_in_force
-from valve_twin.core.types import Cycle, EstimateStatus, Frames, ParameterStatus
+from valve_twin.core.types import Cycle, Estimate, EstimateStatus, Frames, ParameterStatus
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.config import load_config
 
@@ -67,11 +67,12 @@ def test_the_pressure_follows_the_duty_on_duties_not_trained_on(root, folder):
     fits = []
     for valve in VALVES:
         files = files_of(folder, valve)
-        trained: list = []
+        trained: list[Estimate] = []
         for path in files:
             if duty_of(path) in TRAINED:
                 trained += model.estimate(read_cycle(path), config.options, trained)
         force = model_in_force(model, Memory(tuple(trained)), PERIOD_S, config.options)
+        assert force is not None
         unseen = [read_cycle(path) for path in files if duty_of(path) not in TRAINED]
         own = [evaluate(model, force.coefficients, c.frames, PERIOD_S)[1] for c in unseen]
         say(f"{valve}: median {np.median(own):.1f} %, from {min(own):.1f} to {max(own):.1f} %")

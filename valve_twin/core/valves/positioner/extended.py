@@ -9,7 +9,8 @@ hold the spool or play may hide its motion::
     target    = rest_level + static_gain max(u - dead_command, 0)     (static curve, else u)
     asked     = the speed of the plain law at the target's distance
     lag dv/dt = asked - v,  dx/dt = v                                 (second order)
-    x at rest moves only beyond dead_band + stiction; position = play(x, backlash)
+    x at rest moves only beyond dead_band + stiction, and sticks again within a tenth of it
+    position  = play(x, backlash)
 
 With the lag, x'' = stiffness (target - x) - damping x' where nothing saturates: damping = 1 / lag
 and stiffness = rate / lag, so the rate of the plain law is their ratio. The region (rising,
@@ -49,6 +50,7 @@ MOTION_SIZE = 4
 
 N_TRANSITION = 9
 _SUB_STEPS = 4  # sub-steps a sample in which the region is judged anew, with a lag [1] [A]
+_STICKS = 0.1  # share of the stiction at which a moving spool comes to rest [1] [A]
 _LONG_LAG = 8.0  # lag in sampling times from which one sub-step will do [1] [A]
 _LEAST_LAG = 1e-9  # below this the lag is none [s]
 _STARTING, _BAD_INPUT = 2, 5
@@ -130,7 +132,7 @@ def move(
     x, v = z[_X], z[_V]
     for _ in range(steps):
         e = target - x
-        band = p[4] if z[_MOVING] > 0.0 else p[4] + p[STICTION]
+        band = p[4] + (_STICKS if z[_MOVING] > 0.0 else 1.0) * p[STICTION]
         way = 1.0 if e > band else (-1.0 if e < -band else 0.0)
         z[_MOVING] = abs(way)
         j = 0 if way > 0.0 else 1

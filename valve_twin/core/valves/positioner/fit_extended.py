@@ -19,6 +19,7 @@ from valve_twin.core.valves.positioner.extended import (
     LAG,
     REST_LEVEL,
     STATIC_GAIN,
+    STICTION,
     delay_record,
     free_run,
     target_of,
@@ -35,6 +36,8 @@ _SEARCH_MOTION = 0.02  # ... no coarser than this share of its fastest way [1]
 _COARSE = 4  # parts of the longest delay tried from every start
 _EVALUATIONS, _EVALUATIONS_COARSE, _EVALUATIONS_NEAR = 60, 12, 6
 _LAG_SHARES = (0.1, 0.6)  # starts of the lag in units of 1 / rate [1]
+_BENDS, _LAST_BEND = 16, 0.75  # starts of the dead command, in the range of the command [1]
+_BREAKAWAYS, _BREAKAWAY_ROUNDS = 8, 3  # starts of the stiction up to its bound, ever finer
 _DIFFERENCE = [1e-6]  # relative step of the derivatives [1]
 
 
@@ -163,9 +166,11 @@ def fit_extended(
     task = _Task(record, base, free, widened, max_lag, structure.two_delays)
     every = min(len(record.position) // _SEARCH_SAMPLES, _samples_of_motion(record))
     if every <= 1:
-        return _polish(task, _descend(task, _search(task), max(1, max_lag // (2 * _COARSE))))
+        best = _descend(task, _search(task), max(1, max_lag // (2 * _COARSE)))
+        return _polish(task, _break_away(task, best))
     coarse = task.at(thin(record, every), -(-max_lag // every))
     best = _descend(coarse, _search(coarse), max(1, coarse.max_lag // (2 * _COARSE)))
+    best = _break_away(coarse, best)
     lags = (min(best.lags[0] * every, max_lag), min(best.lags[1] * every, max_lag))
     return _polish(task, _descend(task, task.fit(best.parameters, lags, _EVALUATIONS), every))
 
@@ -212,6 +217,23 @@ def _descend(task: _Task, best: Extended, step: int) -> Extended:
             step = -(-step // 3)
 
 
+def _break_away(task: _Task, best: Extended) -> Extended:
+    """Scan the stiction: the cost steps with it, so no derivative shows the way."""
+    if STICTION not in task.free:
+        return best
+    step = float(task.limits[1][STICTION]) / _BREAKAWAYS
+    around = np.arange(_BREAKAWAYS + 1) * step
+    for _ in range(_BREAKAWAY_ROUNDS):
+        for value in around:
+            start = best.parameters.copy()
+            start[STICTION] = value
+            found = task.fit(start, best.lags, _EVALUATIONS_NEAR)
+            best = found if found.cost < best.cost else best
+        step /= 3.0
+        around = np.clip(best.parameters[STICTION] + step * np.array([-2, -1, 1, 2]), 0.0, None)
+    return best
+
+
 def _polish(task: _Task, best: Extended) -> Extended:
     found = task.fit(best.parameters, best.lags, _EVALUATIONS)
     return found if found.cost <= best.cost else best
@@ -225,7 +247,8 @@ def _starts(task: _Task) -> list[FloatArray]:
     """Return starting values (12,): those of the plain law, with and without a lag."""
     record, p = task.record, task.base.copy()
     if STATIC_GAIN in task.free:
-        p[REST_LEVEL], p[STATIC_GAIN] = _curve(record, float(p[DEAD_COMMAND]))
+        known = None if DEAD_COMMAND in task.free else float(p[DEAD_COMMAND])
+        p[DEAD_COMMAND], p[STATIC_GAIN], p[REST_LEVEL] = _curve(record, known)
         command = np.array([target_of(float(u), p) for u in record.command])
         record = replace(record, command=command)
     plain = (task.limits[0][:5], task.limits[1][:5])
@@ -243,12 +266,19 @@ def _starts(task: _Task) -> list[FloatArray]:
     return starts
 
 
-def _curve(record: Record, dead_command: float) -> tuple[float, float]:
-    """Guess rest level and gain from where the position stays at low and at high command."""
-    u, y, used = record.command, record.position, record.used
-    low, high = used & (u <= u[used].min()), used & (u >= u[used].max())
-    rest, top = float(np.median(y[low])), float(np.median(y[high]))
-    return rest, max((top - rest) / max(float(u[used].max()) - dead_command, 1e-6), 1e-6)
+def _curve(record: Record, dead_command: float | None) -> tuple[float, float, float]:
+    """Guess dead command, gain and rest level: the bent line nearest to the record."""
+    u, y = record.command[record.used], record.position[record.used]
+    low, span = float(u.min()), float(np.ptp(u))
+    bends = low + span * np.linspace(0.0, _LAST_BEND, _BENDS)
+    guesses = []
+    for bend in bends if dead_command is None else [dead_command]:
+        beyond = np.maximum(u - bend, 0.0)
+        columns = np.column_stack([np.ones_like(u), beyond])
+        (rest, gain), *_ = np.linalg.lstsq(columns, y, rcond=None)
+        miss = float(np.sum((y - rest - gain * beyond) ** 2))
+        guesses.append((miss, float(bend), max(float(gain), 1e-6), float(rest)))
+    return min(guesses)[1:]
 
 
 def correlated_sigma(residual: FloatArray) -> float:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""The simulated positioner: the recursion of `kernels`, stepped finer than it is sampled."""
+"""The simulated positioner: the recursions of `kernels` or `extended`, in finer steps."""
 
 from __future__ import annotations
 
@@ -14,6 +14,15 @@ from valve_twin.core.physics.quantity import check_quantities, quantity
 from valve_twin.core.simulation.config import SimulationConfig
 from valve_twin.core.simulation.plant import Drive, PlantFactory, Response
 from valve_twin.core.simulation.program import CycleProgram
+from valve_twin.core.valves.positioner.extended import (
+    BACKLASH,
+    MOTION_SIZE,
+    N_TRANSITION,
+    delayed,
+    move,
+    target_of,
+    transition,
+)
 from valve_twin.core.valves.positioner.kernels import advance
 
 if TYPE_CHECKING:
@@ -21,6 +30,8 @@ if TYPE_CHECKING:
 
 _MAX_DELAY_TICKS = 4096
 _POSITION, _HEAD, _LINE = 0, 1, 2
+_MOTION = _LINE + _MAX_DELAY_TICKS
+_X, _Y = 0, MOTION_SIZE - 1
 
 
 @njit(cache=True)
@@ -52,6 +63,43 @@ def _run(
                 state[_POSITION] = min(max(x + moved, 0.0), 1.0)
 
 
+@njit(cache=True)
+def _run_extended(
+    state: FloatArray,
+    p: FloatArray,
+    tick_s: float,
+    rising: int,
+    falling: int,
+    ticks: int,
+    commands: FloatArray,
+    disturbance: FloatArray,
+    leak_rate: float,
+    stuck: bool,
+    position: FloatArray,
+) -> None:
+    z = state[_MOTION : _MOTION + MOTION_SIZE]
+    line = state[_LINE : _LINE + _MAX_DELAY_TICKS]
+    m = np.zeros(N_TRANSITION)
+    transition(p, tick_s, m)
+    play = 0.5 * p[BACKLASH]
+    for n in range(len(position)):
+        position[n] = z[_Y]
+        for k in range(ticks):
+            head = int(state[_HEAD])
+            line[head] = commands[n * ticks + k]
+            state[_HEAD] = (head + 1) % _MAX_DELAY_TICKS
+            if stuck:
+                continue
+            x = z[_X]
+            target = target_of(delayed(line, head + _MAX_DELAY_TICKS, rising, falling), p)
+            move(z, target, p, tick_s, 1, m, 0.0, 1.0)
+            if z[_X] != x:
+                z[_X] += disturbance[n] / ticks
+            z[_X] = min(max(z[_X] - leak_rate * tick_s, 0.0), 1.0)
+            z[_Y] = min(max(z[_Y], z[_X] - play), z[_X] + play)
+    state[_POSITION] = z[_Y]
+
+
 @dataclass(frozen=True, slots=True)
 class PositionerPlant:
     """Numbers of the simulated positioner; every field carries its unit, range and description."""
@@ -76,6 +124,29 @@ class PositionerPlant:
     delay: float = quantity(
         0.05, "s", "Command to motion delay", lower=0.0, upper=10.0, assumed=True
     )
+    delay_change: float = quantity(
+        0.0,
+        "s",
+        "Delay of a falling command beyond that of a rising one",
+        lower=-10.0,
+        upper=10.0,
+        assumed=True,
+    )
+    velocity_lag: float = quantity(
+        0.0, "s", "Lag of the speed, 0 = none", lower=0.0, upper=10.0, assumed=True
+    )
+    stiction: float = quantity(
+        0.0, "1", "Distance beyond the dead band to break away", lower=0.0, upper=0.5, assumed=True
+    )
+    backlash: float = quantity(
+        0.0, "1", "Play between spool and position", lower=0.0, upper=0.5, assumed=True
+    )
+    dead_command: float = quantity(
+        0.0, "1", "Command that moves nothing", lower=0.0, upper=0.9, assumed=True
+    )
+    static_gain: float = quantity(
+        1.0, "1", "Position per command beyond that", lower=1e-3, upper=1e3, assumed=True
+    )
     step: float = quantity(
         0.01, "s", "Step of the recursion", lower=1e-4, upper=1.0, assumed=True, ages=False
     )
@@ -85,6 +156,12 @@ class PositionerPlant:
         check_quantities(self)
         if self.delay / self.step >= _MAX_DELAY_TICKS:
             message = f"delay = {self.delay!r}: must be below {_MAX_DELAY_TICKS} x step [s]"
+            raise ValueError(message)
+        if not 0.0 <= self.delay + self.delay_change < _MAX_DELAY_TICKS * self.step:
+            message = (
+                f"delay_change = {self.delay_change!r}: with delay it must be from 0 to below "
+                f"{_MAX_DELAY_TICKS} x step [s]"
+            )
             raise ValueError(message)
 
     def ticks_per_sample(self, period_s: float) -> int:
@@ -97,7 +174,7 @@ class PositionerPlant:
 
     def initial_state(self) -> FloatArray:
         """Return the state at rest: position, head and content of the delay line."""
-        return np.zeros(_LINE + _MAX_DELAY_TICKS)
+        return np.zeros(_MOTION + MOTION_SIZE)
 
     def run(self, state: FloatArray, drive: Drive, period_s: float) -> Response:
         """Run N samples; `state` is written in place. The command is the reference itself."""
@@ -105,23 +182,42 @@ class PositionerPlant:
         samples = len(drive.disturbance)
         commands = self._commands(drive, ticks)
         position = np.empty(samples)
-        _run(
-            state,
-            self._parameters(),
-            float(self.step),
-            round(self.delay / self.step),
-            ticks,
-            commands,
-            np.ascontiguousarray(drive.disturbance),
-            float(drive.leak_rate),
-            bool(drive.stuck),
-            position,
-        )
+        disturbance = np.ascontiguousarray(drive.disturbance)
+        leak, stuck, tick_s = float(drive.leak_rate), bool(drive.stuck), float(self.step)
+        rising = round(self.delay / self.step)
+        if self._extended:
+            falling = round((self.delay + self.delay_change) / self.step)
+            _run_extended(
+                state,
+                self._all_parameters(),
+                tick_s,
+                rising,
+                falling,
+                ticks,
+                commands,
+                disturbance,
+                leak,
+                stuck,
+                position,
+            )
+        else:
+            _run(
+                state,
+                self._parameters(),
+                tick_s,
+                rising,
+                ticks,
+                commands,
+                disturbance,
+                leak,
+                stuck,
+                position,
+            )
         return Response(position, np.ascontiguousarray(commands[::ticks].reshape(-1, 1)))
 
     def steady_rate(self, inputs: FloatArray) -> float:
         """Return the speed at mid-stroke under a constant command (1,) [1/s]."""
-        e = float(inputs[0]) - 0.5
+        e = float(target_of(float(inputs[0]), self._all_parameters())) - 0.5
         beyond = max(abs(e) - self.dead_band, 0.0)
         if e > 0.0:
             return min(self.rate_rising * beyond, self.slew_rising)
@@ -130,6 +226,19 @@ class PositionerPlant:
     def _parameters(self) -> FloatArray:
         rates = (self.rate_rising, self.rate_falling, self.slew_rising, self.slew_falling)
         return np.array([*rates, self.dead_band])
+
+    @property
+    def _extended(self) -> bool:
+        """Whether a term beyond the plain law is in force."""
+        added = (self.delay_change, self.velocity_lag, self.stiction, self.backlash)
+        return any(added) or self.dead_command != 0.0 or self.static_gain != 1.0
+
+    def _all_parameters(self) -> FloatArray:
+        """Return the 12 parameters of the extended law."""
+        friction = (self.velocity_lag, self.stiction, self.backlash)
+        curved = float(self.dead_command != 0.0 or self.static_gain != 1.0)
+        curve = (self.dead_command, self.static_gain, 0.0, curved)
+        return np.array([*self._parameters(), *friction, *curve])
 
     @staticmethod
     def _commands(drive: Drive, ticks: int) -> FloatArray:
