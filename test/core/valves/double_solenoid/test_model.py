@@ -219,6 +219,45 @@ def test_refuses_a_record_of_nothing_but_not_a_number():
     assert refusal(changed(cycle(), position=position)) == "0 usable samples, fewer than 500"
 
 
+MIXED = {
+    "coils_exchanged": [0, 2, 1, 4, 3],
+    "voltage_and_current_exchanged": [0, 3, 4, 1, 2],
+}
+
+
+@pytest.mark.parametrize("order", MIXED.values(), ids=MIXED)
+def test_exchanged_signals_are_seen(order):
+    (estimate,) = MODEL.estimate(changed(cycle(), inputs=cycle().frames.inputs[:, order]), OPTIONS)
+    assert estimate.status is not EstimateStatus.ACCEPTED
+    by_name = {p.name: p for p in estimate.parameters}
+    assert by_name["force_gain"].status is ParameterStatus.REFUSED
+    if order[1] == 3:
+        assert by_name["resistance_a"].status is ParameterStatus.REFUSED
+        assert "voltage and current exchanged" in by_name["resistance_a"].reason
+
+
+def test_an_inverted_position_is_seen():
+    (estimate,) = MODEL.estimate(changed(cycle(), position=1.0 - cycle().frames.position), OPTIONS)
+    assert estimate.parameters[2].status is ParameterStatus.REFUSED
+
+
+def test_a_position_of_noise_is_no_spool():
+    noise = np.random.default_rng(0).uniform(0.0, 1.0, len(cycle().frames))
+    (estimate,) = MODEL.estimate(changed(cycle(), position=noise), OPTIONS)
+    assert "not a spool" in estimate.parameters[3].reason
+
+
+def test_a_current_beyond_the_curves_is_refused_with_its_value():
+    huge = changed(cycle(), inputs=cycle().frames.inputs * 1e6)
+    assert "A lies beyond the curves, which end at 6 A" in refusal(huge)
+
+
+def test_voltage_without_current_tells_no_resistance():
+    inputs = cycle().frames.inputs * np.array([1.0, 1.0, 1.0, 0.0, 0.0])
+    (estimate,) = MODEL.estimate(changed(cycle(), inputs=inputs), OPTIONS)
+    assert all(not p.usable for p in estimate.parameters)
+
+
 def test_refuses_gaps():
     stamps = cycle().frames.stamp_ns.copy()
     stamps[50:] += 1_000_000
@@ -232,7 +271,10 @@ def test_what_is_not_as_in_the_options_is_seen_in_the_motion(given):
     (estimate,) = MODEL.estimate(make_cycles(given)[0], OPTIONS)
     by_name = {p.name: p for p in estimate.parameters}
     assert by_name["friction"].status is ParameterStatus.REFUSED
-    assert "a force is missing or an option is wrong" in by_name["friction"].reason
+    assert (
+        "a force is missing, coils are exchanged or an option is wrong"
+        in by_name["friction"].reason
+    )
     assert by_name["resistance_a"].value == pytest.approx(2.6, rel=0.01)
 
 

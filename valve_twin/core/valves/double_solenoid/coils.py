@@ -25,16 +25,18 @@ if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
 
 _HALVINGS = 40
+_MISFIT = 0.1  # of the largest flux that the balance may leave [1] [A]
 _MIN_CHARGE = 3.0
 """Least product of resistance and charge over the largest flux that tells a resistance [1] [A]."""
 
 
 @dataclass(frozen=True, slots=True)
 class CoilFit:
-    """Resistance [ohm] of one coil; NaN, with a reason, if there is none."""
+    """Resistance [ohm] of one coil; NaN, with a reason, if there is none or it is refused."""
 
     resistance: float
     reason: str = ""
+    refused: bool = False
 
 
 @njit(cache=True)
@@ -113,8 +115,20 @@ def fit_resistance(
         )
     rows = np.column_stack([charge, change, np.ones(len(charge))])
     scale = np.sqrt(np.sum(rows**2, axis=0))
+    if not (np.isfinite(scale).all() and np.isfinite(applied).all()):
+        return CoilFit(float("nan"), "voltage or current beyond all measure")
+    if scale[0] == 0.0:
+        return CoilFit(float("nan"), "voltage without current")
     used = scale > 1e-9 * scale[0]
     found = np.linalg.lstsq(rows[:, used] / scale[used], applied, rcond=None)[0] / scale[used]
+    left = float(np.sqrt(np.mean((applied - rows[:, used] @ found) ** 2)))
     if not found[0] > 0.0:
         return CoilFit(float("nan"), f"resistance {found[0]:.3g} ohm: check the signs")
+    if left > _MISFIT * largest:
+        return CoilFit(
+            float("nan"),
+            f"the flux balance leaves {1e3 * left:.2g} of {1e3 * largest:.2g} mWb: "
+            "voltage and current exchanged, or scales or curves wrong",
+            refused=True,
+        )
     return CoilFit(float(found[0]))

@@ -11,6 +11,7 @@ import numpy as np
 
 from valve_twin.core.estimation.plausibility import normalised_fault
 from valve_twin.core.gaps import find_gaps
+from valve_twin.core.physics.solenoid_map import CURRENT_NODES
 from valve_twin.core.types import (
     Estimate,
     EstimateStatus,
@@ -52,6 +53,7 @@ _MAX_CONDITION = 300.0
 _MISFIT = 3.0
 """Residual of the motion over the noise at rest above which the model is not this valve's [A]."""
 
+_MAX_NOISE = 0.02  # of half the stroke: more is no sensor's noise [1] [A]
 _MISFIT_FLOOR = 1e-3
 """Residual that counts as none, of half the stroke [1]: ripple of the currents [A]."""
 
@@ -96,6 +98,9 @@ class DoubleSolenoidModel:
         if refusal or valve is None:
             return (_estimate(cycle, _blank(NAMES, refusal), known, refused=refusal),)
         record = _record(cycle, valve, known)
+        refusal = _beyond(record, valve)
+        if refusal:
+            return (_estimate(cycle, _blank(NAMES, refusal), known, refused=refusal),)
         coils = _coils(cycle, valve, record)
         fit = fit_motion(record, valve.valve(), valve.tables())
         values = (*coils, *_mechanical(fit, valve, _rest_noise(record.x)))
@@ -177,6 +182,15 @@ def _refusal(cycle: Cycle, known: BoolArray) -> str:
     return ""
 
 
+def _beyond(record: Record, valve: DoubleSolenoidPlant) -> str:
+    """Return why the currents cannot be those of this valve, empty if they can."""
+    end = (CURRENT_NODES - 1) / valve.tables().per_current
+    largest = float(max(np.abs(record.current_a).max(), np.abs(record.current_b).max()))
+    if largest <= end:
+        return ""
+    return f"a current of {largest:.3g} A lies beyond the curves, which end at {end:g} A"
+
+
 def _record(cycle: Cycle, valve: DoubleSolenoidPlant, known: BoolArray) -> Record:
     """Return position and currents in SI units; unusable samples repeat the last usable one."""
     index = np.maximum.accumulate(np.where(known, np.arange(len(known)), 0))
@@ -216,6 +230,7 @@ def _coils(cycle: Cycle, valve: DoubleSolenoidPlant, record: Record) -> list[Par
         volts = np.nan_to_num(cycle.frames.inputs[part, 1 + column]) * valve.supply_voltage
         fit = fit_resistance(volts, own[part], flux, cycle.period_s)
         status = ParameterStatus.NOT_EXCITED if fit.reason else ParameterStatus.OK
+        status = ParameterStatus.REFUSED if fit.refused else status
         values.append(ParameterValue(COILS[column], fit.resistance, status, fit.reason))
     return values
 
@@ -258,11 +273,14 @@ def _doubt(
     if not fit.condition <= _MAX_CONDITION:
         reason = f"the motion does not tell it apart: condition {fit.condition:.2g}"
         return ParameterStatus.NOT_EXCITED, reason
+    if not noise <= _MAX_NOISE * valve.half_stroke:
+        reason = f"the position jumps by {1e6 * noise:.1f} um from sample to sample: not a spool"
+        return ParameterStatus.REFUSED, reason
     limit = float(np.hypot(_MISFIT * noise, _MISFIT_FLOOR * valve.half_stroke))
     if not fit.rms <= limit:
         reason = (
             f"the motion leaves {1e6 * fit.rms:.2f} um, the noise is {1e6 * noise:.2f} um: a "
-            "force is missing or an option is wrong (mass, springs, curves)"
+            "force is missing, coils are exchanged or an option is wrong (mass, springs, curves)"
         )
         return ParameterStatus.REFUSED, reason
     return ParameterStatus.OK, ""

@@ -302,6 +302,8 @@ def fit_motion(record: Record, v: Valve, m: MapTables) -> MotionFit | None:
     starts = np.ascontiguousarray(np.stack([slope[1], slope[0]], axis=1))
     values = first_guess(record, v, force, firsts)
     steps = np.array([1e-4, 1e-3, 1e-3])
+    if not (np.isfinite(force).all() and np.isfinite(values).all()):
+        return None
     problem = _Problem(record, v, force, firsts, measured)
     residual, jacobian, own = problem.linearise(values, starts, steps)
     cost = float(np.sum(residual**2))
