@@ -10,7 +10,7 @@ RUN := tools/run
 
 help:
 	@echo "make demo       run a simulated aging press valve with its twin, aging monitor and recorder; ends with a report"
-	@echo "                another valve: make demo VALVE=stepper_servo, or hybrid_actuator"
+	@echo "                another valve: make demo VALVE=stepper_servo, hybrid_actuator, servo_system or double_solenoid"
 	@echo "make test       lint, types, tests, short benchmark"
 	@echo "make test-long  the statistical campaigns that make test leaves out"
 	@echo "make setup      environment, messages, package, compiled kernels; the targets above call it themselves"
