@@ -35,7 +35,7 @@ class DetectionConfig:
     Attributes
     ----------
     learn : int
-        Cycles whose scatter is the valve's own.
+        Cycles whose scatter is the valve's own, without the newest that are judged.
     least : int
         Fewest cycles of a line.
     window : int
@@ -67,7 +67,7 @@ class DetectionConfig:
         chi-square over its expectation is above this [1].
     """
 
-    learn: int = 30
+    learn: int = 40
     least: int = 20
     window: int = 40
     recent: int = 8
@@ -223,8 +223,9 @@ def _search(
     start = 0
     while len(cycles) - start >= config.least + config.confirm:
         y = _filled(vectors[start:], config.least)
-        y -= y[: config.learn].mean(axis=0)
-        rays = _rays(y[: config.learn], np.isfinite(vectors[start:]), table, config)
+        known = min(config.learn, max(len(y) - config.recent, config.least))
+        y -= y[:known].mean(axis=0)
+        rays = _rays(y[:known], np.isfinite(vectors[start:]), table, config)
         w = y @ rays.white.T
         base = _without_wild(w, config)
         alarm = _first_alarm(w, base, rays, config)
