@@ -10,6 +10,7 @@ delays sample by sample.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -37,6 +38,7 @@ _COARSE = 4  # parts of the longest delay tried from every start
 _EVALUATIONS, _EVALUATIONS_COARSE, _EVALUATIONS_NEAR = 60, 12, 6
 _LAG_SHARES = (0.1, 0.6)  # starts of the lag in units of 1 / rate [1]
 _BENDS, _LAST_BEND = 16, 0.75  # starts of the dead command, in the range of the command [1]
+_STICKING = (0.0, 0.15, 0.4)  # starts of the stiction in units of its bound [1]
 _BREAKAWAYS, _BREAKAWAY_ROUNDS = 8, 3  # starts of the stiction up to its bound, ever finer
 _DIFFERENCE = [1e-6]  # relative step of the derivatives [1]
 
@@ -166,10 +168,12 @@ def fit_extended(
     task = _Task(record, base, free, widened, max_lag, structure.two_delays)
     every = min(len(record.position) // _SEARCH_SAMPLES, _samples_of_motion(record))
     if every <= 1:
-        best = _descend(task, _search(task), max(1, max_lag // (2 * _COARSE)))
+        found = _break_away(task, _search(task))
+        best = _descend(task, found, max(1, max_lag // (2 * _COARSE)))
         return _polish(task, _break_away(task, best))
     coarse = task.at(thin(record, every), -(-max_lag // every))
-    best = _descend(coarse, _search(coarse), max(1, coarse.max_lag // (2 * _COARSE)))
+    found = _break_away(coarse, _search(coarse))
+    best = _descend(coarse, found, max(1, coarse.max_lag // (2 * _COARSE)))
     best = _break_away(coarse, best)
     lags = (min(best.lags[0] * every, max_lag), min(best.lags[1] * every, max_lag))
     return _polish(task, _descend(task, task.fit(best.parameters, lags, _EVALUATIONS), every))
@@ -224,9 +228,9 @@ def _break_away(task: _Task, best: Extended) -> Extended:
     step = float(task.limits[1][STICTION]) / _BREAKAWAYS
     around = np.arange(_BREAKAWAYS + 1) * step
     for _ in range(_BREAKAWAY_ROUNDS):
-        for value in around:
+        for value, dead_band in product(around, (best.parameters[4], 0.0)):
             start = best.parameters.copy()
-            start[STICTION] = value
+            start[STICTION], start[4] = value, dead_band
             found = task.fit(start, best.lags, _EVALUATIONS_NEAR)
             best = found if found.cost < best.cost else best
         step /= 3.0
@@ -255,13 +259,15 @@ def _starts(task: _Task) -> list[FloatArray]:
     shares = _LAG_SHARES if LAG in task.free else _LAG_SHARES[:1]
     chosen = starting_values(record, plain)
     chosen = chosen if 2 in task.free else chosen[1::2]
+    sticking = _STICKING if STICTION in task.free else (0.0,)
     starts = []
-    for values in chosen:
+    for values, share_held in product(chosen, sticking):
         for share in shares:
             q = p.copy()
             q[task.free[task.free < 5]] = values[task.free[task.free < 5]]
             if LAG in task.free:
                 q[LAG] = share / max(float(np.sqrt(q[0] * q[1])), 1e-6)
+            q[STICTION] = share_held * float(task.limits[1][STICTION])
             starts.append(q)
     return starts
 
