@@ -236,12 +236,12 @@ def _cycles(
 
 
 def _with_paper(model: ValveModel, options: Options) -> Options:
-    """Return the options with the paper's estimator among those run, if the model has it."""
+    """Return the options with the paper's estimator beside the trend's, if the model has it."""
     known = next((o for o in model.options if o.name == "estimators"), None)
     if known is None or PAPER_ESTIMATOR not in known.choices:
         return options
-    listed = [str(name) for name in options["estimators"]]  # type: ignore[attr-defined]
-    return {**options, "estimators": list(dict.fromkeys((*listed, PAPER_ESTIMATOR)))}
+    needed = [name for name in (model.trend_estimator, PAPER_ESTIMATOR) if name in known.choices]
+    return {**options, "estimators": needed}
 
 
 def _with_lag(options: Options, first: tuple[Estimate, ...]) -> Options:
