@@ -55,7 +55,7 @@ def plot_cycle(prediction: Prediction) -> str:
     lower = Panel(
         left, 346.0, right - left, 84.0, x, _range([prediction.residual, *shown], floor=1e-4)
     )
-    upper.axes(y_label="spool position, share of the stroke", x_texts=False, y_ticks=5, x_ticks=8)
+    upper.axes(y_label="position, share of the stroke", x_texts=False, y_ticks=5, x_ticks=8)
     lower.axes(
         x_label="time since the start of the cycle [s]",
         y_label="residual: measured "
