@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.bench.measure import Ratio, Scale, median
-from valve_twin.core.valves.double_solenoid.control_kernel import decide, drive_open_loop
+from valve_twin.core.valves.double_solenoid.control_kernel import decide_all, drive_open_loop
 from valve_twin.core.valves.double_solenoid.plant import DoubleSolenoidPlant
 from valve_twin.core.valves.double_solenoid.plant_kernel import SAMPLE_S
 
@@ -45,11 +45,9 @@ def _control(repeats: int) -> Ratio:
     plant = DoubleSolenoidPlant()
     state = plant.initial_state()
     numbers = (plant.valve(), plant.tables(), plant.current_gains())
-    weights, work = plant.trajectory_set.weights(), np.empty_like(state)
-
-    def decisions() -> None:
-        for n in range(_DECISIONS):
-            decide(state, *numbers, weights, 8e-6 * (n % 100), work)
-
-    ours = median(decisions, repeats) / _DECISIONS
+    weights = plant.trajectory_set.weights()
+    wanted = np.linspace(0.0, plant.half_stroke, _DECISIONS)
+    out = np.empty(_DECISIONS)
+    ours = median(lambda: decide_all(state, *numbers, weights, wanted, out), repeats)
+    ours /= _DECISIONS
     return Ratio("trajectory set control, 896 model steps", "40 us", ours, BUDGET_S, 1.0)

@@ -98,6 +98,32 @@ def decide(
 
 
 @njit(cache=True)
+def decide_all(
+    s: FloatArray,
+    v: Valve,
+    m: MapTables,
+    g: CurrentGains,
+    w: TrajectoryWeights,
+    wanted: FloatArray,
+    out: FloatArray,
+) -> None:
+    """Write the decision for each of N wanted positions from one state, for studies.
+
+    Parameters
+    ----------
+    s, v, m, g, w : (STATE_SIZE,) array, Valve, MapTables, CurrentGains, TrajectoryWeights
+        As in `decide`.
+    wanted : (N,) array
+        Wanted positions [m].
+    out : (N,) array
+        Overwritten with inputs [1].
+    """
+    work = s.copy()
+    for n in range(len(wanted)):
+        out[n] = decide(s, v, m, g, w, wanted[n], work)
+
+
+@njit(cache=True)
 def run_valve(
     s: FloatArray,
     v: Valve,
