@@ -32,7 +32,7 @@ START, REMEMBERED = len(NAMES), len(NAMES) + 1
 UNKNOWNS = len(NAMES) + 2
 """Estimated parameters over their starting values, start [stroke], remembered [reach]."""
 
-RTOL = 1e-4
+RTOL = 3e-5
 """Relative error of an integration step in the fit [1]."""
 
 _DIFFERENCE = np.array(
@@ -44,7 +44,7 @@ is far above the integration's error."""
 _LOWER = np.array([0.05] * len(NAMES) + [-0.2, -1.0])
 _UPPER = np.array([20.0] * len(NAMES) + [1.2, 1.0])
 _MAX_STAGES, _MAX_ROUNDS = 8, 12
-_MOST_RUNS = 180  # simulations after which no further step is begun [1]
+_MOST_RUNS = 150  # simulations after which no further step is begun [1]
 _ENOUGH = 0.02  # gain over what is above the noise that ends a stage [1]
 _MOVED = 0.03  # change of an unknown after which sensitivities are renewed at the end [1]
 _WORTH = 6.0  # promised gain below which a step that failed is not tried shorter [1]
