@@ -21,6 +21,7 @@ DERIVED = (
 SECOND_ORDER = ("velocity_lag", "stiffness_rising", "stiffness_falling", "damping")
 CURVE = ("dead_command", "static_gain", "rest_level", "top_command", "top_level")
 
+# Those of terms that few valves have are followed where `aging.parameters` names them.
 PARAMETERS = (
     Parameter(
         "rate_rising",
@@ -89,31 +90,27 @@ PARAMETERS = (
         "s",
         "time constant with which the speed follows what is asked of it [A]",
         0.0,
-        trend=True,
     ),
     Parameter(
         "stiffness_rising",
         "1/s^2",
         "acceleration per distance to the target, rising: rate / velocity_lag [A]",
         0.0,
-        trend=True,
     ),
-    Parameter("stiffness_falling", "1/s^2", "the same, falling position [A]", 0.0, trend=True),
-    Parameter("damping", "1/s", "deceleration per speed: 1 / velocity_lag [A]", 0.0, trend=True),
+    Parameter("stiffness_falling", "1/s^2", "the same, falling position [A]", 0.0),
+    Parameter("damping", "1/s", "deceleration per speed: 1 / velocity_lag [A]", 0.0),
     Parameter("delay_falling", "s", "delay of a falling command, whole samples", 0.0),
     Parameter(
         "stiction",
         "1",
         "distance beyond the dead band that a resting spool needs to break away [A]",
         0.0,
-        trend=True,
     ),
     Parameter(
         "backlash",
         "1",
         "way of the spool that the position does not show when the motion turns [A]",
         0.0,
-        trend=True,
     ),
     Parameter(
         "dead_command",
@@ -121,9 +118,7 @@ PARAMETERS = (
         "command below which the position rests; from cycles at different levels",
         0.0,
     ),
-    Parameter(
-        "static_gain", "1", "settled position per command beyond dead_command", 0.0, trend=True
-    ),
+    Parameter("static_gain", "1", "settled position per command beyond dead_command", 0.0),
     Parameter("rest_level", "1", "position that a command below dead_command leads to"),
     Parameter("top_command", "1", "highest command of the cycle"),
     Parameter("top_level", "1", "position that top_command leads to"),
