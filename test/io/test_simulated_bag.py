@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 from valve_twin.core.simulation import SimulatedValve
+from valve_twin.core.valves.hybrid_actuator.plant import HybridActuatorPlant
+from valve_twin.core.valves.hybrid_actuator.plant_kernel import FLUX_CLOSER, OPEN_CLOSER
 from valve_twin.io.bags import read_signals
 from valve_twin.io.config import load_config
+from valve_twin.io.errors import ConfigError
 from valve_twin.io.offline import run_bag
 from valve_twin.io.simulated_bag import (
     SERIES_SAMPLES,
@@ -57,3 +60,18 @@ def test_the_cycles_of_a_bag_of_batches_are_estimated(config, tmp_path):
     for estimate in found:
         assert estimate.value("resistance_opener") == pytest.approx(0.34, rel=0.01)
         assert estimate.fit_train > 99.5
+
+
+def test_an_integration_that_fails_ends_the_bag_with_time_and_state(config, tmp_path, monkeypatch):
+    initial = HybridActuatorPlant.initial_state
+
+    def broken(plant):
+        state = initial(plant)
+        state[FLUX_CLOSER], state[OPEN_CLOSER] = np.nan, 0.0
+        return state
+
+    monkeypatch.setattr(HybridActuatorPlant, "initial_state", broken)
+    with pytest.raises(
+        ConfigError, match=r"valve_1: cycle 1: integration failed at 0\.0000\d+ s: x"
+    ):
+        write_simulated_bag(config, tmp_path / "bag", cycles=2, seed=3)

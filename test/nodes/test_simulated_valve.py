@@ -12,6 +12,7 @@ from valve_twin_msgs.srv import InjectFault, SetAging
 
 from test.nodes.conftest import NS
 from valve_twin.core.simulation.valve import SimulatedValve
+from valve_twin.core.valves.hybrid_actuator.plant_kernel import FLUX_CLOSER, OPEN_CLOSER
 from valve_twin.core.valves.registry import get_simulation
 from valve_twin.demo.cases import case_names, config_of
 from valve_twin.io.config import load_config
@@ -121,6 +122,18 @@ def test_a_command_that_is_none_is_told_with_its_range(graph, value, told):
     faults = graph.spin_until(lambda: reports and reports[-1].faults, what="the fault")
     assert [(f.code, f.subject) for f in faults] == [("simulation.command", "v_in")]
     assert told in faults[0].evidence
+
+
+def test_an_integration_that_fails_is_told_with_time_and_state(graph):
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    reports = graph.record("/engine/v1/simulated_valve/faults", Faults, latched)
+    given = {"model": "hybrid_actuator", "period_s": 1e-4, "batch": 100, "rate": 1.0}
+    node = graph.host(SimulatedValveNode, "/engine/v1", **given)
+    state = node._valves[0]._valve._state
+    state[FLUX_CLOSER], state[OPEN_CLOSER] = math.nan, 0.0
+    faults = graph.spin_until(lambda: reports and reports[-1].faults, what="the fault")
+    told = next(f for f in faults if f.code == "simulation.failed")
+    assert "integration failed at " in told.evidence
 
 
 def test_a_fault_can_be_injected_and_cleared(graph):

@@ -227,6 +227,13 @@ _NODES = (
         heal_s=EVENT_HEAL_S,
     ),
     FaultKind(
+        "simulation.failed",
+        _ERROR,
+        "The integration of a simulated valve failed: its position is no number from there on.",
+        "Correct simulation.plant.* (time and state stand in the evidence), then configure anew.",
+        heal_s=inf,
+    ),
+    FaultKind(
         "simulation.command",
         _WARN,
         "A command from outside is beyond what the simulated valve takes and is limited, or is no "

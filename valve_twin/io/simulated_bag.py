@@ -106,7 +106,7 @@ def write_simulated_bag(
     Raises
     ------
     ConfigError
-        If a setting cannot be used.
+        If a setting cannot be used, or with it the integration fails; what came before is kept.
     BagError
         If the bag cannot be written.
     """
@@ -117,6 +117,9 @@ def write_simulated_bag(
         bag.note({"valve": config.name, "model": config.model, "seed": seed, "simulated": True})
         for _ in range(cycles):
             block = valve.advance(simulation.cycle_samples)
+            if valve.failure:
+                msg = f"{config.name}: cycle {valve.cycle}: {valve.failure}"
+                raise ConfigError(msg)
             written += _write_block(bag, config, valve.plant.inputs, block)
             on_cycle()
     return written

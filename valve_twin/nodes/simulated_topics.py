@@ -144,6 +144,10 @@ class SimulatedTopics:
             return 0
         given = np.tile(self._commands, (self._batch, 1)) if self._external else None
         block = self._valve.advance(self._batch, given)
+        if self._valve.failure:
+            self._node.faults.report(
+                "simulation.failed", self._valve.failure, valve=self._config.name
+            )
         stamps = block.stamp_ns + self._start_ns
         columns = self._columns(block)
         for name, values in columns.items():

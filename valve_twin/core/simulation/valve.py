@@ -85,6 +85,12 @@ class SimulatedValve:
         """Return the plant of the running cycle, aged and scattered."""
         return self._plant
 
+    @property
+    def failure(self) -> str:
+        """Return when and in what state the plant's integration failed, empty if it did not."""
+        told = getattr(self._plant, "failure", None)
+        return "" if told is None else str(told(self._state))
+
     def advance(self, samples: int, commands: FloatArray | None = None) -> SimulationBlock:
         """Simulate the next samples.
 
