@@ -123,3 +123,27 @@ def test_a_refused_cycle_has_nothing_to_check():
     found = estimates(replace(frames, inputs=np.zeros_like(frames.inputs)))
     assert found["output_error"].status is EstimateStatus.REFUSED
     assert found["output_error"].guards == found["kalman"].guards == ()
+
+
+def test_no_cycle_however_wrong_raises():
+    """Commands of noise, exchanged commands, an inverted or constant or patchy position."""
+    rng = np.random.default_rng(0)
+    seen = set()
+    for _ in range(100):
+        sigma, pole = 10 ** rng.uniform(-6.0, -1.5), rng.choice([0.0, 0.1, 0.6, 0.95])
+        frames = generate_cycle(Truth(sigma=sigma, pole=float(pole)), rng).frames
+        x, u = frames.position, frames.inputs
+        wrong = (
+            replace(frames, inputs=rng.random(u.shape)),
+            replace(frames, inputs=u[:, ::-1].copy()),
+            replace(frames, position=1.0 - x),
+            replace(frames, position=np.full(len(x), 0.3)),
+            replace(frames, position=np.where(rng.random(len(x)) < 0.3, np.nan, x)),
+            frames[: int(rng.integers(1, 120))],
+        )
+        for found in estimates(wrong[rng.integers(len(wrong))], lag=-1).values():
+            seen.add(found.status)
+            assert all(isinstance(g.passed, bool) for g in found.guards)
+            assert all(g.name and g.reason for g in found.guards)
+    assert EstimateStatus.REFUSED in seen
+    assert len(seen) > 1

@@ -132,9 +132,10 @@ def check_gap(
     speed, v_mean = -term(1), own.get("v_in_mean", np.nan)
     if not speed > 0.0:
         return ()
+    gain_in, gain_out = (own.get(name) or np.nan for name in ("K_in", "K_out"))  # 0 = none
     gaps = {
-        "K_in": (term(2) + term(4) * v_mean) / speed / own.get("K_in", np.nan) - 1.0,
-        "K_out": -(term(3) + term(5) * v_ref) / speed / own.get("K_out", np.nan) - 1.0,
+        "K_in": (term(2) + term(4) * v_mean) / speed / gain_in - 1.0,
+        "K_out": -(term(3) + term(5) * v_ref) / speed / gain_out - 1.0,
         "pole": 1.0 - speed - own.get("pole", np.nan),
     }
     found = []

@@ -351,6 +351,7 @@ def _fitted(s: Solution) -> IntArray:
 def fit_covariance(s: Solution, mse: float, fitted: IntArray) -> FloatArray:
     """Return the (6, 6) covariance of the fitted columns; infinite where there is none."""
     covariance = np.full((N_LINEAR + 1, N_LINEAR + 1), np.inf)
+    fitted = fitted[np.diag(s.gram)[fitted] > 0.0]
     if len(fitted):
         scale = np.sqrt(np.diag(s.gram)[fitted])
         scaled = s.gram[np.ix_(fitted, fitted)] / np.outer(scale, scale)

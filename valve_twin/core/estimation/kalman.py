@@ -237,6 +237,7 @@ def _truncated(s: Solution, fitted: IntArray) -> FloatArray:
     whose true sag is zero. But what lies beyond the bound does not count: each positive parameter
     in turn is a normal variable cut off at zero.
     """
+    fitted = fitted[np.diag(s.gram)[fitted] > 0.0]
     moments = fit_covariance(s, s.cost / s.rows, fitted)
     scale = np.sqrt(np.diag(s.gram)[fitted])
     scaled = s.gram[np.ix_(fitted, fitted)] / np.outer(scale, scale)

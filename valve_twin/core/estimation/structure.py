@@ -95,6 +95,8 @@ def check_structure(
     drives = _drives(phases, v_max)
     poles = _pole_drives(phases, drives, solution)
     splits, untold = _splits(run, phases, solution, poles, v_max, options)
+    if not splits:
+        return tuple(untold)
     base = np.flatnonzero(solution.linear > 0.0)
     columns = [*drives[:, base].T, *([poles.sum(axis=1)] if solution.pole > 0.0 else [])]
     matrix = np.column_stack([*columns, *(s.drive for s in splits)])
@@ -169,15 +171,9 @@ def _splits(
             upper = on & (where > at)
             share = float(weight[upper].sum()) / max(float(weight.sum()), 1e-300)
             if not options.min_share <= share <= 1.0 - options.min_share or size <= 0.0:
-                untold.append(
-                    Guard(
-                        title,
-                        True,
-                        np.nan,
-                        options.max_difference,
-                        f"cannot be told: {share:.0%} of the motion lies {text} {at:.2g}",
-                    )
-                )
+                lies = f"{share:.0%} of the motion lies {text} {at:.2g}"
+                why = f"cannot be told: {lies if weight.any() else 'no motion this way'}"
+                untold.append(Guard(title, True, np.nan, options.max_difference, why))
                 continue
             said = f"{name} {{}} {text} {at:.2g}"
             drive = np.where(upper, sign * command, 0.0)
