@@ -177,3 +177,15 @@ def test_a_condition_that_is_not_known_or_never_changes_is_said():
 def test_a_bin_without_a_width_is_refused(text):
     with pytest.raises(ValueError, match="write a condition and the width of its bins"):
         AgingConfig(binned=(text,))
+
+
+def test_a_window_judges_the_effect_by_the_newest_only():
+    estimates = lived(5, load=0.02)
+    early = history(
+        [e.value("gain") + 5.0 for e in estimates[:30]]
+        + [e.value("gain") for e in estimates[30:]],
+        load=[e.conditions[0].value for e in estimates],
+    )
+    _, (effect,) = separated(early, covariates=("load",), window=50)
+    assert effect.slope == pytest.approx(0.02, abs=4 * effect.standard_error)
+    assert effect.standard_error < 1e-3

@@ -194,6 +194,7 @@ def _separate(
         cleared = replace(series, values=series.values - columns @ weights)
         pieces = cut(cleared, maintenance, config)
         kept = np.flatnonzero(~pieces.wild)
+        kept = kept[kept >= pieces.starts[0]]  # older ones are outside the window
         lines = _lines(series.axis, pieces.starts)
         weights = _fit(series.values[kept], columns[kept], lines[kept])
     values, effects = series.values.copy(), []
