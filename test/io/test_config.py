@@ -2,7 +2,10 @@
 # Copyright 2026 valve_twin maintainers
 import pytest
 
+from valve_twin.core.alignment import SignalRange
 from valve_twin.core.types import CycleRule
+from valve_twin.core.valves.registry import get_model
+from valve_twin.io.assembly import twin_config
 from valve_twin.io.config import load_config, parse_config
 from valve_twin.io.errors import ConfigError, ValveTwinError
 from valve_twin.io.mapping import SERIES_TYPE, STAMPED_TYPE
@@ -27,6 +30,22 @@ def test_defaults_make_a_whole_configuration():
     }
     assert config.signals["command"].type == STAMPED_TYPE
     assert config.options["estimators"]
+
+
+def test_conditions_are_signals_that_no_model_needs():
+    keys = {"temperature.topic": "oil/temperature", "load.topic": "/plc/load", "load.upper": 9}
+    config = one(
+        **{f"signals.{k}": v for k, v in keys.items()},
+        aging__covariates=["load", "stroke"],
+        aging__binned=["temperature 10"],
+    )
+    assert config.signals["temperature"].topic == "/valve/oil/temperature"
+    found = twin_config(config, get_model("positioner")).conditions
+    assert found == (SignalRange("load", upper=9.0), SignalRange("temperature"))
+    assert twin_config(one(), get_model("positioner")).conditions == ()
+    assert config.aging.covariates == ("load", "stroke")
+    with pytest.raises(ConfigError, match=r'aging.*binned is "load": write a condition'):
+        one(aging__binned=["load"])
 
 
 def test_a_yaml_integer_stands_for_a_number():
