@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.diagnosis.detection import DetectionConfig, Diagnosis, detect
+from valve_twin.core.diagnosis.detection import Diagnosis, detect
 from valve_twin.core.diagnosis.isolability import Isolability, isolability
 from valve_twin.core.diagnosis.table import BY_NAME, SIZES
 from valve_twin.core.simulation.valve import SimulatedValve
@@ -22,6 +22,7 @@ from valve_twin.core.simulation.valve import SimulatedValve
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from valve_twin.core.diagnosis.config import DetectionConfig
     from valve_twin.core.diagnosis.derive import Rig
     from valve_twin.core.diagnosis.table import SignatureTable
     from valve_twin.core.simulation.aging_laws import AgingRule

@@ -17,7 +17,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.diagnosis.table import BY_NAME, SignatureTable, whitener, with_floor
+from valve_twin.core.diagnosis.config import DetectionConfig
+from valve_twin.core.diagnosis.lines import (
+    Lines,
+    Rays,
+    filled,
+    lines_through,
+    whitened_rays,
+    without_wild,
+)
+from valve_twin.core.diagnosis.table import BY_NAME, SignatureTable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,62 +35,6 @@ if TYPE_CHECKING:
 
 UNKNOWN = "unknown"
 """Name of a change that is like no fault of the table."""
-
-
-@dataclass(frozen=True, slots=True)
-class DetectionConfig:
-    """When a change is a fault; lengths in cycles.
-
-    Attributes
-    ----------
-    learn : int
-        Cycles whose scatter is the valve's own, without the newest that are judged.
-    least : int
-        Fewest cycles of a line.
-    window : int
-        Most cycles of a line.
-    recent : int
-        Most cycles that are compared with the line at a time.
-    confirm : int
-        Cycles of those compared that must each show the change.
-    threshold : float
-        Ratio above which it is a fault: squared standard deviations [1].
-    each : float
-        Standard deviations by which each of the `confirm` cycles must show it [1].
-    isolate : int
-        Cycles behind that of the onset that name the fault.
-    heal : int
-        Cycles without it after which it is over.
-    extrapolate : int
-        Cycles since the alarm for which the line before it is a measure; what lasts longer lasts
-        until maintenance.
-    wild : float
-        Distance from the five cycles before at which a single cycle is left out of the lines [1].
-    trust : float
-        Cycles that the table's correlations count as.
-    margin : float
-        Factor on the own standard deviations: they come from few cycles [1].
-    like : float
-        Share of the change that its signature explains, below which it is unknown [1], if also
-    excess : float
-        chi-square over its expectation is above this [1].
-    """
-
-    learn: int = 40
-    least: int = 20
-    window: int = 40
-    recent: int = 8
-    confirm: int = 2
-    threshold: float = 32.0
-    each: float = 2.5
-    isolate: int = 5
-    heal: int = 5
-    extrapolate: int = 100
-    wild: float = 8.0
-    trust: float = 60.0
-    margin: float = 1.1
-    like: float = 0.4
-    excess: float = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,12 +69,6 @@ class Finding:
     end: int = -1
 
 
-_BEFORE = 5
-"""Cycles before a cycle whose median it is compared with."""
-
-_ROBUST = 1.4826
-"""Standard deviation of a normal variable over its median absolute deviation."""
-
 RIVAL = 6.0
 """Difference of twice the log likelihood below which two faults are not told apart [1]."""
 
@@ -153,19 +100,6 @@ class Diagnosis:
 
 NOTHING = Diagnosis((), 0, ready=False)
 """What is known of a valve without features."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Rays:
-    """Whitened signatures: `white` (F, F), `changes` and unit `rays` (S, F), `spread` (S, F, F).
-
-    `spread` is the covariance by which the fault adds to the scatter of a cycle.
-    """
-
-    white: FloatArray
-    changes: FloatArray
-    rays: FloatArray
-    spread: FloatArray
 
 
 def detect(
@@ -222,12 +156,12 @@ def _search(
     findings: list[Finding] = []
     start = 0
     while len(cycles) - start >= config.least + config.confirm:
-        y = _filled(vectors[start:], config.least)
+        y = filled(vectors[start:], config.least)
         known = min(config.learn, max(len(y) - config.recent, config.least))
         y -= y[:known].mean(axis=0)
-        rays = _rays(y[:known], np.isfinite(vectors[start:]), table, config)
+        rays = whitened_rays(y[:known], np.isfinite(vectors[start:]), table, config)
         w = y @ rays.white.T
-        base = _without_wild(w, config)
+        base = without_wild(w, config)
         alarm = _first_alarm(w, base, rays, config)
         if alarm is None:
             return findings, True
@@ -246,97 +180,8 @@ def _search(
     return findings, False
 
 
-def _filled(vectors: FloatArray, least: int) -> FloatArray:
-    """Return the features with the last known value where there is none.
-
-    Before the first one stands that one; a feature that is never there is 0.
-    """
-    filled = np.array(vectors)
-    for j in range(filled.shape[1]):
-        known = np.isfinite(filled[:, j])
-        if np.count_nonzero(known[:least]) < least // 2:
-            filled[:, j] = 0.0
-            continue
-        index = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
-        filled[:, j] = filled[np.where(index < 0, int(np.argmax(known)), index), j]
-    return filled
-
-
-def _rays(
-    y: FloatArray, known: FloatArray, table: SignatureTable, config: DetectionConfig
-) -> _Rays:
-    """Whiten the signatures by the scatter of the first cycles about their line.
-
-    Standard deviations are the valve's own; correlations are mixed with those of the table.
-    """
-    n = len(y)
-    t = np.arange(n) - 0.5 * (n - 1)
-    off = y - y.mean(axis=0) - np.outer(t, t @ y / (t @ t))
-    spread = _ROBUST * np.median(np.abs(off), axis=0)
-    off = np.where(spread > 0.0, np.clip(off, -4.0 * spread, 4.0 * spread), off)
-    floor = np.array(table.floor)
-    own = with_floor(off.T @ off / (n - 2), floor)
-    scale = config.margin * np.sqrt(np.diag(own))
-    prior = with_floor(np.array(table.covariance), floor)
-    deviation = np.sqrt(np.diag(prior))
-    mixed = config.trust * prior / np.outer(deviation, deviation)
-    deviation = np.sqrt(np.diag(own))
-    mixed += (n - 2) * own / np.outer(deviation, deviation)
-    correlation = mixed / (config.trust + n - 2)
-    white = whitener(correlation * np.outer(scale, scale))
-    absent = np.count_nonzero(known[: config.least], axis=0) < config.least // 2
-    changes = np.where(absent, 0.0, table.changes()) @ white.T
-    length = np.maximum(np.linalg.norm(changes, axis=1), 1e-12)
-    root = white[None] * np.where(absent, 0.0, table.scatters())[:, None, :]
-    return _Rays(white, changes, changes / length[:, None], root @ root.transpose(0, 2, 1))
-
-
-@dataclass(frozen=True, slots=True)
-class _Lines:
-    """Lines through the cycles before: prediction at `x` and its variance over that of a cycle."""
-
-    level: FloatArray
-    slope: FloatArray
-    centre: FloatArray
-    count: FloatArray
-
-    def at(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        spread = self.count * (self.count**2 - 1.0) / 12.0
-        off = x - self.centre
-        return self.level + self.slope * off[:, None], 1.0 / self.count + off**2 / spread
-
-
-def _lines(w: FloatArray, last: IntArray, window: int) -> _Lines:
-    """Fit a line through at most `window` rows of w (N, F) that end with each of `last`."""
-    total = np.concatenate((np.zeros((1, w.shape[1])), np.cumsum(w, axis=0)))
-    moment = np.concatenate((total[:1], np.cumsum(w * np.arange(len(w))[:, None], axis=0)))
-    first = np.maximum(last - window + 1, 0)
-    count = (last - first + 1).astype(np.float64)
-    centre = 0.5 * (first + last).astype(np.float64)
-    level = (total[last + 1] - total[first]) / count[:, None]
-    above = moment[last + 1] - moment[first] - (count * centre)[:, None] * level
-    return _Lines(level, above / (count * (count**2 - 1.0) / 12.0)[:, None], centre, count)
-
-
-def _without_wild(w: FloatArray, config: DetectionConfig) -> FloatArray:
-    """Return the rows with single wild ones replaced by the median of the five before.
-
-    A row is wild where the next one is back; so a row is never judged by more than the next.
-    """
-    base = np.array(w)
-    if len(w) < _BEFORE + 2:
-        return base
-    windows = np.lib.stride_tricks.sliding_window_view(w, _BEFORE, axis=0)[:-2]
-    middle = np.median(windows, axis=-1)
-    off = np.linalg.norm(w[_BEFORE:-1] - middle, axis=1)
-    back = np.linalg.norm(w[_BEFORE + 1 :] - middle, axis=1)
-    wild = (off > config.wild) & (back < config.wild)
-    base[_BEFORE:-1][wild] = middle[wild]
-    return base
-
-
 def _first_alarm(
-    w: FloatArray, base: FloatArray, rays: _Rays, config: DetectionConfig
+    w: FloatArray, base: FloatArray, rays: Rays, config: DetectionConfig
 ) -> tuple[int, int] | None:
     """Return the row that raises an alarm and the row of its onset, None = no alarm."""
     total = np.concatenate((np.zeros((1, w.shape[1])), np.cumsum(w, axis=0)))
@@ -345,7 +190,7 @@ def _first_alarm(
         end = np.arange(config.least + m - 1, len(w))
         if not len(end):
             continue
-        lines = _lines(base, end - m, config.window)
+        lines = lines_through(base, end - m, config.window)
         line, variance = lines.at(end.astype(np.float64) - 0.5 * (m - 1))
         mean = (total[end + 1] - total[end + 1 - m]) / m - line
         ratio = (mean / np.sqrt(1.0 / m + variance)[:, None]) @ rays.rays.T
@@ -366,11 +211,11 @@ def _first_alarm(
 
 
 def _onset(
-    w: FloatArray, base: FloatArray, rays: _Rays, config: DetectionConfig, alarm: int, first: int
+    w: FloatArray, base: FloatArray, rays: Rays, config: DetectionConfig, alarm: int, first: int
 ) -> int:
     """Return the first row since when, up to the alarm, most rows show half the change."""
     early = max(alarm - config.recent, config.least - 1)
-    line = _lines(base, np.array([min(early, first - 1)]), config.window)
+    line = lines_through(base, np.array([min(early, first - 1)]), config.window)
     rows = np.arange(early + 1, min(alarm + config.confirm, len(w)))
     off = w[rows] - line.at(rows.astype(np.float64))[0]
     newest = off[-config.confirm :].mean(axis=0)
@@ -396,7 +241,7 @@ class _Match:
 def _isolate(
     w: FloatArray,
     base: FloatArray,
-    rays: _Rays,
+    rays: Rays,
     table: SignatureTable,
     config: DetectionConfig,
     onset: int,
@@ -406,7 +251,7 @@ def _isolate(
 
     The cycle of the onset is a mixture and is left out.
     """
-    before = _lines(base, np.array([onset - 1]), config.window)
+    before = lines_through(base, np.array([onset - 1]), config.window)
     last = min(max(onset + config.isolate, alarm), len(w) - 1)
     onset = min(onset, len(w) - 2)
     rows = np.arange(onset + 1, last + 1)
@@ -450,7 +295,7 @@ def _fit(
 
 
 def _healed(
-    w: FloatArray, ray: FloatArray, before: _Lines, config: DetectionConfig, alarm: int
+    w: FloatArray, ray: FloatArray, before: Lines, config: DetectionConfig, alarm: int
 ) -> int:
     """Return the first row at which `heal` cycles since the alarm are back on the line, or -1."""
     rows = np.arange(alarm + 1, min(alarm + 1 + config.extrapolate, len(w)))
@@ -474,7 +319,7 @@ def _gross(
     newest = after[-1]
     repeats = newest[table.features.index("repeats")]
     gains = [i for i, n in enumerate(table.features) if n.startswith("gain_")]
-    fallen = newest[gains] - np.median(_filled(before, len(before))[:, gains], axis=0)
+    fallen = newest[gains] - np.median(filled(before, len(before))[:, gains], axis=0)
     fallen = fallen[np.isfinite(fallen)]
     if repeats > 0.5:
         name, severity = "sensor_freeze", float(repeats)

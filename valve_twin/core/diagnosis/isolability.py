@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.diagnosis.detection import DetectionConfig
+from valve_twin.core.diagnosis.config import DetectionConfig
 from valve_twin.core.diagnosis.table import FACTORS, whitener, with_floor
 
 if TYPE_CHECKING:

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What the features of a cycle are compared with: the valve's own line and its own scatter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.diagnosis.table import SignatureTable, whitener, with_floor
+
+if TYPE_CHECKING:
+    from valve_twin.core.diagnosis.config import DetectionConfig
+    from valve_twin.core.types import FloatArray, IntArray
+
+_BEFORE = 5
+"""Cycles before a cycle whose median it is compared with."""
+
+_ROBUST = 1.4826
+"""Standard deviation of a normal variable over its median absolute deviation."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rays:
+    """Whitened signatures: `white` (F, F), `changes` and unit `rays` (S, F), `spread` (S, F, F).
+
+    `spread` is the covariance by which the fault adds to the scatter of a cycle.
+    """
+
+    white: FloatArray
+    changes: FloatArray
+    rays: FloatArray
+    spread: FloatArray
+
+
+def filled(vectors: FloatArray, least: int) -> FloatArray:
+    """Return the features with the last known value where there is none.
+
+    Before the first one stands that one; a feature that is never there is 0.
+    """
+    filled = np.array(vectors)
+    for j in range(filled.shape[1]):
+        known = np.isfinite(filled[:, j])
+        if np.count_nonzero(known[:least]) < least // 2:
+            filled[:, j] = 0.0
+            continue
+        index = np.maximum.accumulate(np.where(known, np.arange(len(known)), -1))
+        filled[:, j] = filled[np.where(index < 0, int(np.argmax(known)), index), j]
+    return filled
+
+
+def whitened_rays(
+    y: FloatArray, known: FloatArray, table: SignatureTable, config: DetectionConfig
+) -> Rays:
+    """Whiten the signatures by the scatter of the first cycles about their line.
+
+    Standard deviations are the valve's own; correlations are mixed with those of the table.
+    """
+    n = len(y)
+    t = np.arange(n) - 0.5 * (n - 1)
+    off = y - y.mean(axis=0) - np.outer(t, t @ y / (t @ t))
+    spread = _ROBUST * np.median(np.abs(off), axis=0)
+    off = np.where(spread > 0.0, np.clip(off, -4.0 * spread, 4.0 * spread), off)
+    floor = np.array(table.floor)
+    own = with_floor(off.T @ off / (n - 2), floor)
+    scale = config.margin * np.sqrt(np.diag(own))
+    prior = with_floor(np.array(table.covariance), floor)
+    deviation = np.sqrt(np.diag(prior))
+    mixed = config.trust * prior / np.outer(deviation, deviation)
+    deviation = np.sqrt(np.diag(own))
+    mixed += (n - 2) * own / np.outer(deviation, deviation)
+    correlation = mixed / (config.trust + n - 2)
+    white = whitener(correlation * np.outer(scale, scale))
+    absent = np.count_nonzero(known[: config.least], axis=0) < config.least // 2
+    changes = np.where(absent, 0.0, table.changes()) @ white.T
+    length = np.maximum(np.linalg.norm(changes, axis=1), 1e-12)
+    root = white[None] * np.where(absent, 0.0, table.scatters())[:, None, :]
+    return Rays(white, changes, changes / length[:, None], root @ root.transpose(0, 2, 1))
+
+
+@dataclass(frozen=True, slots=True)
+class Lines:
+    """Lines through the cycles before: prediction at `x` and its variance over that of a cycle."""
+
+    level: FloatArray
+    slope: FloatArray
+    centre: FloatArray
+    count: FloatArray
+
+    def at(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the prediction (N, F) at `x` (N,) and its variance (N,)."""
+        spread = self.count * (self.count**2 - 1.0) / 12.0
+        off = x - self.centre
+        return self.level + self.slope * off[:, None], 1.0 / self.count + off**2 / spread
+
+
+def lines_through(w: FloatArray, last: IntArray, window: int) -> Lines:
+    """Fit a line through at most `window` rows of w (N, F) that end with each of `last`."""
+    total = np.concatenate((np.zeros((1, w.shape[1])), np.cumsum(w, axis=0)))
+    moment = np.concatenate((total[:1], np.cumsum(w * np.arange(len(w))[:, None], axis=0)))
+    first = np.maximum(last - window + 1, 0)
+    count = (last - first + 1).astype(np.float64)
+    centre = 0.5 * (first + last).astype(np.float64)
+    level = (total[last + 1] - total[first]) / count[:, None]
+    above = moment[last + 1] - moment[first] - (count * centre)[:, None] * level
+    return Lines(level, above / (count * (count**2 - 1.0) / 12.0)[:, None], centre, count)
+
+
+def without_wild(w: FloatArray, config: DetectionConfig) -> FloatArray:
+    """Return the rows with single wild ones replaced by the median of the five before.
+
+    A row is wild where the next one is back; so a row is never judged by more than the next.
+    """
+    base = np.array(w)
+    if len(w) < _BEFORE + 2:
+        return base
+    windows = np.lib.stride_tricks.sliding_window_view(w, _BEFORE, axis=0)[:-2]
+    middle = np.median(windows, axis=-1)
+    off = np.linalg.norm(w[_BEFORE:-1] - middle, axis=1)
+    back = np.linalg.norm(w[_BEFORE + 1 :] - middle, axis=1)
+    wild = (off > config.wild) & (back < config.wild)
+    base[_BEFORE:-1][wild] = middle[wild]
+    return base
