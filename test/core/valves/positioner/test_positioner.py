@@ -366,3 +366,25 @@ def test_the_boiler_valve_is_followed_on_data_not_trained_on():
     assert fit_percent(position[900:], simulated) >= 62.0
     assert fit_percent(position[900:], command[900:]) < 0.0
     assert found.value("slew_falling") == pytest.approx(0.0298, abs=0.0022)
+
+
+@pytest.mark.skipif(not BOILER.exists(), reason=f"no measured data at {BOILER}")
+def test_the_second_minimum_of_the_boiler_valve_is_not_taken():
+    """With the slew limit kept above 0.15 1/s a slow rate takes its part, 5 points worse."""
+    data = np.genfromtxt(BOILER, delimiter=",", names=True)
+    command = np.ascontiguousarray(data["LC74_20CV_pct"]) / 100.0
+    position = np.ascontiguousarray(data["LC74_20X_pct"]) / 100.0
+    fits = []
+    for least in (0.0, 0.15):
+        options = complete_options(MODEL, {"max_delay_s": 4.0, "min_slew": least})
+        found = estimate(command[:900], position[:900], options, period_s=1.0)
+        values = {p.name: p.value for p in found.parameters if np.isfinite(p.value)}
+        _, simulated, _ = run(
+            values, found.lag, command[900:], position[900:], options=options, period_s=1.0
+        )
+        fits.append((found.value("rate_falling"), fit_percent(position[900:], simulated)))
+    (best_rate, best), (other_rate, other) = fits
+    assert best_rate == pytest.approx(1.09, abs=0.1)
+    assert other_rate == pytest.approx(0.385, abs=0.02)
+    assert other == pytest.approx(64.5, abs=0.7)
+    assert best > other + 4.0
