@@ -46,9 +46,9 @@ _UPPER = np.array([20.0] * len(NAMES) + [1.2, 1.0])
 _MAX_STAGES, _MAX_ROUNDS = 8, 12
 _MOST_RUNS = 150  # simulations after which no further step is begun [1]
 _ENOUGH = 0.02  # gain over what is above the noise that ends a stage [1]
-_MOVED = 0.03  # change of an unknown after which sensitivities are renewed at the end [1]
+_MOVED = 0.12  # change of an unknown after which sensitivities are renewed at the end [1]
 _WORTH = 6.0  # promised gain below which a step that failed is not tried shorter [1]
-_LEAST_GAIN = 0.5  # promised gain that is not worth a step [1]
+_LEAST_GAIN = 20.0  # promised gain that is left to the whole steps at the end [1]
 _POLISHES, _CLOSE = 4, 0.2  # whole steps at the end, and what is close [standard errors]
 _HIDDEN = 50.0  # gain that the integration's error can hide [1]
 _LONGEST = 0.5  # largest change of an unknown in a step [1]
@@ -313,7 +313,7 @@ def _descend(
             jacobian, fresh, taken_at = renewed, True, x
         if damping > _DAMPING_MAX:
             break
-    if np.abs(x - taken_at).max() > _MOVED:
+    if np.abs(x - taken_at)[:START].max() > _MOVED:
         renewed = problem.sensitivities(x, r)
         jacobian = jacobian if renewed is None else renewed
     return x, r, jacobian
