@@ -32,7 +32,7 @@ FILES = {DEFAULT: "simulated_press.yaml"}
 DRIFT = 0.15
 """Relative change that is injected over the demo, in the direction of the file's own law."""
 
-PACES = {"servo_system": (40, 2.0)}
+PACES = {"servo_system": (24, 2.0)}
 """Cycles and rate of valves whose estimation takes longer than a cycle would: 1.2 s of a core."""
 
 CYCLES = 60
