@@ -20,7 +20,7 @@ from valve_twin.core.types import Cycle, CycleRule, Frames
 from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
 
 if TYPE_CHECKING:
-    from valve_twin.core.valves.interface import ValveModel
+    from valve_twin.core.valves.interface import Options, ValveModel
 
 MODELS = (
     "press_cartridge",
@@ -30,6 +30,11 @@ MODELS = (
     "double_solenoid",
     "servo_system",
 )
+VARIANTS: dict[str, dict[str, object]] = {
+    "positioner": {"second_order": True, "static_curve": True, "two_delays": True},
+}
+"""Options of a model under which further kernels run."""
+
 NOT_SIMULATED = ("cycle_timing", "hydraulic_actuator")
 
 
@@ -43,7 +48,9 @@ def main() -> None:
             run_once(name, rule)
     for name in NOT_SIMULATED:
         predict_once(name, CycleRule.WINDOW)
-        _estimate_wave(name)
+        _estimate_wave(name, {})
+    for name, changed in VARIANTS.items():
+        _estimate_wave(name, changed)
     aging.warm_up()
 
 
@@ -101,34 +108,36 @@ def predict_once(name: str, rule: CycleRule) -> None:
     names = (*model.inputs, "cycle_counter", "reference", model.output)
     twin.push_round([(signal, stamps, np.zeros(count)) for signal in names])
     values = {p.name: 0.1 for p in model.parameters}
-    model.predict(
-        model.initial_state(),
-        model.coefficients(values, 1, period_s, options),
-        np.zeros(count),
-        np.zeros((count, len(model.inputs))),
-        np.zeros(count, dtype=np.uint8),
-        np.empty(count),
-        np.empty(count),
-        np.empty(count, dtype=np.uint8),
-    )
+    for changed in ({}, VARIANTS.get(name, {})):
+        model.predict(
+            model.initial_state(),
+            model.coefficients(values, 1, period_s, {**options, **changed}),
+            np.zeros(count),
+            np.zeros((count, len(model.inputs))),
+            np.zeros(count, dtype=np.uint8),
+            np.empty(count),
+            np.empty(count),
+            np.empty(count, dtype=np.uint8),
+        )
 
 
-def _estimate_wave(name: str) -> None:
-    """Estimate a made-up cycle of a valve that cannot be simulated: output follows command."""
+def _estimate_wave(name: str, changed: Options) -> None:
+    """Estimate a made-up cycle for kernels that no simulation reaches: output follows command."""
     from valve_twin.core.estimation.sequence import Memory, estimate_cycle
 
     model, period_s, count = get_model(name), 0.1, 200
     wave = np.sin(0.2 * np.arange(count))
+    wave = 0.5 + 0.4 * wave if changed else wave  # a positioner's position is in 0..1
     frames = Frames(
         stamp_ns=round(1e9 * period_s) * np.arange(1, count + 1),
         position=wave,
-        inputs=np.tile(wave[:, None], (1, len(model.inputs))),
+        inputs=np.tile(np.roll(wave, -2 if changed else 0)[:, None], (1, len(model.inputs))),
         counter=np.full(count, np.nan),
         reference=np.full(count, np.nan),
         valid=np.ones(count, dtype=np.bool_),
     )
     cycle = Cycle(1, period_s, frames)
-    estimate_cycle(model, complete_options(model, {}), cycle, Memory.empty())
+    estimate_cycle(model, complete_options(model, changed), cycle, Memory.empty())
 
 
 def _twin(model: ValveModel, rule: CycleRule, period_s: float) -> Twin:
