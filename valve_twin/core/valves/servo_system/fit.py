@@ -45,6 +45,7 @@ _LOWER = np.array([0.05] * len(NAMES) + [-0.2, -1.0])
 _UPPER = np.array([20.0] * len(NAMES) + [1.2, 1.0])
 _MAX_STAGES, _MAX_ROUNDS = 8, 12
 _MOST_RUNS = 150  # simulations after which no further step is begun [1]
+_PROGRESS = 0.95  # residual over that of the stage before from which a stage was the last [1]
 _ENOUGH = 0.02  # gain over what is above the noise that ends a stage [1]
 _MOVED = 0.12  # change of an unknown after which sensitivities are renewed at the end [1]
 _WORTH = 6.0  # promised gain below which a step that failed is not tried shorter [1]
@@ -234,11 +235,13 @@ def fit_loop(
     jacobian = None if r is None else problem.sensitivities(x, r)
     if r is None or jacobian is None:
         return _failure(problem, "the simulation of the cycle fails: an option is wrong")
-    free = np.zeros(UNKNOWNS, dtype=np.bool_)
+    free, before = np.zeros(UNKNOWNS, dtype=np.bool_), np.inf
     for _ in range(_MAX_STAGES):
         ranked = rank(jacobian, x, max_error / max(_misfit(r), 1.0))
-        if (ranked == free).all() or problem.runs > _MOST_RUNS:
+        settled = _misfit(r) > _PROGRESS * before
+        if ((ranked == free).all() and settled) or problem.runs > _MOST_RUNS:
             break
+        before = _misfit(r)
         x[:START][free[:START] & ~ranked[:START]] = 1.0
         moved = problem.residual(x)
         free, r = ranked, r if moved is None else moved
@@ -353,7 +356,7 @@ def _step(
     step = np.zeros(UNKNOWNS)
     step[on] = part
     length = float(np.sqrt(max(float(part @ gram @ part), 0.0)))
-    share = min(1.0, _LONGEST / max(float(np.abs(part).max(initial=0.0)), 1e-300))
+    share = min(1.0, _LONGEST / max(float(np.abs(step[:START]).max()), 1e-300))
     promised = 2.0 * share * float(part @ gradient[on]) - (share * length) ** 2
     return share * step, promised, length
 
