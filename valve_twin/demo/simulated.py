@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
     from valve_twin.demo.cases import Case
 
+SPARE = 2
+"""Cycles beyond those waited for: the start of one ends the last, and the first may be cut."""
+
 
 def run_case(case: Case, out: Path) -> bool:
     """Run one valve live and report.
@@ -55,7 +58,7 @@ def _parameters(case: Case, out: Path) -> dict[str, object]:
     return given | {
         "rate": case.rate,
         "batch": case.batch,
-        "stop_after_cycles": case.cycles + 1,
+        "stop_after_cycles": case.cycles + SPARE,
         "wait_for_subscribers": 2,  # the twin and the recorder, on every topic
         "signals": _signals(case),
         "history_url": f"sqlite:///{out / 'history.sqlite'}",
