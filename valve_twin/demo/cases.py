@@ -184,7 +184,7 @@ def _derived(model: str, cycles: int) -> Case:
         rate=rate,
         cycle_s=cycle_s,
         batch=1,
-        counts=config.cycles.rule is CycleRule.WINDOW,
+        counts=config.cycles.rule is CycleRule.WINDOW or model in PACES,
     )
 
 
