@@ -215,6 +215,9 @@ class Parameter:
         Physical bounds, unit of the parameter; infinite where there is none.
     trend : bool
         Whether the aging monitor follows it by default.
+    resolution : float
+        What a fit leaves that does not average out over cycles [unit of the parameter]; the
+        intervals of a drift are wider by it on both sides.
     """
 
     name: str
@@ -223,6 +226,7 @@ class Parameter:
     lower: float = -np.inf
     upper: float = np.inf
     trend: bool = False
+    resolution: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -123,8 +123,7 @@ def assess(
     ordered = order_history(history, config.axis)
     results = [
         _assess_parameter(
-            name,
-            known[name].unit if name in known else "1",
+            known.get(name, Parameter(name, "1", "")),
             ordered,
             maintenance,
             config,
@@ -170,14 +169,14 @@ def warm_up() -> None:
 
 
 def _assess_parameter(
-    name: str,
-    unit: str,
+    parameter: Parameter,
     history: History,
     maintenance: Sequence[Maintenance],
     config: AgingConfig,
     valve: str,
     confidence: float,
 ) -> tuple[Trend, TrendDetail]:
+    name = parameter.name
     series, effects = without_conditions(
         series_of(history, name), history.estimates, maintenance, config
     )
@@ -186,7 +185,7 @@ def _assess_parameter(
     detail = TrendDetail(
         name, series.axis, series.values, series.cycle, pieces.wild, pieces.starts, lines
     )
-    trend = _blank(name, unit, series, pieces, config, valve)
+    trend = _blank(name, parameter.unit, series, pieces, config, valve)
     if not len(series.values):
         return replace(trend, reason="no accepted estimate yet"), detail
     if len(history.axis) > 1:
@@ -194,7 +193,9 @@ def _assess_parameter(
             [e.end_ns for e in history.estimates[-config.rate_cycles :]], dtype=np.int64
         )
         trend = replace(trend, cycle_rate=axis_rate(history.axis, ends, len(ends)))
-    trend = _judge(trend, series, pieces, lines, maintenance, config, confidence)
+    trend = _judge(
+        trend, series, pieces, lines, maintenance, config, confidence, parameter.resolution
+    )
     caveats = _caveats(series, pieces, config) + describe_effects(effects)
     return replace(trend, reason=trend.reason + caveats), detail
 
@@ -239,6 +240,7 @@ def _judge(
     maintenance: Sequence[Maintenance],
     config: AgingConfig,
     confidence: float,
+    resolution: float,
 ) -> Trend:
     line = lines[-1]
     if line is None or line.samples < config.min_samples:
@@ -250,7 +252,7 @@ def _judge(
         )
     reference = find_reference(trend.parameter, series, pieces, lines, maintenance, config)
     trend = _with_line(trend, line)
-    trend = with_drift(trend, line, reference)
+    trend = with_drift(trend, line, reference, resolution)
     limit = nearest_limit(trend, line, reference, config, confidence=confidence)
     trend = _with_life(trend, limit)
     if limit.beyond:

@@ -111,8 +111,11 @@ def _pooled_variance(lines: tuple[Line | None, ...]) -> float:
     return sum(w * f.sigma**2 for w, f in zip(weights, fits, strict=True)) / sum(weights)
 
 
-def with_drift(trend: Trend, line: Line, reference: Reference) -> Trend:
-    """Add the drift against the reference and against the start of the segment, in percent."""
+def with_drift(trend: Trend, line: Line, reference: Reference, resolution: float = 0.0) -> Trend:
+    """Add the drift against the reference and against the start of the segment, in percent.
+
+    `resolution` is that of the parameter [unit]: scatter between cycles does not show it.
+    """
     t = quantile(line.freedom, 0.95)
     var_level = line.level_variance(trend.axis_value)
     since_new = _percent(
@@ -126,6 +129,7 @@ def with_drift(trend: Trend, line: Line, reference: Reference) -> Trend:
             var_b=reference.variance,
             t=t,
         ),
+        resolution,
     )
     start, now = trend.segment_start, trend.axis_value
     cov = (
@@ -144,6 +148,7 @@ def with_drift(trend: Trend, line: Line, reference: Reference) -> Trend:
             var_b=line.level_variance(start),
             t=t,
         ),
+        resolution,
     )
     return replace(
         trend,
@@ -158,12 +163,15 @@ def with_drift(trend: Trend, line: Line, reference: Reference) -> Trend:
     )
 
 
-def _percent(a: float, b: float, limits: tuple[float, float]) -> tuple[float, float, float]:
+def _percent(
+    a: float, b: float, limits: tuple[float, float], resolution: float
+) -> tuple[float, float, float]:
     """Return a/b - 1 and its limits in percent; NaN where b cannot be told from zero."""
     low, high = limits
     if not np.isfinite(low):
         return _NAN, _NAN, _NAN
-    return 100.0 * (a / b - 1.0), 100.0 * (low - 1.0), 100.0 * (high - 1.0)
+    wider = resolution / abs(b)
+    return 100.0 * (a / b - 1.0), 100.0 * (low - wider - 1.0), 100.0 * (high + wider - 1.0)
 
 
 def nearest_limit(

@@ -20,10 +20,20 @@ PARAMETERS = (
     Parameter("resistance_a", "ohm", "coil A, from its flux balance", 0.0, trend=True),
     Parameter("resistance_b", "ohm", "coil B, from its flux balance", 0.0, trend=True),
     Parameter(
-        "force_gain", "1", "magnetic force over that of the characteristic curves", 0.0, trend=True
+        "force_gain",
+        "1",
+        "magnetic force over that of the characteristic curves",
+        0.0,
+        trend=True,
+        resolution=5e-4,  # ripple of the currents, whose squares a mean does not hold
     ),
     Parameter(
-        "friction", "N", "Coulomb friction peak to peak (F_h of paper 000)", 0.0, trend=True
+        "friction",
+        "N",
+        "Coulomb friction peak to peak (F_h of paper 000)",
+        0.0,
+        trend=True,
+        resolution=3e-3,  # as above, of 6 N
     ),
     Parameter(
         "preload_1", "N", "spring 1 in the middle, spring 2 as in the options", 0.0, trend=True

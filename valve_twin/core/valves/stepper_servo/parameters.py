@@ -11,6 +11,10 @@ from valve_twin.core.valves.stepper_servo.predictor import MAX_LAG, ORDER
 MECHANICS = "backlash_output_error"
 WIENER = "recursive_hammerstein_wiener"
 
+EDGE = 1e-4
+"""What the corners of the sensor's average and of the flow meter leave of an edge, in parts of the
+stroke; measured on the simulated valve (docs/valves/stepper_servo.md)."""
+
 THREAD = ("backlash", "lost_share", "lost_steps", "offset", "delay")
 FLOW = ("band_lower", "band_upper", "dead_band", "flow_full", "flow_lag")
 FITS = ("fit_a_priori", "fit_a_posteriori", "fit_free_run", "pole")
@@ -36,12 +40,26 @@ PARAMETERS = (
     Parameter("offset", "1", "spool position minus counted motor position at the cycle's end"),
     Parameter("delay", "s", "counted step to measured position: sensor average and logging", 0.0),
     Parameter(
-        "band_lower", "1", "spool position at which the lower flow begins", 0.0, 1.0, trend=True
+        "band_lower",
+        "1",
+        "spool position at which the lower flow begins",
+        0.0,
+        1.0,
+        trend=True,
+        resolution=EDGE,
     ),
     Parameter(
-        "band_upper", "1", "spool position at which the upper flow begins", 0.0, 1.0, trend=True
+        "band_upper",
+        "1",
+        "spool position at which the upper flow begins",
+        0.0,
+        1.0,
+        trend=True,
+        resolution=EDGE,
     ),
-    Parameter("dead_band", "1", "band_upper - band_lower", 0.0, 1.0, trend=True),
+    Parameter(
+        "dead_band", "1", "band_upper - band_lower", 0.0, 1.0, trend=True, resolution=2.0 * EDGE
+    ),
     Parameter("flow_full", "1", "flow at full opening, unit of the mapped flow", 0.0, trend=True),
     Parameter("flow_lag", "s", "time constant of the flow meter", 0.0),
     *(
