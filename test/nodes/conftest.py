@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 import rclpy
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -160,6 +161,21 @@ class Graph:
         """Whether every one of the test's subscriptions of these topics has met a publisher."""
         mine = [s for s in self.node.subscriptions if s.topic_name in topics]
         return len(mine) == len(topics) and all(s.get_publisher_count() for s in mine)
+
+    def be_heard(self, node: str) -> None:
+        """Wait until a node knows the test's subscribers: it has met this latest one.
+
+        A subscriber can see a publisher that does not know it yet; what is published until then
+        is lost to it.
+        """
+        heard: list[str] = []
+
+        def take(message: DiagnosticArray) -> None:
+            heard.extend(s.name for s in message.status if s.name.startswith(node))
+
+        latest = self.node.create_subscription(DiagnosticArray, "/diagnostics", take, DEEP)
+        self.spin_until(lambda: heard, 60.0, f"the diagnostics of {node}")
+        self.node.destroy_subscription(latest)
 
     def call(self, service, name: str, /, timeout: float = 20.0, **fields):
         """Call a service of any node and return the response."""

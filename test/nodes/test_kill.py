@@ -18,7 +18,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from valve_twin_msgs.msg import CycleSummary, Estimate, Float64Stamped
 
@@ -77,16 +76,7 @@ class Life:
         graph.spin_until(
             lambda: gate.is_open(self.publishers, 1, time.monotonic()), 60.0, "the twin's inputs"
         )
-        self._be_heard()
-
-    def _be_heard(self) -> None:
-        """Wait until the twin knows the subscribers of the test, this latest one included."""
-        heard: list[DiagnosticArray] = []
-        subscription = self.graph.node.create_subscription(
-            DiagnosticArray, "/diagnostics", heard.append, 10
-        )
-        self.graph.spin_until(lambda: heard, 60.0, "the twin's diagnostics")
-        self.graph.node.destroy_subscription(subscription)
+        graph.be_heard(f"{ns}/twin")
 
     def kill(self) -> None:
         self.twin.process.kill()

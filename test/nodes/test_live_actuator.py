@@ -58,6 +58,7 @@ def _live(graph, folder, file) -> Run:
     history = {"history_url": f"sqlite:///{folder}/history.sqlite"}
     graph.start("twin", NAME, given, **history)
     graph.start("aging_monitor", NAME, given, **history)
+    graph.be_heard(f"{NAME}/twin")
     live = {"rate": 1.0, "stop_after_cycles": CYCLES + 1, "wait_for_subscribers": 2}
     graph.start("simulated_valve", NAME, given, **live)
     graph.spin_until(lambda: len(run.estimates) >= CYCLES, 60.0, "the estimates")
