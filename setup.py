@@ -26,7 +26,7 @@ NODE_SCRIPT = """{first}
 # A signal that comes before the node has its handlers waits for them where `env` can see to it.
 import sys
 
-from valve_twin.nodes.executables import {name}
+from valve_twin.nodes.runtime.executables import {name}
 
 if __name__ == "__main__":  # not in the processes that the node starts
     sys.exit({name}())
@@ -128,7 +128,7 @@ setup(
     entry_points={
         "console_scripts": [
             "valve-twin = valve_twin.cli:main",
-            *(f"{node} = valve_twin.nodes.executables:{node}" for node in NODES),
+            *(f"{node} = valve_twin.nodes.runtime.executables:{node}" for node in NODES),
         ],
     },
 )

@@ -10,7 +10,7 @@ import pytest
 
 from valve_twin.cli import main
 from valve_twin.core.valves.registry import get_model
-from valve_twin.io.config import load_config
+from valve_twin.io.config.valve import load_config
 
 TRUTH = {"resistance_a": 2.6, "resistance_b": 2.6, "force_gain": 1.0, "preload_1": 20.0}
 

@@ -192,7 +192,9 @@ def test_a_launch_file_names_files_and_executables_that_exist(path: Path) -> Non
 @pytest.mark.parametrize("path", LAUNCH_FILES, ids=lambda path: path.name)
 def test_a_launch_file_sets_only_parameters_that_its_nodes_declare(path: Path) -> None:
     known = {"use_sim_time", "topic_prefix"}
-    for specs in importlib.import_module("valve_twin.io.node_parameters").NODE_PARAMETERS.values():
+    for specs in importlib.import_module(
+        "valve_twin.io.config.node_parameters"
+    ).NODE_PARAMETERS.values():
         known |= {spec.name for spec in specs}
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.keyword) and node.arg == "parameters":

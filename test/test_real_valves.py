@@ -20,11 +20,11 @@ from scipy.optimize import least_squares
 from scipy.signal import lfilter, lfiltic
 
 from valve_twin.cli import main
-from valve_twin.core.estimation.sequence import Memory, evaluate, model_in_force
+from valve_twin.core.estimation.cycle.sequence import Memory, evaluate, model_in_force
 from valve_twin.core.types import Cycle, Estimate, EstimateStatus, join_frames
 from valve_twin.core.valves.registry import get_model
-from valve_twin.io.config import ValveConfig, load_config
-from valve_twin.io.offline import estimate_bag
+from valve_twin.io.config.valve import ValveConfig, load_config
+from valve_twin.io.offline.run import estimate_bag
 
 TRAINING_CYCLES = 3  # of 300 s each: the first 900 s
 LOADS, STROKES, CYCLES_A_RUN = 5, 4, 2

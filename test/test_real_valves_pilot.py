@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 from valve_twin.cli import main
-from valve_twin.core.estimation.sequence import Memory, evaluate, model_in_force
+from valve_twin.core.estimation.cycle.sequence import Memory, evaluate, model_in_force
 from valve_twin.core.types import Cycle, Estimate, EstimateStatus, Frames, ParameterStatus
 from valve_twin.core.valves.registry import get_model
-from valve_twin.io.config import load_config
+from valve_twin.io.config.valve import load_config
 
 VALVES = ("arm_in", "arm_out", "boom_dn", "boom_up")
 TRAINED = (40, 60, 80, 100)  # duties [%]; structure and options were chosen among these alone

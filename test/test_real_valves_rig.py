@@ -18,8 +18,8 @@ import pytest
 from valve_twin.cli import main
 from valve_twin.core.aging.series import cut, order_history, series_of
 from valve_twin.core.types import Estimate
-from valve_twin.io.config import load_config
-from valve_twin.io.offline import estimate_bag
+from valve_twin.io.config.valve import load_config
+from valve_twin.io.offline.run import estimate_bag
 
 LEVELS = (100, 90, 80, 73)  # % of the valve's switching: healthy, small, severe lag, near failure
 LAG_CHANGES = (12, 23, 33, 43, 53, 74, 84, 94)  # and 2: no piece is cut that is so short

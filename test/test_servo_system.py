@@ -10,7 +10,7 @@ import pytest
 
 from valve_twin.cli.main import main
 from valve_twin.core.valves.registry import get_model
-from valve_twin.io.config import load_config
+from valve_twin.io.config.valve import load_config
 
 
 def test_every_signal_of_the_model_is_mapped(root):

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.aging import AgingConfig, assess
-from valve_twin.core.estimation.sequence import Memory, estimate_cycle
+from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.physics.solenoid_map import coil_force as solenoid_force
 from valve_twin.core.simulation import AgingRule, simulate_cycles, to_frames
 from valve_twin.core.types import Cycle

@@ -42,7 +42,7 @@ def main() -> None:
     """Compile everything."""
     from valve_twin.core import aging
 
-    import_module("valve_twin.io.columns_kernel")  # compiles on import
+    import_module("valve_twin.io.cdr.columns_kernel")  # compiles on import
     for name in MODELS:
         for rule in CycleRule:
             run_once(name, rule)
@@ -69,7 +69,7 @@ def run_once(name: str, rule: CycleRule) -> None:
     ValueError
         If the model is unknown or cannot be simulated.
     """
-    from valve_twin.core.estimation.sequence import estimate_cycle
+    from valve_twin.core.estimation.cycle.sequence import estimate_cycle
     from valve_twin.core.simulation import SimulatedValve
 
     model = get_model(name)
@@ -123,7 +123,7 @@ def predict_once(name: str, rule: CycleRule) -> None:
 
 def _estimate_wave(name: str, changed: Options) -> None:
     """Estimate a made-up cycle for kernels that no simulation reaches: output follows command."""
-    from valve_twin.core.estimation.sequence import Memory, estimate_cycle
+    from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 
     model, period_s, count = get_model(name), 0.1, 200
     wave = np.sin(0.2 * np.arange(count))

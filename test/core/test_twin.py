@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from valve_twin.core.alignment import SignalRange
 from valve_twin.core.cycles import CycleConfig
-from valve_twin.core.estimation.sequence import Memory, estimate_cycle
+from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.simulation import SimulatedValve
 from valve_twin.core.simulation.block import join_blocks
 from valve_twin.core.twin import ClockJump, Estimated, Twin, TwinConfig

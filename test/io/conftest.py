@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from valve_twin.io.bags import BagWriter
+from valve_twin.io.bags.read import BagWriter
 
 START_NS = 1_577_836_800_000_000_000
 

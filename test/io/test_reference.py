@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
 from valve_twin.core.valves.registry import get_model, model_names
-from valve_twin.io.config import valve_specs
-from valve_twin.io.node_parameters import NODE_PARAMETERS
+from valve_twin.io.config.node_parameters import NODE_PARAMETERS
+from valve_twin.io.config.valve import valve_specs
 from valve_twin.io.reference import parameter_reference
 
 MODELS = model_names()

@@ -82,7 +82,7 @@ class Graph:
     def start(self, name: str, ns: str = NS, extra=(), **parameters) -> NodeProcess:
         """Start a node as `ros2 run` does."""
         number = next(self._count)
-        command = [sys.executable, "-m", "valve_twin.nodes.executables", name]
+        command = [sys.executable, "-m", "valve_twin.nodes.runtime.executables", name]
         command += self._arguments(f"{number}_{name}", ns, parameters, extra)
         environment = {**os.environ, "ROS_DOMAIN_ID": str(self.domain), "PYTHONUNBUFFERED": "1"}
         process = NodeProcess(command, environment, self.folder / f"{number}_{name}.log")

@@ -12,7 +12,7 @@ from valve_twin_msgs.msg import Float64Stamped
 
 from valve_twin.core.simulation.valve import SimulatedValve
 from valve_twin.core.valves.registry import get_simulation
-from valve_twin.io.cdr import encode_stamped
+from valve_twin.io.cdr.codec import encode_stamped
 
 START_NS = 1_000_000_000_000
 REARM = {"cycles.rearm_signal": "v_out"}

@@ -47,8 +47,8 @@ def publish_until_killed(path: str, heartbeat_s: float) -> None:
     from rclpy.qos import QoSProfile
     from valve_twin_msgs.msg import Float64Stamped
 
-    from valve_twin.io.cdr import encode_stamped
-    from valve_twin.nodes import transport
+    from valve_twin.io.cdr.codec import encode_stamped
+    from valve_twin.nodes.player import transport
 
     if heartbeat_s:
         transport.HEARTBEAT_S = heartbeat_s
@@ -67,8 +67,8 @@ def publish_until_killed(path: str, heartbeat_s: float) -> None:
 
 def fork_recorders() -> None:
     """Fork a recorder a line of stdin: log and notes, then its arguments (mother process)."""
-    import valve_twin.nodes.bag_recorder  # noqa: F401
-    from valve_twin.nodes import executables
+    import valve_twin.nodes.recorder.node  # noqa: F401
+    from valve_twin.nodes.runtime import executables
 
     signal.signal(signal.SIGCHLD, signal.SIG_IGN)
     sys.stdout.write("ready\n")
@@ -91,7 +91,7 @@ def fork_recorders() -> None:
 
 def install(path: Path) -> None:
     """Have the recorder of this process note every message and every turn of its loop."""
-    from valve_twin.nodes.bag_recorder import BagRecorderNode
+    from valve_twin.nodes.recorder.node import BagRecorderNode
 
     size = (ROWS + 1) * _ROW.size
     with path.open("w+b") as stream:

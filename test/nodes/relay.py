@@ -17,7 +17,7 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from valve_twin_msgs.msg import Float64Stamped
 
-from valve_twin.io.cdr import decode_stamped
+from valve_twin.io.cdr.codec import decode_stamped
 
 DEEP = QoSProfile(depth=20000)
 

@@ -27,9 +27,9 @@ from scipy.stats import theilslopes
 
 from valve_twin.core.simulation import simulate_cycles
 from valve_twin.core.valves.registry import get_simulation
-from valve_twin.io import history_tables
-from valve_twin.io.history import History, cycle_record
-from valve_twin.nodes.outlets import Gate
+from valve_twin.io.history import tables as history_tables
+from valve_twin.io.history.store import History, cycle_record
+from valve_twin.nodes.player.outlets import Gate
 
 REARM = {"cycles.rearm_signal": "v_out"}
 TOPICS = ("command/v_in", "command/v_out", "spool_position")
@@ -274,7 +274,7 @@ def children(pid: int) -> list[int]:
 
 def fill(database: Path, valves: int) -> None:
     """Store what a twin remembers, so that its memory is full from the first cycle on."""
-    from valve_twin.core.estimation.sequence import Memory, estimate_cycle
+    from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
     from valve_twin.core.types import Cycle, Frames
     from valve_twin.core.valves.registry import complete_options, get_model
 
@@ -313,8 +313,8 @@ def plant(valves: int, rate: float, batch: int, seconds: float) -> None:
     from rclpy.qos import QoSProfile
     from valve_twin_msgs import msg
 
-    from valve_twin.io.cdr import encode_series, encode_stamped
-    from valve_twin.nodes.transport import quicken
+    from valve_twin.io.cdr.codec import encode_series, encode_stamped
+    from valve_twin.nodes.player.transport import quicken
 
     quicken()  # else every acknowledgement takes up to 3 s
     rclpy.init(args=[])
@@ -375,7 +375,7 @@ def twin(counts: str, arguments: list[str]) -> None:
             file.write(f"{sys.getallocatedblocks()}\n")
 
     signal.signal(signal.SIGUSR1, write)
-    from valve_twin.nodes import executables
+    from valve_twin.nodes.runtime import executables
 
     sys.argv[1:] = arguments
     executables.run("twin")

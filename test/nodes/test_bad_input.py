@@ -4,10 +4,10 @@
 
 import pytest
 
-from valve_twin.nodes.aging_monitor import AgingMonitorNode
-from valve_twin.nodes.bag_player import BagPlayerNode
-from valve_twin.nodes.simulated_valve import SimulatedValveNode
-from valve_twin.nodes.twin import TwinNode
+from valve_twin.nodes.aging.node import AgingMonitorNode
+from valve_twin.nodes.player.node import BagPlayerNode
+from valve_twin.nodes.simulator.node import SimulatedValveNode
+from valve_twin.nodes.twin.node import TwinNode
 
 
 @pytest.fixture

@@ -17,14 +17,14 @@ from valve_twin_msgs.srv import GetRate, IsPaused, Pause, Resume, SetRate, Toggl
 
 from test.nodes.conftest import NS
 from test.nodes.feeding import START_NS, Feeder
-from valve_twin.io.bag_writer import BagWriter
-from valve_twin.io.bags import bag_info
-from valve_twin.io.mapping import SignalSource
-from valve_twin.io.playback import bag_topics, read_messages
-from valve_twin.nodes.bag_player import BagPlayerNode
-from valve_twin.nodes.bag_recorder import BagRecorderNode
-from valve_twin.nodes.convert import from_time
-from valve_twin.nodes.inputs import InputConfig, TopicInput, by_topic
+from valve_twin.io.bags.read import bag_info
+from valve_twin.io.bags.writer import BagWriter
+from valve_twin.io.cdr.signals import SignalSource
+from valve_twin.io.playback.player import bag_topics, read_messages
+from valve_twin.nodes.player.node import BagPlayerNode
+from valve_twin.nodes.recorder.node import BagRecorderNode
+from valve_twin.nodes.runtime.messages import from_time
+from valve_twin.nodes.twin.inputs import InputConfig, TopicInput, by_topic
 
 TOPICS = [f"{NS}/{t}" for t in ("command/v_in", "command/v_out", "spool_position")]
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -17,8 +17,8 @@ from pathlib import Path
 
 import pytest
 
-from valve_twin.io.config import load_config
-from valve_twin.io.simulated_bag import write_simulated_bag
+from valve_twin.io.config.valve import load_config
+from valve_twin.io.offline.simulated_bag import write_simulated_bag
 
 ROOT = Path(__file__).resolve().parents[2]
 UNIT = ROOT / "deploy" / "systemd" / "valve_twin@.service"

@@ -12,13 +12,13 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from valve_twin_msgs.msg import Prediction
 
 from test.nodes.feeding import REARM, START_NS, Feeder
-from valve_twin.core.estimation.sequence import estimate_cycle
+from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.simulation.valve import SimulatedValve
 from valve_twin.core.twin import Estimated
 from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
-from valve_twin.io.assembly import make_twin
-from valve_twin.io.config import parse_config
-from valve_twin.io.history import History
+from valve_twin.io.config.valve import parse_config
+from valve_twin.io.history.store import History
+from valve_twin.io.offline.assembly import make_twin
 
 CYCLES = 3
 LAST = 400

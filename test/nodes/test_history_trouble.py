@@ -18,7 +18,7 @@ from valve_twin_msgs.msg import CycleSummary, Estimate, Prediction
 from test.nodes.conftest import NS
 from test.nodes.feeding import REARM, Feeder
 from valve_twin.core.types import Maintenance
-from valve_twin.io.history import CycleRecord, History
+from valve_twin.io.history.store import CycleRecord, History
 
 TREND_ESTIMATOR = "output_error"
 FAST = {"busy_timeout_s": 0.3, "retry_s": 0.1, **REARM}

@@ -21,17 +21,17 @@ import rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from valve_twin_msgs.msg import CycleSummary, Estimate, Float64Stamped
 
-from test.io.test_history import bits
+from test.io.history.test_store import bits
 from test.nodes.conftest import NS
 from test.nodes.feeding import REARM, START_NS
 from valve_twin.core.aging.assess import assess
 from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.simulation.valve import SimulatedValve
 from valve_twin.core.valves.registry import get_model, get_simulation
-from valve_twin.io.cdr import encode_stamped
-from valve_twin.io.history import History
-from valve_twin.nodes.convert import from_time
-from valve_twin.nodes.outlets import Gate
+from valve_twin.io.cdr.codec import encode_stamped
+from valve_twin.io.history.store import History
+from valve_twin.nodes.player.outlets import Gate
+from valve_twin.nodes.runtime.messages import from_time
 
 TOPICS = ("command/v_in", "command/v_out", "spool_position")
 LATCHED = QoSProfile(depth=100000, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -16,8 +16,8 @@ from valve_twin_msgs.msg import CycleSummary, Estimate, Float64Stamped, Predicti
 
 from test.nodes.conftest import DEEP, NS, make_graph
 from test.nodes.feeding import REARM
-from valve_twin.io.history import History
-from valve_twin.nodes.convert import estimate_value, from_time
+from valve_twin.io.history.store import History
+from valve_twin.nodes.runtime.messages import estimate_value, from_time
 
 START_S = 1000.0
 RATE = 20.0
@@ -227,7 +227,7 @@ def test_a_monitor_that_was_off_for_ten_cycles_gives_the_identical_trend(run):
 
 
 def test_the_verdict_is_latched(run, tmp_path):
-    from valve_twin.nodes.live_valve import LATCHED
+    from valve_twin.nodes.twin.live_valve import LATCHED
 
     assert run.verdicts
     assert LATCHED.durability.name == "TRANSIENT_LOCAL"

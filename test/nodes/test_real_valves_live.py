@@ -17,11 +17,11 @@ from valve_twin_msgs.msg import Prediction, PredictionSeries
 
 from valve_twin.core.twin import Estimated
 from valve_twin.demo import Processes
-from valve_twin.io.config import load_config
-from valve_twin.io.csv_import import import_csv
+from valve_twin.io.config.valve import load_config
 from valve_twin.io.errors import StoreError
-from valve_twin.io.history import History
-from valve_twin.io.offline import estimate_bag
+from valve_twin.io.history.store import History
+from valve_twin.io.offline.run import estimate_bag
+from valve_twin.io.tables.csv_import import import_csv
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -16,8 +16,8 @@ from valve_twin_msgs.srv import ClearFaults
 from test.nodes.conftest import NS
 from test.nodes.feeding import START_NS, Feeder
 from test.nodes.rough import Watched
-from valve_twin.io.cdr import encode_stamped
-from valve_twin.nodes.convert import to_time
+from valve_twin.io.cdr.codec import encode_stamped
+from valve_twin.nodes.runtime.messages import to_time
 
 POSITION = f"{NS}/spool_position"
 BEST_EFFORT = ReliabilityPolicy.BEST_EFFORT

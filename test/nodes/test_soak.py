@@ -14,7 +14,7 @@ import pytest
 from scipy.stats import theilslopes
 
 from test.nodes.soaking import CYCLE, PERIOD_S, Result, Soak, children, rss_mb
-from valve_twin.io.history import History
+from valve_twin.io.history.store import History
 
 VALVES = 50
 BATCH = 33

@@ -18,7 +18,7 @@ from valve_twin.core.types import (
     Prediction,
     Validity,
 )
-from valve_twin.io.history_tables import CycleRecord
+from valve_twin.io.history.tables import CycleRecord
 from valve_twin.report import ReportData
 
 START_NS = 1_770_000_000 * 10**9

@@ -15,13 +15,16 @@ import numpy as np
 
 from valve_twin.bench.estimation import solve_in_cvxpy
 from valve_twin.bench.measure import Ratio, Scale, median
-from valve_twin.core.estimation.constraints import THETA, physical_inequalities
 from valve_twin.core.simulation import SimulatedValve
+from valve_twin.core.valves.press_cartridge.estimation.constraints import (
+    THETA,
+    physical_inequalities,
+)
 from valve_twin.core.valves.registry import get_simulation
-from valve_twin.io.bags import BagWriter
-from valve_twin.io.config import ValveConfig, parse_config
-from valve_twin.io.lines import json_lines
-from valve_twin.io.offline import assess_record, run_bag
+from valve_twin.io.bags.read import BagWriter
+from valve_twin.io.config.valve import ValveConfig, parse_config
+from valve_twin.io.offline.run import assess_record, run_bag
+from valve_twin.io.tables.json_lines import json_lines
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -9,22 +9,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.bench.measure import Ratio, Scale, median
-from valve_twin.core.estimation.constraints import physical_inequalities
-from valve_twin.core.estimation.free_run import OutputErrorOptions
-from valve_twin.core.estimation.kalman import fit_kalman
-from valve_twin.core.estimation.masks import find_masks
-from valve_twin.core.estimation.noise import rest_noise
-from valve_twin.core.estimation.qp import solve_qp
-from valve_twin.core.estimation.regression import design, gram, usable_rows
+from valve_twin.core.estimation.data.masks import find_masks
+from valve_twin.core.estimation.data.noise import rest_noise
 from valve_twin.core.simulation import simulate_cycles, to_frames
 from valve_twin.core.types import EstimateStatus
+from valve_twin.core.valves.press_cartridge.estimation.constraints import physical_inequalities
+from valve_twin.core.valves.press_cartridge.estimation.free_run import OutputErrorOptions
+from valve_twin.core.valves.press_cartridge.estimation.kalman import fit_kalman
+from valve_twin.core.valves.press_cartridge.estimation.qp import solve_qp
+from valve_twin.core.valves.press_cartridge.estimation.regression import design, gram, usable_rows
 from valve_twin.core.valves.registry import get_simulation
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from valve_twin.core.estimation.constraints import Inequalities
     from valve_twin.core.types import FloatArray
+    from valve_twin.core.valves.press_cartridge.estimation.constraints import Inequalities
 
 CYCLE_SAMPLES = 850
 """Samples of a production cycle of the reference experiment."""

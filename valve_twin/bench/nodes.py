@@ -24,13 +24,13 @@ from valve_twin.bench.measure import Ratio, Scale
 from valve_twin.bench.processes import NodeProcess, some_domain, start_node, start_peer
 from valve_twin.core.alignment import SignalRange
 from valve_twin.core.cycles import CycleConfig
-from valve_twin.core.estimation.sequence import estimate_cycle
+from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.simulation import simulate_cycles
 from valve_twin.core.twin import Twin, TwinConfig
 from valve_twin.core.types import Prediction
 from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
-from valve_twin.io.cdr import decode_series, encode_series
-from valve_twin.io.mapping import batch_stamps
+from valve_twin.io.cdr.codec import decode_series, encode_series
+from valve_twin.io.cdr.signals import batch_stamps
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -271,7 +271,7 @@ def _batches(seconds: float) -> Iterator[Ratio]:
 
 def _path() -> float:
     """Return the time to decode, align, predict and encode one input sample of batches [s]."""
-    from valve_twin.nodes.convert import series_bytes
+    from valve_twin.nodes.runtime.messages import series_bytes
 
     config = get_simulation("press_cartridge")
     model = get_model("press_cartridge")

@@ -19,7 +19,7 @@ from valve_twin_msgs import msg
 
 from valve_twin.core.simulation import simulate_cycles
 from valve_twin.core.valves.registry import get_simulation
-from valve_twin.io.cdr import encode_series, encode_stamped
+from valve_twin.io.cdr.codec import encode_series, encode_stamped
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -124,7 +124,7 @@ def start_node(
     content = {"/**": {"ros__parameters": {**QUIET, **parameters}}}
     path.write_text(yaml.safe_dump(content), encoding="utf-8")
     options = ["--ros-args", "-r", f"__ns:={namespace}", "--params-file", str(path)]
-    command = ["-m", "valve_twin.nodes.executables", name, *options]
+    command = ["-m", "valve_twin.nodes.runtime.executables", name, *options]
     return NodeProcess(command, domain, folder / f"{name}.log")
 
 

@@ -17,9 +17,9 @@ import numpy as np
 from valve_twin.bench.measure import Ratio, Scale, median, require_equal
 from valve_twin.core.simulation import SimulatedValve
 from valve_twin.core.valves.registry import get_simulation
-from valve_twin.io.bags import BagWriter, read_columns
-from valve_twin.io.cdr import encode_series, encode_stamped
-from valve_twin.io.mapping import SERIES_TYPE, STAMPED_TYPE, SignalSource
+from valve_twin.io.bags.read import BagWriter, read_columns
+from valve_twin.io.cdr.codec import encode_series, encode_stamped
+from valve_twin.io.cdr.signals import SERIES_TYPE, STAMPED_TYPE, SignalSource
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -11,7 +11,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.bench.measure import Ratio, Scale, median
-from valve_twin.core.estimation.recursive import Adaptation, Structure, adapt, identify, start
+from valve_twin.core.estimation.recursive.estimator import (
+    Adaptation,
+    Structure,
+    adapt,
+    identify,
+    start,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 
 from valve_twin.bench.measure import Ratio, Scale
 from valve_twin.core.types import Estimate, EstimateStatus, ParameterStatus, ParameterValue
-from valve_twin.io.history import CycleRecord, History
-from valve_twin.io.history_tables import cycle_row, estimate_row
+from valve_twin.io.history.store import CycleRecord, History
+from valve_twin.io.history.tables import cycle_row, estimate_row
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

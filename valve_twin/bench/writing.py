@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 from valve_twin.bench.measure import Ratio, Scale, median, require_equal
 from valve_twin.bench.reading import TOPICS, leave_to_the_kernel, press_columns
-from valve_twin.io.bags import BagWriter, read_columns
-from valve_twin.io.definitions import definition
-from valve_twin.io.mapping import STAMPED_TYPE, SignalSource
+from valve_twin.io.bags.definitions import definition
+from valve_twin.io.bags.read import BagWriter, read_columns
+from valve_twin.io.cdr.signals import STAMPED_TYPE, SignalSource
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

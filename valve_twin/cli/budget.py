@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import argparse
 
     from valve_twin.cli.common import Verbs
-    from valve_twin.core.budget import Budget
+    from valve_twin.core.valves.press_cartridge.budget import Budget
 
 _WIDTH = 150
 
@@ -66,9 +66,9 @@ def add(verbs: Verbs) -> None:
 
 
 def _budget(arguments: argparse.Namespace) -> int:
-    from valve_twin.core.budget import row_count
-    from valve_twin.io.budget import budget_options, configured_budget
-    from valve_twin.io.simulated_bag import simulation_of
+    from valve_twin.core.valves.press_cartridge.budget import row_count
+    from valve_twin.io.offline.budget import budget_options, configured_budget
+    from valve_twin.io.offline.simulated_bag import simulation_of
 
     config = chosen_config(arguments)
     options = budget_options(

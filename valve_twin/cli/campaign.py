@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from valve_twin.cli.common import OK, USAGE, add_verb, fail, positive, progress_of
-from valve_twin.io.campaign_config import load_campaign, write_severities
+from valve_twin.io.config.campaign import load_campaign, write_severities
 
 if TYPE_CHECKING:
     import argparse

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
     from valve_twin.core.aging import Assessment
-    from valve_twin.io.config import ValveConfig
-    from valve_twin.io.offline import Record
+    from valve_twin.io.config.valve import ValveConfig
+    from valve_twin.io.offline.run import Record
 
     Verbs: TypeAlias = "argparse._SubParsersAction[Parser]"
 
@@ -60,7 +60,7 @@ def add_config(parser: argparse.ArgumentParser) -> None:
 
 def chosen_config(arguments: argparse.Namespace) -> ValveConfig:
     """Return the configuration of the wanted valve, default the first of the file."""
-    from valve_twin.io.config import load_config
+    from valve_twin.io.config.valve import load_config
 
     configs = load_config(arguments.config)
     if not arguments.valve:
@@ -78,7 +78,7 @@ def run_offline(
     config: ValveConfig, bag: str, *, close_last: bool = True, predict: bool = True
 ) -> tuple[Record, Assessment]:
     """Estimate a bag and assess its trends; say on stderr what was bad in it."""
-    from valve_twin.io.offline import assess_record, describe_bad, describe_refused, run_bag
+    from valve_twin.io.offline.run import assess_record, describe_bad, describe_refused, run_bag
 
     with progress_of("estimating", None) as advance:
         record = run_bag(config, bag, close_last=close_last, predict=predict, on_cycle=advance)

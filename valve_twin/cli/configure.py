@@ -29,7 +29,7 @@ def add(verbs: Verbs) -> None:
 
 
 def _configure(arguments: argparse.Namespace) -> int:
-    from valve_twin.io.configure import propose_yaml
+    from valve_twin.io.offline.propose import propose_yaml
 
     text = propose_yaml(arguments.bag, position=arguments.position)
     if arguments.out:

@@ -42,7 +42,7 @@ def add(verbs: Verbs) -> None:
 
 
 def _estimate(arguments: argparse.Namespace) -> int:
-    from valve_twin.io.lines import json_lines
+    from valve_twin.io.tables.json_lines import json_lines
 
     config = chosen_config(arguments)
     if arguments.json:

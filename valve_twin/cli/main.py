@@ -9,26 +9,9 @@ import sys
 from typing import TYPE_CHECKING
 
 from valve_twin import __version__
-from valve_twin.cli import (
-    backtest,
-    batch,
-    bench,
-    budget,
-    campaign,
-    configure,
-    convert,
-    cut,
-    estimate,
-    fleet,
-    history,
-    import_,
-    info,
-    recover,
-    replay,
-    report,
-    simulate,
-    validate,
-)
+from valve_twin.cli import bench, budget, campaign, configure, estimate, report, simulate, validate
+from valve_twin.cli.archive import backtest, batch, fleet, history
+from valve_twin.cli.bags import convert, cut, import_, info, recover, replay
 from valve_twin.cli.common import FAILED, OK, USAGE, Parser, fail
 from valve_twin.io.errors import ConfigError, ValveTwinError
 

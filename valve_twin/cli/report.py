@@ -42,7 +42,7 @@ def _report(arguments: argparse.Namespace) -> int:
     config = chosen_config(arguments)
     budget = None
     if arguments.budget:
-        from valve_twin.io.budget import configured_budget
+        from valve_twin.io.offline.budget import configured_budget
 
         budget = configured_budget(config)
     if arguments.bag:

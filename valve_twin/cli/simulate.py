@@ -45,7 +45,7 @@ def add(verbs: Verbs) -> None:
 
 
 def _simulate(arguments: argparse.Namespace) -> int:
-    from valve_twin.io.simulated_bag import write_simulated_bag
+    from valve_twin.io.offline.simulated_bag import write_simulated_bag
 
     config = chosen_config(arguments)
     with progress_of("simulating", arguments.cycles) as advance:

@@ -10,15 +10,15 @@ import sys
 from typing import TYPE_CHECKING
 
 from valve_twin.cli.common import FAILED, OK, USAGE, add_verb, fail, progress_of
-from valve_twin.core.validation import Verdict, get_paper, paper_numbers
 from valve_twin.io.errors import suggest
+from valve_twin.validation import Verdict, get_paper, paper_numbers
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Sequence
 
     from valve_twin.cli.common import Verbs
-    from valve_twin.core.validation import Check
+    from valve_twin.validation import Check
 
 _WIDTH = 160
 _COLOURS = {Verdict.PASS: "green", Verdict.FAIL: "bold red", Verdict.CANNOT: "yellow"}

@@ -19,7 +19,7 @@ import numpy as np
 
 from valve_twin.core.alignment import Aligner, SignalCounts, SignalRange
 from valve_twin.core.cycles import Closing, CycleConfig, Part, Resume, Segmenter
-from valve_twin.core.estimation.sequence import InForce, Memory, model_in_force
+from valve_twin.core.estimation.cycle.sequence import InForce, Memory, model_in_force
 from valve_twin.core.prediction import residuals, restart_marks, run_model
 from valve_twin.core.types import Cycle, Estimate, FloatArray, Frames, IntArray, Prediction
 

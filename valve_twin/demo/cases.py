@@ -15,14 +15,14 @@ import yaml
 from valve_twin.core.simulation import cycle_truth
 from valve_twin.core.types import CycleRule
 from valve_twin.core.valves.registry import get_model, get_simulation, model_names
-from valve_twin.io.config import load_config
-from valve_twin.io.simulated_bag import simulation_of
+from valve_twin.io.config.valve import load_config
+from valve_twin.io.offline.simulated_bag import simulation_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from valve_twin.core.simulation import SimulationConfig
-    from valve_twin.io.config import ValveConfig
+    from valve_twin.io.config.valve import ValveConfig
 
 ROOT = Path(__file__).resolve().parents[2]
 DEFAULT = "press_cartridge"

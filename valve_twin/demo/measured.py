@@ -18,7 +18,7 @@ BOILER_DATA = "damadics_boiler_valve/boiler_valve_first_half.csv"
 def run_boiler(out: Path, data: Path) -> bool:
     """Import measured data, replay it through the live nodes, report; return whether all went."""
     from valve_twin.cli import main as valve_twin
-    from valve_twin.nodes.watch import watch
+    from valve_twin.demo.watch import watch
 
     config = ROOT / "config" / "boiler_valve.yaml"
     bag = out / "boiler_bag"

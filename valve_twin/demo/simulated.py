@@ -10,7 +10,7 @@ import yaml
 
 from valve_twin.demo.cases import DEFAULT, injected
 from valve_twin.demo.processes import Processes, say, write_parameters
-from valve_twin.io.mapping import SERIES_TYPE
+from valve_twin.io.cdr.signals import SERIES_TYPE
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -81,7 +81,7 @@ def _signals(case: Case) -> dict[str, object]:
 
 def _watch(processes: Processes, case: Case) -> int:
     """Show the live table until enough cycles are estimated."""
-    from valve_twin.nodes.watch import watch  # ROS is needed from here on
+    from valve_twin.demo.watch import watch  # ROS is needed from here on
 
     limit_s = max(120.0, 5.0 * case.cycle_s * case.cycles / case.rate)
     return watch(
@@ -140,9 +140,9 @@ def _injected_drift_is_found(case: Case, config_file: Path) -> bool:
     """Compare the stored history's trend with the truth of the simulated valve."""
     from valve_twin.core.aging import assess
     from valve_twin.core.valves.registry import get_model
-    from valve_twin.io.config import load_config
-    from valve_twin.io.history import History
-    from valve_twin.io.simulated_bag import simulation_of
+    from valve_twin.io.config.valve import load_config
+    from valve_twin.io.history.store import History
+    from valve_twin.io.offline.simulated_bag import simulation_of
 
     (config,) = load_config(config_file)
     with History(config.history_url, read_only=True) as history:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 from valve_twin.core.simulation import list_settings
 from valve_twin.core.valves.registry import get_model, get_simulation
-from valve_twin.io.config import VALVE_SPECS, signal_specs, valve_specs
-from valve_twin.io.node_parameters import NODE_PARAMETERS
-from valve_twin.io.schema import Kind, Spec, example, limits
+from valve_twin.io.config.node_parameters import NODE_PARAMETERS
+from valve_twin.io.config.schema import Kind, Spec, example, limits
+from valve_twin.io.config.valve import VALVE_SPECS, signal_specs, valve_specs
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

@@ -11,7 +11,7 @@ from valve_twin.report.tables import table
 from valve_twin.report.text import NONE, esc, number
 
 if TYPE_CHECKING:
-    from valve_twin.core.budget import Budget, BudgetRow
+    from valve_twin.core.valves.press_cartridge.budget import Budget, BudgetRow
 
 _COLOURS = {
     "a": "#9ecae1",

@@ -13,8 +13,8 @@ from valve_twin import __version__
 from valve_twin.core.aging import assess
 from valve_twin.core.valves.registry import complete_options, get_model
 from valve_twin.io.errors import StoreError
-from valve_twin.io.history import History
-from valve_twin.io.offline import join_predictions
+from valve_twin.io.history.store import History
+from valve_twin.io.offline.run import join_predictions
 from valve_twin.report.data import ReportData
 from valve_twin.report.page import write_report
 
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from valve_twin.core.aging import Assessment
-    from valve_twin.core.budget import Budget
-    from valve_twin.io.config import ValveConfig
-    from valve_twin.io.offline import Record
+    from valve_twin.core.valves.press_cartridge.budget import Budget
+    from valve_twin.io.config.valve import ValveConfig
+    from valve_twin.io.offline.run import Record
 
 
 def report_bag(

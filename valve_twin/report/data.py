@@ -11,9 +11,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from valve_twin.core.aging import Assessment
-    from valve_twin.core.budget import Budget
     from valve_twin.core.types import Estimate, Maintenance, Parameter, Prediction
-    from valve_twin.io.history_tables import CycleRecord
+    from valve_twin.core.valves.press_cartridge.budget import Budget
+    from valve_twin.io.history.tables import CycleRecord
 
 
 @dataclass(frozen=True, slots=True)

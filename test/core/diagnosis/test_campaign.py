@@ -13,7 +13,7 @@ from valve_twin.core.diagnosis.derive import DETECTABLE, Effort, derive
 from valve_twin.core.diagnosis.isolability import isolability
 from valve_twin.core.diagnosis.source import table_source
 from valve_twin.core.diagnosis.table import BY_NAME, FACTORS
-from valve_twin.io.campaign_config import load_campaign
+from valve_twin.io.config.campaign import load_campaign
 
 
 @pytest.fixture(scope="module")

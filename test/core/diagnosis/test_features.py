@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from valve_twin.core.diagnosis.features import FEATURES, NAMES, RELATIVE, feature_vector
-from valve_twin.core.estimation.sequence import Memory, estimate_cycle
+from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.simulation import to_frames
 from valve_twin.core.types import Cycle, EstimateStatus, ParameterStatus
 from valve_twin.core.valves.press_cartridge import MODEL

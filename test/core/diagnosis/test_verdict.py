@@ -7,12 +7,12 @@ from copy import deepcopy
 import pytest
 
 from valve_twin.core.aging import AgingConfig, VerdictKind, assess
-from valve_twin.core.estimation.sequence import Memory, estimate_cycle
+from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.simulation import SimulatedValve, to_frames
 from valve_twin.core.types import Cycle, Maintenance
 from valve_twin.core.valves.press_cartridge import MODEL, PLANT
 from valve_twin.core.valves.registry import complete_options
-from valve_twin.io.history_tables import estimate_row, row_estimate
+from valve_twin.io.history.tables import estimate_row, row_estimate
 
 OPTIONS = complete_options(MODEL, {"estimators": ["output_error", "features"]})
 BEFORE = 30

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.aging import AgingConfig, assess
-from valve_twin.core.estimation.sequence import Memory, estimate_cycle
+from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.simulation import configure, simulate_cycles, to_frames
 from valve_twin.core.types import Cycle, Estimate
 from valve_twin.core.valves.registry import complete_options, get_model, get_simulation

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.masks import held_recently
-from valve_twin.core.estimation.noise import find_rest, rest_noise
+from valve_twin.core.estimation.data.masks import held_recently
+from valve_twin.core.estimation.data.noise import find_rest, rest_noise
 from valve_twin.core.types import Parameter, ParameterStatus, ParameterValue
 
 if TYPE_CHECKING:
-    from valve_twin.core.estimation.masks import Masks
+    from valve_twin.core.estimation.data.masks import Masks
     from valve_twin.core.types import BoolArray, FloatArray, Frames
 
 ESTIMATOR = "features"

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from valve_twin.core.cycles import CycleConfig, Segmenter
-from valve_twin.core.estimation.sequence import Memory, estimate_cycle, model_in_force
+from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle, model_in_force
 from valve_twin.core.types import (
     Cycle,
     CycleRule,
@@ -24,7 +24,7 @@ from valve_twin.core.types import (
 from valve_twin.core.valves.cycle_timing import MODEL
 from valve_twin.core.valves.cycle_timing.timing import self_centred
 from valve_twin.core.valves.registry import complete_options, get_model
-from valve_twin.io.config import load_config
+from valve_twin.io.config.valve import load_config
 from valve_twin.io.errors import ConfigError
 
 PERIOD_S = 0.1

@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from valve_twin.core.estimation.nonlinear import FitStatus, Method
+from valve_twin.core.estimation.solvers.nonlinear import FitStatus, Method
 from valve_twin.core.valves.hybrid_actuator.magnetics import (
     FIT,
     KERNELS,

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from valve_twin.core.estimation.sequence import Memory, estimate_cycle, model_in_force
+from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle, model_in_force
 from valve_twin.core.types import Cycle, EstimateStatus, Frames, ParameterStatus, Validity
 from valve_twin.core.valves.hydraulic_actuator import MODEL
 from valve_twin.core.valves.hydraulic_actuator.kernels import flow, free_run

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from valve_twin.core.estimation.sequence import Memory, evaluate, model_in_force
+from valve_twin.core.estimation.cycle.sequence import Memory, evaluate, model_in_force
 from valve_twin.core.simulation import SimulatedValve, to_frames
 from valve_twin.core.simulation.block import join_blocks
 from valve_twin.core.types import Cycle, Estimate, ParameterStatus

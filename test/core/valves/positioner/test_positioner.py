@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from valve_twin.core.estimation.sequence import Memory, model_in_force
+from valve_twin.core.estimation.cycle.sequence import Memory, model_in_force
 from valve_twin.core.types import (
     Cycle,
     Estimate,

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from valve_twin.core.estimation.sequence import evaluate
+from valve_twin.core.estimation.cycle.sequence import evaluate
 from valve_twin.core.simulation import SimulatedValve, configure, to_frames
 from valve_twin.core.simulation.program import CycleProgram
 from valve_twin.core.types import Cycle, EstimateStatus, ParameterStatus

@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from valve_twin.core.estimation.sequence import Memory, estimate_cycle
+from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.simulation import configure, simulate_cycles, to_frames
 from valve_twin.core.types import Cycle, EstimateStatus, ParameterStatus, Validity
 from valve_twin.core.valves.registry import complete_options, get_simulation

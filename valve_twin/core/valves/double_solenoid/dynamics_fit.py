@@ -19,7 +19,7 @@ import numpy as np
 from numba import njit
 
 from valve_twin.core.control.current_loop import SUB_STEPS
-from valve_twin.core.estimation.nonlinear import Curve, CurveFit, FitParameter, fit_curves
+from valve_twin.core.estimation.solvers.nonlinear import Curve, CurveFit, FitParameter, fit_curves
 from valve_twin.core.physics.solenoid_map import MapTables, coil_current, coil_force
 from valve_twin.core.valves.double_solenoid.coils import coil_flux
 from valve_twin.core.valves.double_solenoid.flux_reconstruction import (

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
-from valve_twin.core.estimation.nonlinear import (
+from valve_twin.core.estimation.solvers.nonlinear import (
     Curve,
     CurveFit,
     FitParameter,

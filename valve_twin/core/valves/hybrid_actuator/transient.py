@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.nonlinear import Curve, CurveFit, FitParameter, fit_curves
+from valve_twin.core.estimation.solvers.nonlinear import Curve, CurveFit, FitParameter, fit_curves
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

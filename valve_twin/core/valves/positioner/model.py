@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.plausibility import (
+from valve_twin.core.estimation.cycle.plausibility import (
     LARGEST,
     follow_fault,
     known_rows,

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.masks import MaskOptions, find_masks
-from valve_twin.core.estimation.noise import rest_noise
+from valve_twin.core.estimation.data.masks import MaskOptions, find_masks
+from valve_twin.core.estimation.data.noise import rest_noise
 from valve_twin.core.gaps import find_gaps
 from valve_twin.core.types import MaskCounts
 from valve_twin.core.valves.interface import number

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.identifiability import assess_identifiability
+from valve_twin.core.estimation.solvers.identifiability import assess_identifiability
 from valve_twin.core.types import ParameterStatus, ParameterValue
 from valve_twin.core.valves.positioner.extended import LAG
 from valve_twin.core.valves.positioner.fit_extended import correlated_sigma

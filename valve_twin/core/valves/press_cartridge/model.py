@@ -11,24 +11,7 @@ import numpy as np
 
 from valve_twin.core.diagnosis import features
 from valve_twin.core.diagnosis.features import FeatureOptions, cycle_features
-from valve_twin.core.estimation import kalman, output_error
-from valve_twin.core.estimation.checks import check_gap
-from valve_twin.core.estimation.constraints import THETA, parse_inequalities
-from valve_twin.core.estimation.equation_error import (
-    ESTIMATORS as EQUATION_ERROR,
-)
-from valve_twin.core.estimation.equation_error import (
-    EquationErrorOptions,
-    fit_equation_error,
-)
-from valve_twin.core.estimation.free_run import OutputErrorOptions
-from valve_twin.core.estimation.guards import GuardOptions
-from valve_twin.core.estimation.kalman import fit_kalman, pool_ratios
-from valve_twin.core.estimation.lag import LagScan, scan_lag
-from valve_twin.core.estimation.masks import MaskOptions, Masks, find_masks
-from valve_twin.core.estimation.noise import rest_noise
-from valve_twin.core.estimation.output_error import fit_output_error
-from valve_twin.core.estimation.plausibility import (
+from valve_twin.core.estimation.cycle.plausibility import (
     LARGEST,
     drive_fault,
     known_rows,
@@ -36,6 +19,8 @@ from valve_twin.core.estimation.plausibility import (
     still_fault,
     unit_fault,
 )
+from valve_twin.core.estimation.data.masks import MaskOptions, Masks, find_masks
+from valve_twin.core.estimation.data.noise import rest_noise
 from valve_twin.core.types import (
     ByteArray,
     Cycle,
@@ -48,6 +33,21 @@ from valve_twin.core.types import (
     ParameterValue,
 )
 from valve_twin.core.valves.interface import Option, Options, number
+from valve_twin.core.valves.press_cartridge.estimation import kalman, output_error
+from valve_twin.core.valves.press_cartridge.estimation.checks import check_gap
+from valve_twin.core.valves.press_cartridge.estimation.constraints import THETA, parse_inequalities
+from valve_twin.core.valves.press_cartridge.estimation.equation_error import (
+    ESTIMATORS as EQUATION_ERROR,
+)
+from valve_twin.core.valves.press_cartridge.estimation.equation_error import (
+    EquationErrorOptions,
+    fit_equation_error,
+)
+from valve_twin.core.valves.press_cartridge.estimation.free_run import OutputErrorOptions
+from valve_twin.core.valves.press_cartridge.estimation.guards import GuardOptions
+from valve_twin.core.valves.press_cartridge.estimation.kalman import fit_kalman, pool_ratios
+from valve_twin.core.valves.press_cartridge.estimation.lag import LagScan, scan_lag
+from valve_twin.core.valves.press_cartridge.estimation.output_error import fit_output_error
 from valve_twin.core.valves.press_cartridge.predictor import (
     COEFFICIENTS,
     MAX_LAG,

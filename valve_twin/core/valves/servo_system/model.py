@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.plausibility import normalised_fault
+from valve_twin.core.estimation.cycle.plausibility import normalised_fault
 from valve_twin.core.types import (
     Estimate,
     EstimateStatus,

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from valve_twin.core.estimation.plausibility import normalised_fault
-from valve_twin.core.estimation.recursive import Adaptation, Structure, project_stable
+from valve_twin.core.estimation.cycle.plausibility import normalised_fault
+from valve_twin.core.estimation.recursive.estimator import Adaptation, Structure, project_stable
 from valve_twin.core.types import (
     Estimate,
     EstimateStatus,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.recursive import fits, identify
+from valve_twin.core.estimation.recursive.estimator import fits, identify
 from valve_twin.core.types import ParameterStatus, ParameterValue
 from valve_twin.core.valves.stepper_servo.fit import (
     end_offset,
@@ -21,7 +21,7 @@ from valve_twin.core.valves.stepper_servo.kernels import BACKLASH, DELAY, LOST
 from valve_twin.core.valves.stepper_servo.parameters import FITS, FLOW, THETA, THREAD
 
 if TYPE_CHECKING:
-    from valve_twin.core.estimation.recursive import Adaptation, Adapted, Structure
+    from valve_twin.core.estimation.recursive.estimator import Adaptation, Adapted, Structure
     from valve_twin.core.types import FloatArray
     from valve_twin.core.valves.stepper_servo.fit import FlowFit, Record, ThreadFit
 

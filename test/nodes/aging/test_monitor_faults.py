@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""A sudden fault in the stored features: verdict, diagnostics, and what the twin keeps of it."""
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from valve_twin_msgs.msg import Verdict
+
+from test.nodes.aging.test_node import aging_valve, record_of
+from test.nodes.conftest import NS
+from valve_twin.core.diagnosis.features import ESTIMATOR, NAMES, RELATIVE, feature_vector
+from valve_twin.core.diagnosis.table import with_floor
+from valve_twin.core.simulation import SimulatedValve, to_frames
+from valve_twin.core.types import Cycle, Estimate, EstimateStatus, ParameterValue
+from valve_twin.core.valves.press_cartridge import MODEL, PLANT
+from valve_twin.core.valves.registry import complete_options
+from valve_twin.io.history.store import History
+from valve_twin.nodes.aging.node import AgingMonitorNode
+from valve_twin.nodes.twin.node import TwinNode
+
+CYCLES, ONSET = 40, 36
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+OPTIONS = {"options.estimators": ["output_error", ESTIMATOR]}
+
+
+def features():
+    """Yield the features of 40 cycles, the sensor 1e-3 off from cycle 36 on."""
+    valve = SimulatedValve(PLANT.simulation(), 3)
+    cycle = Cycle(1, 0.03, to_frames(valve.advance(850)))
+    start = feature_vector(MODEL.features(cycle, complete_options(MODEL, {})))
+    table = MODEL.signatures()
+    covariance = with_floor(np.array(table.covariance), np.array(table.floor))
+    random = np.random.default_rng(4)
+    noise = random.multivariate_normal(np.zeros(len(NAMES)), covariance, CYCLES)
+    for n, vector in enumerate(start + noise, 1):
+        vector[NAMES.index("rest_level")] += 1e-3 * (n >= ONSET)
+        yield tuple(
+            ParameterValue(name, float(np.exp(v) if name in RELATIVE else v))
+            for name, v in zip(NAMES, vector, strict=True)
+        )
+
+
+@pytest.fixture
+def history(tmp_path):
+    url = f"sqlite:///{tmp_path}/history.sqlite"
+    with History(url) as made:
+        for estimate, shown in zip(aging_valve(CYCLES, 0.0), features(), strict=True):
+            beside = Estimate(
+                model="press_cartridge",
+                estimator=ESTIMATOR,
+                cycle=estimate.cycle,
+                start_ns=estimate.start_ns,
+                end_ns=estimate.end_ns,
+                parameters=shown,
+                status=EstimateStatus.ACCEPTED,
+                reason="13 of 13 features of faults are shown",
+            )
+            made.store(NS, record_of(estimate), [estimate, beside])
+    return {"history_url": url}
+
+
+def test_a_sensor_fault_is_told_stored_and_in_the_diagnostics(graph, history):
+    graph.host(TwinNode, **history, **OPTIONS)
+    graph.host(AgingMonitorNode, page=15, **OPTIONS)
+    verdicts = graph.record(f"{NS}/aging_monitor/verdict", Verdict, LATCHED)
+    diagnostics = graph.record("/diagnostics", DiagnosticArray)
+    graph.spin_until(lambda: verdicts, what="a verdict")
+    assert verdicts[-1].text == "sensor"
+    assert verdicts[-1].verdict == Verdict.SENSOR
+    assert "offset of the position sensor, size 0.001" in verdicts[-1].evidence
+    assert f"since cycle {ONSET}" in verdicts[-1].evidence
+
+    def told():
+        return [
+            status
+            for array in diagnostics
+            for status in array.status
+            if status.name.endswith(f"aging of {NS}") and "offset" in status.message
+        ]
+
+    graph.spin_until(told, what="the fault in the diagnostics")
+    assert told()[-1].level == DiagnosticStatus.WARN
+    assert any("diagnosis.sensor" in pair.key + pair.value for pair in told()[-1].values)
+
+    def stored():
+        with History(history["history_url"], read_only=True) as kept:
+            return kept.verdicts(NS)
+
+    graph.spin_until(stored, what="the stored verdict")
+    assert stored()[-1].evidence == verdicts[-1].evidence
+    assert stored()[-1].cycle == CYCLES

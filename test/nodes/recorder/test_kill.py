@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""A recorder killed with SIGKILL loses at most one second of what it had received.
+
+What was sent and had not reached its middleware is counted beside: after a kill Fast DDS may give
+a publisher's messages to the shared memory of the dead, and to the living seconds later.
+"""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from test.nodes.recorder_kills import KillingField, kill_many
+
+CAMPAIGN = Path(__file__).resolve().parents[3] / "docs" / "campaigns" / "kills.json"
+
+
+@pytest.fixture
+def field(tmp_path, monkeypatch):
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    made = KillingField(tmp_path, 1 + os.getpid() % 99)
+    yield made
+    made.close()
+
+
+def test_what_is_older_than_a_second_survives_a_kill(field):
+    results, deaf = kill_many(field, kills=8, at_once=4, seed=1)
+    assert not deaf
+    assert min(r.expected for r in results) > 0
+    assert min(r.received for r in results) > 0
+    assert [r.received_missing for r in results] == [0] * 8
+    assert max(r.received_lost_s for r in results) < 1.0
+
+
+def spread(name, values):
+    """Name the median, 99 % and worst of values in seconds."""
+    found = [float(np.quantile(values, q)) for q in (0.5, 0.99, 1.0)]
+    names = ("median", "99 %", "worst")
+    return {f"{name}, {n} [s]": round(v, 3) for n, v in zip(names, found, strict=True)}
+
+
+def told(results, deaf):
+    """Return the figures of a campaign."""
+    return {
+        "kills": len(results),
+        "further recorders to which the middleware gave nothing in 40 s": len(deaf),
+        "topics": 3,
+        "rate [messages/s]": 600,
+        "load average of 15 minutes": round(os.getloadavg()[2], 1),
+        "messages read": sum(r.found for r in results),
+        "messages received more than 1 s before the kill": sum(r.received for r in results),
+        "of these missing": sum(r.received_missing for r in results),
+        **spread(
+            "age of the oldest lost message since it was received",
+            [r.received_lost_s for r in results],
+        ),
+        "messages sent more than 1 s before the kill": sum(r.expected for r in results),
+        "of these missing or still on their way": sum(r.missing for r in results),
+        **spread("age of the oldest lost message since it was sent", [r.lost_s for r in results]),
+        **spread(
+            "from sent to received",
+            np.maximum(np.concatenate([r.delivery_s for r in results]), 0.0),
+        ),
+        **spread("from received to taken", np.concatenate([r.wait_s for r in results])),
+        **spread("loop stood at the kill", [r.stood_s for r in results]),
+    }
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+def test_a_thousand_kills_lose_less_than_a_second_each(field):
+    kills = int(os.environ.get("VALVE_TWIN_KILLS", "1000"))
+    results, deaf = kill_many(field, kills=kills, at_once=6, seed=2)
+    figures = told(results, deaf)
+    CAMPAIGN.parent.mkdir(exist_ok=True)
+    CAMPAIGN.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+    assert figures["of these missing"] == 0
+    assert len(deaf) <= kills // 20, deaf[0]

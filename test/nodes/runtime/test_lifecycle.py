@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Nodes come up, change their state and go down in good order."""
+
+import signal
+import time
+
+import pytest
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+
+from test.nodes.conftest import NS
+from valve_twin.io.bags.writer import BagWriter
+from valve_twin.nodes.aging.node import AgingMonitorNode
+from valve_twin.nodes.player.node import BagPlayerNode
+from valve_twin.nodes.recorder.node import BagRecorderNode
+from valve_twin.nodes.simulator.node import SimulatedValveNode
+from valve_twin.nodes.twin.node import TwinNode
+
+NODES = {
+    "twin": TwinNode,
+    "simulated_valve": SimulatedValveNode,
+    "aging_monitor": AgingMonitorNode,
+    "bag_player": BagPlayerNode,
+    "bag_recorder": BagRecorderNode,
+}
+LIMIT_S = 2.0
+
+
+@pytest.fixture
+def parameters(tmp_path):
+    """Parameters that let every node run."""
+    with BagWriter(tmp_path / "bag") as writer:
+        writer.write_sample("/press/v1/spool_position", 10**9, 0.5)
+    history = {"history_url": f"sqlite:///{tmp_path}/history.sqlite"}
+    return {
+        "twin": history,
+        "simulated_valve": {"rate": 20.0},
+        "aging_monitor": history,
+        "bag_player": {"bag": str(tmp_path / "bag")},
+        "bag_recorder": {"bag": str(tmp_path / "recorded")},
+    }
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_every_state_is_reached_and_left_again(graph, parameters, name):
+    node = graph.host(NODES[name], autostart=False, **parameters[name])
+    assert node.state == "unconfigured"
+    states = []
+    for step in ("configure", "activate", "deactivate", "activate", "deactivate", "cleanup"):
+        getattr(node, f"trigger_{step}")()
+        graph.spin_until(lambda: True)
+        states.append(node.state)
+    assert states == ["inactive", "active", "inactive", "active", "inactive", "unconfigured"]
+
+
+def test_a_transition_that_the_state_does_not_know_is_answered(graph):
+    node = graph.host(SimulatedValveNode)
+    again = Transition(id=Transition.TRANSITION_CONFIGURE)
+    answer = graph.call(ChangeState, f"{NS}/simulated_valve/change_state", transition=again)
+    assert not answer.success
+    assert node.state == "active"
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("name", NODES)
+def test_a_signal_ends_a_running_node_at_once(graph, parameters, name, number):
+    process = graph.start(name, **parameters[name])
+    graph.spin_until(
+        lambda: name in graph.node.get_node_names() and process.takes_signals(), 30.0, "the node"
+    )
+    begin = time.monotonic()
+    code = process.end(number)
+    assert code == 0, process.log
+    assert time.monotonic() - begin < LIMIT_S
+    assert "Traceback" not in process.log
+
+
+def test_a_second_interrupt_during_the_end_does_no_harm(graph, parameters):
+    process = graph.start("twin", **parameters["twin"])
+    graph.spin_until(lambda: "twin" in graph.node.get_node_names(), 30.0, "the node")
+    graph.spin_until(lambda: "cycles go on from" in process.log, 30.0, "the configuration")
+    process.process.send_signal(signal.SIGINT)
+    while process.process.poll() is None:
+        process.process.send_signal(signal.SIGINT)
+        time.sleep(0.005)
+    assert process.process.returncode == 0, process.log
+    assert "Traceback" not in process.log

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""SIGTERM and SIGINT end every installed executable at any moment, exit code 0 within 2 s."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from valve_twin_msgs.msg import Float64Stamped
+
+from test.nodes.conftest import NS
+from valve_twin.io.bags.writer import BagWriter
+
+NAMES = ("twin", "simulated_valve", "aging_monitor", "bag_player", "bag_recorder")
+NUMBERS = (signal.SIGTERM, signal.SIGINT)
+LIMIT_S = 2.0
+LATEST_S = 3.0
+AT_ONCE = 3
+SCRIPTS = Path(__file__).parents[3] / "install/valve_twin/lib/valve_twin"
+
+
+@dataclass
+class Case:
+    """One start: the signal, when it is sent, and what came of it."""
+
+    name: str
+    number: signal.Signals
+    after_s: float
+    log: Path
+    code: int | None = None
+    took_s: float = 0.0
+
+    def __str__(self) -> str:
+        said = self.log.read_text(errors="replace")[-600:]
+        return (
+            f"{self.name}: {self.number.name} {self.after_s:.2f} s after the start: exit "
+            f"{self.code} after {self.took_s:.2f} s\n{said}"
+        )
+
+    @property
+    def is_good(self) -> bool:
+        said = self.log.read_text(errors="replace")
+        return self.code == 0 and self.took_s < LIMIT_S and "Traceback" not in said
+
+
+def script(name: str) -> str:
+    """Return what `ros2 run valve_twin NAME` starts."""
+    path = SCRIPTS / name
+    return str(path) if path.exists() else str(shutil.which(name))
+
+
+def parameters(name: str, folder: Path, label: str) -> list[str]:
+    own = {
+        "twin": [f"history_url:=sqlite:///{folder}/{label}.sqlite"],
+        "simulated_valve": ["rate:=20.0"],
+        "aging_monitor": [],
+        "bag_player": [f"bag:={folder}/bag"],
+        "bag_recorder": [f"bag:={folder}/{label}"],
+    }[name]
+    return [word for p in own for word in ("-p", p)]
+
+
+def is_ours(pid: int) -> bool:
+    """Whether both signals are put off or taken: in its first millisecond it is still `env`."""
+    lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    masks = {line.split(":")[0]: line.split()[-1] for line in lines if line.startswith("Sig")}
+    return all(
+        (int(masks["SigBlk"], 16) | int(masks["SigCgt"], 16)) >> (n - 1) & 1 for n in NUMBERS
+    )
+
+
+def end_all(cases: list[Case], domain: int, folder: Path) -> None:
+    """Start every case, a few at a time, and send its signal at its moment."""
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
+    waiting = list(cases)
+    running: list[tuple[Case, subprocess.Popen[bytes], float]] = []
+    while waiting or running:
+        while waiting and len(running) < AT_ONCE:
+            case = waiting.pop(0)
+            command = [script(case.name), "--ros-args", "-r", f"__ns:=/{case.log.stem}"]
+            command += parameters(case.name, folder, case.log.stem)
+            with case.log.open("wb") as out:
+                process = subprocess.Popen(command, env=environment, stdout=out, stderr=out)
+            while not is_ours(process.pid):
+                time.sleep(0.0005)
+            running.append((case, process, time.monotonic()))
+        for item in list(running):
+            case, process, begin = item
+            now = time.monotonic()
+            if not case.took_s and now - begin >= case.after_s:
+                process.send_signal(case.number)
+                case.took_s = now
+            if process.poll() is not None:
+                case.code, case.took_s = process.returncode, time.monotonic() - case.took_s
+                running.remove(item)
+            elif case.took_s and now - case.took_s > 10.0 * LIMIT_S:
+                process.kill()
+        time.sleep(0.005)
+
+
+def run(names, per_signal: int, graph, folder: Path) -> None:
+    """Spread the moments over the first seconds, the first at once, for each signal."""
+    with BagWriter(folder / "bag") as writer:
+        for i in range(2000):
+            writer.write_sample("/press/v1/spool_position", 10**9 + i * 10**7, 0.5)
+    cases = [
+        Case(
+            name,
+            number,
+            LATEST_S * (i + k / len(names)) / per_signal,
+            folder / f"{name}_{number.name}_{i}.log",
+        )
+        for k, name in enumerate(names)
+        for number in NUMBERS
+        for i in range(per_signal)
+    ]
+    end_all(cases, graph.domain, folder)
+    bad = [str(c) for c in cases if not c.is_good]
+    assert len(cases) == per_signal * len(names) * len(NUMBERS)
+    assert not bad, "\n\n".join(bad)
+
+
+def test_each_signal_twenty_times_over_the_executables(graph, tmp_path):
+    run(NAMES, 4, graph, tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_each_signal_many_times_at_one_executable(graph, tmp_path, name):
+    run((name,), 40, graph, tmp_path)
+
+
+def test_a_node_that_ends_says_goodbye(graph, tmp_path):
+    """Peers forget it at once, not when its lease ends after 20 s; a publisher waits for none."""
+    publisher = graph.node.create_publisher(Float64Stamped, f"{NS}/spool_position", 10)
+    process = graph.start("twin", history_url=f"sqlite:///{tmp_path}/history.sqlite")
+    graph.spin_until(publisher.get_subscription_count, 30.0, "the twin's subscription")
+    assert process.end() == 0
+    begin = time.monotonic()
+    graph.spin_until(lambda: not publisher.get_subscription_count(), 10.0, "its end to be known")
+    assert time.monotonic() - begin < LIMIT_S

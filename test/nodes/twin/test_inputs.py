@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What comes in, in whatever shape, and what is said about what does not."""
+
+import math
+import time
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+from valve_twin_msgs.msg import Float64Series, Float64Stamped, Prediction, PredictionSeries
+
+from test.nodes.conftest import NS
+from test.nodes.feeding import START_NS, Feeder
+from valve_twin.io.cdr.codec import encode_stamped
+from valve_twin.nodes.runtime.messages import to_time
+from valve_twin.nodes.twin.inputs import OVERRUN_S
+from valve_twin.nodes.twin.node import TwinNode
+
+
+@pytest.fixture
+def history(tmp_path):
+    return {"history_url": f"sqlite:///{tmp_path}/history.sqlite"}
+
+
+def newest(diagnostics):
+    return diagnostics[-1].status[0] if diagnostics else None
+
+
+def test_every_sample_is_predicted_with_its_own_stamp(graph, history):
+    graph.host(TwinNode, **history)
+    found = graph.record(f"{NS}/twin/prediction", Prediction)
+    feeder = Feeder(graph, NS)
+    feeder.feed(50)
+    graph.spin_until(lambda: len(found) == 50, what="50 predictions")
+    stamps = [p.header.stamp.sec * 10**9 + p.header.stamp.nanosec for p in found]
+    assert stamps == [START_NS + i * feeder.period_ns for i in range(50)]
+    assert found[0].validity == Prediction.NO_MODEL
+
+
+def test_a_best_effort_publisher_is_taken_as_it_is(graph, history):
+    graph.host(TwinNode, **history)
+    found = graph.record(f"{NS}/twin/prediction", Prediction)
+    feeder = Feeder(
+        graph, NS, qos=QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
+    )
+    feeder.feed(20)
+    graph.spin_until(lambda: len(found) >= 19, what="predictions")
+
+
+def test_values_that_are_no_number_are_marked_and_the_next_ones_used(graph, history):
+    graph.host(TwinNode, **history)
+    found = graph.record(f"{NS}/twin/prediction", Prediction)
+    feeder = Feeder(graph, NS)
+    feeder.feed(5)
+    feeder.feed(5, position=math.nan)
+    feeder.feed(5, position=math.inf)
+    feeder.feed(5)
+    graph.spin_until(lambda: len(found) == 20, what="20 predictions")
+    measured = [math.isfinite(p.measured) for p in found]
+    assert measured == [True] * 5 + [False] * 10 + [True] * 5
+
+
+def test_a_missing_topic_is_named_with_the_remedy(graph, history, capfd):
+    graph.host(TwinNode, silence_s=0.5, **history)
+    graph.node.create_publisher(Float64Series, f"{NS}/spool_positions", 10)
+    diagnostics = graph.record("/diagnostics", DiagnosticArray)
+    graph.spin_until(lambda: newest(diagnostics))
+    status = newest(diagnostics)
+    assert status.level == DiagnosticStatus.WARN
+    assert status.hardware_id == NS
+    assert (
+        f"topic '{NS}/spool_position' (signal spool_position) has no publisher" in status.message
+    )
+    assert "start it or correct signals.spool_position.topic" in status.message
+    assert "has no publisher" in capfd.readouterr().err
+
+
+def test_a_topic_of_another_type_is_named_with_the_remedy(graph, history):
+    graph.host(TwinNode, **history)
+    graph.stranger("plc").create_publisher(Float64, f"{NS}/command/v_in", 10)
+    diagnostics = graph.record("/diagnostics", DiagnosticArray)
+    wanted = (
+        f"topic '{NS}/command/v_in' (signal v_in) carries std_msgs/msg/Float64, not "
+        "valve_twin_msgs/msg/Float64Stamped: set signals.v_in.type to std_msgs/msg/Float64"
+    )
+    graph.spin_until(lambda: diagnostics and wanted in newest(diagnostics).message, what=wanted)
+
+
+def test_a_publisher_of_an_incompatible_quality_is_named(graph, history):
+    graph.host(TwinNode, deadline_s=0.1, **history)
+    graph.stranger("plc").create_publisher(Float64Stamped, f"{NS}/command/v_in", 10)
+    diagnostics = graph.record("/diagnostics", DiagnosticArray)
+    wanted = "its publisher /plant/plc offers an incompatible DEADLINE: change that policy there"
+    graph.spin_until(lambda: diagnostics and wanted in newest(diagnostics).message, what=wanted)
+
+
+def test_an_input_that_falls_silent_is_stale(graph, history):
+    graph.host(TwinNode, silence_s=1.0, **history)
+    diagnostics = graph.record("/diagnostics", DiagnosticArray)
+    Feeder(graph, NS).feed(5)
+    graph.spin_until(
+        lambda: diagnostics and newest(diagnostics).level == DiagnosticStatus.STALE, what="stale"
+    )
+    assert "is silent for" in newest(diagnostics).message
+
+
+def test_signals_of_one_foreign_message_without_stamps_share_its_receive_time(graph, history):
+    joint = {"topic": "/plc/joints", "type": "sensor_msgs/msg/JointState"}
+    mapping = {
+        f"signals.{signal}.{key}": value
+        for signal, field in (
+            ("v_in", "effort[0]"),
+            ("v_out", "effort[1]"),
+            ("spool_position", "position[0]"),
+        )
+        for key, value in {**joint, "field": field, "scale": 0.001}.items()
+    }
+    graph.host(TwinNode, **history, **mapping)
+    found = graph.record(f"{NS}/twin/prediction", Prediction)
+    publisher = graph.node.create_publisher(JointState, "/plc/joints", 10)
+    graph.spin_until(publisher.get_subscription_count)
+    publisher.publish(JointState(position=[500.0], effort=[100.0, 0.0]))
+    graph.spin_until(lambda: found, what="a prediction")
+    assert found[0].measured == 0.5
+    assert found[0].header.stamp.sec > 0
+
+
+def test_a_batch_comes_back_as_a_batch(graph, history):
+    series = {
+        f"signals.{s}.type": "valve_twin_msgs/msg/Float64Series"
+        for s in ("v_in", "v_out", "spool_position")
+    }
+    graph.host(TwinNode, **history, **series)
+    found = graph.record(f"{NS}/twin/prediction", PredictionSeries)
+    topics = ("command/v_in", "command/v_out", "spool_position")
+    publishers = [graph.node.create_publisher(Float64Series, f"{NS}/{t}", 10) for t in topics]
+    graph.spin_until(lambda: all(p.get_subscription_count() for p in publishers))
+    for publisher in publishers:
+        message = Float64Series(period=0.03, values=[0.1] * 40)
+        message.header.stamp = to_time(START_NS)
+        publisher.publish(message)
+    graph.spin_until(lambda: sum(len(m.measured) for m in found) == 40, what="40 samples")
+    assert found[0].period == 0.03
+    assert found[0].header.stamp == to_time(START_NS)
+
+
+def test_nothing_is_processed_before_the_first_clock(graph, history):
+    graph.host(TwinNode, use_sim_time=True, **history)
+    found = graph.record(f"{NS}/twin/prediction", Prediction)
+    clock = graph.node.create_publisher(Clock, "/clock", 10)
+    feeder = Feeder(graph, NS)
+    graph.spin_until(clock.get_subscription_count)
+    feeder.feed(10)
+    graph.spin(0.5)
+    assert not found
+    clock.publish(Clock(clock=to_time(START_NS)))
+    graph.spin(0.3)
+    feeder.feed(10)
+    graph.spin_until(lambda: len(found) == 10, what="the samples after the clock")
+
+
+def test_a_clock_that_is_set_back_drops_the_cycle_and_goes_on(graph, history, capfd):
+    graph.host(TwinNode, **history)
+    found = graph.record(f"{NS}/twin/prediction", Prediction)
+    feeder = Feeder(graph, NS)
+    feeder.feed(100)
+    graph.spin_until(lambda: len(found) == 100)
+    feeder.feed(100, offset_ns=START_NS - 500_000_000_000)
+    graph.spin_until(lambda: len(found) > 190, what="predictions after the jump")
+    assert "the clock of the data was set back" in capfd.readouterr().err
+
+
+def test_topics_can_be_remapped(graph, history):
+    graph.host(TwinNode, extra=["-r", "twin/prediction:=elsewhere"], **history)
+    found = graph.record(f"{NS}/elsewhere", Prediction)
+    Feeder(graph, NS).feed(5)
+    graph.spin_until(lambda: len(found) == 5, what="predictions on the other topic")
+
+
+def test_one_process_hosts_many_valves_each_in_its_namespace(graph, history):
+    graph.host(TwinNode, ns="/press", **history, valves=["v1", "v2"], **{"v2.period_s": 0.03})
+    first = graph.record("/press/v1/twin/prediction", Prediction)
+    second = graph.record("/press/v2/twin/prediction", Prediction)
+    Feeder(graph, "/press/v1").feed(10)
+    Feeder(graph, "/press/v2").feed(20)
+    graph.spin_until(lambda: (len(first), len(second)) == (10, 20), what="10 and 20 predictions")
+
+
+@pytest.mark.parametrize(
+    ("waited_s", "code"), [(0.0, "input.loss"), (2.0 * OVERRUN_S, "input.overrun")]
+)
+def test_what_our_own_queue_overwrote_is_told_apart_from_a_loss_on_the_way(
+    graph, history, waited_s, code
+):
+    """Before a message that waited long for us others were overwritten."""
+    node = graph.host(TwinNode, **history)
+    topic = next(t for t in node._valves[0].inputs if t.topic.endswith("position"))
+    received_ns = time.time_ns() - round(waited_s * 1e9)
+    for sequence in (1, 2, 10):
+        data = encode_stamped(START_NS + sequence * 30_000_000, 0.1)
+        info = {"received_timestamp": received_ns, "publication_sequence_number": sequence}
+        topic._on_message((data, info))
+
+    def found():
+        return {f.kind.code: f.events for f in node.faults.faults(NS) if f.subject == topic.topic}
+
+    graph.spin_until(lambda: {"input.overrun", "input.loss"} & set(found()), what="the count")
+    assert {c: n for c, n in found().items() if c in {"input.overrun", "input.loss"}} == {code: 7}

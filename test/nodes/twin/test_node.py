@@ -1,0 +1,176 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Storing, services and the worker of the twin node."""
+
+import os
+import signal
+import sqlite3
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.serialization import deserialize_message
+from valve_twin_msgs.msg import CycleSummary, Estimate, Prediction
+from valve_twin_msgs.srv import BackupHistory, EstimateNow, GetHistory, MarkMaintenance
+
+from test.nodes.conftest import NS
+from test.nodes.feeding import REARM, Feeder
+from valve_twin.core.types import Prediction as PredictionValue
+from valve_twin.io.history.store import History
+from valve_twin.nodes.runtime.messages import prediction_bytes
+from valve_twin.nodes.twin.node import TwinNode
+
+TREND_ESTIMATOR = "output_error"
+
+
+@pytest.fixture
+def database(tmp_path):
+    return tmp_path / "history.sqlite"
+
+
+@pytest.fixture
+def twin(graph, database):
+    parameters = {"history_url": f"sqlite:///{database}", "busy_timeout_s": 0.05, "retry_s": 0.1}
+    return graph.host(TwinNode, **parameters, **REARM)
+
+
+@pytest.fixture
+def estimates(graph):
+    return graph.record(f"{NS}/twin/estimate", Estimate)
+
+
+def cycles_of(estimates):
+    return [m.cycle for m in estimates if m.estimator == TREND_ESTIMATOR]
+
+
+def feed_cycles(graph, feeder, estimates, count):
+    """Feed whole cycles and wait until the last one that is complete has been estimated."""
+    for _ in range(count):
+        feeder.feed(feeder.cycle_samples)
+        graph.spin(0.01)
+    done = feeder.sent // feeder.cycle_samples - 1
+    graph.spin_until(lambda: len(cycles_of(estimates)) >= done, 60.0, f"{done} estimates")
+
+
+def test_a_locked_database_delays_storing_and_loses_nothing(
+    graph, database, twin, estimates, capfd
+):
+    feeder = Feeder(graph, NS)
+    feed_cycles(graph, feeder, estimates, 2)
+    assert all(m.stored for m in estimates)
+    diagnostics = graph.record("/diagnostics", DiagnosticArray)
+    lock = sqlite3.connect(database, isolation_level=None)
+    lock.execute("BEGIN EXCLUSIVE")
+    feed_cycles(graph, feeder, estimates, 2)
+    late = [m for m in estimates if m.cycle >= 2]
+    assert late
+    assert not any(m.stored for m in late)
+    said = capfd.readouterr().err
+    assert str(database) in said
+    assert "not stored, kept and tried again" in said
+    graph.spin_until(
+        lambda: diagnostics and diagnostics[-1].status[0].level == DiagnosticStatus.ERROR,
+        what="an error in the diagnostics",
+    )
+    assert "wait for the database" in diagnostics[-1].status[0].message
+    lock.execute("ROLLBACK")
+    lock.close()
+    graph.spin_until(lambda: "all cycles are stored again" in capfd.readouterr().err, 20.0)
+    with History(f"sqlite:///{database}", read_only=True) as history:
+        assert [c.cycle for c in history.cycles(NS)] == [1, 2, 3]
+
+
+def test_an_estimation_whose_process_is_killed_is_repeated(graph, twin, estimates):
+    feeder = Feeder(graph, NS)
+    feed_cycles(graph, feeder, estimates, 2)
+    os.kill(twin._worker.pid, signal.SIGKILL)
+    feed_cycles(graph, feeder, estimates, 2)
+    assert cycles_of(estimates) == [1, 2, 3]
+    assert twin._worker.restarts == 1
+
+
+def test_estimate_now_closes_the_running_cycle(graph, twin, estimates):
+    feeder = Feeder(graph, NS)
+    predictions = graph.record(f"{NS}/twin/prediction", Prediction)
+    feeder.feed(700)
+    graph.spin_until(lambda: len(predictions) == 700)
+    answer = graph.call(EstimateNow, f"{NS}/twin/estimate_now")
+    assert answer.success
+    assert answer.cycle == 1
+    graph.spin_until(lambda: cycles_of(estimates) == [1], what="the estimate")
+
+
+def test_estimate_now_without_a_cycle_says_what_to_do(graph, twin):
+    answer = graph.call(EstimateNow, f"{NS}/twin/estimate_now")
+    assert not answer.success
+    assert "no cycle is running; wait for a command or look at the inputs" in answer.message
+
+
+def test_the_history_comes_in_pages(graph, twin, estimates):
+    feed_cycles(graph, Feeder(graph, NS), estimates, 4)
+    name = f"{NS}/twin/get_history"
+    first = graph.call(GetHistory, name, limit=2)
+    rest = graph.call(GetHistory, name, limit=2, first_cycle=3)
+    assert first.success
+    assert [m.cycle for m in first.estimates] == [1, 2]
+    assert first.more
+    assert [m.cycle for m in rest.estimates] == [3]
+    assert not rest.more
+    assert list(first.missed_cycles) == [0, 0]
+    other = graph.call(GetHistory, name, estimator="equation_error_qp4")
+    assert {m.estimator for m in other.estimates} == {"equation_error_qp4"}
+
+
+def test_maintenance_is_noted_from_the_next_cycle_on(graph, twin, estimates):
+    feed_cycles(graph, Feeder(graph, NS), estimates, 2)
+    answer = graph.call(
+        MarkMaintenance, f"{NS}/twin/mark_maintenance", note="new pilot", new_reference=True
+    )
+    assert answer.success
+    assert answer.cycle == 3
+    events = graph.call(GetHistory, f"{NS}/twin/get_history").maintenance
+    assert [(e.cycle, e.note, e.new_reference) for e in events] == [(3, "new pilot", True)]
+
+
+def test_a_backup_can_be_read_while_the_twin_goes_on(graph, twin, estimates, tmp_path):
+    feed_cycles(graph, Feeder(graph, NS), estimates, 2)
+    path = tmp_path / "copy.sqlite"
+    answer = graph.call(BackupHistory, f"{NS}/twin/backup_history", path=str(path))
+    assert answer.success, answer.message
+    with History(f"sqlite:///{answer.path}", read_only=True) as copy:
+        assert copy.last_cycle(NS) == 1
+    again = graph.call(BackupHistory, f"{NS}/twin/backup_history", path=str(path))
+    assert not again.success
+    assert str(path) in again.message
+
+
+def test_a_cycle_summary_tells_samples_and_gaps(graph, twin, estimates):
+    summaries = graph.record(f"{NS}/twin/cycle", CycleSummary)
+    feeder = Feeder(graph, NS)
+    feed_cycles(graph, feeder, estimates, 2)
+    assert summaries[0].samples == feeder.cycle_samples
+    assert summaries[0].lost == 0
+    assert summaries[0].accepted
+
+
+def test_the_fast_serialization_is_that_of_the_message():
+    import numpy as np
+
+    values = np.array([0.1, np.nan])
+    prediction = PredictionValue(
+        7, np.array([1_500_000_007, 2_000_000_000]), values, values + 1, values + 2, values + 3,
+        0.25, np.array([0, 5], dtype=np.uint8),
+    )  # fmt: skip
+    first, second = (deserialize_message(b, Prediction) for b in prediction_bytes(prediction))
+    assert (first.header.stamp.sec, first.header.stamp.nanosec, first.cycle) == (1, 500_000_007, 7)
+    assert (first.measured, first.predicted, first.simulated) == (0.1, 1.1, 2.1)
+    assert (first.residual, first.residual_sigma, first.validity) == (3.1, 0.25, 0)
+    assert np.isnan(second.measured)
+    assert second.validity == Prediction.BAD_INPUT
+
+
+def test_the_twin_publishes_no_command(graph, twin):
+    own = graph.node.get_publisher_names_and_types_by_node
+    graph.spin_until(lambda: "twin" in graph.node.get_node_names())
+    names = [name for name, _ in own("twin", NS)]
+    assert f"{NS}/twin/prediction" in names
+    assert not [name for name in names if "command" in name]

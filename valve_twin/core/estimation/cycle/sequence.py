@@ -1,0 +1,398 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Estimation from cycle to cycle: what a model says of one cycle, judged by the cycles before.
+
+`estimate_cycle` is a pure function of the cycle and of a memory, and the memory is a pure function
+of the estimates of the last cycles. So a worker process, the offline command and a twin that was
+restarted from its history all give the same bits.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.estimation.cycle.comparison import compare_estimators
+from valve_twin.core.estimation.cycle.plausibility import input_fault
+from valve_twin.core.estimation.cycle.scatter import scatter_between_cycles
+from valve_twin.core.prediction import restart_marks, run_model
+from valve_twin.core.types import (
+    CONDITIONS,
+    Condition,
+    Cycle,
+    Estimate,
+    EstimateStatus,
+    FloatArray,
+    Frames,
+    Parameter,
+    ParameterStatus,
+    ParameterValue,
+    Validity,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from valve_twin.core.valves.interface import Options, ValveModel
+
+MEMORY_CYCLES = 50
+"""How many cycles the memory reaches back."""
+
+_SIGMA_CYCLES = 10
+"""How many cycles the expected residual is taken from."""
+
+_MIN_SAMPLES = 3
+"""Fewest samples that give an error or a fit."""
+
+
+@dataclass(frozen=True, slots=True)
+class Memory:
+    """What earlier cycles taught: their estimates.
+
+    Attributes
+    ----------
+    estimates : tuple of Estimate
+        Every estimator's estimates of the last `MEMORY_CYCLES` cycles, oldest cycle first, inside
+        a cycle by name of the estimator.
+    """
+
+    estimates: tuple[Estimate, ...]
+
+    @staticmethod
+    def empty() -> Memory:
+        """Return the memory of a new valve."""
+        return Memory(())
+
+    def of(self, estimator: str) -> tuple[Estimate, ...]:
+        """Return the estimates of one estimator that were not refused, oldest first."""
+        return tuple(
+            e
+            for e in self.estimates
+            if e.estimator == estimator and e.status is not EstimateStatus.REFUSED
+        )
+
+    def after(self, estimates: Iterable[Estimate]) -> Memory:
+        """Return the memory with the estimates of one more cycle."""
+        newest = sorted(map(_lean, estimates), key=lambda e: e.estimator)
+        return Memory(_last_cycles((*self.estimates, *newest)))
+
+
+def memory_from_history(estimates: Sequence[Estimate]) -> Memory:
+    """Return the memory that a twin had after these estimates.
+
+    Parameters
+    ----------
+    estimates : sequence of Estimate
+        Estimates as stored, in any order; those of the last `MEMORY_CYCLES` cycles are enough.
+    """
+    ordered = sorted(map(_lean, estimates), key=lambda e: (e.cycle, e.start_ns, e.estimator))
+    return Memory(_last_cycles(tuple(ordered)))
+
+
+@dataclass(frozen=True, slots=True)
+class InForce:
+    """The model that predicts.
+
+    Attributes
+    ----------
+    coefficients : (K,) array
+        Of the model's `predict`.
+    lag : int
+        Command to position lag [samples].
+    residual_sigma : float
+        Expected standard deviation of the one-step residual [1]; NaN = unknown.
+    cycle : int
+        The cycle that its newest parameter comes from.
+    """
+
+    coefficients: FloatArray
+    lag: int
+    residual_sigma: float
+    cycle: int
+
+
+def model_in_force(
+    model: ValveModel, memory: Memory, period_s: float, options: Options
+) -> InForce | None:
+    """Return the model that the memory supports, or None before the first usable estimate.
+
+    A parameter that the newest cycles did not excite keeps its last value.
+
+    Parameters
+    ----------
+    model : ValveModel
+        The valve's model; its `trend_estimator` predicts.
+    memory : Memory
+        Estimates so far.
+    period_s : float
+        Sampling time [s].
+    options : mapping
+        The model's options.
+    """
+    return _in_force(model, memory.of(model.trend_estimator), period_s, options)
+
+
+def estimate_cycle(
+    model: ValveModel, options: Options, cycle: Cycle, memory: Memory
+) -> tuple[tuple[Estimate, ...], Memory]:
+    """Estimate one cycle and judge the result by the cycles before.
+
+    Adds to each estimate its errors and fits as test data for the model before and as training
+    data for the new one, the intervals from the scatter between cycles (NaN before there are
+    ten), and how far the other estimators lie apart, unless the model `judges` nothing with these
+    options. Where the signals cannot be what is configured (`plausibility`) nothing is fitted, and
+    the trend's estimator says so alone. Never raises for bad data.
+
+    Parameters
+    ----------
+    model : ValveModel
+        The valve's model.
+    options : mapping
+        Its options, complete.
+    cycle : Cycle
+        The cycle.
+    memory : Memory
+        Estimates so far.
+
+    Returns
+    -------
+    tuple of Estimate
+        One an estimator.
+    Memory
+        The memory with them.
+    """
+    if len(cycle.frames) == 0:
+        nothing = (_nothing(model, cycle, cycle.reason or "the cycle has no samples"),)
+        return nothing, memory.after(nothing)
+    fault = input_fault(model, cycle, options) if cycle.accepted else ""
+    if fault:  # nothing is fitted to signals that cannot be what is configured
+        results: tuple[Estimate, ...] = (_nothing(model, cycle, fault),)
+    else:
+        results = model.estimate(cycle, options, memory.estimates)
+    if not cycle.accepted:
+        results = tuple(_refused(e, cycle.reason) for e in results)
+    judges = getattr(model, "judges", None)
+    if judges is not None and not judges(options):
+        return results, memory
+    done = tuple(_judged(model, options, cycle, memory, e) for e in results)
+    if len(done) > 1:
+        done = compare_estimators(
+            done,
+            memory.estimates,
+            trend_estimator=model.trend_estimator,
+            trended=[p.name for p in model.parameters if p.trend],
+        )
+    return done, memory.after(done)
+
+
+def evaluate(
+    model: ValveModel, coefficients: FloatArray, frames: Frames, period_s: float
+) -> tuple[float, float]:
+    """Return one-step mean squared error [1] and free-run fit [%] of a model on a cycle.
+
+    The error is over the samples with a valid prediction; the fit is 100 (1 - |y - yhat|/|y -
+    mean|) of the free run that starts from the first measured position.
+
+    Parameters
+    ----------
+    model : ValveModel
+        The valve's model.
+    coefficients : (K,) array
+        Of its `predict`.
+    frames : Frames
+        The cycle's N samples.
+    period_s : float
+        Sampling time [s].
+    """
+    restart = restart_marks(frames, period_s)
+    run = run_model(model, model.initial_state(), coefficients, frames, restart)
+    y = frames.position
+    good = (run.validity == Validity.VALID) & np.isfinite(run.predicted)
+    known = frames.valid & np.isfinite(y) & np.isfinite(run.simulated)
+    mse = fit = float("nan")
+    if np.count_nonzero(good) >= _MIN_SAMPLES:
+        mse = float(np.mean((y[good] - run.predicted[good]) ** 2))
+    if np.count_nonzero(known) >= _MIN_SAMPLES:
+        spread = float(np.sqrt(np.sum((y[known] - y[known].mean()) ** 2)))
+        if spread > 0.0:
+            miss = float(np.sqrt(np.sum((y[known] - run.simulated[known]) ** 2)))
+            fit = 100.0 * (1.0 - miss / spread)
+    return mse, fit
+
+
+def _judged(
+    model: ValveModel, options: Options, cycle: Cycle, memory: Memory, estimate: Estimate
+) -> Estimate:
+    """Add errors, fits and intervals to the estimate of one estimator."""
+    before = memory.of(estimate.estimator)
+    errors = [
+        (float("nan"), float("nan"))
+        if force is None
+        else evaluate(model, force.coefficients, cycle.frames, cycle.period_s)
+        for force in (
+            _in_force(model, before, cycle.period_s, options),
+            _in_force(model, _usable(before, estimate), cycle.period_s, options),
+        )
+    ]
+    (mse_test, fit_test), (mse_train, fit_train) = errors
+    if estimate.status is EstimateStatus.REFUSED:
+        mse_train = fit_train = float("nan")
+    known = {p.name: p for p in model.parameters}
+    return replace(
+        estimate,
+        parameters=tuple(
+            _with_interval(p, known.get(p.name), before) for p in estimate.parameters
+        ),
+        mse_test=mse_test,
+        fit_test=fit_test,
+        mse_train=mse_train,
+        fit_train=fit_train,
+        used_by_trend=estimate.estimator == model.trend_estimator,
+        conditions=(*estimate.conditions, *cycle_conditions(cycle)),
+    )
+
+
+def cycle_conditions(cycle: Cycle) -> tuple[Condition, ...]:
+    """Return under what a cycle ran.
+
+    Parameters
+    ----------
+    cycle : Cycle
+        With at least one sample.
+
+    Returns
+    -------
+    tuple of Condition
+        `stroke`: from the 1 % to the 99 % quantile of the believed positions [unit of the
+        position]. Of each mapped signal of `CONDITIONS` its mean while believed [unit as
+        configured].
+    """
+    position = cycle.frames.position[cycle.frames.valid & np.isfinite(cycle.frames.position)]
+    if not len(position):
+        return tuple(_mean_conditions(cycle.frames))
+    ordered = np.sort(position)
+    low, high = ordered[len(ordered) // 100], ordered[-1 - len(ordered) // 100]
+    return (Condition("stroke", float(high - low)), *_mean_conditions(cycle.frames))
+
+
+def _mean_conditions(frames: Frames) -> list[Condition]:
+    if frames.conditions is None:
+        return []
+    found = []
+    for name, values in zip(CONDITIONS, frames.conditions.T, strict=True):
+        known = values[np.isfinite(values)]
+        if len(known):
+            found.append(Condition(name, float(known.mean())))
+    return found
+
+
+def _with_interval(
+    value: ParameterValue, parameter: Parameter | None, before: tuple[Estimate, ...]
+) -> ParameterValue:
+    """Add the interval from the scatter of earlier cycles, inside the physical bounds.
+
+    An estimator that gives an honest interval of its own keeps it.
+    """
+    if not value.usable or np.isfinite(value.standard_error):
+        return value
+    series = [p.value for e in before for p in e.parameters if p.name == value.name and p.usable]
+    scatter = scatter_between_cycles(np.array(series))
+    lower, upper = (
+        (parameter.lower, parameter.upper) if parameter is not None else (-np.inf, np.inf)
+    )
+    half = scatter.half_width_95
+    return replace(
+        value,
+        standard_error=scatter.sigma,
+        lower_95=max(value.value - half, lower) if np.isfinite(half) else float("nan"),
+        upper_95=min(value.value + half, upper) if np.isfinite(half) else float("nan"),
+    )
+
+
+def _in_force(
+    model: ValveModel, estimates: tuple[Estimate, ...], period_s: float, options: Options
+) -> InForce | None:
+    """Merge what the cycles know into one model: the model's own `merge`, if it has one."""
+    if not estimates:
+        return None
+    values = getattr(model, "merge", _newest_values)(estimates)
+    newest = estimates[-1]
+    coefficients = model.coefficients(values, newest.lag, period_s, options)
+    if not np.isfinite(coefficients).all():
+        return None
+    return InForce(coefficients, newest.lag, _expected_sigma(estimates), newest.cycle)
+
+
+def _newest_values(estimates: tuple[Estimate, ...]) -> dict[str, float]:
+    """Return the newest finite value of each parameter."""
+    isfinite = math.isfinite
+    return {p.name: p.value for e in estimates for p in e.parameters if isfinite(p.value)}
+
+
+def _expected_sigma(estimates: tuple[Estimate, ...]) -> float:
+    """Median one-step error of the last cycles, as test data where they were."""
+    errors = np.array(
+        [
+            e.mse_test if np.isfinite(e.mse_test) else e.mse_train
+            for e in estimates[-_SIGMA_CYCLES:]
+        ]
+    )
+    errors = errors[np.isfinite(errors)]
+    return float(np.sqrt(np.median(errors))) if len(errors) else float("nan")
+
+
+def _usable(before: tuple[Estimate, ...], estimate: Estimate) -> tuple[Estimate, ...]:
+    return before if estimate.status is EstimateStatus.REFUSED else (*before, estimate)
+
+
+def _lean(estimate: Estimate) -> Estimate:
+    """Leave out what no later cycle asks for: a worker process is sent the memory."""
+    told = (estimate.trend_reason, estimate.disagreements, estimate.guards, estimate.conditions)
+    if not any(told):
+        return estimate
+    return replace(estimate, trend_reason="", disagreements=(), guards=(), conditions=())
+
+
+def _last_cycles(estimates: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
+    """Keep the last `MEMORY_CYCLES` cycles."""
+    starts = [
+        i
+        for i, e in enumerate(estimates)
+        if i == 0 or (e.cycle, e.start_ns) != (estimates[i - 1].cycle, estimates[i - 1].start_ns)
+    ]
+    return estimates[starts[-MEMORY_CYCLES] :] if len(starts) > MEMORY_CYCLES else estimates
+
+
+def _refused(estimate: Estimate, reason: str) -> Estimate:
+    """Take back an estimate of a cycle that was not accepted."""
+    nothing = float("nan")
+    parameters = tuple(
+        ParameterValue(p.name, nothing, ParameterStatus.REFUSED, reason)
+        for p in estimate.parameters
+    )
+    return replace(estimate, parameters=parameters, status=EstimateStatus.REFUSED, reason=reason)
+
+
+def _nothing(model: ValveModel, cycle: Cycle, reason: str) -> Estimate:
+    """Refuse a cycle to which nothing can be fitted."""
+    there = len(cycle.frames) > 0
+    parameters = tuple(
+        ParameterValue(p.name, float("nan"), ParameterStatus.REFUSED, reason)
+        for p in model.parameters
+    )
+    return Estimate(
+        model=model.name,
+        estimator=model.trend_estimator,
+        cycle=cycle.number,
+        start_ns=cycle.start_ns if there else 0,
+        end_ns=cycle.end_ns if there else 0,
+        parameters=parameters,
+        status=EstimateStatus.REFUSED,
+        reason=reason,
+        missed_cycles=cycle.missed_cycles,
+        used_by_trend=True,
+        reproducible=there and cycle.reproducible,
+    )

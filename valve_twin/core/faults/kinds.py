@@ -1,0 +1,306 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Every fault that a node may report; docs/faults.md is written from this table."""
+
+from __future__ import annotations
+
+from math import inf, isinf
+
+from valve_twin.core.faults.lifetime import FaultKind, Severity
+
+_WARN, _ERROR, _STALE = Severity.WARN, Severity.ERROR, Severity.STALE
+
+EVENT_HEAL_S = 30.0
+"""An event that happens no more is healed after this time [s]."""
+
+_INPUTS = (
+    FaultKind(
+        "input.missing",
+        _WARN,
+        "Nobody publishes a topic that the valve needs.",
+        "Start its publisher, or correct signals.NAME.topic; the nearest topics are named.",
+    ),
+    FaultKind(
+        "input.type",
+        _ERROR,
+        "A topic carries another message type than configured.",
+        "Set signals.NAME.type and signals.NAME.field to what the publisher sends.",
+    ),
+    FaultKind(
+        "input.qos",
+        _ERROR,
+        "A publisher offers a quality of service that the subscription cannot take.",
+        "Change the named policy at the publisher, or set the named parameter here.",
+    ),
+    FaultKind(
+        "input.silent",
+        _STALE,
+        "A topic gave no message for longer than silence_s.",
+        "Look at its publisher and at the network; no estimate is made meanwhile.",
+    ),
+    FaultKind(
+        "input.deadline",
+        _WARN,
+        "Two messages were further apart than deadline_s.",
+        "Look at the publisher's load and at the network, or raise deadline_s.",
+        heal_s=EVENT_HEAL_S,
+    ),
+    FaultKind(
+        "input.loss",
+        _WARN,
+        "Messages were lost between publisher and twin, by the publisher's own numbering.",
+        "Look at the network, or publish reliably with a deeper queue.",
+        heal_s=EVENT_HEAL_S,
+    ),
+    FaultKind(
+        "input.overrun",
+        _ERROR,
+        "The twin took messages too late and its input queue overflowed.",
+        "Give the process more computing time or fewer valves, or raise input_queue.",
+        heal_s=EVENT_HEAL_S,
+    ),
+    FaultKind(
+        "input.gaps",
+        _WARN,
+        "Samples of the position are missing: their stamps are further apart than period_s.",
+        "Look at the source of the position, or correct period_s.",
+        heal_s=EVENT_HEAL_S,
+    ),
+    FaultKind(
+        "input.unreadable",
+        _ERROR,
+        "Messages could not be decoded or hold a batch without a sampling time.",
+        "Publish the configured type from the same message definition.",
+        heal_s=EVENT_HEAL_S,
+    ),
+    FaultKind(
+        "input.values",
+        _WARN,
+        "Values are no finite number or outside signals.NAME.min and max; they are not used.",
+        "Look at the sensor and its scaling, or correct signals.NAME.min and max.",
+        confirm_count=3,
+        heal_s=EVENT_HEAL_S,
+    ),
+)
+
+_STAMPS = (
+    FaultKind(
+        "stamps.duplicate",
+        _WARN,
+        "Samples carry the stamp of an earlier one; they are not used.",
+        "Look for a second publisher, or a source that repeats its last message.",
+        confirm_count=3,
+        heal_s=EVENT_HEAL_S,
+    ),
+    FaultKind(
+        "stamps.late",
+        _WARN,
+        "Samples carry an older stamp than one before, or came after hold_back_s; not used.",
+        "Stamp at acquisition with a clock that only rises, synchronise the clocks of the "
+        "signals, or raise hold_back_s.",
+        confirm_count=3,
+        heal_s=EVENT_HEAL_S,
+    ),
+    FaultKind(
+        "clock.set_back",
+        _WARN,
+        "The clock of the data or of the node was set back; the running cycle was dropped.",
+        "Slew the clock instead of setting it; a bag that is played in a loop does this, too.",
+        heal_s=EVENT_HEAL_S,
+    ),
+    FaultKind(
+        "clock.waiting",
+        _STALE,
+        "use_sim_time is set and no /clock has come; nothing is processed before it.",
+        "Start what publishes /clock, or set use_sim_time to false.",
+    ),
+)
+
+_ESTIMATION = (
+    FaultKind(
+        "estimation.overdue",
+        _WARN,
+        "Cycles wait for their estimation: it takes longer than a cycle lasts.",
+        "Choose fewer estimators, give the process more computing time, or fewer valves.",
+        confirm_s=5.0,
+        heal_s=5.0,
+    ),
+    FaultKind(
+        "estimation.refused",
+        _WARN,
+        "Several cycles one after another gave no estimate that may be used.",
+        "Read the reason in twin/estimate; look at the inputs and at cycles.* and options.*.",
+        confirm_count=3,
+        heal_s=inf,
+    ),
+    FaultKind(
+        "estimation.failed",
+        _ERROR,
+        "An estimation ended with an error; its cycle has no estimate.",
+        "Read the named error; report it with the bag of that cycle.",
+        heal_s=300.0,
+    ),
+    FaultKind(
+        "estimation.worker_died",
+        _WARN,
+        "The process that estimates ended and was started again; its job was repeated.",
+        "Look for a lack of memory (dmesg), or what else ends processes.",
+        heal_s=300.0,
+    ),
+)
+
+_STORE = (
+    FaultKind(
+        "history.not_stored",
+        _ERROR,
+        "The database does not take estimates; they are kept and offered again.",
+        "Free, mount or repair what is named; restart the twin only when all is stored.",
+    ),
+    FaultKind(
+        "history.dropped",
+        _ERROR,
+        "The database was away for so long that kept cycles had to be given up.",
+        "Bring the database back; record a bag meanwhile, it can be estimated later.",
+        heal_s=3600.0,
+    ),
+    FaultKind(
+        "history.refused",
+        _ERROR,
+        "The database refuses cycles for good, as another one stands under their number.",
+        "Let only one twin write a valve; give each valve its own name in a shared history.",
+        heal_s=3600.0,
+    ),
+)
+
+_DIAGNOSIS = tuple(
+    FaultKind(f"diagnosis.{part}", _WARN, meaning, remedy, heal_s=inf)
+    for part, meaning, remedy in (
+        (
+            "valve",
+            "What the valve does has changed suddenly; the fault is named with its size.",
+            "Look at what is named: leak, pilots, coil, spring, gas in the chamber; then mark the "
+            "maintenance.",
+        ),
+        (
+            "command",
+            "The valve answers as if its command did not always reach it.",
+            "Look at cable, connector and amplifier; then mark the maintenance.",
+        ),
+        (
+            "sensor",
+            "The position signal has changed suddenly: offset, gain, or it freezes.",
+            "Look at the position sensor, its cable and its scaling; then mark the maintenance.",
+        ),
+        (
+            "supply",
+            "The valve acts as if its supply pressure had fallen.",
+            "Look at pump, accumulator and filter; then mark the maintenance.",
+        ),
+    )
+)
+
+_NODES = (
+    FaultKind(
+        "parameter.refused",
+        _WARN,
+        "A change of a parameter was refused.",
+        "Read the reason; clean up the node before a change of what takes effect at configure.",
+        heal_s=EVENT_HEAL_S,
+    ),
+    FaultKind(
+        "twin.absent",
+        _STALE,
+        "The aging monitor does not reach the twin of a valve.",
+        "Start the twin of this valve, in the same ROS_DOMAIN_ID.",
+    ),
+    FaultKind(
+        "assessment.failed",
+        _ERROR,
+        "The trends of a valve could not be assessed.",
+        "Read the named error and correct aging.*.",
+    ),
+    FaultKind(
+        "simulation.slow",
+        _WARN,
+        "The simulated valve does not reach its rate; no sample is lost.",
+        "Lower rate, or give subscribers and machine more time.",
+        heal_s=EVENT_HEAL_S,
+    ),
+    FaultKind(
+        "simulation.failed",
+        _ERROR,
+        "The integration of a simulated valve failed: its position is no number from there on.",
+        "Correct simulation.plant.* (time and state stand in the evidence), then configure anew.",
+        heal_s=inf,
+    ),
+    FaultKind(
+        "simulation.command",
+        _WARN,
+        "A command from outside is beyond what the simulated valve takes and is limited, or is no "
+        "number and the last one is held.",
+        "Correct its publisher: command, value and range stand in the evidence.",
+        heal_s=EVENT_HEAL_S,
+    ),
+    FaultKind(
+        "safety.stopped",
+        _ERROR,
+        "Publishing was stopped: a foreign publisher or taker of commands came into reach.",
+        "Take it off the topic, choose another publish_prefix, or set allow_live.",
+        heal_s=inf,
+    ),
+    FaultKind(
+        "recorder.loss",
+        _ERROR,
+        "Messages are missing in the recorded bag.",
+        "Look at network, disk and queue; the counts stand in the bag's metadata.",
+        heal_s=EVENT_HEAL_S,
+    ),
+    FaultKind(
+        "recorder.disk",
+        _ERROR,
+        "The disk does not take the recording, or its free space fell below the floor.",
+        "Free space, or choose another folder.",
+    ),
+)
+
+FAULT_KINDS: tuple[FaultKind, ...] = (
+    *_INPUTS,
+    *_STAMPS,
+    *_ESTIMATION,
+    *_STORE,
+    *_DIAGNOSIS,
+    *_NODES,
+)
+"""Every fault by area."""
+
+
+def with_fault_table(text: str) -> str:
+    """Return docs/faults.md with the table between its two marks written anew."""
+    begin, end = "<!-- table begins -->\n", "<!-- table ends -->"
+    before, rest = text.split(begin)
+    return f"{before}{begin}{fault_reference()}{end}{rest.split(end)[1]}"
+
+
+def fault_reference() -> str:
+    """Return the table of all faults: code, severity, debounce, meaning, what to do."""
+    lines = [
+        "| code | severity | confirmed after | healed after | meaning | what to do |",
+        "| --- | --- | --- | --- | --- | --- |",
+    ]
+    lines += [
+        f"| `{k.code}` | {k.severity.name} | {_confirm(k)} | {_heal(k)} | {k.meaning} | "
+        f"{k.remedy} |"
+        for k in FAULT_KINDS
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _heal(kind: FaultKind) -> str:
+    return "seen to be absent" if isinf(kind.heal_s) else f"{kind.heal_s:g} s"
+
+
+def _confirm(kind: FaultKind) -> str:
+    parts = [f"{kind.confirm_s:g} s"] if kind.confirm_s else []
+    if kind.confirm_count > 1:
+        parts.append(f"{kind.confirm_count} events")
+    return " and ".join(parts) or "at once"

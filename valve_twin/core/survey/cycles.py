@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Which cycle rule would cut a record, and with which limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.cycles import CycleConfig
+from valve_twin.core.types import CycleRule
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from valve_twin.core.survey.pairs import Signal
+    from valve_twin.core.types import BoolArray, FloatArray, IntArray
+
+_LEVEL = 0.02  # share of a command's range above its rest that opens a cycle [A]
+_RETURN = 0.3  # share of the greatest return command that no correction in a hold reaches [A]
+_AT_REST = 0.1  # share of the record that a command must rest for a rule on it [A]
+_LEAST_CYCLES = 2
+_SHORTEST = 0.5  # of the shortest interval found: the least length that is proposed
+_WINDOW_S = 300.0  # fixed window [A]
+_LEAST_WINDOWS = 3
+_LEAST_IN_WINDOW = 100  # samples
+
+
+@dataclass(frozen=True, slots=True)
+class CyclePlan:
+    """A cycle rule to check.
+
+    Attributes
+    ----------
+    rule : CycleRule
+        What cuts.
+    reason : str
+        The figure it rests on.
+    values : dict
+        Fields of `CycleConfig` that it needs, [s] or [1].
+    """
+
+    rule: CycleRule
+    reason: str
+    values: dict[str, float | str] = field(default_factory=dict)
+
+
+def plan_cycles(commands: Sequence[Signal], period_s: float, *, has_counter: bool) -> CyclePlan:
+    """Propose a cycle rule.
+
+    Parameters
+    ----------
+    commands : sequence of Signal
+        Commands of the model in its order, mapped to 0..1.
+    period_s : float
+        Sampling time of the position [s].
+    has_counter : bool
+        Whether a cycle counter was found.
+    """
+    if has_counter:
+        return CyclePlan(CycleRule.COUNTER, "a counter is there")
+    if len(commands) > 1:
+        return _from_commands(commands[0], commands[1], period_s)
+    return _from_reference(commands[0], period_s) or _windows(commands[0], period_s)
+
+
+def _from_commands(start: Signal, rearm: Signal, period_s: float) -> CyclePlan:
+    threshold = min(CycleConfig().threshold, 0.1 * float(start.values.max()))
+    returning = min(CycleConfig().rearm_threshold, _RETURN * float(rearm.values.max()))
+    edges = _rises(start.values, threshold, threshold)
+    opened: list[int] = []
+    active = rearm.stamp_ns[rearm.values > returning]
+    for stamp in start.stamp_ns[edges].tolist():
+        if not opened or np.any((active > opened[-1]) & (active < stamp)):
+            opened.append(stamp)
+    values: dict[str, float | str] = {
+        "start_signal": start.name,
+        "rearm_signal": rearm.name,
+        "rearm_threshold": returning,
+        "threshold": threshold,
+        "min_cycle_s": _least(opened, period_s),
+    }
+    return CyclePlan(CycleRule.COMMANDS, _found(opened), values)
+
+
+def _from_reference(command: Signal, period_s: float) -> CyclePlan | None:
+    """Cut where the command leaves its rest, if it rests now and then."""
+    low, span = float(command.values.min()), float(np.ptp(command.values))
+    level = low + _LEVEL * span
+    if float(np.mean(command.values < level)) < _AT_REST:
+        return None
+    opened = command.stamp_ns[_rises(command.values, level, low + 0.5 * _LEVEL * span)].tolist()
+    if len(opened) < _LEAST_CYCLES:
+        return None
+    values: dict[str, float | str] = {
+        "reference_level": level,
+        "reference_hysteresis": 0.5 * _LEVEL * span,
+        "min_cycle_s": _least(opened, period_s),
+    }
+    return CyclePlan(CycleRule.REFERENCE, f"the command leaves its rest: {_found(opened)}", values)
+
+
+def _windows(command: Signal, period_s: float) -> CyclePlan:
+    duration_s = float(command.stamp_ns[-1] - command.stamp_ns[0]) / 1e9
+    window_s = min(_WINDOW_S, max(duration_s / _LEAST_WINDOWS, _LEAST_IN_WINDOW * period_s))
+    reason = "the command does not come back to a rest: fixed windows"
+    return CyclePlan(CycleRule.WINDOW, reason, {"window_s": window_s})
+
+
+def _rises(values: FloatArray, level: float, low: float) -> IntArray:
+    """Return where values come up to the level, having been below `low` since the last time."""
+    marks = np.where(values > level, 1, np.where(values <= low, -1, 0))
+    known = np.flatnonzero(marks)
+    state = marks[known]
+    up: BoolArray = np.concatenate(([False], (state[1:] > 0) & (state[:-1] < 0)))
+    return known[up]
+
+
+def _least(opened: Sequence[int], period_s: float) -> float:
+    intervals = np.diff(opened) / 1e9
+    shortest = float(intervals.min()) if len(intervals) else CycleConfig().min_cycle_s
+    return max(_SHORTEST * shortest, 2.0 * period_s)
+
+
+def _found(opened: Sequence[int]) -> str:
+    intervals = np.diff(opened) / 1e9
+    if len(intervals) == 0:
+        return f"{len(opened)} in this record"
+    return f"{len(opened)} in this record, every {intervals.min():.4g} .. {intervals.max():.4g} s"

@@ -1,0 +1,294 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""One cycle laid out for the output error, and its best free run for a lag."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.estimation.data.masks import held_recently
+from valve_twin.core.valves.press_cartridge.estimation.guards import GuardOptions
+from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import (
+    N_COLUMNS,
+    N_LINEAR,
+    search_pole,
+)
+
+if TYPE_CHECKING:
+    from valve_twin.core.estimation.data.masks import Masks
+    from valve_twin.core.types import BoolArray, FloatArray, Frames
+
+_LONG_GAP = 10
+"""A gap above this many samples is not bridged: the run starts anew behind it."""
+
+_NOISE_MARGIN = 4.0
+"""A seat is as wide as this many standard deviations of the noise."""
+
+_SETTLE = 5
+"""Samples after the last command that do not count as hold yet."""
+
+
+@dataclass(frozen=True, slots=True)
+class OutputErrorOptions:
+    """How the free run is fitted.
+
+    Attributes
+    ----------
+    v_ref : float
+        Command at which K_out is published [1].
+    v_max : float
+        Greatest command: gains are positive and flows rise up to it [1].
+    lag : int
+        Command to position lag [samples]; negative = search.
+    max_lag : int
+        Longest lag tried [samples].
+    pole : float
+        Pole [1]; negative = search.
+    wander : float
+        Variance that the level gains in each sample of motion, in units of the noise variance [1].
+    lower_seat, upper_seat : float
+        Positions of the seats [1].
+    seat_margin : float
+        Distance from a seat that counts as resting on it [1].
+    offset_in, offset_out : float
+        Commands below which the pilots stay shut [1].
+    min_hold : int
+        Fewest samples of hold off the seats that tell a leak.
+    guard : GuardOptions
+        When a gain is refused.
+    max_relative_error : float
+        A gain whose standard error, from the residuals alone, is above this share of it is refused
+        [1].
+    """
+
+    v_ref: float = 0.3
+    v_max: float = 0.8
+    lag: int = -1
+    max_lag: int = 4
+    pole: float = -1.0
+    wander: float = 0.03
+    lower_seat: float = 0.0
+    upper_seat: float = 1.0
+    seat_margin: float = 0.01
+    offset_in: float = 0.0
+    offset_out: float = 0.0
+    min_hold: int = 30
+    guard: GuardOptions = field(default_factory=GuardOptions)
+    max_relative_error: float = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A cycle on a grid of N whole periods without holes.
+
+    Attributes
+    ----------
+    position : (N,) array
+        Measured position, the last known one where there is none [1].
+    use : (N,) bool array
+        The position has weight.
+    stuck, broken : (N,) bool arrays
+        The spool is stuck; a long gap lies before the sample.
+    v_in, v_out : (N,) arrays
+        Commands above their offsets [1].
+    margin : float
+        Width of a seat [1].
+    period_s : float
+        Sampling time [s].
+    """
+
+    position: FloatArray
+    use: BoolArray
+    stuck: BoolArray
+    broken: BoolArray
+    v_in: FloatArray
+    v_out: FloatArray
+    margin: float
+    period_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """The best free run for a lag.
+
+    Attributes
+    ----------
+    pole : float
+        Pole [1].
+    linear : (5,) array
+        Linear parameters of `output_error_kernel`.
+    gram : (7, 7) array
+        Normal equations at the minimum.
+    columns : (5,) bool array
+        Which linear parameters were fitted.
+    cost : float
+        Sum of weighted squared residuals [1].
+    rows : int
+        How many.
+    likelihood : float
+        Minus twice the log likelihood a row, up to a constant; smaller is better.
+    v_in_mean : float
+        Displacement-weighted mean inflow command [1].
+    """
+
+    pole: float
+    linear: FloatArray
+    gram: FloatArray
+    columns: BoolArray
+    cost: float
+    rows: int
+    likelihood: float
+    v_in_mean: float
+
+
+def lay_out(
+    frames: Frames,
+    masks: Masks,
+    period_s: float,
+    noise_sigma: float,
+    options: OutputErrorOptions,
+) -> Run:
+    """Put the samples on a grid of whole periods; missing ones have no weight, commands hold."""
+    steps = np.maximum(np.rint(np.diff(frames.stamp_ns) / (period_s * 1e9)), 1.0)
+    steps = np.minimum(steps, 1e6).astype(np.int64)
+    long = steps > _LONG_GAP
+    steps[long] = options.max_lag + 1
+    index = np.concatenate((np.zeros(min(len(frames), 1), np.int64), np.cumsum(steps)))
+    size = int(index[-1]) + 1 if len(index) else 0
+    source = np.searchsorted(index, np.arange(size), side="right") - 1
+    here = np.zeros(size, np.bool_)
+    here[index] = True
+    broken = np.zeros(size, np.bool_)
+    broken[index[1:][long]] = True
+    known = ~masks.bad & np.isfinite(frames.position)
+    position = _held(frames.position, known)
+    command = np.where(np.isfinite(frames.inputs), frames.inputs, 0.0)
+    margin = options.seat_margin
+    if np.isfinite(noise_sigma):
+        margin = max(margin, _NOISE_MARGIN * noise_sigma)
+    return Run(
+        position=position[source],
+        use=(known & ~masks.any)[source] & here,
+        stuck=masks.stuck[source],
+        broken=broken,
+        v_in=np.clip(command[source, 0] - options.offset_in, 0.0, options.v_max),
+        v_out=np.clip(command[source, 1] - options.offset_out, 0.0, options.v_max),
+        margin=margin,
+        period_s=period_s,
+    )
+
+
+def _held(values: FloatArray, known: BoolArray) -> FloatArray:
+    """Replace unknown values by the last known one, before the first by that."""
+    if not known.any():
+        return np.zeros(len(values))
+    index = np.maximum.accumulate(np.where(known, np.arange(len(values)), -1))
+    return values[np.where(index < 0, int(np.argmax(known)), index)]
+
+
+def _acting(command: FloatArray, lag: int) -> FloatArray:
+    """Return the command `lag` samples old; the first one where there is none so old."""
+    return np.concatenate(
+        (np.full(min(lag, len(command)), command[0]), command[: len(command) - lag])
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Phases:
+    """What the spool does at each of the N samples of a run, for one lag.
+
+    Attributes
+    ----------
+    v_in, v_out : (N,) arrays
+        Commands that act at the sample, lag included [1].
+    seated, free, anchor, moving : (N,) bool arrays
+        It rests on a seat; it is off the seats; its level is unknown anew; a command acts.
+    """
+
+    v_in: FloatArray
+    v_out: FloatArray
+    seated: BoolArray
+    free: BoolArray
+    anchor: BoolArray
+    moving: BoolArray
+
+
+def find_phases(run: Run, lag: int, options: OutputErrorOptions) -> Phases:
+    """Tell rest on a seat, hold and motion apart."""
+    v_in, v_out = _acting(run.v_in, lag), _acting(run.v_out, lag)
+    seated = _seated(run, v_in, v_out, options)
+    anchor = run.broken | run.stuck
+    anchor[1:] |= seated[1:] & ~seated[:-1]
+    active = options.guard.active_command
+    moving = (v_in > active) | (v_out > active)
+    return Phases(v_in, v_out, seated, ~(seated | run.stuck), anchor, moving)
+
+
+def fit_lag(
+    run: Run, lag: int, columns: BoolArray, options: OutputErrorOptions, *, refine: bool
+) -> Solution:
+    """Fit for one lag."""
+    phases = find_phases(run, lag, options)
+    p, gram = np.zeros(N_LINEAR), np.zeros((N_COLUMNS, N_COLUMNS))
+    pole, cost, log_determinant, rows = search_pole(
+        run.position,
+        run.use,
+        phases.free,
+        phases.anchor,
+        phases.moving,
+        phases.v_in,
+        phases.v_out,
+        options.v_max,
+        options.wander,
+        columns,
+        options.pole,
+        refine,
+        p,
+        gram,
+    )
+    rows = max(rows, 1)
+    likelihood = float(np.log(max(cost, 1e-300) / rows) + log_determinant / rows)
+    active = options.guard.active_command
+    mean = mean_command(run.position, phases.v_in, phases.free, active)
+    return Solution(pole, p, gram, columns, cost, rows, likelihood, mean)
+
+
+def _seated(
+    run: Run, v_in: FloatArray, v_out: FloatArray, options: OutputErrorOptions
+) -> BoolArray:
+    """Return where the spool rests on a seat: near it, and nothing drives it away."""
+    active = options.guard.active_command
+    low = (run.position <= options.lower_seat + run.margin) & (v_in <= active)
+    high = (run.position >= options.upper_seat - run.margin) & (v_out <= active)
+    return low | high
+
+
+def mean_command(position: FloatArray, v_in: FloatArray, free: BoolArray, active: float) -> float:
+    """Return the inflow command, averaged with the displacement during it as weight [1].
+
+    Only commands above `active` [1] count: an offset or noise of the logged command is no inflow,
+    and would take the return stroke for one. The noise of the increments stays in the sum: it has
+    mean zero there, but not in its positive part.
+    """
+    moved = np.diff(position, prepend=position[:1])
+    on = free & (v_in > active)
+    total = float(np.sum(moved[on]))
+    return float(np.sum(moved[on] * v_in[on])) / total if total > 0.0 else float("nan")
+
+
+def find_lag(run: Run, columns: BoolArray, options: OutputErrorOptions) -> int:
+    """Return the lag of greatest likelihood; the smallest of equal ones."""
+    fits = [
+        fit_lag(run, lag, columns, options, refine=False) for lag in range(options.max_lag + 1)
+    ]
+    return int(np.argmin([f.likelihood for f in fits]))
+
+
+def hold_samples(run: Run, lag: int, options: OutputErrorOptions) -> int:
+    """Count usable samples at rest off the seats."""
+    phases = find_phases(run, lag, options)
+    rest = ~held_recently(phases.moving, _SETTLE) & phases.free & run.use
+    return int(np.count_nonzero(rest))

@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The linear regression of paper 002, eq. (17)-(19), at any lag between command and position.
+
+y[n] = x[n] - 2 x[n-1] + x[n-2] = theta . u[n],
+u[n] = [dx, vi, vo, vi^2, vo^2, vi vo, vi dx, vo dx], dx = x[n-1] - x[n-2], commands at n - lag
+(the paper: lag 2).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+
+from valve_twin.core.estimation.data.kernels import mark_rows
+
+if TYPE_CHECKING:
+    from valve_twin.core.estimation.data.masks import Masks
+    from valve_twin.core.types import FloatArray, Frames, IntArray
+
+TERMS = 8
+"""Number of terms of paper 002, eq. (19)."""
+
+TERM_SETS: dict[str, tuple[int, ...]] = {
+    "3": (1, 2, 3),
+    "4": (1, 2, 3, 5),
+    "5": (1, 2, 3, 4, 5),
+    "8": (1, 2, 3, 4, 5, 6, 7, 8),
+}
+"""Terms by their number in the paper: eq. (25), (32), (29) and (18)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gram:
+    """Normal equations of all eight terms over the rows used.
+
+    Attributes
+    ----------
+    matrix : (8, 8) array
+        Sum of u u^T.
+    vector : (8,) array
+        Sum of u y.
+    power : float
+        Sum of y^2 [1].
+    rows : int
+        Number of rows.
+    """
+
+    matrix: FloatArray
+    vector: FloatArray
+    power: float
+    rows: int
+
+    def part(self, terms: tuple[int, ...]) -> Gram:
+        """Return the normal equations of some terms, numbered from 1 as in the paper."""
+        k = np.asarray(terms, np.int64) - 1
+        return Gram(self.matrix[k[:, None], k], self.vector[k], self.power, self.rows)
+
+
+def usable_rows(frames: Frames, masks: Masks, lag: int, *, keep_stale: bool = False) -> IntArray:
+    """Return the samples n whose row is measured, in one piece and off the masks: (R,) int64.
+
+    Parameters
+    ----------
+    frames : Frames
+        Samples of one cycle; only the first two inputs are used.
+    masks : Masks
+        Its masks.
+    lag : int
+        Command to position lag [samples].
+    keep_stale : bool
+        Use the repeated values of a slow sensor as if they were measured, as the paper does:
+        without them a sensor refreshed every second sample or slower leaves no row at all. A
+        single freeze is always left out.
+    """
+    back = max(2, lag)
+    lost = masks.bad | masks.seat | masks.stuck
+    if not keep_stale or masks.refresh_period <= 1.0:
+        lost = lost | masks.stale
+    rows = np.empty(len(lost), np.int64)
+    return rows[: mark_rows(lost, masks.bad, masks.gap, back, rows)]
+
+
+def common_rows(
+    frames: Frames, masks: Masks, max_lag: int, *, keep_stale: bool = False
+) -> IntArray:
+    """Return the rows usable at every lag from 0 to `max_lag`: (R,) int64."""
+    return usable_rows(frames, masks, max(2, max_lag), keep_stale=keep_stale)
+
+
+def design(frames: Frames, rows: IntArray, lag: int) -> tuple[FloatArray, FloatArray]:
+    """Return the regressor (R, 8) and the right-hand side (R,) of paper 002, eq. (17) and (19)."""
+    x, n = frames.position, rows
+    dx = x[n - 1] - x[n - 2]
+    vi, vo = frames.inputs[n - lag, 0], frames.inputs[n - lag, 1]
+    u = np.column_stack([dx, vi, vo, vi * vi, vo * vo, vi * vo, vi * dx, vo * dx])
+    return u, x[n] - 2.0 * x[n - 1] + x[n - 2]
+
+
+def gram(frames: Frames, rows: IntArray, lag: int) -> Gram:
+    """Return the normal equations of all eight terms in one compiled pass.
+
+    Parameters
+    ----------
+    frames : Frames
+        Samples of one cycle.
+    rows : (R,) int64 array
+        Rows to use, each at least max(2, lag).
+    lag : int
+        Command to position lag [samples].
+    """
+    matrix, vector = np.zeros((TERMS, TERMS)), np.zeros(TERMS)
+    x = np.ascontiguousarray(frames.position)
+    power = _gram_kernel(x, np.ascontiguousarray(frames.inputs), rows, lag, matrix, vector)
+    return Gram(matrix, vector, float(power), len(rows))
+
+
+def mean_square_error(frames: Frames, rows: IntArray, lag: int, theta: FloatArray) -> float:
+    """Return the mean of (y - theta . u)^2 over the rows [1]; NaN without rows.
+
+    Paper 002, eq. (24), formed sample by sample: the same from the normal equations would cancel
+    on precise data.
+    """
+    if len(rows) == 0:
+        return float("nan")
+    x = np.ascontiguousarray(frames.position)
+    inputs = np.ascontiguousarray(frames.inputs)
+    return float(_residual_kernel(x, inputs, rows, lag, theta)) / len(rows)
+
+
+def steady_gains(theta: FloatArray, v_in: float, v_out: float) -> tuple[float, float]:
+    """Return (K_in(v_in), K_out(v_out)) [1/sample]; NaN without a speed term.
+
+    K_in = (theta_2 + theta_4 v)/-(theta_1 + theta_7 v), K_out = -(theta_3 + theta_5 v)/-(theta_1 +
+    theta_8 v): equations.md 2.1 with all eight terms.
+
+    Parameters
+    ----------
+    theta : (8,) array
+        theta_1 ... theta_8.
+    v_in, v_out : float
+        Command levels at which the gains hold [1].
+    """
+    speed_in, speed_out = theta[0] + theta[6] * v_in, theta[0] + theta[7] * v_out
+    k_in = (theta[1] + theta[3] * v_in) / -speed_in if speed_in < 0.0 else np.nan
+    k_out = (theta[2] + theta[4] * v_out) / speed_out if speed_out < 0.0 else np.nan
+    return float(k_in), float(k_out)
+
+
+@njit(cache=True)
+def _gram_kernel(
+    x: FloatArray,
+    inputs: FloatArray,
+    rows: IntArray,
+    lag: int,
+    matrix: FloatArray,
+    vector: FloatArray,
+) -> float:
+    """Fill the normal equations; returns the sum of y^2."""
+    u, on = np.empty(8), np.empty(8, np.int64)
+    power = 0.0
+    for n in rows:
+        dx = x[n - 1] - x[n - 2]
+        vi = inputs[n - lag, 0]
+        vo = inputs[n - lag, 1]
+        u[0] = dx
+        u[1] = vi
+        u[2] = vo
+        u[3] = vi * vi
+        u[4] = vo * vo
+        u[5] = vi * vo
+        u[6] = vi * dx
+        u[7] = vo * dx
+        y = x[n] - 2.0 * x[n - 1] + x[n - 2]
+        power += y * y
+        # most rows have one command at zero or both: their zeros would add nothing
+        count = 0
+        for i in range(8):
+            if u[i] != 0.0:
+                on[count] = i
+                count += 1
+        for c in range(count):
+            i = on[c]
+            vector[i] += u[i] * y
+            for d in range(c + 1):
+                j = on[d]
+                matrix[i, j] += u[i] * u[j]
+    for i in range(8):
+        for j in range(i):
+            matrix[j, i] = matrix[i, j]
+    return power
+
+
+@njit(cache=True)
+def _residual_kernel(
+    x: FloatArray, inputs: FloatArray, rows: IntArray, lag: int, theta: FloatArray
+) -> float:
+    """Return the sum of (y - theta . u)^2."""
+    power = 0.0
+    for n in rows:
+        dx = x[n - 1] - x[n - 2]
+        vi = inputs[n - lag, 0]
+        vo = inputs[n - lag, 1]
+        speed = theta[0] + theta[6] * vi + theta[7] * vo
+        flow_in = vi * (theta[1] + theta[3] * vi)
+        flow_out = vo * (theta[2] + theta[4] * vo)
+        r = x[n] - 2.0 * x[n - 1] + x[n - 2]
+        r -= speed * dx + flow_in + flow_out + theta[5] * vi * vo
+        power += r * r
+    return power

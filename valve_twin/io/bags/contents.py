@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What is in a bag: its files, topics, types and counts, according to the summaries."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from valve_twin.io.bags.folder import bag_files
+from valve_twin.io.bags.types import BagTypes
+from valve_twin.io.cdr.signals import TypeSystem, full_type_name
+from valve_twin.io.errors import BagError, suggest
+from valve_twin.io.mcap.reader import McapFile
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from valve_twin.io.mcap.format import Channel
+
+
+@dataclass(frozen=True, slots=True)
+class TopicInfo:
+    """One topic of a bag; `count` is -1 where the bag does not say."""
+
+    name: str
+    type: str
+    count: int
+    qos: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class BagInfo:
+    """What a bag holds.
+
+    Attributes
+    ----------
+    path : Path
+        As given.
+    files : tuple of Path
+        Its .mcap files in their order.
+    start_ns, end_ns : int
+        First and last log time [ns].
+    message_count : int
+        Messages according to the summaries, -1 = unknown.
+    topics : tuple of TopicInfo
+        By name.
+    custom : dict
+        Values of the user's own.
+    size : int
+        Bytes of all files [B].
+    """
+
+    path: Path
+    files: tuple[Path, ...]
+    start_ns: int
+    end_ns: int
+    message_count: int
+    topics: tuple[TopicInfo, ...]
+    custom: dict[str, str]
+    size: int
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first to the last message [s]."""
+        return (self.end_ns - self.start_ns) * 1e-9
+
+
+def topic_name(name: str) -> str:
+    """Return a topic with its leading slash, which some old bags lack."""
+    return name if name.startswith("/") else f"/{name}"
+
+
+def bag_info(path: str | Path) -> BagInfo:
+    """Return what a bag holds according to its summaries.
+
+    Raises
+    ------
+    BagError
+        If it cannot be read; one line with the file and what to do.
+    """
+    files, custom = bag_files(path)
+    with ExitStack() as stack:
+        opened = [open_file(f, stack) for f in files]
+        for file in opened:
+            custom = {**file.summary.metadata.get("valve_twin", {}), **custom}
+        return contents(Path(path), opened, custom)
+
+
+def open_file(path: Path, stack: ExitStack) -> McapFile:
+    """Open a file until the stack is left."""
+    file = McapFile(path)
+    stack.callback(file.close)
+    return file
+
+
+def contents(path: Path, opened: Sequence[McapFile], custom: dict[str, str]) -> BagInfo:
+    """Return what open files hold."""
+    topics: dict[str, TopicInfo] = {}
+    starts, ends, total = [], [], 0
+    for file in opened:
+        summary, statistics = file.summary, file.summary.statistics
+        total = -1 if statistics is None or total < 0 else total + statistics.message_count
+        filled = [c for c in summary.chunks if c.end_ns or c.start_ns]
+        starts += [c.start_ns for c in filled]
+        ends += [c.end_ns for c in filled]
+        if statistics is not None and statistics.message_count:
+            starts.append(statistics.start_ns)
+            ends.append(statistics.end_ns)
+        for channel in summary.channels.values():
+            _add_topic(topics, file, channel)
+    return BagInfo(
+        path=path,
+        files=tuple(f.path for f in opened),
+        start_ns=min(starts, default=0),
+        end_ns=max(ends, default=0),
+        message_count=total,
+        topics=tuple(topics[name] for name in sorted(topics)),
+        custom=custom,
+        size=sum(f.path.stat().st_size for f in opened),
+    )
+
+
+def _add_topic(topics: dict[str, TopicInfo], file: McapFile, channel: Channel) -> None:
+    name = topic_name(channel.topic)
+    statistics = file.summary.statistics
+    schema = file.summary.schemas.get(channel.schema_id)
+    count = -1 if statistics is None else statistics.counts.get(channel.id, 0)
+    before = topics.get(name)
+    if before is not None:
+        count = -1 if min(count, before.count) < 0 else count + before.count
+    topics[name] = TopicInfo(
+        name,
+        _full(schema.name) if schema else "",
+        count,
+        channel.metadata.get("offered_qos_profiles", ""),
+    )
+
+
+def _full(name: str) -> str:
+    try:
+        return full_type_name(name)
+    except ValueError:
+        return name
+
+
+def bag_types(path: str | Path, topic: str) -> TypeSystem:
+    """Return the types of a topic as the bag defines them.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be read or has no such topic.
+    """
+    files, _ = bag_files(path)
+    with ExitStack() as stack:
+        for name in files:
+            file = open_file(name, stack)
+            for channel in file.summary.channels.values():
+                if topic_name(channel.topic) == topic_name(topic):
+                    return channel_types(file, channel)
+    raise missing_topic(path, topic, "", [t.name for t in bag_info(path).topics])
+
+
+def channel_types(file: McapFile, channel: Channel) -> BagTypes:
+    """Return the types of a channel; BagError where the file does not define them."""
+    place = f"{file.path}: topic '{channel.topic}'"
+    schema = file.summary.schemas.get(channel.schema_id)
+    if schema is None:
+        msg = f"{place}: the file holds no definition of its type; record the topic anew"
+        raise BagError(msg)
+    if channel.encoding != "cdr":
+        msg = (
+            f"{place}: encoding '{channel.encoding}' is not read; record the topic with ROS 2 "
+            "(cdr)"
+        )
+        raise BagError(msg)
+    return BagTypes(schema, place)
+
+
+def missing_topic(path: str | Path, topic: str, what: str, names: Sequence[str]) -> BagError:
+    """Return the error that names a topic which is not there and the nearest that is."""
+    hint = suggest(topic, names)
+    there = f" there are {', '.join(names)}" if hint.startswith("did you") else ""
+    return BagError(f"{path}: topic '{topic}'{what} is not in the bag; {hint}{there}")

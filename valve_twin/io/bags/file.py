@@ -1,0 +1,219 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""One MCAP file of a bag: written through, synced, and finished soundly also on a full disk."""
+
+from __future__ import annotations
+
+import errno
+import os
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, cast
+
+from valve_twin.io.bags.metadata import FileEntry, QosProfile, qos_text
+from valve_twin.io.mcap.writer import CHUNK_SIZE, McapWriter
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
+    from typing import BinaryIO
+
+    from valve_twin.core.types import IntArray
+    from valve_twin.io.cdr.codec import ByteTable
+
+_MODE = 0o644
+
+
+@dataclass(slots=True)
+class TopicDescription:
+    """What a bag says of a topic: type, definition and what its publishers offer."""
+
+    name: str
+    type: str
+    type_hash: str
+    qos: tuple[QosProfile, ...]
+    encoding: str
+    definition: str
+
+
+class _Stream:
+    """File without a buffer of its own: what was accepted is the kernel's, whatever dies."""
+
+    def __init__(self, path: Path) -> None:
+        self._number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, _MODE)
+        self.size = 0
+
+    def write(self, data: bytes) -> int:
+        view = memoryview(data)
+        while view:
+            done = os.write(self._number, view)
+            self.size += done
+            view = view[done:]
+        return len(data)
+
+    def truncate(self, size: int) -> None:
+        os.ftruncate(self._number, size)
+        os.lseek(self._number, size, os.SEEK_SET)
+        self.size = size
+
+    def fileno(self) -> int:
+        return self._number
+
+    def close(self) -> None:
+        number, self._number = self._number, -1
+        if number >= 0:
+            os.close(number)
+
+
+class BagFile:
+    """One file while it is written.
+
+    Parameters
+    ----------
+    path : path
+        File to make; it must not exist.
+    sync : callable
+        Called with the file number to put on disk what was written.
+    chunk_size : int
+        Bytes in a chunk before compression.
+    compressed : bool
+        Whether chunks are compressed with zstd.
+
+    Raises
+    ------
+    OSError
+        If it cannot be made; also from `write`, `flush` and `finish`.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        sync: Callable[[int], object] = os.fsync,
+        chunk_size: int = CHUNK_SIZE,
+        compressed: bool = True,
+    ) -> None:
+        self.path = path
+        self._sync = sync
+        self._stream = _Stream(path)
+        try:
+            self.mcap = McapWriter(
+                cast("BinaryIO", self._stream), chunk_size=chunk_size, compressed=compressed
+            )
+        except OSError:
+            self._stream.close()
+            path.unlink(missing_ok=True)
+            raise
+        self._good = self._stream.size
+        self._schemas: dict[tuple[str, str], int] = {}
+        self._channels: dict[str, int] = {}
+        self.finished = False
+        self.first_ns = -1
+
+    def declare(self, topic: TopicDescription) -> int:
+        """Return the channel of a topic, new or known."""
+        if topic.name in self._channels:
+            return self._channels[topic.name]
+        key = (topic.type, topic.definition)
+        if key not in self._schemas:
+            data = topic.definition.encode()
+            self._schemas[key] = self.mcap.add_schema(topic.type, topic.encoding, data)
+        metadata = {
+            "offered_qos_profiles": qos_text(topic.qos),
+            "topic_type_hash": topic.type_hash,
+        }
+        channel = self.mcap.add_channel(self._schemas[key], topic.name, metadata)
+        self._channels[topic.name] = channel
+        return channel
+
+    def write(
+        self, channel: int, data: bytes, *, log_ns: int, publish_ns: int, sequence: int
+    ) -> None:
+        """Append a message; a chunk that is full goes to the kernel."""
+        if self.first_ns < 0:
+            self.first_ns = log_ns
+        self.mcap.write(channel, data, log_ns=log_ns, publish_ns=publish_ns, sequence=sequence)
+        self._good = self._stream.size
+
+    def write_rows(
+        self, channels: IntArray, data: ByteTable, times: IntArray, sequences: IntArray
+    ) -> int:
+        """Append messages of one length until a chunk is full; see `McapWriter.write_rows`."""
+        if self.first_ns < 0:
+            self.first_ns = int(times[0, 0])
+        taken = self.mcap.write_rows(channels, data, times, sequences)
+        self._good = self._stream.size
+        return taken
+
+    def write_out(self) -> None:
+        """Give everything written so far to the kernel, which outlives this process."""
+        self.mcap.end_chunk()
+        self._good = self._stream.size
+
+    def flush(self) -> None:
+        """Put everything written so far on disk; a file that somebody deleted is an error."""
+        self.write_out()
+        if os.fstat(self._stream.fileno()).st_nlink == 0:
+            raise FileNotFoundError(errno.ENOENT, "somebody deleted the file")
+        self._sync(self._stream.fileno())
+
+    def give_up(self) -> dict[str, int]:
+        """After an error cut the file behind its last sound record; return what is lost by topic.
+
+        The messages of the running chunk are lost; the file can be finished as soon as there is
+        space.
+        """
+        self._stream.truncate(self._good)
+        lost = self.mcap.drop_chunk(self._good)
+        return {name: lost[number] for name, number in self._channels.items() if number in lost}
+
+    def finish(self, records: Mapping[str, Mapping[str, str]]) -> None:
+        """Write metadata records, summary and footer and close; after `give_up` try again.
+
+        Parameters
+        ----------
+        records : mapping
+            Metadata records by name.
+        """
+        if self.finished:
+            return
+        self.mcap.end_chunk()
+        self._good = self._stream.size
+        for name, values in records.items():
+            self.mcap.add_metadata(name, values)
+        self.mcap.finish()
+        self._sync(self._stream.fileno())
+        self.finished = True
+        self._stream.close()
+
+    def abandon(self) -> None:
+        """Close as it stands: what is written can be recovered."""
+        self._stream.close()
+
+    @property
+    def size(self) -> int:
+        """Bytes written so far [B]."""
+        return self._stream.size
+
+    @property
+    def message_count(self) -> int:
+        """Messages written, those of the running chunk included [1]."""
+        return sum(self.mcap.statistics.counts.values())
+
+    def counts(self) -> dict[str, int]:
+        """Return messages written by topic."""
+        counts = self.mcap.statistics.counts
+        return {name: counts[number] for name, number in list(self._channels.items())}
+
+    def entry(self) -> FileEntry:
+        """Return what the bag's metadata says of this file."""
+        s = self.mcap.statistics
+        return FileEntry(self.path.name, s.start_ns, s.end_ns - s.start_ns, self.message_count)
+
+
+def sync_folder(folder: Path, sync: Callable[[int], object] = os.fsync) -> None:
+    """Put the names in a folder on disk: a new file is found after a power cut."""
+    number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        sync(number)
+    finally:
+        os.close(number)

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Find the files of a bag folder, also where its metadata.yaml is damaged."""
+
+from __future__ import annotations
+
+import logging
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from valve_twin.io.bags.metadata import FILE_NAME, read_metadata
+from valve_twin.io.errors import BagError
+from valve_twin.io.mcap.format import MAGIC
+
+_LOGGER = logging.getLogger("valve_twin")
+_KNOWN_STORAGE = re.compile(r"storage 'sqlite3|(file|message) compression")
+
+
+@dataclass(frozen=True, slots=True)
+class BagFolder:
+    """The .mcap files of a bag in their order.
+
+    Attributes
+    ----------
+    files : tuple of Path
+        Its files; those that are missing stand in `missing`.
+    custom : dict
+        The user's own values.
+    missing : tuple of Path
+        Files that the metadata names and that are not there.
+    flaw : str
+        What is wrong with the metadata, empty = nothing.
+    """
+
+    files: tuple[Path, ...]
+    custom: dict[str, str]
+    missing: tuple[Path, ...] = ()
+    flaw: str = ""
+
+
+def find_files(path: str | Path) -> BagFolder:
+    """Return the files of a bag: a folder, its metadata.yaml or one .mcap file.
+
+    Raises
+    ------
+    BagError
+        If there is no such bag.
+    """
+    path = Path(path)
+    if not path.is_dir() and path.name != FILE_NAME:
+        return BagFolder((path,), {})
+    folder = path if path.is_dir() else path.parent
+    present = tuple(sorted(folder.glob("*.mcap"), key=_natural))
+    if not (folder / FILE_NAME).is_file():
+        if not present:
+            msg = f"{path}: holds no .mcap file; give a bag folder with MCAP storage"
+            raise BagError(msg)
+        return BagFolder(present, {})
+    try:
+        metadata = read_metadata(folder / FILE_NAME)
+    except BagError as err:
+        if _KNOWN_STORAGE.search(str(err)) or not any(map(_is_mcap, present)):
+            raise
+        return BagFolder(present, {}, flaw=f"{err}; all .mcap files of the folder are read")
+    named = [folder / Path(name).name for name in metadata.files]
+    missing = tuple(p for p in named if not p.is_file())
+    spare = [p for p in present if p not in named]
+    custom = dict(metadata.custom)
+    if not missing or not spare:
+        return BagFolder(tuple(named), custom, missing)
+    names = ", ".join(p.name for p in missing)
+    flaw = f"{folder / FILE_NAME}: names {names}, which is not there; "
+    flaw += f"read instead: {', '.join(p.name for p in spare)}"
+    files = tuple(sorted([p for p in named if p.is_file()] + spare, key=_natural))
+    return BagFolder(files, custom, flaw=flaw)
+
+
+def bag_files(path: str | Path) -> tuple[tuple[Path, ...], dict[str, str]]:
+    """Return the .mcap files of a bag in their order and the user's own values in its metadata.
+
+    Raises
+    ------
+    BagError
+        If there is no such bag.
+    """
+    found = find_files(path)
+    if found.flaw:
+        _LOGGER.warning("%s", found.flaw)
+    return found.files, found.custom
+
+
+def _natural(path: Path) -> list[tuple[bool, int, str]]:
+    """Sort key that puts bag_2 before bag_10."""
+    parts = re.split(r"(\d+)", path.name)
+    return [(p.isdigit(), int(p) if p.isdigit() else 0, p) for p in parts]
+
+
+def _is_mcap(path: Path) -> bool:
+    try:
+        with path.open("rb") as stream:
+            return stream.read(len(MAGIC)) == MAGIC
+    except OSError:
+        return False

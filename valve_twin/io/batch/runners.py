@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Run the tasks of a batch: in processes of this machine, or on a Dask cluster."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from typing import TYPE_CHECKING
+
+from valve_twin import __version__
+from valve_twin.io.batch.archive import estimate_task
+from valve_twin.io.batch.results import BagResult, BatchTask
+from valve_twin.io.errors import ValveTwinError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from concurrent.futures import Future
+
+CONNECT_S = 10.0
+"""How long to wait for the scheduler of a cluster [s]."""
+
+
+def core_count() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+class LocalRunner:
+    """Runs tasks in processes of this machine.
+
+    Parameters
+    ----------
+    jobs : int
+        Processes at the same time.
+    """
+
+    def __init__(self, jobs: int) -> None:
+        self._jobs = jobs
+
+    def __call__(self, tasks: Sequence[BatchTask]) -> Iterator[BagResult]:
+        """Yield results as they are done; a bag that takes its process down is named.
+
+        Where a process dies, all tasks that ran then are tried again, each alone, so that the one
+        that did it is found and the others are not lost.
+        """
+        left, suspects = list(tasks), list[BatchTask]()
+        while left:
+            yield from self._until_broken(left, suspects, min(self._jobs, len(left)))
+            while suspects:
+                alone = [suspects.pop()]
+                died: list[BatchTask] = []
+                yield from self._until_broken(alone, died, 1)
+                for task in (*died, *alone):
+                    yield BagResult(
+                        task.name,
+                        error=f"{task.bag}: its process was killed twice, by the system or by a "
+                        "fault; is there enough memory?",
+                    )
+
+    @staticmethod
+    def _until_broken(
+        left: list[BatchTask], suspects: list[BatchTask], jobs: int
+    ) -> Iterator[BagResult]:
+        """Take tasks from `left` until none is left or a process died: those are `suspects`."""
+        os.environ.setdefault("OMP_NUM_THREADS", "1")  # inherited: one core a process
+        context = multiprocessing.get_context("spawn")
+        pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_ignore_interrupts)
+        running: dict[Future[BagResult], BatchTask] = {}
+        try:
+            while left or running:
+                while left and len(running) < jobs:
+                    running[pool.submit(estimate_task, left[0])] = left[0]
+                    left.pop(0)
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    result = future.result()
+                    running.pop(future)
+                    yield result
+        except BrokenProcessPool:  # a process died: any that ran may have done it
+            suspects += running.values()
+        except BaseException:
+            _end(pool)
+            raise
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _end(pool: ProcessPoolExecutor) -> None:
+    """End the processes of a pool now: an interrupted batch does not wait for a long bag."""
+    for process in list((getattr(pool, "_processes", None) or {}).values()):
+        process.terminate()
+
+
+def _ignore_interrupts() -> None:
+    """Leave Ctrl-C to the process that hands out the tasks."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+class ClusterRunner:
+    """Runs tasks on the workers of a Dask scheduler, which must see the bags at the same paths.
+
+    Parameters
+    ----------
+    address : str
+        Of the scheduler, such as tcp://plant-server:8786.
+
+    Raises
+    ------
+    ValveTwinError
+        If distributed is not installed, the scheduler does not answer, it has no workers, or a
+        worker has another version of valve_twin, whose results could differ.
+    """
+
+    def __init__(self, address: str) -> None:
+        try:
+            from distributed import Client
+        except ImportError as err:
+            msg = (
+                "--scheduler: the package 'distributed' is not installed; "
+                "python -m pip install 'valve_twin[dask]', or leave --scheduler out"
+            )
+            raise ValveTwinError(msg) from err
+        try:
+            self._client = Client(address, timeout=CONNECT_S)  # type: ignore[no-untyped-call]
+        except (OSError, ValueError, TimeoutError) as err:
+            msg = (
+                f"--scheduler {address}: does not answer ({_line(err)}); start it with "
+                "'dask scheduler' and give its address"
+            )
+            raise ValveTwinError(msg) from err
+        try:
+            self._check_workers(address)
+        except BaseException:
+            self._client.close()  # type: ignore[no-untyped-call]
+            raise
+
+    def _check_workers(self, address: str) -> None:
+        versions = self._client.run(_version)
+        if not versions:
+            msg = f"--scheduler {address}: has no workers; start some with 'dask worker {address}'"
+            raise ValveTwinError(msg)
+        for worker, version in sorted(versions.items()):
+            if version != __version__:
+                msg = (
+                    f"--scheduler {address}: worker {worker} has valve_twin {version}, this is "
+                    f"{__version__}; install the same version everywhere"
+                )
+                raise ValveTwinError(msg)
+
+    def __call__(self, tasks: Sequence[BatchTask]) -> Iterator[BagResult]:
+        """Yield results as they are done; a bag whose workers die is named."""
+        from distributed import as_completed
+
+        try:
+            futures = {self._client.submit(estimate_task, t, pure=False): t for t in tasks}
+            done = as_completed(list(futures))  # type: ignore[no-untyped-call]
+            for future in done:
+                task = futures.pop(future)
+                error = future.exception()
+                if error is None:
+                    yield future.result()
+                else:
+                    yield BagResult(task.name, error=f"{task.bag}: {_line(error)}")
+                future.release()
+        finally:
+            self._client.close()  # type: ignore[no-untyped-call]
+
+
+def _version() -> str:
+    return __version__
+
+
+def _line(err: BaseException) -> str:
+    return " ".join(f"{type(err).__name__}: {err}".split())

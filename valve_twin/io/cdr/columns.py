@@ -1,0 +1,200 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Columns of samples that grow while a bag is read, filled by the compiled walk or by hand."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+
+    from valve_twin.core.types import BoolArray, ByteArray, FloatArray, IntArray
+    from valve_twin.io.cdr.layout import Layout
+    from valve_twin.io.cdr.signals import SignalSource
+
+COMPILED_FROM = 20_000
+"""Messages from which on it pays to import numba where nothing else needed it [1]."""
+
+_SMALLEST_MESSAGE = 35
+_LEAST_CAPACITY = 1024
+_SAMPLES, _ODD = 0, 2
+_NO_ROWS: frozenset[int] = frozenset()
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """N samples of one signal.
+
+    Attributes
+    ----------
+    log_ns, stamp_ns : (N,) int64 arrays
+        Receive time of the message and stamp of the sample [ns].
+    values : (N,) array
+        Values in the unit of the signal.
+    stamped : (N,) bool array
+        Whether the stamp comes from the message.
+    """
+
+    log_ns: IntArray
+    stamp_ns: IntArray
+    values: FloatArray
+    stamped: BoolArray
+
+    def __len__(self) -> int:
+        return len(self.log_ns)
+
+
+class ColumnStore:
+    """Samples of R signals in the order in which they were read.
+
+    Parameters
+    ----------
+    sources : sequence of SignalSource
+        The signals; values are kept as they stand in the messages and scaled when taken out.
+    capacity : int
+        Samples a signal for which there is room at first [1].
+    """
+
+    def __init__(self, sources: Sequence[SignalSource], capacity: int = 0) -> None:
+        self._sources = tuple(sources)
+        self._capacity = capacity
+        self.counts: IntArray = np.zeros((len(self._sources), 3), dtype=np.int64)
+        self._make(0)
+
+    def _make(self, capacity: int) -> None:
+        rows = len(self._sources)
+        self._free = capacity
+        self.times: IntArray = np.empty((2 * rows, capacity), dtype=np.int64)
+        self.values: FloatArray = np.empty((rows, capacity))
+        self.stamped: ByteArray = np.empty((rows, capacity), dtype=np.uint8)
+
+    def reserve(self, extra: int) -> None:
+        """Make room for more samples of every signal."""
+        self._free -= extra
+        if self._free < 0:
+            self._grow(extra)
+
+    def _grow(self, extra: int) -> None:
+        used = int(self.counts[:, _SAMPLES].max(initial=0))
+        times, values, stamped = self.times, self.values, self.stamped
+        if used + extra > values.shape[1]:
+            self._make(max(used + extra, self._capacity, _LEAST_CAPACITY, 2 * used))
+            self.times[:, :used] = times[:, :used]
+            self.values[:, :used] = values[:, :used]
+            self.stamped[:, :used] = stamped[:, :used]
+        self._free = self.values.shape[1] - used - extra
+
+    def append(
+        self, row: int, log_ns: int, stamp_ns: IntArray, values: FloatArray, *, stamped: bool
+    ) -> None:
+        """Add the samples of one message; the values as they stand in it."""
+        count = len(values)
+        self.reserve(count)
+        begin = int(self.counts[row, _SAMPLES])
+        part = slice(begin, begin + count)
+        self.times[2 * row, part] = log_ns
+        self.times[2 * row + 1, part] = stamp_ns
+        self.values[row, part] = values
+        self.stamped[row, part] = stamped
+        self.counts[row, _SAMPLES] += count
+
+    def take(self) -> dict[int, Columns]:
+        """Hand out what was read, by signal in log-time order, and begin anew."""
+        found = {
+            row: self._columns(row, source)
+            for row, source in enumerate(self._sources)
+            if self.counts[row, _SAMPLES]
+        }
+        self.counts[:] = 0
+        self._make(0)
+        return found
+
+    def _columns(self, row: int, source: SignalSource) -> Columns:
+        part = slice(0, int(self.counts[row, _SAMPLES]))
+        log_ns, stamp_ns = self.times[2 * row, part], self.times[2 * row + 1, part]
+        values, stamped = self.values[row, part], self.stamped[row, part].view(np.bool_)
+        if source.scale != 1.0 or source.offset != 0.0:
+            values = values * source.scale + source.offset
+        if bool((log_ns[1:] >= log_ns[:-1]).all()):
+            return Columns(log_ns, stamp_ns, values, stamped)
+        order = np.argsort(log_ns, kind="stable")
+        return Columns(log_ns[order], stamp_ns[order], values[order], stamped[order])
+
+
+@dataclass(frozen=True, slots=True)
+class FieldPlan:
+    """One mapped field of one channel and the row of the store that takes it."""
+
+    row: int
+    channel: int
+    layout: Layout
+
+
+class Walker:
+    """Compiled walk over the records of one file.
+
+    Parameters
+    ----------
+    fields : sequence of FieldPlan
+        What is wanted; a row stands in it with all its channels or not at all.
+    read : (R, 4) int64 array
+        Messages read of this file and batches whose period cannot be, by row; grows.
+    """
+
+    def __init__(self, fields: Sequence[FieldPlan], read: IntArray) -> None:
+        from valve_twin.io.cdr import columns_kernel as kernel
+
+        self._take, self._read = kernel.take, read
+        self._rows = {f.row for f in fields}
+        steps = max((len(f.layout.steps) for f in fields), default=0)
+        plan = np.zeros((len(fields), kernel.FIRST_STEP + 4 * steps), dtype=np.int64)
+        first = np.full(1 + max((f.channel for f in fields), default=0), -1, dtype=np.int64)
+        for k, field in enumerate(fields):
+            layout = field.layout
+            plan[k, kernel.ROW], plan[k, kernel.NEXT] = field.row, first[field.channel]
+            plan[k, kernel.NUMBER], plan[k, kernel.SIZE] = layout.number, layout.size
+            plan[k, kernel.BATCHED], plan[k, kernel.STEPS] = layout.batched, len(layout.steps)
+            plan[k, kernel.FIRST_STEP : kernel.FIRST_STEP + layout.steps.size] = (
+                layout.steps.ravel()
+            )
+            first[field.channel] = k
+        self._plan, self._first = plan, first
+        self._memory = np.full(
+            (kernel.SLOTS * len(fields), kernel.MEMORY_SIZE), -1, dtype=np.int64
+        )
+        sizes = [f.layout.size if f.layout.batched else _SMALLEST_MESSAGE for f in fields]
+        self._least = min(sizes, default=_SMALLEST_MESSAGE)
+
+    def take(self, data: bytes | memoryview, store: ColumnStore) -> Collection[int]:
+        """Append the samples of a chunk.
+
+        Returns
+        -------
+        collection of int
+            Rows that are odd: of these, nothing was appended.
+        """
+        store.reserve(len(data) // self._least + 1)
+        odd = self._take(
+            np.frombuffer(data, dtype=np.uint8),
+            self._first,
+            self._plan,
+            self._memory,
+            self._read,
+            store.counts,
+            store.times,
+            store.values,
+            store.stamped,
+        )
+        if not odd:
+            return _NO_ROWS
+        return set(np.flatnonzero(store.counts[:, _ODD]).tolist()) & self._rows
+
+
+def pays(messages: int) -> bool:
+    """Return whether the compiled walk is worth its import for so many messages (-1 = unknown)."""
+    return messages < 0 or messages >= COMPILED_FROM or "numba" in sys.modules

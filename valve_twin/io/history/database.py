@@ -1,0 +1,422 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The database under the history: durable commits, schema upgrades, errors in plain words.
+
+SQLite runs in WAL mode with synchronous=FULL: a commit returns after its bytes were flushed to the
+disk. Writers take the write lock at BEGIN, so that a transaction either waits or fails at its
+start and never in its middle.
+"""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+import threading
+from contextlib import contextmanager
+from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import sqlalchemy as sa
+from sqlalchemy.engine import URL, Connection, Engine, make_url
+from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError
+
+from valve_twin.io.errors import StoreError
+from valve_twin.io.history.errors import explain
+from valve_twin.io.history.tables import METADATA, SCHEMA_TABLE, SCHEMA_VERSION
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+MIGRATIONS = Path(__file__).parent / "migrations"
+
+_ADVISORY_LOCK = 0x56414C56
+"""Key of the PostgreSQL lock that lets one process at a time upgrade the schema ("VALV")."""
+
+
+class Trouble(Enum):
+    """What can happen to the file under an open history."""
+
+    DELETED = "the file was deleted while in use"
+    REPLACED = "the file was replaced while in use"
+    LOG_DELETED = "its write-ahead log was deleted while in use"
+
+
+class Database:
+    """Connections to one database; every error that leaves it is a `StoreError` of one line.
+
+    Parameters
+    ----------
+    url : str
+        Path of a SQLite file, or a URL: sqlite:///relative.db, sqlite:////absolute.db,
+        postgresql://user@host/name.
+    read_only : bool
+        Never write; the database must exist and be current.
+    busy_timeout_s : float
+        How long to wait for another program's lock [s].
+
+    Raises
+    ------
+    StoreError
+        If the database cannot be used.
+    """
+
+    def __init__(self, url: str, *, read_only: bool = False, busy_timeout_s: float = 5.0) -> None:
+        self.url = _parse_url(url)
+        self.read_only = read_only
+        self.file = Path(self.url.database or "") if self.is_sqlite else None
+        self.where = str(self.file) if self.file else self.url.render_as_string(hide_password=True)
+        self._busy_timeout_s = busy_timeout_s
+        self._identity: tuple[int, int] | None = None
+        self._log = f"{self.file}-wal"
+        self._log_identity: tuple[int, int] | None = None
+        self._direct: sqlite3.Connection | None = None
+        self._turn = threading.Lock()
+        self.engine = self._make_engine()
+        self._writer = self.engine.execution_options(valve_twin_write=True)
+        try:
+            with self.errors("opened"):
+                self._open()
+        except StoreError:
+            self.close()
+            raise
+
+    @property
+    def is_sqlite(self) -> bool:
+        """Whether this is a SQLite file."""
+        return self.url.get_backend_name() == "sqlite"
+
+    def compile(self, statement: sa.Executable) -> str:
+        """Return the text of a statement for `exec_driver_sql`, twice as fast as `execute`."""
+        return str(cast("sa.sql.ClauseElement", statement).compile(dialect=self.engine.dialect))
+
+    def close(self) -> None:
+        """Give all connections back."""
+        self.engine.dispose()
+        with self._turn:
+            if self._direct is not None:
+                self._direct.close()
+                self._direct = None
+
+    def again(self) -> Database:
+        """Open what stands under the name now, as at the first time."""
+        return Database(
+            self.url.render_as_string(hide_password=False), busy_timeout_s=self._busy_timeout_s
+        )
+
+    @contextmanager
+    def write(self) -> Iterator[Connection]:
+        """Run one transaction that is on the disk when the block ends, or leaves nothing.
+
+        Raises
+        ------
+        StoreError
+            If it was not stored.
+        """
+        with self.errors("written"):
+            if self.read_only:
+                msg = f"{self.where}: cannot be written: it was opened for reading only"
+                raise StoreError(msg)
+            self.check_file()
+            with self._writer.begin() as connection:
+                yield connection
+            self.check_file()
+
+    @contextmanager
+    def read(self) -> Iterator[Connection]:
+        """Run reads that all see one state of the database."""
+        level: dict[str, Any] = {} if self.is_sqlite else {"isolation_level": "REPEATABLE READ"}
+        with (
+            self.errors("read"),
+            self.engine.connect().execution_options(**level) as connection,
+            connection.begin(),
+        ):
+            yield connection
+
+    @contextmanager
+    def errors(self, done: str) -> Iterator[None]:
+        """Turn the driver's errors into one line: what, why, what to do."""
+        try:
+            yield
+        except (DBAPIError, sqlite3.Error) as err:
+            msg = f"{self.where}: cannot be {done}: {explain(err, sqlite=self.is_sqlite)}"
+            raise StoreError(msg) from err
+        except OSError as err:
+            msg = (
+                f"{self.where}: cannot be {done}: {err.strerror or err}: check the path and the"
+                " access rights"
+            )
+            raise StoreError(msg) from err
+
+    @contextmanager
+    def commit(self) -> Iterator[sqlite3.Connection]:
+        """Run one SQLite transaction past the layers above the driver: the daily way to store.
+
+        Raises
+        ------
+        StoreError
+            If it was not stored.
+        """
+        with self.errors("written"), self._turn:
+            self.check_file()
+            driver = self.direct()
+            driver.execute("BEGIN IMMEDIATE")
+            try:
+                yield driver
+                driver.execute("COMMIT")
+            except BaseException:
+                if driver.in_transaction:
+                    driver.execute("ROLLBACK")
+                raise
+            self.check_file()
+
+    def direct(self) -> sqlite3.Connection:
+        """Return the one connection that lives as long as the database is open (SQLite)."""
+        if self.read_only:
+            msg = f"{self.where}: cannot be written: it was opened for reading only"
+            raise StoreError(msg)
+        if self._direct is None:
+            self._direct = self._connect_sqlite()
+        return self._direct
+
+    def trouble(self) -> Trouble | None:
+        """Return what happened to the SQLite file: its commits would be lost."""
+        if self.file is None:
+            return None
+        found = _identity(self.file)
+        if self._identity is None:
+            self._identity = found
+        if found is None:
+            return Trouble.DELETED
+        if found != self._identity:
+            return Trouble.REPLACED
+        if self._log_identity is None or self.log_is_own():
+            return None
+        return Trouble.LOG_DELETED
+
+    def log_is_own(self) -> bool:
+        """Return whether the write-ahead log under its name is the one that was opened."""
+        return self._log_identity is not None and _identity(self._log) == self._log_identity
+
+    def check_file(self) -> None:
+        """Refuse to go on with a SQLite file that is no longer there.
+
+        Raises
+        ------
+        StoreError
+            If the path no longer leads to the files that were opened.
+        """
+        trouble = self.trouble()
+        if trouble is not None:
+            msg = (
+                f"{self.where}: cannot be written: {trouble.value}: what was stored is kept and"
+                " written again as soon as the place can be written"
+            )
+            raise StoreError(msg)
+
+    def _make_engine(self) -> Engine:
+        if self.is_sqlite:
+            engine = sa.create_engine(
+                self.url,
+                creator=self._connect_sqlite,
+                max_overflow=-1,
+                paramstyle="named",
+            )
+            sa.event.listen(engine, "begin", _begin_sqlite)
+            return engine
+        timeout_ms = int(1e3 * self._busy_timeout_s)
+        options = f"-c synchronous_commit=on -c lock_timeout={timeout_ms}"
+        options += " -c default_transaction_read_only=on" if self.read_only else ""
+        given = self.url.query.get("options")
+        given_text = given if isinstance(given, str) else " ".join(given or ())
+        try:
+            return sa.create_engine(
+                self.url.difference_update_query(["options"]),
+                pool_pre_ping=True,
+                connect_args={"connect_timeout": 10, "options": f"{options} {given_text}".strip()},
+            )
+        except ImportError as err:
+            msg = (
+                f"{self.where}: cannot be opened: the driver is not installed: python -m pip"
+                " install 'psycopg[binary]'"
+            )
+            raise StoreError(msg) from err
+
+    def _connect_sqlite(self) -> sqlite3.Connection:
+        assert self.file is not None
+        path = self.file.absolute()
+        mode = "ro" if self.read_only else ("rwc" if self._identity is None else "rw")
+        if self.read_only and not _can_write(path.parent) and not Path(f"{path}-wal").exists():
+            # read-only media: the lock file of WAL cannot be made there and is not needed
+            mode = "ro&immutable=1"
+        connection = sqlite3.connect(
+            f"{path.as_uri()}?mode={mode}",
+            uri=True,
+            timeout=self._busy_timeout_s,
+            isolation_level=None,
+            check_same_thread=False,
+            cached_statements=256,
+        )
+        if self.read_only:
+            return connection
+        try:
+            connection.execute("PRAGMA foreign_keys=ON")
+            connection.execute("PRAGMA synchronous=FULL")
+        except sqlite3.Error:
+            connection.close()
+            raise
+        return connection
+
+    def _open(self) -> None:
+        if self.file is not None:
+            if self.read_only and not self.file.exists():
+                msg = f"{self.where}: cannot be opened: there is no such file: check the path"
+                raise StoreError(msg)
+            with self.engine.connect() as connection:
+                self._check_content(connection)
+                if not self.read_only:
+                    connection.rollback()
+                    self._set_wal(connection)
+            self.check_file()
+        with self.engine.connect() as connection:
+            current = self._schema_is_current(connection)
+        if not current:
+            if self.read_only:
+                msg = (
+                    f"{self.where}: cannot be read: its schema is old: open it once with write"
+                    " access to upgrade it"
+                )
+                raise StoreError(msg)
+            self._upgrade()
+        if self.file is not None and not self.read_only:
+            self._keep_open()
+
+    def _keep_open(self) -> None:
+        """Hold one connection, so that the files stay reachable whatever happens to the path."""
+        driver = self.direct()
+        driver.execute(f"SELECT count(*) FROM {SCHEMA_TABLE}").fetchone()
+        self._log_identity = _identity(self._log)
+
+    def _check_content(self, connection: Connection) -> None:
+        problem = connection.exec_driver_sql("PRAGMA quick_check(1)").scalar_one()
+        if problem != "ok":
+            msg = (
+                f"{self.where}: the file is damaged ({str(problem).splitlines()[-1]}): move it"
+                " away and put the last"
+                " backup in its place"
+            )
+            raise StoreError(msg)
+
+    def _set_wal(self, connection: Connection) -> None:
+        driver = connection.connection.driver_connection
+        assert driver is not None
+        mode = driver.execute("PRAGMA journal_mode=WAL").fetchone()[0]
+        if mode != "wal":
+            msg = (
+                f"{self.where}: cannot be opened: this file system allows no WAL (mode '{mode}'):"
+                " use a local disk"
+            )
+            raise StoreError(msg)
+
+    def _schema_is_current(self, connection: Connection) -> bool:
+        tables = set(sa.inspect(connection).get_table_names())
+        if SCHEMA_TABLE not in tables:
+            foreign = tables if self.is_sqlite else tables & set(METADATA.tables)
+            if foreign:
+                msg = (
+                    f"{self.where}: is a database of another application (table '{min(foreign)}'):"
+                    " name another"
+                    f" {'file' if self.is_sqlite else 'database or schema'}"
+                )
+                raise StoreError(msg)
+            return False
+        rows = (
+            connection.exec_driver_sql(f"SELECT version_num FROM {SCHEMA_TABLE}").scalars().all()
+        )
+        version = rows[0] if rows else ""
+        if version > SCHEMA_VERSION:
+            msg = (
+                f"{self.where}: was written by a newer valve_twin (schema {version}, this one"
+                f" knows {SCHEMA_VERSION}):"
+                " update valve_twin or name another database"
+            )
+            raise StoreError(msg)
+        return version == SCHEMA_VERSION
+
+    def _upgrade(self) -> None:
+        with self._writer.begin() as connection:
+            if not self.is_sqlite:
+                connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({_ADVISORY_LOCK})")
+            if not self._schema_is_current(connection):  # another process may have been faster
+                migrate(connection)
+
+
+def migrate(connection: Connection, revision: str = "head") -> None:
+    """Bring the schema to a revision inside the running transaction.
+
+    Parameters
+    ----------
+    connection : Connection
+        Connection with an open write transaction.
+    revision : str
+        Revision to reach, "head" = the newest.
+    """
+    from alembic import command
+    from alembic.config import Config
+
+    config = Config()
+    config.set_main_option("script_location", str(MIGRATIONS).replace("%", "%%"))
+    config.attributes["connection"] = connection
+    command.upgrade(config, revision)
+
+
+def _parse_url(text: str) -> URL:
+    if "://" not in text:
+        text = f"sqlite:///{text}"
+    try:
+        url = make_url(text)
+        backend = url.get_backend_name()
+        if backend == "postgresql":
+            url = url.set(drivername="postgresql+psycopg")
+    except (ArgumentError, NoSuchModuleError) as err:
+        msg = (
+            f"history '{text}': no database URL: write a file path, sqlite:///file.db or"
+            " postgresql://user@host/name"
+        )
+        raise StoreError(msg) from err
+    if backend not in {"sqlite", "postgresql"}:
+        shown = url.render_as_string(hide_password=True)
+        msg = (
+            f"history '{shown}': database '{backend}' is not supported: use sqlite:///file.db or"
+            " postgresql://..."
+        )
+        raise StoreError(msg)
+    if backend == "sqlite" and url.database in {None, "", ":memory:"}:
+        msg = (
+            f"history '{text}': a history in memory would be lost: name a file, e.g."
+            " sqlite:///history.db"
+        )
+        raise StoreError(msg)
+    return url
+
+
+def _identity(path: Path | str) -> tuple[int, int] | None:
+    """Return what tells a file from another one under the same name, None if there is none."""
+    try:
+        status = os.stat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    return status.st_dev, status.st_ino
+
+
+def _can_write(folder: Path) -> bool:
+    return os.access(folder, os.W_OK, effective_ids=os.access in os.supports_effective_ids)
+
+
+def _begin_sqlite(connection: Connection) -> None:
+    write = connection.get_execution_options().get("valve_twin_write", False)
+    driver = (
+        connection.connection.driver_connection
+    )  # past the layers above: BEGIN has no parameters
+    assert driver is not None
+    driver.execute("BEGIN IMMEDIATE" if write else "BEGIN")

@@ -1,0 +1,264 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Rank the valves of a history: which one first, and how far to trust what is said of it.
+
+Valves are not compared with each other but each with its own past (a unit's level says nothing
+about another unit); what is ranked is how far each has gone from its own reference.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.aging import Assessment, assess
+from valve_twin.core.aging.config import AgingConfig
+from valve_twin.core.aging.verdict import VerdictKind, concern, way_to_threshold
+from valve_twin.core.types import EstimateStatus
+from valve_twin.core.valves.registry import get_model
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from valve_twin.core.aging import Trend
+    from valve_twin.core.types import Estimate
+    from valve_twin.io.history.store import History
+
+RECENT_CYCLES = 20
+"""Newest cycles that residual and confidence are taken from [A]."""
+
+
+class FleetOrder(Enum):
+    """What the valves are ranked by, worst first."""
+
+    URGENCY = "urgency"
+    DRIFT = "drift"
+    RESIDUAL = "residual"
+    CONFIDENCE = "confidence"
+    NAME = "name"
+
+
+@dataclass(frozen=True, slots=True)
+class FleetRow:
+    """What the history says of one valve.
+
+    Attributes
+    ----------
+    valve, model : str
+        Its name and the name of its model.
+    verdict : VerdictKind
+        The word of the aging monitor.
+    evidence : str
+        Why, in one line; or why nothing can be said.
+    concern : int
+        How grave its worst trend is: 0 (nothing) to 3 (beyond its threshold).
+    parameter : str
+        Parameter of the worst trend, empty where there is none.
+    drift, drift_lower_95, drift_upper_95 : float
+        Its change against the valve's own reference and the 95 % interval [%].
+    way : float
+        Share of the way to the threshold that is covered with 95 % confidence [1].
+    remaining : float
+        Remaining life, median [unit of the aging axis]; infinite = unbounded, NaN = not known.
+    axis : str
+        What aging is counted in.
+    service_date_ns : int
+        When the threshold is reached, data's clock [ns]; 0 = not known.
+    residual : float
+        Root mean square of the one-step residual as test data, median of the newest
+        `RECENT_CYCLES` cycles [1].
+    residual_ratio : float
+        The same over that of the first cycles [1].
+    confidence : float
+        Share of the newest `RECENT_CYCLES` cycles whose estimate feeds the trend unrestricted [1].
+    cycle : int
+        Number of the last stored cycle.
+    end_ns : int
+        Its last stamp [ns].
+    """
+
+    valve: str
+    model: str = ""
+    verdict: VerdictKind = VerdictKind.NOT_ENOUGH_DATA
+    evidence: str = ""
+    concern: int = 0
+    parameter: str = ""
+    drift: float = math.nan
+    drift_lower_95: float = math.nan
+    drift_upper_95: float = math.nan
+    way: float = math.nan
+    remaining: float = math.nan
+    axis: str = ""
+    service_date_ns: int = 0
+    residual: float = math.nan
+    residual_ratio: float = math.nan
+    confidence: float = 0.0
+    cycle: int = 0
+    end_ns: int = 0
+
+    @property
+    def needs_attention(self) -> bool:
+        """Whether the verdict names a cause."""
+        return self.verdict not in (VerdictKind.OK, VerdictKind.NOT_ENOUGH_DATA)
+
+
+def rank_fleet(
+    history: History,
+    *,
+    aging: Mapping[str, AgingConfig] | None = None,
+    order: FleetOrder = FleetOrder.URGENCY,
+    on_valve: Callable[[], None] = lambda: None,
+) -> list[FleetRow]:
+    """Assess every valve of a history and rank them, worst first.
+
+    Parameters
+    ----------
+    history : History
+        Where the estimates are.
+    aging : mapping, optional
+        Rules of aging by name of the valve; the default rules where one is missing.
+    order : FleetOrder
+        What they are ranked by.
+    on_valve : callable
+        Called after each valve.
+
+    Returns
+    -------
+    list of FleetRow
+        One a valve; a valve that cannot be assessed says why and spoils no other.
+    """
+    rows = []
+    for valve in history.valves():
+        config = (aging or {}).get(valve, AgingConfig())
+        rows.append(describe_valve(history, valve, config))
+        on_valve()
+    return ranked(rows, order)
+
+
+def ranked(rows: Sequence[FleetRow], order: FleetOrder) -> list[FleetRow]:
+    """Return the rows in an order, worst first; what is not known comes last."""
+    return sorted(rows, key=lambda row: (*_rank(row, order), row.valve))
+
+
+def _rank(row: FleetRow, order: FleetOrder) -> tuple[float, ...]:
+    if order is FleetOrder.NAME:
+        return ()
+    if order is FleetOrder.DRIFT:
+        return (_descending(abs(row.drift)),)
+    if order is FleetOrder.RESIDUAL:
+        return (_descending(row.residual_ratio), _descending(row.residual))
+    if order is FleetOrder.CONFIDENCE:
+        return (row.confidence, _descending(_width(row)))
+    return (
+        -float(row.needs_attention),
+        -float(row.concern),
+        _descending(row.way),
+        row.remaining if math.isfinite(row.remaining) else math.inf,
+        _descending(row.residual_ratio),
+        row.confidence,
+    )
+
+
+def _descending(value: float) -> float:
+    """Sort key: greatest first, not known last."""
+    return math.inf if math.isnan(value) else -value
+
+
+def _width(row: FleetRow) -> float:
+    return row.drift_upper_95 - row.drift_lower_95
+
+
+def describe_valve(history: History, valve: str, config: AgingConfig) -> FleetRow:
+    """Assess one valve of a history.
+
+    Parameters
+    ----------
+    history : History
+        Where the estimates are.
+    valve : str
+        Its name.
+    config : AgingConfig
+        Rules of aging.
+    """
+    last = history.last_record(valve)
+    if last is None:
+        return FleetRow(valve, evidence="no cycle is stored")
+    estimates = history.estimates(valve, used_by_trend=True)
+    stored = FleetRow(valve, cycle=last.cycle, end_ns=last.end_ns)
+    if not estimates:
+        return replace(stored, evidence="no stored estimate feeds a trend")
+    name = estimates[-1].model
+    try:
+        model = get_model(name)
+    except ValueError as err:
+        return replace(stored, model=name, evidence=str(err))
+    maintenance = history.maintenance(valve)
+    found = assess(estimates, maintenance, config, parameters=model.parameters, valve=valve)
+    return _assessed(replace(stored, model=name), found, estimates, config)
+
+
+def _assessed(
+    row: FleetRow, found: Assessment, estimates: Sequence[Estimate], config: AgingConfig
+) -> FleetRow:
+    residual, ratio = recent_residual(estimates)
+    worst = max(found.trends, key=lambda t: _gravity(t, config), default=None)
+    row = replace(
+        row,
+        verdict=found.verdict.verdict,
+        evidence=found.verdict.evidence,
+        residual=residual,
+        residual_ratio=ratio,
+        confidence=confidence(estimates),
+    )
+    return row if worst is None else _with_trend(row, worst, config)
+
+
+def _gravity(trend: Trend, config: AgingConfig) -> tuple[float, ...]:
+    way = way_to_threshold(trend)
+    drift = abs(trend.drift_reference)
+    return (
+        concern(trend, config),
+        way if math.isfinite(way) else -math.inf,
+        drift if math.isfinite(drift) else -math.inf,
+    )
+
+
+def _with_trend(row: FleetRow, trend: Trend, config: AgingConfig) -> FleetRow:
+    return replace(
+        row,
+        concern=concern(trend, config),
+        parameter=trend.parameter,
+        drift=trend.drift_reference,
+        drift_lower_95=trend.drift_reference_lower_95,
+        drift_upper_95=trend.drift_reference_upper_95,
+        way=way_to_threshold(trend),
+        remaining=trend.remaining_median,
+        axis=trend.axis,
+        service_date_ns=trend.service_date_ns if trend.service_date_known else 0,
+    )
+
+
+def recent_residual(estimates: Sequence[Estimate]) -> tuple[float, float]:
+    """Return the one-step residual of the newest cycles [1] and its ratio to the first ones.
+
+    NaN where there are no test errors, and the ratio where there are fewer than two
+    `RECENT_CYCLES`.
+    """
+    errors = np.sqrt([e.mse_test for e in estimates if math.isfinite(e.mse_test)])
+    if len(errors) == 0:
+        return math.nan, math.nan
+    recent = float(np.median(errors[-RECENT_CYCLES:]))
+    first = float(np.median(errors[:RECENT_CYCLES]))
+    known = len(errors) >= 2 * RECENT_CYCLES and first > 0.0
+    return recent, recent / first if known else math.nan
+
+
+def confidence(estimates: Sequence[Estimate]) -> float:
+    """Return the share of the newest cycles whose estimate was accepted without restriction."""
+    newest = estimates[-RECENT_CYCLES:]
+    good = sum(e.status is EstimateStatus.ACCEPTED for e in newest)
+    return good / len(newest) if newest else 0.0

@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What is done when the file of an open history is deleted, replaced or loses its log.
+
+Nothing that was acknowledged may be lost. A deleted file still lives as long as it is open, so it
+is written again under its name. A file put in its place is used, and gets what it lacks of the
+old one. A lost log is emptied into its database. One process at a time does this.
+"""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from contextlib import closing, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from valve_twin.io.errors import StoreError
+from valve_twin.io.history.claim import only_one
+from valve_twin.io.history.database import Database, Trouble
+from valve_twin.io.history.tables import CYCLE, ESTIMATE, MAINTENANCE
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import sqlalchemy as sa
+
+_DAMAGED = ("malformed", "not a database")
+
+
+def mend(database: Database, writers: Path) -> tuple[Database, str]:
+    """Make an open history usable again.
+
+    Parameters
+    ----------
+    database : Database
+        SQLite database whose file met with `Trouble`; closed where another one is returned.
+    writers : Path
+        The file of its writers; its lock keeps other processes from mending at the same time.
+
+    Returns
+    -------
+    database : Database
+        The one to go on with.
+    note : str
+        What was done, one line; empty where nothing had to be.
+
+    Raises
+    ------
+    StoreError
+        If it cannot be done now; nothing is changed.
+    """
+    with database.errors("mended"), only_one(writers):
+        trouble = database.trouble()  # another process may have been faster
+        if trouble is None:
+            return database, ""
+        note = trouble.value
+        if trouble is not Trouble.LOG_DELETED:
+            _part_from_log(database)
+        if trouble is Trouble.DELETED:
+            note += _write_again(database)
+        elif trouble is Trouble.LOG_DELETED:
+            _empty_log(database)
+            note += ": it was emptied into the file"
+            database.close()  # the last one to close puts the log away: before a new one is made
+        fresh = database.again()
+        if trouble is Trouble.REPLACED:
+            try:
+                note += _carry_over(database, fresh)
+            except BaseException:
+                fresh.close()
+                raise
+        database.close()
+    return fresh, f"{database.where}: {note}"
+
+
+def _write_again(database: Database) -> str:
+    """Write the deleted file, which is still open, under its name."""
+    assert database.file is not None
+    path = database.file
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with closing(sqlite3.connect(part)) as copy:
+            database.direct().backup(copy)
+            copy.execute("PRAGMA journal_mode=DELETE")
+            copy.execute("PRAGMA synchronous=FULL")
+        for tail in ("-wal", "-shm"):  # of the deleted file: they must not meet the new one
+            Path(f"{path}{tail}").unlink(missing_ok=True)
+        _sync(part)
+        os.link(part, path)
+        _sync(path.parent)
+    except sqlite3.DatabaseError as err:
+        if not any(sign in str(err) for sign in _DAMAGED):
+            raise
+        return ": it was damaged and cannot be written again: a new history begins"
+    finally:
+        part.unlink(missing_ok=True)
+    return ": it was written again with all that it held"
+
+
+def _part_from_log(database: Database) -> None:
+    """Complete a file that was moved away and remove its log, which must not meet a new one."""
+    with suppress(sqlite3.Error):
+        database.direct().execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+    if database.log_is_own():
+        for tail in ("-wal", "-shm"):
+            Path(f"{database.file}{tail}").unlink(missing_ok=True)
+
+
+def _sync(path: Path) -> None:
+    file = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(file)
+    finally:
+        os.close(file)
+
+
+def _empty_log(database: Database) -> None:
+    busy, _, _ = database.direct().execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+    if busy:
+        msg = (
+            f"{database.where}: its write-ahead log was deleted while in use and others still"
+            " read it: tried again"
+        )
+        raise StoreError(msg)
+
+
+def _carry_over(old: Database, new: Database) -> str:
+    """Store in the new file what the old one has and it lacks."""
+    try:
+        valves = old.direct().execute("SELECT name, id FROM valve").fetchall()
+        with new.commit() as sink:
+            count = sum(
+                _carry_valve(old.direct(), sink, name, number, new.where)
+                for name, number in valves
+            )
+    except sqlite3.DatabaseError as err:
+        if not any(sign in str(err) for sign in _DAMAGED):
+            raise
+        return ": the one in its place is used; the one before was damaged"
+    return f": the one in its place is used; {count} cycles were added that it lacked"
+
+
+def _carry_valve(
+    source: sqlite3.Connection, sink: sqlite3.Connection, name: str, old_id: int, where: str
+) -> int:
+    sink.execute("INSERT INTO valve (name) VALUES (?) ON CONFLICT DO NOTHING", (name,))
+    new_id = sink.execute("SELECT id FROM valve WHERE name = ?", (name,)).fetchone()[0]
+    kept = {row[0]: row for row in _rows(sink, CYCLE, new_id)}
+    missing = []
+    for row in _rows(source, CYCLE, old_id):
+        if row[0] not in kept:
+            missing.append(row)
+        elif row[:-1] != kept[row[0]][:-1]:  # all but the software that stored it
+            msg = (
+                f"{where}: the file was replaced while in use by one that holds other cycles:"
+                f" cycle {row[0]} of {name} differs: put the right file in its place, or move this"
+                " one away"
+            )
+            raise StoreError(msg)
+    wanted = {row[0] for row in missing}
+    estimates = [row for row in _rows(source, ESTIMATE, old_id) if row[0] in wanted]
+    known = set(_rows(sink, MAINTENANCE, new_id))
+    events = [row for row in _rows(source, MAINTENANCE, old_id) if row not in known]
+    for table, rows in ((CYCLE, missing), (ESTIMATE, estimates), (MAINTENANCE, events)):
+        _insert(sink, table, new_id, rows)
+    return len(missing)
+
+
+def _columns(table: sa.Table) -> list[str]:
+    """Return the columns that are content, the cycle first."""
+    names = [c.name for c in table.c if c.name not in {"id", "valve_id", "cycle"}]
+    return ["cycle", *names]
+
+
+def _rows(connection: sqlite3.Connection, table: sa.Table, valve_id: int) -> list[tuple[Any, ...]]:
+    columns = ", ".join(_columns(table))
+    order = "cycle, position" if table is ESTIMATE else "cycle"
+    return connection.execute(
+        f"SELECT {columns} FROM {table.name} WHERE valve_id = ? ORDER BY {order}",
+        (valve_id,),
+    ).fetchall()
+
+
+def _insert(
+    connection: sqlite3.Connection,
+    table: sa.Table,
+    valve_id: int,
+    rows: Sequence[tuple[Any, ...]],
+) -> None:
+    columns = ["valve_id", *_columns(table)]
+    names, marks = ", ".join(columns), ", ".join("?" * len(columns))
+    connection.executemany(
+        f"INSERT INTO {table.name} ({names}) VALUES ({marks})",
+        [(valve_id, *row) for row in rows],
+    )

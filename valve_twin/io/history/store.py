@@ -1,0 +1,433 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The history of valves: cycles, estimates and maintenance events, durable once acknowledged.
+
+A stored cycle is a record: it is never changed. Storing the same cycle again does nothing; storing
+other content under a number that is taken is refused, because something that was published as
+stored would silently become untrue.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+import sqlalchemy as sa
+
+from valve_twin.core.types import Cycle, Estimate, Maintenance
+from valve_twin.io.errors import StoreError
+from valve_twin.io.history.claim import make_claim, writers_file
+from valve_twin.io.history.database import Database
+from valve_twin.io.history.export import (
+    back_up_sqlite,
+    copy_to_sqlite,
+    default_backup_path,
+    export_files,
+)
+from valve_twin.io.history.tables import (
+    CYCLE,
+    ESTIMATE,
+    MAINTENANCE,
+    VALVE,
+    CycleRecord,
+    cycle_record,
+    cycle_row,
+    estimate_row,
+    maintenance_row,
+    row_cycle,
+    row_estimate,
+    row_maintenance,
+)
+from valve_twin.io.history.verdicts import VERDICT, add_verdict, row_verdict
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from sqlalchemy.engine import Connection
+
+    from valve_twin.core.aging.verdict import Verdict
+    from valve_twin.io.history.claim import Claim
+
+__all__ = ["CycleRecord", "CycleTakenError", "History", "cycle_record"]
+
+
+class CycleTakenError(StoreError):
+    """Another cycle is stored under the number; trying again is of no use."""
+
+
+class History:
+    """Cycles, estimates and maintenance events of any number of valves in one database.
+
+    Several processes may use one database; one at a time may claim a valve to write its cycles.
+    Methods may be called from any thread. A SQLite file that is deleted or replaced while in use
+    is mended with the next write (`history_rescue`); `notices` says so.
+
+    Parameters
+    ----------
+    url : str
+        Path of a SQLite file (made where it is missing), sqlite:///file.db, or
+        postgresql://user@host/name.
+    read_only : bool
+        Never write; the database must exist.
+    busy_timeout_s : float
+        How long to wait for another program's lock [s].
+    software : str
+        Version that is recorded with every cycle.
+
+    Raises
+    ------
+    StoreError
+        If the database cannot be used: locked, damaged, no database, of another application, of a
+        newer version.
+    """
+
+    def __init__(
+        self,
+        url: str | Path,
+        *,
+        read_only: bool = False,
+        busy_timeout_s: float = 5.0,
+        software: str = "",
+    ) -> None:
+        self._database = Database(str(url), read_only=read_only, busy_timeout_s=busy_timeout_s)
+        self._software = software
+        self._valve_ids: dict[str, int] = {}
+        self._claims: dict[str, Claim] = {}
+        self._mending = threading.Lock()
+        self.notices: deque[str] = deque(maxlen=100)
+        kind = "sqlite" if self._database.is_sqlite else "postgresql"  # that one is slow to import
+        insert: Any = import_module(f"sqlalchemy.dialects.{kind}").insert
+        self._insert_valve = insert(VALVE).on_conflict_do_nothing()
+        self._insert_cycle = self._database.compile(insert(CYCLE).on_conflict_do_nothing())
+        self._insert_estimate = self._database.compile(ESTIMATE.insert().values(_names(ESTIMATE)))
+
+    def __enter__(self) -> History:
+        """Return the history itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close it."""
+        self.close()
+
+    @property
+    def where(self) -> str:
+        """File or URL of the database, without a password."""
+        return self._database.where
+
+    def close(self) -> None:
+        """Give the connections and the claims back; what was stored is stored."""
+        for claim in self._claims.values():
+            claim.release()
+        self._claims.clear()
+        self._database.close()
+
+    def claim(self, valve: str) -> Claim:
+        """Claim the right to write a valve's cycles, until the history is closed.
+
+        Returns
+        -------
+        Claim
+            Knows the last cycle that was announced; to be told of each before others are.
+
+        Raises
+        ------
+        StoreError
+            If another process, or another history of this one, writes the valve.
+        """
+        with self._database.errors("claimed"):
+            self._claims[valve] = claim = make_claim(self._database, valve)
+        return claim
+
+    def mend(self) -> None:
+        """Make a SQLite file that was deleted or replaced while in use usable again.
+
+        Raises
+        ------
+        StoreError
+            If that cannot be done now.
+        """
+        if self._database.trouble() is None or self._database.read_only:
+            return
+        from valve_twin.io.history.rescue import mend
+
+        with self._mending:
+            self._database, note = mend(self._database, writers_file(self._database))
+            self._valve_ids.clear()
+        if note:
+            self.notices.append(note)
+
+    def store(
+        self, valve: str, cycle: CycleRecord | Cycle, estimates: Sequence[Estimate] = ()
+    ) -> bool:
+        """Store one cycle with all its estimates in one transaction; on the disk on return.
+
+        Parameters
+        ----------
+        valve : str
+            Name of the valve, its namespace.
+        cycle : CycleRecord or Cycle
+            The cycle, also a refused one.
+        estimates : sequence of Estimate
+            One for each estimator; empty for a refused cycle.
+
+        Returns
+        -------
+        bool
+            True if it was stored now, False if exactly this was stored before.
+
+        Raises
+        ------
+        StoreError
+            If it is not stored: the database cannot be written, or the number is taken by other
+            content.
+        ValueError
+            If an estimate belongs to another cycle or an estimator occurs twice.
+        """
+        record = cycle_record(cycle, self._software) if isinstance(cycle, Cycle) else cycle
+        _check_estimates(record, estimates)
+        self.mend()
+        if valve in self._claims:
+            with self._database.errors("claimed"):
+                self._claims[valve].hold()
+        insert = self._insert_direct if self._database.is_sqlite else self._insert
+        if insert(valve, record, estimates):
+            return True
+        if self._is_stored(valve, record, estimates):
+            return False
+        msg = (
+            f"{self.where}: cycle {record.cycle} of {valve} is already stored with other"
+            " content and a stored"
+            " cycle is never changed: number the cycles on, or write to another history"
+        )
+        raise CycleTakenError(msg)
+
+    def add_maintenance(self, valve: str, event: Maintenance) -> bool:
+        """Store a maintenance event; on the disk on return.
+
+        Returns
+        -------
+        bool
+            False if exactly this event was stored before.
+        """
+        self.mend()
+        with self._database.write() as connection:
+            row = maintenance_row(self._valve_id(connection, valve), event)
+            same = sa.and_(*(MAINTENANCE.c[name] == value for name, value in row.items()))
+            if connection.execute(sa.select(MAINTENANCE.c.id).where(same)).first() is not None:
+                return False
+            connection.execute(MAINTENANCE.insert(), row)
+        return True
+
+    def add_verdict(self, valve: str, verdict: Verdict) -> bool:
+        """Store a verdict where it differs from the last stored one; on the disk on return.
+
+        Returns
+        -------
+        bool
+            False if it says nothing new.
+        """
+        self.mend()
+        with self._database.write() as connection:
+            return add_verdict(connection, self._valve_id(connection, valve), verdict)
+
+    def verdicts(self, valve: str, first_cycle: int = 0) -> list[Verdict]:
+        """Return the stored verdicts from `first_cycle` on, oldest first."""
+        query = _of_valve(VERDICT, valve).where(VERDICT.c.cycle >= first_cycle)
+        return [row_verdict(valve, r) for r in self._rows(query.order_by(VERDICT.c.id))]
+
+    def valves(self) -> list[str]:
+        """Return the names of all valves, sorted."""
+        with self._database.read() as connection:
+            return list(connection.scalars(sa.select(VALVE.c.name).order_by(VALVE.c.name)))
+
+    def last_cycle(self, valve: str) -> int:
+        """Return the highest stored cycle number of a valve, 0 if there is none."""
+        record = self.last_record(valve)
+        return record.cycle if record else 0
+
+    def last_record(self, valve: str) -> CycleRecord | None:
+        """Return the stored cycle with the highest number, None if there is none."""
+        query = _of_valve(CYCLE, valve).order_by(CYCLE.c.cycle.desc()).limit(1)
+        return next((row_cycle(row) for row in self._rows(query)), None)
+
+    def cycles(
+        self, valve: str, first_cycle: int = 0, limit: int | None = None
+    ) -> list[CycleRecord]:
+        """Return the stored cycles from `first_cycle` on, oldest first, at most `limit`."""
+        query = (
+            _of_valve(CYCLE, valve)
+            .where(CYCLE.c.cycle >= first_cycle)
+            .order_by(CYCLE.c.cycle)
+            .limit(limit)
+        )
+        return [row_cycle(row) for row in self._rows(query)]
+
+    def estimates(
+        self,
+        valve: str,
+        estimator: str | None = None,
+        first_cycle: int = 0,
+        limit: int | None = None,
+        *,
+        used_by_trend: bool | None = None,
+    ) -> list[Estimate]:
+        """Return stored estimates, equal to what was stored, by cycle and in stored order.
+
+        Parameters
+        ----------
+        valve : str
+            Name of the valve.
+        estimator : str or None
+            Only of this estimator.
+        first_cycle : int
+            First cycle wanted.
+        limit : int or None
+            At most this many estimates; of several estimators the last cycle may be cut.
+        used_by_trend : bool or None
+            Only those that feed the trend, or do not.
+        """
+        query = _of_valve(ESTIMATE, valve).where(ESTIMATE.c.cycle >= first_cycle)
+        if estimator is not None:
+            query = query.where(ESTIMATE.c.estimator == estimator)
+        if used_by_trend is not None:
+            query = query.where(ESTIMATE.c.used_by_trend == used_by_trend)
+        query = query.order_by(ESTIMATE.c.cycle, ESTIMATE.c.position).limit(limit)
+        return [row_estimate(row) for row in self._rows(query)]
+
+    def recent_estimates(self, valve: str, cycles: int = 50) -> list[Estimate]:
+        """Return all estimates of the last `cycles` cycles that have any, oldest first."""
+        numbers = _of_valve(ESTIMATE, valve).with_only_columns(ESTIMATE.c.cycle).distinct()
+        numbers = numbers.order_by(ESTIMATE.c.cycle.desc()).limit(cycles)
+        with self._database.read() as connection:
+            found = connection.scalars(numbers).all()
+        return self.estimates(valve, first_cycle=min(found)) if found else []
+
+    def maintenance(self, valve: str, first_cycle: int = 0) -> list[Maintenance]:
+        """Return the maintenance events from `first_cycle` on, by cycle and in stored order."""
+        query = _of_valve(MAINTENANCE, valve).where(MAINTENANCE.c.cycle >= first_cycle)
+        return [
+            row_maintenance(r)
+            for r in self._rows(query.order_by(MAINTENANCE.c.cycle, MAINTENANCE.c.id))
+        ]
+
+    def backup(self, path: str | Path = "") -> Path:
+        """Write a consistent copy into a new SQLite file while the history stays in use.
+
+        Parameters
+        ----------
+        path : str or Path
+            File to write; empty = beside the database (PostgreSQL: in the working directory),
+            dated.
+
+        Returns
+        -------
+        Path
+            The file written; it is complete and checked.
+
+        Raises
+        ------
+        StoreError
+            If it exists already or cannot be written.
+        """
+        database = self._database
+        target = Path(path) if str(path) else default_backup_path(database)
+        if database.is_sqlite:
+            back_up_sqlite(database, target)
+        else:
+            copy_to_sqlite(database, target)
+        return target
+
+    def export(self, folder: str | Path) -> list[Path]:
+        """Write cycles.csv, estimates.csv, maintenance.csv and history.jsonl into a folder.
+
+        Returns
+        -------
+        list of Path
+            The files written; existing ones of these names are replaced.
+        """
+        return export_files(self._database, Path(folder))
+
+    def _rows(self, query: sa.Select[Any]) -> Sequence[Mapping[str, Any]]:
+        with self._database.read() as connection:
+            return cast("Sequence[Mapping[str, Any]]", connection.execute(query).mappings().all())
+
+    def _insert_direct(
+        self, valve: str, record: CycleRecord, estimates: Sequence[Estimate]
+    ) -> bool:
+        """Insert a cycle where its number is free, through SQLite's driver; return if it was."""
+        with self._database.commit() as driver:
+            valve_id = self._valve_ids.get(valve)
+            if valve_id is None:
+                driver.execute(
+                    "INSERT INTO valve (name) VALUES (?) ON CONFLICT DO NOTHING", (valve,)
+                )
+                found = driver.execute("SELECT id FROM valve WHERE name = ?", (valve,))
+                valve_id = int(found.fetchone()[0])
+            row = cycle_row(valve_id, record)
+            new = driver.execute(self._insert_cycle, row).rowcount == 1
+            if new and estimates:
+                rows = [estimate_row(valve_id, i, e) for i, e in enumerate(estimates)]
+                driver.executemany(self._insert_estimate, rows)
+        self._valve_ids[valve] = valve_id
+        return new
+
+    def _insert(self, valve: str, record: CycleRecord, estimates: Sequence[Estimate]) -> bool:
+        """Insert a cycle where its number is free, in any database; return if it was."""
+        with self._database.write() as connection:
+            valve_id = self._valve_id(connection, valve)
+            row = cycle_row(valve_id, record)
+            new = connection.exec_driver_sql(self._insert_cycle, row).rowcount == 1
+            if new and estimates:
+                rows = [estimate_row(valve_id, i, e) for i, e in enumerate(estimates)]
+                connection.exec_driver_sql(self._insert_estimate, rows)
+        self._valve_ids[valve] = valve_id
+        return new
+
+    def _valve_id(self, connection: Connection, valve: str) -> int:
+        known = self._valve_ids.get(valve)
+        if known is not None:
+            return known
+        connection.execute(self._insert_valve, {"name": valve})
+        return int(
+            connection.execute(sa.select(VALVE.c.id).where(VALVE.c.name == valve)).scalar_one()
+        )
+
+    def _is_stored(self, valve: str, record: CycleRecord, estimates: Sequence[Estimate]) -> bool:
+        """Return whether exactly this is stored."""
+        valve_id = self._valve_ids[valve]
+        row = cycle_row(valve_id, record)
+        rows = [estimate_row(valve_id, i, e) for i, e in enumerate(estimates)]
+        key = {"valve_id": valve_id, "cycle": row["cycle"]}
+        (stored,) = self._rows(sa.select(CYCLE).filter_by(**key))
+        if any(stored[name] != value for name, value in row.items() if name != "software"):
+            return False
+        kept = self._rows(sa.select(ESTIMATE).filter_by(**key).order_by(ESTIMATE.c.position))
+        return len(kept) == len(rows) and all(
+            old[name] == value
+            for old, new in zip(kept, rows, strict=True)
+            for name, value in new.items()
+        )
+
+
+def _of_valve(table: sa.Table, valve: str) -> sa.Select[Any]:
+    return (
+        sa.select(table).join(VALVE, VALVE.c.id == table.c.valve_id).where(VALVE.c.name == valve)
+    )
+
+
+def _names(table: sa.Table) -> dict[str, sa.BindParameter[Any]]:
+    return {c.name: sa.bindparam(c.name) for c in table.c if c.name != "id"}
+
+
+def _check_estimates(record: CycleRecord, estimates: Sequence[Estimate]) -> None:
+    for estimate in estimates:
+        if estimate.cycle != record.cycle:
+            msg = f"estimate of cycle {estimate.cycle} given with cycle {record.cycle}"
+            raise ValueError(msg)
+    names = [e.estimator for e in estimates]
+    if len(set(names)) != len(names):
+        msg = f"cycle {record.cycle} has an estimator twice: {names}"
+        raise ValueError(msg)

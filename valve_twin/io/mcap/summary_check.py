@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Check what a summary without check sum says against the records of its file."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from typing import TYPE_CHECKING
+
+from valve_twin.io.mcap.format import MAGIC, RECORD_HEAD, Op
+
+if TYPE_CHECKING:
+    import mmap
+
+    from valve_twin.io.mcap.reader import Summary
+
+_SUM = struct.Struct("<I")
+
+
+def contradiction(data: mmap.mmap, summary: Summary) -> str:
+    """Return where a summary and the records of its file disagree, empty where nowhere.
+
+    Only the heads of the records are read.
+    """
+    told = summary.statistics
+    if told is not None and told.counts and sum(told.counts.values()) != told.message_count:
+        return "its counts do not add up"
+    chunks = {c.offset: c.length for c in summary.chunks}
+    at, end = len(MAGIC), len(data) - len(MAGIC)
+    messages = 0
+    while at + RECORD_HEAD.size <= end:
+        op, length = RECORD_HEAD.unpack_from(data, at)
+        stop = at + RECORD_HEAD.size + length
+        if stop > end or (not 0 < op <= Op.DATA_END and op < 0x80):
+            return f"no record begins at byte {at}"
+        if op == Op.CHUNK and chunks.pop(at, None) != stop - at:
+            return f"it does not know the chunk at byte {at}"
+        messages += op == Op.MESSAGE
+        if op == Op.DATA_END:
+            break
+        at = stop
+    if chunks:
+        return f"there is no chunk at byte {min(chunks)}"
+    if told is not None and not summary.chunks and messages != told.message_count:
+        return f"it counts {told.message_count} messages, the file holds {messages}"
+    return ""
+
+
+def data_sum_is_right(data: mmap.mmap, begin: int) -> bool:
+    """Return whether a check sum of the whole data section stands before a place and is right."""
+    at = begin - RECORD_HEAD.size - _SUM.size
+    if at < len(MAGIC) or RECORD_HEAD.unpack_from(data, at) != (Op.DATA_END, _SUM.size):
+        return False
+    (crc,) = _SUM.unpack_from(data, at + RECORD_HEAD.size)
+    return bool(crc) and zlib.crc32(data[:at]) == crc

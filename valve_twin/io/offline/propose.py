@@ -1,0 +1,251 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Propose a commented configuration for an unknown bag."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.survey.pairs import Signal
+from valve_twin.core.survey.record import Proposal, Role, propose
+from valve_twin.core.types import CycleRule
+from valve_twin.core.valves.registry import get_model
+from valve_twin.io.bags.read import bag_info, bag_types, read_signals
+from valve_twin.io.cdr.signals import SignalSource
+from valve_twin.io.errors import BagError, ConfigError, suggest
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from pathlib import Path
+
+    from valve_twin.core.types import FloatArray, IntArray
+    from valve_twin.io.bags.read import TopicInfo
+    from valve_twin.io.cdr.signals import TypeSystem
+
+MAX_ELEMENTS = 8
+"""How many elements of an array without a fixed size are tried."""
+
+_EXPLAINED = {
+    "start_signal": "its rise opens a cycle ...",
+    "rearm_signal": "... if this one, the return stroke, has been above ...",
+    "rearm_threshold": "... this level since the last opening [1]",
+    "threshold": "command that counts as active [1]",
+    "min_cycle_s": "half of the shortest cycle found [s]",
+    "reference_level": "a cycle opens where the reference rises through it [1]",
+    "reference_hysteresis": "it must have been this far below before [1]",
+    "window_s": "length of a window [s]",
+}
+_PRESS_LAG = 3  # its scan reaches farther than this by default [samples]
+_HELD_BACK = "a silent signal delays the others by at most this"
+_MOST_SAMPLES = 2_000_000  # of one column; more tells nothing new
+_NAMED = 6  # fields named in a message
+_MAX_DEPTH = 4
+_SKIPPED = (
+    "std_msgs/msg/Header",
+    "builtin_interfaces/msg/Time",
+    "builtin_interfaces/msg/Duration",
+)
+_NUMBERS = frozenset(
+    ["float32", "float64", "float", "double"]
+    + [f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)]
+)
+
+
+def propose_yaml(bag: str | Path, *, position: str = "") -> str:
+    """Return a YAML proposal for a bag.
+
+    Parameters
+    ----------
+    bag : path
+        Folder, metadata.yaml or .mcap file.
+    position : str
+        TOPIC:FIELD of the position where it is known.
+
+    Returns
+    -------
+    str
+        A commented configuration, to be checked by a person.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be read or no pair of its signals moves together.
+    ConfigError
+        If the position named is not in the bag.
+    """
+    sources = _numeric_sources(bag)
+    if position and position not in sources:
+        msg = f"{bag}: --position '{position}' is no numeric field; {suggest(position, sources)}"
+        raise ConfigError(msg)
+    signals, received = _read(bag, sources)
+    proposal = propose(signals, position=position)
+    if proposal is None:
+        raise BagError(_nothing(bag, sources, position, _still(signals)))
+    return _text(bag, proposal, sources, received, _still(signals))
+
+
+def _still(signals: Mapping[str, Signal]) -> dict[str, float]:
+    """Return the columns that never change, and where they stay."""
+    finite = {k: s.values[np.isfinite(s.values)] for k, s in signals.items()}
+    return {k: float(v[0]) for k, v in finite.items() if len(v) and float(np.ptp(v)) == 0.0}
+
+
+def _nothing(
+    bag: str | Path,
+    sources: dict[str, SignalSource],
+    position: str,
+    still: Mapping[str, float],
+) -> str:
+    names = ", ".join(list(sources)[:_NAMED]) or "none"
+    more = f" and {len(sources) - _NAMED} more" if len(sources) > _NAMED else ""
+    moved = f"'{position}'" if position else "a position"
+    remedy = "write the configuration by hand"
+    if not position and sources:
+        remedy = f"give --position, or {remedy}"
+    never = ", ".join(f"{k} stays at {v:.4g}" for k, v in list(still.items())[:_NAMED])
+    return (
+        f"{bag}: no command that moves {moved} was found among its numeric fields "
+        f"({names}{more}); {f'{never}; ' if never else ''}{remedy}"
+    )
+
+
+def _numeric_sources(bag: str | Path) -> dict[str, SignalSource]:
+    found: dict[str, SignalSource] = {}
+    for topic in bag_info(bag).topics:
+        if topic.count == 0 or topic.name in {"/clock", "/rosout", "/parameter_events"}:
+            continue
+        try:
+            types = bag_types(bag, topic.name)
+        except BagError:
+            continue  # a topic of another encoding has no fields to offer
+        for path in _paths(types, topic.type, ""):
+            name = f"{topic.name}:{path}"
+            found[name] = _source(name, topic, path)
+    return found
+
+
+def _source(name: str, topic: TopicInfo, path: str) -> SignalSource:
+    return SignalSource(signal=name, topic=topic.name, type=topic.type, field=path)
+
+
+def _paths(types: TypeSystem, type_name: str, prefix: str, depth: int = 0) -> Iterator[str]:
+    """Yield the paths of all numeric fields; a sequence beside a `period` is a batch."""
+    try:
+        fields = types.fields(type_name)
+    except KeyError:
+        return
+    for name, kind in fields.items():
+        path = f"{prefix}{name}"
+        if kind.base in _NUMBERS:
+            if not kind.is_array:
+                if not (name == "period" and any(f.is_array for f in fields.values())):
+                    yield path
+            elif kind.size is None and "period" in fields:
+                yield f"{path}[]"
+            else:
+                yield from (f"{path}[{k}]" for k in range(min(kind.size or 8, MAX_ELEMENTS)))
+        elif not kind.is_array and kind.base not in _SKIPPED and depth < _MAX_DEPTH:
+            yield from _paths(types, kind.base, f"{path}.", depth + 1)
+
+
+def _read(bag: str | Path, sources: dict[str, SignalSource]) -> tuple[dict[str, Signal], set[str]]:
+    """Return the columns of a bag, the first of a long one, and which carry receive times."""
+    stamps: dict[str, list[IntArray]] = {k: [] for k in sources}
+    values: dict[str, list[FloatArray]] = {k: [] for k in sources}
+    counts = dict.fromkeys(sources, 0)
+    received: set[str] = set()
+    for block in read_signals(bag, sources.values()):
+        stamps[block.signal].append(block.stamp_ns)
+        values[block.signal].append(block.values)
+        counts[block.signal] += len(block.values)
+        if not block.has_header:
+            received.add(block.signal)
+        if counts[block.signal] >= _MOST_SAMPLES:
+            break
+    signals = {}
+    for name in (k for k in sources if counts[k]):
+        t, v = np.concatenate(stamps[name]), np.concatenate(values[name])
+        rising = np.concatenate(([True], t[1:] > np.maximum.accumulate(t)[:-1]))
+        signals[name] = Signal(name, t[rising], v[rising])
+    return signals, received
+
+
+def _text(
+    bag: str | Path,
+    proposal: Proposal,
+    sources: dict[str, SignalSource],
+    received: set[str],
+    still: Mapping[str, float],
+) -> str:
+    lines = [
+        f"# Proposed from {bag}: every value is a guess with its reason; check each before use.",
+        f"#   valve-twin estimate {bag} --config FILE",
+        "/**:",
+        "  ros__parameters:",
+        f"    model: {proposal.model}",
+        f"    period_s: {_number(proposal.period_s)}   # {proposal.period_evidence} [s]",
+        f"    hold_back_s: {_number(max(2.0, 5.0 * proposal.period_s))}   # {_HELD_BACK} [s]",
+        f"    # lag from command to position: {proposal.lag} samples; every cycle is scanned anew",
+        "    signals:",
+    ]
+    for role in _with_reference(proposal):
+        lines += _signal_lines(role, sources[role.source], role.source in received)
+    lines += [
+        "    cycles:",
+        f"      rule: {proposal.cycles.rule.value}   # {proposal.cycles.reason}",
+    ]
+    for key, value in proposal.cycles.values.items():
+        text = value if isinstance(value, str) else _number(value)
+        lines.append(f"      {key}: {text}   # {_EXPLAINED[key]}")
+    lines += _option_lines(proposal)
+    if proposal.left_out:
+        lines += ["    # left out, because nothing shows what they are:"]
+        lines += [
+            f"    #   {name}" + (f" (stays at {still[name]:.4g})" if name in still else "")
+            for name in proposal.left_out
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _with_reference(proposal: Proposal) -> tuple[Role, ...]:
+    """Map the command again where it cuts the cycles."""
+    if proposal.cycles.rule is not CycleRule.REFERENCE:
+        return proposal.roles
+    command = next(r for r in proposal.roles if r.signal == "command")
+    return (*proposal.roles, replace(command, signal="reference", evidence="cuts the cycles"))
+
+
+def _signal_lines(role: Role, source: SignalSource, received: bool) -> list[str]:
+    clock = "   # it carries no stamp: the receive time stands for it" if received else ""
+    return [
+        f"      {role.signal}:   # {role.evidence}",
+        f"        topic: {source.topic}{clock}",
+        f"        type: {source.type}",
+        f'        field: "{source.field}"',
+        f"        scale: {_number(role.scale)}   # signal = scale * field + offset",
+        f"        offset: {_number(role.offset)}",
+    ]
+
+
+def _option_lines(proposal: Proposal) -> list[str]:
+    """Let the delay scan of the model reach well beyond the lag that was found."""
+    upper = {o.name: o.upper for o in get_model(proposal.model).options}
+    if proposal.model == "positioner":
+        longest = min(proposal.max_delay_s, upper["max_delay_s"] or np.inf)
+        reach = f"max_delay_s: {_number(longest)}   # longest delay tried [s]"
+    elif proposal.lag > _PRESS_LAG:
+        most = min(proposal.lag + 2, upper["max_lag"] or np.inf)
+        reach = f"max_lag: {most:.0f}   # longest lag tried [samples]"
+    else:
+        return []
+    return ["    options:", f"      {reach}"]
+
+
+def _number(value: float) -> str:
+    """Write a number so that YAML reads it as a float."""
+    text = f"{value + 0.0:.7g}"
+    mantissa, e, exponent = text.partition("e")
+    return f"{mantissa if '.' in mantissa else mantissa + '.0'}{e}{exponent}"

@@ -1,0 +1,282 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Drive the twin from a recorded bag: the same core step as the live node, without ROS."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.aging import Assessment, assess
+from valve_twin.core.estimation.cycle.sequence import estimate_cycle
+from valve_twin.core.twin import Estimated, Event
+from valve_twin.core.types import Cycle, Estimate, EstimateStatus, Prediction
+from valve_twin.core.valves.registry import complete_options, get_model
+from valve_twin.io.bags.read import SLICE_S, read_signals
+from valve_twin.io.history.tables import CycleRecord, cycle_record
+from valve_twin.io.offline.assembly import make_twin
+from valve_twin.io.offline.rounds import LARGE_S, in_large_rounds
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from pathlib import Path
+
+    from valve_twin.core.alignment import SignalCounts
+    from valve_twin.core.twin import Twin
+    from valve_twin.core.types import Frames
+    from valve_twin.io.cdr.signals import SignalBlock
+    from valve_twin.io.config.valve import ValveConfig
+
+_NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?")
+_REASONS = 3  # told of refused cycles
+
+
+@dataclass(slots=True)
+class Record:
+    """What an offline run found, in the order of the record.
+
+    Attributes
+    ----------
+    cycles : list of CycleRecord
+        Every closed cycle, refused ones included.
+    estimates : list of Estimate
+        Every estimator's estimate of every cycle.
+    predictions : list of Prediction
+        Predictions of the last cycle that was closed.
+    trivial_fits : dict
+        By cycle, the fit [%] of the trivial model "position = command" where there is one command.
+    counts : dict
+        What happened to the samples, by signal.
+    """
+
+    cycles: list[CycleRecord] = field(default_factory=list)
+    estimates: list[Estimate] = field(default_factory=list)
+    predictions: list[Prediction] = field(default_factory=list)
+    trivial_fits: dict[int, float] = field(default_factory=dict)
+    counts: dict[str, SignalCounts] = field(default_factory=dict)
+    _running: dict[int, list[Prediction]] = field(default_factory=dict)
+
+    def add(self, event: Event) -> None:
+        """Take one event of the twin."""
+        if isinstance(event, Prediction):
+            if event.cycle:
+                self._running.setdefault(event.cycle, []).append(event)
+        elif isinstance(event, Cycle):
+            self.cycles.append(cycle_record(event))
+        elif isinstance(event, Estimated):
+            self.estimates += event.estimates
+            self.trivial_fits[event.cycle.number] = trivial_fit(event.cycle.frames)
+            self._keep_last()
+
+    def close(self) -> None:
+        """Settle which predictions belong to the last closed cycle."""
+        self._keep_last()
+
+    def _keep_last(self) -> None:
+        closed = {c.cycle for c in self.cycles[-3:] if c.accepted}
+        ready = [n for n in self._running if n in closed]
+        if ready:
+            last = max(ready)
+            self.predictions = self._running[last]
+            open_or_last = [n for n in self._running if n >= last or n not in closed]
+            self._running = {n: self._running[n] for n in open_or_last}
+
+
+def trivial_fit(frames: Frames) -> float:
+    """Return the free-run fit [%] of "position = command", NaN where there is not one command."""
+    if frames.inputs.shape[1] != 1:
+        return float("nan")
+    command, position = frames.inputs[:, 0], frames.position
+    known = frames.valid & np.isfinite(position) & np.isfinite(command)
+    spread = float(np.std(position[known])) if known.any() else 0.0
+    if spread == 0.0:
+        return float("nan")
+    error = float(np.sqrt(np.mean((position[known] - command[known]) ** 2)))
+    return 100.0 * (1.0 - error / spread)
+
+
+def join_predictions(parts: list[Prediction]) -> Prediction | None:
+    """Join the predictions of one cycle, None where there are none."""
+    if not parts:
+        return None
+    names = ("stamp_ns", "measured", "predicted", "simulated", "residual", "validity")
+    joined = {k: np.concatenate([getattr(p, k) for p in parts]) for k in names}
+    return Prediction(cycle=parts[0].cycle, residual_sigma=parts[-1].residual_sigma, **joined)
+
+
+def drive(
+    twin: Twin,
+    config: ValveConfig,
+    rounds: Iterable[Sequence[SignalBlock]],
+    *,
+    close_last: bool = True,
+) -> Iterator[Event]:
+    """Push signals through a twin and estimate in between.
+
+    Parameters
+    ----------
+    twin : Twin
+        The twin of the valve.
+    config : ValveConfig
+        Its configuration.
+    rounds : iterable of sequence of SignalBlock
+        Samples in the order in which they were recorded; those of one round together.
+    close_last : bool
+        Close the cycle in which the record ends; the live node cannot know that it has ended.
+
+    Yields
+    ------
+    Event
+        In stream order.
+    """
+    model = get_model(config.model)
+    options = complete_options(model, config.options)
+
+    def settle(events: list[Event]) -> Iterator[Event]:
+        yield from events
+        while (job := twin.next_job()) is not None:
+            estimates, memory = estimate_cycle(model, options, job.cycle, job.memory)
+            yield from twin.deliver(estimates, memory)
+
+    for parts in rounds:
+        if len(parts) == 1:
+            (block,) = parts
+            events = twin.push(block.signal, block.stamp_ns, block.values, header=block.has_header)
+        else:
+            events = twin.push_round((b.signal, b.stamp_ns, b.values) for b in parts)
+        yield from settle(events)
+    if close_last:
+        yield from settle(twin.finish())
+
+
+def estimate_bag(
+    config: ValveConfig, bag: str | Path, *, close_last: bool = True, twin: Twin | None = None
+) -> Iterator[Event]:
+    """Estimate every cycle of a bag.
+
+    Parameters
+    ----------
+    config : ValveConfig
+        The valve's configuration.
+    bag : path
+        Folder, metadata.yaml or .mcap file.
+    close_last : bool
+        See `drive`.
+    twin : Twin, optional
+        The twin to drive, default a new one.
+
+    Yields
+    ------
+    Event
+        In stream order.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be read or lacks a topic.
+    ConfigError
+        If the configuration does not fit.
+    """
+    twin = make_twin(config) if twin is None else twin
+    position = get_model(config.model).output
+    # the position comes last in each round of blocks: the commands it needs are then there
+    sources = sorted(config.signals.values(), key=lambda s: s.signal == position)
+    rounds = in_large_rounds(
+        read_signals(bag, sources, slice_s=LARGE_S),
+        [source.signal for source in sources],
+        hold_back_s=config.hold_back_s,
+        slice_s=SLICE_S,
+    )
+    return drive(twin, config, rounds, close_last=close_last)
+
+
+def run_bag(
+    config: ValveConfig,
+    bag: str | Path,
+    *,
+    close_last: bool = True,
+    predict: bool = True,
+    on_cycle: Callable[[], None] = lambda: None,
+) -> Record:
+    """Estimate every cycle of a bag and keep what was found.
+
+    Parameters
+    ----------
+    config : ValveConfig
+        The valve's configuration.
+    bag : path
+        Folder, metadata.yaml or .mcap file.
+    close_last : bool
+        See `drive`.
+    predict : bool
+        Predict every sample; the estimates do not need it.
+    on_cycle : callable
+        Called after each cycle.
+
+    Returns
+    -------
+    Record
+        Cycles, estimates, the last cycle's predictions, and what happened to the samples.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be read or lacks a topic.
+    ConfigError
+        If the configuration does not fit.
+    """
+    twin = make_twin(config)
+    twin.predicts = predict
+    record = Record()
+    for event in estimate_bag(config, bag, close_last=close_last, twin=twin):
+        record.add(event)
+        if isinstance(event, Cycle):
+            on_cycle()
+    record.close()
+    record.counts = twin.counts()
+    return record
+
+
+def describe_bad(config: ValveConfig, bag: str | Path, record: Record) -> list[str]:
+    """Return one line a signal of which samples were left out: topic, how many, what to do."""
+    lines = []
+    for signal, counts in record.counts.items():
+        source = config.signals[signal]
+        where = f"{bag}: topic '{source.topic}': of {counts.received} values"
+        if counts.bad:
+            lines.append(
+                f"{where} {counts.bad} are no finite number or outside "
+                f"{source.lower:g} .. {source.upper:g}; they were left out: check the sensor, "
+                f"or signals.{signal}.lower and .upper"
+            )
+        if counts.late:
+            lines.append(
+                f"{where} {counts.late} came later than hold_back_s = {config.hold_back_s:g}; "
+                "they were left out: raise hold_back_s"
+            )
+    return lines
+
+
+def describe_refused(bag: str | Path, record: Record) -> list[str]:
+    """Return one line a reason for which cycles gave no estimate, the most frequent first.
+
+    Reasons that differ in their numbers only are one; the first is told.
+    """
+    trended = [e for e in record.estimates if e.used_by_trend]
+    refused = [e.reason for e in trended if e.status is EstimateStatus.REFUSED]
+    kinds = Counter(_NUMBER.sub("#", reason) for reason in refused)
+    first = {_NUMBER.sub("#", reason): reason for reason in reversed(refused)}
+    return [
+        f"{bag}: {count} of {len(trended)} cycles give no estimate: {first[kind]}"
+        for kind, count in kinds.most_common(_REASONS)
+    ]
+
+
+def assess_record(config: ValveConfig, record: Record) -> Assessment:
+    """Return trends and verdict of everything an offline run found."""
+    parameters = get_model(config.model).parameters
+    return assess(record.estimates, (), config.aging, parameters=parameters, valve=config.name)

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Read whatever is intact of a damaged MCAP file, and say what is not.
+
+The records of the data section are walked one by one. Where one does not fit, the next that fits
+is looked for; where the summary survives, it says which chunks lie between. A chunk counts as
+intact where its check sum is right. What unpacks of a cut chunk, and everything of a file without
+check sums, is handed on only after its messages were found plausible, and marked as unverified.
+"""
+
+from __future__ import annotations
+
+import logging
+import mmap
+from typing import TYPE_CHECKING
+
+from valve_twin.io.errors import BagError
+from valve_twin.io.mcap.format import MAGIC
+from valve_twin.io.mcap.reader import McapFile, RawMessage, messages
+from valve_twin.io.salvage.salvaged import Salvage
+from valve_twin.io.salvage.scan import Scan
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+_LOGGER = logging.getLogger("valve_twin")
+
+
+def is_mcap(head: bytes, tail: bytes) -> bool:
+    """Return whether a file may once have been an MCAP file, by its first and last bytes."""
+    same = sum(a == b for a, b in zip(head, MAGIC, strict=False))
+    return same >= min(len(head), len(MAGIC)) - 1 or tail.endswith(MAGIC)
+
+
+_CACHE: dict[Path, tuple[tuple[int, int], Salvage]] = {}
+_CACHED = 8
+
+
+def salvage(path: Path) -> Salvage:
+    """Read a damaged file once and remember it; say on the log what is lost.
+
+    Raises
+    ------
+    BagError
+        If the file cannot be opened or is no MCAP file.
+    """
+    state = path.stat()
+    key = (state.st_mtime_ns, state.st_size)
+    known = _CACHE.get(path)
+    if known is not None and known[0] == key:
+        return known[1]
+    found = salvage_file(path)
+    for loss in found.losses:
+        _LOGGER.warning("%s", loss.line())
+    while len(_CACHE) >= _CACHED:
+        _CACHE.pop(next(iter(_CACHE)))
+    _CACHE[path] = (key, found)
+    return found
+
+
+def forget() -> None:
+    """Forget what was remembered of damaged files."""
+    _CACHE.clear()
+
+
+def salvage_file(path: Path) -> Salvage:
+    """Read whatever is intact of a file.
+
+    Raises
+    ------
+    BagError
+        If it cannot be opened or is no MCAP file.
+    """
+    try:
+        with path.open("rb") as stream:
+            if not stream.seek(0, 2):
+                msg = f"{path}: the file is empty; nothing was recorded"
+                raise BagError(msg)
+            data = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
+    except OSError as err:
+        msg = f"{path}: cannot be read ({err.strerror}); check the path and its permissions"
+        raise BagError(msg) from err
+    with data:
+        if not is_mcap(data[: len(MAGIC)], data[-len(MAGIC) :]):
+            msg = f"{path}: is no MCAP file; give a bag that a ROS 2 recorder wrote"
+            raise BagError(msg)
+        return Scan(path, data).run()
+
+
+def salvaged_messages(path: Path, found: Salvage) -> Iterator[tuple[RawMessage, bool]]:
+    """Yield every message of a salvaged file in its order, and whether it is verified."""
+    channels = set(found.summary.channels)
+    file = McapFile(path, salvaged=found)
+    try:
+        for chunk in found.summary.chunks:
+            verified = chunk.offset not in found.unverified
+            for message in messages(file.chunk(chunk), channels):
+                yield message, verified
+    finally:
+        file.close()
+
+
+__all__ = ["Salvage", "forget", "is_mcap", "salvage", "salvage_file", "salvaged_messages"]

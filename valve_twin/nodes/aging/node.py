@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The aging monitor node: follows the parameters of one or many valves over months."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from valve_twin.core.aging.verdict import TrendStatus, VerdictKind
+from valve_twin.core.diagnosis.history import describe_finding
+from valve_twin.core.diagnosis.table import PARTS
+from valve_twin.nodes.aging.monitored_valve import MonitoredValve
+from valve_twin.nodes.runtime.diagnostics import ERROR, WARN, Diagnostics, Report
+from valve_twin.nodes.runtime.node import STEADY, ValveNode
+from valve_twin.nodes.runtime.worker import WorkerThread
+from valve_twin.nodes.twin.valve_parameters import read_valves
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+FLUSH_S = 0.3
+
+
+class AgingMonitorNode(ValveNode):
+    """Lifecycle node of the aging monitor; it may run anywhere and be down at any time."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("aging_monitor", **kwargs)
+        self._valves: list[MonitoredValve] = []
+        self._worker: WorkerThread | None = None
+        self._diagnostics: Diagnostics | None = None
+        self._timer: Any = None
+
+    def configure(self) -> None:
+        """Read the parameters."""
+        configs = read_valves(self)
+        self._worker = WorkerThread("assessment")
+        page = int(self.parameters["page"])
+        self._valves = [MonitoredValve(self, c, worker=self._worker, page=page) for c in configs]
+        self._diagnostics = Diagnostics(self, self._reports)
+
+    def activate(self) -> None:
+        """Follow the twins; what was missed is asked for first."""
+        for valve in self._valves:
+            valve.listen()
+        self._timer = self.create_timer(float(self.parameters["retry_s"]), self._ask, clock=STEADY)
+
+    def deactivate(self) -> None:
+        """Stop following."""
+        if self._timer is not None:
+            self.destroy_timer(self._timer)
+            self._timer = None
+        for valve in self._valves:
+            valve.silence()
+
+    def cleanup(self) -> None:
+        """Let go of everything."""
+        if self._worker is not None:
+            self._worker.close(FLUSH_S)
+        for valve in self._valves:
+            valve.close()
+        if self._diagnostics is not None:
+            self._diagnostics.destroy()
+        self._valves, self._worker, self._diagnostics = [], None, None
+
+    def _ask(self) -> None:
+        for valve in self._valves:
+            valve.ask()
+
+    def _reports(self) -> Iterable[Report]:
+        for valve in self._valves:
+            yield self._report(valve)
+
+    def _report(self, valve: MonitoredValve) -> Report:
+        report = Report(f"aging of {valve.name}", valve.name, {"estimates": valve.cycles})
+        report.values |= {
+            "last cycle": valve.last_cycle,
+            "last assessment [s]": f"{valve.assess_s:.3f}",
+        }
+        absent = (
+            ""
+            if valve.twin_answers
+            else f"service {valve.name}/twin/get_history is not there: start the twin of this "
+            "valve"
+        )
+        self.faults.look("twin.absent", absent, valve=valve.name)
+        self.faults.look("assessment.failed", valve.failure, valve=valve.name)
+        found = valve.assessment
+        self._look_at_faults(valve)
+        if found is not None:
+            report.values["verdict"] = found.verdict.text
+            for trend in found.trends:
+                report.values[f"{trend.parameter} drift [%]"] = f"{trend.drift_reference:.2f}"
+                if trend.status is TrendStatus.BEYOND_THRESHOLD:
+                    report.raise_to(ERROR, f"{trend.parameter}: {trend.reason}")
+            if found.verdict.verdict not in (VerdictKind.OK, VerdictKind.NOT_ENOUGH_DATA):
+                report.raise_to(WARN, found.verdict.evidence)
+        return report
+
+    def _look_at_faults(self, valve: MonitoredValve) -> None:
+        """Report the fault that lasts under the part that has it."""
+        found = valve.assessment
+        present = found.diagnosis.present if found is not None else None
+        for part in PARTS:
+            here = present is not None and present.part == part
+            evidence = describe_finding(present) if present is not None and here else ""
+            self.faults.look(f"diagnosis.{part}", evidence, valve=valve.name)

@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The bag player node: publishes a bag again, under a prefix, with /clock, in one order.
+
+One queue holds the messages of all topics, so that their order is that of the bag at any rate.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+from valve_twin.io.errors import ValveTwinError
+from valve_twin.io.playback.player import bag_topics
+from valve_twin.nodes.player.plan import Plan, read_plan
+from valve_twin.nodes.player.playing import Phase, Playing
+from valve_twin.nodes.player.services import PlayerServices
+from valve_twin.nodes.player.stage import Stage
+from valve_twin.nodes.player.transport import is_quick, quicken, tidy
+from valve_twin.nodes.runtime.log_bridge import LogBridge
+from valve_twin.nodes.runtime.node import STEADY, ValveNode, run
+from valve_twin.nodes.runtime.safety import CHECK_S
+from valve_twin.nodes.twin.inputs import seconds_now
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+TICK_S = 0.002
+"""Period of the pacing timer [s]."""
+
+MOST_MESSAGES = 128
+"""Messages published in one tick: a callback has to end soon."""
+
+MOST_SLOWLY = 32
+"""The same where shared memory must not overflow, because what it drops is sent again seconds
+later."""
+
+
+class BagPlayerNode(ValveNode):
+    """Lifecycle node that plays one bag."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("bag_player", **kwargs)
+        tidy()
+        self._plan: Plan | None = None
+        self.playing: Playing | None = None
+        self._stage: Stage | None = None
+        self._bridge: LogBridge | None = None
+        self._timers_made: list[Any] = []
+        self._ended_s: float | None = None
+        PlayerServices(self)
+
+    def start(self) -> None:
+        """Start; a player that cannot play ends where it would end after playing."""
+        super().start()
+        if self.parameters["exit_at_end"] and self.state != "active":
+            self.exit_code = 1
+
+    def configure(self) -> None:
+        """Open the bag."""
+        self.parameters.warn_unknown(hosts_valves=False)
+        self.parameters.check()
+        logger = self.get_logger()
+        self._bridge = LogBridge(logger)
+        plan = read_plan(self.parameters, self.get_fully_qualified_name(), logger.warning)
+        most = MOST_MESSAGES if is_quick() else MOST_SLOWLY
+        self._plan, self.playing = plan, Playing(plan, most, logger.info)
+
+    def activate(self) -> None:
+        """Check that no real valve is in reach, then play."""
+        assert self._plan is not None
+        assert self.playing is not None
+        self._stage = Stage(self, self._plan)
+        self._ended_s = None
+        self.playing.enter(self._stage)
+        self._timers_made = [
+            self.create_timer(TICK_S, self._tick, clock=STEADY),
+            self.create_timer(CHECK_S, self._watch, clock=STEADY),
+        ]
+        if self._plan.clock_hz:
+            period_s = 1.0 / self._plan.clock_hz
+            timer = self.create_timer(period_s, self._publish_time, clock=STEADY)
+            self._timers_made.append(timer)
+
+    def deactivate(self) -> None:
+        """Stop publishing; activating again goes on from here."""
+        for timer in self._timers_made:
+            self.destroy_timer(timer)
+        self._timers_made = []
+        if self.playing is not None:
+            self.playing.leave()
+        if self._stage is not None:
+            self._stage.close()
+        self._stage = None
+
+    def cleanup(self) -> None:
+        """Close the bag."""
+        for part in (self.playing, self._bridge):
+            if part is not None:
+                part.close()
+        self._plan = self.playing = self._bridge = None
+
+    def stop_playing(self) -> None:
+        """Stop, and end the process where that is wanted at the end."""
+        if self.playing is not None:
+            self.playing.stop()
+        if self._stage is not None and self.parameters["exit_at_end"]:
+            self.exit_code = 0
+
+    def _tick(self) -> None:
+        """Play on, to the end."""
+        playing = self.playing
+        if playing is None:
+            return
+        self._unless_refused(playing.advance)
+        if playing.phase is Phase.ENDED and self.parameters["exit_at_end"]:
+            self._end()
+
+    def _publish_time(self) -> None:
+        if self.playing is not None:
+            self._unless_refused(self.playing.publish_time)
+
+    def _watch(self) -> None:
+        """Look at the graph again."""
+        if self._stage is not None:
+            self._unless_refused(self._stage.check)
+
+    def _unless_refused(self, action: Callable[[], None]) -> None:
+        """Do it; a bag that cannot be read on or a real valve that came into reach ends it all."""
+        try:
+            action()
+        except ValveTwinError as err:
+            self.get_logger().error(f"stopped: {err}")
+            self.trigger_deactivate()
+            if self.parameters["exit_at_end"]:
+                self.exit_code = 1
+
+    def _end(self) -> None:
+        """End the process when all subscribers have what was played."""
+        now = seconds_now()
+        self._ended_s = now if self._ended_s is None else self._ended_s
+        late = now - self._ended_s > float(self.parameters["acked_wait_s"])
+        if late or self._stage is None or self._stage.is_acked():
+            self.exit_code = 0
+
+
+def play(
+    bag: str,
+    *,
+    rate: float = 1.0,
+    prefix: str = "/replay",
+    clock: bool = False,
+    more: Mapping[str, object] | None = None,
+) -> int:
+    """Play a bag and end the process; what `valve-twin replay` does.
+
+    Parameters
+    ----------
+    bag : str
+        The bag.
+    rate : float
+        Playback seconds a second, 0 = as fast as the subscribers follow [1].
+    prefix : str
+        Put before every topic.
+    clock : bool
+        Publish /clock.
+    more : mapping, optional
+        Further parameters of the player by name.
+
+    Returns
+    -------
+    int
+        Exit code; the process ends before it is returned.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be read.
+    """
+    bag_topics(bag)
+    quicken()
+    values = {"bag": bag, "rate": float(rate), "publish_prefix": prefix, "clock": clock}
+    given = [f"{name}:={json.dumps(v)}" for name, v in {**values, **(more or {})}.items()]
+    arguments = [a for g in (*given, "exit_at_end:=true") for a in ("-p", g)]
+    return run(BagPlayerNode, ["--ros-args", *arguments])

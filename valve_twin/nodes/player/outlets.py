@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Publish serialized messages in order, without loss where the subscribers are to set the pace."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import TYPE_CHECKING, Any
+
+from rclpy.duration import Duration
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+from valve_twin.nodes.runtime.node import RCLError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+MATCHED_S = 0.5
+"""How long subscribers must have been matched before the first sample leaves [s]."""
+
+DEPTH = 5000
+"""Messages that a publisher keeps for subscribers that have not taken them [1]."""
+
+_NOW = Duration(nanoseconds=0)
+
+
+def sending_profile(*, lossless: bool) -> QoSProfile:
+    """Return the profile of data that is played: reliable, deep; lossless = never overwritten."""
+    history = HistoryPolicy.KEEP_ALL if lossless else HistoryPolicy.KEEP_LAST
+    return QoSProfile(history=history, depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
+
+
+class Outbox:
+    """Messages of any topics that leave in their order.
+
+    With a lossless profile the middleware refuses a message after 0.1 s as long as a reliable
+    subscriber has not taken
+    enough of the earlier ones; it then stays here and is offered again. A latched publisher keeps
+    its last messages only and overwrites in silence: with `keep` it waits here instead.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: deque[tuple[Any, Any]] = deque()
+        self._room: dict[Any, list[int]] = {}
+        self.sent = 0
+
+    def __bool__(self) -> bool:
+        """Return whether messages wait."""
+        return bool(self._waiting)
+
+    def put(self, publisher: Any, message: Any) -> None:
+        """Append a message."""
+        self._waiting.append((publisher, message))
+
+    def keep(self, publisher: Any, depth: int) -> None:
+        """Let at most `depth` messages of a publisher be without acknowledgement."""
+        self._room[publisher] = [depth, depth]
+
+    def send(self) -> bool:
+        """Publish what waits; return whether all of it left."""
+        while self._waiting:
+            publisher, message = self._waiting[0]
+            if self._room and not self._has_room(publisher):
+                return False
+            try:
+                publisher.publish(message)
+            except RCLError:
+                return False
+            self._waiting.popleft()
+            self.sent += 1
+        return True
+
+    def clear(self) -> None:
+        """Forget what waits."""
+        self._waiting.clear()
+
+    def release(self) -> None:
+        """Forget what waits and all publishers."""
+        self.clear()
+        self._room.clear()
+
+    def _has_room(self, publisher: Any) -> bool:
+        room = self._room.get(publisher)
+        if room is None:
+            return True
+        if not room[0]:
+            if not publisher.wait_for_all_acked(_NOW):
+                return False
+            room[0] = room[1]
+        room[0] -= 1
+        return True
+
+
+def subscribers(publishers: Iterable[Any]) -> int:
+    """Return the least number of subscribers that the publishers have matched."""
+    return min((p.get_subscription_count() for p in publishers), default=0)
+
+
+class Gate:
+    """Opens when every publisher has had enough subscribers for a while.
+
+    One side of a match knows of it before the other; what is sent in between may be lost.
+    """
+
+    def __init__(self) -> None:
+        self._since_s: float | None = None
+
+    def is_open(self, publishers: Iterable[Any], wanted: int, now_s: float) -> bool:
+        """Return whether to begin, at `now_s` on a steady clock [s]."""
+        if subscribers(publishers) < wanted:
+            self._since_s = None
+            return False
+        if self._since_s is None:
+            self._since_s = now_s
+        return now_s - self._since_s >= MATCHED_S

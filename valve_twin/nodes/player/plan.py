@@ -1,0 +1,259 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What a player is to do, read from its parameters and checked against the bag once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from rclpy.duration import Duration
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+)
+from rclpy.validate_full_topic_name import validate_full_topic_name
+
+from valve_twin.io.cdr.signals import message_class
+from valve_twin.io.config.topic_names import resolve_topic
+from valve_twin.io.errors import ConfigError
+from valve_twin.io.playback.choice import Choice, Stretch, read_remaps, stretch
+from valve_twin.io.playback.player import BagTopic, bag_topics
+from valve_twin.io.playback.qos import FOREVER_NS, Offer, override, read_overrides
+from valve_twin.nodes.player.outlets import DEPTH
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from valve_twin.nodes.runtime.parameters import Parameters
+
+CLOCK = "/clock"
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """One topic on its way from the bag to the network.
+
+    Attributes
+    ----------
+    topic : BagTopic
+        As it is in the bag.
+    name : str
+        Under which it is published, before the node's own remappings.
+    offer : Offer
+        Policies of its publisher.
+    ticks : bool
+        /clock goes before its messages.
+    """
+
+    topic: BagTopic
+    name: str
+    offer: Offer
+    ticks: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What is played.
+
+    Attributes
+    ----------
+    bag : str
+        Its folder.
+    routes : tuple of Route
+        By topic.
+    whole, part : Stretch
+        The bag, and what of it is wanted.
+    prefix : str
+        Before every topic.
+    rate : float
+        Bag seconds a second, 0 = as fast as the subscribers follow [1].
+    clock, clock_hz : bool, float
+        Whether /clock is published, and how often [1/s], 0 = before every message.
+    window : int
+        Messages between two answers of the subscribers [1], 0 = they are not asked.
+    lossless, allow_live, start_paused, loop : bool
+        As the parameters of these names.
+    delay_s, start_delay_s : float
+        As the parameters of these names [s].
+    wait_for_subscribers : int
+        As the parameter of this name [1].
+    """
+
+    bag: str
+    routes: tuple[Route, ...]
+    whole: Stretch
+    part: Stretch
+    prefix: str
+    rate: float
+    clock: bool
+    clock_hz: float
+    window: int
+    lossless: bool
+    allow_live: bool
+    start_paused: bool
+    loop: bool
+    delay_s: float
+    start_delay_s: float
+    wait_for_subscribers: int
+
+    def part_from(self, offset_ns: int, duration_ns: int, until_ns: int) -> Stretch:
+        """Return another part of the same bag; see `stretch`."""
+        return stretch(self.bag, offset_ns=offset_ns, duration_ns=duration_ns, until_ns=until_ns)
+
+
+def read_plan(parameters: Parameters, where: str, warn: Callable[[str], object]) -> Plan:
+    """Return what the parameters ask for.
+
+    Parameters
+    ----------
+    parameters : Parameters
+        Of the player.
+    where : str
+        Name of the node, for messages.
+    warn : callable
+        Gets a line for each topic that cannot be played.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be read, lacks a wanted topic or nothing of it can be played.
+    ConfigError
+        If a parameter does not fit.
+    """
+    bag = str(parameters["bag"])
+    if not bag:
+        msg = f"{where}: key 'bag' is empty; write the folder of a bag"
+        raise ConfigError(msg)
+    choice = Choice(
+        topics=_texts(parameters, "topics"),
+        regex=str(parameters["regex"]),
+        exclude_topics=_texts(parameters, "exclude_topics"),
+        exclude_regex=str(parameters["exclude_regex"]),
+    )
+    routes = _routes(parameters, [t for t in bag_topics(bag, choice) if _is_playable(t, warn)])
+    if parameters["clock"]:
+        routes = [r for r in routes if r.topic.name != CLOCK]
+    _check_names(routes, where)
+    if not routes:
+        msg = f"{bag}: none of its topics can be played here; see the lines above"
+        raise ConfigError(msg)
+    part = stretch(
+        bag,
+        offset_ns=_nanoseconds(parameters["start_offset_s"]),
+        duration_ns=_nanoseconds(parameters["duration_s"]),
+        until_ns=int(parameters["until_ns"]),
+    )
+    return Plan(
+        bag,
+        tuple(routes),
+        stretch(bag),
+        part,
+        prefix=str(parameters["publish_prefix"]),
+        rate=float(parameters["rate"]),
+        clock=bool(parameters["clock"]),
+        clock_hz=float(parameters["clock_hz"]) if parameters["clock"] else 0.0,
+        window=int(parameters["window"]) if parameters["lossless"] else 0,
+        lossless=bool(parameters["lossless"]),
+        allow_live=bool(parameters["allow_live"]),
+        start_paused=bool(parameters["start_paused"]),
+        loop=bool(parameters["loop"]),
+        delay_s=float(parameters["delay_s"]),
+        start_delay_s=float(parameters["start_delay_s"]),
+        wait_for_subscribers=int(parameters["wait_for_subscribers"]),
+    )
+
+
+def _texts(parameters: Parameters, name: str) -> tuple[str, ...]:
+    return tuple(str(t) for t in parameters[name] if t)
+
+
+def _nanoseconds(seconds: Any) -> int:
+    return round(float(seconds) * 1e9)
+
+
+def _is_playable(topic: BagTopic, warn: Callable[[str], object]) -> bool:
+    """Say why a topic would be misread by its subscribers."""
+    try:
+        message_class(topic.type)
+        problem = topic.problem
+    except (KeyError, ValueError):
+        problem = f"message type {topic.type} is not installed"
+    if problem:
+        warn(f"topic '{topic.name}' is not played: {problem}")
+    return not problem
+
+
+def _routes(parameters: Parameters, topics: list[BagTopic]) -> list[Route]:
+    prefix = str(parameters["publish_prefix"])
+    renamed = read_remaps(_texts(parameters, "remap"))
+    path = str(parameters["qos_overrides_path"])
+    overrides = read_overrides(path) if path else {}
+    clock_topics = _texts(parameters, "clock_topics")
+    lossless = bool(parameters["lossless"])
+    found = []
+    for topic in topics:
+        name = resolve_topic(renamed.get(topic.name, topic.name), "", prefix)
+        offer = _lossless(topic.qos) if lossless else topic.qos
+        offer = override(offer, overrides.get(topic.name, {}), f"{path}: topic '{topic.name}'")
+        ticks = not clock_topics or topic.name in clock_topics
+        found.append(Route(topic, name, offer, ticks))
+    return found
+
+
+def _lossless(offer: Offer) -> Offer:
+    """Serve best-effort subscribers too, but lose nothing to reliable ones."""
+    history = "keep_last" if offer.is_latched else "keep_all"
+    return replace(offer, reliability="reliable", history=history)
+
+
+def _check_names(routes: list[Route], where: str) -> None:
+    types: dict[str, str] = {}
+    for route in routes:
+        try:
+            validate_full_topic_name(route.name)
+        except InvalidTopicNameException as err:
+            reason = str(err).splitlines()[0]
+            msg = f"{where}: '{route.name}' is no topic name ({reason}); correct publish_prefix"
+            raise ConfigError(msg) from err
+        if types.setdefault(route.name, route.topic.type) != route.topic.type:
+            msg = (
+                f"{where}: '{route.name}' would carry {types[route.name]} and "
+                f"{route.topic.type}; correct key 'remap'"
+            )
+            raise ConfigError(msg)
+
+
+def profile(offer: Offer, *, latched: bool) -> QoSProfile:
+    """Return the profile of a publisher.
+
+    Parameters
+    ----------
+    offer : Offer
+        Its policies.
+    latched : bool
+        Whether it may keep messages for subscribers that come later.
+    """
+    keeps = offer.is_latched and latched
+    made = QoSProfile(
+        history=HistoryPolicy.KEEP_ALL
+        if offer.history == "keep_all" and not keeps
+        else HistoryPolicy.KEEP_LAST,
+        # a reader cannot tell how much a volatile writer keeps, only that it loses less
+        depth=offer.depth if keeps else max(offer.depth, DEPTH),
+        reliability=ReliabilityPolicy.BEST_EFFORT
+        if offer.reliability == "best_effort"
+        else ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if keeps else DurabilityPolicy.VOLATILE,
+    )
+    for name in ("deadline", "lifespan", "liveliness_lease_duration"):
+        value = getattr(offer, name)
+        if value < FOREVER_NS:
+            setattr(made, name, Duration(nanoseconds=value))
+    if offer.liveliness == "manual_by_topic":
+        made.liveliness = LivelinessPolicy.MANUAL_BY_TOPIC
+    return made

@@ -1,0 +1,123 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The services of a player: names, fields and meaning as those of rosbag2's player."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from valve_twin_msgs import srv
+
+from valve_twin.nodes.runtime.services import DeferredService, Done
+
+if TYPE_CHECKING:
+    from valve_twin.nodes.player.node import BagPlayerNode
+    from valve_twin.nodes.player.playing import Playing
+
+
+class PlayerServices:
+    """Answers under the name of the player; without a bag there is nothing to be driven.
+
+    Parameters
+    ----------
+    player : BagPlayerNode
+        What they drive.
+    """
+
+    def __init__(self, player: BagPlayerNode) -> None:
+        self._player = player
+        for kind, name, callback in (
+            (srv.Pause, "pause", self._on_pause),
+            (srv.Resume, "resume", self._on_resume),
+            (srv.TogglePaused, "toggle_paused", self._on_toggle),
+            (srv.IsPaused, "is_paused", self._on_is_paused),
+            (srv.SetRate, "set_rate", self._on_set_rate),
+            (srv.GetRate, "get_rate", self._on_get_rate),
+            (srv.Seek, "seek", self._on_seek),
+            (srv.Stop, "stop", self._on_stop),
+            (srv.Play, "play", self._on_play),
+        ):
+            player.create_service(kind, f"~/{name}", callback)
+        DeferredService(player, srv.PlayNext, "~/play_next", self._on_play_next)
+        DeferredService(player, srv.Burst, "~/burst", self._on_burst)
+
+    @property
+    def _playing(self) -> Playing | None:
+        return self._player.playing
+
+    def _on_pause(self, request: Any, response: Any) -> Any:
+        del request
+        if self._playing is not None:
+            self._playing.pause()
+        return response
+
+    def _on_resume(self, request: Any, response: Any) -> Any:
+        del request
+        if self._playing is not None:
+            self._playing.resume()
+        return response
+
+    def _on_toggle(self, request: Any, response: Any) -> Any:
+        paused = self._playing is not None and self._playing.is_paused
+        return (self._on_resume if paused else self._on_pause)(request, response)
+
+    def _on_is_paused(self, request: Any, response: Any) -> Any:
+        del request
+        response.paused = self._playing is None or self._playing.is_paused
+        return response
+
+    def _on_set_rate(self, request: Any, response: Any) -> Any:
+        playing = self._playing
+        response.success = playing is not None and playing.set_rate(float(request.rate))
+        return response
+
+    def _on_get_rate(self, request: Any, response: Any) -> Any:
+        del request
+        playing = self._playing
+        response.rate = playing.rate if playing else float(self._player.parameters["rate"])
+        return response
+
+    def _on_seek(self, request: Any, response: Any) -> Any:
+        playing = self._playing
+        response.success = playing is not None and playing.seek(_nanoseconds(request.time))
+        return response
+
+    def _on_stop(self, request: Any, response: Any) -> Any:
+        del request
+        self._player.stop_playing()
+        return response
+
+    def _on_play(self, request: Any, response: Any) -> Any:
+        playing = self._playing
+        response.success = playing is not None and playing.play(
+            _nanoseconds(request.start_offset),
+            _nanoseconds(request.playback_duration),
+            _nanoseconds(request.playback_until_timestamp),
+        )
+        return response
+
+    def _on_play_next(self, request: Any, response: Any, done: Done) -> None:
+        del request
+
+        def answer(played: int) -> None:
+            response.success = played == 1
+            done(response)
+
+        self._burst(1, answer)
+
+    def _on_burst(self, request: Any, response: Any, done: Done) -> None:
+        def answer(played: int) -> None:
+            response.actually_burst = played
+            done(response)
+
+        self._burst(int(request.num_messages), answer)
+
+    def _burst(self, messages: int, answer: Any) -> None:
+        if self._playing is None:
+            answer(0)
+        else:
+            self._playing.burst(messages, answer)
+
+
+def _nanoseconds(time: Any) -> int:
+    return int(time.sec) * 10**9 + int(time.nanosec)

@@ -1,0 +1,144 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Where a player's messages leave: its publishers, one queue for all of them, and who follows."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from rclpy.qos import DurabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rosgraph_msgs.msg import Clock as ClockMessage
+
+from valve_twin.io.cdr.signals import message_class
+from valve_twin.nodes.player.flow import Flow, are_acked
+from valve_twin.nodes.player.outlets import Gate, Outbox
+from valve_twin.nodes.player.plan import CLOCK, Plan, Route, profile
+from valve_twin.nodes.runtime.messages import to_time
+from valve_twin.nodes.runtime.safety import Guard, Outlet
+from valve_twin.nodes.twin.inputs import seconds_now
+
+if TYPE_CHECKING:
+    from valve_twin.io.playback.player import BagMessage
+    from valve_twin.nodes.runtime.node import ValveNode
+
+
+class Stage:
+    """The publishers of an active player.
+
+    Parameters
+    ----------
+    node : ValveNode
+        The player.
+    plan : Plan
+        What is played.
+
+    Raises
+    ------
+    ConfigError
+        If a real valve is in reach; nothing is made then.
+    """
+
+    def __init__(self, node: ValveNode, plan: Plan) -> None:
+        self._node = node
+        self._guard = Guard(node, prefix=plan.prefix, allow_live=plan.allow_live)
+        self._outlets = [Outlet(r.name, command=True) for r in plan.routes]
+        self.check()
+        self._lossless, self._clock_hz = plan.lossless, plan.clock_hz
+        self._routes: dict[str, tuple[Route, Any]] = {}
+        self._real: list[Any] = []
+        self._gate = Gate()
+        self.outbox = Outbox()
+        for route, outlet in zip(plan.routes, self._outlets, strict=True):
+            self._open(route, outlet)
+        self._publishers = [p for _, p in self._routes.values()]
+        self._flow = Flow(node, self._publishers, plan.window, seconds_now)
+        self._clock: Any = None
+        if plan.clock:
+            self._clock = node.create_publisher(ClockMessage, CLOCK, 1000)
+
+    def close(self) -> None:
+        """Take everything down."""
+        self.outbox.release()
+        self._flow.destroy()
+        for publisher in (*self._publishers, self._clock):
+            if publisher is not None:
+                self._node.destroy_publisher(publisher)
+
+    def _open(self, route: Route, outlet: Outlet) -> None:
+        """Make the publisher of a topic; a real command is kept for nobody who comes later."""
+        real = self._guard.is_real(outlet)
+        offered = profile(route.offer, latched=not real)
+        publisher = self._node.create_publisher(
+            message_class(route.topic.type),
+            route.name,
+            offered,
+            qos_overriding_options=None if real else QoSOverridingOptions.with_default_policies(),
+        )
+        self._routes[route.topic.name] = (route, publisher)
+        if real:
+            self._real.append(publisher)
+        if self._lossless and offered.durability == DurabilityPolicy.TRANSIENT_LOCAL:
+            self.outbox.keep(publisher, offered.depth)
+
+    # -- who is there
+
+    @property
+    def settle_s(self) -> float:
+        """How long the graph has to be watched before the first message [s]."""
+        return self._guard.settle_s
+
+    def check(self) -> None:
+        """Look at the whole graph; raise where a real valve is in reach."""
+        self._guard.check(self._outlets)
+
+    def is_attended(self, wanted: int) -> bool:
+        """Return whether every topic has had so many subscribers for a while; at least one."""
+        return self._gate.is_open(self._publishers, max(wanted, 1), seconds_now())
+
+    def is_met(self) -> bool:
+        """Return whether every subscriber that the graph knows of has been matched."""
+        return all(
+            p.get_subscription_count() >= self._node.count_subscribers(p.topic_name)
+            for p in self._publishers
+        )
+
+    def meet(self) -> None:
+        """Look up who subscribes, so that they can be asked whether they follow."""
+        self._flow.meet()
+
+    def is_acked(self) -> bool:
+        """Return whether reliable subscribers have all that was sent."""
+        return are_acked(self._publishers)
+
+    # -- what leaves
+
+    def put(self, message: BagMessage, *, ticks: bool = True) -> None:
+        """Append a message, with the time before it where that is wanted."""
+        route, publisher = self._routes[message.topic]
+        if ticks and route.ticks and not self._clock_hz:
+            self.put_time(message.log_ns)
+        self.outbox.put(publisher, message.data)
+        self._flow.count()
+
+    def put_time(self, at_ns: int) -> None:
+        """Append a bag time [ns]."""
+        if self._clock is not None:
+            self.outbox.put(self._clock, ClockMessage(clock=to_time(at_ns)))
+
+    def send(self, *, strict: bool) -> bool:
+        """Publish what waits; return whether more may follow now.
+
+        Parameters
+        ----------
+        strict : bool
+            The subscribers set the pace.
+
+        Raises
+        ------
+        ConfigError
+            If somebody has begun to take a real command.
+        """
+        if self._real:
+            self._guard.check_taken(self._real)
+        return self.outbox.send() and self._flow.is_open(strict=strict)

@@ -1,0 +1,149 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What the recorder's parameters say, checked once at configure."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from typing import TYPE_CHECKING, Any
+
+from valve_twin.io.bags.writer import SplitRule
+from valve_twin.io.errors import ConfigError
+from valve_twin.io.playback.qos import read_overrides
+from valve_twin.io.recording.recorder import DiskRule
+from valve_twin.io.recording.topic_choice import TopicChoice
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from valve_twin.nodes.runtime.node import ValveNode
+
+
+@dataclass(frozen=True, slots=True)
+class SnapshotConfig:
+    """What the buffer holds and what takes a snapshot by itself."""
+
+    seconds: float
+    size: int
+    cycles: int
+    after_s: float
+    alarms: tuple[str, ...]
+    alarm_regex: str
+    pause_s: float
+    cycle_topic: str
+    verdict_topic: str
+
+
+@dataclass(frozen=True, slots=True)
+class RecorderConfig:
+    """Configuration of the recorder; `snapshot` is None where everything is written."""
+
+    bag: str
+    choice: TopicChoice
+    overrides: Mapping[str, Mapping[str, Any]]
+    discovery_s: float
+    flush_s: float
+    queue: int
+    queue_bytes: int
+    split: SplitRule
+    disk: DiskRule
+    custom: Mapping[str, str]
+    snapshot: SnapshotConfig | None
+
+
+def read_config(node: ValveNode) -> RecorderConfig:
+    """Read the parameters of a recorder.
+
+    Raises
+    ------
+    ConfigError
+        Naming the parameter, its value and what to write.
+    """
+    p = node.parameters
+    now = datetime.now(timezone.utc).strftime("%Y%m%d_%H%M%S")
+    path = str(p["qos_profile_overrides_path"])
+    config = RecorderConfig(
+        bag=str(p["bag"]) or f"valve_twin_{now}",
+        choice=_choice(node),
+        overrides=read_overrides(path) if path else {},
+        discovery_s=float(p["discovery_s"]),
+        flush_s=float(p["flush_s"]),
+        queue=int(p["queue"]),
+        queue_bytes=int(p["queue_bytes"]),
+        split=SplitRule(
+            int(p["max_bag_size"]), float(p["max_bag_duration"]), int(p["keep_files"])
+        ),
+        disk=DiskRule(
+            int(p["min_free_bytes"]), str(p["when_disk_low"]) == "delete_oldest", bool(p["resume"])
+        ),
+        custom=_custom(_texts(p["custom_data"])),
+        snapshot=_snapshot(node) if p["snapshot_mode"] else None,
+    )
+    _check(config)
+    return config
+
+
+def _choice(node: ValveNode) -> TopicChoice:
+    p = node.parameters
+    choice = TopicChoice(
+        everything=bool(p["all"]),
+        topics=tuple(node.resolve_topic_name(t) for t in _texts(p["topics"])),
+        types=_texts(p["types"]),
+        regex=str(p["regex"]),
+        exclude_topics=tuple(node.resolve_topic_name(t) for t in _texts(p["exclude_topics"])),
+        exclude_types=_texts(p["exclude_types"]),
+        exclude_regex=str(p["exclude_regex"]),
+        hidden=bool(p["include_hidden_topics"]),
+        namespace=node.get_namespace(),
+    )
+    choice.check()
+    return choice
+
+
+def _snapshot(node: ValveNode) -> SnapshotConfig:
+    p = node.parameters
+    return SnapshotConfig(
+        seconds=float(p["snapshot_s"]),
+        size=int(p["snapshot_bytes"]),
+        cycles=int(p["snapshot_cycles"]),
+        after_s=float(p["snapshot_after_s"]),
+        alarms=_texts(p["alarms"]),
+        alarm_regex=str(p["alarm_regex"]),
+        pause_s=float(p["alarm_pause_s"]),
+        cycle_topic=str(p["cycle_topic"]),
+        verdict_topic=str(p["verdict_topic"]),
+    )
+
+
+def _check(config: RecorderConfig) -> None:
+    if config.disk.delete_oldest and not (config.split.size or config.split.duration_s):
+        msg = (
+            "parameter 'when_disk_low': the running file is never deleted; "
+            "set max_bag_size or max_bag_duration too"
+        )
+        raise ConfigError(msg)
+    if config.snapshot is None:
+        return
+    try:
+        re.compile(config.snapshot.alarm_regex)
+    except re.error as err:
+        text = config.snapshot.alarm_regex
+        msg = f"parameter 'alarm_regex': '{text}' is no regular expression: {err}"
+        raise ConfigError(msg) from err
+
+
+def _texts(values: Any) -> tuple[str, ...]:
+    return tuple(str(v) for v in values if v)
+
+
+def _custom(pairs: tuple[str, ...]) -> dict[str, str]:
+    found = {}
+    for pair in pairs:
+        key, equals, value = pair.partition("=")
+        if not equals or not key.strip():
+            msg = f"parameter 'custom_data': '{pair}' has no key; write KEY=VALUE, as serial=4711"
+            raise ConfigError(msg)
+        found[key.strip()] = value.strip()
+    return found

@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""One topic of the recorder: taken as it is offered, losses counted."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+from valve_twin.io.bags.metadata import FOREVER_NS
+from valve_twin.io.bags.metadata import QosProfile as OfferedQos
+from valve_twin.io.cdr.signals import message_class
+from valve_twin.io.recording.ring_buffer import RecordedMessage
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from rclpy.duration import Duration
+    from rclpy.node import Node
+
+_DEPTH = 100_000
+_POLICIES: dict[str, Any] = {
+    "reliability": ReliabilityPolicy,
+    "durability": DurabilityPolicy,
+    "history": HistoryPolicy,
+}
+_NUMBERS = {
+    "reliability": {1: "reliable", 2: "best_effort"},
+    "durability": {1: "transient_local", 2: "volatile"},
+    "history": {1: "keep_last", 2: "keep_all"},
+}
+
+
+class RecordedTopic:
+    """Subscription of one topic.
+
+    Parameters
+    ----------
+    node : Node
+        The recorder.
+    name, kind : str
+        Topic and message type.
+    on_message : callable
+        Gets every message and this topic.
+    policies : mapping, optional
+        QoS policies that a user wants; the others adapt to what is offered.
+
+    Raises
+    ------
+    KeyError
+        If the message type is not installed.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        name: str,
+        kind: str,
+        on_message: Callable[[RecordedMessage, RecordedTopic], None],
+        policies: Mapping[str, Any] | None = None,
+    ) -> None:
+        self._node, self.name, self.kind = node, name, kind
+        self._class = message_class(kind)
+        self._on_message = on_message
+        self._policies = dict(policies or {})
+        self._last = 0
+        self.lost_transport = self.lost_recorder = 0
+        self.publishers = 0
+        self._refused = False
+        self._simulated = bool(node.get_parameter("use_sim_time").value)
+        fields = self._class.get_fields_and_field_types()
+        self.stamped = next(iter(fields.values()), "") == "std_msgs/Header"
+        profiles = self._look()
+        self._profile = _matching(profiles, self._policies)
+        self._subscription: Any = None
+        self.listen()
+
+    @property
+    def latched(self) -> bool:
+        """Whether publishers keep their last messages for those who come later."""
+        return any(o.durability == "transient_local" for o in self.offered)
+
+    @property
+    def heard(self) -> bool:
+        """Whether a message has come since it listens."""
+        return self._last > 0
+
+    def adapt(self) -> bool:
+        """Subscribe anew where what is offered now asks for it; return whether the offer changed.
+
+        A quality that one publisher does not offer is asked of none.
+        """
+        if self._node.count_publishers(self.name) == self.publishers and not self._refused:
+            return False
+        before = self.offered
+        profiles = self._look()
+        wanted = _matching(profiles, self._policies) if profiles else self._profile
+        weaker = (
+            wanted.reliability != self._profile.reliability
+            and wanted.reliability == ReliabilityPolicy.BEST_EFFORT
+        ) or (
+            wanted.durability != self._profile.durability
+            and wanted.durability == DurabilityPolicy.VOLATILE
+        )
+        if weaker:
+            self.silence()
+            self._profile = wanted
+            self._subscription = self._subscribe()
+            self._node.get_logger().info(
+                f"{self.name}: subscribed anew as {wanted.reliability.name.lower()}, "
+                f"{wanted.durability.name.lower()}, which all its publishers offer"
+            )
+        elif self._refused:
+            self._node.get_logger().warning(
+                f"{self.name}: a publisher offers less than is asked for and is not recorded; "
+                "correct the file of qos_profile_overrides_path"
+            )
+        self._refused = False
+        return self.offered != before
+
+    def listen(self) -> None:
+        """Subscribe, where this is not done; what was sent meanwhile was not wanted."""
+        if self._subscription is None:
+            self._last = 0
+            self._subscription = self._subscribe()
+
+    def silence(self) -> None:
+        """Take what has arrived, then stop listening."""
+        subscription, self._subscription = self._subscription, None
+        if subscription is None:
+            return
+        while (
+            arrived := subscription.handle.take_message(subscription.msg_type, True)
+        ) is not None:
+            self._take(arrived)
+        self._node.destroy_subscription(subscription)
+
+    def _look(self) -> list[QoSProfile]:
+        """Note the publishers and what they offer."""
+        profiles = [p.qos_profile for p in self._node.get_publishers_info_by_topic(self.name)]
+        self.publishers = len(profiles)
+        if profiles:
+            self.offered = tuple(dict.fromkeys(_offered(p) for p in profiles))
+        elif not hasattr(self, "offered"):
+            self.offered = (OfferedQos(),)
+        return profiles
+
+    def _subscribe(self) -> Any:
+        subscription = self._node.create_subscription(
+            self._class,
+            self.name,
+            self._take,
+            self._profile,
+            raw=True,
+            event_callbacks=SubscriptionEventCallbacks(
+                incompatible_qos=self._on_refused, use_default_callbacks=False
+            ),
+        )
+        subscription._callback_type = subscription.CallbackType.WithMessageInfo
+        return subscription
+
+    def _on_refused(self, event: Any) -> None:
+        del event
+        self._refused = True
+
+    def _take(self, *arguments: Any) -> None:
+        data, info = arguments if len(arguments) == 2 else arguments[0]
+        sequence = int(info["publication_sequence_number"])
+        if self.publishers <= 1 and 0 < self._last < sequence:
+            self.lost_transport += sequence - self._last - 1
+        self._last = sequence
+        log_ns = int(info["received_timestamp"])
+        if self._simulated:
+            log_ns = self._node.get_clock().now().nanoseconds
+            if log_ns == 0:
+                return  # simulated time has not begun
+        message = RecordedMessage(self.name, data, log_ns, int(info["source_timestamp"]))
+        self._on_message(message, self)
+
+
+def _matching(offered: list[QoSProfile], policies: Mapping[str, Any]) -> QoSProfile:
+    """Ask for the best that all publishers offer, or for what a user wants."""
+    profile = QoSProfile(depth=_DEPTH)
+    reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in offered)
+    latched = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in offered)
+    profile.reliability = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
+    profile.durability = (
+        DurabilityPolicy.TRANSIENT_LOCAL if latched and offered else DurabilityPolicy.VOLATILE
+    )
+    for name, kind in _POLICIES.items():
+        value = _NUMBERS[name].get(policies.get(name), policies.get(name))  # type: ignore[arg-type]
+        if value is not None:
+            setattr(profile, name, kind[str(value).upper()])
+    if "depth" in policies:
+        profile.depth = int(policies["depth"])
+    return profile
+
+
+def _offered(profile: QoSProfile) -> OfferedQos:
+    history = profile.history.name.lower()
+    return OfferedQos(
+        reliability=profile.reliability.name.lower(),
+        durability=profile.durability.name.lower(),
+        history="keep_all" if history == "keep_all" else "keep_last",
+        depth=max(int(profile.depth), 1),
+        liveliness="manual_by_topic" if "MANUAL" in profile.liveliness.name else "automatic",
+        deadline_ns=_nanoseconds(profile.deadline),
+        lifespan_ns=_nanoseconds(profile.lifespan),
+        lease_ns=_nanoseconds(profile.liveliness_lease_duration),
+    )
+
+
+def _nanoseconds(duration: Duration) -> int:
+    """Return a duration, where 0 is unset and stands for ever [ns]."""
+    return min(int(duration.nanoseconds), FOREVER_NS) or FOREVER_NS

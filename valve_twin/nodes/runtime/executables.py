@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What `ros2 run valve_twin NAME` starts."""
+
+from __future__ import annotations
+
+import gc
+import sys
+from importlib import import_module
+
+from valve_twin.nodes.runtime import termination
+
+_NODES = {
+    "twin": ("twin", "TwinNode"),
+    "simulated_valve": ("simulator", "SimulatedValveNode"),
+    "aging_monitor": ("aging", "AgingMonitorNode"),
+    "bag_player": ("player", "BagPlayerNode"),
+    "bag_recorder": ("recorder", "BagRecorderNode"),
+}
+"""Room and class of each node."""
+
+_PREDICT = {"twin"}
+"""Nodes whose kernels come compiled from the installation."""
+
+
+def twin() -> int:
+    """Run the twin of one or more valves."""
+    return run("twin")
+
+
+def simulated_valve() -> int:
+    """Run a simulated valve in place of the hardware."""
+    return run("simulated_valve")
+
+
+def aging_monitor() -> int:
+    """Run the aging monitor of one or more valves."""
+    return run("aging_monitor")
+
+
+def bag_player() -> int:
+    """Play a bag."""
+    return run("bag_player")
+
+
+def bag_recorder() -> int:
+    """Record topics to a bag."""
+    return run("bag_recorder")
+
+
+def _spare_imports() -> None:
+    """Keep numba from importing what no prediction needs: 20 MB and a tenth of the start.
+
+    It imports coverage where it is installed, and all of scipy.linalg only to learn that BLAS is
+    there; the code it makes looks BLAS up by itself when it is called for the first time.
+    """
+    sys.modules.setdefault("coverage", None)  # type: ignore[arg-type]
+    linalg = vars(import_module("numba.np.linalg"))
+    if "ensure_blas" in linalg:
+        linalg["ensure_blas"] = lambda: None
+
+
+def run(name: str) -> int:
+    """Run a node by its name; the signals are taken before the slow imports begin."""
+    termination.install()
+    gc.disable()  # until the node has started: imports make hardly any garbage
+    if name in _PREDICT:
+        _spare_imports()
+    if name == "bag_player":
+        import_module("valve_twin.nodes.player.transport").quicken()
+    room, kind = _NODES[name]
+    make = getattr(import_module(f"valve_twin.nodes.{room}.node"), kind)
+    return int(import_module("valve_twin.nodes.runtime.node").run(make))
+
+
+if __name__ == "__main__":
+    raise SystemExit(run(sys.argv.pop(1)))

@@ -1,0 +1,348 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The one place for the spin loop, the signals and the life of a node."""
+
+from __future__ import annotations
+
+import gc
+import os
+import sys
+import threading
+import traceback
+from collections import deque
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+import rclpy
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.exceptions import ParameterNotDeclaredException, ROSInterruptException
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.experimental import EventsExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+
+from valve_twin.io.config.node_parameters import NODE_PARAMETERS
+from valve_twin.io.errors import ValveTwinError
+from valve_twin.nodes.runtime import termination
+from valve_twin.nodes.runtime.fault_desk import FaultDesk
+from valve_twin.nodes.runtime.parameters import Parameters
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rclpy.parameter import Parameter
+
+RCLError = rclpy_implementation.RCLError
+STEADY = Clock(clock_type=ClockType.STEADY_TIME)
+"""For liveness, diagnostics and pacing; never for the data."""
+
+SPIN_S = 0.1
+"""Longest wait of the loop: a signal is noticed within it [s]."""
+
+
+FAREWELL_S = 0.5
+"""Longest time that the middleware gets to say goodbye [s]."""
+
+
+class ValveNode(LifecycleNode):
+    """Lifecycle node that never dies of its input.
+
+    A subclass implements `configure`, `activate`, `deactivate` and `cleanup`; setting `exit_code`
+    ends the process. An error a user can
+    mend
+    (`ValveTwinError`) in one of the first two is one log line; the node stays alive and can be
+    configured again.
+    """
+
+    works_in_callbacks = False
+    """Whether callbacks do all that is to be done at once, so that `work` may wait."""
+
+    def __init__(self, name: str, **kwargs: Any) -> None:
+        super().__init__(name, **kwargs)
+        self.faults = FaultDesk(self)
+        self.parameters = Parameters(self, is_idle=self._is_idle)
+        self.parameters.declare(NODE_PARAMETERS[name])
+        self.exit_code: int | None = None
+        self.recess: Future | None = None
+        self._inbox: deque[Callable[[], None]] = deque()
+        self._answer_refused_transitions()
+
+    # -- to be implemented
+
+    def configure(self) -> None:
+        """Read the parameters and make what the node needs."""
+
+    def activate(self) -> None:
+        """Begin to take and give data."""
+
+    def deactivate(self) -> None:
+        """Stop taking and giving data."""
+
+    def cleanup(self) -> None:
+        """Free what `configure` made; callable at any time, also after a half configuration."""
+
+    # -- lifecycle
+
+    @property
+    def state(self) -> str:
+        """Lifecycle state: unconfigured, inactive, active or finalized."""
+        return str(self._state_machine.current_state[1])
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Configure; a failure frees what was made."""
+        del state
+        done = self._guarded(self.configure, "configure")
+        if not done:
+            self._guarded(self.cleanup, "clean up")
+        return _SUCCESS if done else _FAILURE
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Activate; a failure undoes what was begun."""
+        super().on_activate(state)
+        done = self._guarded(self.activate, "activate")
+        if done:
+            self.get_logger().info("is active")
+        else:
+            self._guarded(self.deactivate, "deactivate")
+        return _SUCCESS if done else _FAILURE
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Deactivate."""
+        self._guarded(self.deactivate, "deactivate")
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Clean up."""
+        del state
+        self._guarded(self.cleanup, "clean up")
+        return _SUCCESS
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop and clean up from any state."""
+        if state.label == "active":
+            self._guarded(self.deactivate, "deactivate")
+        self._guarded(self.cleanup, "clean up")
+        return _SUCCESS
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Go back to unconfigured, so that a better configuration can be tried."""
+        del state
+        self._guarded(self.cleanup, "clean up")
+        return _SUCCESS
+
+    def start(self) -> None:
+        """Configure and activate where `autostart` says so."""
+        if not self.parameters["autostart"]:
+            return
+        try:
+            with termination.breaking_off():
+                configured = self.trigger_configure() == _SUCCESS
+        except KeyboardInterrupt:
+            return
+        if configured:
+            self.trigger_activate()
+
+    def stop(self) -> None:
+        """End in good order, whatever the state, also in the middle of a configuration."""
+        if self.state == "configuring":
+            self._guarded(self.cleanup, "clean up")
+        else:
+            self._guarded(self.trigger_shutdown, "shut down")
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """Set all or none; a refusal says why and is filed as a fault, too."""
+        try:
+            result = super().set_parameters_atomically(parameter_list)
+        except ParameterNotDeclaredException:
+            reason = self.parameters.unknown(p.name for p in parameter_list)
+            result = SetParametersResult(successful=False, reason=reason)
+        if not result.successful:
+            self.faults.report("parameter.refused", f"parameter refused: {result.reason}")
+        return result
+
+    def _is_idle(self) -> bool:
+        return self.state == "unconfigured"
+
+    def _guarded(self, action: Callable[[], object], what: str) -> bool:
+        try:
+            action()
+        except ValveTwinError as err:
+            self.get_logger().error(f"cannot {what}: {err}")
+        except Exception as err:
+            self.get_logger().error(
+                f"cannot {what}: {type(err).__name__}: {err}\n{traceback.format_exc()}"
+            )
+        else:
+            return True
+        return False
+
+    def _answer_refused_transitions(self) -> None:
+        """Answer a transition that the state does not know; rclpy would raise and not answer."""
+        inner = self._service_change_state.callback
+
+        def change_state(request: Any, response: Any) -> Any:
+            try:
+                return inner(request, response)
+            except RCLError as err:
+                self.get_logger().warning(
+                    f"transition refused in state '{self.state}': {str(err).split(',')[0]}"
+                )
+                response.success = False
+                return response
+
+        self._service_change_state.callback = change_state
+
+    # -- work of other threads
+
+    def post(self, action: Callable[[], None]) -> None:
+        """Run `action` on the node's own thread soon; callable from any thread."""
+        self._inbox.append(action)
+        executor = self.executor
+        if executor is not None:
+            executor.create_task(self._break_off)
+
+    def later(self, action: Callable[[], None]) -> None:
+        """Run `action` after the callbacks that wait now; on the node's own thread only."""
+        executor = self.executor
+        if executor is None:
+            self._inbox.append(action)
+        else:
+            executor.create_task(self._guarded, action, "work")
+
+    def _break_off(self) -> None:
+        """Wake the loop."""
+        if self.recess is not None and not self.recess.done():
+            self.recess.set_result(None)
+
+    def drain(self) -> None:
+        """Run what other threads posted, then what the node has to do between callbacks."""
+        while self._inbox:
+            self._guarded(self._inbox.popleft(), "take a result")
+        self._guarded(self.work, "work")
+
+    def work(self) -> None:
+        """Do what callbacks left to do; called after every callback."""
+
+    def due_s(self) -> float:
+        """Return after which time `work` wants to be called without a callback [s]."""
+        return SPIN_S
+
+
+_SUCCESS = TransitionCallbackReturn.SUCCESS
+_FAILURE = TransitionCallbackReturn.FAILURE
+
+
+def make_executor(kind: str) -> Executor:
+    """Return the executor of that name."""
+    return EventsExecutor() if kind == "events" else SingleThreadedExecutor()
+
+
+def spin(node: ValveNode, executor: Executor) -> None:
+    """Drive the node until a signal or the end of the context; no callback error ends it."""
+    while rclpy.ok() and not termination.stop_requested() and node.exit_code is None:
+        try:
+            _spin(node, executor, min(node.due_s(), SPIN_S))
+        except (ExternalShutdownException, ROSInterruptException, KeyboardInterrupt):
+            return
+        except Exception as err:
+            if not rclpy.ok():
+                return
+            node.get_logger().error(f"{type(err).__name__}: {err}\n{traceback.format_exc()}")
+        node.drain()
+
+
+def _spin(node: ValveNode, executor: Executor, wait_s: float) -> None:
+    """Run one callback; where they work by themselves, all that come until something is due.
+
+    Every return of the events executor costs as much as a message.
+    """
+    if not node.works_in_callbacks or isinstance(executor, SingleThreadedExecutor):
+        executor.spin_once(timeout_sec=wait_s)
+        return
+    node.recess = Future()
+    executor.spin_until_future_complete(node.recess, timeout_sec=wait_s)
+
+
+def _collect_garbage() -> None:
+    """Collect what the start left, once; what it made stays, so later collections are short."""
+    gc.collect()
+    gc.freeze()
+    gc.enable()
+
+
+def run(make: Callable[[], ValveNode], args: list[str] | None = None) -> int:
+    """Make a node and run it until SIGTERM or SIGINT.
+
+    Parameters
+    ----------
+    make : callable
+        Makes the node.
+    args : list of str, optional
+        Command line, default `sys.argv`.
+
+    Returns
+    -------
+    int
+        Exit code: 0, or 1 where the node could not be made.
+    """
+    termination.install()
+    with termination.put_off():
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        try:
+            node = make()
+        except Exception as err:
+            rclpy.logging.get_logger("valve_twin").error(f"cannot start: {err}")
+            return _leave(1, [])
+        executor = make_executor(str(node.parameters["executor"]))
+        executor.add_node(node)
+        node.post(node.start)
+        node.post(_collect_garbage)
+        termination.looping()
+        termination.install()
+    spin(node, executor)
+    termination.ignore()
+    node.stop()
+    code, held = node.exit_code or 0, [node, executor]
+    del node, executor
+    return _leave(code, held)
+
+
+def _leave(code: int, held: list[Any]) -> int:
+    """Say goodbye and end the process here.
+
+    Peers keep a participant that goes without a word until its lease ends, 20 s later, and a
+    lossless publisher waits for it; so node and executor are destroyed, in `held` the last
+    references to them. Should that hang, as destructors of the middleware may, a timer ends the
+    process. What weak references of libraries complain of while all goes tells nobody anything.
+    """
+    sys.unraisablehook = _say_nothing
+    end = threading.Timer(FAREWELL_S, os._exit, (code,))
+    end.daemon = True
+    end.start()
+    try:
+        if held:
+            _destroy(held)
+        rclpy.try_shutdown()
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+
+
+def _say_nothing(_: object) -> None:
+    pass
+
+
+def _destroy(held: list[Any]) -> None:
+    """Destroy node and executor; the participant goes with the last thing that refers to it."""
+    node, executor = held
+    held.clear()
+    with suppress(Exception):
+        executor.remove_node(node)
+        node.destroy_node()
+        node._state_machine.destroy_when_not_in_use()
+    del node, executor
+    gc.collect()

@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Gather the blocks of a valve's signals and hand them on in step.
+
+The core waits for a silent signal by the data's clock. When data arrives faster than real time, or
+the middleware has to send some of it again, a signal that is only on its way looks silent by that
+clock. So samples are held here while a signal lags by more data time than it has been quiet by the
+steady clock, seconds at most. At the pace of a plant nothing is held.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.io.cdr.signals import SignalBlock
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+MOST_WAIT_S = 5.0
+"""Longest wait for a signal; the middleware asks for what it lost every 3 s [s]."""
+
+SHARE = 0.5
+"""A signal that has been quiet for this share of the data time by which it lags is silent [1]."""
+
+_FAR = 2**62
+
+
+class Collector:
+    """Samples on their way to the core.
+
+    Parameters
+    ----------
+    signals : iterable of str
+        Names of all signals.
+    slice_ns : int
+        Data time that is handed on at once [ns]: after a stall no signal runs ahead of the others.
+    """
+
+    def __init__(self, signals: Iterable[str], slice_ns: int) -> None:
+        self._slice_ns = max(slice_ns, 1)
+        self._signals = tuple(signals)
+        self._blocks: dict[str, list[SignalBlock]] = {}
+        self._last_ns: dict[str, int] = {}
+        self._heard_s: dict[str, float] = {}
+        self.oldest_ns = 0
+
+    def __bool__(self) -> bool:
+        """Return whether something waits."""
+        return bool(self._blocks)
+
+    def add(self, block: SignalBlock, received_ns: int, now_s: float) -> None:
+        """Take a block.
+
+        Parameters
+        ----------
+        block : SignalBlock
+            Samples of one signal.
+        received_ns : int
+            When the middleware received it; of the oldest that waits it is `oldest_ns` [ns].
+        now_s : float
+            The steady clock [s].
+        """
+        if not self._blocks:
+            self.oldest_ns = received_ns
+        first, last = int(block.stamp_ns[0]), int(block.stamp_ns[-1])
+        if not self._last_ns or first < self._last_ns[block.signal]:
+            self._last_ns = dict.fromkeys(self._signals, first - 1)
+            self._heard_s = dict.fromkeys(self._signals, now_s)
+        self._blocks.setdefault(block.signal, []).append(block)
+        self._last_ns[block.signal], self._heard_s[block.signal] = last, now_s
+
+    def take(self, now_s: float) -> Iterator[list[SignalBlock]]:
+        """Yield what can be handed on, a round of all signals for every slice, and forget it."""
+        limit = self._limit(now_s)
+        if any(blocks[0].stamp_ns[0] <= limit for blocks in self._blocks.values()):
+            yield from self._slices(self._up_to(limit))
+
+    def take_all(self) -> Iterator[list[SignalBlock]]:
+        """Yield everything."""
+        yield from self._slices(self._up_to(_FAR))
+
+    def _limit(self, now_s: float) -> int:
+        """Return the stamp up to which no signal is waited for."""
+        newest = max(self._last_ns.values(), default=0)
+        limit = _FAR
+        for signal, last in self._last_ns.items():
+            quiet_s = now_s - self._heard_s[signal]
+            if quiet_s < min(SHARE * 1e-9 * (newest - last), MOST_WAIT_S):
+                limit = min(limit, last)
+        return limit
+
+    def _up_to(self, limit: int) -> list[SignalBlock]:
+        """Remove and return the samples up to a stamp, joined by signal."""
+        if limit >= _FAR:
+            whole = [_join(parts) for parts in self._blocks.values()]
+            self._blocks = {}
+            return whole
+        taken, left = [], {}
+        for signal, parts in self._blocks.items():
+            block = _join(parts)
+            n = int(np.searchsorted(block.stamp_ns, limit, side="right"))
+            if n:
+                taken.append(_part(block, 0, n))
+            if n < len(block.stamp_ns):
+                left[signal] = [_part(block, n, len(block.stamp_ns))]
+        self._blocks = left
+        return taken
+
+    def _slices(self, blocks: list[SignalBlock]) -> Iterator[list[SignalBlock]]:
+        """Yield the blocks cut at multiples of the slice after their beginning."""
+        if not blocks:
+            return
+        begin = min(int(b.stamp_ns[0]) for b in blocks)
+        span = max(int(b.stamp_ns[-1]) for b in blocks) - begin
+        if span <= self._slice_ns:
+            yield blocks
+            return
+        at = [0] * len(blocks)
+        for k in range(1, math.ceil(span / self._slice_ns) + 2):
+            parts = []
+            for i, block in enumerate(blocks):
+                later = np.flatnonzero(block.stamp_ns[at[i] :] > begin + k * self._slice_ns)
+                end = at[i] + int(later[0]) if len(later) else len(block.stamp_ns)
+                if end > at[i]:
+                    parts.append(_part(block, at[i], end))
+                at[i] = end
+            if parts:
+                yield parts
+
+
+def _part(block: SignalBlock, first: int, end: int) -> SignalBlock:
+    if first == 0 and end == len(block.stamp_ns):
+        return block
+    part = slice(first, end)
+    return SignalBlock(block.signal, block.stamp_ns[part], block.values[part], block.has_header)
+
+
+def _join(parts: list[SignalBlock]) -> SignalBlock:
+    if len(parts) == 1:
+        return parts[0]
+    return SignalBlock(
+        parts[0].signal,
+        np.concatenate([p.stamp_ns for p in parts]),
+        np.concatenate([p.values for p in parts]),
+        all(p.has_header for p in parts),
+    )

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What runs in the worker process: one estimation at a time, nothing of ROS.
+
+The memory of 50 cycles is large; the worker keeps it between jobs and is sent it only when it
+lacks it, so that the
+data path does not pack it every cycle.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import TYPE_CHECKING
+
+from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
+from valve_twin.core.valves.registry import get_model
+from valve_twin.warmup import predict_once, run_once
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import Cycle, CycleRule, Estimate
+    from valve_twin.core.valves.interface import Options
+
+MEMORY_LACKS = None
+"""Result of a job whose memory the worker does not hold: to be sent again with it."""
+
+_kept: dict[str, tuple[int, Memory]] = {}
+
+
+def run_job(
+    valve: str, model: str, options: Options, cycle: Cycle, ordinal: int, memory: Memory | None
+) -> tuple[Estimate, ...] | None:
+    """Estimate one cycle.
+
+    Parameters
+    ----------
+    valve, model : str
+        Name of the valve and of its model.
+    options : mapping
+        Complete options of the model.
+    cycle : Cycle
+        The cycle.
+    ordinal : int
+        Count of the valve's jobs; the memory after job n is kept for job n + 1.
+    memory : Memory or None
+        What the cycles before taught; None = as kept.
+
+    Returns
+    -------
+    tuple of Estimate or None
+        One an estimator; None (`MEMORY_LACKS`) where the memory is needed and not kept.
+    """
+    if memory is None:
+        kept = _kept.get(valve)
+        if kept is None or kept[0] != ordinal:
+            return MEMORY_LACKS
+        memory = kept[1]
+    estimates, after = estimate_cycle(get_model(model), options, cycle, memory)
+    _kept[valve] = (ordinal + 1, after)
+    return estimates
+
+
+def warm_up(valves: tuple[tuple[str, CycleRule], ...]) -> None:
+    """Load what estimation needs before the first cycle is there.
+
+    Parameters
+    ----------
+    valves : tuple of (str, CycleRule)
+        Model and cycle rule of every valve.
+    """
+    for model, rule in valves:
+        with suppress(ValueError):  # a user's model may come without a simulation
+            run_once(model, rule)
+
+
+def warm_up_prediction(valves: tuple[tuple[str, CycleRule], ...]) -> None:
+    """Load what prediction alone needs before the first sample is there; as `warm_up`."""
+    for model, rule in valves:
+        with suppress(ValueError):  # a user's model may want other parameters
+            predict_once(model, rule)

@@ -1,0 +1,318 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Subscriptions to the signals of a valve: losses counted, reasons for silence named."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from rclpy.duration import Duration
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.qos import (
+    HistoryPolicy,
+    QoSPolicyKind,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_policy_name_from_kind,
+)
+from rclpy.qos_overriding_options import QoSOverridingOptions
+
+from valve_twin.io.cdr.signals import Extractor, RosTypes, SignalBlock, SignalSource, message_class
+from valve_twin.io.errors import ConfigError, suggest
+from valve_twin.nodes.runtime.node import RCLError
+from valve_twin.nodes.runtime.safety import node_name
+
+if TYPE_CHECKING:
+    from rclpy.node import Node
+
+INPUT_CODES = ("input.missing", "input.type", "input.qos", "input.silent")
+"""Faults that `TopicInput.problem` tells of: at most one at a time."""
+
+OVERRUN_S = 0.5
+"""A message that waited this long to be taken, and before which some are missing, tells of an
+overrun of our own queue, not of a loss on the way [s]."""
+
+OnBlock = Callable[[SignalBlock, int], None]
+
+_Arrival: TypeAlias = tuple[Any, Any, int]
+"""A message, what the middleware says about it, and the receive time [ns]."""
+
+
+@dataclass(frozen=True, slots=True)
+class InputConfig:
+    """How inputs are subscribed.
+
+    Attributes
+    ----------
+    depth : int
+        Queue depth [messages]: deep, so that the topics of a valve stay in step. 0 = all: the
+        middleware refuses what it cannot hold and the publisher offers it again, seconds later.
+    deadline_s : float
+        Longest time between two messages that a publisher has to promise [s], 0 = none asked for.
+    silence_s : float
+        After this long without a message a topic is called silent [s].
+    """
+
+    depth: int = 100_000
+    deadline_s: float = 0.0
+    silence_s: float = 5.0
+
+
+def seconds_now() -> float:
+    """Return the steady clock [s]."""
+    return time.monotonic()
+
+
+class TopicInput:
+    """One topic that carries one or more signals.
+
+    Parameters
+    ----------
+    node : Node
+        Where to subscribe.
+    extractors : sequence of Extractor
+        Ways to the signals, all of one topic and type.
+    config : InputConfig
+        Queue, deadline and silence.
+    on_arrival : callable
+        Called for every message with its receive time [ns]; the message is kept until `drain`.
+    on_block : callable
+        Gets every block of samples and when the middleware received it [ns].
+    now_ns : callable
+        Receive time on the node's clock, for messages without a stamp; 0 = not known yet [ns].
+
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        extractors: Sequence[Extractor],
+        config: InputConfig,
+        on_arrival: Callable[[int], None],
+        on_block: OnBlock,
+        now_ns: Callable[[], int],
+    ) -> None:
+        self._node = node
+        self._config = config
+        self._on_arrival = on_arrival
+        self._on_block = on_block
+        self._pending: list[_Arrival] = []
+        self._now_ns = now_ns
+        self.topic = extractors[0].source.topic
+        self.type = extractors[0].source.type
+        self.signals = tuple(e.source.signal for e in extractors)
+        self._extractors = extractors
+        self._raw = all(e.is_raw_readable for e in self._extractors)
+        self._last_sequence = 0
+        self._matched = 0
+        self._since = seconds_now()
+        self._heard: float | None = None
+        self._reliable = not self._is_best_effort_offered()
+        self.received = self.lost = self.overrun = self.broken = self.deadlines_missed = 0
+        self.refused_policy = ""
+        self._subscription = self._subscribe()
+
+    def destroy(self) -> None:
+        """Stop listening."""
+        self._node.destroy_subscription(self._subscription)
+
+    def problem(self) -> tuple[str, str]:
+        """Return fault code and one line why this topic gives nothing, both empty if it does."""
+        if self._matched and self._heard is not None and self.age_s <= self._config.silence_s:
+            return "", ""  # the graph need not be asked
+        publishers = self._node.get_publishers_info_by_topic(self.topic)
+        names = ", ".join(self.signals)
+        key = f"signals.{self.signals[0]}"
+        wrong = [p for p in publishers if p.topic_type != self.type]
+        if wrong and len(wrong) == len(publishers):
+            return "input.type", (
+                f"topic '{self.topic}' (signal {names}) carries {wrong[0].topic_type}, not "
+                f"{self.type}: "
+                f"set {key}.type to {wrong[0].topic_type} and {key}.field to its field"
+            )
+        if not publishers and self._heard is None:
+            return "input.missing", (
+                f"topic '{self.topic}' (signal {names}) has no publisher: start it or correct "
+                f"{key}.topic; {suggest(self.topic, self._candidates())}"
+            )
+        if self.refused_policy and publishers and not self._matched:
+            return "input.qos", (
+                f"topic '{self.topic}' (signal {names}): its publisher {node_name(publishers[0])} "
+                "offers an "
+                f"incompatible {self.refused_policy}: change that policy there, or set "
+                f"{self._remedy()}"
+            )
+        if self.age_s > self._config.silence_s:
+            look = (
+                f"look at its publisher {node_name(publishers[0])}"
+                if publishers
+                else "it has no publisher any more: start it"
+            )
+            return "input.silent", (
+                f"topic '{self.topic}' (signal {names}) is silent for {self.age_s:.0f} s: {look}"
+            )
+        return "", ""
+
+    @property
+    def age_s(self) -> float:
+        """Time since the last message or since the start [s]."""
+        return seconds_now() - (self._heard if self._heard is not None else self._since)
+
+    def _remedy(self) -> str:
+        if self.refused_policy == "DEADLINE":
+            return "deadline_s here"
+        return f"qos_overrides.{self.topic}.subscription.{self.refused_policy.lower()} here"
+
+    def _candidates(self) -> Iterable[str]:
+        """Return topics of the same type that somebody publishes."""
+        known = self._node.get_topic_names_and_types()
+        count = self._node.count_publishers
+        return [name for name, types in known if self.type in types and count(name) > 0]
+
+    def _is_best_effort_offered(self) -> bool:
+        offered = self._node.get_publishers_info_by_topic(self.topic)
+        return any(p.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for p in offered)
+
+    def _subscribe(self) -> Any:
+        config = self._config
+        profile = QoSProfile(
+            history=HistoryPolicy.KEEP_LAST if config.depth else HistoryPolicy.KEEP_ALL,
+            depth=config.depth or 1,
+            reliability=ReliabilityPolicy.RELIABLE
+            if self._reliable
+            else ReliabilityPolicy.BEST_EFFORT,
+        )
+        if config.deadline_s > 0.0:
+            profile.deadline = Duration(nanoseconds=round(config.deadline_s * 1e9))
+        try:
+            subscription = self._create(profile)
+        except RCLError as err:
+            reason = str(err).split(", at ", maxsplit=1)[0]
+            msg = (
+                f"topic '{self.topic}' (signal {', '.join(self.signals)}) cannot be subscribed as "
+                f"{self.type}: {reason}; correct signals.{self.signals[0]}.type"
+            )
+            raise ConfigError(msg) from err
+        # SingleThreadedExecutor passes (message, info), EventsExecutor one tuple of both
+        subscription._callback_type = subscription.CallbackType.WithMessageInfo
+        self._last_sequence = 0
+        return subscription
+
+    def _create(self, profile: QoSProfile) -> Any:
+        config = self._config
+        return self._node.create_subscription(
+            message_class(self.type),
+            self.topic,
+            self._on_message,
+            profile,
+            event_callbacks=SubscriptionEventCallbacks(
+                incompatible_qos=self._on_incompatible,
+                deadline=self._on_deadline if config.deadline_s > 0.0 else None,
+                matched=self._on_matched,
+            ),
+            qos_overriding_options=self._overridable(),
+            raw=self._raw,
+        )
+
+    def _overridable(self) -> QoSOverridingOptions:
+        """Offer policies as parameters; reliability follows the publisher unless it is given."""
+        kinds = [QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY]
+        key = f"qos_overrides.{self.topic}.subscription.reliability"
+        if key in self._node._parameter_overrides:
+            kinds.append(QoSPolicyKind.RELIABILITY)
+        return QoSOverridingOptions(policy_kinds=kinds)
+
+    def _on_message(self, *arguments: Any) -> None:
+        """Keep a message: what comes together is read together."""
+        message, info = arguments if len(arguments) == 2 else arguments[0]
+        self._pending.append((message, info, self._now_ns()))
+        self._on_arrival(info["received_timestamp"])
+
+    def drain(self) -> None:
+        """Read the messages that were kept and hand them on."""
+        if not self._pending:
+            return
+        arrivals, self._pending = self._pending, []
+        self._count(arrivals)
+        oldest_ns = int(arrivals[0][1]["received_timestamp"])
+        arrivals = [a for a in arrivals if a[2] != 0]  # before that simulated time has not begun
+        for extractor in self._extractors if arrivals else ():
+            for block in self._read(extractor, arrivals):
+                self._on_block(block, oldest_ns)
+
+    def _read(self, extractor: Extractor, arrivals: list[_Arrival]) -> Iterator[SignalBlock]:
+        if self._raw and len(arrivals) > 1:
+            run = extractor.from_run([a[0] for a in arrivals], [a[2] for a in arrivals])
+            if run is not None:
+                yield run
+                return
+        read = extractor.from_raw if self._raw else extractor
+        for message, _, now_ns in arrivals:
+            try:
+                block = read(message, now_ns)
+            except (ValueError, TypeError, AttributeError):
+                self.broken += 1
+                continue
+            if len(block.values):
+                yield block
+
+    def _count(self, arrivals: list[_Arrival]) -> None:
+        """Count the gaps in the publisher's numbering; only of one publisher are they losses."""
+        self._heard = seconds_now()
+        self.received += len(arrivals)
+        last = self._last_sequence
+        self._last_sequence = int(arrivals[-1][1]["publication_sequence_number"])
+        if self._matched > 1 or self._last_sequence - last == len(arrivals):
+            return
+        for _, info, _ in arrivals:
+            sequence = int(info["publication_sequence_number"])
+            if 0 < last < sequence - 1:
+                self.lost += sequence - last - 1
+                if time.time_ns() - int(info["received_timestamp"]) > OVERRUN_S * 1e9:
+                    self.overrun += sequence - last - 1
+            last = sequence
+
+    def _on_matched(self, event: Any) -> None:
+        """Begin the numbering anew: another publisher counts for itself.
+
+        The match of the first one may be told after its first messages: it numbers on.
+        """
+        self.drain()
+        self._matched = int(event.current_count)
+        if int(event.total_count) > 1:
+            self._last_sequence = 0
+
+    def _on_incompatible(self, event: Any) -> None:
+        policy = qos_policy_name_from_kind(event.last_policy_kind)
+        if event.last_policy_kind == QoSPolicyKind.RELIABILITY and self._reliable:
+            self._reliable = False
+            self.drain()
+            self._node.get_logger().info(
+                f"topic '{self.topic}' is offered best effort: taken so, losses are counted"
+            )
+            self._node.destroy_subscription(self._subscription)
+            self._subscription = self._subscribe()
+            return
+        self.refused_policy = policy
+
+    def _on_deadline(self, event: Any) -> None:
+        self.deadlines_missed = int(event.total_count)
+
+
+def by_topic(node: Node, sources: Iterable[SignalSource]) -> list[list[Extractor]]:
+    """Check the sources against their types and group those that share topic and type.
+
+    Raises
+    ------
+    ConfigError
+        If a type or a field does not exist; names the nearest.
+    """
+    groups: dict[tuple[str, str], list[Extractor]] = {}
+    where = node.get_fully_qualified_name()
+    for source in sources:
+        extractor = Extractor(source, RosTypes(), where)
+        groups.setdefault((source.topic, source.type), []).append(extractor)
+    return list(groups.values())

@@ -1,0 +1,216 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The twin node: hosts the twins of one or many valves; it never publishes a command."""
+
+from __future__ import annotations
+
+import sys
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from rclpy.clock import JumpThreshold, TimeJump
+from rclpy.duration import Duration
+
+from valve_twin.io.history.store import History
+from valve_twin.nodes.runtime.diagnostics import ERROR, STALE, Diagnostics, Report
+from valve_twin.nodes.runtime.heap import Relief
+from valve_twin.nodes.runtime.node import SPIN_S, ValveNode
+from valve_twin.nodes.runtime.worker import WorkerProcess
+from valve_twin.nodes.twin.estimation_job import warm_up, warm_up_prediction
+from valve_twin.nodes.twin.faults import TwinFaults
+from valve_twin.nodes.twin.inputs import InputConfig, by_topic, seconds_now
+from valve_twin.nodes.twin.keeper import Keeper
+from valve_twin.nodes.twin.live_valve import LiveValve
+from valve_twin.nodes.twin.services import TwinServices
+from valve_twin.nodes.twin.valve_parameters import read_valves
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+FLUSH_S = 1.0
+"""Time that is given to the database at the end [s]."""
+
+SWITCH_S = 2e-4
+"""Longest time for which the threads of worker and database, when they compute, keep the
+interpreter from the data path; 5 ms by default, once or more a cycle [s]."""
+
+_BACKWARD_JUMP_S = 0.1
+
+
+class TwinNode(ValveNode):
+    """Lifecycle node of the twins."""
+
+    works_in_callbacks = True
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("twin", **kwargs)
+        self._valves: list[LiveValve] = []
+        self._awake: set[LiveValve] = set()
+        self._valve_services: list[TwinServices] = []
+        self._keepers: dict[str, Keeper] = {}
+        self._worker: WorkerProcess | None = None
+        self._diagnostics: Diagnostics | None = None
+        self._jump: Any = None
+        self._faults: dict[str, TwinFaults] = {}
+        self._restarts = 0
+        self._left_out: dict[str, str] = {}
+        self._relief = Relief(0)
+
+    def configure(self) -> None:
+        """Open the histories and make the twins with what they had learnt."""
+        self._left_out = {}
+        sys.setswitchinterval(SWITCH_S)
+        configs = read_valves(self, self._left_out)
+        signals = {c.name: by_topic(self, c.signals.values()) for c in configs}
+        timeout = float(self.parameters["busy_timeout_s"])
+        for url in dict.fromkeys(c.history_url for c in configs):
+            self._keepers[url] = Keeper(
+                self,
+                History(url, busy_timeout_s=timeout),
+                retry_s=float(self.parameters["retry_s"]),
+                limit=int(self.parameters["unsaved_limit"]),
+            )
+        kinds = tuple({(c.model, c.cycles.rule) for c in configs})
+        self._worker = WorkerProcess(partial(warm_up, kinds))
+        warm_up_prediction(kinds)
+        for config in configs:
+            valve = LiveValve(
+                self,
+                config,
+                signals[config.name],
+                keeper=self._keepers[config.history_url],
+                worker=self._worker,
+                awake=self._awake,
+            )
+            self._valves.append(valve)
+            self._valve_services.append(TwinServices(self, valve))
+            self._faults[valve.name] = TwinFaults(self.faults, valve)
+            self.get_logger().info(
+                f"{valve.name}: {config.model}, cycles go on from {valve.last_cycle}, "
+                f"history {valve.history.where}"
+            )
+        self._relief = Relief(len(self._valves))
+        self._diagnostics = Diagnostics(self, self._reports)
+
+    def activate(self) -> None:
+        """Listen to the signals."""
+        config = InputConfig(
+            depth=int(self.parameters["input_queue"]),
+            deadline_s=float(self.parameters["deadline_s"]),
+            silence_s=float(self.parameters["silence_s"]),
+        )
+        threshold = JumpThreshold(
+            min_forward=None,
+            min_backward=Duration(nanoseconds=-round(_BACKWARD_JUMP_S * 1e9)),
+            on_clock_change=False,
+        )
+        self._jump = self.get_clock().create_jump_callback(threshold, post_callback=self._on_jump)
+        for valve in self._valves:
+            valve.listen(config)
+        if self._worker is not None:
+            self._worker.begin()
+
+    def deactivate(self) -> None:
+        """Stop listening."""
+        if self._jump is not None:
+            self._jump.unregister()
+            self._jump = None
+        for valve in self._valves:
+            valve.silence()
+
+    def cleanup(self) -> None:
+        """Write what waits, then let go of everything."""
+        end_s = seconds_now() + FLUSH_S
+        keepers = self._keepers.values()
+        unsaved = sum(keeper.close(max(end_s - seconds_now(), 0.05)) for keeper in keepers)
+        if unsaved:
+            self.get_logger().error(
+                f"the database did not take all cycles in time; {unsaved} unsaved ones are lost"
+            )
+        if self._worker is not None:
+            self._worker.close()
+        for service in self._valve_services:
+            service.destroy()
+        for valve in self._valves:
+            valve.close()
+        if self._diagnostics is not None:
+            self._diagnostics.destroy()
+        self._valves, self._valve_services, self._keepers = [], [], {}
+        self._awake.clear()
+        self._worker = self._diagnostics = None
+        self._faults = {}
+
+    def work(self) -> None:
+        """Work on what the inputs gathered."""
+        for valve in tuple(self._awake):
+            valve.work()
+
+    def due_s(self) -> float:
+        """Return when the first valve wants to work [s]."""
+        return min((v.due_s() for v in self._awake), default=SPIN_S)
+
+    def _on_jump(self, jump: TimeJump) -> None:
+        if jump.delta.nanoseconds < 0:
+            for valve in self._valves:
+                valve.clock_jumped()
+
+    def _reports(self) -> Iterable[Report]:
+        self._look_at_node()
+        waiting = sum(v.twin.pending_jobs for v in self._valves)
+        late_s = max((v.worst_latency_s for v in self._valves), default=0.0)
+        self._relief.look(waiting, late_s, seconds_now())
+        for name, why in self._left_out.items():
+            yield Report(f"valve {name}", name, level=ERROR, message=why)
+        for valve in self._valves:
+            yield self._report(valve)
+
+    def _look_at_node(self) -> None:
+        """File what concerns all valves."""
+        simulated = self.get_parameter("use_sim_time").value
+        waiting = simulated and not self.get_clock().now().nanoseconds
+        self.faults.look(
+            "clock.waiting", "use_sim_time is set and no /clock has come yet" if waiting else ""
+        )
+        restarts = max(self._worker.restarts, 0) if self._worker is not None else 0
+        if restarts > self._restarts:
+            self.faults.report(
+                "estimation.worker_died",
+                f"the estimating process was started again, {restarts} times in all",
+                events=restarts - self._restarts,
+            )
+        self._restarts = restarts
+
+    def _report(self, valve: LiveValve) -> Report:
+        self._faults[valve.name].look()
+        report = Report(f"valve {valve.name}", valve.name, self._figures(valve))
+        if valve.stopped:
+            report.raise_to(ERROR, valve.stopped)
+        if self.state != "active":
+            report.raise_to(STALE, f"the node is {self.state}")
+        return report
+
+    def _figures(self, valve: LiveValve) -> dict[str, object]:
+        worst, valve.worst_latency_s = valve.worst_latency_s, 0.0
+        figures: dict[str, object] = {
+            "model": valve.config.model,
+            "cycle": valve.twin.cycle or valve.last_cycle,
+            "samples predicted": valve.predicted,
+            "cycles estimated": valve.estimated,
+            "cycles refused": valve.refused,
+            "cycles stored": valve.stored,
+            "cycles unsaved": valve.unsaved,
+            "cycles dropped unsaved": valve.kept.dropped,
+            "cycles refused by the history": valve.kept.refused,
+            "estimations pending": valve.twin.pending_jobs,
+            "last estimation [s]": f"{valve.estimation_s:.3f}",
+            "worst latency [ms]": f"{1e3 * worst:.2f}",
+            "worker restarts": max(self._worker.restarts, 0) if self._worker is not None else 0,
+        }
+        counts = valve.twin.counts()
+        for topic in valve.inputs:
+            figures[f"{topic.topic} received/lost/unreadable"] = (
+                f"{topic.received}/{topic.lost}/{topic.broken}"
+            )
+        for name, count in counts.items():
+            figures[f"{name} late/duplicate/bad"] = f"{count.late}/{count.duplicate}/{count.bad}"
+        return figures

@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Services of one valve of the twin: maintenance, estimate now, history, error budget."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from valve_twin_msgs import srv
+
+from valve_twin.core.types import Cycle, Maintenance
+from valve_twin.nodes.runtime import messages as convert
+from valve_twin.nodes.runtime.services import DeferredService, Done
+from valve_twin.nodes.twin.budget_service import begin_budget
+from valve_twin.nodes.twin.verdict_log import VerdictLog
+
+if TYPE_CHECKING:
+    from valve_twin.nodes.runtime.node import ValveNode
+    from valve_twin.nodes.runtime.worker import Outcome, WorkerThread
+    from valve_twin.nodes.twin.live_valve import LiveValve
+
+DEFAULT_PAGE = 1000
+
+
+class TwinServices:
+    """The services of one valve; what touches the database runs on its keeper's threads."""
+
+    def __init__(self, node: ValveNode, valve: LiveValve) -> None:
+        self._node, self._valve = node, valve
+        base = f"{valve.name}/twin"
+        self._estimate_now_service = node.create_service(
+            srv.EstimateNow, f"{base}/estimate_now", self._estimate_now
+        )
+        self._verdicts = VerdictLog(node, valve)
+        self._deferred = [
+            DeferredService(node, srv.MarkMaintenance, f"{base}/mark_maintenance", self._mark),
+            DeferredService(node, srv.GetHistory, f"{base}/get_history", self._get_history),
+            DeferredService(node, srv.BackupHistory, f"{base}/backup_history", self._backup),
+            DeferredService(
+                node, srv.GetErrorBudget, f"{base}/get_error_budget", partial(begin_budget, valve)
+            ),
+        ]
+
+    def destroy(self) -> None:
+        """Take the services down."""
+        self._node.destroy_service(self._estimate_now_service)
+        self._verdicts.destroy()
+        for service in self._deferred:
+            service.destroy()
+
+    def _estimate_now(self, request: Any, response: Any) -> Any:
+        del request
+        valve = self._valve
+        valve.work(force=True)
+        events = valve.twin.close_cycle()
+        closed = [e for e in events if isinstance(e, Cycle)]
+        valve.handle(events)
+        response.success = bool(closed)
+        response.cycle = closed[-1].number if closed else 0
+        response.message = (
+            f"cycle {closed[-1].number} closed: {closed[-1].reason}"
+            if closed
+            else f"{valve.name}: no cycle is running; wait for a command or look at the inputs"
+        )
+        return response
+
+    def _mark(self, request: Any, response: Any, done: Done) -> None:
+        valve = self._valve
+        cycle = int(request.cycle) or max(valve.twin.cycle, valve.last_cycle) + 1
+        stamp_ns = valve.last_stamp_ns or self._node.get_clock().now().nanoseconds
+        event = Maintenance(stamp_ns, cycle, request.note, bool(request.new_reference))
+        response.cycle = cycle
+
+        def answer(outcome: Outcome) -> None:
+            response.success = not outcome.error
+            response.message = (
+                outcome.error or f"{valve.name}: maintenance noted from cycle {cycle} on"
+            )
+            done(response)
+
+        work = partial(valve.history.add_maintenance, valve.name, event)
+        self._in_background(valve.kept.keeper.writer, work, answer)
+
+    def _get_history(self, request: Any, response: Any, done: Done) -> None:
+        valve = self._valve
+        estimator = request.estimator or valve.model.trend_estimator
+        first, limit = int(request.first_cycle), int(request.limit) or DEFAULT_PAGE
+
+        def read() -> Any:
+            found = valve.history.estimates(valve.name, estimator, first, limit + 1)
+            page = found[:limit]
+            response.estimates = [
+                convert.estimate_message(valve.name, e, valve.units, stored=True) for e in page
+            ]
+            response.missed_cycles = [e.missed_cycles for e in page]
+            events = valve.history.maintenance(valve.name)
+            response.maintenance = [convert.maintenance_message(e) for e in events]
+            response.more = len(found) > limit
+            response.success = True
+            return response
+
+        def answer(outcome: Outcome) -> None:
+            if outcome.error:
+                response.success, response.message = False, outcome.error
+            done(response)
+
+        self._in_background(valve.kept.keeper.reader, read, answer)
+
+    def _backup(self, request: Any, response: Any, done: Done) -> None:
+        valve = self._valve
+
+        def answer(outcome: Outcome) -> None:
+            response.success = not outcome.error
+            response.path = "" if outcome.error else str(outcome.result)
+            response.message = outcome.error or f"history copied to {outcome.result}"
+            done(response)
+
+        work = partial(valve.history.backup, request.path)
+        self._in_background(valve.kept.keeper.reader, work, answer)
+
+    def _in_background(self, thread: WorkerThread, work: Any, answer: Any) -> None:
+        post = self._node.post
+        thread.submit(work, lambda outcome: post(partial(answer, outcome)))

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The parameters of the valves that a node hosts, from the tables and the reader of files."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from valve_twin.core.valves.registry import get_model
+from valve_twin.io.config.valve import VALVE_SPECS, ValveConfig, parse_config, valve_specs
+from valve_twin.io.config.valve_names import expand_names
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from valve_twin.io.config.schema import Spec
+    from valve_twin.nodes.runtime.node import ValveNode
+
+
+def read_valves(node: ValveNode, refused: dict[str, str] | None = None) -> list[ValveConfig]:
+    """Declare the parameters of the node's valves and read them.
+
+    A valve of several whose own section is wrong is left out and named in the log: the others do
+    their work.
+
+    Parameters
+    ----------
+    node : ValveNode
+        The node.
+    refused : dict, optional
+        Takes, by name, why a valve is left out.
+
+    Returns
+    -------
+    list of ValveConfig
+        At least one.
+
+    Raises
+    ------
+    ConfigError
+        One line that names the node, the key, the value and what to do.
+    """
+    parameters = node.parameters
+    parameters.declare(VALVE_SPECS)
+    model = str(parameters["model"])
+    parameters.declare(_specs(model))
+    names = _names(parameters["valves"])
+    for valve in names:
+        own = str(parameters.overrides.get(f"{valve}.model", model))
+        prefixed = (replace(s, name=f"{valve}.{s.name}") for s in _specs(own))
+        parameters.declare(s for s in prefixed if s.name in parameters.overrides)
+    parameters.warn_unknown(hosts_valves=True)
+    wrong = {v: parameters.take_errors(f"{v}.") for v in names} if len(names) > 1 else {}
+    parameters.check()
+    given = parameters.given() | {
+        name: value for name, value in parameters.overrides.items() if ".simulation." in f".{name}"
+    }
+    for valve, errors in wrong.items():
+        if errors:  # the reader names it: the value itself, not the default that stands for it
+            given |= {k: v for k, v in parameters.overrides.items() if k.startswith(f"{valve}.")}
+    left_out: dict[str, str] = {}
+    where = node.get_fully_qualified_name()
+    configs = parse_config(given, where, namespace=node.get_namespace(), refused=left_out)
+    for valve, why in left_out.items():
+        node.get_logger().error(f"{valve} is left out: {why}")
+    if refused is not None:
+        refused |= left_out
+    return configs
+
+
+def _names(given: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the valves; what is wrong with them the reader says."""
+    try:
+        return expand_names(given)
+    except ValueError:
+        return ()
+
+
+def _specs(model: str) -> Iterable[Spec]:
+    """Return the table of a model; of an unknown one what all share: the reader then names it."""
+    try:
+        return valve_specs(get_model(model))
+    except ValueError:
+        return VALVE_SPECS
