@@ -11,13 +11,12 @@ import numpy as np
 from numba import njit
 
 from valve_twin.core.gaps import GAP_PERIODS
-from valve_twin.core.types import Validity
+from valve_twin.core.types import Restart, Validity
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, ByteArray, FloatArray, Frames, IntArray
     from valve_twin.core.valves.interface import ValveModel
 
-_NEW_CYCLE, _GAP, _NOT_VALID = 1, 2, 3  # the codes of `ValveModel.predict`
 _NO_MODEL = int(Validity.NO_MODEL)
 
 
@@ -49,33 +48,33 @@ def restart_marks(
     Returns
     -------
     (N,) uint8 array
-        Codes of `ValveModel.predict`.
+        One `Restart` a sample.
     """
     restart = np.empty(len(frames), dtype=np.uint8)
-    first = _GAP if before_ns is None else _NEW_CYCLE if opens else 0
     before = int(frames.stamp_ns[0]) - 1 if before_ns is None else before_ns
     gap_ns = GAP_PERIODS * period_s * 1e9
-    _mark_restarts(frames.stamp_ns, frames.valid, before, gap_ns, first, restart)
+    _mark_restarts(frames.stamp_ns, frames.valid, before, gap_ns, restart)
+    if before_ns is None and frames.valid[0]:
+        restart[0] = Restart.GAP
+    elif opens and restart[0] == Restart.GO_ON:
+        restart[0] = Restart.NEW_CYCLE
     return restart
 
 
 @njit(cache=True)
 def _mark_restarts(
-    stamp_ns: IntArray,
-    valid: BoolArray,
-    before_ns: int,
-    gap_ns: float,
-    first: int,
-    restart: ByteArray,
+    stamp_ns: IntArray, valid: BoolArray, before_ns: int, gap_ns: float, restart: ByteArray
 ) -> None:
     last = before_ns
     for n in range(len(stamp_ns)):
         step = stamp_ns[n] - last
         last = stamp_ns[n]
-        code = first if n == 0 else 0
-        if step > gap_ns or step <= 0:
-            code = _GAP
-        restart[n] = code if valid[n] else _NOT_VALID
+        if not valid[n]:
+            restart[n] = Restart.BAD
+        elif step > gap_ns or step <= 0:
+            restart[n] = Restart.GAP
+        else:
+            restart[n] = Restart.GO_ON
 
 
 @njit(cache=True)

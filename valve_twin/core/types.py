@@ -37,6 +37,20 @@ class Validity(IntEnum):
     BAD_INPUT = 5
 
 
+class Restart(IntEnum):
+    """What a predictor does before a sample.
+
+    NEW_CYCLE starts the free run from the measured position and keeps the measured past; GAP (a
+    gap or a jump of the clock lies before the sample) forgets the past; at BAD the sample is not
+    valid and the past is held.
+    """
+
+    GO_ON = 0
+    NEW_CYCLE = 1
+    GAP = 2
+    BAD = 3
+
+
 class EstimateStatus(IntEnum):
     """Whether an estimate may be used; the numbers are those of Estimate.msg."""
 

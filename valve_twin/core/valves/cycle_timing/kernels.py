@@ -19,14 +19,13 @@ from typing import TYPE_CHECKING
 
 from numba import njit
 
+from valve_twin.core.types import Restart, Validity
+
 if TYPE_CHECKING:
     from valve_twin.core.types import ByteArray, FloatArray
 
 STATE_SIZE = 2
 """Samples since the cycle began; 1 where its begin is known."""
-
-_STARTING, _BAD_INPUT = 2, 5
-_GO_ON, _NEW_CYCLE, _GAP, _BAD = 0, 1, 2, 3
 
 
 @njit(cache=True)
@@ -73,8 +72,8 @@ def predict_block(
     flow : (N,) array
         Measured flow; not used: a fixed cycle is known from its beginning.
     restart : (N,) uint8 array
-        0 go on, 1 a cycle starts, 2 a gap lies before, 3 not valid. A record that begins is a
-        cycle that begins; behind a later gap the phase is lost until the next cycle.
+        One `Restart` a sample. A record that begins is a cycle that begins; behind a later gap
+        the phase is lost until the next cycle.
     predicted, simulated : (N,) arrays
         Flow; NaN where nothing is predicted.
     validity : (N,) uint8 array
@@ -83,13 +82,13 @@ def predict_block(
     for n in range(len(flow)):
         flag = restart[n]
         fresh = state[1] == 0.0
-        if flag == _NEW_CYCLE or (fresh and flag == _GAP):
+        if flag == Restart.NEW_CYCLE or (fresh and flag == Restart.GAP):
             state[0], state[1] = 0.0, 1.0
-        elif flag == _GAP:
+        elif flag == Restart.GAP:
             state[0], state[1] = 0.0, -1.0
         expected = profile(state[0], c) if state[1] > 0.0 else nan
         predicted[n] = simulated[n] = expected
-        validity[n] = _STARTING if isnan(expected) else 0
-        if flag == _BAD:
-            validity[n] = _BAD_INPUT
+        validity[n] = Validity.STARTING if isnan(expected) else Validity.VALID
+        if flag == Restart.BAD:
+            validity[n] = Validity.BAD_INPUT
         state[0] += 1.0

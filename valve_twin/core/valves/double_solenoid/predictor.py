@@ -22,6 +22,7 @@ from valve_twin.core.physics.solenoid_map import (
     MapTables,
     coil_force,
 )
+from valve_twin.core.types import Restart, Validity
 from valve_twin.core.valves.double_solenoid.motion import SUB
 from valve_twin.core.valves.double_solenoid.plant_kernel import (
     Second,
@@ -46,8 +47,6 @@ _FORCE_TABLE = CURRENT_NODES * POSITION_NODES
 N_COEFFICIENTS = _SCALARS + _CURRENT_TABLE + _FORCE_TABLE
 
 _POSITION_GAIN, _SPEED_GAIN = 0.5, 0.15  # of the observer, per sample [1] [A]
-_BAD_INPUT, _STARTING, _AT_SEAT = 5, 2, 3
-_NEW_CYCLE, _GAP, _BAD = 1, 2, 3
 
 
 def coefficients(valve: DoubleSolenoidPlant, period_s: float) -> FloatArray:
@@ -131,7 +130,7 @@ def predict_block(
     inputs : (N, 5) array
         Setpoint, voltages and currents [1].
     restart : (N,) uint8 array
-        0 go on, 1 a cycle starts, 2 a gap lies before, 3 not valid.
+        One `Restart` a sample.
     predicted, simulated : (N,) arrays
         One-step prediction and free run [1].
     validity : (N,) uint8 array
@@ -141,22 +140,22 @@ def predict_block(
     scale, period = c[21], c[22]
     for n in range(len(position)):
         flag = restart[n]
-        if flag == _GAP:
+        if flag == Restart.GAP:
             state[_SEEN] = 0.0
         ready = state[_SEEN] > 0.0
-        bad = flag == _BAD
+        bad = flag == Restart.BAD
         i_a, i_b = inputs[n, 3] * scale, inputs[n, 4] * scale
         if ready and not bad:
             _move(state, _OBSERVED, v, m, i_a, i_b, period)
             _move(state, _FREE, v, m, i_a, i_b, period)
         predicted[n] = 0.5 * (state[_OBSERVED] / v.half_stroke + 1.0) if ready else nan
-        validity[n] = _BAD_INPUT if bad else 0 if ready else _STARTING
+        validity[n] = Validity.BAD_INPUT if bad else Validity.VALID if ready else Validity.STARTING
         if ready and not bad and abs(state[_OBSERVED]) >= v.stop:
-            validity[n] = _AT_SEAT
+            validity[n] = Validity.AT_SEAT
         if not bad:
             x = min(max((2.0 * position[n] - 1.0) * v.half_stroke, -v.stop), v.stop)
             _observe(state, v, m, x, (i_a, i_b), ready, period)
-            if flag == _NEW_CYCLE or not ready:
+            if flag == Restart.NEW_CYCLE or not ready:
                 for j in range(4):
                     state[_FREE + j] = state[_OBSERVED + j]
             state[_SEEN] += 1.0

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
+from valve_twin.core.types import Restart, Validity
 from valve_twin.core.valves.hybrid_actuator.flight import advance
 from valve_twin.core.valves.hybrid_actuator.magnetics import Magnetics
 from valve_twin.core.valves.hybrid_actuator.plant_kernel import Armature, net_force
@@ -30,8 +31,6 @@ N_COEFFICIENTS = 20
 _SUBSTEPS = 4
 _POSITION_GAIN, _SPEED_GAIN = 0.5, 0.15  # of the observer, per sample [1] [A]
 _REST_SPEED = 1e-2  # slower than this after an impact is rest [m/s] [A]
-_AT_SEAT, _BAD_INPUT, _STARTING = 3, 5, 2
-_NEW_CYCLE, _GAP, _BAD = 1, 2, 3
 
 
 def coefficients(
@@ -108,7 +107,7 @@ def predict_block(
     inputs : (N, 4) array
         Voltages and currents [1].
     restart : (N,) uint8 array
-        0 go on, 1 a cycle starts, 2 a gap lies before, 3 not valid.
+        One `Restart` a sample.
     predicted, simulated : (N,) arrays
         One-step prediction and free run [1].
     validity : (N,) uint8 array
@@ -119,10 +118,10 @@ def predict_block(
     scale, period = c[18], c[19]
     for n in range(len(position)):
         flag = restart[n]
-        if flag == _GAP:
+        if flag == Restart.GAP:
             state[_SEEN] = 0.0
         now = (state[_OPENER], state[_CLOSER])
-        then = now if flag == _BAD else (inputs[n, 2] * scale, inputs[n, 3] * scale)
+        then = now if flag == Restart.BAD else (inputs[n, 2] * scale, inputs[n, 3] * scale)
         ready = state[_SEEN] > 0.0
         seated = False
         if ready:
@@ -132,12 +131,14 @@ def predict_block(
                 a, m, state[_FREE_X], state[_FREE_V], now, then, period
             )
         predicted[n] = 0.5 * (state[_X] / a.travel + 1.0) if ready else nan
-        validity[n] = _BAD_INPUT if flag == _BAD else _AT_SEAT if seated else 0
-        if not ready and flag != _BAD:
-            validity[n] = _STARTING
-        if flag != _BAD:
+        validity[n] = Validity.AT_SEAT if seated else Validity.VALID
+        if not ready:
+            validity[n] = Validity.STARTING
+        if flag == Restart.BAD:
+            validity[n] = Validity.BAD_INPUT
+        else:
             _observe(state, a, (2.0 * position[n] - 1.0) * a.travel, ready, period)
-            if flag == _NEW_CYCLE or not ready:
+            if flag == Restart.NEW_CYCLE or not ready:
                 state[_FREE_X], state[_FREE_V] = state[_X], state[_V]
             state[_SEEN] += 1.0
             state[_OPENER], state[_CLOSER] = then

@@ -26,6 +26,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
+from valve_twin.core.types import Restart, Validity
+
 if TYPE_CHECKING:
     from valve_twin.core.types import ByteArray, FloatArray
 
@@ -43,9 +45,6 @@ STATE_SIZE = 7
 """Pressure and load flow as observed and of the free run, spool, last opening, samples seen."""
 
 _CORRECTION = 0.5  # share of a pressure error that is charged to the load flow of the sample [A]
-
-_STARTING, _BAD_INPUT = 2, 5
-_NEW_CYCLE, _GAP, _BAD = 1, 2, 3
 
 
 @njit(cache=True)
@@ -163,7 +162,7 @@ def predict_block(
     inputs : (N, 1) array
         Valve opening [1].
     restart : (N,) uint8 array
-        0 go on, 1 a cycle starts, 2 a gap lies before, 3 not valid.
+        One `Restart` a sample.
     predicted, simulated : (N,) arrays
         One-step prediction and free run; NaN at the first sample.
     validity : (N,) uint8 array
@@ -172,11 +171,11 @@ def predict_block(
     q = np.empty(2 * _SUBSTEPS + 1)
     for n in range(len(pressure)):
         flag = restart[n]
-        if flag == _GAP:
+        if flag == Restart.GAP:
             state[_SEEN] = 0.0
         ready = state[_SEEN] > 0.0
-        now = state[_OPENING] if flag == _BAD else inputs[n, 0]
-        validity[n] = 0 if ready else _STARTING
+        now = state[_OPENING] if flag == Restart.BAD else inputs[n, 0]
+        validity[n] = Validity.VALID if ready else Validity.STARTING
         if ready:
             state[_SPOOL] = _flows(state[_SPOOL], state[_OPENING], now, c, q)
             p, w = _advance(state[_PRESSURE], state[_FLOW], q, c)
@@ -185,8 +184,8 @@ def predict_block(
             state[_FREE_PRESSURE], state[_FREE_FLOW] = p, w
         predicted[n] = state[_PRESSURE] if ready else nan
         state[_OPENING] = now
-        if flag == _BAD:
-            validity[n] = _BAD_INPUT
+        if flag == Restart.BAD:
+            validity[n] = Validity.BAD_INPUT
         elif ready:
             error = pressure[n] - state[_PRESSURE]
             state[_FLOW] = _bounded(state[_FLOW] - _CORRECTION * error / c[_PERIOD])
@@ -195,6 +194,6 @@ def predict_block(
             state[_SPOOL], state[_FLOW], state[_SEEN] = now, 0.0, 1.0
             state[_PRESSURE] = state[_FREE_PRESSURE] = pressure[n]
             state[_FREE_FLOW] = 0.0
-        if flag == _NEW_CYCLE and state[_SEEN] > 0.0:
+        if flag == Restart.NEW_CYCLE and state[_SEEN] > 0.0:
             state[_FREE_PRESSURE], state[_FREE_FLOW] = state[_PRESSURE], state[_FLOW]
         simulated[n] = state[_FREE_PRESSURE] if state[_SEEN] > 0.0 else nan

@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
+from valve_twin.core.types import Restart, Validity
 from valve_twin.core.valves.positioner.kernels import (
     HEAD,
     LINE,
@@ -53,8 +54,6 @@ _SUB_STEPS = 4  # sub-steps a sample in which the region is judged anew, with a 
 _STICKS = 0.1  # share of the stiction at which a moving spool comes to rest [1] [A]
 _LONG_LAG = 8.0  # lag in sampling times from which one sub-step will do [1] [A]
 _LEAST_LAG = 1e-9  # below this the lag is none [s]
-_STARTING, _BAD_INPUT = 2, 5
-_NEW_CYCLE, _GAP, _BAD = 1, 2, 3
 
 
 @njit(cache=True)
@@ -270,7 +269,7 @@ def predict_extended(
     inputs : (N, 1) array
         Command [1].
     restart : (N,) uint8 array
-        0 go on, 1 a cycle starts, 2 a gap lies before, 3 not valid.
+        One `Restart` a sample.
     predicted, simulated : (N,) arrays
         One-step prediction and free run [1], NaN before the first delay has passed.
     validity : (N,) uint8 array
@@ -290,10 +289,10 @@ def predict_extended(
     trust = 1.0 / (p[LAG] + period)
     for n in range(len(position)):
         flag = restart[n]
-        if flag == _GAP:
+        if flag == Restart.GAP:
             state[SEEN] = 0.0
         head = int(state[HEAD])
-        line[head] = line[(head - 1) % len(line)] if flag == _BAD else inputs[n, 0]
+        line[head] = line[(head - 1) % len(line)] if flag == Restart.BAD else inputs[n, 0]
         state[HEAD] = (head + 1) % len(line)
         ready = state[SEEN] > max(rising, falling)
         if ready:
@@ -301,12 +300,12 @@ def predict_extended(
             move(seen, target, p, h, steps, m, lower, upper)
             move(free, target, p, h, steps, m, lower, upper)
             predicted[n] = seen[_Y]
-            validity[n] = 0
+            validity[n] = Validity.VALID
         else:
             predicted[n] = nan
-            validity[n] = _STARTING
-        if flag == _BAD:
-            validity[n] = _BAD_INPUT
+            validity[n] = Validity.STARTING
+        if flag == Restart.BAD:
+            validity[n] = Validity.BAD_INPUT
         elif not ready:
             rest_at(seen, position[n])
             free[:] = seen
@@ -315,7 +314,7 @@ def predict_extended(
             seen[_X] += miss
             seen[_Y] = position[n]
             seen[_V] += trust * miss
-            if flag == _NEW_CYCLE:
+            if flag == Restart.NEW_CYCLE:
                 free[:] = seen
         simulated[n] = free[_Y] if ready else nan
         state[SEEN] += 1.0

@@ -25,6 +25,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
+from valve_twin.core.types import Restart, Validity
+
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, ByteArray, FloatArray
 
@@ -40,9 +42,6 @@ _LAST, _FREE, SEEN, HEAD, LINE = 0, 1, 2, 3, 4
 STATE_SIZE = LINE + MAX_LAG + 1 + 8
 """Last measured and free position [1], samples seen, head and content of the delay line, and the
 two motions of the extended law."""
-
-_STARTING, _BAD_INPUT = 2, 5
-_NEW_CYCLE, _GAP, _BAD = 1, 2, 3
 
 
 @njit(cache=True)
@@ -119,7 +118,7 @@ def predict_block(
     inputs : (N, 1) array
         Command [1].
     restart : (N,) uint8 array
-        0 go on, 1 a cycle starts, 2 a gap lies before, 3 not valid.
+        One `Restart` a sample.
     predicted, simulated : (N,) arrays
         One-step prediction and free run [1], NaN before the command of `lag` samples ago is known.
     validity : (N,) uint8 array
@@ -128,10 +127,10 @@ def predict_block(
     lag = int(c[6])
     for n in range(len(position)):
         flag = restart[n]
-        if flag == _GAP:
+        if flag == Restart.GAP:
             state[SEEN] = 0.0
         head = int(state[HEAD])
-        if flag == _BAD:
+        if flag == Restart.BAD:
             state[LINE + head] = state[LINE + (head - 1) % (MAX_LAG + 1)]
         else:
             state[LINE + head] = inputs[n, 0]
@@ -141,16 +140,16 @@ def predict_block(
         if ready:
             predicted[n] = _step(state[_LAST], command, c)
             state[_FREE] = _step(state[_FREE], command, c)
-            validity[n] = 0
+            validity[n] = Validity.VALID
         else:
             predicted[n] = nan
-            validity[n] = _STARTING
-        if flag == _BAD:
-            validity[n] = _BAD_INPUT
+            validity[n] = Validity.STARTING
+        if flag == Restart.BAD:
+            validity[n] = Validity.BAD_INPUT
             state[_LAST] = predicted[n] if ready else state[_LAST]
         else:
             state[_LAST] = position[n]
-            if not ready or flag == _NEW_CYCLE:
+            if not ready or flag == Restart.NEW_CYCLE:
                 state[_FREE] = position[n]
         simulated[n] = state[_FREE] if ready else nan
         state[SEEN] += 1.0

@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from valve_twin.core.types import ByteArray, FloatArray, Validity
+from valve_twin.core.types import ByteArray, FloatArray, Restart, Validity
 
 MAX_LAG = 8
 """Longest lag between command and position that the delay line holds [samples]."""
@@ -28,12 +28,6 @@ COEFFICIENTS = 16
 
 STATE = 6 + 2 * MAX_LAG
 """x[n-1], x[n-2], samples since a gap, free-run x, free-run d, free run on, past commands."""
-
-_VALID = int(Validity.VALID)
-_STARTING = int(Validity.STARTING)
-_AT_SEAT = int(Validity.AT_SEAT)
-_STALE = int(Validity.STALE)
-_BAD_INPUT = int(Validity.BAD_INPUT)
 
 
 @njit(cache=True)
@@ -77,7 +71,7 @@ def predict_block(
     inputs : (N, 2) array
         v_in, v_out [1].
     restart : (N,) uint8 array
-        As in `ValveModel.predict`.
+        One `Restart` a sample.
     predicted, simulated : (N,) arrays
         One-step prediction and free run [1].
     validity : (N,) uint8 array
@@ -86,7 +80,7 @@ def predict_block(
     lag = int(c[9])
     low, high, tolerance = c[10], c[11], c[12]
     for n in range(len(position)):
-        if restart[n] == 2:
+        if restart[n] == Restart.GAP:
             state[2] = 0.0
             state[5] = 0.0
         v_in = max(inputs[n, 0] - c[13], 0.0)
@@ -99,12 +93,12 @@ def predict_block(
         x1, x2 = state[0], state[1]
         hat = step(c, acting_in, acting_out, x1, x1 - x2) if ready else np.nan
         predicted[n] = hat
-        bad = restart[n] == 3 or not np.isfinite(position[n])
+        bad = restart[n] == Restart.BAD or not np.isfinite(position[n])
         x = position[n]
         if bad:
             x = hat if ready else x1
 
-        if not bad and (restart[n] == 1 or state[5] == 0.0):
+        if not bad and (restart[n] == Restart.NEW_CYCLE or state[5] == 0.0):
             state[3] = x
             state[4] = 0.0
             state[5] = 1.0
@@ -116,17 +110,17 @@ def predict_block(
 
         moving = acting_in > c[15] or acting_out > c[15]
         if bad:
-            validity[n] = _BAD_INPUT
+            validity[n] = Validity.BAD_INPUT
         elif not ready:
-            validity[n] = _STARTING
+            validity[n] = Validity.STARTING
         elif (x <= low + tolerance and acting_in <= c[15]) or (
             x >= high - tolerance and acting_out <= c[15]
         ):
-            validity[n] = _AT_SEAT
+            validity[n] = Validity.AT_SEAT
         elif moving and x == x1:
-            validity[n] = _STALE
+            validity[n] = Validity.STALE
         else:
-            validity[n] = _VALID
+            validity[n] = Validity.VALID
 
         if known > 0.0 or not bad:
             state[1] = x1 if known > 0.0 else x

@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 
 from valve_twin.core.physics.hysteresis import PLAYS
+from valve_twin.core.types import Restart, Validity
 from valve_twin.core.valves.servo_system.dynamics import (
     CONTROLS,
     FED_BACK,
@@ -42,8 +43,6 @@ motor's memory and the next step."""
 
 _GAIN = 0.1  # share of the distance to a measured position that is made good [1] [A]
 _RTOL = 1e-4
-_STARTING, _BAD_INPUT = 2, 5
-_NEW_CYCLE, _GAP, _BAD = 1, 2, 3
 
 
 @njit(cache=True)
@@ -97,7 +96,7 @@ def predict_block(
     inputs : (N, 9) array
         Desired position and sensors [1].
     restart : (N,) uint8 array
-        0 go on, 1 a cycle starts, 2 a gap lies before, 3 not valid.
+        One `Restart` a sample.
     predicted, simulated : (N,) arrays
         One-step prediction and free run [1].
     validity : (N,) uint8 array
@@ -110,7 +109,7 @@ def predict_block(
     u[FED_BACK] = nan
     for n in range(len(position)):
         flag = restart[n]
-        if flag == _GAP:
+        if flag == Restart.GAP:
             state[_SEEN] = 0.0
         if state[_SEEN] > 0.0:
             u[WANTED] = (state[_LAST] - 0.5) * stroke
@@ -118,14 +117,16 @@ def predict_block(
             state[_SEEN] = 1.0 if alive else 0.0
         ready = state[_SEEN] > 0.0
         predicted[n] = observed[XP] / stroke + 0.5 if ready else nan
-        validity[n] = _BAD_INPUT if flag == _BAD else 0 if ready else _STARTING
-        if flag != _BAD:
+        validity[n] = Validity.VALID if ready else Validity.STARTING
+        if flag == Restart.BAD:
+            validity[n] = Validity.BAD_INPUT
+        else:
             measured = min(max(position[n], -0.2), 1.2)
             if ready:
                 _shift(observed, p, _GAIN * ((measured - 0.5) * stroke - observed[XP]))
             elif _begin(observed, p, (measured - 0.5) * stroke):
                 state[_SEEN] = 1.0
-            if flag == _NEW_CYCLE or not ready:
+            if flag == Restart.NEW_CYCLE or not ready:
                 free[:] = observed
             state[_LAST] = min(max(inputs[n, 0], -1.0), 2.0)
         simulated[n] = free[XP] / stroke + 0.5 if ready else nan

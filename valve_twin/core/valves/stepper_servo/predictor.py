@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
+from valve_twin.core.types import Restart, Validity
 from valve_twin.core.valves.stepper_servo.kernels import play_step
 
 if TYPE_CHECKING:
@@ -32,9 +33,6 @@ _LENGTH = MAX_LAG + ORDER + 1
 STATE_SIZE = _LINE + _LENGTH
 """Last measured and free position, samples seen, head of the line, linear parts, past measured
 and free positions (3 each), past motor positions."""
-
-_STARTING, _BAD_INPUT = 2, 5
-_NEW_CYCLE, _GAP, _BAD = 1, 2, 3
 
 
 @njit(cache=True)
@@ -88,7 +86,7 @@ def predict_block(
     position, inputs : (N,), (N, 2) arrays
         Measured position; counted motor position and flow [1].
     restart, validity : (N,) uint8 arrays
-        As in `ValveModel.predict`.
+        One `Restart` and one `Validity` a sample.
     predicted, simulated : (N,) arrays
         One-step prediction and free run [1].
     """
@@ -98,12 +96,12 @@ def predict_block(
     past_free = state[_PAST_FREE:_LINE]
     for n in range(len(position)):
         flag = restart[n]
-        if flag == _GAP:
+        if flag == Restart.GAP:
             state[_SEEN] = 0.0
         head = (int(state[_HEAD]) + 1) % _LENGTH
         held = state[_LINE + int(state[_HEAD])]
         state[_HEAD] = head
-        state[_LINE + head] = held if flag == _BAD else inputs[n, 0]
+        state[_LINE + head] = held if flag == Restart.BAD else inputs[n, 0]
         ready = state[_SEEN] >= needed
         one, free = nan, nan
         if ready and wiener:
@@ -116,17 +114,17 @@ def predict_block(
         elif ready:
             one, free = _thread(state, c, state[_LAST]), _thread(state, c, state[_FREE])
         predicted[n] = one
-        validity[n] = 0 if ready else _STARTING
+        validity[n] = Validity.VALID if ready else Validity.STARTING
         measured = position[n]
-        if flag == _BAD:
-            validity[n] = _BAD_INPUT
+        if flag == Restart.BAD:
+            validity[n] = Validity.BAD_INPUT
             measured = one if ready else state[_LAST]
-        elif not ready or flag == _NEW_CYCLE:
+        elif not ready or flag == Restart.NEW_CYCLE:
             free = measured
             past_free[:] = past
             state[_LINEAR] = state[_LINEAR] if ready else measured - c[12]
             state[_FREE_LINEAR] = state[_LINEAR]
-        if not ready and flag == _BAD:
+        if not ready and flag == Restart.BAD:
             free = measured
         for i in range(ORDER - 1, 0, -1):
             past[i], past_free[i] = past[i - 1], past_free[i - 1]
