@@ -6,10 +6,14 @@ from __future__ import annotations
 
 import ast
 import importlib
+import re
+from collections import Counter
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+import yaml
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -63,11 +67,18 @@ SEEDED = {"BitGenerator", "Generator", "PCG64", "Philox", "SeedSequence", "defau
 OUTPUT_AND_EXIT = {"print", "sys.exit", "exit", "quit"}
 COMMANDS = {"__main__.py", "warmup.py", "executables.py"}
 
+MOST_MODULES, MOST_LINES = 15, 450
+"""Of a folder, beside its `__init__`, and of a module."""
+
+EXCEPTIONS = yaml.safe_load((ROOT / "test" / "house.yaml").read_text(encoding="utf-8"))
+"""What still breaks a rule, and may only become less."""
+
 
 def python_files(folder: Path) -> list[Path]:
     return sorted(path for path in folder.rglob("*.py") if "__pycache__" not in path.parts)
 
 
+@cache
 def parse(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
 
@@ -120,7 +131,7 @@ def test_the_check_of_imports_sees_every_form(tmp_path: Path) -> None:
         "sqlalchemy.create_engine",
         "valve_twin.io",
         "valve_twin.nodes",
-        "valve_twin.nodes.twin.node",
+        "valve_twin.nodes.twin",
     }
 
 
@@ -241,3 +252,182 @@ def test_every_package_says_what_it_is_for() -> None:
     folders = {path.parent for path in python_files(PACKAGE)}
     missing = sorted(str(f) for f in folders if not (f / "__init__.py").is_file())
     assert not missing, "without __init__.py, so not installed: " + ", ".join(missing)
+
+
+def imports_between_modules() -> dict[str, set[str]]:
+    """Return by module what it imports of ours, at any depth and for types only as well."""
+    paths = {module_name(path): path for path in python_files(PACKAGE)}
+    found: dict[str, set[str]] = {}
+    for name, path in paths.items():
+        named = {m.removeprefix("valve_twin.") for _, m in imported_modules(path, parse(path))}
+        within: dict[str, set[str]] = {}
+        for module in named:
+            within.setdefault(module.rpartition(".")[0], set()).add(module)
+        packages = {n for n in named if n in within and within[n] <= set(paths)}  # `from n import`
+        found[name] = named.intersection(paths) - packages - {name}
+    return found
+
+
+def module_name(path: Path) -> str:
+    parts = path.relative_to(PACKAGE).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def reached(graph: dict[str, set[str]], start: str) -> set[str]:
+    found: set[str] = set()
+    waiting = [start]
+    while waiting:
+        new = graph.get(waiting.pop(), set()) - found
+        found |= new
+        waiting += new
+    return found
+
+
+def circles(graph: dict[str, set[str]]) -> list[set[str]]:
+    """Return the largest sets of modules that all reach each other."""
+    far = {name: reached(graph, name) for name in graph}
+    found = {
+        frozenset({name} | {other for other in far[name] if name in far[other]})
+        for name in graph
+        if name in far[name]
+    }
+    return sorted(map(set, found), key=sorted)
+
+
+def test_no_import_circle() -> None:
+    known_circles = [set(circle) for circle in EXCEPTIONS["circles"]]
+    found = circles(imports_between_modules())
+    new = [sorted(c) for c in found if not any(c <= known for known in known_circles)]
+    assert not new, "modules that import each other: " + "; ".join(map(", ".join, new))
+    gone = [sorted(known) for known in known_circles if not any(c <= known for c in found)]
+    assert not gone, f"no circles any more, take them off house.yaml: {gone}"
+
+
+def test_the_search_for_circles_finds_them_all() -> None:
+    graph = {"a": {"b"}, "b": {"c"}, "c": {"b", "d"}, "d": {"e"}, "e": {"d"}, "f": {"a"}}
+    assert circles(graph) == [{"b", "c"}, {"d", "e"}]
+
+
+def test_no_folder_has_more_modules_than_a_reader_can_take_in() -> None:
+    count = Counter(p.parent for p in python_files(PACKAGE) if p.name != "__init__.py")
+    full = {str(f.relative_to(ROOT)): n for f, n in count.items() if n > MOST_MODULES}
+    assert not full, f"more than {MOST_MODULES} modules: {full}"
+
+
+def test_no_module_is_longer_than_a_reader_can_take_in() -> None:
+    lines = {
+        str(path.relative_to(PACKAGE)): len(path.read_text(encoding="utf-8").splitlines())
+        for path in python_files(PACKAGE)
+    }
+    long = {p: n for p, n in lines.items() if n > EXCEPTIONS["long"].get(p, MOST_LINES)}
+    assert not long, f"longer than {MOST_LINES} lines, or than they were: {long}"
+    short = sorted(p for p in EXCEPTIONS["long"] if lines.get(p, 0) <= MOST_LINES)
+    assert not short, f"short enough, take them off house.yaml: {short}"
+
+
+def public_functions(path: Path) -> Iterator[ast.FunctionDef]:
+    """Yield functions and methods without an underscore."""
+    for node in parse(path).body:
+        if isinstance(node, ast.FunctionDef):
+            yield node
+        elif isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+            yield from (n for n in node.body if isinstance(n, ast.FunctionDef))
+
+
+def arguments_of(function: ast.FunctionDef) -> list[ast.arg]:
+    given = function.args
+    found = [*given.posonlyargs, *given.args, *given.kwonlyargs]
+    return found[1:] if found and found[0].arg in {"self", "cls"} else found
+
+
+def described(docstring: str) -> dict[str, str]:
+    """Return the text on each parameter, its type included, of a docstring of numpy's form."""
+    _, _, section = f"\n{docstring}\n".partition("\nParameters\n----------\n")
+    section = re.split(r"\n[A-Z][a-z]+\n---", section)[0]
+    found = {}
+    for names, text in re.findall(r"^(\S.*?)(?: : (.*(?:\n[ ].*|\n(?=\n ))*))?$", section, re.M):
+        found |= dict.fromkeys((n.strip(" *") for n in names.split(",")), text)
+    return found
+
+
+def lacks_of(function: ast.FunctionDef) -> list[str]:
+    """Return what the docstring of a function leaves open about its parameters.
+
+    An array needs its shape and every floating-point number its unit, `[1]` if it has none;
+    a name in backticks refers to where both stand.
+    """
+    arguments = arguments_of(function)
+    if len(arguments) < 3 or function.name.startswith("_"):
+        return []
+    texts = described(ast.get_docstring(function) or "")
+    found = []
+    for argument in arguments:
+        kind = ast.unparse(argument.annotation) if argument.annotation else ""
+        text = texts.get(argument.arg)
+        if text is None:
+            found.append(f"{argument.arg} is not described")
+        elif "`" in text:
+            continue
+        elif re.match(r"\w+Array\b", kind) and "(" not in text:
+            found.append(f"{argument.arg} lacks a shape")
+        elif re.match(r"float\b|FloatArray\b", kind) and not re.search(r"\[.+\]", text):
+            found.append(f"{argument.arg} lacks a unit")
+    return found
+
+
+def undescribed() -> dict[str, list[str]]:
+    found: dict[str, list[str]] = {}
+    for path in python_files(PACKAGE):
+        for function in public_functions(path):
+            for lack in lacks_of(function):
+                text = f"{place(path, function)} {function.name}: {lack}"
+                found.setdefault(str(path.relative_to(PACKAGE)), []).append(text)
+    return found
+
+
+def test_public_functions_describe_their_parameters_with_shape_and_unit() -> None:
+    offences = [
+        line
+        for path, lines in undescribed().items()
+        if path not in EXCEPTIONS["undescribed"]
+        for line in lines
+    ]
+    assert not offences, "\n".join(offences)
+
+
+def test_the_check_of_parameters_sees_what_is_missing() -> None:
+    source = (
+        "def f(a: FloatArray, b: float, c: int, d: FloatArray, e: float):\n"
+        '    """Do.\n\n    Parameters\n    ----------\n    a, d : (N,) arrays\n'
+        "        Pressures [Pa].\n\n        Two.\n    b : float\n        Time.\n    e : float\n"
+        "        As in `g`.\n\n    Returns\n    -------\n    c : int\n        Count.\n"
+        '    """\n'
+    )
+    (function,) = ast.parse(source).body
+    assert isinstance(function, ast.FunctionDef)
+    assert lacks_of(function) == ["b lacks a unit", "c is not described"]
+
+
+def test_the_tests_mirror_the_package() -> None:
+    tests = ROOT / "test"
+    files = {str(p.relative_to(tests)) for p in tests.rglob("test_*.py")}
+    modules = {str(p.relative_to(PACKAGE)) for p in python_files(PACKAGE)}
+    tested_in = EXCEPTIONS["tested_in"]
+    of_modules = {str(Path(m).with_name(f"test_{Path(m).name}")) for m in modules}
+    of_modules |= {str(Path(m).with_name(f"test_{Path(m).parent.name}.py")) for m in modules}
+    of_more = {
+        str(Path(f, f"test_{n}.py"))
+        for f, names in EXCEPTIONS["tests_of_more"].items()
+        for n in names
+    }
+    strays = sorted(files - of_modules - of_more)
+    assert not strays, (
+        f"tests of no module of their name; name them so, or what they test: {strays}"
+    )
+    folders = {str(Path(m).parent) for m in modules if not m.endswith("__init__.py")} - {"."}
+    tested = {str(Path(f).parent) for f in files}
+    untested = sorted(folders - tested - set(tested_in))
+    assert not untested, f"folders without a folder of tests: {untested}"
+    stale = sorted(of_more - (files - of_modules))
+    stale += sorted(set(tested_in) - (folders - tested)) + sorted(set(tested_in.values()) - tested)
+    assert not stale, f"no exceptions any more: {stale}"

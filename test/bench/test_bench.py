@@ -9,7 +9,8 @@ import re
 import numpy as np
 import pytest
 
-from valve_twin.bench import Ratio, describe, estimation, require_equal, run, run_benchmarks
+from valve_twin.bench import Ratio, describe, require_equal, run, run_benchmarks
+from valve_twin.bench.models import estimation
 
 LINE = re.compile(
     r"(.+): (\S+) x (.+) \(goal (\S+) x(?:, committed \S+ x)?; (\S+) ms against (\S+) ms\) "

@@ -9,17 +9,9 @@ from typing import TYPE_CHECKING
 
 import yaml
 
-from valve_twin.bench import (
-    archive,
-    estimation,
-    reading,
-    recursion,
-    simulation,
-    solenoid,
-    storing,
-    writing,
-)
+from valve_twin.bench.data import archive, reading, storing, writing
 from valve_twin.bench.measure import Ratio, Scale, describe, median
+from valve_twin.bench.models import estimation, recursion, simulation, solenoid
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -27,9 +19,9 @@ if TYPE_CHECKING:
 
 def _nodes(scale: Scale) -> Iterator[Ratio]:
     """Compare nodes; the rest needs no ROS."""
-    from valve_twin.bench import nodes
+    from valve_twin.bench.nodes import live
 
-    return nodes.compare(scale)
+    return live.compare(scale)
 
 
 AREAS = {

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from valve_twin.bench.servo_peer import loop
+from valve_twin.bench.models.servo_peer import loop
 from valve_twin.core.physics.hysteresis import PLAYS
 from valve_twin.core.valves.servo_system import dynamics as d
 from valve_twin.core.valves.servo_system.integrate import FIRST_STEP, advance, rest, simulate, span

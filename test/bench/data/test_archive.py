@@ -8,7 +8,7 @@ import dataclasses
 
 import pytest
 
-from valve_twin.bench import archive
+from valve_twin.bench.data import archive
 from valve_twin.io.config.valve import parse_config
 
 

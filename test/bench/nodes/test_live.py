@@ -8,8 +8,8 @@ import time
 
 import pytest
 
-from valve_twin.bench import nodes
-from valve_twin.bench.processes import some_domain, start_node
+from valve_twin.bench.nodes import live
+from valve_twin.bench.nodes.processes import some_domain, start_node
 
 pytestmark = pytest.mark.alone
 
@@ -19,7 +19,7 @@ TWIN_MB, PLAIN_MB = 220.0, 150.0
 
 def wait_until_active(node) -> None:
     end = time.monotonic() + 60.0
-    while nodes.ACTIVE not in node.log:
+    while live.ACTIVE not in node.log:
         assert node.alive, node.log
         assert time.monotonic() < end, node.log
         time.sleep(0.01)  # polls another process's output; nothing depends on the length
@@ -28,7 +28,7 @@ def wait_until_active(node) -> None:
 @pytest.fixture(scope="module")
 def run():
     """Run a twin and an echo; some production cycles at 1 kHz are estimated."""
-    with nodes.live(1, 1e-3, peer="echo") as made:
+    with live.live(1, 1e-3, peer="echo") as made:
         made.plant.run(3.0, 1000.0)
         made.settle(made.plant.sent, made.plant.sent)
         yield made

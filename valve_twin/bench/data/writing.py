@@ -10,8 +10,8 @@ from shutil import rmtree
 from time import process_time
 from typing import TYPE_CHECKING, Any
 
+from valve_twin.bench.data.reading import TOPICS, leave_to_the_kernel, press_columns
 from valve_twin.bench.measure import Ratio, Scale, median, require_equal
-from valve_twin.bench.reading import TOPICS, leave_to_the_kernel, press_columns
 from valve_twin.io.bags.definitions import definition
 from valve_twin.io.bags.read import BagWriter, read_columns
 from valve_twin.io.cdr.signals import STAMPED_TYPE, SignalSource

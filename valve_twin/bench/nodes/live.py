@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from valve_twin.bench.measure import Ratio, Scale
-from valve_twin.bench.processes import NodeProcess, some_domain, start_node, start_peer
+from valve_twin.bench.nodes.processes import NodeProcess, some_domain, start_node, start_peer
 from valve_twin.core.alignment import SignalRange
 from valve_twin.core.cycles import CycleConfig
 from valve_twin.core.estimation.cycle.sequence import estimate_cycle
@@ -35,7 +35,7 @@ from valve_twin.io.cdr.signals import batch_stamps
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from valve_twin.bench.plant import Plant, Taken
+    from valve_twin.bench.nodes.plant import Plant, Taken
     from valve_twin.core.simulation.block import SimulationBlock
 
 VALVES = 50
@@ -137,7 +137,7 @@ def live(
     from std_msgs.msg import Int64
     from valve_twin_msgs import msg
 
-    from valve_twin.bench.plant import TOPICS, Plant
+    from valve_twin.bench.nodes.plant import TOPICS, Plant
 
     names = [f"v{n}" for n in range(valves)]
     spaces = [f"/press/{n}" for n in names]

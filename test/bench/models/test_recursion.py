@@ -5,8 +5,8 @@
 import numpy as np
 import pytest
 
-from valve_twin.bench import recursion
 from valve_twin.bench.measure import Scale
+from valve_twin.bench.models import recursion
 from valve_twin.core.estimation.recursive.estimator import Structure
 
 

@@ -77,7 +77,7 @@ def _stiff_loop(repeats: int) -> Ratio:
     """
     from scipy.integrate import solve_ivp
 
-    from valve_twin.bench.servo_peer import loop
+    from valve_twin.bench.models.servo_peer import loop
     from valve_twin.core.physics.hysteresis import PLAYS
     from valve_twin.core.valves.servo_system import dynamics, integrate
     from valve_twin.core.valves.servo_system.plant import ServoSystemPlant

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.bench.estimation import solve_in_cvxpy
 from valve_twin.bench.measure import Ratio, Scale, median
+from valve_twin.bench.models.estimation import solve_in_cvxpy
 from valve_twin.core.simulation import SimulatedValve
 from valve_twin.core.valves.press_cartridge.estimation.constraints import (
     THETA,
