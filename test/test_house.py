@@ -344,7 +344,7 @@ def described(docstring: str) -> dict[str, str]:
     """Return the text on each parameter, its type included, of a docstring of numpy's form."""
     _, _, section = f"\n{docstring}\n".partition("\nParameters\n----------\n")
     section = re.split(r"\n[A-Z][a-z]+\n---", section)[0]
-    found = {}
+    found: dict[str, str] = {}
     for names, text in re.findall(r"^(\S.*?)(?: : (.*(?:\n[ ].*|\n(?=\n ))*))?$", section, re.M):
         found |= dict.fromkeys((n.strip(" *") for n in names.split(",")), text)
     return found
