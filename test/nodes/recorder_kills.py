@@ -27,7 +27,7 @@ from mcap.stream_reader import StreamReader
 
 from test.nodes import recorder_witness
 from test.nodes.recorder_witness import RATE_HZ, TOPICS
-from valve_twin.io.salvage.recover import recover
+from valve_twin.io.offline.recover import recover
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -8,7 +8,7 @@ import pytest
 
 from valve_twin.cli.main import main
 from valve_twin.io.bags.read import BagWriter, bag_info
-from valve_twin.io.salvage.mend import forget
+from valve_twin.io.salvage.read import forget
 
 START_NS = 1_577_836_800_000_000_000
 

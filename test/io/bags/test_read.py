@@ -19,7 +19,7 @@ from valve_twin.io.bags.read import BagWriter, bag_info, bag_types, read_signals
 from valve_twin.io.cdr.codec import encode_stamped
 from valve_twin.io.cdr.signals import SERIES_TYPE, STAMPED_TYPE, SignalSource
 from valve_twin.io.errors import BagError, ConfigError
-from valve_twin.io.salvage.mend import forget
+from valve_twin.io.salvage.read import forget
 
 START_NS = 1_577_836_800_000_000_000
 COMMAND = SignalSource("command", "/press/command")

@@ -12,7 +12,7 @@ from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 
 from valve_twin.io.bags.definitions import definition, type_hash
-from valve_twin.io.bags.metadata import QosProfile
+from valve_twin.io.bags.qos import QosProfile
 from valve_twin.io.bags.writer import BagWriter, SplitRule
 from valve_twin.io.cdr.signals import STAMPED_TYPE
 from valve_twin.io.errors import BagError
@@ -278,7 +278,7 @@ def test_a_file_without_a_message_is_not_split(tmp_path):
 
 
 def test_every_policy_that_is_offered_is_stored(tmp_path):
-    offered = QosProfile("best_effort", "volatile", "keep_all", 3, deadline_ns=1_500_000_000)
+    offered = QosProfile("best_effort", "volatile", "keep_all", 3, deadline=1_500_000_000)
     with BagWriter(tmp_path / "bag") as bag:
         bag.add_topic("/a", STAMPED_TYPE, qos=(offered,))
         bag.write_sample("/a", START_NS, 1.0)

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
 from valve_twin.io.bags.definitions import definition
-from valve_twin.io.bags.types import BagTypes
 from valve_twin.io.cdr.codec import encode_series, encode_stamped
 from valve_twin.io.cdr.signals import (
     SERIES_TYPE,
@@ -22,6 +21,7 @@ from valve_twin.io.cdr.signals import (
     message_class,
     parse_path,
 )
+from valve_twin.io.cdr.types import BagTypes
 from valve_twin.io.errors import ConfigError
 from valve_twin.io.mcap.format import Schema
 

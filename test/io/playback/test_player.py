@@ -7,13 +7,12 @@ import random
 import pytest
 from rosbags.rosbag2 import Reader
 
-from valve_twin.io.bags.metadata import QosProfile
+from valve_twin.io.bags.qos import FOREVER_NS, QosProfile, override, read_offer, read_overrides
 from valve_twin.io.bags.read import bag_info
 from valve_twin.io.bags.writer import BagWriter
 from valve_twin.io.errors import BagError, ConfigError
 from valve_twin.io.playback.choice import Choice, read_remaps, stretch
 from valve_twin.io.playback.player import bag_topics, latched_before, read_messages
-from valve_twin.io.playback.qos import FOREVER_NS, Offer, override, read_offer, read_overrides
 from valve_twin.io.playback.reel import Reel
 
 LATCHED = (QosProfile(durability="transient_local", depth=2),)
@@ -164,11 +163,11 @@ def test_new_names_are_read(bag):
 
 
 def test_numbers_and_words_of_any_recorder_are_read():
-    assert read_offer("") == Offer()
-    assert read_offer("no: list") == Offer()
-    assert read_offer("[{") == Offer()
+    assert read_offer("") == QosProfile()
+    assert read_offer("no: list") == QosProfile()
+    assert read_offer("[{") == QosProfile()
     numbers = "- {history: 3, depth: 0, reliability: 2, durability: 1, deadline: {nsec: 5}}"
-    assert read_offer(numbers) == Offer("best_effort", "transient_local", deadline=5)
+    assert read_offer(numbers) == QosProfile("best_effort", "transient_local", deadline=5)
     words = "- {reliability: reliable, deadline: {sec: 9223372036, nsec: 854775807}}"
     assert read_offer(words).deadline == FOREVER_NS
 
@@ -184,8 +183,8 @@ def test_of_several_publishers_the_strongest_offer_serves_all():
 def test_policies_of_a_file_replace_what_was_recorded(tmp_path):
     path = tmp_path / "qos.yaml"
     path.write_text("/a:\n  reliability: best_effort\n  depth: 3\n  lifespan: {sec: 2}\n")
-    found = override(Offer(durability="transient_local"), read_overrides(path)["/a"], "here")
-    assert found == Offer("best_effort", "transient_local", depth=3, lifespan=2 * S)
+    found = override(QosProfile(durability="transient_local"), read_overrides(path)["/a"], "here")
+    assert found == QosProfile("best_effort", "transient_local", depth=3, lifespan=2 * S)
 
 
 @pytest.mark.parametrize(

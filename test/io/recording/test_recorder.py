@@ -19,7 +19,7 @@ from mcap.records import Message
 from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 
-from valve_twin.io.bags.metadata import QosProfile
+from valve_twin.io.bags.qos import QosProfile
 from valve_twin.io.bags.read import bag_info
 from valve_twin.io.bags.writer import SplitRule
 from valve_twin.io.cdr.codec import encode_stamped

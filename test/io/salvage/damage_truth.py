@@ -19,7 +19,7 @@ from valve_twin.io.bags.definitions import definition
 from valve_twin.io.bags.read import BagWriter
 from valve_twin.io.cdr.codec import encode_series, encode_stamped
 from valve_twin.io.cdr.signals import SERIES_TYPE, STAMPED_TYPE
-from valve_twin.io.salvage.mend import salvage_file, salvaged_messages
+from valve_twin.io.salvage.read import salvage_file, salvaged_messages
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -17,7 +17,7 @@ from valve_twin_msgs.msg import Float64Stamped
 
 from test.nodes.conftest import NS
 from test.nodes.feeding import REARM, START_NS
-from valve_twin.io.bags.metadata import QosProfile
+from valve_twin.io.bags.qos import QosProfile
 from valve_twin.io.bags.writer import BagWriter
 from valve_twin.nodes.player import flow
 from valve_twin.nodes.player.node import BagPlayerNode

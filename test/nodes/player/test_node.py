@@ -17,7 +17,7 @@ from valve_twin_msgs import srv
 from valve_twin_msgs.msg import Float64Stamped
 
 from test.nodes.conftest import NS
-from valve_twin.io.bags.metadata import QosProfile
+from valve_twin.io.bags.qos import QosProfile
 from valve_twin.io.bags.writer import BagWriter
 from valve_twin.io.cdr.codec import encode_stamped
 from valve_twin.io.mcap.reader import McapFile

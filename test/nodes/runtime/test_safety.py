@@ -17,7 +17,7 @@ from valve_twin_msgs import srv
 from valve_twin_msgs.msg import Float64Stamped
 
 from test.nodes.conftest import NS
-from valve_twin.io.bags.metadata import QosProfile as Offered
+from valve_twin.io.bags.qos import QosProfile as Offered
 from valve_twin.io.bags.writer import BagWriter
 from valve_twin.nodes.player.node import BagPlayerNode
 from valve_twin.nodes.runtime.safety import is_free

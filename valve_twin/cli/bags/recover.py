@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     import argparse
 
     from valve_twin.cli.common import Verbs
-    from valve_twin.io.salvage.recover import Recovery
+    from valve_twin.io.offline.recover import Recovery
 
 
 def add(verbs: Verbs) -> None:
@@ -28,7 +28,7 @@ def add(verbs: Verbs) -> None:
 
 
 def _recover(arguments: argparse.Namespace) -> int:
-    from valve_twin.io.salvage.recover import recover
+    from valve_twin.io.offline.recover import recover
 
     found = recover(arguments.bag, arguments.out)
     lines = [json.dumps(_as_map(found))] if arguments.json else _lines(found)

@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from valve_twin.io.bags.folder import bag_files
-from valve_twin.io.bags.types import BagTypes
 from valve_twin.io.cdr.signals import TypeSystem, full_type_name
+from valve_twin.io.cdr.types import BagTypes
 from valve_twin.io.errors import BagError, suggest
 from valve_twin.io.mcap.reader import McapFile
+from valve_twin.io.salvage.read import salvage
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -90,8 +91,8 @@ def bag_info(path: str | Path) -> BagInfo:
 
 
 def open_file(path: Path, stack: ExitStack) -> McapFile:
-    """Open a file until the stack is left."""
-    file = McapFile(path)
+    """Open a file until the stack is left; of a damaged one what is intact is read."""
+    file = McapFile(path, mend=salvage)
     stack.callback(file.close)
     return file
 

@@ -9,7 +9,8 @@ import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, cast
 
-from valve_twin.io.bags.metadata import FileEntry, QosProfile, qos_text
+from valve_twin.io.bags.metadata import FileEntry
+from valve_twin.io.bags.qos import QosProfile, qos_text
 from valve_twin.io.mcap.writer import CHUNK_SIZE, McapWriter
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from typing import BinaryIO
 
     from valve_twin.core.types import IntArray
-    from valve_twin.io.cdr.codec import ByteTable
+    from valve_twin.io.mcap.format import ByteTable
 
 _MODE = 0o644
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""metadata.yaml of a rosbag2 folder and the QoS profiles in it."""
+"""metadata.yaml of a rosbag2 folder."""
 
 from __future__ import annotations
 
@@ -16,47 +16,14 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from valve_twin.io.bags.qos import QosProfile
+
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 FILE_NAME = "metadata.yaml"
 VERSION = 9
 """What the ROS 2 Jazzy recorder writes."""
 
 _ROOT = "rosbag2_bagfile_information"
-FOREVER_NS = 2**63 - 1
-"""A duration that never ends [ns]."""
-
-
-@dataclass(frozen=True, slots=True)
-class QosProfile:
-    """What a publisher offers; the words are those of rosbag2, durations in ns."""
-
-    reliability: str = "reliable"
-    durability: str = "volatile"
-    history: str = "keep_last"
-    depth: int = 10
-    liveliness: str = "automatic"
-    deadline_ns: int = FOREVER_NS
-    lifespan_ns: int = FOREVER_NS
-    lease_ns: int = FOREVER_NS
-
-    def as_map(self) -> dict[str, object]:
-        """Return it as it stands in the file."""
-        return {
-            "history": self.history,
-            "depth": self.depth,
-            "reliability": self.reliability,
-            "durability": self.durability,
-            "deadline": _duration(self.deadline_ns),
-            "lifespan": _duration(self.lifespan_ns),
-            "liveliness": self.liveliness,
-            "liveliness_lease_duration": _duration(self.lease_ns),
-            "avoid_ros_namespace_conventions": False,
-        }
-
-
-def _duration(nanoseconds: int) -> dict[str, int]:
-    seconds, rest = divmod(nanoseconds, 10**9)
-    return {"sec": seconds, "nsec": rest}
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,11 +45,6 @@ class FileEntry:
     start_ns: int
     duration_ns: int
     count: int
-
-
-def qos_text(profiles: Sequence[QosProfile]) -> str:
-    """Return profiles as the text that channels carry."""
-    return yaml.safe_dump([p.as_map() for p in profiles], sort_keys=False).strip()
 
 
 def metadata_map(

@@ -16,7 +16,7 @@ from valve_twin.io.bags.contents import (
     topic_name,
 )
 from valve_twin.io.bags.folder import bag_files
-from valve_twin.io.bags.metadata import QosProfile
+from valve_twin.io.bags.qos import QosProfile
 from valve_twin.io.bags.signals import SLICE_S, read_columns, read_signals, read_texts
 from valve_twin.io.bags.writer import BagWriter
 

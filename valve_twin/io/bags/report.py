@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, TypedDict
 
 from valve_twin.io.bags.contents import contents
 from valve_twin.io.bags.folder import find_files
+from valve_twin.io.bags.qos import read_profiles
+from valve_twin.io.mcap.damage import time_text
 from valve_twin.io.mcap.reader import McapFile
-from valve_twin.io.salvage.damage import time_text
-from valve_twin.io.salvage.mend import salvage_file
-from valve_twin.io.salvage.recover import profiles
+from valve_twin.io.salvage.read import salvage, salvage_file
 
 if TYPE_CHECKING:
     from valve_twin.io.bags.contents import TopicInfo
-    from valve_twin.io.salvage.damage import Loss
+    from valve_twin.io.mcap.damage import Loss
 
 
 class TopicReport(TypedDict):
@@ -85,7 +85,7 @@ def bag_report(path: str | Path, *, verify: bool = False) -> BagReport:
         for name in folder.files:
             if name in folder.missing:
                 continue
-            file = McapFile(name, salvaged=salvage_file(name) if verify else None)
+            file = McapFile(name, mend=salvage, salvaged=salvage_file(name) if verify else None)
             stack.callback(file.close)
             opened.append(file)
             custom |= file.summary.metadata.get("valve_twin", {})
@@ -124,7 +124,7 @@ def _topic(topic: TopicInfo, duration_s: float) -> TopicReport:
         type=topic.type,
         count=topic.count if known else None,
         rate_hz=rate,
-        qos=[p.as_map() for p in profiles(topic.qos)],
+        qos=[p.as_map() for p in read_profiles(topic.qos)],
     )
 
 

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from valve_twin.core.types import IntArray
-    from valve_twin.io.bags.types import BagTypes
+    from valve_twin.io.cdr.types import BagTypes
     from valve_twin.io.mcap.format import ChunkIndex
     from valve_twin.io.mcap.reader import McapFile
 

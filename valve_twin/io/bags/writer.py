@@ -18,11 +18,11 @@ from valve_twin.io.bags.file import BagFile, TopicDescription, sync_folder
 from valve_twin.io.bags.metadata import (
     FILE_NAME,
     FileEntry,
-    QosProfile,
     TopicEntry,
     metadata_map,
     metadata_text,
 )
+from valve_twin.io.bags.qos import QosProfile
 from valve_twin.io.cdr.codec import encode_series, encode_stamped, encode_stamped_rows
 from valve_twin.io.cdr.signals import SERIES_TYPE, STAMPED_TYPE
 from valve_twin.io.errors import BagError
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from valve_twin.core.types import FloatArray, IntArray
-    from valve_twin.io.cdr.codec import ByteTable
+    from valve_twin.io.mcap.format import ByteTable
 
 FLUSH_S = 1.0
 """Longest time that written messages stay in memory [s]."""

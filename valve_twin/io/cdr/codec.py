@@ -17,9 +17,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray, IntArray
-
-ByteTable = np.ndarray[tuple[int, int], np.dtype[np.uint8]]
-"""One row a message, one column a byte."""
+    from valve_twin.io.mcap.format import ByteTable
 
 _LITTLE = b"\x00\x01\x00\x00"
 _SECOND_NS = 1_000_000_000

@@ -7,7 +7,7 @@ from __future__ import annotations
 import mmap
 import struct
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import zstandard
@@ -19,24 +19,23 @@ from valve_twin.io.mcap.format import (
     MAGIC,
     MESSAGE_HEAD,
     RECORD_HEAD,
-    Channel,
     ChunkIndex,
     Cursor,
     Op,
-    Schema,
-    Statistics,
-    read_channel,
-    read_chunk_index,
-    read_schema,
-    read_statistics,
 )
-from valve_twin.io.mcap.summary_check import contradiction, data_sum_is_right
+from valve_twin.io.mcap.summary import (
+    Summary,
+    add_record,
+    contradiction,
+    data_sum_is_right,
+    records_of,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from valve_twin.io.salvage.mend import Salvage
+    from valve_twin.io.mcap.damage import Salvage
 
 
 _FOREIGN = {
@@ -51,17 +50,6 @@ _CHUNK_HEAD = struct.Struct("<QQQII")
 
 _LENGTH = struct.Struct("<Q")
 _BROKEN = (struct.error, ValueError, IndexError, OverflowError)
-
-
-@dataclass(slots=True)
-class Summary:
-    """What a file says about itself; `statistics` is None where it says nothing."""
-
-    schemas: dict[int, Schema] = field(default_factory=dict)
-    channels: dict[int, Channel] = field(default_factory=dict)
-    chunks: list[ChunkIndex] = field(default_factory=list)
-    statistics: Statistics | None = None
-    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,15 +69,13 @@ class DamagedError(BagError):
 class McapFile:
     """One open file.
 
-    Of a damaged file it reads what is intact: `damage` then says what is lost, and so does the
-    log once.
-
     Parameters
     ----------
     path : path
         The file.
-    strict : bool
-        Refuse a damaged file instead.
+    mend : callable, optional
+        Gives what is intact of a damaged file; `damage` then says what is lost. Without it a
+        damaged file is refused.
     salvaged : Salvage, optional
         What is intact of the file, where that is known already.
 
@@ -100,11 +86,15 @@ class McapFile:
     """
 
     def __init__(
-        self, path: Path, *, strict: bool = False, salvaged: Salvage | None = None
+        self,
+        path: Path,
+        *,
+        mend: Callable[[Path], Salvage] | None = None,
+        salvaged: Salvage | None = None,
     ) -> None:
         self.path = path
         self.damage = salvaged
-        self._strict = strict
+        self._salvage = mend
         self._map = _open(path)
         self._view = memoryview(self._map)
         self._unpacker = zstandard.ZstdDecompressor()
@@ -124,9 +114,7 @@ class McapFile:
 
     def _mend(self, err: BagError) -> Salvage:
         """Return what is intact of the file; raise the error where nothing is."""
-        from valve_twin.io.salvage.mend import salvage
-
-        found = None if self._strict else salvage(self.path)
+        found = None if self._salvage is None else self._salvage(self.path)
         if found is None or (not found.rescued and not found.summary.chunks):
             self.close()
             raise err
@@ -252,8 +240,8 @@ class McapFile:
             msg = "check sum of the summary is wrong"
             raise ValueError(msg)
         summary = Summary()
-        for op, body, _ in _records(tail):
-            add_record(summary, op, body)
+        for op, begin, end in records_of(tail):
+            add_record(summary, op, tail[begin:end])
         counted = summary.statistics
         loose = counted is not None and not counted.chunk_count
         if (not crc or loose) and not data_sum_is_right(self._map, start):
@@ -273,17 +261,19 @@ class McapFile:
         """Read the records of the data section one by one: there is no summary."""
         summary = Summary()
         data = self._map[len(MAGIC) : -len(MAGIC)]
-        for op, body, at in _records(data):
+        for op, begin, end in records_of(data):
+            body = data[begin:end]
             if op == Op.CHUNK:
-                start, end, size, _ = Cursor(body).take("QQQI")
-                offset = at + len(MAGIC)
+                start, last, size, _ = Cursor(body).take("QQQI")
+                offset = len(MAGIC) + begin - RECORD_HEAD.size
                 length = len(body) + RECORD_HEAD.size
-                summary.chunks.append(ChunkIndex(start, end, offset, length, {}, 0, "", 0, size))
+                summary.chunks.append(ChunkIndex(start, last, offset, length, {}, 0, "", 0, size))
             else:
                 add_record(summary, op, body)
         for chunk in summary.chunks:
-            for op, body, _ in _records(self.chunk(chunk)):
-                add_record(summary, op, body)
+            records = self.chunk(chunk)
+            for op, begin, end in records_of(records):
+                add_record(summary, op, records[begin:end])
         return summary
 
 
@@ -319,41 +309,11 @@ def _foreign(head: bytes, data: mmap.mmap) -> str:
     return ""
 
 
-def _records(data: bytes) -> Iterator[tuple[int, bytes, int]]:
-    """Yield opcode, body and offset of the records of a section."""
-    at, end = 0, len(data)
-    while at + RECORD_HEAD.size <= end:
-        op, length = RECORD_HEAD.unpack_from(data, at)
-        begin = at + RECORD_HEAD.size
-        if begin + length > end:
-            return
-        yield op, data[begin : begin + length], at
-        at = begin + length
-
-
-def add_record(summary: Summary, op: int, body: bytes) -> None:
-    """Add a definition, index, count or metadata record to a summary."""
-    if op == Op.SCHEMA:
-        schema = read_schema(body)
-        summary.schemas[schema.id] = schema
-    elif op == Op.CHANNEL:
-        channel = read_channel(body)
-        summary.channels[channel.id] = channel
-    elif op == Op.CHUNK_INDEX:
-        summary.chunks.append(read_chunk_index(body))
-    elif op == Op.STATISTICS:
-        summary.statistics = read_statistics(body)
-    elif op == Op.METADATA:
-        cursor = Cursor(body)
-        name = cursor.text()
-        summary.metadata[name] = cursor.text_map()
-
-
 def _metadata_places(tail: bytes) -> dict[str, tuple[int, int]]:
     places = {}
-    for op, body, _ in _records(tail):
+    for op, begin, end in records_of(tail):
         if op == Op.METADATA_INDEX:
-            cursor = Cursor(body)
+            cursor = Cursor(tail[begin:end])
             offset, length = cursor.take("QQ")
             places[cursor.text()] = (offset, length)
     return places

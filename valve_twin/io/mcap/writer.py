@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from typing import BinaryIO
 
     from valve_twin.core.types import IntArray
-    from valve_twin.io.cdr.codec import ByteTable
+    from valve_twin.io.mcap.format import ByteTable
 
 CHUNK_SIZE = 64 * 1024
 """Bytes in a chunk before compression: 0.5 s at 1 kHz are at stake, 1 MiB would be 11 s."""

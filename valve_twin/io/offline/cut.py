@@ -17,9 +17,9 @@ from valve_twin.io.bags.folder import find_files
 from valve_twin.io.bags.read import topic_name
 from valve_twin.io.bags.writer import BagWriter
 from valve_twin.io.errors import BagError, ConfigError
+from valve_twin.io.offline.recover import Digests, declare, verify
 from valve_twin.io.playback.choice import Choice
 from valve_twin.io.playback.player import bag_topics, latched_before, read_messages
-from valve_twin.io.salvage.recover import Digests, declare, verify
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -14,12 +14,13 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import TYPE_CHECKING
 
-from valve_twin.io.bags.read import bag_files, topic_name
+from valve_twin.io.bags.contents import open_file, topic_name
+from valve_twin.io.bags.folder import bag_files
+from valve_twin.io.bags.qos import QosProfile, read_offer
 from valve_twin.io.cdr.signals import full_type_name
 from valve_twin.io.errors import BagError
-from valve_twin.io.mcap.reader import McapFile, messages
+from valve_twin.io.mcap.reader import messages
 from valve_twin.io.playback.choice import Choice
-from valve_twin.io.playback.qos import Offer, read_offer
 from valve_twin.io.playback.types import BagType, problem
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from valve_twin.io.mcap.format import Channel, ChunkIndex
+    from valve_twin.io.mcap.reader import McapFile
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +51,7 @@ class BagTopic:
         Absolute name.
     type : str
         Full type name.
-    qos : Offer
+    qos : QosProfile
         What its publishers offered.
     types : tuple of BagType
         Its definitions; more than one where files of the bag differ.
@@ -57,7 +59,7 @@ class BagTopic:
 
     name: str
     type: str
-    qos: Offer
+    qos: QosProfile
     types: tuple[BagType, ...] = ()
 
     @property
@@ -119,12 +121,7 @@ def _type(file: McapFile, channel: Channel) -> BagType:
 
 
 def _opened(path: str | Path, stack: ExitStack) -> list[McapFile]:
-    files, _ = bag_files(path)
-    opened = []
-    for name in files:
-        opened.append(McapFile(name))
-        stack.callback(opened[-1].close)
-    return opened
+    return [open_file(name, stack) for name in bag_files(path)[0]]
 
 
 def read_messages(

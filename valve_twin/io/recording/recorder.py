@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
-    from valve_twin.io.bags.metadata import QosProfile
+    from valve_twin.io.bags.qos import QosProfile
     from valve_twin.io.recording.ring_buffer import RecordedMessage
 
 LOOK_BYTES = 64 * 1024

@@ -26,11 +26,10 @@ from valve_twin.io.mcap.format import (
     read_channel,
     read_schema,
 )
+from valve_twin.io.mcap.summary import records_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from valve_twin.io.salvage.resync import Bytes
+    from valve_twin.io.salvage.records import Bytes
 
 _MARKS = {b"\x28\xb5\x2f\xfd": "zstd", b"\x04\x22\x4d\x18": "lz4"}
 _NAMES = {0: "", 3: "lz4", 4: "zstd"}
@@ -361,15 +360,3 @@ def _define(found: Walk, op: int, body: bytes) -> None:
             found.channels[channel.id] = channel
     except (struct.error, ValueError):
         return
-
-
-def records_of(data: bytes) -> Iterator[tuple[int, int, int]]:
-    """Yield opcode, begin and end of the body of every whole record."""
-    at, end = 0, len(data)
-    while at + RECORD_HEAD.size <= end:
-        op, length = RECORD_HEAD.unpack_from(data, at)
-        begin = at + RECORD_HEAD.size
-        if begin + length > end:
-            return
-        yield op, begin, begin + length
-        at = begin + length

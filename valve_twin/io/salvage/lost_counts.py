@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 import yaml
 
-from valve_twin.io.bags.metadata import FILE_NAME
-from valve_twin.io.salvage.damage import Loss, total_lost
+from valve_twin.io.mcap.damage import Loss, total_lost
 from valve_twin.io.salvage.tail import Tail, Trust
 
 if TYPE_CHECKING:
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
     from valve_twin.io.mcap.format import Channel, Statistics
 
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-_ROOT = "rosbag2_bagfile_information"
+_FILE_NAME, _ROOT = "metadata.yaml", "rosbag2_bagfile_information"
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +73,7 @@ def _covers(expected: Mapping[str, int], present: Mapping[str, int]) -> bool:
 def _by_metadata(path: Path, found: int, present: Mapping[str, int]) -> Expected:
     """Read the counts of the metadata.yaml beside a file; believed only where they add up."""
     try:
-        text = (path.parent / FILE_NAME).read_text(encoding="utf-8")
+        text = (path.parent / _FILE_NAME).read_text(encoding="utf-8")
         root = yaml.load(text, _LOADER)[_ROOT]  # a safe loader, the fast one
         files = {str(f["path"]): f for f in root["files"]}
         own = files[path.name]

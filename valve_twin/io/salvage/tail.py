@@ -11,13 +11,13 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 from valve_twin.io.mcap.format import FOOTER_SIZE, MAGIC, RECORD_HEAD, Op
-from valve_twin.io.mcap.reader import Summary, add_record
-from valve_twin.io.salvage.resync import next_record, record_end
+from valve_twin.io.mcap.summary import Summary, add_record
+from valve_twin.io.salvage.records import next_record, record_end
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from valve_twin.io.salvage.resync import Bytes
+    from valve_twin.io.salvage.records import Bytes
 
 _DATA_END = RECORD_HEAD.pack(Op.DATA_END, 4)
 _DATA_END_SIZE = RECORD_HEAD.size + 4

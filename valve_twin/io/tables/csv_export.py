@@ -25,8 +25,8 @@ from valve_twin.io.playback.player import read_messages
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from valve_twin.io.bags.types import BagTypes
     from valve_twin.io.cdr.signals import Message
+    from valve_twin.io.cdr.types import BagTypes
     from valve_twin.io.config.valve import ValveConfig
 
 Cell: TypeAlias = "int | float | str | bool | bytes | None"

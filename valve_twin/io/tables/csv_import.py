@@ -21,7 +21,7 @@ import numpy as np
 from valve_twin.core.estimation.cycle.plausibility import LARGEST, unit_fault, wrong_step
 from valve_twin.core.types import CycleRule, FloatArray, IntArray
 from valve_twin.core.valves.registry import get_model
-from valve_twin.io.bags.metadata import QosProfile
+from valve_twin.io.bags.qos import QosProfile
 from valve_twin.io.bags.writer import BagWriter
 from valve_twin.io.cdr.codec import encode_series, encode_stamped, encode_string
 from valve_twin.io.cdr.signals import SERIES_TYPE, STAMPED_TYPE, SignalSource

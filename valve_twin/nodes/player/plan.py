@@ -18,12 +18,13 @@ from rclpy.qos import (
 )
 from rclpy.validate_full_topic_name import validate_full_topic_name
 
+from valve_twin.io.bags.qos import FOREVER_NS, override, read_overrides
+from valve_twin.io.bags.qos import QosProfile as OfferedQos
 from valve_twin.io.cdr.signals import message_class
 from valve_twin.io.config.topic_names import resolve_topic
 from valve_twin.io.errors import ConfigError
 from valve_twin.io.playback.choice import Choice, Stretch, read_remaps, stretch
 from valve_twin.io.playback.player import BagTopic, bag_topics
-from valve_twin.io.playback.qos import FOREVER_NS, Offer, override, read_overrides
 from valve_twin.nodes.player.outlets import DEPTH
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ class Route:
         As it is in the bag.
     name : str
         Under which it is published, before the node's own remappings.
-    offer : Offer
+    offer : OfferedQos
         Policies of its publisher.
     ticks : bool
         /clock goes before its messages.
@@ -52,7 +53,7 @@ class Route:
 
     topic: BagTopic
     name: str
-    offer: Offer
+    offer: OfferedQos
     ticks: bool
 
 
@@ -205,7 +206,7 @@ def _routes(parameters: Parameters, topics: list[BagTopic]) -> list[Route]:
     return found
 
 
-def _lossless(offer: Offer) -> Offer:
+def _lossless(offer: OfferedQos) -> OfferedQos:
     """Serve best-effort subscribers too, but lose nothing to reliable ones."""
     history = "keep_last" if offer.is_latched else "keep_all"
     return replace(offer, reliability="reliable", history=history)
@@ -228,12 +229,12 @@ def _check_names(routes: list[Route], where: str) -> None:
             raise ConfigError(msg)
 
 
-def profile(offer: Offer, *, latched: bool) -> QoSProfile:
+def profile(offer: OfferedQos, *, latched: bool) -> QoSProfile:
     """Return the profile of a publisher.
 
     Parameters
     ----------
-    offer : Offer
+    offer : OfferedQos
         Its policies.
     latched : bool
         Whether it may keep messages for subscribers that come later.

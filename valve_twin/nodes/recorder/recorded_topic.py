@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-from valve_twin.io.bags.metadata import FOREVER_NS
-from valve_twin.io.bags.metadata import QosProfile as OfferedQos
+from valve_twin.io.bags.qos import FOREVER_NS
+from valve_twin.io.bags.qos import QosProfile as OfferedQos
 from valve_twin.io.cdr.signals import message_class
 from valve_twin.io.recording.ring_buffer import RecordedMessage
 
@@ -206,9 +206,9 @@ def _offered(profile: QoSProfile) -> OfferedQos:
         history="keep_all" if history == "keep_all" else "keep_last",
         depth=max(int(profile.depth), 1),
         liveliness="manual_by_topic" if "MANUAL" in profile.liveliness.name else "automatic",
-        deadline_ns=_nanoseconds(profile.deadline),
-        lifespan_ns=_nanoseconds(profile.lifespan),
-        lease_ns=_nanoseconds(profile.liveliness_lease_duration),
+        deadline=_nanoseconds(profile.deadline),
+        lifespan=_nanoseconds(profile.lifespan),
+        liveliness_lease_duration=_nanoseconds(profile.liveliness_lease_duration),
     )
 
 

@@ -12,22 +12,19 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import yaml
-
 from valve_twin.io.bags.folder import find_files
-from valve_twin.io.bags.metadata import QosProfile
+from valve_twin.io.bags.qos import read_profiles
 from valve_twin.io.bags.writer import BagWriter
 from valve_twin.io.cdr.signals import full_type_name
 from valve_twin.io.errors import BagError
 from valve_twin.io.mcap.reader import McapFile, messages
-from valve_twin.io.playback.qos import read_offer
-from valve_twin.io.salvage.mend import Salvage, salvage_file, salvaged_messages
+from valve_twin.io.salvage.read import salvage_file, salvaged_messages
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from valve_twin.io.mcap.damage import Loss, Salvage
     from valve_twin.io.mcap.format import Channel, Schema
-    from valve_twin.io.salvage.damage import Loss
 
 _HEAD = struct.Struct("<QQQ")
 
@@ -155,7 +152,7 @@ def verify(path: Path, expected: Digests) -> None:
     """
     found = Digests()
     for file in find_files(path).files:
-        opened = McapFile(file, strict=True)
+        opened = McapFile(file)
         try:
             names = {i: c.topic for i, c in opened.summary.channels.items()}
             for chunk in opened.summary.chunks:
@@ -214,7 +211,7 @@ def declare(bag: BagWriter, channel: Channel, schema: Schema | None) -> str:
         bag.add_topic(
             channel.topic,
             type_name,
-            qos=profiles(channel.metadata.get("offered_qos_profiles", "")),
+            qos=read_profiles(channel.metadata.get("offered_qos_profiles", "")),
             message_definition=schema.data.decode(errors="replace"),
             definition_hash=channel.metadata.get("topic_type_hash", ""),
             encoding=schema.encoding,
@@ -222,30 +219,6 @@ def declare(bag: BagWriter, channel: Channel, schema: Schema | None) -> str:
     except BagError as err:
         return str(err)
     return ""
-
-
-def profiles(text: str) -> tuple[QosProfile, ...]:
-    """Return the profiles that a channel carries; none where it says nothing that can be read."""
-    try:
-        listed = yaml.safe_load(text) if text else None
-    except yaml.YAMLError:
-        listed = None
-    if not isinstance(listed, list):
-        return ()
-    offers = [read_offer(yaml.safe_dump([one])) for one in listed if isinstance(one, dict)]
-    return tuple(
-        QosProfile(
-            o.reliability,
-            o.durability,
-            o.history,
-            o.depth,
-            o.liveliness,
-            o.deadline,
-            o.lifespan,
-            o.liveliness_lease_duration,
-        )
-        for o in offers
-    )
 
 
 def _custom(

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Say what a damaged file has lost: place, topics, time and how many messages."""
+"""What a damaged file still holds and what it has lost: place, topics, time and messages."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
+
+    from valve_twin.io.mcap.summary import Summary
 
 _SECOND_NS = 1_000_000_000
 _SHOWN = 6
@@ -92,6 +94,45 @@ class Loss:
         begin = "unknown" if self.start_ns is None else time_text(self.start_ns)
         end = "unknown" if self.end_ns is None else time_text(self.end_ns)
         return f"from {begin} to {end}"
+
+
+@dataclass(frozen=True, slots=True)
+class Salvage:
+    """What a damaged file still holds.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    summary : Summary
+        Definitions, chunks and counts of what is readable.
+    rescued : dict
+        Records of those chunks that cannot be read as they stand, by their offset.
+    losses : tuple of Loss
+        Damaged places in the order of the file.
+    unverified : dict
+        Messages of those chunks for which no check sum stands, by offset.
+    suspects : int
+        Unverified messages with values that are no finite number.
+    lost : dict or None
+        Lost messages by topic, None = unknown.
+    lost_count : int or None
+        Lost messages, None = unknown.
+    """
+
+    path: Path
+    summary: Summary
+    rescued: dict[int, bytes]
+    losses: tuple[Loss, ...]
+    unverified: dict[int, int]
+    suspects: int
+    lost: dict[str, int] | None
+    lost_count: int | None
+
+    @property
+    def unverified_count(self) -> int:
+        """Messages for whose values no check sum stands."""
+        return sum(self.unverified.values())
 
 
 def total_lost(losses: Sequence[Loss]) -> int | None:

@@ -16,16 +16,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.io.bags.types import BagTypes
 from valve_twin.io.cdr.signals import STAMPED_TYPE, Message
+from valve_twin.io.cdr.types import BagTypes
 from valve_twin.io.errors import BagError
 from valve_twin.io.mcap.format import MESSAGE_HEAD, RECORD_HEAD, Channel, Op, Schema
-from valve_twin.io.salvage.resync import is_whole, next_record, record_end
+from valve_twin.io.salvage.records import is_whole, next_record, record_end
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from valve_twin.io.salvage.resync import Bytes
+    from valve_twin.io.salvage.records import Bytes
 
 _INDEX_HEAD = struct.Struct("<HI")
 _ENTRY = struct.Struct("<QQ")

@@ -1,21 +1,75 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Check what a summary without check sum says against the records of its file."""
+"""What an MCAP file says about itself, and whether its records agree."""
 
 from __future__ import annotations
 
 import struct
 import zlib
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from valve_twin.io.mcap.format import MAGIC, RECORD_HEAD, Op
+from valve_twin.io.mcap.format import (
+    MAGIC,
+    RECORD_HEAD,
+    Channel,
+    ChunkIndex,
+    Cursor,
+    Op,
+    Schema,
+    Statistics,
+    read_channel,
+    read_chunk_index,
+    read_schema,
+    read_statistics,
+)
 
 if TYPE_CHECKING:
     import mmap
-
-    from valve_twin.io.mcap.reader import Summary
+    from collections.abc import Iterator
 
 _SUM = struct.Struct("<I")
+
+
+@dataclass(slots=True)
+class Summary:
+    """What a file says about itself; `statistics` is None where it says nothing."""
+
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    chunks: list[ChunkIndex] = field(default_factory=list)
+    statistics: Statistics | None = None
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+
+
+def records_of(data: bytes | memoryview) -> Iterator[tuple[int, int, int]]:
+    """Yield opcode, begin and end of the body of every whole record of a section."""
+    at, end = 0, len(data)
+    while at + RECORD_HEAD.size <= end:
+        op, length = RECORD_HEAD.unpack_from(data, at)
+        begin = at + RECORD_HEAD.size
+        if begin + length > end:
+            return
+        yield op, begin, begin + length
+        at = begin + length
+
+
+def add_record(summary: Summary, op: int, body: bytes) -> None:
+    """Add a definition, index, count or metadata record to a summary."""
+    if op == Op.SCHEMA:
+        schema = read_schema(body)
+        summary.schemas[schema.id] = schema
+    elif op == Op.CHANNEL:
+        channel = read_channel(body)
+        summary.channels[channel.id] = channel
+    elif op == Op.CHUNK_INDEX:
+        summary.chunks.append(read_chunk_index(body))
+    elif op == Op.STATISTICS:
+        summary.statistics = read_statistics(body)
+    elif op == Op.METADATA:
+        cursor = Cursor(body)
+        name = cursor.text()
+        summary.metadata[name] = cursor.text_map()
 
 
 def contradiction(data: mmap.mmap, summary: Summary) -> str:

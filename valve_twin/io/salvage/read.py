@@ -17,12 +17,13 @@ from typing import TYPE_CHECKING
 from valve_twin.io.errors import BagError
 from valve_twin.io.mcap.format import MAGIC
 from valve_twin.io.mcap.reader import McapFile, RawMessage, messages
-from valve_twin.io.salvage.salvaged import Salvage
 from valve_twin.io.salvage.scan import Scan
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
+
+    from valve_twin.io.mcap.damage import Salvage
 
 _LOGGER = logging.getLogger("valve_twin")
 
@@ -91,7 +92,7 @@ def salvage_file(path: Path) -> Salvage:
 def salvaged_messages(path: Path, found: Salvage) -> Iterator[tuple[RawMessage, bool]]:
     """Yield every message of a salvaged file in its order, and whether it is verified."""
     channels = set(found.summary.channels)
-    file = McapFile(path, salvaged=found)
+    file = McapFile(path, mend=salvage, salvaged=found)
     try:
         for chunk in found.summary.chunks:
             verified = chunk.offset not in found.unverified
@@ -99,6 +100,3 @@ def salvaged_messages(path: Path, found: Salvage) -> Iterator[tuple[RawMessage, 
                 yield message, verified
     finally:
         file.close()
-
-
-__all__ = ["Salvage", "forget", "is_mcap", "salvage", "salvage_file", "salvaged_messages"]

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from valve_twin.io.mcap.format import Channel, Schema
-    from valve_twin.io.mcap.reader import Summary
+    from valve_twin.io.mcap.summary import Summary
 
 
 def definitions_beside(

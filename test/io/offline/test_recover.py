@@ -15,8 +15,8 @@ from valve_twin.io.bags.read import BagWriter, QosProfile, bag_info, read_signal
 from valve_twin.io.bags.report import bag_report, report_lines
 from valve_twin.io.cdr.signals import STAMPED_TYPE, SignalSource
 from valve_twin.io.errors import BagError
-from valve_twin.io.salvage.mend import salvage_file
-from valve_twin.io.salvage.recover import Digests, recover, verify
+from valve_twin.io.offline.recover import Digests, recover, verify
+from valve_twin.io.salvage.read import salvage_file
 
 START_NS = 1_577_836_800_000_000_000
 LATCHED = QosProfile(reliability="best_effort", durability="transient_local", depth=3)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""What the publisher of a recorded topic offered, and what a user wants instead.
+"""QoS profiles: what the publisher of a recorded topic offered, what a user wants instead.
 
 The words and the file are those of rosbag2: `offered_qos_profiles` in the bag, and a YAML file
 that maps topics to policies.
@@ -17,13 +17,10 @@ import yaml
 from valve_twin.io.errors import ConfigError, suggest
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
 FOREVER_NS = 2**63 - 1
 """A duration that never ends [ns]."""
-
-DEPTH = 10
-"""History of a topic whose bag says nothing [messages]."""
 
 _WORDS: dict[str, dict[object, str]] = {
     "reliability": {1: "reliable", 2: "best_effort"},
@@ -37,8 +34,8 @@ _IGNORED = {"avoid_ros_namespace_conventions"}
 
 
 @dataclass(frozen=True, slots=True)
-class Offer:
-    """Policies of a publisher.
+class QosProfile:
+    """What a publisher offers; where a bag says nothing, this.
 
     Attributes
     ----------
@@ -53,7 +50,7 @@ class Offer:
     reliability: str = "reliable"
     durability: str = "volatile"
     history: str = "keep_last"
-    depth: int = DEPTH
+    depth: int = 10
     deadline: int = FOREVER_NS
     lifespan: int = FOREVER_NS
     liveliness: str = "automatic"
@@ -64,9 +61,33 @@ class Offer:
         """Whether a subscriber that comes later gets what was sent before."""
         return self.durability == "transient_local"
 
+    def as_map(self) -> dict[str, object]:
+        """Return it as it stands in a bag."""
+        return {
+            "history": self.history,
+            "depth": self.depth,
+            "reliability": self.reliability,
+            "durability": self.durability,
+            "deadline": _seconds(self.deadline),
+            "lifespan": _seconds(self.lifespan),
+            "liveliness": self.liveliness,
+            "liveliness_lease_duration": _seconds(self.liveliness_lease_duration),
+            "avoid_ros_namespace_conventions": False,
+        }
 
-def read_offer(text: str) -> Offer:
-    """Return what was offered; of several publishers the strongest, which serves every subscriber.
+
+def _seconds(nanoseconds: int) -> dict[str, int]:
+    seconds, rest = divmod(nanoseconds, 10**9)
+    return {"sec": seconds, "nsec": rest}
+
+
+def qos_text(profiles: Sequence[QosProfile]) -> str:
+    """Return profiles as the text that channels carry."""
+    return yaml.safe_dump([p.as_map() for p in profiles], sort_keys=False).strip()
+
+
+def read_profiles(text: str) -> tuple[QosProfile, ...]:
+    """Return the profiles that a channel carries; none where it says nothing that can be read.
 
     Parameters
     ----------
@@ -74,13 +95,23 @@ def read_offer(text: str) -> Offer:
         `offered_qos_profiles` of a bag: numbers or words; many bags write nothing.
     """
     try:
-        profiles = yaml.safe_load(text) if text else None
+        listed = yaml.safe_load(text) if text else None
     except yaml.YAMLError:
-        profiles = None
-    if not isinstance(profiles, list):
-        return Offer()
-    offers = [_read(p, Offer()) for p in profiles if isinstance(p, dict)]
-    return _strongest(offers) if offers else Offer()
+        return ()
+    if not isinstance(listed, list):
+        return ()
+    return tuple(_read(one, QosProfile()) for one in listed if isinstance(one, dict))
+
+
+def read_offer(text: str) -> QosProfile:
+    """Return what was offered; of several publishers the strongest, which serves every subscriber.
+
+    Parameters
+    ----------
+    text : str
+        As `read_profiles` takes it.
+    """
+    return _strongest(list(read_profiles(text)) or [QosProfile()])
 
 
 def read_overrides(path: str | Path) -> dict[str, dict[str, Any]]:
@@ -101,11 +132,11 @@ def read_overrides(path: str | Path) -> dict[str, dict[str, Any]]:
         msg = f"{path}: is no map of topics; write '/topic:' and below it 'reliability: reliable'"
         raise ConfigError(msg)
     for topic, policies in found.items():
-        override(Offer(), policies, f"{path}: topic '{topic}'")
+        override(QosProfile(), policies, f"{path}: topic '{topic}'")
     return {str(topic): dict(policies) for topic, policies in found.items()}
 
 
-def override(offer: Offer, policies: Mapping[str, Any], where: str) -> Offer:
+def override(offer: QosProfile, policies: Mapping[str, Any], where: str) -> QosProfile:
     """Return an offer with some policies replaced.
 
     Raises
@@ -113,7 +144,7 @@ def override(offer: Offer, policies: Mapping[str, Any], where: str) -> Offer:
     ConfigError
         If a policy or its value does not exist; names the nearest.
     """
-    names = [f.name for f in fields(Offer)]
+    names = [f.name for f in fields(QosProfile)]
     for name, value in policies.items():
         if name in _IGNORED:
             continue
@@ -134,7 +165,7 @@ def override(offer: Offer, policies: Mapping[str, Any], where: str) -> Offer:
     return _read(policies, offer)
 
 
-def _read(policies: Mapping[str, Any], before: Offer) -> Offer:
+def _read(policies: Mapping[str, Any], before: QosProfile) -> QosProfile:
     """Take over the policies that can be read; what is unknown or unset stays."""
     found: dict[str, Any] = {}
     for name, words in _WORDS.items():
@@ -165,7 +196,7 @@ def _duration(value: object) -> int | None:
     return min(total, FOREVER_NS) if total else FOREVER_NS
 
 
-def _strongest(offers: list[Offer]) -> Offer:
+def _strongest(offers: list[QosProfile]) -> QosProfile:
     found = offers[0]
     for offer in offers[1:]:
         words = {
