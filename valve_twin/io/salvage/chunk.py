@@ -331,6 +331,35 @@ class Walk:
         return sum(self.counts.values())
 
 
+@dataclass(slots=True)
+class Piece:
+    """A chunk that was found, or messages outside chunks.
+
+    Attributes
+    ----------
+    offset, length : int
+        Where it lies in the file [B].
+    verified : bool
+        Whether a check sum stands for it.
+    records : bytes or None
+        Its records; None where any reader reads them out of the file.
+    found : Walk
+        What is in it.
+    size : int
+        Bytes of its records [B].
+    index : dict
+        Where its message indexes lie, by channel.
+    """
+
+    offset: int
+    length: int
+    verified: bool
+    records: bytes | None
+    found: Walk
+    size: int
+    index: dict[int, int] = field(default_factory=dict)
+
+
 def walk(records: bytes) -> Walk:
     """Count what the records of a chunk hold, up to the first that runs over their end."""
     found = Walk()

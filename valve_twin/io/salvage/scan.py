@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from valve_twin.io.mcap.damage import Loss, Salvage
@@ -18,7 +17,7 @@ from valve_twin.io.mcap.format import (
     Statistics,
 )
 from valve_twin.io.mcap.summary import Summary, add_record
-from valve_twin.io.salvage.chunk import Walk, read_heads, unpack, walk
+from valve_twin.io.salvage.chunk import Piece, Walk, read_heads, unpack, walk
 from valve_twin.io.salvage.definitions import definitions_beside
 from valve_twin.io.salvage.lost_counts import expected_counts, settle
 from valve_twin.io.salvage.message_checks import Checks, Places, plausible
@@ -37,35 +36,6 @@ if TYPE_CHECKING:
     from valve_twin.io.salvage.records import Bytes
 
 _MAX_LOOSE = 1 << 24
-
-
-@dataclass(slots=True)
-class Piece:
-    """A chunk that was found, or messages outside chunks.
-
-    Attributes
-    ----------
-    offset, length : int
-        Where it lies in the file [B].
-    verified : bool
-        Whether a check sum stands for it.
-    records : bytes or None
-        Its records; None where any reader reads them out of the file.
-    found : Walk
-        What is in it.
-    size : int
-        Bytes of its records [B].
-    index : dict
-        Where its message indexes lie, by channel.
-    """
-
-    offset: int
-    length: int
-    verified: bool
-    records: bytes | None
-    found: Walk
-    size: int
-    index: dict[int, int] = field(default_factory=dict)
 
 
 class Scan:
