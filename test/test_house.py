@@ -54,10 +54,12 @@ FILES_AND_CLOCKS = {
     "zstandard",
 }
 COMMAND_ROOMS = ("cli", "bench", "demo", "warmup")
-ABOVE_CORE = {f"valve_twin.{room}" for room in ("io", "report", "nodes", *COMMAND_ROOMS)}
+ABOVE_VALIDATION = {f"valve_twin.{room}" for room in ("io", "report", "nodes", *COMMAND_ROOMS)}
+ABOVE_CORE = ABOVE_VALIDATION | {"valve_twin.validation"}
 ABOVE_IO = {f"valve_twin.{room}" for room in ("nodes", *COMMAND_ROOMS)}
 FORBIDDEN = {
     "core": ROS | FILES_AND_CLOCKS | ABOVE_CORE,
+    "validation": ROS | FILES_AND_CLOCKS | ABOVE_VALIDATION,
     "io": ROS | ABOVE_IO,
     "report": ROS | ABOVE_IO,
     "nodes": {"valve_twin.cli", "valve_twin.bench", "valve_twin.demo"},

@@ -107,7 +107,7 @@ class AgingConfig:
         one expected to be reached first is reported.
     default_percent : float
         Limits at minus and plus this change for a parameter without an entry in `thresholds`;
-        0 = none. 20 is the limit of the remaining-life study in equations.md 2.5.
+        0 = none. 20 is the limit of the remaining-life study in docs/developers/equations.md 2.5.
     commissioning : tuple of Commissioning
         Reference levels on record. A maintenance event with `new_reference` replaces them.
     reference_cycles : int

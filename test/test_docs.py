@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The documents for developers: every section that is cited exists, every room is drawn."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+DEVELOPERS = ROOT / "docs" / "developers"
+CITING = ("valve_twin", "test", "docs", "tools", "config")
+CITATION = re.compile(
+    r"equations\.md,?\s+(?:section\s+)?(\d(?:\.\d)?)(?:\s*\((\d)\)|,\s+item\s+(\d))?"
+)
+
+
+def test_every_cited_section_of_the_equations_exists():
+    sections = equations()
+    cited = list(citations())
+    assert len(cited) > 40
+    for path, number, item in cited:
+        assert number in sections, f"{path} cites section {number}"
+        if item:
+            listed = re.findall(r"^(\d)\. ", sections[number], re.MULTILINE)
+            assert item in listed, f"{path} cites item {item} of section {number}"
+
+
+def equations() -> dict[str, str]:
+    """Return the text of every section by its number."""
+    text = (DEVELOPERS / "equations.md").read_text(encoding="utf-8")
+    parts = re.split(r"^##+ (\d(?:\.\d)?)\.? .*$", text, flags=re.MULTILINE)
+    return dict(zip(parts[1::2], parts[2::2], strict=True))
+
+
+def citations():
+    """Yield file, section and item of every citation."""
+    for folder in CITING:
+        for path in sorted((ROOT / folder).rglob("*")):
+            if path.suffix in {".py", ".md", ".yaml"} and path != Path(__file__):
+                text = re.sub(r"\n\s*#?\s*", " ", path.read_text(encoding="utf-8"))
+                for number, item, other in CITATION.findall(text):
+                    yield path.relative_to(ROOT), number, item or other
+
+
+def test_the_picture_shows_every_room():
+    picture = (DEVELOPERS / "architecture.svg").read_text(encoding="utf-8")
+    rooms = {p.name for p in (ROOT / "valve_twin").iterdir() if (p / "__init__.py").is_file()}
+    within = {
+        p.name
+        for room in ("core", "io", "nodes")
+        for p in (ROOT / "valve_twin" / room).iterdir()
+        if (p / "__init__.py").is_file()
+    }
+    assert [r for r in sorted(rooms | within) if f">{r}<" not in picture] == []
+
+
+def test_what_the_documents_for_developers_name_exists():
+    for page in sorted(DEVELOPERS.glob("*.md")):
+        for name in re.findall(r"`([a-z_]+/[\w/.]*)`", page.read_text(encoding="utf-8")):
+            found = [(ROOT / name).exists(), (ROOT / "valve_twin" / name).exists()]
+            assert any(found), f"{page.name} names {name}"
