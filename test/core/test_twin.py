@@ -16,9 +16,8 @@ from valve_twin.core.alignment import SignalRange
 from valve_twin.core.cycles import CycleConfig
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.simulation import SimulatedValve
-from valve_twin.core.simulation.block import join_blocks
 from valve_twin.core.twin import ClockJump, Estimated, Twin, TwinConfig
-from valve_twin.core.types import Cycle, CycleRule, Prediction
+from valve_twin.core.types import Cycle, CycleRule, Prediction, join_blocks
 from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
 
 MODEL = get_model("positioner")

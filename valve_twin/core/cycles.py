@@ -18,7 +18,7 @@ from statistics import median
 import numpy as np
 from numba import njit
 
-from valve_twin.core.gaps import count_lost, extreme_steps
+from valve_twin.core.gaps import count_lost, extreme_steps, gap_ns
 from valve_twin.core.types import (
     ByteArray,
     Cycle,
@@ -281,7 +281,7 @@ class Segmenter:
         self._missed_before = -1 if resumed else 0
         self._resume = resume
         self._first_ns: int | None = None
-        self._step_ns = round(1.5e9 * period_s)
+        self._step_ns = round(gap_ns(period_s))
         self._inside = self._goes_on = False
         self._ordinal = 0
         self._counted_before = 0

@@ -16,6 +16,11 @@ GAP_PERIODS = 1.5
 """A step between two stamps above this many periods is a gap: at least one sample is missing."""
 
 
+def gap_ns(period_s: float) -> float:
+    """Return the step between two stamps above which a sample is missing [ns]."""
+    return GAP_PERIODS * period_s * 1e9
+
+
 def find_gaps(stamp_ns: IntArray, period_s: float) -> BoolArray:
     """Return (N,) bool: a sample is missing before this one, or its stamp does not advance.
 
@@ -27,7 +32,7 @@ def find_gaps(stamp_ns: IntArray, period_s: float) -> BoolArray:
         Nominal sampling time [s].
     """
     gap = np.zeros(len(stamp_ns), np.bool_)
-    _mark_gaps(np.ascontiguousarray(stamp_ns), GAP_PERIODS * period_s * 1e9, gap)
+    _mark_gaps(np.ascontiguousarray(stamp_ns), gap_ns(period_s), gap)
     return gap
 
 
@@ -66,7 +71,7 @@ class GapCounter:
 
     def __init__(self, period_s: float) -> None:
         self._period_ns = period_s * 1e9
-        self._limit_ns = round(GAP_PERIODS * self._period_ns)
+        self._limit_ns = round(gap_ns(period_s))
         self._last_ns: int | None = None
         self.missing = 0
         self.longest_s = 0.0
@@ -107,7 +112,7 @@ def count_lost(stamp_ns: IntArray, period_s: float) -> int:
     period_s : float
         Nominal sampling time [s].
     """
-    if extreme_steps(stamp_ns)[1] <= GAP_PERIODS * period_s * 1e9:
+    if extreme_steps(stamp_ns)[1] <= gap_ns(period_s):
         return 0
     steps = np.diff(stamp_ns) / (period_s * 1e9)
     return int(np.rint(steps[steps > GAP_PERIODS] - 1.0).sum())

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
-from valve_twin.core.gaps import GAP_PERIODS
+from valve_twin.core.gaps import gap_ns
 from valve_twin.core.types import Restart, Validity
 
 if TYPE_CHECKING:
@@ -52,8 +52,7 @@ def restart_marks(
     """
     restart = np.empty(len(frames), dtype=np.uint8)
     before = int(frames.stamp_ns[0]) - 1 if before_ns is None else before_ns
-    gap_ns = GAP_PERIODS * period_s * 1e9
-    _mark_restarts(frames.stamp_ns, frames.valid, before, gap_ns, restart)
+    _mark_restarts(frames.stamp_ns, frames.valid, before, gap_ns(period_s), restart)
     if before_ns is None and frames.valid[0]:
         restart[0] = Restart.GAP
     elif opens and restart[0] == Restart.GO_ON:
@@ -63,7 +62,7 @@ def restart_marks(
 
 @njit(cache=True)
 def _mark_restarts(
-    stamp_ns: IntArray, valid: BoolArray, before_ns: int, gap_ns: float, restart: ByteArray
+    stamp_ns: IntArray, valid: BoolArray, before_ns: int, limit_ns: float, restart: ByteArray
 ) -> None:
     last = before_ns
     for n in range(len(stamp_ns)):
@@ -71,7 +70,7 @@ def _mark_restarts(
         last = stamp_ns[n]
         if not valid[n]:
             restart[n] = Restart.BAD
-        elif step > gap_ns or step <= 0:
+        elif step > limit_ns or step <= 0:
             restart[n] = Restart.GAP
         else:
             restart[n] = Restart.GO_ON

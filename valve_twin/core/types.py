@@ -9,12 +9,21 @@ scale [1] unless a signal says otherwise.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from enum import Enum, IntEnum
-from typing import TypedDict
+from operator import attrgetter
+from typing import TYPE_CHECKING, TypedDict, TypeVar
 
 import numpy as np
+from numpy import concatenate, ndarray
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from _typeshed import DataclassInstance
+
+    Block = TypeVar("Block", bound=DataclassInstance)
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -38,12 +47,7 @@ class Validity(IntEnum):
 
 
 class Restart(IntEnum):
-    """What a predictor does before a sample.
-
-    NEW_CYCLE starts the free run from the measured position and keeps the measured past; GAP (a
-    gap or a jump of the clock lies before the sample) forgets the past; at BAD the sample is not
-    valid and the past is held.
-    """
+    """What a predictor does at a sample: start the free run anew, forget the past or hold it."""
 
     GO_ON = 0
     NEW_CYCLE = 1
@@ -75,6 +79,39 @@ class CycleRule(Enum):
     COUNTER = "counter"
     REFERENCE = "reference"
     WINDOW = "window"
+
+
+_READERS: dict[type, attrgetter[tuple[object, ...]]] = {}
+
+
+def _values(block: DataclassInstance) -> tuple[object, ...]:
+    read = _READERS.get(type(block))
+    if read is None:
+        read = _READERS[type(block)] = attrgetter(*(f.name for f in fields(block)))
+    return read(block)
+
+
+def cut_block(block: Block, part: slice | BoolArray) -> Block:
+    """Return a contiguous part of a block of samples (views, no copies), or chosen samples."""
+    return type(block)(*[v[part] if isinstance(v, ndarray) else v for v in _values(block)])
+
+
+def join_blocks(parts: Sequence[Block]) -> Block:
+    """Concatenate consecutive blocks of samples (at least one) in their order.
+
+    An array that one of them lacks (None) is left out; a flag holds if it holds for all; anything
+    else is that of the last block.
+    """
+    if len(parts) == 1:
+        return parts[0]
+    return type(parts[0])(*map(_join, zip(*map(_values, parts), strict=True)))
+
+
+def _join(values: tuple[object, ...]) -> object:
+    arrays = [v for v in values if isinstance(v, ndarray)]
+    if arrays:
+        return concatenate(arrays) if len(arrays) == len(values) else None
+    return all(values) if isinstance(values[0], bool) else values[-1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,41 +152,18 @@ class Frames:
 
     def __getitem__(self, part: slice | BoolArray) -> Frames:
         """Return a contiguous part (views, no copies), or chosen samples."""
-        return Frames(
-            self.stamp_ns[part],
-            self.position[part],
-            self.inputs[part],
-            self.counter[part],
-            self.reference[part],
-            self.valid[part],
-            None if self.conditions is None else self.conditions[part],
-        )
+        return cut_block(self, part)
 
 
-def join_frames(parts: list[Frames]) -> Frames:
-    """Concatenate consecutive parts (at least one) in their order."""
-    if len(parts) == 1:
-        return parts[0]
-    return Frames(
-        np.concatenate([p.stamp_ns for p in parts]),
-        np.concatenate([p.position for p in parts]),
-        np.concatenate([p.inputs for p in parts]),
-        np.concatenate([p.counter for p in parts]),
-        np.concatenate([p.reference for p in parts]),
-        np.concatenate([p.valid for p in parts]),
-        _join_conditions(parts),
-    )
-
-
-def _join_conditions(parts: list[Frames]) -> FloatArray | None:
-    if all(p.conditions is None for p in parts):
-        return None
-    return np.concatenate(
-        [
-            np.full((len(p), len(CONDITIONS)), np.nan) if p.conditions is None else p.conditions
+def join_frames(parts: Sequence[Frames]) -> Frames:
+    """Concatenate consecutive parts (at least one); conditions that one lacks are NaN there."""
+    if len({p.conditions is None for p in parts}) > 1:
+        none = np.full((1, len(CONDITIONS)), np.nan)
+        parts = [
+            replace(p, conditions=none.repeat(len(p), 0)) if p.conditions is None else p
             for p in parts
         ]
-    )
+    return join_blocks(parts)
 
 
 class Origin(TypedDict):
@@ -178,10 +192,8 @@ class Cycle:
         Position samples known to be missing inside the cycle (gaps over 1.5 periods).
     missed_cycles : int
         Cycles missed before this one; -1 = unknown.
-    accepted : bool
-        Whether the cycle is handed to estimation.
-    reason : str
-        Why it was accepted or refused, one line.
+    accepted, reason : bool, str
+        Whether the cycle is handed to estimation, and why in one line.
     reproducible : bool
         All inputs carried header stamps and none was lost.
     """
@@ -225,10 +237,8 @@ class Parameter:
     ----------
     name, unit, description : str
         Name as published, SI unit ("1" = dimensionless), one line with the source.
-    lower, upper : float
-        Physical bounds, unit of the parameter; infinite where there is none.
-    trend : bool
-        Whether the aging monitor follows it by default.
+    lower, upper, trend : float, float, bool
+        Physical bounds [unit of the parameter]; whether the aging monitor follows it by default.
     resolution : float
         What a fit leaves that does not average out over cycles [unit of the parameter]; the
         intervals of a drift are wider by it on both sides.
@@ -339,10 +349,8 @@ class Estimate:
     ----------
     model, estimator : str
         Which valve model and which estimator.
-    cycle : int
-        Cycle number.
-    start_ns, end_ns : int
-        First and last stamp of the cycle [ns].
+    cycle, start_ns, end_ns : int
+        Cycle number, its first and last stamp [ns].
     parameters : tuple of ParameterValue
         In the fixed order of the estimator.
     status, reason : EstimateStatus, str
@@ -362,18 +370,14 @@ class Estimate:
         Samples used and masked.
     missed_cycles : int
         Cycles missed before this one; -1 = unknown.
-    used_by_trend : bool
-        Whether this estimator feeds the trend.
     reproducible : bool
         All inputs had header stamps and none was lost: offline gives the same bits.
-    trend_reason : str
-        Which estimator feeds the trend and why, one line; empty where there is only one.
+    used_by_trend, trend_reason : bool, str
+        Whether this estimator feeds the trend; which does and why, empty where there is only one.
     disagreements : tuple of Disagreement
         Against the other estimators of the cycle.
-    guards : tuple of Guard
-        What was checked.
-    conditions : tuple of Condition
-        Under what the cycle ran.
+    guards, conditions : tuple of Guard, tuple of Condition
+        What was checked; under what the cycle ran.
     """
 
     model: str

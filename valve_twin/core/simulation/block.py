@@ -4,15 +4,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
 
 from valve_twin.core.types import BoolArray, FloatArray, Frames, IntArray
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,13 +55,3 @@ def to_frames(block: SimulationBlock) -> Frames:
         reference=block.reference[kept],
         valid=np.ones(int(kept.sum()), dtype=np.bool_),
     )
-
-
-def join_blocks(parts: Sequence[SimulationBlock]) -> SimulationBlock:
-    """Concatenate consecutive blocks (at least one) in their order."""
-    if len(parts) == 1:
-        return parts[0]
-    columns = {
-        f.name: np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(parts[0])
-    }
-    return SimulationBlock(**columns)

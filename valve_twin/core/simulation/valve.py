@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.simulation.aging_laws import AgingRule
-from valve_twin.core.simulation.block import SimulationBlock, join_blocks
+from valve_twin.core.simulation.block import SimulationBlock
 from valve_twin.core.simulation.config import SimulationConfig, changed_plant, check_parameter
 from valve_twin.core.simulation.faults import COMMON_KINDS, PLANT_KINDS, Faults
 from valve_twin.core.simulation.measurement import RANDOM_PHASE, measure, start_sensor
 from valve_twin.core.simulation.plant import Drive, Plant, command_range
+from valve_twin.core.types import join_blocks
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.gaps import GAP_PERIODS
 from valve_twin.core.survey.cycles import CyclePlan, plan_cycles
 from valve_twin.core.survey.pairs import (
     Driven,
@@ -179,7 +180,7 @@ def _period(position: Signal) -> tuple[float, str]:
     steps = np.diff(position.stamp_ns) / 1e9
     period_s = float(np.median(steps))
     regular = float(np.mean(np.abs(steps - period_s) < 0.1 * period_s))
-    gaps = int(np.count_nonzero(steps > 1.5 * period_s))
+    gaps = int(np.count_nonzero(steps > GAP_PERIODS * period_s))
     return period_s, f"median step; {100 * regular:.4g} % lie within a tenth of it, {gaps} gaps"
 
 

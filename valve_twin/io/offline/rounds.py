@@ -11,15 +11,16 @@ in which a live twin would have met it.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.io.cdr.signals import SignalBlock
+from valve_twin.core.types import cut_block, join_blocks
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
+
+    from valve_twin.io.cdr.signals import SignalBlock
 
 LARGE_S = 1e6
 """Log time in one large round [s]: whatever a bag hands on at once."""
@@ -99,18 +100,7 @@ def _joined(rounds: list[list[SignalBlock]], order: Sequence[str]) -> list[Signa
     for blocks in rounds:
         for block in blocks:
             parts[block.signal].append(block)
-    return [_one_block(blocks) for blocks in parts.values() if blocks]
-
-
-def _one_block(blocks: list[SignalBlock]) -> SignalBlock:
-    logs = [block.log_ns for block in blocks if block.log_ns is not None]
-    return SignalBlock(
-        blocks[0].signal,
-        np.concatenate([block.stamp_ns for block in blocks]),
-        np.concatenate([block.values for block in blocks]),
-        all(block.has_header for block in blocks),
-        np.concatenate(logs) if len(logs) == len(blocks) else None,
-    )
+    return [join_blocks(blocks) for blocks in parts.values() if blocks]
 
 
 class _Stretch:
@@ -161,10 +151,4 @@ def _short_rounds(blocks: Sequence[SignalBlock], slice_ns: int) -> Iterator[Sign
             begin, end = begins[i], cuts[i][number]
             begins[i] = end
             if end > begin:
-                part = slice(begin, end)
-                yield replace(
-                    block,
-                    stamp_ns=block.stamp_ns[part],
-                    values=block.values[part],
-                    log_ns=logs[i][part],
-                )
+                yield cut_block(block, slice(begin, end))

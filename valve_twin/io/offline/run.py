@@ -14,7 +14,7 @@ import numpy as np
 from valve_twin.core.aging import Assessment, assess
 from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.twin import Estimated, Event
-from valve_twin.core.types import Cycle, Estimate, EstimateStatus, Prediction
+from valve_twin.core.types import Cycle, Estimate, EstimateStatus, Prediction, join_blocks
 from valve_twin.core.valves.registry import complete_options, get_model
 from valve_twin.io.bags.read import SLICE_S, read_signals
 from valve_twin.io.history.tables import CycleRecord, cycle_record
@@ -101,11 +101,7 @@ def trivial_fit(frames: Frames) -> float:
 
 def join_predictions(parts: list[Prediction]) -> Prediction | None:
     """Join the predictions of one cycle, None where there are none."""
-    if not parts:
-        return None
-    names = ("stamp_ns", "measured", "predicted", "simulated", "residual", "validity")
-    joined = {k: np.concatenate([getattr(p, k) for p in parts]) for k in names}
-    return Prediction(cycle=parts[0].cycle, residual_sigma=parts[-1].residual_sigma, **joined)
+    return join_blocks(parts) if parts else None
 
 
 def drive(

@@ -13,6 +13,7 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from valve_twin_msgs import msg
 
+from valve_twin.core.gaps import gap_ns
 from valve_twin.core.types import (
     Condition,
     Cycle,
@@ -82,7 +83,7 @@ def prediction_bytes(prediction: Prediction) -> Iterator[bytes]:
 
 def series_bytes(prediction: Prediction, period_s: float) -> Iterator[bytes]:
     """Yield the block as one serialized PredictionSeries a gap-free run of samples."""
-    gaps = np.flatnonzero(np.diff(prediction.stamp_ns) > 1.5e9 * period_s) + 1
+    gaps = np.flatnonzero(np.diff(prediction.stamp_ns) > gap_ns(period_s)) + 1
     edges = [0, *gaps.tolist(), len(prediction.stamp_ns)]
     for first, end in pairwise(edges):
         count = end - first

@@ -15,10 +15,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.io.cdr.signals import SignalBlock
+from valve_twin.core.types import cut_block, join_blocks
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
+
+    from valve_twin.io.cdr.signals import SignalBlock
 
 MOST_WAIT_S = 5.0
 """Longest wait for a signal; the middleware asks for what it lost every 3 s [s]."""
@@ -96,17 +98,17 @@ class Collector:
     def _up_to(self, limit: int) -> list[SignalBlock]:
         """Remove and return the samples up to a stamp, joined by signal."""
         if limit >= _FAR:
-            whole = [_join(parts) for parts in self._blocks.values()]
+            whole = [join_blocks(parts) for parts in self._blocks.values()]
             self._blocks = {}
             return whole
         taken, left = [], {}
         for signal, parts in self._blocks.items():
-            block = _join(parts)
+            block = join_blocks(parts)
             n = int(np.searchsorted(block.stamp_ns, limit, side="right"))
             if n:
-                taken.append(_part(block, 0, n))
+                taken.append(cut_block(block, slice(n)))
             if n < len(block.stamp_ns):
-                left[signal] = [_part(block, n, len(block.stamp_ns))]
+                left[signal] = [cut_block(block, slice(n, None))]
         self._blocks = left
         return taken
 
@@ -126,25 +128,7 @@ class Collector:
                 later = np.flatnonzero(block.stamp_ns[at[i] :] > begin + k * self._slice_ns)
                 end = at[i] + int(later[0]) if len(later) else len(block.stamp_ns)
                 if end > at[i]:
-                    parts.append(_part(block, at[i], end))
+                    parts.append(cut_block(block, slice(at[i], end)))
                 at[i] = end
             if parts:
                 yield parts
-
-
-def _part(block: SignalBlock, first: int, end: int) -> SignalBlock:
-    if first == 0 and end == len(block.stamp_ns):
-        return block
-    part = slice(first, end)
-    return SignalBlock(block.signal, block.stamp_ns[part], block.values[part], block.has_header)
-
-
-def _join(parts: list[SignalBlock]) -> SignalBlock:
-    if len(parts) == 1:
-        return parts[0]
-    return SignalBlock(
-        parts[0].signal,
-        np.concatenate([p.stamp_ns for p in parts]),
-        np.concatenate([p.values for p in parts]),
-        all(p.has_header for p in parts),
-    )

@@ -11,11 +11,15 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.gaps import GAP_PERIODS
-from valve_twin.core.types import Prediction
+from valve_twin.core.gaps import gap_ns
+from valve_twin.core.types import cut_block, join_blocks
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import Prediction
 
 
 class PredictionBatches:
@@ -33,7 +37,7 @@ class PredictionBatches:
 
     def __init__(self, batch_s: float, period_s: float, patience_s: float) -> None:
         self._most = max(round(batch_s / period_s), 1)
-        self._gap_ns = GAP_PERIODS * period_s * 1e9
+        self._gap_ns = gap_ns(period_s)
         self._patience_s = patience_s
         self._parts: list[Prediction] = []
         self._count = 0
@@ -68,7 +72,7 @@ class PredictionBatches:
                 count = min(end - at, self._most - self._count)
                 if not self._parts:
                     self._since_s = now_s
-                self._parts.append(_part(prediction, at, at + count))
+                self._parts.append(cut_block(prediction, slice(at, at + count)))
                 self._count += count
                 at += count
                 if self._count == self._most:
@@ -81,7 +85,7 @@ class PredictionBatches:
             return []
         parts, self._parts = self._parts, []
         self._count, self._since_s = 0, math.inf
-        return [_join(parts)]
+        return [join_blocks(parts)]
 
     def _goes_on(self, prediction: Prediction, first_ns: int) -> bool:
         """Return whether samples from this stamp on belong to the series that waits."""
@@ -99,35 +103,3 @@ def mean_period_s(prediction: Prediction, nominal_s: float) -> float:
     if len(stamps) < 2:
         return nominal_s
     return int(stamps[-1] - stamps[0]) / (1e9 * (len(stamps) - 1))
-
-
-def _part(block: Prediction, first: int, end: int) -> Prediction:
-    if first == 0 and end == len(block.stamp_ns):
-        return block
-    part = slice(first, end)
-    return Prediction(
-        block.cycle,
-        block.stamp_ns[part],
-        block.measured[part],
-        block.predicted[part],
-        block.simulated[part],
-        block.residual[part],
-        block.residual_sigma,
-        block.validity[part],
-    )
-
-
-def _join(parts: list[Prediction]) -> Prediction:
-    if len(parts) == 1:
-        return parts[0]
-    join = np.concatenate
-    return Prediction(
-        parts[0].cycle,
-        join([p.stamp_ns for p in parts]),
-        join([p.measured for p in parts]),
-        join([p.predicted for p in parts]),
-        join([p.simulated for p in parts]),
-        join([p.residual for p in parts]),
-        parts[0].residual_sigma,
-        join([p.validity for p in parts]),
-    )

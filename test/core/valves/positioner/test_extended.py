@@ -13,8 +13,7 @@ from scipy.integrate import solve_ivp
 
 from valve_twin.core.estimation.cycle.sequence import Memory, evaluate, model_in_force
 from valve_twin.core.simulation import SimulatedValve, to_frames
-from valve_twin.core.simulation.block import join_blocks
-from valve_twin.core.types import Cycle, Estimate, ParameterStatus
+from valve_twin.core.types import Cycle, Estimate, ParameterStatus, join_blocks
 from valve_twin.core.valves.positioner.extended import (
     MOTION_SIZE,
     N_EXTENDED,

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from valve_twin.core.simulation import SimulatedValve, to_frames
-from valve_twin.core.simulation.block import join_blocks
-from valve_twin.core.types import Cycle, EstimateStatus
+from valve_twin.core.types import Cycle, EstimateStatus, join_blocks
 from valve_twin.core.valves.positioner.model import MODEL
 from valve_twin.core.valves.positioner.plant import PositionerPlant
 from valve_twin.core.valves.registry import complete_options, get_simulation

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from valve_twin.core.control.stepper import StepperConfig
 from valve_twin.core.simulation import Drive, SimulatedValve
-from valve_twin.core.simulation.block import join_blocks
+from valve_twin.core.types import join_blocks
 from valve_twin.core.valves.registry import get_simulation
 from valve_twin.core.valves.stepper_servo.plant import StepperServoPlant
 from valve_twin.core.valves.stepper_servo.plant_kernel import SPOOL, flow_opening

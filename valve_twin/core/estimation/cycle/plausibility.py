@@ -144,16 +144,7 @@ def known_rows(frames: Frames) -> Frames:
     if frames.valid.all() and np.isfinite(frames.position.sum() + frames.inputs.sum()):
         return frames  # a sum is finite only where all it is made of are
     known = frames.valid & np.isfinite(frames.position) & np.isfinite(frames.inputs).all(axis=1)
-    if known.all():
-        return frames
-    return type(frames)(
-        frames.stamp_ns[known],
-        frames.position[known],
-        frames.inputs[known],
-        frames.counter[known],
-        frames.reference[known],
-        frames.valid[known],
-    )
+    return frames if known.all() else frames[known]
 
 
 def normalised_fault(
