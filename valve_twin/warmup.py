@@ -54,7 +54,7 @@ def main() -> None:
     aging.warm_up()
 
 
-def run_once(name: str, rule: CycleRule) -> None:
+def run_once(name: str, rule: CycleRule, changed: Options | None = None) -> None:
     """Run a short record of one valve through everything; a worker does so before its first job.
 
     Parameters
@@ -63,6 +63,8 @@ def run_once(name: str, rule: CycleRule) -> None:
         Name of the model.
     rule : CycleRule
         Rule that cuts the record.
+    changed : mapping, optional
+        Options that are not the default: they may need kernels and packages of their own.
 
     Raises
     ------
@@ -74,7 +76,8 @@ def run_once(name: str, rule: CycleRule) -> None:
 
     model = get_model(name)
     simulation = get_simulation(name)
-    twin, options = _twin(model, rule, simulation.period_s), complete_options(model, {})
+    options = complete_options(model, changed or {})
+    twin = _twin(model, rule, simulation.period_s)
     block = SimulatedValve(simulation, seed=0).advance(4 * simulation.cycle_samples)
     columns = dict(zip(model.inputs, block.inputs.T, strict=True))
     columns |= {"cycle_counter": block.cycle.astype(float), "reference": block.reference}

@@ -16,7 +16,7 @@ from valve_twin.core.alignment import SignalRange
 from valve_twin.core.cycles import CycleConfig
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.simulation import SimulatedValve
-from valve_twin.core.twin import ClockJump, Estimated, Twin, TwinConfig
+from valve_twin.core.twin import ClockJump, Estimated, Job, Twin, TwinConfig
 from valve_twin.core.types import Cycle, CycleRule, Prediction, join_blocks
 from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
 
@@ -123,6 +123,56 @@ def test_samples_wait_for_the_estimate_they_need(record):
     assert twin.pending_jobs == CYCLES
     events = deliver(twin, twin.next_job())
     assert {e.cycle for e in events if isinstance(e, Prediction)} == {3}
+
+
+def gone_on(record, late, until):
+    """Drive a twin that does not wait; the estimate of cycle `late` is there at sample `until`."""
+    twin, events = Twin(CONFIG, MODEL), []
+    job: Job | None = None
+    columns = {"command": record.inputs[:, 0], "cycle_counter": record.cycle * 1.0}
+    for at in range(0, len(record), 50):
+        part = slice(at, at + 50)
+        for name, values in {**columns, "position": record.position}.items():
+            events += twin.push(name, record.stamp_ns[part], values[part])
+        while (job := job or twin.next_job()) and (job.cycle.number != late or at >= until):
+            events += deliver(twin, job)
+            job = None
+        events += twin.go_on()
+    return events
+
+
+def by_cycle(events):
+    """Bits of the predictions of each cycle and what they say of themselves."""
+    found = {}
+    for n in range(1, CYCLES + 2):
+        parts = [e for e in events if isinstance(e, Prediction) and e.cycle == n]
+        names = ("stamp_ns", "predicted", "simulated", "residual", "validity")
+        said = {e.reproducible for e in parts}
+        found[n] = [np.concatenate([getattr(p, k) for p in parts]).tobytes() for k in names], said
+    return found
+
+
+def test_who_does_not_wait_says_so_until_the_due_estimate_is_in_force(record):
+    waited = by_cycle(push_all(Twin(CONFIG, MODEL), record))
+    events = gone_on(record, late=2, until=int(4.5 * SAMPLES))  # in the middle of cycle 5
+    went_on = by_cycle(events)
+    assert [went_on[n][1] for n in range(1, 8)] == [
+        {True}, {True}, {True}, {False}, {False}, {True}, {True}
+    ]  # fmt: skip
+    assert [n for n in waited if went_on[n][0] != waited[n][0]] == [4, 5]
+    estimates = [e for event in events if isinstance(event, Estimated) for e in event.estimates]
+    assert {e.cycle for e in estimates if not e.reproducible} == {4, 5}
+
+
+def test_nothing_is_waited_for_behind_an_estimate_that_was_not_waited_for(record):
+    twin = Twin(CONFIG, MODEL)
+    for name, values in (("command", record.inputs[:, 0]), ("cycle_counter", record.cycle * 1.0)):
+        twin.push(name, record.stamp_ns, values)
+    twin.push("position", record.stamp_ns, record.position)
+    events = twin.go_on()
+    assert {e.cycle for e in events if isinstance(e, Prediction)} == {3, 4, 5, 6, 7}
+    assert not twin.waits
+    assert twin.go_on() == []
 
 
 def test_one_job_at_a_time(record):

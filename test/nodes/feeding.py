@@ -15,8 +15,9 @@ from valve_twin.core.valves.registry import get_simulation
 from valve_twin.io.cdr.codec import encode_stamped
 
 START_NS = 1_000_000_000_000
-REARM = {"cycles.rearm_signal": "v_out"}
-"""The press valve's cycle begins with v_in and re-arms with v_out."""
+REARM = {"cycles.rearm_signal": "v_out", "estimate_wait_s": 0.0}
+"""The press valve's cycle begins with v_in and re-arms with v_out; what comes as fast as it can be
+published is no live input, so that an estimate is waited for."""
 
 
 class Feeder:

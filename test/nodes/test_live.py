@@ -73,6 +73,7 @@ def _live(graph, run: Run) -> Run:
         "options.estimators": ESTIMATORS,
         "options.solver": "cvxpy",
         **REARM,
+        "estimate_wait_s": 0.5,
     }
 
     def estimated() -> int:

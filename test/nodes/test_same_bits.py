@@ -75,6 +75,7 @@ def test_live_replayed_and_offline_give_the_same_bits(tmp_path, domain):
         SOURCE
         | {
             "history_url": live_url,
+            "estimate_wait_s": 0.0,  # as fast as possible is no live input
             "rate": 0.0,
             "stop_after_cycles": CYCLES + 1,
             "wait_for_subscribers": 2,

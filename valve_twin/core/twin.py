@@ -6,13 +6,14 @@ The live node and the offline command drive this same machine. It is determinist
 depends on the samples, never on when they arrived, on how they were cut into blocks, or on how
 long an estimation took. To that end jobs are sequential and never dropped, and the estimate of a
 cycle takes effect at the start of the second cycle after it; samples of that cycle wait if the
-estimate is not there yet.
+estimate is not there yet. Who cannot wait any longer calls `go_on`: that cycle is predicted by the
+model in force, and its predictions and estimates say that they are not reproducible.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -144,6 +145,7 @@ class Twin:
         self._running: Job | None = None
         self._waiting: deque[Part] = deque()
         self._ordinal = 0
+        self._early: set[int] = set()
         self._in_force = self._force(memory)
         self._state = model.initial_state()
         self._last_ns: int | None = None
@@ -164,6 +166,11 @@ class Twin:
     def pending_jobs(self) -> int:
         """Estimations asked for and not delivered."""
         return len(self._jobs) + (self._running is not None)
+
+    @property
+    def waits(self) -> bool:
+        """Whether samples wait for the estimate that their cycle is due."""
+        return bool(self._waiting)
 
     def counts(self) -> dict[str, SignalCounts]:
         """Return what happened to the samples of every signal."""
@@ -256,6 +263,8 @@ class Twin:
             return None
         ordinal, cycle = self._jobs.popleft()
         if cycle is not None:
+            if ordinal in self._early:
+                cycle = replace(cycle, reproducible=False)
             self._running = Job(ordinal, cycle, self._memory_after[self._done])
         return self._running
 
@@ -274,6 +283,22 @@ class Twin:
         self._finish_ordinal(job.ordinal, memory)
         return [Estimated(job.cycle, estimates), *self._drain()]
 
+    def go_on(self) -> list[Event]:
+        """Predict the cycle that waits for its estimate with the model in force.
+
+        Its predictions and estimates say that they are not reproducible, and so do those of the
+        cycles after it until one begins with the estimate that it is due. While an estimate is
+        missing that an earlier cycle did not wait for, none is waited for.
+
+        Returns
+        -------
+        list of Event
+            The predictions that waited; none where nothing waits.
+        """
+        if self._waiting:
+            self._early.add(self._waiting[0].ordinal)
+        return self._drain()
+
     def _skip_dropped(self) -> None:
         """Pass over dropped cycles: the memory of the predecessor goes on."""
         while self._running is None and self._jobs and self._jobs[0][1] is None:
@@ -285,6 +310,7 @@ class Twin:
         self._done = ordinal
         for old in [k for k in self._memory_after if k < ordinal - EFFECT_DELAY]:
             del self._memory_after[old]
+        self._early -= {k for k in self._early if k < ordinal}
 
     def _advance(self, frames: Frames) -> list[Event]:
         return self._take(self._segmenter.push(frames))
@@ -307,7 +333,7 @@ class Twin:
         """Predict the parts whose model is known; the rest waits."""
         self._skip_dropped()
         events: list[Event] = []
-        while self._waiting and self._known(self._waiting[0].ordinal - EFFECT_DELAY):
+        while self._waiting and self._may_begin(self._waiting[0].ordinal):
             part = self._waiting.popleft()
             if part.opens:
                 self._in_force = self._force(self._memory_at(part.ordinal - EFFECT_DELAY))
@@ -315,8 +341,14 @@ class Twin:
                 events.append(self._predict(part))
         return events
 
-    def _known(self, ordinal: int) -> bool:
-        return ordinal <= self._done
+    def _may_begin(self, ordinal: int) -> bool:
+        """Return whether a cycle's estimate is there, or is not waited for."""
+        if ordinal - EFFECT_DELAY <= self._done or ordinal in self._early:
+            return True
+        if ordinal - 1 in self._early and ordinal - 1 - EFFECT_DELAY > self._done:
+            self._early.add(ordinal)
+            return True
+        return False
 
     def _memory_at(self, ordinal: int) -> Memory:
         usable = [k for k in self._memory_after if k <= max(ordinal, 0)]
@@ -344,4 +376,5 @@ class Twin:
             residual=residuals(frames, run),
             residual_sigma=force.residual_sigma if force is not None else np.nan,
             validity=run.validity,
+            reproducible=part.ordinal not in self._early,
         )

@@ -426,6 +426,8 @@ class Prediction:
         Expected standard deviation of the residual [1]; NaN = unknown.
     validity : (N,) uint8 array
         One `Validity` a sample.
+    reproducible : bool
+        False where the cycle began without the estimate that it was due, see `Twin.go_on`.
     """
 
     cycle: int
@@ -436,6 +438,7 @@ class Prediction:
     residual: FloatArray
     residual_sigma: float
     validity: ByteArray
+    reproducible: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -126,6 +126,13 @@ _ESTIMATION = (
         heal_s=5.0,
     ),
     FaultKind(
+        "estimation.late",
+        _WARN,
+        "A cycle was predicted without the estimate that it was due: estimate_wait_s was over.",
+        "As for estimation.overdue, or raise estimate_wait_s; after a start it passes.",
+        heal_s=EVENT_HEAL_S,
+    ),
+    FaultKind(
         "estimation.refused",
         _WARN,
         "Several cycles one after another gave no estimate that may be used.",

@@ -123,6 +123,17 @@ _TWIN = (
         60.0,
     ),
     Spec(
+        "estimate_wait_s",
+        Kind.FLOAT,
+        0.5,
+        "Longest wait of a prediction for the estimate that its cycle is due, of live inputs; "
+        "then the model in force goes on and says reproducible: false. 0 = for ever, as with "
+        "use_sim_time and topics below /replay.",
+        "s",
+        0.0,
+        3600.0,
+    ),
+    Spec(
         "retry_s",
         Kind.FLOAT,
         1.0,

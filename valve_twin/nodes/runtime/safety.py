@@ -30,6 +30,8 @@ of one machine were seen to need up to 2.6 s to find each other."""
 
 _FREE = re.compile(r"/([A-Za-z]\w*_)?(replay(ed)?|sim|simulat(ed|ion|or))\d*(_\w+)?(/|$)")
 
+_REPLAYED = re.compile(r"/([A-Za-z]\w*_)?replay(ed)?\d*(_\w+)?(/|$)")
+
 
 @dataclass(frozen=True, slots=True)
 class Outlet:
@@ -50,6 +52,11 @@ class Outlet:
 def is_free(name: str) -> bool:
     """Return whether a name lies where no real valve listens: below /replay, /sim_2..."""
     return _FREE.match(f"/{name.lstrip('/')}") is not None
+
+
+def is_replayed(name: str) -> bool:
+    """Return whether a name lies where a recorded valve is played: below /replay, /replay_2..."""
+    return _REPLAYED.match(f"/{name.lstrip('/')}") is not None
 
 
 def node_name(endpoint: Any) -> str:

@@ -17,6 +17,8 @@ from valve_twin.core.valves.registry import get_model
 from valve_twin.warmup import predict_once, run_once
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from valve_twin.core.types import Cycle, CycleRule, Estimate
     from valve_twin.core.valves.interface import Options
 
@@ -59,21 +61,21 @@ def run_job(
     return estimates
 
 
-def warm_up(valves: tuple[tuple[str, CycleRule], ...]) -> None:
-    """Load what estimation needs before the first cycle is there.
+def warm_up(valves: Iterable[tuple[str, CycleRule, Options]]) -> None:
+    """Load what estimation needs before the first cycle is there: no cycle waits for an import.
 
     Parameters
     ----------
-    valves : tuple of (str, CycleRule)
-        Model and cycle rule of every valve.
+    valves : iterable of (str, CycleRule, mapping)
+        Model, cycle rule and options of every valve.
     """
-    for model, rule in valves:
-        with suppress(ValueError):  # a user's model may come without a simulation
-            run_once(model, rule)
+    for model, rule, options in valves:
+        with suppress(Exception):  # a user's model may come without a simulation
+            run_once(model, rule, options)
 
 
-def warm_up_prediction(valves: tuple[tuple[str, CycleRule], ...]) -> None:
+def warm_up_prediction(valves: Iterable[tuple[str, CycleRule, Options]]) -> None:
     """Load what prediction alone needs before the first sample is there; as `warm_up`."""
-    for model, rule in valves:
+    for model, rule, _ in valves:
         with suppress(ValueError):  # a user's model may want other parameters
             predict_once(model, rule)

@@ -110,6 +110,12 @@ class TwinFaults:
         self._events(
             "estimation.failed", "", valve.failed, f"%d estimations failed: {valve.failure}"
         )
+        self._events(
+            "estimation.late",
+            "",
+            valve.wait.cut,
+            f"%d waits for an estimate were cut off after {valve.wait.limit_s:g} s",
+        )
         self._condition(
             "history.not_stored",
             f"{valve.unsaved} cycles wait for the database: {valve.store_error}"

@@ -21,6 +21,7 @@ from valve_twin.core.valves.registry import complete_options, get_model
 from valve_twin.io.offline.assembly import make_twin
 from valve_twin.nodes.runtime import messages as convert
 from valve_twin.nodes.twin.collector import Collector
+from valve_twin.nodes.twin.estimate_wait import EstimateWait, longest_wait_s
 from valve_twin.nodes.twin.estimation_job import MEMORY_LACKS, run_job
 from valve_twin.nodes.twin.inputs import InputConfig, TopicInput, seconds_now
 from valve_twin.nodes.twin.keeper import where_to_go_on
@@ -108,6 +109,9 @@ class LiveValve:
         self._collector = Collector(config.signals, round(SLICE_SHARE * 1e9 * config.hold_back_s))
         self.inputs: list[TopicInput] = []
         self._job: Job | None = None
+        self.wait = EstimateWait(
+            longest_wait_s(node, (group[0].source.topic for group in signals))
+        )
         self._jobs = 0
         self._awake = awake
         self._news, self._scheduled, self._due_s = 0, False, 0.0
@@ -161,6 +165,8 @@ class LiveValve:
     def work(self, *, force: bool = False) -> None:
         """Hand what was gathered to the core and publish what comes of it."""
         begin = seconds_now()
+        if self.wait.is_over(begin):
+            self.handle(self.twin.go_on())
         if begin < self._due_s and not force:
             return
         self._due_s = self._next_due_s(begin)
@@ -171,7 +177,7 @@ class LiveValve:
             self._push(blocks)
         if self._batches and begin >= self._batches.due_s:
             self._flush()
-        if not self._collector and not self._batches:
+        if not self._collector and not self._batches and not self.wait.is_bounded:
             self._awake.discard(self)
         if self.predicted == predicted:
             return
@@ -211,6 +217,7 @@ class LiveValve:
                     "what was learnt is kept"
                 )
         self._start_job()
+        self._mind_wait()
 
     def _gather(self, block: SignalBlock, received_ns: int) -> None:
         self._collector.add(block, received_ns, seconds_now())
@@ -259,6 +266,14 @@ class LiveValve:
             return
         if events:
             self.handle(events)
+        else:
+            self._mind_wait()
+
+    def _mind_wait(self) -> None:
+        """Stay awake while samples wait for an estimate, but not for ever."""
+        self.wait.note(self.twin.waits, seconds_now())
+        if self.wait.is_bounded and self not in self._awake:
+            self._wake()
 
     def _stop(self, err: Exception) -> None:
         """Stop this valve, whose model raises; its neighbours go on."""

@@ -70,7 +70,8 @@ class TwinNode(ValveNode):
                 retry_s=float(self.parameters["retry_s"]),
                 limit=int(self.parameters["unsaved_limit"]),
             )
-        kinds = tuple({(c.model, c.cycles.rule) for c in configs})
+        kinds = [(c.model, c.cycles.rule, dict(c.options)) for c in configs]
+        kinds = [kind for i, kind in enumerate(kinds) if kind not in kinds[:i]]
         self._worker = WorkerProcess(partial(warm_up, kinds))
         warm_up_prediction(kinds)
         for config in configs:
@@ -202,6 +203,7 @@ class TwinNode(ValveNode):
             "cycles dropped unsaved": valve.kept.dropped,
             "cycles refused by the history": valve.kept.refused,
             "estimations pending": valve.twin.pending_jobs,
+            "waits cut off": valve.wait.cut,
             "last estimation [s]": f"{valve.estimation_s:.3f}",
             "worst latency [ms]": f"{1e3 * worst:.2f}",
             "worker restarts": max(self._worker.restarts, 0) if self._worker is not None else 0,

@@ -94,7 +94,12 @@ class PredictionBatches:
             math.isnan(last.residual_sigma) and math.isnan(prediction.residual_sigma)
         )
         step_ns = first_ns - int(last.stamp_ns[-1])
-        return last.cycle == prediction.cycle and same_sigma and 0 < step_ns <= self._gap_ns
+        return (
+            last.cycle == prediction.cycle
+            and last.reproducible == prediction.reproducible
+            and same_sigma
+            and 0 < step_ns <= self._gap_ns
+        )
 
 
 def mean_period_s(prediction: Prediction, nominal_s: float) -> float:

@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""A prediction waits for the estimate that its cycle is due, not for ever and for nothing else."""
+
+import math
+
+import numpy as np
+import pytest
+from valve_twin_msgs.msg import CycleSummary, Estimate, Float64Stamped, Prediction
+
+from test.nodes import slow_press
+from test.nodes.conftest import NS, make_graph
+from test.nodes.feeding import REARM, Feeder
+from test.nodes.rough import Watched
+from valve_twin.nodes.runtime.messages import from_time
+from valve_twin.nodes.runtime.safety import is_replayed
+from valve_twin.nodes.twin.estimate_wait import EstimateWait
+
+RUNS = 5
+ESTIMATIONS = 6  # a run
+RATE = 10.0  # a cycle lasts 2.55 s, an estimation of it 2 s
+
+
+def test_a_wait_is_over_once_and_counted():
+    wait = EstimateWait(0.5)
+    assert not wait.is_over(10.0)
+    wait.note(True, 10.0)
+    wait.note(True, 10.4)
+    assert not wait.is_over(10.49)
+    assert wait.is_over(10.5)
+    assert not wait.is_over(11.0)
+    assert wait.cut == 1
+
+
+def test_an_estimate_that_comes_ends_the_wait():
+    wait = EstimateWait(0.5)
+    wait.note(True, 10.0)
+    wait.note(False, 10.4)
+    wait.note(True, 10.6)
+    assert not wait.is_over(11.0)
+
+
+def test_a_wait_for_ever_keeps_nobody_awake():
+    wait = EstimateWait(math.inf)
+    wait.note(True, 10.0)
+    assert not wait.is_bounded
+    assert not wait.is_over(1e9)
+
+
+@pytest.mark.parametrize(
+    ("name", "replayed"),
+    [("/replay/press/x", True), ("line2_replay/x", True), ("/sim/x", False), ("/press/x", False)],
+)
+def test_a_replay_is_known_by_its_topics(name, replayed):
+    assert is_replayed(name) is replayed
+
+
+@pytest.fixture
+def slow(tmp_path, monkeypatch):
+    """Parameters of a twin whose estimations take two seconds."""
+    slow_press.register(tmp_path, monkeypatch)
+    return {"model": slow_press.NAME, "period_s": 0.03, **REARM}
+
+
+def test_a_live_input_does_not_wait_longer_than_the_bound(graph, tmp_path, slow):
+    twin = Watched(graph, tmp_path, **{**slow, "estimate_wait_s": 0.2})
+    feeder = Feeder(graph, NS)
+    feeder.feed(4 * feeder.cycle_samples)  # at once: cycle 3 would wait for 2 s
+    graph.spin_until(
+        lambda: len(twin.predictions) >= feeder.sent - 2 and not twin.estimated(),
+        what="predictions before the first estimate",
+    )
+    told = twin.wait_for("estimation.late")
+    assert "cut off after 0.2 s" in told.evidence
+    graph.spin_until(lambda: len(twin.estimated()) >= 3, 60.0, "three estimates")
+    feeder.feed(2 * feeder.cycle_samples)
+    graph.spin_until(lambda: twin.predictions[-1].cycle >= 5, 60.0, "predictions of cycle 5")
+    assert {p.validity for p in twin.predictions if p.cycle == 3} == {Prediction.NO_MODEL}
+    graph.spin_until(lambda: len(twin.estimated()) >= 5, 60.0, "five estimates")
+    said = {n: e.reproducible for n, e in twin.estimated().items()}
+    assert said == {1: True, 2: True, 3: False, 4: False, 5: True}
+
+
+def test_a_replay_waits_as_long_as_it_takes(graph, tmp_path, slow):
+    names = {"v_in": "command/v_in", "v_out": "command/v_out", "spool_position": "spool_position"}
+    topics = {f"signals.{k}.topic": f"/replay{NS}/{t}" for k, t in names.items()}
+    twin = Watched(graph, tmp_path, **{**slow, **topics, "estimate_wait_s": 0.2})
+    feeder = Feeder(graph, f"/replay{NS}")
+    feeder.feed(3 * feeder.cycle_samples)
+    graph.spin_until(lambda: len(twin.predictions) >= feeder.sent - 2, 60.0, "all predictions")
+    assert twin.estimated()[1].reproducible
+    third = {p.validity for p in twin.predictions if p.cycle == 3}
+    assert Prediction.NO_MODEL not in third
+    assert twin.figure("waits cut off") == "0"
+
+
+class Latencies:
+    """From the position leaving the plant to the prediction leaving the twin, of one run [ms]."""
+
+    def __init__(self, folder, slow) -> None:
+        graph = make_graph(folder)
+        try:
+            self._run(graph, folder, slow)
+        finally:
+            graph.close()
+
+    def _run(self, graph, folder, slow) -> None:
+        positions = graph.record_with_info(f"/sim{NS}/spool_position", Float64Stamped)
+        predictions = graph.record_with_info(f"{NS}/twin/prediction", Prediction)
+        cycles = graph.record_with_info(f"{NS}/twin/cycle", CycleSummary)
+        estimates = graph.record_with_info(f"{NS}/twin/estimate", Estimate)
+        url = f"sqlite:///{folder}/history.sqlite"
+        live = {**slow, "history_url": url, "topic_prefix": "/sim", "estimate_wait_s": 0.5}
+        graph.start("twin", **live)
+        own = [f"{NS}/twin/{name}" for name in ("prediction", "cycle", "estimate")]
+        graph.spin_until(lambda: graph.connected(*own), 60.0, "the twin's publishers")
+        graph.start(
+            "simulated_valve", rate=RATE, start_time_s=slow_press.START_S, lossless=False,
+            wait_for_subscribers=2,
+        )  # fmt: skip
+        graph.spin_until(
+            lambda: len({m.cycle for m, _ in estimates}) >= ESTIMATIONS,
+            120.0,
+            f"{ESTIMATIONS} estimates",
+        )
+        sent = {from_time(m.header.stamp): i["source_timestamp"] for m, i in positions}
+        closed = {m.cycle: i["source_timestamp"] for m, i in cycles}
+        done = {m.cycle: i["source_timestamp"] for m, i in reversed(estimates)}
+        self.busy = np.array([(closed[c], done[c]) for c in closed if c in done])
+        left = np.array([i["source_timestamp"] for _, i in predictions])
+        ways = [i["source_timestamp"] - sent[from_time(m.header.stamp)] for m, i in predictions]
+        during = np.any((self.busy[:, :1] <= left) & (left <= self.busy[:, 1:]), axis=0)
+        latency, known = np.array(ways), left > self.busy[0, 0]  # the first cycle is the start
+        self.loud = float(np.percentile(latency[during & known], 99)) * 1e-6
+        self.quiet = float(np.percentile(latency[~during & known], 99)) * 1e-6
+        (first, begun), (last, ended) = positions[0], positions[-1]
+        data_ns = from_time(last.header.stamp) - from_time(first.header.stamp)
+        self.rate = data_ns / (ended["source_timestamp"] - begun["source_timestamp"])
+
+
+@pytest.mark.alone
+@pytest.mark.timeout(900)
+def test_an_estimation_does_not_delay_the_predictions(tmp_path_factory, tmp_path, slow):
+    runs = [Latencies(tmp_path_factory.mktemp("run"), slow) for _ in range(RUNS)]
+    assert sum(len(r.busy) for r in runs) >= RUNS * ESTIMATIONS
+    spans = np.concatenate([np.diff(r.busy, axis=1) for r in runs])
+    assert np.all(spans >= slow_press.ESTIMATION_S * 1e9)
+    said = ", ".join(f"{r.loud:.1f} ms during and {r.quiet:.1f} ms without" for r in runs)
+    assert np.median([r.loud / r.quiet for r in runs]) <= 2.0, said
+    assert np.median([r.rate for r in runs]) == pytest.approx(RATE, rel=0.05)
