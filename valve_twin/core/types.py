@@ -420,8 +420,7 @@ class Prediction:
     stamp_ns : (N,) int64 array
         Stamps of the measured samples [ns].
     measured, predicted, simulated, residual : (N,) arrays
-        Measurement, one-step prediction, free-run simulation since the start of the cycle,
-        measured - predicted [1].
+        Measurement, one-step prediction, free run of the cycle, measured - predicted [1].
     residual_sigma : float
         Expected standard deviation of the residual [1]; NaN = unknown.
     validity : (N,) uint8 array
