@@ -84,6 +84,7 @@ setup(
             "**/*.sql",
             "**/*.json",
             "**/*.yaml",
+            "**/*.css",
             "**/*.html",
             "**/*.msg",
         ]
@@ -106,6 +107,7 @@ setup(
         "alembic",
         "cvxpy",
         "daqp",
+        "jinja2",
         "lz4",
         "mcap",
         "numba",

@@ -7,8 +7,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from valve_twin.report.tables import table
-from valve_twin.report.text import NONE, esc, number
+from markupsafe import escape
+
+from valve_twin.report.svg import drawing
+from valve_twin.report.tables import Table
+from valve_twin.report.text import NONE, noted, number, render
 
 if TYPE_CHECKING:
     from valve_twin.core.valves.press_cartridge.budget import Budget, BudgetRow
@@ -38,16 +41,7 @@ def budget_section(budget: Budget | None) -> str:
     """Return heading, bars and table as HTML; empty without a budget."""
     if budget is None:
         return ""
-    if not budget.columns:
-        return f"<h2>Error budget</h2><p>There is none: {esc(budget.reason)}.</p>"
-    return (
-        "<h2>Error budget</h2>"
-        "<p>What each source of error does to a parameter of one cycle, computed on the "
-        "simulated valve of the configuration with its cycle, sampling time and noise (rows as in "
-        "paper 002, Table 5). Each bar is divided as the sum of all sources is; that sum stands "
-        "behind it.</p>"
-        f'<figure class="scroll">{budget_bars(budget)}</figure>{_numbers(budget)}'
-    )
+    return render("budget.html", budget=budget, bars=budget_bars(budget), numbers=_numbers(budget))
 
 
 def budget_bars(budget: Budget) -> str:
@@ -58,8 +52,8 @@ def budget_bars(budget: Budget) -> str:
     for k, column in enumerate(budget.columns):
         top = 3.0 + _STEP * k
         middle = top + 0.5 * _BAR + 4.0
-        name = f"{column.parameter} ({column.estimator.replace('_', ' ')})"
-        parts.append(f'<text class="end" x="{_LEFT - 9:.1f}" y="{middle:.1f}">{esc(name)}</text>')
+        name = escape(f"{column.parameter} ({column.estimator.replace('_', ' ')})")
+        parts.append(f'<text class="end" x="{_LEFT - 9:.1f}" y="{middle:.1f}">{name}</text>')
         total = budget.total(k)
         left = _LEFT
         for row in budget.rows:
@@ -69,11 +63,7 @@ def budget_bars(budget: Budget) -> str:
                 left += share * _WIDTH
         text = _percent(total)
         parts.append(f'<text x="{_LEFT + _WIDTH + 9:.1f}" y="{middle:.1f}">{text}</text>')
-    body = "\n".join(parts)
-    return (
-        f'<svg class="wide budget" viewBox="0 0 {width:g} {height:g}" role="img"'
-        f' aria-label="Error budget by parameter">\n{body}\n</svg>'
-    )
+    return drawing(width, height, parts, "Error budget by parameter", "wide budget")
 
 
 def _segment(row: BudgetRow, left: float, top: float, share: float, error: float) -> str:
@@ -82,8 +72,8 @@ def _segment(row: BudgetRow, left: float, top: float, share: float, error: float
     fill = _COLOURS.get(row.letter, _OTHER)
     drawn = (
         f'<rect x="{left:.1f}" y="{top:.1f}" width="{wide:.1f}" height="{_BAR:g}" '
-        f'fill="{fill}" stroke="#fff"><title>({row.letter}) {esc(row.text)}: '
-        f"{esc(_percent(error))}</title></rect>"
+        f'fill="{fill}" stroke="#fff"><title>({row.letter}) {escape(row.text)}: '
+        f"{escape(_percent(error))}</title></rect>"
     )
     if wide < _LETTER_ROOM:
         return drawn
@@ -91,30 +81,20 @@ def _segment(row: BudgetRow, left: float, top: float, share: float, error: float
     return f'{drawn}<text class="mid" x="{x:.1f}" y="{y:.1f}">{row.letter}</text>'
 
 
-def _numbers(budget: Budget) -> str:
+def _numbers(budget: Budget) -> Table:
     """Return the table: relative errors in percent."""
-    head = [
-        "Source",
-        "Size",
-        *(
-            f"{esc(c.parameter)}<small>{esc(c.estimator.replace('_', ' '))}</small>"
-            for c in budget.columns
-        ),
-    ]
+    names = [noted(c.parameter, c.estimator.replace("_", " ")) for c in budget.columns]
     rows = [
-        [f"({row.letter}) {esc(row.text)}", number(row.size, 2), *map(_cell, row.errors)]
+        [f"({row.letter}) {row.text}", number(row.size, 2), *map(_percent, row.errors)]
         for row in budget.rows
     ]
-    columns = range(len(budget.columns))
-    rows.append(["Sum of all", "", *(_cell(budget.total(k)) for k in columns)])
-    squares = (_cell(budget.root_sum_square(k)) for k in columns)
-    rows.append(["Root of the sum of squares", "", *squares])
+    for title, total in (
+        ("Sum of all", budget.total),
+        ("Root of the sum of squares", budget.root_sum_square),
+    ):
+        rows.append([title, "", *(_percent(total(k)) for k in range(len(names)))])
     caption = "Root mean square change of a parameter, relative to its value."
-    return table(head, rows, caption, "figures")
-
-
-def _cell(error: float) -> str:
-    return esc(_percent(error))
+    return Table(["Source", "Size", *names], rows, caption)
 
 
 def _percent(error: float) -> str:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from valve_twin.core.diagnosis.detection import UNKNOWN
 from valve_twin.core.diagnosis.table import BY_NAME
-from valve_twin.report.tables import table
-from valve_twin.report.text import NONE, esc
+from valve_twin.report.tables import Table
+from valve_twin.report.text import NONE, render
 
 if TYPE_CHECKING:
     from valve_twin.core.aging import Assessment
@@ -28,12 +28,9 @@ def faults_section(assessment: Assessment | None) -> str:
     if assessment is None or not (assessment.diagnosis.ready or assessment.diagnosis.findings):
         return ""
     found = assessment.diagnosis
-    if not found.findings:
-        text = f"None in {found.cycles} cycles: what changed, changed as slowly as aging does."
-        return f"<section><h2>Sudden faults</h2><p>{text}</p></section>"
     head = ["Fault", "Part", "Size", "Since cycle", "Alarm at cycle", "Over at cycle", "Or"]
     rows = [_row(f) for f in found.findings]
-    return f"<section><h2>Sudden faults</h2>{table(head, rows)}</section>"
+    return render("faults.html", found=Table(head, rows), cycles=found.cycles)
 
 
 def _row(finding: Finding) -> list[str]:
@@ -46,11 +43,11 @@ def _row(finding: Finding) -> list[str]:
         size = f"{finding.severity:.2g}{unit}" if math.isfinite(finding.severity) else NONE
     others = ", ".join(BY_NAME[r].text for r in finding.rivals)
     return [
-        esc(name),
-        esc(finding.part),
-        esc(size),
+        name,
+        finding.part,
+        size,
         str(finding.onset),
         str(finding.alarm),
         str(finding.end) if finding.end >= 0 else "lasts",
-        esc(others) or NONE,
+        others or NONE,
     ]

@@ -19,6 +19,8 @@ from valve_twin.report.text import MINUS, number
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from markupsafe import Markup
+
     from valve_twin.core.aging import Trend, TrendDetail
     from valve_twin.core.types import Estimate, FloatArray, Maintenance, Prediction
 
@@ -32,7 +34,7 @@ _MAX_BARS = 400
 """Estimates up to which every one's 95 % limits are drawn."""
 
 
-def plot_cycle(prediction: Prediction) -> str:
+def plot_cycle(prediction: Prediction) -> Markup:
     """Draw measured, predicted and simulated position of a cycle, and the residual below.
 
     Parameters
@@ -42,7 +44,7 @@ def plot_cycle(prediction: Prediction) -> str:
 
     Returns
     -------
-    str
+    Markup
         SVG element.
     """
     t = (prediction.stamp_ns - prediction.stamp_ns[0]) / 1e9
@@ -76,7 +78,7 @@ def plot_cycle(prediction: Prediction) -> str:
     lower.level(0.0, "axis")
     lower.line(*thin(t, prediction.residual, _BINS), "residual")
     title = f"Position and residual over cycle {prediction.cycle}"
-    return drawing(width, height, [upper, lower], title, "wide")
+    return drawing(width, height, upper.parts + lower.parts, title, "wide")
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +100,7 @@ class Marks:
     maintenance: Sequence[Maintenance] = ()
 
 
-def plot_parameter(name: str, estimates: Sequence[Estimate], marks: Marks, axis: str) -> str:
+def plot_parameter(name: str, estimates: Sequence[Estimate], marks: Marks, axis: str) -> Markup:
     """Draw a parameter over cycles with its trend, its intervals and what happened.
 
     Parameters
@@ -114,7 +116,7 @@ def plot_parameter(name: str, estimates: Sequence[Estimate], marks: Marks, axis:
 
     Returns
     -------
-    str
+    Markup
         SVG element.
     """
     found = [(e.cycle, p) for e in estimates for p in e.parameters if p.name == name]
@@ -139,9 +141,9 @@ def plot_parameter(name: str, estimates: Sequence[Estimate], marks: Marks, axis:
     part = np.flatnonzero(usable)[::step]
     if len(part) <= _MAX_BARS:
         panel.bars(x[part], low[part], high[part], "limits")
-    wild = _wild(cycle, marks.detail)
-    panel.dots(x[part[~wild[part]]], value[part[~wild[part]]], "estimate")
-    panel.crosses(x[part[wild[part]]], value[part[wild[part]]], "wild")
+    outlier = _outliers(cycle, marks.detail)
+    panel.dots(x[part[~outlier[part]]], value[part[~outlier[part]]], "estimate")
+    panel.crosses(x[part[outlier[part]]], value[part[outlier[part]]], "outlier")
     panel.dots(x[bound], value[bound], "estimate")
     panel.dots(x[bound], value[bound], "atbound")
     refused = ~usable & ~bound
@@ -154,7 +156,7 @@ def plot_parameter(name: str, estimates: Sequence[Estimate], marks: Marks, axis:
         panel.line(line_x, line_y, "trend")
     if trend is not None and math.isfinite(trend.threshold):
         _threshold(panel, trend.threshold)
-    return drawing(480, 286, [panel], f"{name} over {axis}", "small")
+    return drawing(480, 286, panel.parts, f"{name} over {axis}", "small")
 
 
 def _parameter_panel(
@@ -262,7 +264,7 @@ def _axis_of(cycle: FloatArray, detail: TrendDetail | None) -> FloatArray:
     return result
 
 
-def _wild(
+def _outliers(
     cycle: FloatArray, detail: TrendDetail | None
 ) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
     if detail is None:

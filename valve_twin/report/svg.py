@@ -13,11 +13,12 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
+from markupsafe import Markup, escape
 
-from valve_twin.report.text import MINUS, esc
+from valve_twin.report.text import MINUS
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from valve_twin.core.types import BoolArray, FloatArray
 
@@ -101,7 +102,7 @@ class Panel:
 
     def text(self, x: float, y: float, text: str, style: str) -> None:
         """Write text at a place in the drawing."""
-        self.parts.append(f'<text class="{style}" x="{x:.1f}" y="{y:.1f}">{esc(text)}</text>')
+        self.parts.append(f'<text class="{style}" x="{x:.1f}" y="{y:.1f}">{escape(text)}</text>')
 
     def line(self, x: FloatArray, y: FloatArray, style: str) -> None:
         """Draw a line through the points; NaN interrupts it."""
@@ -174,13 +175,30 @@ class Panel:
 
 
 def drawing(
-    width: float, height: float, panels: Sequence[Panel], title: str, style: str = ""
-) -> str:
-    """Return the SVG element of panels; `title` is what a screen reader says."""
-    body = "\n".join(part for panel in panels for part in panel.parts)
-    return (
+    width: float, height: float, parts: Iterable[str], title: str, style: str = ""
+) -> Markup:
+    """Return an SVG element.
+
+    Parameters
+    ----------
+    width, height : float
+        Its size [1]; the page scales it.
+    parts : iterable of str
+        What is drawn in it, as `Panel.parts`.
+    title : str
+        What a screen reader says.
+    style : str
+        Class of the style sheet.
+
+    Returns
+    -------
+    Markup
+        SVG element.
+    """
+    body = "\n".join(parts)
+    return Markup(
         f'<svg class="{style}" viewBox="0 0 {width:g} {height:g}" role="img"'
-        f' aria-label="{esc(title)}">\n{body}\n</svg>'
+        f' aria-label="{escape(title)}">\n{body}\n</svg>'
     )
 
 

@@ -1,24 +1,26 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""The tables of the page: remaining life, last estimates, refused cycles, data quality."""
+"""The rows of the page's tables: remaining life, last estimates, refused cycles, data quality."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from markupsafe import Markup
 
 from valve_twin.core.aging import TrendStatus
+from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.types import EstimateStatus, ParameterStatus
 from valve_twin.report.text import (
     NONE,
     count,
     day,
     describe,
-    esc,
     fixed,
+    noted,
     number,
     percent,
     unit,
@@ -27,7 +29,7 @@ from valve_twin.report.text import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
 
     from valve_twin.core.aging import Trend
     from valve_twin.core.types import Estimate, ParameterValue
@@ -42,50 +44,46 @@ STATUS_WORDS = {
     TrendStatus.DRIFTING: "drifting",
     TrendStatus.BEYOND_THRESHOLD: "beyond the limit",
 }
+_UNUSABLE = {
+    ParameterStatus.AT_BOUND: "on its bound: a limit, not a measurement",
+    ParameterStatus.NOT_EXCITED: "not excited by this cycle",
+    ParameterStatus.REFUSED: "refused",
+}
 
 
-def table(
-    head: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "", style: str = ""
-) -> str:
-    """Return a table; cells are HTML already, the first of each row is its heading."""
-    heads = "".join(f'<th scope="col">{h}</th>' for h in head)
-    body = "\n".join(
-        f'<tr><th scope="row">{first}</th>' + "".join(f"<td>{c}</td>" for c in rest) + "</tr>"
-        for first, *rest in rows
-    )
-    title = f"<caption>{caption}</caption>" if caption else ""
-    return (
-        f'<div class="scroll"><table class="{style}">{title}<thead><tr>{heads}</tr></thead>\n'
-        f"<tbody>{body}</tbody></table></div>"
-    )
+class Table(NamedTuple):
+    """Headings and rows of cells; the first cell of a row is its heading."""
+
+    head: list[str]
+    rows: list[list[str]]
+    caption: str = ""
 
 
-def life_table(trends: Sequence[Trend]) -> str:
-    """Return the table of drift and remaining life, one row a parameter."""
-    axis = esc(trends[0].axis) if trends else "cycles"
+def life_table(trends: Sequence[Trend]) -> Table:
+    """Return drift and remaining life, one row a parameter."""
+    axis = trends[0].axis if trends else "cycles"
     head = [
-        "Parameter",
-        "State",
-        "Level now<small>95 % interval</small>",
-        "Change against new<small>95 % interval</small>",
-        f"Slope in 100 {axis}<small>95 % interval</small>",
-        "Service limit",
-        f"Remaining {axis}<small>median, 95 % limits</small>",
-        "Service date<small>median, early 95 % limit</small>",
+        ("Parameter", ""),
+        ("State", ""),
+        ("Level now", "95 % interval"),
+        ("Change against new", "95 % interval"),
+        (f"Slope in 100 {axis}", "95 % interval"),
+        ("Service limit", ""),
+        (f"Remaining {axis}", "median, 95 % limits"),
+        ("Service date", "median, early 95 % limit"),
     ]
-    return table(head, [_life_row(t) for t in trends], style="figures")
+    return Table([noted(*h) for h in head], [_life_row(t) for t in trends])
 
 
 def _life_row(t: Trend) -> list[str]:
-    name = f"{esc(t.parameter)}{unit(t.unit)}"
     slope = with_interval(100 * t.slope, 100 * t.slope_lower_95, 100 * t.slope_upper_95)
-    p = f"<small>p = {number(t.p_value, 2)}</small>" if math.isfinite(t.p_value) else ""
+    p = Markup("p = {}").format(number(t.p_value, 2)) if math.isfinite(t.p_value) else ""
     return [
-        name,
-        f"{STATUS_WORDS[t.status]}<small>{count(t.samples)} estimates</small>",
+        t.parameter + unit(t.unit),
+        noted(STATUS_WORDS[t.status], f"{count(t.samples)} estimates"),
         with_interval(t.level, t.mean_lower_95, t.mean_upper_95),
         percent(t.drift_reference, t.drift_reference_lower_95, t.drift_reference_upper_95),
-        slope + p,
+        noted(slope, p),
         number(t.threshold, 4) if math.isfinite(t.threshold) else "none",
         _remaining(t),
         _service_date(t),
@@ -100,10 +98,10 @@ def _remaining(t: Trend) -> str:
     if t.remaining_high <= 0.0:
         return "reached"
     if not math.isfinite(t.remaining_median):
-        low = f"<small>at least {_cycles(t.remaining_low)}</small>"
-        return "no end in sight" + (low if math.isfinite(t.remaining_low) else "")
+        known = math.isfinite(t.remaining_low)
+        return noted("no end in sight", f"at least {_cycles(t.remaining_low)}" if known else "")
     upper = "unbounded" if t.unbounded else _cycles(t.remaining_high)
-    return f"{_cycles(t.remaining_median)}<small>{_cycles(t.remaining_low)} … {upper}</small>"
+    return noted(_cycles(t.remaining_median), f"{_cycles(t.remaining_low)} … {upper}")
 
 
 def _cycles(x: float) -> str:
@@ -117,37 +115,47 @@ def _service_date(t: Trend) -> str:
         return "due"
     if not t.service_date_known:
         return NONE
-    early = f"<small>{day(t.service_date_early_ns)}</small>" if t.service_date_early_ns else ""
-    return day(t.service_date_ns) + early
+    early = day(t.service_date_early_ns) if t.service_date_early_ns else ""
+    return noted(day(t.service_date_ns), early)
 
 
-def estimates_table(data: ReportData, last: Sequence[Estimate]) -> str:
-    """Return the last cycle's estimates side by side, one column an estimator."""
-    names = list(dict.fromkeys(p.name for e in last for p in e.parameters))
-    head = ["Parameter", *(_estimator_head(e) for e in last)]
-    rows = []
-    for name in names:
-        known = data.parameter(name)
-        about = f"<small>{describe(known)}</small>" if known else ""
-        label = f"{esc(name)}{unit(known.unit) if known else ''}{about}"
-        found = [next((p for p in e.parameters if p.name == name), None) for e in last]
-        rows.append([label, *(_value_cell(p) for p in found)])
-    rows.append(["State", *(_state(e) for e in last)])
-    rows.append(
+def estimates_table(data: ReportData) -> tuple[int, Table] | None:
+    """Return the last accepted cycle and its estimates side by side, a column an estimator."""
+    shown = [e for e in data.estimates if e.estimator != FEATURES]
+    accepted = [e.cycle for e in shown if e.status is not EstimateStatus.REFUSED]
+    if not accepted:
+        return None
+    cycle = max(accepted)
+    last = sorted((e for e in shown if e.cycle == cycle), key=lambda e: not e.used_by_trend)
+    rows = [_parameter_row(data, name, last) for name in _published(last)]
+    rows += [
+        ["State", *(noted(e.status.name.lower(), e.reason) for e in last)],
         [
-            "Free-run fit<small>100 % = perfect; of the model before / of this estimate</small>",
+            noted("Free-run fit", "100 % = perfect; of the model before / of this estimate"),
             *(f"{_fit(e.fit_test)} / {_fit(e.fit_train)}" for e in last),
-        ]
-    )
-    rows.append(["Condition number", *(number(e.condition_number, 3) for e in last)])
-    rows.append(["Lag<small>command to position, samples</small>", *(str(e.lag) for e in last)])
+        ],
+        ["Condition number", *(number(e.condition_number, 3) for e in last)],
+        [noted("Lag", "command to position, samples"), *(str(e.lag) for e in last)],
+    ]
     if any(e.disagreements for e in last):
         about = "own value minus that of the others, in standard errors of both"
-        rows.append([f"Disagreement<small>{about}</small>", *(_apart(e) for e in last)])
+        rows.append([noted("Disagreement", about), *map(_apart, last)])
     if any(e.guards for e in last):
-        rows.append(["Checks", *(_checks(e) for e in last)])
+        rows.append(["Checks", *map(_checks, last)])
     reason = next((e.trend_reason for e in last if e.trend_reason), "")
-    return table(head, rows, esc(reason))
+    head = [noted(e.estimator, "feeds the trend" if e.used_by_trend else "") for e in last]
+    return cycle, Table(["Parameter", *head], rows, reason)
+
+
+def _published(estimates: Sequence[Estimate]) -> list[str]:
+    return list(dict.fromkeys(p.name for e in estimates for p in e.parameters))
+
+
+def _parameter_row(data: ReportData, name: str, last: Sequence[Estimate]) -> list[str]:
+    known = data.parameter(name)
+    label = noted(name + unit(known.unit), describe(known)) if known else name
+    found = [next((p for p in e.parameters if p.name == name), None) for e in last]
+    return [label, *map(_value_cell, found)]
 
 
 def _apart(e: Estimate) -> str:
@@ -156,28 +164,21 @@ def _apart(e: Estimate) -> str:
     for d in e.disagreements:
         if math.isfinite(d.standard_errors):
             apart = fixed(d.standard_errors, 1, sign=True)
-            lines.setdefault(d.estimator, []).append(f"{esc(d.parameter)} {apart}")
-    return "".join(f"<small>{esc(k)}: {', '.join(v)}</small>" for k, v in lines.items()) or NONE
+            lines.setdefault(d.estimator, []).append(f"{d.parameter} {apart}")
+    notes = (noted("", f"{name}: {', '.join(values)}") for name, values in lines.items())
+    return Markup("").join(notes) or NONE
 
 
 def _checks(e: Estimate) -> str:
     """Return what did not pass, and how many checks did."""
     failed = [g for g in e.guards if not g.passed]
-    passed = len(e.guards) - len(failed)
-    shown = [f"{esc(g.name)}<small>{esc(g.reason)}</small>" for g in failed]
-    return "".join([*shown, f"{passed} passed"]) if e.guards else NONE
-
-
-def _estimator_head(e: Estimate) -> str:
-    return esc(e.estimator) + ("<small>feeds the trend</small>" if e.used_by_trend else "")
+    shown = [noted(g.name, g.reason) for g in failed]
+    passed = f"{len(e.guards) - len(failed)} passed"
+    return Markup("").join([*shown, passed]) if e.guards else NONE
 
 
 def _fit(x: float) -> str:
     return f"{fixed(x, 1)} %" if math.isfinite(x) else NONE
-
-
-def _state(e: Estimate) -> str:
-    return f"{e.status.name.lower()}<small>{esc(e.reason)}</small>"
 
 
 def _value_cell(p: ParameterValue | None) -> str:
@@ -186,39 +187,25 @@ def _value_cell(p: ParameterValue | None) -> str:
     if p.status is ParameterStatus.OK:
         text = with_interval(p.value, p.lower_95, p.upper_95)
         known = math.isfinite(p.lower_95) and math.isfinite(p.upper_95)
-        return text + ("" if known else "<small>interval not calibrated</small>")
-    word = {
-        ParameterStatus.AT_BOUND: "on its bound: a limit, not a measurement",
-        ParameterStatus.NOT_EXCITED: "not excited by this cycle",
-        ParameterStatus.REFUSED: "refused",
-    }[p.status]
-    reason = p.reason or word
+        return noted(text, "" if known else "interval not calibrated")
     value = number(p.value) if math.isfinite(p.value) else NONE
-    return f"{value}<small>{esc(reason)}</small>"
+    return noted(value, p.reason or _UNUSABLE[p.status])
 
 
-def refused_cycles_table(data: ReportData) -> str:
-    """Return the table of cycles nothing was learnt from, and why; newest first."""
-    rows = [
-        [str(c.cycle), when(c.start_ns), esc(c.reason or "no reason recorded")]
-        for c in data.cycles
-        if not c.accepted
-    ]
+def refused_cycles(data: ReportData) -> Table:
+    """Return the cycles nothing was learnt from, and why; newest first."""
     started = {c.cycle: c.start_ns for c in data.cycles}
-    rows += [
-        [str(e.cycle), when(started.get(e.cycle, e.start_ns)), esc(e.reason)]
-        for e in data.trend_estimates
-        if e.status is EstimateStatus.REFUSED
-    ]
-    rows.sort(key=lambda row: -int(row[0]))
-    if not rows:
-        return "<p>No cycle was refused.</p>"
-    more = len(rows) - MAX_ROWS
-    caption = f"the newest {MAX_ROWS} of {len(rows)}" if more > 0 else ""
-    return table(["Cycle", "Start", "Why it was refused"], rows[:MAX_ROWS], caption)
+    found = [(c.cycle, c.reason or "no reason recorded") for c in data.cycles if not c.accepted]
+    refused = [e for e in data.trend_estimates if e.status is EstimateStatus.REFUSED]
+    started = {e.cycle: e.start_ns for e in refused} | started
+    found += [(e.cycle, e.reason) for e in refused]
+    found.sort(key=lambda row: -row[0])
+    rows = [[str(cycle), when(started[cycle]), why] for cycle, why in found[:MAX_ROWS]]
+    more = f"the newest {MAX_ROWS} of {len(found)}" if len(found) > MAX_ROWS else ""
+    return Table(["Cycle", "Start", "Why it was refused"], rows, more)
 
 
-def refused_parameters_table(data: ReportData) -> str:
+def refused_parameters(data: ReportData) -> Table:
     """Return how often a parameter of the trend's estimator could not be used, and why."""
     why: dict[tuple[str, str], Counter[str]] = {}
     for e in data.trend_estimates:
@@ -226,75 +213,37 @@ def refused_parameters_table(data: ReportData) -> str:
             if not p.usable:
                 word = p.status.name.lower().replace("_", " ")
                 why.setdefault((p.name, word), Counter())[p.reason] += 1
-    if not why:
-        return ""
     rows = [
-        [esc(name), word, count(sum(reasons.values())), esc(reasons.most_common(1)[0][0])]
+        [name, word, count(sum(reasons.values())), reasons.most_common(1)[0][0]]
         for (name, word), reasons in sorted(why.items())
     ]
-    return table(
-        ["Parameter", "State", "Cycles", "Most frequent reason"],
-        rows,
-        "single parameters that a cycle said nothing usable about; the others of that cycle count",
-    )
+    about = "single parameters that a cycle said nothing usable about; "
+    about += "the others of that cycle count"
+    return Table(["Parameter", "State", "Cycles", "Most frequent reason"], rows, about)
 
 
-def quality_table(data: ReportData) -> str:
+def quality(data: ReportData) -> dict[str, object]:
     """Return what share of the samples was lost or masked and what is known of the sensor."""
-    used = data.trend_estimates
-    samples = sum(c.samples for c in data.cycles)
-    lost = sum(c.lost for c in data.cycles)
-    missed = sum(max(c.missed_cycles, 0) for c in data.cycles)
+    counts = [e.counts for e in data.trend_estimates]
+    samples, lost = (sum(getattr(c, k) for c in data.cycles) for k in ("samples", "lost"))
+    fitted = sum(c.used for c in counts)
+    masked = {k: sum(getattr(c, k) for c in counts) for k in ("seat", "stuck", "stale", "bad")}
+    total = fitted + sum(masked.values())
+    missed = count(sum(max(c.missed_cycles, 0) for c in data.cycles))
     unknown = sum(c.missed_cycles < 0 for c in data.cycles)
-    fitted = sum(e.counts.used for e in used)
-    rows = [
-        ["Samples received", count(samples), ""],
-        ["Samples lost", _share(lost, samples + lost), "gaps between stamps above 1.5 periods"],
-        ["Samples in the fits", count(fitted), "of all accepted cycles"],
-    ]
-    masks = {
-        "seat": "spool on a stop with the command pushing into it",
-        "stuck": "spool did not move although commanded",
-        "stale": "sensor repeated its last value",
-        "bad": "not a number, or out of its range",
+    noise = [e.noise_sigma for e in data.trend_estimates if math.isfinite(e.noise_sigma)]
+    return {
+        "samples": samples,
+        "lost": share(lost, samples + lost),
+        "fitted": fitted,
+        "masked": {name: share(n, total) for name, n in masked.items()},
+        "missed": missed + (f", and {count(unknown)} gaps of unknown length" if unknown else ""),
+        "noise": float(np.median(noise)) if noise else math.nan,
+        "reproducible": f"{count(sum(c.reproducible for c in data.cycles))} of "
+        f"{count(len(data.cycles))}",
     }
-    for name, meaning in masks.items():
-        masked = sum(getattr(e.counts, name) for e in used)
-        total = fitted + sum(sum(getattr(e.counts, m) for m in masks) for e in used)
-        rows.append([f"Masked: {name}", _share(masked, total), meaning])
-    text = count(missed) + (f", and {count(unknown)} gaps of unknown length" if unknown else "")
-    rows.append(["Cycles missed", text, "while the twin was down"])
-    noise = np.array([e.noise_sigma for e in used])
-    noise = noise[np.isfinite(noise)]
-    middle = number(float(np.median(noise)), 2) if len(noise) else NONE
-    rows.append(
-        ["Position noise at rest", middle, "median standard deviation, share of the stroke"]
-    )
-    repeat = sum(c.reproducible for c in data.cycles)
-    rows.append(
-        ["Reproducible cycles", f"{count(repeat)} of {count(len(data.cycles))}",
-         "all inputs carried stamps and none was lost: offline gives the same bits"]
-    )  # fmt: skip
-    return table(["", "", "Meaning"], rows)
 
 
-def _share(part: int, total: int) -> str:
-    if not total:
-        return count(part)
-    return f"{count(part)} ({fixed(100.0 * part / total, 2)} %)"
-
-
-def maintenance_table(data: ReportData) -> str:
-    """Return the maintenance events, empty where there are none."""
-    if not data.maintenance:
-        return ""
-    rows = [
-        [
-            str(m.cycle),
-            when(m.stamp_ns),
-            esc(m.note),
-            "new reference" if m.new_reference else "reference kept",
-        ]
-        for m in data.maintenance
-    ]
-    return table(["First cycle after", "Time", "What was done", "Reference"], rows)
+def share(part: int, total: int) -> str:
+    """Return a number and what percentage of all it is."""
+    return f"{count(part)} ({fixed(100.0 * part / total, 2)} %)" if total else count(part)

@@ -1,13 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Numbers, dates and words as they stand on the page, escaped where they come from outside."""
+"""Numbers, dates and words as they stand on the page, and the templates that they go into.
+
+What is HTML already is `Markup`; a template escapes all else.
+"""
 
 from __future__ import annotations
 
 import math
 from datetime import datetime, timezone
-from html import escape
+from functools import cache
 from typing import TYPE_CHECKING
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 
 if TYPE_CHECKING:
     from valve_twin.core.types import Parameter
@@ -19,12 +25,12 @@ NONE = "–"
 MINUS = "\u2212"
 
 
-def esc(text: object) -> str:
-    """Return text that shows itself in HTML and does nothing else."""
-    return escape(str(text), quote=True)
+def noted(value: object, note: object) -> Markup:
+    """Return a cell: a value, and a remark in small letters below it where there is one."""
+    return Markup("{}<small>{}</small>" if note else "{}").format(value, note)
 
 
-def number(x: float, digits: int = 4) -> str:
+def number(x: float, digits: int = 4) -> str | Markup:
     """Return a number with `digits` significant digits; a dash for NaN, a sign for infinity."""
     if math.isnan(x):
         return NONE
@@ -34,21 +40,19 @@ def number(x: float, digits: int = 4) -> str:
         return "0"
     exponent = math.floor(math.log10(abs(x)))
     if -4 <= exponent < max(digits, 6):
-        text = f"{x:.{max(digits - 1 - exponent, 0)}f}"
-    else:
-        mantissa = f"{x / 10.0**exponent:.{digits - 1}f}"
-        text = f"{mantissa}·10<sup>{str(exponent).replace('-', MINUS)}</sup>"
-    return text.replace("-", MINUS)
+        return f"{x:.{max(digits - 1 - exponent, 0)}f}".replace("-", MINUS)
+    mantissa = f"{x / 10.0**exponent:.{digits - 1}f}".replace("-", MINUS)
+    return Markup("{}·10<sup>{}</sup>").format(mantissa, str(exponent).replace("-", MINUS))
 
 
 def fixed(x: float, decimals: int, *, sign: bool = False) -> str:
     """Return a number with so many decimals; a dash where it is not finite."""
     if not math.isfinite(x):
-        return NONE if math.isnan(x) else number(x)
+        return str(number(x))
     return f"{x:{'+' if sign else ''}.{decimals}f}".replace("-", MINUS)
 
 
-def with_interval(value: float, lower: float, upper: float) -> str:
+def with_interval(value: float, lower: float, upper: float) -> str | Markup:
     """Return a value, and below it its interval, with decimals that fit the interval's width."""
     if math.isnan(value):
         return NONE
@@ -59,17 +63,16 @@ def with_interval(value: float, lower: float, upper: float) -> str:
         a, b, c = number(value), number(lower), number(upper)
     else:
         a, b, c = (fixed(x, decimals) for x in (value, lower, upper))
-    return f"{a}<small>{b} … {c}</small>"
+    return noted(a, Markup("{} … {}").format(b, c))
 
 
-def percent(value: float, lower: float, upper: float) -> str:
+def percent(value: float, lower: float, upper: float) -> str | Markup:
     """Return a change in percent with its interval."""
     if math.isnan(value):
         return NONE
-    text = f"{fixed(value, 1, sign=True)} %"
-    if math.isfinite(lower) and math.isfinite(upper):
-        text += f"<small>{fixed(lower, 1, sign=True)} … {fixed(upper, 1, sign=True)}</small>"
-    return text
+    known = math.isfinite(lower) and math.isfinite(upper)
+    interval = f"{fixed(lower, 1, sign=True)} … {fixed(upper, 1, sign=True)}" if known else ""
+    return noted(f"{fixed(value, 1, sign=True)} %", interval)
 
 
 def count(n: int) -> str:
@@ -79,7 +82,7 @@ def count(n: int) -> str:
 
 def unit(name: str) -> str:
     """Return a unit in brackets, empty for a dimensionless one."""
-    return "" if name in {"", "1"} else f" [{esc(name)}]"
+    return "" if name in {"", "1"} else f" [{name}]"
 
 
 def when(stamp_ns: int, *, seconds: bool = True) -> str:
@@ -100,5 +103,33 @@ def day(stamp_ns: int) -> str:
 
 
 def describe(parameter: Parameter) -> str:
-    """Return a parameter's description, escaped, without the mark of an assumption of ours."""
-    return esc(parameter.description.removesuffix("[A]").rstrip())
+    """Return a parameter's description without the mark of an assumption of ours."""
+    return parameter.description.removesuffix("[A]").rstrip()
+
+
+@cache
+def _templates() -> Environment:
+    made = Environment(
+        loader=PackageLoader("valve_twin.report"), autoescape=True, undefined=StrictUndefined
+    )
+    filters = (count, describe, number, unit, when)
+    made.filters.update({f.__name__: f for f in filters})
+    return made
+
+
+def render(template: str, **values: object) -> Markup:
+    """Return a template of this package filled with values.
+
+    Parameters
+    ----------
+    template : str
+        File in `templates`.
+    **values : object
+        What it names; text is escaped, `Markup` is not.
+
+    Returns
+    -------
+    Markup
+        HTML.
+    """
+    return Markup(_templates().get_template(template).render(values))
