@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
 from valve_twin.io.bags.read import BagWriter, bag_info, read_columns
-from valve_twin.io.bags.writer import SplitRule
+from valve_twin.io.bags.rolling import SplitRule
 from valve_twin.io.cdr.signals import STAMPED_TYPE, SignalSource
 from valve_twin.io.errors import BagError
 

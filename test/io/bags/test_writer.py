@@ -13,7 +13,8 @@ from rosbags.highlevel import AnyReader
 
 from valve_twin.io.bags.definitions import definition, type_hash
 from valve_twin.io.bags.qos import QosProfile
-from valve_twin.io.bags.writer import BagWriter, SplitRule
+from valve_twin.io.bags.rolling import SplitRule
+from valve_twin.io.bags.writer import BagWriter
 from valve_twin.io.cdr.signals import STAMPED_TYPE
 from valve_twin.io.errors import BagError
 

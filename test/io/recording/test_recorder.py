@@ -21,7 +21,7 @@ from rosbags.highlevel import AnyReader
 
 from valve_twin.io.bags.qos import QosProfile
 from valve_twin.io.bags.read import bag_info
-from valve_twin.io.bags.writer import SplitRule
+from valve_twin.io.bags.rolling import FileEvents, SplitRule
 from valve_twin.io.cdr.codec import encode_stamped
 from valve_twin.io.cdr.signals import STAMPED_TYPE
 from valve_twin.io.errors import BagError
@@ -323,7 +323,7 @@ def test_losses_stand_in_the_metadata_of_every_file(tmp_path):
     recording = opened(
         tmp_path / "bag",
         split=SplitRule(duration_s=0.05),
-        noted=lambda: {"lost_transport /a": next(lost)},
+        events=FileEvents(noted=lambda: {"lost_transport /a": next(lost)}),
     )
     recording.note({"serial": "4711"})
     recording.write([message(i) for i in range(25)])

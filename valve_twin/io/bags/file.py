@@ -109,6 +109,7 @@ class BagFile:
         self._channels: dict[str, int] = {}
         self.finished = False
         self.first_ns = -1
+        self.flushed_s = 0.0
 
     def declare(self, topic: TopicDescription) -> int:
         """Return the channel of a topic, new or known."""
@@ -190,6 +191,11 @@ class BagFile:
         """Close as it stands: what is written can be recovered."""
         self._stream.close()
 
+    def remove(self) -> None:
+        """Close and delete it."""
+        self.abandon()
+        self.path.unlink(missing_ok=True)
+
     @property
     def size(self) -> int:
         """Bytes written so far [B]."""
@@ -218,3 +224,28 @@ def sync_folder(folder: Path, sync: Callable[[int], object] = os.fsync) -> None:
         sync(number)
     finally:
         os.close(number)
+
+
+def replace_file(path: Path, text: str, sync: Callable[[int], object]) -> None:
+    """Write a file beside and rename it: it is whole or not there.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    text : str
+        What it shall hold.
+    sync : callable
+        Called with its number to put it on disk.
+    """
+    beside = path.with_name(f"{path.name}.new")
+    try:
+        with beside.open("w", encoding="utf-8") as stream:
+            stream.write(text)
+            stream.flush()
+            sync(stream.fileno())
+    except OSError:
+        beside.unlink(missing_ok=True)
+        raise
+    beside.replace(path)
+    sync_folder(path.parent, os.fsync)

@@ -10,7 +10,7 @@ import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from valve_twin.io.bags.writer import BagWriter, SplitRule
+from valve_twin.io.bags.writer import BagWriter
 from valve_twin.io.errors import BagError
 from valve_twin.io.recording.background_sync import BackgroundSync
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from valve_twin.io.bags.qos import QosProfile
+    from valve_twin.io.bags.rolling import FileEvents, SplitRule
     from valve_twin.io.recording.ring_buffer import RecordedMessage
 
 LOOK_BYTES = 64 * 1024
@@ -79,10 +80,8 @@ class Recording:
         What to do when the disk fills.
     by_snapshot : bool
         Write only what `snapshot` is given, a file each.
-    noted : callable, optional
-        Values for the metadata of every file when it is finished.
-    on_split : callable, optional
-        Gets the names of the file that was finished and of the next.
+    events : FileEvents, optional
+        What is called when a file is finished.
     clock : callable
         Steady clock [s].
     sync, free : callable
@@ -104,8 +103,7 @@ class Recording:
         split: SplitRule | None = None,
         disk: DiskRule | None = None,
         by_snapshot: bool = False,
-        noted: Callable[[], Mapping[str, object]] | None = None,
-        on_split: Callable[[str, str], object] | None = None,
+        events: FileEvents | None = None,
         clock: Callable[[], float] = time.monotonic,
         sync: Callable[[int], object] = os.fsync,
         free: Callable[[Path], int] = free_bytes,
@@ -123,8 +121,7 @@ class Recording:
             sync_now=sync if in_background else None,
             split=split,
             at_once=not by_snapshot,
-            noted=noted,
-            on_split=on_split,
+            events=events,
         )
         self.path = self._writer.path
         self._offered: dict[str, int] = {}
@@ -145,7 +142,7 @@ class Recording:
 
     def offer(self, topic: str, qos: tuple[QosProfile, ...]) -> None:
         """Note what the publishers of a topic offer now."""
-        self._writer.offer(topic, qos)
+        self._writer.topics.offer(topic, qos)
 
     def note(self, values: Mapping[str, object]) -> None:
         """Add values of the user's own to the metadata."""
@@ -200,7 +197,7 @@ class Recording:
         """Give everything to the kernel: it outlives this process, if not a power cut."""
         self._unwritten_since = math.inf
         try:
-            self._writer.write_out()
+            self._writer.flush(sync=False)
         except BagError as err:
             self._stop(str(err))
 
@@ -268,12 +265,12 @@ class Recording:
     @property
     def size(self) -> int:
         """Bytes of the files that are kept [B]."""
-        return self._writer.size
+        return self._writer.rolling.size
 
     @property
     def files(self) -> tuple[str, ...]:
         """Names of the files that are kept."""
-        return self._writer.files
+        return self._writer.rolling.names
 
     # -- trouble
 
@@ -302,7 +299,7 @@ class Recording:
 
     def _drop_oldest(self) -> bool:
         try:
-            return self._writer.drop_oldest() > 0
+            return self._writer.rolling.drop_oldest() > 0
         except BagError as err:
             self._stop(str(err))
             return False
@@ -313,7 +310,7 @@ class Recording:
         self._dirty_since = self._unwritten_since = math.inf
         self._retry_at = self._clock() + self._pause_s
         self._pause_s = min(2.0 * self._pause_s, LAST_RETRY_S)
-        self._writer.suspend()
+        self._writer.rolling.suspend()
 
     def _resume(self) -> None:
         """Go on in a new file where there is space."""
@@ -322,7 +319,7 @@ class Recording:
             return
         try:
             if not self._by_snapshot:
-                self._writer.open_next()
+                self._writer.rolling.open_next()
         except BagError:
             self._retry_at = self._clock() + self._pause_s
             self._pause_s = min(2.0 * self._pause_s, LAST_RETRY_S)

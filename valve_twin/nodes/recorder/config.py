@@ -10,7 +10,7 @@ from datetime import datetime, timezone
 from typing import TYPE_CHECKING, Any
 
 from valve_twin.io.bags.qos import read_overrides
-from valve_twin.io.bags.writer import SplitRule
+from valve_twin.io.bags.rolling import SplitRule
 from valve_twin.io.errors import ConfigError
 from valve_twin.io.recording.recorder import DiskRule
 from valve_twin.io.recording.topic_choice import TopicChoice

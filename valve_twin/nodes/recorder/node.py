@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from valve_twin_msgs import msg, srv
 
+from valve_twin.io.bags.rolling import FileEvents
 from valve_twin.io.recording.recorder import Recording
 from valve_twin.nodes.recorder.config import RecorderConfig, read_config
 from valve_twin.nodes.recorder.disk_queue import PERIOD_S, DiskQueue
@@ -82,9 +83,11 @@ class BagRecorderNode(ValveNode):
             split=config.split,
             disk=config.disk,
             by_snapshot=config.snapshot is not None,
-            noted=partial(self._losses, self._topics),
+            events=FileEvents(
+                noted=partial(self._losses, self._topics),
+                on_split=lambda *names: self.post(partial(self._on_split, *names)),
+            ),
             in_background=True,
-            on_split=lambda closed, opened: self.post(partial(self._on_split, closed, opened)),
         )
         self._recording.note(config.custom)
         self._disk = DiskQueue(
