@@ -25,7 +25,6 @@ from valve_twin.io.mcap.format import (
 )
 from valve_twin.io.mcap.summary import (
     Summary,
-    add_record,
     contradiction,
     data_sum_is_right,
     records_of,
@@ -241,7 +240,7 @@ class McapFile:
             raise ValueError(msg)
         summary = Summary()
         for op, begin, end in records_of(tail):
-            add_record(summary, op, tail[begin:end])
+            summary.add(op, tail[begin:end])
         counted = summary.statistics
         loose = counted is not None and not counted.chunk_count
         if (not crc or loose) and not data_sum_is_right(self._map, start):
@@ -269,11 +268,11 @@ class McapFile:
                 length = len(body) + RECORD_HEAD.size
                 summary.chunks.append(ChunkIndex(start, last, offset, length, {}, 0, "", 0, size))
             else:
-                add_record(summary, op, body)
+                summary.add(op, body)
         for chunk in summary.chunks:
             records = self.chunk(chunk)
             for op, begin, end in records_of(records):
-                add_record(summary, op, records[begin:end])
+                summary.add(op, records[begin:end])
         return summary
 
 

@@ -41,6 +41,23 @@ class Summary:
     statistics: Statistics | None = None
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
 
+    def add(self, op: int, body: bytes) -> None:
+        """Add a definition, index, count or metadata record."""
+        if op == Op.SCHEMA:
+            schema = read_schema(body)
+            self.schemas[schema.id] = schema
+        elif op == Op.CHANNEL:
+            channel = read_channel(body)
+            self.channels[channel.id] = channel
+        elif op == Op.CHUNK_INDEX:
+            self.chunks.append(read_chunk_index(body))
+        elif op == Op.STATISTICS:
+            self.statistics = read_statistics(body)
+        elif op == Op.METADATA:
+            cursor = Cursor(body)
+            name = cursor.text()
+            self.metadata[name] = cursor.text_map()
+
 
 def records_of(data: bytes | memoryview) -> Iterator[tuple[int, int, int]]:
     """Yield opcode, begin and end of the body of every whole record of a section."""
@@ -52,24 +69,6 @@ def records_of(data: bytes | memoryview) -> Iterator[tuple[int, int, int]]:
             return
         yield op, begin, begin + length
         at = begin + length
-
-
-def add_record(summary: Summary, op: int, body: bytes) -> None:
-    """Add a definition, index, count or metadata record to a summary."""
-    if op == Op.SCHEMA:
-        schema = read_schema(body)
-        summary.schemas[schema.id] = schema
-    elif op == Op.CHANNEL:
-        channel = read_channel(body)
-        summary.channels[channel.id] = channel
-    elif op == Op.CHUNK_INDEX:
-        summary.chunks.append(read_chunk_index(body))
-    elif op == Op.STATISTICS:
-        summary.statistics = read_statistics(body)
-    elif op == Op.METADATA:
-        cursor = Cursor(body)
-        name = cursor.text()
-        summary.metadata[name] = cursor.text_map()
 
 
 def contradiction(data: mmap.mmap, summary: Summary) -> str:

@@ -16,7 +16,7 @@ from valve_twin.io.mcap.format import (
     Schema,
     Statistics,
 )
-from valve_twin.io.mcap.summary import Summary, add_record
+from valve_twin.io.mcap.summary import Summary
 from valve_twin.io.salvage.chunk import Piece, Walk, read_heads, unpack, walk
 from valve_twin.io.salvage.definitions import definitions_beside
 from valve_twin.io.salvage.lost_counts import expected_counts, settle
@@ -121,7 +121,7 @@ class Scan:
             self._pieces[-1].index[channel] = at
         elif op in {Op.SCHEMA, Op.CHANNEL, Op.METADATA}:
             try:
-                add_record(self._outside, op, self._data[at + RECORD_HEAD.size : stop])
+                self._outside.add(op, self._data[at + RECORD_HEAD.size : stop])
             except ValueError:
                 self._flaw(at, stop - at, "definition", "cannot be read")
 

@@ -11,7 +11,7 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 from valve_twin.io.mcap.format import FOOTER_SIZE, MAGIC, RECORD_HEAD, Op
-from valve_twin.io.mcap.summary import Summary, add_record
+from valve_twin.io.mcap.summary import Summary
 from valve_twin.io.salvage.records import next_record, record_end
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ def _summary(data: Bytes, start: int, stop: int) -> Summary:
         if op not in _SUMMARY_KINDS:
             continue
         try:
-            add_record(summary, op, data[begin + RECORD_HEAD.size : end])
+            summary.add(op, data[begin + RECORD_HEAD.size : end])
         except (struct.error, ValueError, OverflowError):
             continue
     return summary
