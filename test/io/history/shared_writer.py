@@ -28,7 +28,7 @@ def neighbour(name: str) -> ModuleType:
 
 
 def main(path: str, valve: str, first: int, count: int) -> None:
-    history_test = neighbour("test_history")
+    history_test = neighbour("test_store")
     try:
         with History(path) as history:
             claim = history.claim(valve)
