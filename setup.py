@@ -12,6 +12,16 @@ from setuptools.command.install_scripts import install_scripts
 PACKAGE = "valve_twin"
 SHARE = f"share/{PACKAGE}"
 NODES = ("aging_monitor", "bag_player", "bag_recorder", "simulated_valve", "twin")
+VALVES = (
+    "cycle_timing",
+    "double_solenoid",
+    "hybrid_actuator",
+    "hydraulic_actuator",
+    "positioner",
+    "press_cartridge",
+    "servo_system",
+    "stepper_servo",
+)
 
 
 def share_files(folder: str, *patterns: str) -> tuple[str, list[str]]:
@@ -131,6 +141,10 @@ setup(
         "console_scripts": [
             "valve-twin = valve_twin.cli:main",
             *(f"{node} = valve_twin.nodes.runtime.executables:{node}" for node in NODES),
+        ],
+        "valve_twin.valves": [
+            "first_order = valve_twin.core.valves.first_order:VALVE",
+            *(f"{valve} = valve_twin.core.valves.{valve}:MODEL" for valve in VALVES),
         ],
     },
 )

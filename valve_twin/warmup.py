@@ -17,25 +17,15 @@ from valve_twin.core.alignment import SignalRange
 from valve_twin.core.cycles import CycleConfig
 from valve_twin.core.twin import Twin, TwinConfig
 from valve_twin.core.types import Cycle, CycleRule, Frames
-from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
+from valve_twin.core.valves.registry import (
+    complete_options,
+    get_model,
+    get_simulation,
+    model_names,
+)
 
 if TYPE_CHECKING:
     from valve_twin.core.valves.interface import Options, ValveModel
-
-MODELS = (
-    "press_cartridge",
-    "positioner",
-    "stepper_servo",
-    "hybrid_actuator",
-    "double_solenoid",
-    "servo_system",
-)
-VARIANTS: dict[str, dict[str, object]] = {
-    "positioner": {"second_order": True, "static_curve": True, "two_delays": True},
-}
-"""Options of a model under which further kernels run."""
-
-NOT_SIMULATED = ("cycle_timing", "hydraulic_actuator")
 
 
 def main() -> None:
@@ -43,14 +33,16 @@ def main() -> None:
     from valve_twin.core import aging
 
     import_module("valve_twin.io.cdr.columns_kernel")  # compiles on import
-    for name in MODELS:
-        for rule in CycleRule:
-            run_once(name, rule)
-    for name in NOT_SIMULATED:
-        predict_once(name, CycleRule.WINDOW)
-        _estimate_wave(name, {})
-    for name, changed in VARIANTS.items():
-        _estimate_wave(name, changed)
+    for name in model_names():
+        model = get_model(name)
+        if model.simulation() is None:
+            predict_once(name, CycleRule.WINDOW)
+            _estimate_wave(model, {})
+        else:
+            for rule in CycleRule:
+                run_once(name, rule)
+        for changed in model.variants:
+            _estimate_wave(model, changed)
     aging.warm_up()
 
 
@@ -111,7 +103,7 @@ def predict_once(name: str, rule: CycleRule) -> None:
     names = (*model.inputs, "cycle_counter", "reference", model.output)
     twin.push_round([(signal, stamps, np.zeros(count)) for signal in names])
     values = {p.name: 0.1 for p in model.parameters}
-    for changed in ({}, VARIANTS.get(name, {})):
+    for changed in ({}, *model.variants):
         model.predict(
             model.initial_state(),
             model.coefficients(values, 1, period_s, {**options, **changed}),
@@ -124,11 +116,11 @@ def predict_once(name: str, rule: CycleRule) -> None:
         )
 
 
-def _estimate_wave(name: str, changed: Options) -> None:
+def _estimate_wave(model: ValveModel, changed: Options) -> None:
     """Estimate a made-up cycle for kernels that no simulation reaches: output follows command."""
     from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 
-    model, period_s, count = get_model(name), 0.1, 200
+    period_s, count = 0.1, 200
     wave = np.sin(0.2 * np.arange(count))
     wave = 0.5 + 0.4 * wave if changed else wave  # a positioner's position is in 0..1
     frames = Frames(

@@ -8,7 +8,7 @@ import pytest
 from valve_twin.core.simulation import configure, simulate_cycles
 from valve_twin.core.simulation.block import to_frames
 from valve_twin.core.types import Frames
-from valve_twin.core.valves.press_cartridge.plant import PLANT
+from valve_twin.core.valves.press_cartridge.plant import default_simulation
 
 PERIOD_S = 0.03
 
@@ -32,7 +32,7 @@ def plant_cycles():
     """Return a function that simulates reference cycles with a measurement layer."""
 
     def simulate(count, seed, **layer):
-        config = configure(PLANT.simulation(), {"measurement": layer})
+        config = configure(default_simulation(), {"measurement": layer})
         return [to_frames(block) for block in simulate_cycles(config, count, seed)]
 
     return simulate

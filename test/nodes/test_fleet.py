@@ -30,7 +30,7 @@ PORTION = 50
 RAISER = """\
 import dataclasses
 import numpy as np
-from valve_twin.core.valves.press_cartridge import PLANT
+from valve_twin.core.valves.press_cartridge import MODEL
 from valve_twin.core.valves.press_cartridge.model import PressCartridgeModel
 
 @dataclasses.dataclass(frozen=True)

@@ -21,7 +21,7 @@ from valve_twin.core.simulation import (
     to_frames,
 )
 from valve_twin.core.types import Cycle
-from valve_twin.core.valves.press_cartridge import MODEL, PLANT
+from valve_twin.core.valves.press_cartridge import MODEL
 from valve_twin.core.valves.press_cartridge.estimation.constraints import physical_inequalities
 from valve_twin.core.valves.press_cartridge.estimation.qp import solve_qp
 from valve_twin.core.valves.press_cartridge.estimation.regression import (
@@ -109,7 +109,7 @@ class LayerFits:
 def experiment(layer: Layer, cycles: int) -> SimulationConfig:
     """Return the simulation of the aging experiment under a layer."""
     rule = AgingRule("area_in", "linear", -AREA_LOSS / max(cycles - 1, 1), FIRST_CYCLE + 1)
-    base = replace(PLANT.simulation(), first_cycle=FIRST_CYCLE, aging=(rule,))
+    base = replace(MODEL.simulation(), first_cycle=FIRST_CYCLE, aging=(rule,))
     settings = {"delay": layer.delay, "noise": layer.noise, "refresh": layer.refresh}
     return configure(base, {"measurement": settings})
 

@@ -8,13 +8,13 @@ import pytest
 
 from valve_twin.core.diagnosis.derive import Rig
 from valve_twin.core.simulation import SimulatedValve
-from valve_twin.core.valves.press_cartridge import MODEL, PLANT
+from valve_twin.core.valves.press_cartridge import MODEL
 from valve_twin.core.valves.registry import complete_options
 
 
 @pytest.fixture(scope="session")
 def rig():
-    return Rig(MODEL, complete_options(MODEL, {}), PLANT.simulation())
+    return Rig(MODEL, complete_options(MODEL, {}), MODEL.simulation())
 
 
 @pytest.fixture(scope="session")

@@ -10,7 +10,7 @@ from valve_twin.core.aging import AgingConfig, VerdictKind, assess
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.simulation import SimulatedValve, to_frames
 from valve_twin.core.types import Cycle, Maintenance
-from valve_twin.core.valves.press_cartridge import MODEL, PLANT
+from valve_twin.core.valves.press_cartridge import MODEL
 from valve_twin.core.valves.registry import complete_options
 from valve_twin.io.history.tables import estimate_row, row_estimate
 
@@ -30,7 +30,7 @@ def run_on(valve, cycles, history, memory):
 
 @pytest.fixture(scope="module")
 def healthy():
-    valve = SimulatedValve(PLANT.simulation(), 5)
+    valve = SimulatedValve(MODEL.simulation(), 5)
     history, memory = run_on(valve, BEFORE, [], Memory.empty())
     return valve, history, memory
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from valve_twin.core.simulation import AgingRule, configure, simulate_cycles
-from valve_twin.core.valves.press_cartridge.plant import PLANT
+from valve_twin.core.valves.press_cartridge.plant import default_simulation
 
 CYCLES = 105
 AGING = AgingRule("area_in", "linear", -0.15 / 104, 430)
@@ -22,7 +22,7 @@ AGING = AgingRule("area_in", "linear", -0.15 / 104, 430)
 def least_squares_poles(delay, noise, refresh):
     """Return mean theta_1 with 3 and with 5 terms (paper 002, eqs. (17) and (32)), lag 2."""
     layer = {"measurement": {"delay": delay, "noise": noise, "refresh": refresh}}
-    config = configure(replace(PLANT.simulation(), first_cycle=429, aging=(AGING,)), layer)
+    config = configure(replace(default_simulation(), first_cycle=429, aging=(AGING,)), layer)
     poles = []
     for block in simulate_cycles(config, CYCLES, 11):
         x, (v_in, v_out) = block.position, block.inputs[:-2].T

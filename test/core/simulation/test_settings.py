@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from valve_twin.core.simulation import AgingRule, Scatter, configure, list_settings
-from valve_twin.core.valves.press_cartridge.plant import PLANT, PressCartridgePlant
+from valve_twin.core.valves.press_cartridge.plant import PressCartridgePlant, default_simulation
 
-DEFAULT = PLANT.simulation()
+DEFAULT = default_simulation()
 
 
 def press(config):

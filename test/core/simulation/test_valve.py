@@ -18,10 +18,10 @@ from valve_twin.core.simulation import (
     simulate_cycles,
     to_frames,
 )
-from valve_twin.core.valves.press_cartridge.plant import PLANT, PressCartridgePlant
+from valve_twin.core.valves.press_cartridge.plant import PressCartridgePlant, default_simulation
 from valve_twin.core.valves.registry import get_simulation
 
-DEFAULT = PLANT.simulation()
+DEFAULT = default_simulation()
 IDEAL = configure(
     DEFAULT,
     {"measurement": {"noise": 0, "delay": 0}, "scatter": {"supply_pressure": 0}},

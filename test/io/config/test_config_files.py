@@ -16,6 +16,7 @@ NAMES = [
     "boiler_valve",
     "double_solenoid",
     "eha_cylinder",
+    "first_order",
     "hybrid_actuator",
     "hydraulic_actuator",
     "hydraulic_rig",

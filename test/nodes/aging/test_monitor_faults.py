@@ -14,7 +14,7 @@ from valve_twin.core.diagnosis.features import ESTIMATOR, NAMES, RELATIVE, featu
 from valve_twin.core.diagnosis.table import with_floor
 from valve_twin.core.simulation import SimulatedValve, to_frames
 from valve_twin.core.types import Cycle, Estimate, EstimateStatus, ParameterValue
-from valve_twin.core.valves.press_cartridge import MODEL, PLANT
+from valve_twin.core.valves.press_cartridge import MODEL
 from valve_twin.core.valves.registry import complete_options
 from valve_twin.io.history.store import History
 from valve_twin.nodes.aging.node import AgingMonitorNode
@@ -27,7 +27,7 @@ OPTIONS = {"options.estimators": ["output_error", ESTIMATOR]}
 
 def features():
     """Yield the features of 40 cycles, the sensor 1e-3 off from cycle 36 on."""
-    valve = SimulatedValve(PLANT.simulation(), 3)
+    valve = SimulatedValve(MODEL.simulation(), 3)
     cycle = Cycle(1, 0.03, to_frames(valve.advance(850)))
     start = feature_vector(MODEL.features(cycle, complete_options(MODEL, {})))
     table = MODEL.signatures()

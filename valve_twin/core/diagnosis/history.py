@@ -50,11 +50,9 @@ def _signatures(model: str) -> SignatureTable | None:
     from valve_twin.core.valves.registry import get_model  # which knows every model
 
     try:
-        known = getattr(get_model(model), "signatures", None)
+        return get_model(model).signatures()
     except ValueError:
         return None
-    table: SignatureTable | None = known() if known is not None else None
-    return table
 
 
 def describe_finding(finding: Finding) -> str:

@@ -11,7 +11,6 @@ from valve_twin.core.simulation.config import StartFault as StartFault
 from valve_twin.core.simulation.measurement import MeasurementConfig as MeasurementConfig
 from valve_twin.core.simulation.plant import Drive as Drive
 from valve_twin.core.simulation.plant import Plant as Plant
-from valve_twin.core.simulation.plant import PlantFactory as PlantFactory
 from valve_twin.core.simulation.plant import Response as Response
 from valve_twin.core.simulation.program import CycleProgram as CycleProgram
 from valve_twin.core.simulation.settings import Setting as Setting
@@ -32,7 +31,6 @@ __all__ = [
     "GainTruth",
     "MeasurementConfig",
     "Plant",
-    "PlantFactory",
     "Response",
     "Scatter",
     "Setting",

@@ -10,10 +10,9 @@ place.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
 if TYPE_CHECKING:
-    from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.types import BoolArray, FloatArray
 
 
@@ -78,15 +77,22 @@ class Response:
 class Plant(Protocol):
     """A simulated valve with its local controller.
 
-    Implementations are frozen dataclasses; their quantities can be replaced, aged and scattered
-    by name. One that takes more than the common faults names them in `fault_kinds` and has
-    `with_fault(kind, severity)`, which returns it with a fault that is other numbers of the plant.
+    Implementations are frozen dataclasses that inherit from it; their quantities can be replaced,
+    aged and scattered by name.
+
+    Attributes
+    ----------
+    inputs : tuple of str
+        Names of the M commands, as in the valve's model.
+    command_range : tuple of float
+        Least and greatest command that is taken from outside [1].
+    fault_kinds : tuple of str
+        Kinds of faults that it takes beyond those that every simulated valve takes.
     """
 
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """Return the names of the M commands, as in the valve's model."""
-        ...
+    inputs: ClassVar[tuple[str, ...]]
+    command_range: ClassVar[tuple[float, float]] = (0.0, 1.0)
+    fault_kinds: ClassVar[tuple[str, ...]] = ()
 
     def ticks_per_sample(self, period_s: float) -> int:
         """Return how often the controller runs in a sample; ValueError if periods do not fit."""
@@ -104,21 +110,12 @@ class Plant(Protocol):
         """Return the speed in mid-stroke under constant commands (M,), leak included [1/s]."""
         ...
 
+    def failure(self, state: FloatArray) -> str:
+        """Return when and in what state (S,) the integration failed, empty if it did not."""
+        del state
+        return ""
 
-def command_range(plant: Plant) -> tuple[float, float]:
-    """Return the least and the greatest command that a plant takes from outside [1].
-
-    0 to 1, unless the plant's class has a `command_range` of its own.
-    """
-    low, high = getattr(plant, "command_range", (0.0, 1.0))
-    return float(low), float(high)
-
-
-class PlantFactory(Protocol):
-    """What a valve package exports as `PLANT`."""
-
-    name: str
-
-    def simulation(self) -> SimulationConfig:
-        """Return the valve's default simulation."""
-        ...
+    def with_fault(self, kind: str, severity: float) -> Plant:
+        """Return the plant with a fault that is other numbers of it; `kind` in `fault_kinds`."""
+        del kind, severity
+        return self

@@ -14,7 +14,7 @@ from valve_twin.core.simulation.block import SimulationBlock
 from valve_twin.core.simulation.config import SimulationConfig, changed_plant, check_parameter
 from valve_twin.core.simulation.faults import COMMON_KINDS, PLANT_KINDS, Faults
 from valve_twin.core.simulation.measurement import RANDOM_PHASE, measure, start_sensor
-from valve_twin.core.simulation.plant import Drive, Plant, command_range
+from valve_twin.core.simulation.plant import Drive, Plant
 from valve_twin.core.types import join_blocks
 
 if TYPE_CHECKING:
@@ -89,8 +89,7 @@ class SimulatedValve:
     @property
     def failure(self) -> str:
         """Return when and in what state the plant's integration failed, empty if it did not."""
-        told = getattr(self._plant, "failure", None)
-        return "" if told is None else str(told(self._state))
+        return self._plant.failure(self._state)
 
     def advance(self, samples: int, commands: FloatArray | None = None) -> SimulationBlock:
         """Simulate the next samples.
@@ -143,7 +142,7 @@ class SimulatedValve:
             message = f"fault.duration = {duration_s!r}: must be a time from 0 on [s]"
             raise ValueError(message)
         count = max(round(duration_s / self.config.period_s), 1) if duration_s > 0.0 else 0
-        taken = (*COMMON_KINDS, *getattr(self.config.plant, "fault_kinds", ()))
+        taken = (*COMMON_KINDS, *self.config.plant.fault_kinds)
         faults = self._faults.with_fault(kind, severity, self._sample, count)
         if kind not in ("none", *taken):
             message = f"fault.kind = {kind!r}: this valve takes {', '.join(taken)} or none"
@@ -219,7 +218,7 @@ class SimulatedValve:
         if given.shape != shape or not np.isfinite(given).all():
             message = f"commands: must be finite and of shape {shape}, got shape {given.shape}"
             raise ValueError(message)
-        return np.clip(given, *command_range(self.config.plant))
+        return np.clip(given, *self.config.plant.command_range)
 
     def _starts(self, samples: int, commands: FloatArray | None) -> BoolArray:
         """Return at which of the next N samples a new cycle starts, (N,)."""
@@ -283,7 +282,7 @@ class SimulatedValve:
         frozen, freezes = self._draw_freezes(count)
         plant = self._plant
         for fault in self._faults.of(PLANT_KINDS):
-            plant = plant.with_fault(fault.kind, fault.severity)  # type: ignore[attr-defined]
+            plant = plant.with_fault(fault.kind, fault.severity)
         gain = 1.0 + self._faults.severity("sensor_gain")
         offset = self._faults.severity("sensor_offset")
         drive = Drive(

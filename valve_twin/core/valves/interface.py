@@ -1,20 +1,31 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""What a valve has to bring: a model (identification, prediction) and a plant (simulation).
+"""What a valve has to bring: `ValveModel`, the whole of it.
 
-A valve is one package under `valve_twin.core.valves` (or of a user, through the entry-point group
-`valve_twin.valves`) that exports `MODEL`, a `ValveModel`, and, where it can be simulated, `PLANT`,
-a `PlantFactory`. The rest of the house knows valves only through these protocols.
+A valve is an object of a class that inherits from `ValveModel`, named by an entry point of the
+group `valve_twin.valves`. What most valves do alike has a default here; the kit
+(`core/valves/kit`) brings the rest from a law of motion. The rest of the house knows valves only
+through this protocol.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
-    from valve_twin.core.types import ByteArray, Cycle, Estimate, FloatArray, Parameter
+    from valve_twin.core.diagnosis.table import SignatureTable
+    from valve_twin.core.simulation.config import SimulationConfig
+    from valve_twin.core.types import (
+        ByteArray,
+        Cycle,
+        Estimate,
+        FloatArray,
+        Parameter,
+        ParameterValue,
+    )
 
 Options = Mapping[str, object]
 
@@ -53,37 +64,17 @@ class ValveModel(Protocol):
         Options of estimation and prediction with their defaults.
     trend_estimator : str
         Name of the estimator that feeds the trend and the predictions.
+    variants : tuple of mapping
+        Options under which further kernels run, which are then compiled at installation, too.
     """
 
-    @property
-    def name(self) -> str:
-        """Name in configurations."""
-        ...
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """Signal names of the commands."""
-        ...
-
-    @property
-    def output(self) -> str:
-        """Signal name of the position."""
-        ...
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Every parameter that may be published."""
-        ...
-
-    @property
-    def options(self) -> tuple[Option, ...]:
-        """Options with their defaults."""
-        ...
-
-    @property
-    def trend_estimator(self) -> str:
-        """Name of the estimator that feeds trend and prediction."""
-        ...
+    name: str
+    inputs: tuple[str, ...]
+    output: str
+    parameters: tuple[Parameter, ...]
+    options: tuple[Option, ...]
+    trend_estimator: str
+    variants: tuple[Options, ...] = ()
 
     def estimate(
         self, cycle: Cycle, options: Options, earlier: Sequence[Estimate] = ()
@@ -130,6 +121,47 @@ class ValveModel(Protocol):
         AT_SEAT and STALE as in `Validity`. `predicted[n]` may use positions before n only.
         """
         ...
+
+    def input_fault(self, cycle: Cycle, options: Options) -> str:
+        """Return in one line why the signals cannot be what is configured; empty = plausible.
+
+        Parameters
+        ----------
+        cycle : Cycle
+            At least one sample.
+        options : mapping
+            The model's options, complete.
+        """
+        del cycle, options
+        return ""
+
+    def judges(self, options: Options) -> bool:
+        """Return whether estimates are judged by the cycles before and feed predictions."""
+        del options
+        return True
+
+    def merge(self, estimates: Sequence[Estimate]) -> Mapping[str, float]:
+        """Return what several cycles together know: the newest finite value of each parameter.
+
+        Parameters
+        ----------
+        estimates : sequence of Estimate
+            Of one estimator, oldest first, at least one, none refused.
+        """
+        return {p.name: p.value for e in estimates for p in e.parameters if isfinite(p.value)}
+
+    def features(self, cycle: Cycle, options: Options) -> tuple[ParameterValue, ...]:
+        """Return what a cycle shows of faults; empty for a model that names no `signatures`."""
+        del cycle, options
+        return ()
+
+    def signatures(self) -> SignatureTable | None:
+        """Return how faults change the features; None = no fault is told from its features."""
+        return None
+
+    def simulation(self) -> SimulationConfig | None:
+        """Return the valve's default simulation; None = it cannot be simulated."""
+        return None
 
 
 def number(options: Options, name: str) -> float:

@@ -1,48 +1,39 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Find valve models by name: those of this package, and those that users add by entry point.
+"""Find valve models by name: every entry point of the group `valve_twin.valves`.
 
 A user's package registers a model without touching this one::
 
     [project.entry-points."valve_twin.valves"]
-    my_valve = "my_package.my_valve:MODEL"
+    my_valve = "my_package.my_valve:VALVE"
 """
 
 from __future__ import annotations
 
 from difflib import get_close_matches
 from functools import cache
-from importlib import import_module
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, PackageNotFoundError, distribution, entry_points
 from typing import TYPE_CHECKING
+
+from valve_twin.core.valves.interface import ValveModel
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from valve_twin.core.simulation.config import SimulationConfig
-    from valve_twin.core.simulation.plant import PlantFactory
-    from valve_twin.core.valves.interface import Option, Options, ValveModel
+    from valve_twin.core.valves.interface import Option, Options
 
 ENTRY_POINT_GROUP = "valve_twin.valves"
 
-_BUILT_IN = (
-    "press_cartridge",
-    "positioner",
-    "stepper_servo",
-    "hybrid_actuator",
-    "servo_system",
-    "double_solenoid",
-    "cycle_timing",
-    "hydraulic_actuator",
-)
+MEMBERS = tuple(m for m in (*ValveModel.__annotations__, *vars(ValveModel)) if m[0] != "_")
+"""Every member of the protocol."""
 
 
 def model_names() -> tuple[str, ...]:
-    """Return the names of all known models, ours first."""
-    added = sorted(
-        e.name for e in entry_points(group=ENTRY_POINT_GROUP) if e.name not in _BUILT_IN
-    )
-    return (*_BUILT_IN, *added)
+    """Return the names of all known models in alphabetical order, those of this package first."""
+    ours = _ours()
+    added = {e.name for e in entry_points(group=ENTRY_POINT_GROUP)} - ours.keys()
+    return (*sorted(ours), *sorted(added))
 
 
 @cache
@@ -52,15 +43,17 @@ def get_model(name: str) -> ValveModel:
     Raises
     ------
     ValueError
-        If there is no such model; the message names the nearest one.
+        If there is no such model, the message names the nearest one; or if it lacks a member of
+        `ValveModel`.
     """
-    if name in _BUILT_IN:
-        return _checked(import_module(_package(name)).MODEL, name)
-    for entry in entry_points(group=ENTRY_POINT_GROUP):
-        if entry.name == name:
-            return _checked(entry.load(), name)
-    near = get_close_matches(name, model_names(), n=1)
-    hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(model_names())}"
+    entry = _ours().get(name)
+    if entry is None:  # a look at every installed distribution takes a while
+        entry = next((e for e in entry_points(group=ENTRY_POINT_GROUP) if e.name == name), None)
+    if entry is not None:
+        return _checked(entry.load(), name)
+    names = model_names()
+    near = get_close_matches(name, names, n=1)
+    hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(names) or 'none'}"
     msg = f"model: '{name}' is unknown; {hint}"
     raise ValueError(msg)
 
@@ -71,21 +64,23 @@ def get_simulation(name: str) -> SimulationConfig:
     Raises
     ------
     ValueError
-        If the model is unknown or its package exports no `PLANT`.
+        If the model is unknown or has no simulation.
     """
-    get_model(name)
-    plant: PlantFactory | None = getattr(import_module(_package(name)), "PLANT", None)
-    if plant is None:
-        msg = f"model: '{name}' cannot be simulated: its package exports no PLANT"
+    simulation = get_model(name).simulation()
+    if simulation is None:
+        msg = f"model: '{name}' cannot be simulated: its simulation() returns None"
         raise ValueError(msg)
-    return plant.simulation()
+    return simulation
 
 
-def _package(name: str) -> str:
-    """Return the module that exports the model of that name."""
-    if name in _BUILT_IN:
-        return f"valve_twin.core.valves.{name}"
-    return next(e.module for e in entry_points(group=ENTRY_POINT_GROUP) if e.name == name)
+@cache
+def _ours() -> dict[str, EntryPoint]:
+    """Return the entry points of this package by name."""
+    try:
+        found = distribution("valve_twin").entry_points
+    except PackageNotFoundError:
+        return {}
+    return {e.name: e for e in found if e.group == ENTRY_POINT_GROUP}
 
 
 def complete_options(model: ValveModel, given: Mapping[str, object]) -> Options:
@@ -111,18 +106,11 @@ def _default(option: Option) -> object:
 
 
 def _checked(model: object, name: str) -> ValveModel:
-    needed = (
-        "inputs",
-        "output",
-        "parameters",
-        "options",
-        "trend_estimator",
-        "estimate",
-        "coefficients",
-        "predict",
-    )
-    missing = [a for a in needed if not hasattr(model, a)]
+    missing = [m for m in MEMBERS if not hasattr(model, m)]
     if missing:
-        msg = f"model: '{name}' is no valve model, it lacks {', '.join(missing)}"
+        msg = (
+            f"model: '{name}' is no valve model, it lacks {', '.join(missing)}; "
+            "inherit from valve_twin.core.valves.interface.ValveModel"
+        )
         raise ValueError(msg)
     return model  # type: ignore[return-value]

@@ -63,7 +63,7 @@ def load_campaign(path: str | Path) -> Campaign:
                 msg = f"{path}: unknown key '{key}'; {suggest(str(key), _KEYS)}"
                 raise ConfigError(msg)
         model = get_model(given["model"])
-        if not hasattr(model, "features"):
+        if model.signatures() is None:
             msg = f"{path}: model: '{given['model']}' shows no features of faults"
             raise ConfigError(msg)
         simulation = configure(get_simulation(model.name), given.get("simulation") or {})

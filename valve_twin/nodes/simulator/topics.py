@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from valve_twin_msgs import msg, srv
 
-from valve_twin.core.simulation.plant import command_range
 from valve_twin.core.simulation.valve import SimulatedValve
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.cdr.codec import encode_series, encode_stamped
@@ -174,7 +173,7 @@ class SimulatedTopics:
         """Hold the newest command; one that is no number keeps the last, one beyond is limited."""
         del received_ns
         value = float(block.values[-1])
-        low, high = command_range(self.simulation.plant)
+        low, high = self.simulation.plant.command_range
         if not low <= value <= high:
             done = "limited" if np.isfinite(value) else "the last one is held"
             self._node.faults.report(

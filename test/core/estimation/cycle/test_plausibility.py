@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from valve_twin.core.estimation.cycle.plausibility import input_fault, wrong_step
+from valve_twin.core.estimation.cycle.plausibility import wrong_step
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.simulation import simulate_cycles
 from valve_twin.core.simulation.block import to_frames
@@ -19,7 +19,7 @@ PRESS_S, POSITIONER_S = 0.03, 0.02
 
 
 def fault_of(model, frames, period_s, **options):
-    return input_fault(model, Cycle(1, period_s, frames), complete_options(model, options))
+    return model.input_fault(Cycle(1, period_s, frames), complete_options(model, options))
 
 
 def changed(frames, position=None, inputs=None):

@@ -18,7 +18,7 @@ from valve_twin.core.valves.hybrid_actuator.magnetics import (
     coil_current,
     coil_force,
 )
-from valve_twin.core.valves.hybrid_actuator.plant import PLANT, HybridActuatorPlant
+from valve_twin.core.valves.hybrid_actuator.plant import HybridActuatorPlant, default_simulation
 from valve_twin.core.valves.hybrid_actuator.plant_kernel import (
     FLUX_CLOSER,
     FLUX_OPENER,
@@ -186,7 +186,7 @@ def test_restitution_is_kept_at_an_impact():
 
 
 def test_a_bridge_that_is_off_blocks_once_the_current_has_died():
-    valve = SimulatedValve(PLANT.simulation(), seed=0)
+    valve = SimulatedValve(default_simulation(), seed=0)
     block = valve.advance(990)
     closer = block.inputs[:, 3]
     assert closer.min() < -0.1
@@ -196,15 +196,15 @@ def test_a_bridge_that_is_off_blocks_once_the_current_has_died():
 
 
 def test_opens_and_closes_and_stays_latched():
-    block = SimulatedValve(PLANT.simulation(), seed=0).advance(2000)
+    block = SimulatedValve(default_simulation(), seed=0).advance(2000)
     assert (block.true_position[300:1000] == 1.0).all()
     assert (block.true_position[1300:] == 0.0).all()
     assert block.true_position[:20].max() == 0.0
 
 
 def test_any_split_of_the_samples_gives_the_same_bits():
-    whole = SimulatedValve(PLANT.simulation(), seed=4).advance(1500)
-    valve = SimulatedValve(PLANT.simulation(), seed=4)
+    whole = SimulatedValve(default_simulation(), seed=4).advance(1500)
+    valve = SimulatedValve(default_simulation(), seed=4)
     parts = [valve.advance(n) for n in (1, 22, 477, 0, 1000)]
     for name in ("position", "inputs", "true_position", "reference"):
         joined = np.concatenate([getattr(p, name) for p in parts])
@@ -212,13 +212,13 @@ def test_any_split_of_the_samples_gives_the_same_bits():
 
 
 def test_a_stuck_armature_stays():
-    valve = SimulatedValve(PLANT.simulation(), seed=0)
+    valve = SimulatedValve(default_simulation(), seed=0)
     valve.set_fault("stuck")
     assert valve.advance(1000).true_position.max() == 0.0
 
 
 def test_external_voltages_drive_the_coils():
-    config = configure(PLANT.simulation(), {"controller": "external"})
+    config = configure(default_simulation(), {"controller": "external"})
     commands = np.zeros((300, 4))
     commands[:100, 1] = 0.5
     block = SimulatedValve(config, 0).advance(300, commands)
@@ -228,8 +228,8 @@ def test_external_voltages_drive_the_coils():
 
 
 def test_gas_force_delays_the_opening():
-    quiet = SimulatedValve(PLANT.simulation(), 0).advance(200).true_position
-    config = configure(PLANT.simulation(), {"plant.gas_force": 20.0})
+    quiet = SimulatedValve(default_simulation(), 0).advance(200).true_position
+    config = configure(default_simulation(), {"plant.gas_force": 20.0})
     loaded = SimulatedValve(config, 0).advance(200).true_position
     assert np.argmax(loaded > 0.5) > np.argmax(quiet > 0.5)
 

@@ -21,7 +21,7 @@ from valve_twin.core.simulation import (
     to_frames,
 )
 from valve_twin.core.types import Cycle
-from valve_twin.core.valves.press_cartridge import MODEL, PLANT
+from valve_twin.core.valves.press_cartridge import MODEL
 from valve_twin.core.valves.press_cartridge.generator import Truth, generate_cycle
 from valve_twin.core.valves.registry import complete_options
 
@@ -30,7 +30,7 @@ PERIOD_S = 0.03
 
 
 def aging_experiment(**layer):
-    config = configure(PLANT.simulation(), {"measurement": layer})
+    config = configure(MODEL.simulation(), {"measurement": layer})
     return replace(config, aging=(AgingRule("area_in", "linear", -0.15 / (CYCLES - 1), 2),))
 
 

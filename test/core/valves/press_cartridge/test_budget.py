@@ -9,7 +9,7 @@ import pytest
 
 from valve_twin.core.simulation import configure
 from valve_twin.core.valves.positioner import MODEL as POSITIONER
-from valve_twin.core.valves.press_cartridge import MODEL, PLANT
+from valve_twin.core.valves.press_cartridge import MODEL
 from valve_twin.core.valves.press_cartridge.approximations import (
     euler_error,
     press_approximations,
@@ -19,7 +19,7 @@ from valve_twin.core.valves.press_cartridge.plant import PressCartridgePlant
 from valve_twin.core.valves.registry import complete_options, get_simulation
 
 THETA = ("theta_1", "theta_2", "theta_3", "theta_5")
-QUIET = configure(PLANT.simulation(), {"measurement.noise": 1e-5})
+QUIET = configure(MODEL.simulation(), {"measurement.noise": 1e-5})
 OPTIONS = complete_options(MODEL, {})
 
 
@@ -36,7 +36,7 @@ def quiet():
 
 @pytest.fixture(scope="module")
 def noisy():
-    return error_budget(MODEL, OPTIONS, PLANT.simulation(), BudgetOptions(realisations=3))
+    return error_budget(MODEL, OPTIONS, MODEL.simulation(), BudgetOptions(realisations=3))
 
 
 def commands():
@@ -116,7 +116,7 @@ def test_a_total_is_the_sum_and_never_below_the_root_of_squares(noisy):
 
 
 def test_the_same_seed_gives_the_same_budget(noisy):
-    again = error_budget(MODEL, OPTIONS, PLANT.simulation(), BudgetOptions(realisations=3))
+    again = error_budget(MODEL, OPTIONS, MODEL.simulation(), BudgetOptions(realisations=3))
     assert again == noisy
 
 

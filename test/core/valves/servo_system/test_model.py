@@ -15,7 +15,7 @@ from valve_twin.core.types import Cycle, EstimateStatus, ParameterStatus
 from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
 from valve_twin.core.valves.servo_system.fit import START, UNKNOWNS, rank
 from valve_twin.core.valves.servo_system.parameters import NAMES
-from valve_twin.core.valves.servo_system.plant import PLANT, ServoSystemPlant
+from valve_twin.core.valves.servo_system.plant import ServoSystemPlant, default_simulation
 
 MODEL = get_model("servo_system")
 OPTIONS = complete_options(MODEL, {})
@@ -96,7 +96,7 @@ def rich(seed, *, duration_s=12.0, period_s=1e-4):
         duration_s=duration_s,
         step_time_s=0.0,
     )
-    config = replace(configure(PLANT.simulation(), CLEAN), program=program, period_s=period_s)
+    config = replace(configure(default_simulation(), CLEAN), program=program, period_s=period_s)
     frames = to_frames(SimulatedValve(config, 1).advance(config.cycle_samples))
     random = np.random.default_rng(seed)
     inputs = frames.inputs.copy()

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from valve_twin.core.simulation import SimulatedValve, configure
 from valve_twin.core.simulation.plant import Drive
 from valve_twin.core.valves.servo_system.dynamics import P1, P2, VV, XV
-from valve_twin.core.valves.servo_system.plant import PLANT, ServoSystemPlant
+from valve_twin.core.valves.servo_system.plant import ServoSystemPlant, default_simulation
 from valve_twin.core.valves.servo_system.plant_kernel import FIRST, INPUTS
 
 CLEAN = {"plant.sensor_noise": 0.0, "plant.sensor_quantum": 0.0, "measurement.noise": 0.0,
@@ -20,7 +20,7 @@ CLEAN = {"plant.sensor_noise": 0.0, "plant.sensor_quantum": 0.0, "measurement.no
 
 
 def cycle(given_=None, seed=1, samples=4000, faults=()):
-    valve = SimulatedValve(configure(PLANT.simulation(), given_ or {}), seed)
+    valve = SimulatedValve(configure(default_simulation(), given_ or {}), seed)
     for fault in faults:
         valve.set_fault(*fault)
     return valve.advance(samples)
@@ -49,7 +49,7 @@ def test_pressures_balance_the_piston_at_rest(clean):
 
 
 def test_the_same_samples_come_in_any_blocks():
-    config = PLANT.simulation()
+    config = default_simulation()
     whole, split = SimulatedValve(config, 3), SimulatedValve(config, 3)
     one = whole.advance(700)
     parts = [split.advance(n) for n in (1, 99, 350, 250)]
@@ -67,7 +67,7 @@ def test_sensors_have_the_stated_noise_and_steps(clean):
 
 
 def test_a_held_valve_does_not_move():
-    valve = SimulatedValve(configure(PLANT.simulation(), CLEAN), 1)
+    valve = SimulatedValve(configure(default_simulation(), CLEAN), 1)
     valve.set_fault("stuck")
     opening = valve.advance(300).inputs[:, INPUTS.index("valve_position")]
     assert np.ptp(opening) == 0.0
@@ -91,7 +91,7 @@ def test_the_end_covers_hold_the_piston():
 
 
 def test_takes_the_desired_position_from_outside():
-    config = configure(PLANT.simulation(), {**CLEAN, "controller": "external"})
+    config = configure(default_simulation(), {**CLEAN, "controller": "external"})
     commands = np.full((600, len(INPUTS)), 0.6)
     block = SimulatedValve(config, 1).advance(600, commands)
     assert block.true_position[-1] == pytest.approx(0.6, abs=0.01)
@@ -134,7 +134,7 @@ def test_refuses_what_is_not_physical_by_name_value_and_range(name, value):
 
 def test_refuses_sampling_too_slow_for_its_modes():
     with pytest.raises(ValueError, match=r"period_s = 0.02: must be a number from 0 to 0.004"):
-        replace(PLANT.simulation(), period_s=0.02)
+        replace(default_simulation(), period_s=0.02)
 
 
 @given(

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from valve_twin.core.types import Cycle, FloatArray, Frames, IntArray
-    from valve_twin.core.valves.interface import Options, ValveModel
 
 LARGEST = 1.5
 """A signal that is 0..1 does not go beyond this, overshoot and offset included [1] [A]."""
@@ -36,24 +35,6 @@ _WEAKER = 0.5  # ... if none at another delay is stronger than this share of it
 _LEADS = 0.6  # least correlation at which a position can be said to come before its command
 _MOST_LAGS = 64  # tried, evenly up to the longest
 _LEADS_BY = 0.5  # what is unexplained with the position first, over that with the command first
-
-
-def input_fault(model: ValveModel, cycle: Cycle, options: Options) -> str:
-    """Return in one line why a cycle's signals cannot be what is configured; empty = plausible.
-
-    The sampling time is looked at where cycles are cut.
-
-    Parameters
-    ----------
-    model : ValveModel
-        Its own `input_fault(cycle, options)` is asked, where it has one.
-    cycle : Cycle
-        At least one sample.
-    options : mapping
-        The model's options, complete.
-    """
-    own = getattr(model, "input_fault", None)
-    return "" if own is None else str(own(cycle, options))
 
 
 def wrong_step(stamp_ns: IntArray, period_s: float) -> float:

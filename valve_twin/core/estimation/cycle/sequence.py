@@ -9,14 +9,12 @@ restarted from its history all give the same bits.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from valve_twin.core.estimation.cycle.comparison import compare_estimators
-from valve_twin.core.estimation.cycle.plausibility import input_fault
 from valve_twin.core.estimation.cycle.scatter import scatter_between_cycles
 from valve_twin.core.prediction import restart_marks, run_model
 from valve_twin.core.types import (
@@ -167,15 +165,14 @@ def estimate_cycle(
     if len(cycle.frames) == 0:
         nothing = (_nothing(model, cycle, cycle.reason or "the cycle has no samples"),)
         return nothing, memory.after(nothing)
-    fault = input_fault(model, cycle, options) if cycle.accepted else ""
+    fault = model.input_fault(cycle, options) if cycle.accepted else ""
     if fault:  # nothing is fitted to signals that cannot be what is configured
         results: tuple[Estimate, ...] = (_nothing(model, cycle, fault),)
     else:
         results = model.estimate(cycle, options, memory.estimates)
     if not cycle.accepted:
         results = tuple(_refused(e, cycle.reason) for e in results)
-    judges = getattr(model, "judges", None)
-    if judges is not None and not judges(options):
+    if not model.judges(options):
         return results, memory
     done = tuple(_judged(model, options, cycle, memory, e) for e in results)
     if len(done) > 1:
@@ -318,18 +315,12 @@ def _in_force(
     """Merge what the cycles know into one model: the model's own `merge`, if it has one."""
     if not estimates:
         return None
-    values = getattr(model, "merge", _newest_values)(estimates)
+    values = model.merge(estimates)
     newest = estimates[-1]
     coefficients = model.coefficients(values, newest.lag, period_s, options)
     if not np.isfinite(coefficients).all():
         return None
     return InForce(coefficients, newest.lag, _expected_sigma(estimates), newest.cycle)
-
-
-def _newest_values(estimates: tuple[Estimate, ...]) -> dict[str, float]:
-    """Return the newest finite value of each parameter."""
-    isfinite = math.isfinite
-    return {p.name: p.value for e in estimates for p in e.parameters if isfinite(p.value)}
 
 
 def _expected_sigma(estimates: tuple[Estimate, ...]) -> float:

@@ -19,7 +19,7 @@ from valve_twin.core.types import (
 from valve_twin.core.valves.cycle_timing.kernels import STATE_SIZE, predict_block
 from valve_twin.core.valves.cycle_timing.parameters import ESTIMATOR, OPTIONS, PARAMETERS
 from valve_twin.core.valves.cycle_timing.timing import Timing, find_timing
-from valve_twin.core.valves.interface import number
+from valve_twin.core.valves.interface import ValveModel, number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class CycleTimingModel:
+class CycleTimingModel(ValveModel):
     """Implements `ValveModel` for a flow in a fixed cycle; no command is recorded."""
 
     name: str = "cycle_timing"

@@ -3,6 +3,5 @@
 """Double-solenoid directional valve 4WRREH6: two coupled coils, a spool between two springs."""
 
 from valve_twin.core.valves.double_solenoid.model import MODEL
-from valve_twin.core.valves.double_solenoid.plant import PLANT
 
-__all__ = ["MODEL", "PLANT"]
+__all__ = ["MODEL"]

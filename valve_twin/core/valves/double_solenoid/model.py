@@ -30,17 +30,23 @@ from valve_twin.core.valves.double_solenoid.parameters import (
     PARAMETERS,
     known_valve,
 )
-from valve_twin.core.valves.double_solenoid.plant import INPUTS, DoubleSolenoidPlant
+from valve_twin.core.valves.double_solenoid.plant import (
+    INPUTS,
+    DoubleSolenoidPlant,
+    default_simulation,
+)
 from valve_twin.core.valves.double_solenoid.predictor import (
     N_COEFFICIENTS,
     STATE_SIZE,
     coefficients,
     predict_block,
 )
+from valve_twin.core.valves.interface import ValveModel
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.types import BoolArray, ByteArray, Cycle, FloatArray, Parameter
     from valve_twin.core.valves.interface import Option, Options
 
@@ -62,7 +68,7 @@ _REACH_S = 0.02
 
 
 @dataclass(frozen=True, slots=True)
-class DoubleSolenoidModel:
+class DoubleSolenoidModel(ValveModel):
     """Implements `ValveModel` for two coils, their voltages and currents, and one spool."""
 
     name: str = "double_solenoid"
@@ -130,6 +136,10 @@ class DoubleSolenoidModel:
             return coefficients(known_valve(options, finite), period_s)
         except ValueError:
             return np.full(N_COEFFICIENTS, np.nan)
+
+    def simulation(self) -> SimulationConfig:
+        """Return the default simulation."""
+        return default_simulation()
 
     def initial_state(self) -> FloatArray:
         """Return the state before the first sample."""

@@ -27,7 +27,7 @@ from valve_twin.core.physics.solenoid_map import (
 )
 from valve_twin.core.simulation.config import SimulationConfig
 from valve_twin.core.simulation.measurement import MeasurementConfig
-from valve_twin.core.simulation.plant import Drive, PlantFactory, Response
+from valve_twin.core.simulation.plant import Drive, Plant, Response
 from valve_twin.core.simulation.program import CycleProgram
 from valve_twin.core.valves.double_solenoid.control_kernel import (
     CONTROLS,
@@ -73,7 +73,7 @@ def _list(unit: str, description: str) -> tuple[float, ...]:
 
 
 @dataclass(frozen=True, slots=True)
-class DoubleSolenoidPlant:
+class DoubleSolenoidPlant(Plant):
     """Numbers of the simulated valve; every field carries its unit, range and description."""
 
     inputs: ClassVar[tuple[str, ...]] = INPUTS
@@ -448,25 +448,17 @@ def map_tables(
     )
 
 
-class _DoubleSolenoidPlant:
-    """What makes the valve simulable."""
-
-    name = "double_solenoid"
-
-    def simulation(self) -> SimulationConfig:
-        """Return steps of all sizes in 0.36 s, sampled every 0.1 ms; position noise 0.16 um."""
-        program = CycleProgram(
-            times_s=(0.0, 0.005, 0.045, 0.085, 0.125, 0.165, 0.205, 0.245, 0.285, 0.325),
-            kinds=("hold",) * 10,
-            targets=(0.5, 0.9, 0.1, 0.75, 0.25, 0.5, 0.625, 0.575, 0.5, 0.475),
-            duration_s=0.36,
-        )
-        return SimulationConfig(
-            plant=DoubleSolenoidPlant(),
-            program=program,
-            measurement=MeasurementConfig(delay=0, noise=1e-4),
-            period_s=1e-4,
-        )
-
-
-PLANT: PlantFactory = _DoubleSolenoidPlant()
+def default_simulation() -> SimulationConfig:
+    """Return steps of all sizes in 0.36 s, sampled every 0.1 ms; position noise 0.16 um."""
+    program = CycleProgram(
+        times_s=(0.0, 0.005, 0.045, 0.085, 0.125, 0.165, 0.205, 0.245, 0.285, 0.325),
+        kinds=("hold",) * 10,
+        targets=(0.5, 0.9, 0.1, 0.75, 0.25, 0.5, 0.625, 0.575, 0.5, 0.475),
+        duration_s=0.36,
+    )
+    return SimulationConfig(
+        plant=DoubleSolenoidPlant(),
+        program=program,
+        measurement=MeasurementConfig(delay=0, noise=1e-4),
+        period_s=1e-4,
+    )

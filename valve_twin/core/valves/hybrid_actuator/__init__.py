@@ -3,6 +3,5 @@
 """Hybrid electromechanical engine valve actuator: two solenoids, springs, permanent magnets."""
 
 from valve_twin.core.valves.hybrid_actuator.model import MODEL
-from valve_twin.core.valves.hybrid_actuator.plant import PLANT
 
-__all__ = ["MODEL", "PLANT"]
+__all__ = ["MODEL"]

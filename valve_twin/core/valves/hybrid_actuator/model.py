@@ -35,18 +35,19 @@ from valve_twin.core.valves.hybrid_actuator.parameters import (
     refusal_of,
     solenoid,
 )
-from valve_twin.core.valves.hybrid_actuator.plant import INPUTS, check_period
+from valve_twin.core.valves.hybrid_actuator.plant import INPUTS, check_period, default_simulation
 from valve_twin.core.valves.hybrid_actuator.predictor import (
     N_COEFFICIENTS,
     STATE_SIZE,
     coefficients,
     predict_block,
 )
-from valve_twin.core.valves.interface import number
+from valve_twin.core.valves.interface import ValveModel, number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.types import BoolArray, ByteArray, Cycle, FloatArray, Parameter
     from valve_twin.core.valves.interface import Option, Options
 
@@ -63,7 +64,7 @@ _FEWEST = 50  # fewest usable samples of a cycle [A]
 
 
 @dataclass(frozen=True, slots=True)
-class HybridActuatorModel:
+class HybridActuatorModel(ValveModel):
     """Implements `ValveModel` for two solenoids, their currents and one armature."""
 
     name: str = "hybrid_actuator"
@@ -131,6 +132,10 @@ class HybridActuatorModel:
             number(options, "current_scale"),
             period_s,
         )
+
+    def simulation(self) -> SimulationConfig:
+        """Return the default simulation."""
+        return default_simulation()
 
     def initial_state(self) -> FloatArray:
         """Return the state before the first sample."""

@@ -18,7 +18,7 @@ import numpy as np
 from valve_twin.core.physics.quantity import check_quantities, quantity
 from valve_twin.core.simulation.config import SimulationConfig
 from valve_twin.core.simulation.measurement import MeasurementConfig
-from valve_twin.core.simulation.plant import Drive, PlantFactory, Response
+from valve_twin.core.simulation.plant import Drive, Plant, Response
 from valve_twin.core.simulation.program import CycleProgram
 from valve_twin.core.valves.hybrid_actuator.magnetics import (
     FIT,
@@ -90,7 +90,7 @@ def check_period(period_s: float) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class HybridActuatorPlant:
+class HybridActuatorPlant(Plant):
     """Numbers of the simulated actuator; every field carries its unit, range and description."""
 
     inputs: ClassVar[tuple[str, ...]] = INPUTS
@@ -352,25 +352,17 @@ class HybridActuatorPlant:
         return count
 
 
-class _HybridActuatorPlant:
-    """What makes the actuator simulable."""
-
-    name = "hybrid_actuator"
-
-    def simulation(self) -> SimulationConfig:
-        """Return one opening and closing in 0.2 s, sampled every 0.1 ms; position noise 3 um."""
-        program = CycleProgram(
-            times_s=(0.0, 2e-3, 0.1),
-            kinds=("hold", "hold", "hold"),
-            targets=(0.0, 1.0, 0.0),
-            duration_s=0.2,
-        )
-        return SimulationConfig(
-            plant=HybridActuatorPlant(),
-            program=program,
-            measurement=MeasurementConfig(delay=0, noise=3.75e-4),
-            period_s=1e-4,
-        )
-
-
-PLANT: PlantFactory = _HybridActuatorPlant()
+def default_simulation() -> SimulationConfig:
+    """Return one opening and closing in 0.2 s, sampled every 0.1 ms; position noise 3 um."""
+    program = CycleProgram(
+        times_s=(0.0, 2e-3, 0.1),
+        kinds=("hold", "hold", "hold"),
+        targets=(0.0, 1.0, 0.0),
+        duration_s=0.2,
+    )
+    return SimulationConfig(
+        plant=HybridActuatorPlant(),
+        program=program,
+        measurement=MeasurementConfig(delay=0, noise=3.75e-4),
+        period_s=1e-4,
+    )

@@ -25,7 +25,7 @@ from valve_twin.core.valves.hydraulic_actuator.parameters import (
     OPTIONS,
     PARAMETERS,
 )
-from valve_twin.core.valves.interface import number
+from valve_twin.core.valves.interface import ValveModel, number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -37,7 +37,7 @@ _AT_BOUND = 1e-6  # distance to a bound that counts as none, in units of the int
 
 
 @dataclass(frozen=True, slots=True)
-class HydraulicActuatorModel:
+class HydraulicActuatorModel(ValveModel):
     """Implements `ValveModel` for one valve opening and the load pressure."""
 
     name: str = "hydraulic_actuator"

@@ -3,6 +3,5 @@
 """A valve or cylinder that follows a position command: delay, dead band, rates, slew limits."""
 
 from valve_twin.core.valves.positioner.model import MODEL
-from valve_twin.core.valves.positioner.plant import PLANT
 
-__all__ = ["MODEL", "PLANT"]
+__all__ = ["MODEL"]

@@ -16,7 +16,8 @@ from valve_twin.core.estimation.cycle.plausibility import (
     same_fault,
     unit_fault,
 )
-from valve_twin.core.valves.interface import number
+from valve_twin.core.valves.interface import ValveModel, number
+from valve_twin.core.valves.kit.intervals import block_errors
 from valve_twin.core.valves.positioner.curve import (
     line_through,
     pooled,
@@ -31,17 +32,18 @@ from valve_twin.core.valves.positioner.fit import (
     normal,
 )
 from valve_twin.core.valves.positioner.fit_extended import fit_extended
-from valve_twin.core.valves.positioner.intervals import block_errors
 from valve_twin.core.valves.positioner.kernels import STATE_SIZE, predict_block
 from valve_twin.core.valves.positioner.outcome import MIN_DRIVEN, Errors, accepted, refused
 from valve_twin.core.valves.positioner.outcome_extended import Fitted, accepted_extended
 from valve_twin.core.valves.positioner.parameters import ESTIMATOR, OPTIONS, PARAMETERS
+from valve_twin.core.valves.positioner.plant import default_simulation
 from valve_twin.core.valves.positioner.record import prepare
 from valve_twin.core.valves.positioner.structure import extend, structure_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.types import (
         BoolArray,
         ByteArray,
@@ -60,7 +62,7 @@ N_PLAIN = 9
 
 
 @dataclass(frozen=True, slots=True)
-class PositionerModel:
+class PositionerModel(ValveModel):
     """Implements `ValveModel` for one command and one position."""
 
     name: str = "positioner"
@@ -69,6 +71,9 @@ class PositionerModel:
     parameters: tuple[Parameter, ...] = PARAMETERS
     options: tuple[Option, ...] = OPTIONS
     trend_estimator: str = ESTIMATOR
+    variants: tuple[Options, ...] = (
+        {"second_order": True, "static_curve": True, "two_delays": True},
+    )
 
     def estimate(
         self, cycle: Cycle, options: Options, earlier: Sequence[Estimate] = ()
@@ -188,6 +193,10 @@ class PositionerModel:
                 number(options, "upper_stop"),
             ]
         )
+
+    def simulation(self) -> SimulationConfig:
+        """Return the default simulation."""
+        return default_simulation()
 
     def initial_state(self) -> FloatArray:
         """Return the state before the first sample."""

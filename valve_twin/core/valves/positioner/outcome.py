@@ -15,8 +15,8 @@ from valve_twin.core.types import (
     ParameterStatus,
     ParameterValue,
 )
+from valve_twin.core.valves.kit.intervals import half_width
 from valve_twin.core.valves.positioner.fit import shown_speeds
-from valve_twin.core.valves.positioner.intervals import half_width
 from valve_twin.core.valves.positioner.parameters import DERIVED, ESTIMATOR, FITTED
 
 if TYPE_CHECKING:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.types import Estimate, EstimateStatus, ParameterStatus, ParameterValue
+from valve_twin.core.valves.kit.intervals import block_errors
 from valve_twin.core.valves.positioner.curve import line_through, settled
 from valve_twin.core.valves.positioner.extended import (
     BACKLASH,
@@ -20,7 +21,6 @@ from valve_twin.core.valves.positioner.extended import (
     STICTION,
 )
 from valve_twin.core.valves.positioner.fit_extended import correlated_sigma
-from valve_twin.core.valves.positioner.intervals import block_errors
 from valve_twin.core.valves.positioner.outcome import Errors, condition, derived
 from valve_twin.core.valves.positioner.parameters import (
     CURVE,

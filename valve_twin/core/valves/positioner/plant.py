@@ -12,7 +12,7 @@ from numba import njit
 
 from valve_twin.core.physics.quantity import check_quantities, quantity
 from valve_twin.core.simulation.config import SimulationConfig
-from valve_twin.core.simulation.plant import Drive, PlantFactory, Response
+from valve_twin.core.simulation.plant import Drive, Plant, Response
 from valve_twin.core.simulation.program import CycleProgram
 from valve_twin.core.valves.positioner.extended import (
     BACKLASH,
@@ -101,7 +101,7 @@ def _run_extended(
 
 
 @dataclass(frozen=True, slots=True)
-class PositionerPlant:
+class PositionerPlant(Plant):
     """Numbers of the simulated positioner; every field carries its unit, range and description."""
 
     inputs: ClassVar[tuple[str, ...]] = ("command",)
@@ -247,20 +247,12 @@ class PositionerPlant:
         return np.ascontiguousarray(np.repeat(sent, ticks))
 
 
-class _PositionerPlant:
-    """What makes the positioner simulable."""
-
-    name = "positioner"
-
-    def simulation(self) -> SimulationConfig:
-        """Return a cycle of steps and ramps through most of the stroke, sampled every 50 ms."""
-        program = CycleProgram(
-            times_s=(0.0, 1.0, 6.0, 9.0, 14.0, 17.0, 22.0, 25.0),
-            kinds=("hold", "step", "step", "ramp", "step", "step", "ramp", "step"),
-            targets=(0.1, 0.8, 0.75, 0.3, 0.35, 0.9, 0.4, 0.1),
-            duration_s=30.0,
-        )
-        return SimulationConfig(plant=PositionerPlant(), program=program, period_s=0.05)
-
-
-PLANT: PlantFactory = _PositionerPlant()
+def default_simulation() -> SimulationConfig:
+    """Return a cycle of steps and ramps through most of the stroke, sampled every 50 ms."""
+    program = CycleProgram(
+        times_s=(0.0, 1.0, 6.0, 9.0, 14.0, 17.0, 22.0, 25.0),
+        kinds=("hold", "step", "step", "ramp", "step", "step", "ramp", "step"),
+        targets=(0.1, 0.8, 0.75, 0.3, 0.35, 0.9, 0.4, 0.1),
+        duration_s=30.0,
+    )
+    return SimulationConfig(plant=PositionerPlant(), program=program, period_s=0.05)

@@ -3,6 +3,5 @@
 """The water hydraulic two-stage cartridge valve of a press (paper 002)."""
 
 from valve_twin.core.valves.press_cartridge.model import MODEL
-from valve_twin.core.valves.press_cartridge.plant import PLANT
 
-__all__ = ["MODEL", "PLANT"]
+__all__ = ["MODEL"]

@@ -32,7 +32,7 @@ from valve_twin.core.types import (
     Parameter,
     ParameterValue,
 )
-from valve_twin.core.valves.interface import Option, Options, number
+from valve_twin.core.valves.interface import Option, Options, ValveModel, number
 from valve_twin.core.valves.press_cartridge.estimation import kalman, output_error
 from valve_twin.core.valves.press_cartridge.estimation.checks import check_gap
 from valve_twin.core.valves.press_cartridge.estimation.constraints import THETA, parse_inequalities
@@ -48,6 +48,7 @@ from valve_twin.core.valves.press_cartridge.estimation.guards import GuardOption
 from valve_twin.core.valves.press_cartridge.estimation.kalman import fit_kalman, pool_ratios
 from valve_twin.core.valves.press_cartridge.estimation.lag import LagScan, scan_lag
 from valve_twin.core.valves.press_cartridge.estimation.output_error import fit_output_error
+from valve_twin.core.valves.press_cartridge.plant import default_simulation
 from valve_twin.core.valves.press_cartridge.predictor import (
     COEFFICIENTS,
     MAX_LAG,
@@ -59,6 +60,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from valve_twin.core.diagnosis.table import SignatureTable
+    from valve_twin.core.simulation.config import SimulationConfig
 
 _GAIN = "1/sample of stroke per unit command"
 
@@ -179,7 +181,7 @@ which moves K_out by 4 %.
 
 
 @dataclass(frozen=True, slots=True)
-class PressCartridgeModel:
+class PressCartridgeModel(ValveModel):
     """Implements `ValveModel` for the two-stage cartridge valve of paper 002."""
 
     name: str = "press_cartridge"
@@ -293,6 +295,10 @@ class PressCartridgeModel:
             )
         ]
         return c
+
+    def simulation(self) -> SimulationConfig:
+        """Return the default simulation."""
+        return default_simulation()
 
     def initial_state(self) -> FloatArray:
         """Return the (22,) state before the first sample."""

@@ -27,7 +27,7 @@ from valve_twin.core.physics.orifice import signed_root
 from valve_twin.core.physics.quantity import check_quantities, quantity
 from valve_twin.core.simulation.config import Scatter, SimulationConfig
 from valve_twin.core.simulation.faults import PLANT_KINDS
-from valve_twin.core.simulation.plant import Drive, PlantFactory, Response
+from valve_twin.core.simulation.plant import Drive, Plant, Response
 from valve_twin.core.valves.press_cartridge.plant_kernel import PressCoefficients, run_press
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class PressCartridgePlant:
+class PressCartridgePlant(Plant):
     """Numbers of the simulated valve; every field carries its unit, range and description."""
 
     inputs: ClassVar[tuple[str, ...]] = ("v_in", "v_out")
@@ -337,18 +337,10 @@ def _ratio(whole: float, part: float, whole_name: str, part_name: str) -> int:
     return count
 
 
-class _PressPlant:
-    """What makes the press valve simulable."""
-
-    name = "press_cartridge"
-
-    def simulation(self) -> SimulationConfig:
-        """Return the reference experiment: sensor delay 1, noise 1e-3, supply scatter 0.4 %."""
-        return SimulationConfig(
-            plant=PressCartridgePlant(),
-            rearm_command=1,
-            scatter=(Scatter("supply_pressure", 0.004),),
-        )
-
-
-PLANT: PlantFactory = _PressPlant()
+def default_simulation() -> SimulationConfig:
+    """Return the reference experiment: sensor delay 1, noise 1e-3, supply scatter 0.4 %."""
+    return SimulationConfig(
+        plant=PressCartridgePlant(),
+        rearm_command=1,
+        scatter=(Scatter("supply_pressure", 0.004),),
+    )

@@ -3,6 +3,5 @@
 """A hydraulic servosystem with a suspension valve, after paper 003."""
 
 from valve_twin.core.valves.servo_system.model import MODEL
-from valve_twin.core.valves.servo_system.plant import PLANT
 
-__all__ = ["MODEL", "PLANT"]
+__all__ = ["MODEL"]

@@ -17,7 +17,7 @@ from valve_twin.core.types import (
     ParameterStatus,
     ParameterValue,
 )
-from valve_twin.core.valves.interface import number
+from valve_twin.core.valves.interface import ValveModel, number
 from valve_twin.core.valves.servo_system.fit import LoopFit, fit_loop
 from valve_twin.core.valves.servo_system.parameters import (
     ESTIMATOR,
@@ -28,6 +28,7 @@ from valve_twin.core.valves.servo_system.parameters import (
     refusal_of,
     sensors,
 )
+from valve_twin.core.valves.servo_system.plant import default_simulation
 from valve_twin.core.valves.servo_system.plant_kernel import INPUTS
 from valve_twin.core.valves.servo_system.predictor import (
     N_COEFFICIENTS,
@@ -39,6 +40,7 @@ from valve_twin.core.valves.servo_system.record import Record, excitation_of, ta
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.types import ByteArray, Cycle, FloatArray, Parameter
     from valve_twin.core.valves.interface import Option, Options
 
@@ -49,7 +51,7 @@ _REACH_S = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class ServoSystemModel:
+class ServoSystemModel(ValveModel):
     """Implements `ValveModel` for the servosystem of paper 003."""
 
     name: str = "servo_system"
@@ -120,6 +122,10 @@ class ServoSystemModel:
         if refusal_of(options):
             return np.full(N_COEFFICIENTS, np.nan)
         return np.append(numbers(options, values), period_s)
+
+    def simulation(self) -> SimulationConfig:
+        """Return the default simulation."""
+        return default_simulation()
 
     def initial_state(self) -> FloatArray:
         """Return the state before the first sample."""

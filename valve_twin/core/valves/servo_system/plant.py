@@ -17,7 +17,7 @@ from valve_twin.core.physics.hysteresis import mean_reach
 from valve_twin.core.physics.quantity import check_quantities, quantity, whole
 from valve_twin.core.simulation.config import SimulationConfig
 from valve_twin.core.simulation.measurement import MeasurementConfig
-from valve_twin.core.simulation.plant import Drive, PlantFactory, Response
+from valve_twin.core.simulation.plant import Drive, Plant, Response
 from valve_twin.core.simulation.program import CycleProgram
 from valve_twin.core.valves.servo_system.dynamics import P1, P2, VP, XP, XV
 from valve_twin.core.valves.servo_system.integrate import FIRST_STEP, rest
@@ -50,7 +50,7 @@ def _q(
 
 
 @dataclass(frozen=True, slots=True)
-class ServoSystemPlant:
+class ServoSystemPlant(Plant):
     """Numbers of the servosystem; every field carries its unit, range and description."""
 
     inputs: ClassVar[tuple[str, ...]] = INPUTS
@@ -260,26 +260,18 @@ def check_numbers(n: dict[str, float]) -> str:
     return ""
 
 
-class _ServoSystemPlant:
-    """What makes the servosystem simulable."""
-
-    name = "servo_system"
-
-    def simulation(self) -> SimulationConfig:
-        """Return a cycle of moves of several lengths and speeds in 4 s, sampled every ms."""
-        program = CycleProgram(
-            times_s=(0.0, 0.4, 0.8, 1.0, 1.15, 1.45, 1.7, 2.0, 2.25, 3.0),
-            kinds=("step", "step", "step", "step", "step", "step", "step", "step", "ramp", "step"),
-            targets=(0.8, 0.3, 0.4, 0.35, 0.55, 0.15, 0.45, 0.25, 0.65, 0.5),
-            duration_s=4.0,
-            step_time_s=0.0,
-        )
-        return SimulationConfig(
-            plant=ServoSystemPlant(),
-            program=program,
-            measurement=MeasurementConfig(delay=0, noise=1e-3, quantum=2.0**-11),
-            period_s=1e-3,
-        )
-
-
-PLANT: PlantFactory = _ServoSystemPlant()
+def default_simulation() -> SimulationConfig:
+    """Return a cycle of moves of several lengths and speeds in 4 s, sampled every ms."""
+    program = CycleProgram(
+        times_s=(0.0, 0.4, 0.8, 1.0, 1.15, 1.45, 1.7, 2.0, 2.25, 3.0),
+        kinds=("step", "step", "step", "step", "step", "step", "step", "step", "ramp", "step"),
+        targets=(0.8, 0.3, 0.4, 0.35, 0.55, 0.15, 0.45, 0.25, 0.65, 0.5),
+        duration_s=4.0,
+        step_time_s=0.0,
+    )
+    return SimulationConfig(
+        plant=ServoSystemPlant(),
+        program=program,
+        measurement=MeasurementConfig(delay=0, noise=1e-3, quantum=2.0**-11),
+        period_s=1e-3,
+    )

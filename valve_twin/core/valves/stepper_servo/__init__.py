@@ -3,6 +3,5 @@
 """A servo-valve driven by a stepper and a lead screw, after paper 004."""
 
 from valve_twin.core.valves.stepper_servo.model import MODEL
-from valve_twin.core.valves.stepper_servo.plant import PLANT
 
-__all__ = ["MODEL", "PLANT"]
+__all__ = ["MODEL"]

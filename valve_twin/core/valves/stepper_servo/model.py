@@ -18,7 +18,7 @@ from valve_twin.core.types import (
     ParameterStatus,
     ParameterValue,
 )
-from valve_twin.core.valves.interface import number
+from valve_twin.core.valves.interface import ValveModel, number
 from valve_twin.core.valves.stepper_servo.fit import end_offset
 from valve_twin.core.valves.stepper_servo.outcome import Settings, mechanics, wiener
 from valve_twin.core.valves.stepper_servo.parameters import (
@@ -31,7 +31,7 @@ from valve_twin.core.valves.stepper_servo.parameters import (
     THREAD,
     WIENER,
 )
-from valve_twin.core.valves.stepper_servo.plant import check_period
+from valve_twin.core.valves.stepper_servo.plant import check_period, default_simulation
 from valve_twin.core.valves.stepper_servo.predictor import (
     COEFFICIENTS,
     MAX_LAG,
@@ -49,6 +49,7 @@ from valve_twin.core.valves.stepper_servo.record import (
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.types import ByteArray, Cycle, FloatArray, Parameter
     from valve_twin.core.valves.interface import Option, Options
 
@@ -59,7 +60,7 @@ _REACH_S = 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class StepperServoModel:
+class StepperServoModel(ValveModel):
     """Implements `ValveModel` for the stepper-driven servo-valve of paper 004."""
 
     name: str = "stepper_servo"
@@ -156,6 +157,10 @@ class StepperServoModel:
         c[2] = values.get("offset", np.nan)
         c[3] = min(max(delay, 0.0), MAX_LAG)
         return c
+
+    def simulation(self) -> SimulationConfig:
+        """Return the default simulation."""
+        return default_simulation()
 
     def initial_state(self) -> FloatArray:
         """Return the state before the first sample."""

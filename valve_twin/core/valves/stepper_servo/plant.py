@@ -14,7 +14,7 @@ import numpy as np
 from valve_twin.core.control.stepper import StepperConfig
 from valve_twin.core.physics.quantity import check_quantities, quantity, whole
 from valve_twin.core.simulation.config import SimulationConfig
-from valve_twin.core.simulation.plant import Drive, PlantFactory, Response
+from valve_twin.core.simulation.plant import Drive, Plant, Response
 from valve_twin.core.simulation.program import CycleProgram
 from valve_twin.core.valves.stepper_servo.plant_kernel import (
     COUNT,
@@ -49,7 +49,7 @@ def check_period(period_s: float) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class StepperServoPlant:
+class StepperServoPlant(Plant):
     """Numbers of the stepper valve; every field carries its unit, range and description."""
 
     inputs: ClassVar[tuple[str, ...]] = ("motor_position", "flow")
@@ -183,21 +183,13 @@ class StepperServoPlant:
         )
 
 
-class _StepperServoPlant:
-    """What makes the stepper valve simulable."""
-
-    name = "stepper_servo"
-
-    def simulation(self) -> SimulationConfig:
-        """Return a cycle through both openings, fast and slowly, sampled every 10 ms."""
-        program = CycleProgram(
-            times_s=(0.0, 1.0, 3.0, 5.0, 9.0, 10.5, 12.5, 16.5, 18.0),
-            kinds=("hold", "step", "step", "ramp", "step", "step", "ramp", "step", "step"),
-            targets=(0.5, 0.93, 0.86, 0.78, 0.5, 0.1, 0.24, 0.6, 0.5),
-            duration_s=20.0,
-            step_time_s=0.2,
-        )
-        return SimulationConfig(plant=StepperServoPlant(), program=program, period_s=0.01)
-
-
-PLANT: PlantFactory = _StepperServoPlant()
+def default_simulation() -> SimulationConfig:
+    """Return a cycle through both openings, fast and slowly, sampled every 10 ms."""
+    program = CycleProgram(
+        times_s=(0.0, 1.0, 3.0, 5.0, 9.0, 10.5, 12.5, 16.5, 18.0),
+        kinds=("hold", "step", "step", "ramp", "step", "step", "ramp", "step", "step"),
+        targets=(0.5, 0.93, 0.86, 0.78, 0.5, 0.1, 0.24, 0.6, 0.5),
+        duration_s=20.0,
+        step_time_s=0.2,
+    )
+    return SimulationConfig(plant=StepperServoPlant(), program=program, period_s=0.01)

@@ -26,7 +26,7 @@ from valve_twin.core.valves.press_cartridge.estimation.regression import (
     usable_rows,
 )
 from valve_twin.core.valves.press_cartridge.generator import Truth, generate_cycle
-from valve_twin.core.valves.press_cartridge.plant import PLANT
+from valve_twin.core.valves.press_cartridge.plant import default_simulation
 
 PERIOD_S = 0.03
 PAPER = EquationErrorOptions(extended=False)
@@ -144,7 +144,7 @@ def test_aging_moves_theta_2_as_in_the_reference_experiment():
     layer = {"measurement": {"delay": 0, "noise": 4e-3, "refresh": 4}}
     drifts = []
     for seed in range(5):
-        plant = replace(PLANT.simulation(), first_cycle=429, aging=(aging,))
+        plant = replace(default_simulation(), first_cycle=429, aging=(aging,))
         theta = np.array(
             [
                 fit(to_frames(block)).theta[:2]
@@ -192,7 +192,7 @@ def test_the_seat_trap_is_defused_by_the_mask(plant_cycles):
     pressed[last + 1 : last + 61, 1] = 0.3
     layer = {"controller": "external", "measurement": {"noise": 1e-5}}
     with_trap, without = (
-        to_frames(SimulatedValve(configure(PLANT.simulation(), layer), 4).advance(850, v))
+        to_frames(SimulatedValve(configure(default_simulation(), layer), 4).advance(850, v))
         for v in (pressed, commands)
     )
     nothing = np.zeros(850, bool)

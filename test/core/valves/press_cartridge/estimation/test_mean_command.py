@@ -11,13 +11,13 @@ import pytest
 
 from valve_twin.core.simulation import simulate_cycles, to_frames
 from valve_twin.core.types import Cycle, EstimateStatus
-from valve_twin.core.valves.press_cartridge import MODEL, PLANT
+from valve_twin.core.valves.press_cartridge import MODEL
 from valve_twin.core.valves.registry import complete_options
 
 
 @pytest.fixture(scope="module")
 def frames():
-    return to_frames(next(iter(simulate_cycles(PLANT.simulation(), 1, 0))))
+    return to_frames(next(iter(simulate_cycles(MODEL.simulation(), 1, 0))))
 
 
 def gains(frames, change, estimator):

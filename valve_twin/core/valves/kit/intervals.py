@@ -57,7 +57,7 @@ def block_errors(
     Parameters
     ----------
     hessian : (P, P) array
-        Gauss-Newton matrix J^T J of all used samples.
+        Gauss-Newton matrix J^T J of all used samples [units of the parameters].
     normal_of : callable
         Takes a mask (N,), returns J^T r (P,) and J^T J (P, P) of its samples.
     used : (N,) bool array

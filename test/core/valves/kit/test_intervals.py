@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 from valve_twin.core.types import Cycle, Frames, ParameterStatus
-from valve_twin.core.valves.positioner.intervals import block_errors, block_masks
+from valve_twin.core.valves.kit.intervals import block_errors, block_masks
 from valve_twin.core.valves.positioner.kernels import advance
 from valve_twin.core.valves.positioner.model import MODEL
 from valve_twin.core.valves.registry import complete_options

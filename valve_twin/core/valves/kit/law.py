@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""A law of motion and its parameters, and how it gets into the compiled loops."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from types import FunctionType
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+
+from valve_twin.core.types import Parameter
+from valve_twin.core.valves.kit import loops
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from valve_twin.core.types import FloatArray
+
+    Step = Callable[[FloatArray, FloatArray, FloatArray, float], None]
+    Loop = Callable[..., None]
+
+
+@dataclass(frozen=True, slots=True)
+class LawParameter:
+    """One parameter of a law: what is published of it, and its value in a new valve."""
+
+    published: Parameter
+    value: float
+
+    @property
+    def name(self) -> str:
+        """Name as published and as configured."""
+        return self.published.name
+
+
+def parameter(
+    name: str,
+    value: float,
+    unit: str,
+    text: str,
+    *,
+    lower: float,
+    upper: float,
+    trend: bool = True,
+) -> LawParameter:
+    """Declare one parameter of a law.
+
+    Parameters
+    ----------
+    name : str
+        Name as published and as configured.
+    value : float
+        Value in a new valve: the simulated one has it, the fit starts from it [`unit`].
+    unit : str
+        SI unit, "1" = dimensionless.
+    text : str
+        One line: what it is.
+    lower, upper : float
+        Bounds that simulation and fit obey, both ends included [`unit`].
+    trend : bool
+        Whether the aging monitor follows it by default.
+
+    Raises
+    ------
+    ValueError
+        If value and bounds are not finite and in order.
+    """
+    if not (lower <= value <= upper and lower < upper and np.isfinite(upper - lower)):
+        message = (
+            f"parameter '{name}' = {value!r}: must lie between its bounds, "
+            f"which are {lower!r} and {upper!r} [{unit}]; both must be finite"
+        )
+        raise ValueError(message)
+    return LawParameter(Parameter(name, unit, text, lower, upper, trend), float(value))
+
+
+@dataclass(frozen=True)
+class Law:
+    """A law of motion of discrete samples.
+
+    Attributes
+    ----------
+    step : callable
+        Compiled (`numba.njit`) `step(x, u, p, period_s)`: advances the state x (S,) in place by
+        `period_s` [s] under the inputs u (M,), which are held, with the parameters p (P,). x[0] is
+        what is measured. Finite for every finite state and every p inside its bounds.
+    states : int
+        Number S of states.
+    parameters : tuple of LawParameter
+        The P parameters in the order of p.
+    rest : callable, optional
+        Compiled `rest(x, u, p)`: fills x[1:] where x[0] is known and nothing else; without it
+        they are 0.
+    """
+
+    step: Step
+    states: int
+    parameters: tuple[LawParameter, ...]
+    rest: Callable[[FloatArray, FloatArray, FloatArray], None] | None = None
+
+    @property
+    def values(self) -> FloatArray:
+        """The (P,) values of a new valve."""
+        return np.array([p.value for p in self.parameters])
+
+    @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """The (P,) lower and the (P,) upper bounds."""
+        published = [p.published for p in self.parameters]
+        return np.array([p.lower for p in published]), np.array([p.upper for p in published])
+
+    @cached_property
+    def predict(self) -> Loop:
+        """`loops.predict` of this law."""
+        return self._compiled(loops.predict)
+
+    @cached_property
+    def free_run(self) -> Loop:
+        """`loops.free_run` of this law."""
+        return self._compiled(loops.free_run)
+
+    @cached_property
+    def simulate(self) -> Loop:
+        """`loops.simulate` of this law."""
+        return self._compiled(loops.simulate)
+
+    def _compiled(self, loop: Loop) -> Loop:
+        return bind(
+            loop, self.step, STATES=self.states, step=self.step, rest=self.rest or loops.rest
+        )
+
+
+def bind(loop: Callable[..., object], owner: Callable[..., object], **names: object) -> Loop:
+    """Return a compiled copy of a loop in which some of its global names are others.
+
+    The law is compiled into the loop, so nothing is called through a pointer; the copy is cached
+    beside the law's own file and compiled anew when that file changes.
+
+    Parameters
+    ----------
+    loop : callable
+        Python function.
+    owner : callable
+        Compiled function beside whose file the copy is cached.
+    names : object
+        What the loop finds under its global names: compiled functions and numbers.
+    """
+    law: FunctionType = owner.py_func  # type: ignore[attr-defined]
+    bound = (getattr(value, "__name__", value) for value in names.values())
+    name = "_".join(map(str, (loop.__name__, *bound)))  # the cache goes by the name
+    code = loop.__code__.replace(co_filename=law.__code__.co_filename, co_name=name)
+    copy = FunctionType(code, {**loop.__globals__, **names}, name)
+    copy.__module__, copy.__qualname__ = law.__module__, name
+    compiled: Loop = njit(cache=True)(copy)
+    return compiled

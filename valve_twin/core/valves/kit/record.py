@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What of a cycle a law can be fitted to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.estimation.data.masks import held_recently
+from valve_twin.core.estimation.data.stale import find_stale
+from valve_twin.core.gaps import find_gaps
+from valve_twin.core.types import MaskCounts
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import BoolArray, Cycle, FloatArray, Frames
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """The longest stretch of a cycle without a gap, from its first usable sample on.
+
+    Attributes
+    ----------
+    output : (N,) array
+        Measured output; the last usable value where one is not.
+    inputs : (N, M) array
+        Inputs, likewise.
+    used : (N,) bool array
+        Samples that carry weight: valid, finite and not repeated by the sensor.
+    period_s : float
+        Sampling time [s].
+    counts : MaskCounts
+        Samples of the cycle that are used and left out.
+    """
+
+    output: FloatArray
+    inputs: FloatArray
+    used: BoolArray
+    period_s: float
+    counts: MaskCounts
+
+
+def longest_whole(frames: Frames, period_s: float) -> tuple[Frames, BoolArray]:
+    """Return the longest stretch without a gap, and which of its samples are usable.
+
+    Parameters
+    ----------
+    frames : Frames
+        At least one sample.
+    period_s : float
+        Sampling time [s].
+
+    Returns
+    -------
+    Frames, (N,) bool array
+        From the first usable sample on, where there is one; valid and finite samples.
+    """
+    edges = np.concatenate(
+        ([0], np.flatnonzero(find_gaps(frames.stamp_ns, period_s)), [len(frames)])
+    )
+    longest = int(np.argmax(np.diff(edges)))
+    part = frames[int(edges[longest]) : int(edges[longest + 1])]
+    usable = part.valid & np.isfinite(part.position) & np.isfinite(part.inputs).all(axis=1)
+    first = int(np.argmax(usable))
+    return part[first:], usable[first:]
+
+
+def take_record(cycle: Cycle, *, max_lag: int) -> Record:
+    """Take what can be fitted out of a cycle.
+
+    Parameters
+    ----------
+    cycle : Cycle
+        At least one sample.
+    max_lag : int
+        Longest command to output lag [samples].
+    """
+    part, usable = longest_whole(cycle.frames, cycle.period_s)
+    held = np.maximum.accumulate(np.where(usable, np.arange(len(usable)), 0))
+    output, inputs = part.position[held], np.ascontiguousarray(part.inputs[held])
+    stale = np.zeros(len(part), dtype=np.bool_)
+    if usable.all():
+        changed = np.any(np.diff(inputs, axis=0, prepend=inputs[:1]) != 0.0, axis=1)
+        breaks = np.zeros(len(part), dtype=np.bool_)
+        active = held_recently(changed, 4 * max(max_lag, 1))
+        stale = find_stale(output, active, breaks, max_lag=max_lag)[0]
+    used = usable & ~stale
+    n_used, n_stale = int(np.count_nonzero(used)), int(np.count_nonzero(stale))
+    counts = MaskCounts(n_used, stale=n_stale, bad=len(cycle.frames) - n_used - n_stale)
+    return Record(np.ascontiguousarray(output), inputs, used, cycle.period_s, counts)

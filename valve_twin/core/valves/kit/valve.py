@@ -1,0 +1,185 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""A valve that is a law plus data: everything a model has to bring follows from these."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.estimation.cycle.plausibility import normalised_fault
+from valve_twin.core.types import Estimate, EstimateStatus, ParameterStatus, ParameterValue
+from valve_twin.core.valves.interface import Option, ValveModel, number
+from valve_twin.core.valves.kit.fit import fit_free_run
+from valve_twin.core.valves.kit.loops import MAX_LAG, state_size
+from valve_twin.core.valves.kit.plant import simulation_of
+from valve_twin.core.valves.kit.record import take_record
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from valve_twin.core.simulation.config import SimulationConfig
+    from valve_twin.core.types import ByteArray, Cycle, FloatArray, Parameter
+    from valve_twin.core.valves.interface import Options
+    from valve_twin.core.valves.kit.fit import Fit
+    from valve_twin.core.valves.kit.law import Law
+    from valve_twin.core.valves.kit.plant import Program
+    from valve_twin.core.valves.kit.record import Record
+
+ESTIMATOR = "output_error"
+
+OPTIONS = (
+    Option("max_lag", 8, "longest command to output lag that is tried", "samples", 1, MAX_LAG),
+    Option("min_samples", 100, "a cycle of fewer usable samples is refused", "1", 20, 1e6),
+    Option("min_motion", 0.02, "a cycle whose output moves less is refused", "1", 0.0, 1e6),
+    Option("estimators", [ESTIMATOR], "estimators to run", choices=(ESTIMATOR,)),
+)
+
+
+@dataclass(frozen=True)
+class Valve(ValveModel):
+    """A valve from a law of motion and a program of commands.
+
+    Attributes
+    ----------
+    name : str
+        Name in configurations, e.g. "first_order".
+    inputs : tuple of str
+        Signal names of the M commands.
+    output : str
+        Signal name of what is measured.
+    law : Law
+        Its law of motion with its parameters.
+    program : Program, optional
+        What the simulated valve is commanded; None = it cannot be simulated.
+    normalised : bool
+        Whether inputs and output are parts of their full scale: other values are then refused as a
+        wrong scale.
+    """
+
+    name: str
+    inputs: tuple[str, ...]
+    output: str
+    law: Law
+    program: Program | None = None
+    normalised: bool = True
+
+    trend_estimator: str = ESTIMATOR
+    options: tuple[Option, ...] = OPTIONS
+    parameters: tuple[Parameter, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Publish the law's parameters."""
+        object.__setattr__(self, "parameters", tuple(p.published for p in self.law.parameters))
+
+    def estimate(
+        self, cycle: Cycle, options: Options, earlier: Sequence[Estimate] = ()
+    ) -> tuple[Estimate, ...]:
+        """Estimate the law's parameters from one cycle by output error.
+
+        Parameters
+        ----------
+        cycle : Cycle
+            One cycle of N samples.
+        options : mapping
+            The model's options, complete.
+        earlier : sequence of Estimate
+            Not used: nothing is pooled.
+
+        Returns
+        -------
+        tuple of Estimate
+            One estimate; REFUSED with its reason where the cycle says nothing.
+        """
+        del earlier
+        max_lag = int(number(options, "max_lag"))
+        record = take_record(cycle, max_lag=max_lag)
+        refusal = _refusal(record, max_lag, options)
+        fit = None if refusal else fit_free_run(self.law, record, max_lag=max_lag)
+        values = tuple(_value(p, i, fit, refusal) for i, p in enumerate(self.parameters))
+        hidden = [v.name for v in values if v.status is ParameterStatus.NOT_EXCITED]
+        status = EstimateStatus.PARTIAL if hidden else EstimateStatus.ACCEPTED
+        reason = f"not excited: {', '.join(hidden)}" if hidden else "accepted"
+        return (
+            Estimate(
+                model=self.name,
+                estimator=ESTIMATOR,
+                parameters=values,
+                status=EstimateStatus.REFUSED if refusal else status,
+                reason=refusal or reason,
+                condition_number=np.nan if fit is None else fit.condition,
+                lag=0 if fit is None else fit.lag,
+                counts=record.counts,
+                **cycle.origin,
+            ),
+        )
+
+    def input_fault(self, cycle: Cycle, options: Options) -> str:
+        """Return why the signals cannot be what is configured, empty where they can."""
+        del options
+        return normalised_fault((self.output, *self.inputs), cycle) if self.normalised else ""
+
+    def coefficients(
+        self, values: Mapping[str, float], lag: int, period_s: float, options: Options
+    ) -> FloatArray:
+        """Return the P parameters, lag and sampling time, as `ValveModel.coefficients` says."""
+        del options
+        known = [values.get(p.name, np.nan) for p in self.parameters]
+        return np.array([*known, float(lag), period_s])
+
+    def initial_state(self) -> FloatArray:
+        """Return the state before the first sample."""
+        return np.zeros(state_size(self.law.states, len(self.inputs)))
+
+    def predict(
+        self,
+        state: FloatArray,
+        coefficients: FloatArray,
+        position: FloatArray,
+        inputs: FloatArray,
+        restart: ByteArray,
+        predicted: FloatArray,
+        simulated: FloatArray,
+        validity: ByteArray,
+    ) -> None:
+        """Predict a block of samples as `ValveModel.predict` says."""
+        self.law.predict(
+            state, coefficients, position, inputs, restart, predicted, simulated, validity
+        )
+
+    def simulation(self) -> SimulationConfig | None:
+        """Return the default simulation: a new valve under its program."""
+        if self.program is None:
+            return None
+        return simulation_of(self.name, self.inputs, self.law, self.program)
+
+
+def _refusal(record: Record, max_lag: int, options: Options) -> str:
+    n = int(np.count_nonzero(record.used))
+    wanted = max(int(number(options, "min_samples")), 2 * max_lag)
+    if n < wanted:
+        return f"{n} usable samples without a gap, fewer than {wanted} (min_samples)"
+    output = record.output[record.used]
+    span, least = float(np.ptp(output)), number(options, "min_motion")
+    if span < least or span == 0.0:
+        return f"the output moved by {span:.3g}, less than min_motion {least:g}"
+    if not np.ptp(record.inputs, axis=0).any():
+        return f"the inputs stayed at {record.inputs[0]}: the cycle excites nothing"
+    return ""
+
+
+def _value(parameter: Parameter, i: int, fit: Fit | None, refusal: str) -> ParameterValue:
+    name = parameter.name
+    if fit is None:
+        return ParameterValue(name, np.nan, ParameterStatus.REFUSED, refusal)
+    value, error, half = float(fit.values[i]), float(fit.errors[i]), float(fit.half_widths[i])
+    if fit.at_bound[i]:
+        reason = f"rests on its bound {value:.3g}"
+        return ParameterValue(name, value, ParameterStatus.AT_BOUND, reason)
+    if not np.isfinite(error):
+        reason = "the cycle does not determine it"
+        return ParameterValue(name, np.nan, ParameterStatus.NOT_EXCITED, reason)
+    lower, upper = max(value - half, parameter.lower), min(value + half, parameter.upper)
+    return ParameterValue(name, value, ParameterStatus.OK, "", error, lower, upper)
