@@ -126,7 +126,7 @@ class TestPage:
         made = example.report_data(drift=0.0)
         steady = dataclasses.replace(
             made.assessment.verdict,
-            verdict=type(made.assessment.verdict.verdict).OK,
+            kind=type(made.assessment.verdict.kind).OK,
             evidence="no drift",
         )
         made = dataclasses.replace(

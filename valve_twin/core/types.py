@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum, IntEnum
 from operator import attrgetter
-from typing import TYPE_CHECKING, TypedDict, TypeVar
+from typing import TYPE_CHECKING, Annotated, TypedDict, TypeVar
 
 import numpy as np
 from numpy import concatenate, ndarray
@@ -262,11 +262,11 @@ class ParameterValue:
     same name.
     """
 
-    name: str
-    value: float
-    status: ParameterStatus = ParameterStatus.OK
-    reason: str = ""
-    standard_error: float = np.nan
+    name: Annotated[str, "names"]
+    value: Annotated[float, "values"]
+    status: Annotated[ParameterStatus, "parameter_status"] = ParameterStatus.OK
+    reason: Annotated[str, "parameter_reason"] = ""
+    standard_error: Annotated[float, "standard_errors"] = np.nan
     lower_95: float = np.nan
     upper_95: float = np.nan
 
@@ -280,11 +280,11 @@ class ParameterValue:
 class MaskCounts:
     """How many samples a fit used and how many each mask took out."""
 
-    used: int
-    seat: int = 0
-    stuck: int = 0
-    stale: int = 0
-    bad: int = 0
+    used: Annotated[int, "samples_used"]
+    seat: Annotated[int, "samples_masked_seat"] = 0
+    stuck: Annotated[int, "samples_masked_stuck"] = 0
+    stale: Annotated[int, "samples_masked_stale"] = 0
+    bad: Annotated[int, "samples_masked_bad"] = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -303,19 +303,19 @@ class Guard:
         The finding in one line.
     """
 
-    name: str
-    passed: bool
-    value: float
-    limit: float
-    reason: str
+    name: Annotated[str, "guard_names"]
+    passed: Annotated[bool, "guard_passed"]
+    value: Annotated[float, "guard_values"]
+    limit: Annotated[float, "guard_limits"]
+    reason: Annotated[str, "guard_reasons"]
 
 
 @dataclass(frozen=True, slots=True)
 class Condition:
     """Under what a cycle ran: name and value, such as the stroke [1]."""
 
-    name: str
-    value: float
+    name: Annotated[str, "condition_names"]
+    value: Annotated[float, "condition_values"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -335,15 +335,19 @@ class Disagreement:
         share the noise, so that beyond 2 is rare where both are right. NaN = not calibrated.
     """
 
-    estimator: str
-    parameter: str
-    difference: float
-    standard_errors: float
+    estimator: Annotated[str, "disagreement_estimator"]
+    parameter: Annotated[str, "disagreement_parameter"]
+    difference: Annotated[float, "disagreement"]
+    standard_errors: Annotated[float, "disagreement_errors"]
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
     """Parameters of one cycle by one estimator and what is known about them.
+
+    Messages, lines of JSON, rows of the history and exports are derived from the fields of this
+    class and of its parts (`core.records`): a new field needs a default, a line in Estimate.msg
+    and a migration.
 
     Attributes
     ----------
@@ -370,14 +374,14 @@ class Estimate:
         Samples used and masked.
     missed_cycles : int
         Cycles missed before this one; -1 = unknown.
-    reproducible : bool
-        All inputs had header stamps and none was lost: offline gives the same bits.
     used_by_trend, trend_reason : bool, str
         Whether this estimator feeds the trend; which does and why, empty where there is only one.
     disagreements : tuple of Disagreement
         Against the other estimators of the cycle.
     guards, conditions : tuple of Guard, tuple of Condition
         What was checked; under what the cycle ran.
+    reproducible : bool
+        All inputs had header stamps and none was lost: offline gives the same bits.
     """
 
     model: str
@@ -398,11 +402,11 @@ class Estimate:
     counts: MaskCounts = field(default_factory=lambda: MaskCounts(0))
     missed_cycles: int = 0
     used_by_trend: bool = False
-    reproducible: bool = True
     trend_reason: str = ""
     disagreements: tuple[Disagreement, ...] = ()
     guards: tuple[Guard, ...] = ()
     conditions: tuple[Condition, ...] = ()
+    reproducible: bool = True
 
     def value(self, name: str) -> float:
         """Return the value of a parameter, NaN where it is refused or unknown."""

@@ -135,7 +135,7 @@ def _light(data: ReportData) -> Light:
     if data.assessment is None:
         return _LIGHTS[VerdictKind.NOT_ENOUGH_DATA]._replace(why="The trend was not assessed.")
     verdict = data.assessment.verdict
-    return _LIGHTS[verdict.verdict]._replace(why=verdict.evidence)
+    return _LIGHTS[verdict.kind]._replace(why=verdict.evidence)
 
 
 def _facts(data: ReportData) -> list[tuple[str, str, str]]:

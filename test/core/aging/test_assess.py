@@ -112,7 +112,7 @@ def test_one_wild_estimate_neither_cuts_nor_alarms(history, scatter):
         result = judge(history(K_in=values))
         assert result.trends[0].segments == 1
         assert result.trends[0].status is TrendStatus.STEADY
-        assert result.verdict.verdict is VerdictKind.OK
+        assert result.verdict.kind is VerdictKind.OK
         assert result.details[0].wild[place]
 
 
@@ -211,7 +211,7 @@ def test_without_threshold_nothing_remains_to_be_said(history, scatter):
     assert trend.unbounded
     assert trend.remaining_low == trend.remaining_median == trend.remaining_high == np.inf
     assert not trend.service_date_known
-    assert result.verdict.verdict is VerdictKind.OK
+    assert result.verdict.kind is VerdictKind.OK
     assert "no threshold set" in result.verdict.evidence
 
 
@@ -226,7 +226,7 @@ def test_beyond_the_threshold(history, scatter):
 def test_small_certain_drift_is_reported_but_raises_no_verdict(history, scatter):
     result = judge(history(K_in=aging(scatter, n=400, loss=0.03, sd=0.005)))
     assert result.trends[0].status is TrendStatus.DRIFTING
-    assert result.verdict.verdict is VerdictKind.OK
+    assert result.verdict.kind is VerdictKind.OK
     assert result.verdict.evidence.startswith("largest drift: K_in -")
 
 
@@ -338,7 +338,7 @@ def test_cycles_that_differ_by_something_else_give_no_verdict(history, scatter):
     label = "by load at equal stroke, not aging"
     config = replace(CONFIG, label=label)
     found = judge(history(K_in=aging(scatter)), (), config)
-    assert found.verdict.verdict is VerdictKind.NOT_ENOUGH_DATA
+    assert found.verdict.kind is VerdictKind.NOT_ENOUGH_DATA
     assert label in found.verdict.evidence
     assert all(label in trend.reason for trend in found.trends)
 

@@ -102,4 +102,4 @@ def test_two_percent_wild_estimates_change_nothing(kind, history, scatter):
 @pytest.mark.parametrize("sd", [0.013, 0.027])
 def test_healthy_valve_raises_no_verdict(sd, history, scatter):
     _, results = run("flat", history, scatter, sd=sd, rho=0.3)
-    assert all(r.verdict.verdict is VerdictKind.OK for r in results)
+    assert all(r.verdict.kind is VerdictKind.OK for r in results)

@@ -48,7 +48,7 @@ def assess_fault(healthy, kind, severity, cycles=4, **options):
 
 def test_a_healthy_valve_is_ok(healthy):
     said = assess(healthy[1], (), AgingConfig(), parameters=MODEL.parameters)
-    assert said.verdict.verdict is VerdictKind.OK
+    assert said.verdict.kind is VerdictKind.OK
     assert said.diagnosis.ready
     assert said.diagnosis.present is None
 
@@ -68,7 +68,7 @@ def test_a_healthy_valve_is_ok(healthy):
 )
 def test_the_part_with_the_fault_is_named(healthy, kind, severity, verdict, evidence):
     said = assess_fault(healthy, kind, severity).verdict
-    assert said.verdict is verdict, said.evidence
+    assert said.kind is verdict, said.evidence
     assert evidence in said.evidence
     assert f"since cycle {BEFORE + 1}" in said.evidence or kind in {"stuck", "command_loss"}
     assert "\n" not in said.evidence
@@ -81,18 +81,18 @@ def test_lost_samples_are_no_fault_of_the_valve(healthy):
 def test_maintenance_takes_the_fault_back(healthy):
     event = Maintenance(0, BEFORE + 4, "sensor adjusted")
     said = assess_fault(healthy, "sensor_offset", 1e-3, maintenance=(event,))
-    assert said.verdict.verdict is not VerdictKind.SENSOR
+    assert said.verdict.kind is not VerdictKind.SENSOR
     assert [f.end for f in said.diagnosis.findings] == [BEFORE + 4]
 
 
 def test_cycles_that_differ_by_label_give_no_fault(healthy):
     said = assess_fault(healthy, "leak", 3e-4, config=AgingConfig(label="by load"))
-    assert said.verdict.verdict is VerdictKind.NOT_ENOUGH_DATA
+    assert said.verdict.kind is VerdictKind.NOT_ENOUGH_DATA
     assert said.diagnosis.findings == ()
 
 
 def test_a_history_without_features_has_the_verdict_of_its_trends(healthy):
     history = [e for e in healthy[1] if e.used_by_trend]
     said = assess(history, (), AgingConfig(), parameters=MODEL.parameters)
-    assert said.verdict.verdict is VerdictKind.OK
+    assert said.verdict.kind is VerdictKind.OK
     assert not said.diagnosis.ready

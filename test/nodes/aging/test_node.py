@@ -20,7 +20,7 @@ from valve_twin.core.valves.registry import get_model
 from valve_twin.io.history.store import History
 from valve_twin.io.history.tables import CycleRecord
 from valve_twin.nodes.aging.node import AgingMonitorNode
-from valve_twin.nodes.runtime.messages import filled
+from valve_twin.nodes.runtime.messages import to_message
 from valve_twin.nodes.runtime.worker import Outcome
 from valve_twin.nodes.twin.node import TwinNode
 
@@ -76,7 +76,7 @@ def test_it_says_what_the_history_says_page_by_page(graph, history):
             parameters=get_model("press_cartridge").parameters, valve=NS,
         )  # fmt: skip
     trend = next(t for t in said.trends if t.parameter == "K_in")
-    assert trends[-1] == filled(Trend(), trend, trend.stamp_ns)
+    assert trends[-1] == to_message(trend)
     assert trends[-1].drift_reference < 0.0
 
 
@@ -123,7 +123,7 @@ def test_a_verdict_that_changes_is_logged_each_time(graph, history, capfd):
     monitor = graph.host(AgingMonitorNode, **{"aging.default_percent": 5.0})
     (valve,) = monitor._valves
     worn = graph.spin_until(lambda: valve.assessment, what="the first assessment")
-    new = replace(worn, verdict=replace(worn.verdict, verdict=VerdictKind.OK, text="ok"))
+    new = replace(worn, verdict=replace(worn.verdict, kind=VerdictKind.OK, text="ok"))
     for said in (new, worn, new):
         valve._on_assessed(Outcome(said, "", 0.0))
     levels = [line[:6] for line in capfd.readouterr().err.splitlines() if ": K_in -" in line]

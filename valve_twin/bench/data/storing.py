@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 from valve_twin.bench.measure import Ratio, Scale
 from valve_twin.core.types import Estimate, EstimateStatus, ParameterStatus, ParameterValue
 from valve_twin.io.history.store import CycleRecord, History
-from valve_twin.io.history.tables import cycle_row, estimate_row
+from valve_twin.io.history.tables import estimate_row, to_row
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -89,7 +89,7 @@ def _store_bare(
 
 def _text(record: CycleRecord, estimates: tuple[Estimate, ...]) -> str:
     """Return what ours stores, as one JSON text."""
-    rows = [cycle_row(1, record), *(estimate_row(1, i, e) for i, e in enumerate(estimates))]
+    rows = [to_row(record, 1), *(estimate_row(1, i, e) for i, e in enumerate(estimates))]
     return json.dumps(rows)
 
 

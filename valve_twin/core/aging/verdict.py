@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
@@ -114,7 +114,7 @@ class Verdict:
 
     stamp_ns: int
     valve: str
-    verdict: VerdictKind
+    kind: Annotated[VerdictKind, "verdict"]
     text: str
     evidence: str
     cycle: int

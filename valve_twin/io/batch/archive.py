@@ -118,7 +118,7 @@ def _estimated(result: BagResult, task: BatchTask) -> BagResult:
         assessment = assess_record(config, record)
         lines += json_lines(record.estimates, assessment, config.name)
         notes += describe_bad(config, task.bag, record)
-        verdicts.append(assessment.verdict.verdict.text)
+        verdicts.append(assessment.verdict.kind.text)
         cycles += len(record.cycles)
         accepted += sum(cycle.accepted for cycle in record.cycles)
         estimates += len(record.estimates)

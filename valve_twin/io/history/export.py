@@ -8,19 +8,21 @@ Files appear complete or not at all: they are written beside their place and ren
 from __future__ import annotations
 
 import csv
-import dataclasses
 import json
 import math
 import os
 import sqlite3
 from contextlib import closing
 from datetime import datetime, timezone
+from enum import IntEnum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import sqlalchemy as sa
 
-from valve_twin.core.types import EstimateStatus, ParameterStatus
+from valve_twin.core.records import columns, fields, flat
+from valve_twin.core.types import Estimate
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.database import Database
 from valve_twin.io.history.tables import (
@@ -33,14 +35,15 @@ from valve_twin.io.history.tables import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping
 
     from sqlalchemy.engine import Connection
 
-    from valve_twin.core.types import Condition, Disagreement, Guard
-
 _PAGE = 1000
 """Rows copied at a time."""
+
+_HIDDEN = {"id", "valve_id", "position"}
+"""Columns that mean nothing outside the database."""
 
 
 def default_backup_path(database: Database) -> Path:
@@ -105,10 +108,10 @@ def copy_to_sqlite(database: Database, target: Path) -> None:
 
 def export_files(database: Database, folder: Path) -> list[Path]:
     """Write the files of `History.export`, all from one state of the database."""
-    writers = {
-        "cycles.csv": _write_cycles,
+    writers: dict[str, Callable[[Connection, Path], None]] = {
+        "cycles.csv": partial(_write_table, CYCLE),
         "estimates.csv": _write_estimates,
-        "maintenance.csv": _write_maintenance,
+        "maintenance.csv": partial(_write_table, MAINTENANCE),
         "history.jsonl": _write_json_lines,
     }
     with database.read() as connection, _Writing(folder):
@@ -172,9 +175,8 @@ def _rows(connection: Connection, table: sa.Table) -> Iterator[Mapping[str, Any]
     result = connection.execution_options(yield_per=_PAGE).execute(
         query.order_by(VALVE.c.name, *order)
     )
-    hidden = {"id", "valve_id", "position"}
     for row in result.mappings():
-        yield {name: value for name, value in row.items() if name not in hidden}
+        yield {name: value for name, value in row.items() if name not in _HIDDEN}
 
 
 def _write_csv(path: Path, columns: list[str], rows: Iterator[Mapping[str, Any]]) -> None:
@@ -184,87 +186,70 @@ def _write_csv(path: Path, columns: list[str], rows: Iterator[Mapping[str, Any]]
         writer.writerows([row[name] for name in columns] for row in rows)
 
 
-def _write_cycles(connection: Connection, path: Path) -> None:
-    _write_csv(
-        path,
-        ["valve", *(c.name for c in CYCLE.c if c.name != "valve_id")],
-        _rows(connection, CYCLE),
-    )
-
-
-def _write_maintenance(connection: Connection, path: Path) -> None:
-    columns = ["valve", *(c.name for c in MAINTENANCE.c if c.name not in {"id", "valve_id"})]
-    _write_csv(path, columns, _rows(connection, MAINTENANCE))
+def _write_table(table: sa.Table, connection: Connection, path: Path) -> None:
+    names = [c.name for c in table.c if c.name not in _HIDDEN]
+    _write_csv(path, ["valve", *names], _rows(connection, table))
 
 
 def _write_estimates(connection: Connection, path: Path) -> None:
-    parameter = [
-        "parameter",
-        "value",
-        "standard_error",
-        "lower_95",
-        "upper_95",
-        "parameter_status",
-        "parameter_reason",
-    ]
-    shared = ["valve", "cycle", "estimator", "model", "start_ns", "end_ns", "status", "reason"]
-    rest = [
-        "mse_test", "mse_train", "fit_test", "fit_train", "condition_number", "lag", "noise_sigma",
-        "samples_used", "samples_masked_seat", "samples_masked_stuck", "samples_masked_stale",
-        "samples_masked_bad", "missed_cycles", "used_by_trend", "reproducible",
-    ]  # fmt: skip
+    own = [c.name for c in columns(Estimate) if not c.many and c.name != "trend_reason"]
+    shared = ["cycle", "estimator", "model", "start_ns", "end_ns", "status", "reason"]
+    parameter = list(_PARAMETER)
     long = (
         {**row, **values}
         for row in map(_flat_estimate, _rows(connection, ESTIMATE))
         for values in row.pop("parameters") or [dict.fromkeys(parameter)]
     )
-    _write_csv(path, [*shared, *parameter, *rest], long)
+    rest = [name for name in own if name not in shared]
+    _write_csv(path, ["valve", *shared, *parameter, *rest], long)
 
 
 def _write_json_lines(connection: Connection, path: Path) -> None:
+    kinds = {"cycle": CYCLE, "estimate": ESTIMATE, "maintenance": MAINTENANCE}
     with open(path, "w", encoding="utf-8") as file:
-        for kind, table in (
-            ("cycle", CYCLE),
-            ("estimate", ESTIMATE),
-            ("maintenance", MAINTENANCE),
-        ):
+        for kind, table in kinds.items():
             for row in _rows(connection, table):
                 content = _flat_estimate(row) if table is ESTIMATE else dict(row)
                 file.write(json.dumps({"kind": kind, **content}, allow_nan=False) + "\n")
 
 
+def _parameter_columns() -> dict[str, str]:
+    """Return the fields of a parameter by their names in an export, the numbers first."""
+    found = [c for c in columns(Estimate) if c.field == "parameters"]
+    numbers = [c.part for c in found if c.kind is float]
+    words = [c.part for c in found if c.kind is not float and c.part != "name"]
+    return {"parameter": "name", **{n: n for n in numbers}, **{f"parameter_{w}": w for w in words}}
+
+
+_PARAMETER = _parameter_columns()
+
+
 def _flat_estimate(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a row of table `estimate` with its texts unpacked."""
     estimate = row_estimate(row)
-    masked = zip(("seat", "stuck", "stale", "bad"), json.loads(row["samples_masked"]), strict=True)
-    packed = {"samples_masked", "findings"}
-    flat = {name: _finite(value) for name, value in row.items() if name not in packed}
-    flat |= {f"samples_masked_{name}": count for name, count in masked}
-    flat["status"] = EstimateStatus(row["status"]).name
-    flat["parameters"] = [
-        {
-            "parameter": p.name,
-            "value": _finite(p.value),
-            "standard_error": _finite(p.standard_error),
-            "lower_95": _finite(p.lower_95),
-            "upper_95": _finite(p.upper_95),
-            "parameter_status": ParameterStatus(p.status).name,
-            "parameter_reason": p.reason,
-        }
+    given = flat(estimate)
+    texts = {"parameters", "samples_masked", "findings"}
+    plain = {name: None if name in texts else _finite(value) for name, value in row.items()}
+    plain["status"] = estimate.status.name
+    plain["parameters"] = [
+        {name: _finite(getattr(p, field)) for name, field in _PARAMETER.items()}
         for p in estimate.parameters
     ]
-    flat["trend_reason"] = estimate.trend_reason
-    flat["disagreements"] = _rows_of(estimate.disagreements)
-    flat["guards"] = _rows_of(estimate.guards)
-    flat["conditions"] = _rows_of(estimate.conditions)
-    return flat
-
-
-def _rows_of(values: Sequence[Condition | Disagreement | Guard]) -> list[dict[str, object]]:
-    return [{k: _finite(v) for k, v in dataclasses.asdict(value).items()} for value in values]
+    for field in fields(Estimate):
+        value = getattr(estimate, field.name)
+        if field.many and field.name != "parameters":
+            plain[field.name] = [
+                {c.part: _finite(getattr(part, c.part)) for c in field.columns} for part in value
+            ]
+        elif not field.many:
+            plain |= {c.name: given[c.name] for c in field.columns if c.name not in plain}
+    return {name: value for name, value in plain.items() if name not in texts - {"parameters"}}
 
 
 def _finite(value: object) -> object:
     """Return NaN as None (JSON null, an empty CSV cell) and the infinities as words."""
+    if isinstance(value, IntEnum):
+        return value.name
     if not isinstance(value, float) or math.isfinite(value):
         return value
     return None if math.isnan(value) else str(value)

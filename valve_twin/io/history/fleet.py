@@ -208,7 +208,7 @@ def _assessed(
     worst = max(found.trends, key=lambda t: _gravity(t, config), default=None)
     row = replace(
         row,
-        verdict=found.verdict.verdict,
+        verdict=found.verdict.kind,
         evidence=found.verdict.evidence,
         residual=residual,
         residual_ratio=ratio,

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import sqlalchemy as sa
 
-from valve_twin.core.types import Cycle, Estimate, Maintenance
+from valve_twin.core.types import Cycle, Maintenance
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.claim import make_claim, writers_file
 from valve_twin.io.history.database import Database
@@ -32,16 +32,15 @@ from valve_twin.io.history.tables import (
     ESTIMATE,
     MAINTENANCE,
     VALVE,
+    VERDICT,
     CycleRecord,
     cycle_record,
-    cycle_row,
     estimate_row,
-    maintenance_row,
-    row_cycle,
+    from_row,
     row_estimate,
-    row_maintenance,
+    to_row,
 )
-from valve_twin.io.history.verdicts import VERDICT, add_verdict, row_verdict
+from valve_twin.io.history.verdicts import add_verdict, row_verdict
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -49,6 +48,7 @@ if TYPE_CHECKING:
     from sqlalchemy.engine import Connection
 
     from valve_twin.core.aging.verdict import Verdict
+    from valve_twin.core.types import Estimate
     from valve_twin.io.history.claim import Claim
 
 __all__ = ["CycleRecord", "CycleTakenError", "History", "cycle_record"]
@@ -214,7 +214,7 @@ class History:
         """
         self.mend()
         with self._database.write() as connection:
-            row = maintenance_row(self._valve_id(connection, valve), event)
+            row = to_row(event, self._valve_id(connection, valve))
             same = sa.and_(*(MAINTENANCE.c[name] == value for name, value in row.items()))
             if connection.execute(sa.select(MAINTENANCE.c.id).where(same)).first() is not None:
                 return False
@@ -251,7 +251,7 @@ class History:
     def last_record(self, valve: str) -> CycleRecord | None:
         """Return the stored cycle with the highest number, None if there is none."""
         query = _of_valve(CYCLE, valve).order_by(CYCLE.c.cycle.desc()).limit(1)
-        return next((row_cycle(row) for row in self._rows(query)), None)
+        return next((from_row(CycleRecord, row) for row in self._rows(query)), None)
 
     def cycles(
         self, valve: str, first_cycle: int = 0, limit: int | None = None
@@ -263,7 +263,7 @@ class History:
             .order_by(CYCLE.c.cycle)
             .limit(limit)
         )
-        return [row_cycle(row) for row in self._rows(query)]
+        return [from_row(CycleRecord, row) for row in self._rows(query)]
 
     def estimates(
         self,
@@ -309,7 +309,7 @@ class History:
         """Return the maintenance events from `first_cycle` on, by cycle and in stored order."""
         query = _of_valve(MAINTENANCE, valve).where(MAINTENANCE.c.cycle >= first_cycle)
         return [
-            row_maintenance(r)
+            from_row(Maintenance, r)
             for r in self._rows(query.order_by(MAINTENANCE.c.cycle, MAINTENANCE.c.id))
         ]
 
@@ -366,7 +366,7 @@ class History:
                 )
                 found = driver.execute("SELECT id FROM valve WHERE name = ?", (valve,))
                 valve_id = int(found.fetchone()[0])
-            row = cycle_row(valve_id, record)
+            row = to_row(record, valve_id)
             new = driver.execute(self._insert_cycle, row).rowcount == 1
             if new and estimates:
                 rows = [estimate_row(valve_id, i, e) for i, e in enumerate(estimates)]
@@ -378,7 +378,7 @@ class History:
         """Insert a cycle where its number is free, in any database; return if it was."""
         with self._database.write() as connection:
             valve_id = self._valve_id(connection, valve)
-            row = cycle_row(valve_id, record)
+            row = to_row(record, valve_id)
             new = connection.exec_driver_sql(self._insert_cycle, row).rowcount == 1
             if new and estimates:
                 rows = [estimate_row(valve_id, i, e) for i, e in enumerate(estimates)]
@@ -398,7 +398,7 @@ class History:
     def _is_stored(self, valve: str, record: CycleRecord, estimates: Sequence[Estimate]) -> bool:
         """Return whether exactly this is stored."""
         valve_id = self._valve_ids[valve]
-        row = cycle_row(valve_id, record)
+        row = to_row(record, valve_id)
         rows = [estimate_row(valve_id, i, e) for i, e in enumerate(estimates)]
         key = {"valve_id": valve_id, "cycle": row["cycle"]}
         (stored,) = self._rows(sa.select(CYCLE).filter_by(**key))

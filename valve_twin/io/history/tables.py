@@ -2,7 +2,9 @@
 # Copyright 2026 valve_twin maintainers
 """Tables of the history database and how values become rows and come back exactly.
 
-Floating-point columns hold NaN as NULL (SQLite knows no NaN); arrays are JSON text with Python's
+The tables are derived from the records (`core.records`): a new field of `Estimate` is a new column
+and needs a migration, a new field of one of its parts stands in the text of that part. Columns of
+floating-point numbers hold NaN as NULL (SQLite knows no NaN); arrays are JSON text with Python's
 shortest exact decimals, in which numbers that are not finite stand as the strings "nan", "inf" and
 "-inf".
 """
@@ -12,7 +14,9 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypedDict
+from enum import IntEnum
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from sqlalchemy import (
@@ -30,13 +34,11 @@ from sqlalchemy import (
     UniqueConstraint,
 )
 
+from valve_twin.core.aging.verdict import Verdict
+from valve_twin.core.records import columns, fields, once_a_record, read_all
 from valve_twin.core.types import (
-    Condition,
     Cycle,
-    Disagreement,
     Estimate,
-    EstimateStatus,
-    Guard,
     Maintenance,
     MaskCounts,
     ParameterStatus,
@@ -44,7 +46,10 @@ from valve_twin.core.types import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
+
+    from valve_twin.core.records import Column as RecordColumn
+    from valve_twin.core.records import Field
 
 SCHEMA_VERSION = "0004"
 """Revision of the schema of this code: the newest file in `migrations/versions`."""
@@ -54,85 +59,7 @@ SCHEMA_TABLE = "valve_twin_schema"
 
 _ENCODER = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
 
-METADATA = MetaData()
-_Id = BigInteger().with_variant(Integer, "sqlite")
-
-META = Table(
-    "meta",
-    METADATA,
-    Column("name", String(64), primary_key=True),
-    Column("value", Text, nullable=False),
-)
-VALVE = Table(
-    "valve",
-    METADATA,
-    Column("id", _Id, primary_key=True, autoincrement=True),
-    Column("name", String(255), nullable=False, unique=True),
-)
-CYCLE = Table(
-    "cycle",
-    METADATA,
-    Column("valve_id", _Id, ForeignKey("valve.id"), primary_key=True, autoincrement=False),
-    Column("cycle", BigInteger, primary_key=True, autoincrement=False),
-    Column("start_ns", BigInteger, nullable=False),
-    Column("end_ns", BigInteger, nullable=False),
-    Column("samples", BigInteger, nullable=False),
-    Column("lost", BigInteger, nullable=False),
-    Column("missed_cycles", BigInteger, nullable=False),
-    Column("accepted", Boolean, nullable=False),
-    Column("reason", Text, nullable=False),
-    Column("reproducible", Boolean, nullable=False),
-    Column("software", Text, nullable=False, server_default=""),
-)
-ESTIMATE = Table(
-    "estimate",
-    METADATA,
-    Column("id", _Id, primary_key=True, autoincrement=True),
-    Column("valve_id", _Id, ForeignKey("valve.id"), nullable=False),
-    Column("cycle", BigInteger, nullable=False),
-    Column("position", Integer, nullable=False),
-    Column("estimator", String(64), nullable=False),
-    Column("model", Text, nullable=False),
-    Column("start_ns", BigInteger, nullable=False),
-    Column("end_ns", BigInteger, nullable=False),
-    Column("status", Integer, nullable=False),
-    Column("reason", Text, nullable=False),
-    Column("parameters", Text, nullable=False),
-    Column("mse_test", Double),
-    Column("mse_train", Double),
-    Column("fit_test", Double),
-    Column("fit_train", Double),
-    Column("condition_number", Double),
-    Column("lag", BigInteger, nullable=False),
-    Column("noise_sigma", Double),
-    Column("samples_used", BigInteger, nullable=False),
-    Column("samples_masked", Text, nullable=False),
-    Column("missed_cycles", BigInteger, nullable=False),
-    Column("used_by_trend", Boolean, nullable=False),
-    Column("reproducible", Boolean, nullable=False),
-    Column("findings", Text, nullable=False, server_default=""),
-    UniqueConstraint("valve_id", "cycle", "estimator", name="uq_estimate_cycle"),
-    Index("ix_estimate_estimator", "valve_id", "estimator", "cycle"),
-)
-MAINTENANCE = Table(
-    "maintenance",
-    METADATA,
-    Column("id", _Id, primary_key=True, autoincrement=True),
-    Column("valve_id", _Id, ForeignKey("valve.id"), nullable=False, index=True),
-    Column("stamp_ns", BigInteger, nullable=False),
-    Column("cycle", BigInteger, nullable=False),
-    Column("note", Text, nullable=False),
-    Column("new_reference", Boolean, nullable=False),
-)
-
-
-class _Findings(TypedDict):
-    """The fields of an `Estimate` that stand in column `findings`."""
-
-    trend_reason: str
-    disagreements: tuple[Disagreement, ...]
-    guards: tuple[Guard, ...]
-    conditions: tuple[Condition, ...]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,110 +112,180 @@ def cycle_record(cycle: Cycle, software: str = "") -> CycleRecord:
     )
 
 
-def cycle_row(valve_id: int, record: CycleRecord) -> dict[str, Any]:
-    """Return the row of table `cycle` for a record."""
-    return {
-        "valve_id": valve_id,
-        "cycle": int(record.cycle),
-        "start_ns": int(record.start_ns),
-        "end_ns": int(record.end_ns),
-        "samples": int(record.samples),
-        "lost": int(record.lost),
-        "missed_cycles": int(record.missed_cycles),
-        "accepted": bool(record.accepted),
-        "reason": record.reason,
-        "reproducible": bool(record.reproducible),
-        "software": record.software,
-    }
+def _to_json(x: Any) -> Any:  # noqa: ANN401  a number, a word or a truth value
+    return str(x) if isinstance(x, float) and not math.isfinite(x) else x
 
 
-def row_cycle(row: Mapping[str, Any]) -> CycleRecord:
-    """Return the record of a row of table `cycle`."""
-    return CycleRecord(**{name: row[name] for name in CycleRecord.__slots__})
+def _from_json(x: float | str) -> float:
+    # numpy's one NaN object: == between dataclasses holds as it does between fresh ones
+    return np.nan if x == "nan" else float(x)
+
+
+def _or_null(x: float) -> float | None:
+    return None if math.isnan(x) else float(x)
+
+
+def _or_nan(x: float | None) -> float:
+    return np.nan if x is None else x
+
+
+@once_a_record
+def _plain(record: type) -> tuple[RecordColumn, ...]:
+    """Return the values of a record that have a column of their own, not a place in a text."""
+    elsewhere = _ELSEWHERE.get(record, ())
+    return tuple(c for c in columns(record) if not c.many and c.name not in elsewhere)
+
+
+_ELSEWHERE = {
+    Estimate: {"trend_reason", *(f"samples_masked_{m}" for m in MaskCounts.__slots__[1:])},
+    Verdict: {"valve", "text"},
+}
+"""Columns of a record that stand in a text, or follow from others."""
+
+
+METADATA = MetaData()
+_Id = BigInteger().with_variant(Integer, "sqlite")
+_SQL = {float: Double, int: BigInteger, bool: Boolean, str: Text}
+
+
+def _id() -> Column[Any]:
+    return Column("id", _Id, primary_key=True, autoincrement=True)
+
+
+def _valve(*, key: bool = False, index: bool = False) -> Column[Any]:
+    options: dict[str, Any] = {"primary_key": True, "autoincrement": False}
+    options = options if key else {"index": index}
+    return Column("valve_id", _Id, ForeignKey("valve.id"), nullable=False, **options)
+
+
+def _columns(record: type, *but: str) -> list[Column[Any]]:
+    """Return the columns of the plain values of a record but those that are declared by hand."""
+    return [
+        Column(c.name, _SQL.get(c.kind, Integer), nullable=c.kind is float)
+        for c in _plain(record)
+        if c.name not in but
+    ]
+
+
+META = Table(
+    "meta",
+    METADATA,
+    Column("name", String(64), primary_key=True),
+    Column("value", Text, nullable=False),
+)
+VALVE = Table("valve", METADATA, _id(), Column("name", String(255), nullable=False, unique=True))
+CYCLE = Table(
+    "cycle",
+    METADATA,
+    _valve(key=True),
+    Column("cycle", BigInteger, primary_key=True, autoincrement=False),
+    *_columns(CycleRecord, "cycle", "software"),
+    Column("software", Text, nullable=False, server_default=""),
+)
+_HEAD = ("model", "start_ns", "end_ns", "status", "reason")
+ESTIMATE = Table(
+    "estimate",
+    METADATA,
+    _id(),
+    _valve(),
+    Column("cycle", BigInteger, nullable=False),
+    Column("position", Integer, nullable=False),
+    Column("estimator", String(64), nullable=False),
+    *(c for c in _columns(Estimate) if c.name in _HEAD),
+    Column("parameters", Text, nullable=False),
+    *_columns(Estimate, "cycle", "estimator", *_HEAD),
+    Column("samples_masked", Text, nullable=False),
+    Column("findings", Text, nullable=False, server_default=""),
+    UniqueConstraint("valve_id", "cycle", "estimator", name="uq_estimate_cycle"),
+    Index("ix_estimate_estimator", "valve_id", "estimator", "cycle"),
+)
+MAINTENANCE = Table("maintenance", METADATA, _id(), _valve(index=True), *_columns(Maintenance))
+VERDICT = Table("verdict", METADATA, _id(), _valve(index=True), *_columns(Verdict))
+
+
+def to_row(value: object, valve_id: int) -> dict[str, Any]:
+    """Return the row of a record in its table; of an estimate the values outside the texts."""
+    names, read, put = _writing(type(value))
+    row = {n: to_sql(x) for n, to_sql, x in zip(names, put, read(value), strict=True)}
+    row["valve_id"] = valve_id
+    return row
+
+
+def from_row(record: type[T], row: Mapping[str, Any], **more: object) -> T:
+    """Return the record of a row; `more` = the fields that have no column of their own."""
+    for name, field, from_sql in _reading(record):
+        more[field] = row[name] if from_sql is None else from_sql(row[name])
+    make: Callable[..., T] = record
+    return make(**more)
+
+
+@once_a_record
+def _writing(record: type) -> tuple[list[str], Callable[[object], tuple[Any, ...]], list[Any]]:
+    """Return names of the columns, what reads all values, and what turns each into SQL's."""
+    found = _plain(record)
+    put = [_or_null if c.kind is float else _base(c.kind) for c in found]
+    return [c.name for c in found], read_all([c.path for c in found]), put
+
+
+@once_a_record
+def _reading(record: type) -> list[tuple[str, str, Any]]:
+    """Return name of the column, field, and what turns a value of SQL into ours if needed."""
+    special = {float: _or_nan, int: None, bool: None, str: None}
+    return [(c.name, c.field, special.get(c.kind, c.kind)) for c in _plain(record) if not c.part]
+
+
+def _base(kind: type) -> type:
+    return int if issubclass(kind, IntEnum) else kind
 
 
 def estimate_row(valve_id: int, position: int, estimate: Estimate) -> dict[str, Any]:
-    """Return the row of table `estimate`; `position` is its place among those of its cycle."""
-    counts = estimate.counts
-    return {
-        "valve_id": valve_id,
-        "cycle": int(estimate.cycle),
-        "position": position,
-        "estimator": estimate.estimator,
-        "model": estimate.model,
-        "start_ns": int(estimate.start_ns),
-        "end_ns": int(estimate.end_ns),
-        "status": int(estimate.status),
-        "reason": estimate.reason,
-        "parameters": _encode_parameters(estimate.parameters),
-        "mse_test": _or_null(estimate.mse_test),
-        "mse_train": _or_null(estimate.mse_train),
-        "fit_test": _or_null(estimate.fit_test),
-        "fit_train": _or_null(estimate.fit_train),
-        "condition_number": _or_null(estimate.condition_number),
-        "lag": int(estimate.lag),
-        "noise_sigma": _or_null(estimate.noise_sigma),
-        "samples_used": int(counts.used),
-        "samples_masked": _ENCODER.encode(
-            [int(counts.seat), int(counts.stuck), int(counts.stale), int(counts.bad)]
-        ),
-        "missed_cycles": int(estimate.missed_cycles),
-        "used_by_trend": bool(estimate.used_by_trend),
-        "reproducible": bool(estimate.reproducible),
-        "findings": _encode_findings(estimate),
-    }
+    """Return the row of table `estimate`.
+
+    Parameters
+    ----------
+    valve_id : int
+        Key of the valve.
+    position : int
+        Place of the estimate among those of its cycle.
+    estimate : Estimate
+        The estimate.
+    """
+    row = to_row(estimate, valve_id)
+    row["position"] = position
+    row["parameters"] = _encode_parameters(estimate.parameters)
+    row["samples_masked"] = _ENCODER.encode([int(n) for n in _MASKS(estimate.counts)])
+    row["findings"] = _encode_findings(estimate)
+    return row
 
 
 def row_estimate(row: Mapping[str, Any]) -> Estimate:
     """Return the estimate of a row of table `estimate`, equal to the one stored in every field."""
-    return Estimate(
-        model=row["model"],
-        estimator=row["estimator"],
-        cycle=row["cycle"],
-        start_ns=row["start_ns"],
-        end_ns=row["end_ns"],
+    return from_row(
+        Estimate,
+        row,
         parameters=_decode_parameters(row["parameters"]),
-        status=EstimateStatus(row["status"]),
-        reason=row["reason"],
-        mse_test=_or_nan(row["mse_test"]),
-        mse_train=_or_nan(row["mse_train"]),
-        fit_test=_or_nan(row["fit_test"]),
-        fit_train=_or_nan(row["fit_train"]),
-        condition_number=_or_nan(row["condition_number"]),
-        lag=row["lag"],
-        noise_sigma=_or_nan(row["noise_sigma"]),
         counts=MaskCounts(row["samples_used"], *json.loads(row["samples_masked"])),
-        missed_cycles=row["missed_cycles"],
-        used_by_trend=bool(row["used_by_trend"]),
-        reproducible=bool(row["reproducible"]),
         **_decode_findings(row["findings"]),
     )
 
 
-def maintenance_row(valve_id: int, event: Maintenance) -> dict[str, Any]:
-    """Return the row of table `maintenance` for an event."""
-    return {
-        "valve_id": valve_id,
-        "stamp_ns": int(event.stamp_ns),
-        "cycle": int(event.cycle),
-        "note": event.note,
-        "new_reference": bool(event.new_reference),
-    }
+_MASKS = attrgetter(*MaskCounts.__slots__[1:])
+_NUMBERS = attrgetter(
+    *(c.part for c in columns(Estimate) if c.field == "parameters" and c.kind is float)
+)
+_FOUND = {f.name: f for f in fields(Estimate) if f.many and f.name != "parameters"}
+"""The tuples of parts that stand in column `findings`."""
 
-
-def row_maintenance(row: Mapping[str, Any]) -> Maintenance:
-    """Return the event of a row of table `maintenance`."""
-    return Maintenance(row["stamp_ns"], row["cycle"], row["note"], bool(row["new_reference"]))
+_READ = {name: attrgetter(*(c.part for c in f.columns)) for name, f in _FOUND.items()}
 
 
 def _encode_parameters(parameters: Sequence[ParameterValue]) -> str:
-    numbers = [[p.value, p.standard_error, p.lower_95, p.upper_95] for p in parameters]
     return _ENCODER.encode(
         {
             "names": [p.name for p in parameters],
             "status": [int(p.status) for p in parameters],
             "reasons": [p.reason for p in parameters],
-            "values": [[_to_json(float(x)) for x in row] for row in numbers],
+            "values": [[_to_json(float(x)) for x in _NUMBERS(p)] for p in parameters],
         }
     )
 
@@ -307,55 +304,25 @@ def _decode_parameters(text: str) -> tuple[ParameterValue, ...]:
 
 def _encode_findings(estimate: Estimate) -> str:
     """Return what was checked and compared as text; nothing as the empty text."""
-    told = (estimate.trend_reason, estimate.disagreements, estimate.guards, estimate.conditions)
-    if not any(told):
+    found: dict[str, Any] = {name: getattr(estimate, name) for name in _FOUND}
+    if not estimate.trend_reason and not any(found.values()):
         return ""
-    return _ENCODER.encode(
-        {
-            "trend": estimate.trend_reason,
-            "disagreements": [
-                [d.estimator, d.parameter, _to_json(d.difference), _to_json(d.standard_errors)]
-                for d in estimate.disagreements
-            ],
-            "guards": [
-                [g.name, g.passed, _to_json(g.value), _to_json(g.limit), g.reason]
-                for g in estimate.guards
-            ],
-            "conditions": [[c.name, _to_json(c.value)] for c in estimate.conditions],
-        }
+    texts = {
+        n: [[_to_json(x) for x in _READ[n](v)] for v in values] for n, values in found.items()
+    }
+    return _ENCODER.encode({"trend": estimate.trend_reason, **texts})
+
+
+def _decode_findings(text: str) -> dict[str, Any]:
+    data = json.loads(text) if text else {"trend": ""}
+    found = {name: _decode_parts(field, data.get(name, ())) for name, field in _FOUND.items()}
+    return {"trend_reason": data["trend"], **found}
+
+
+def _decode_parts(field: Field, rows: Sequence[Sequence[Any]]) -> tuple[object, ...]:
+    """Return the parts of one field; a row from before the last fields takes their defaults."""
+    assert field.part is not None
+    kinds = [_from_json if c.kind is float else c.kind for c in field.columns]
+    return tuple(
+        field.part(*(kind(x) for kind, x in zip(kinds, row, strict=False))) for row in rows
     )
-
-
-def _decode_findings(text: str) -> _Findings:
-    if not text:
-        return _Findings(trend_reason="", disagreements=(), guards=(), conditions=())
-    data = json.loads(text)
-    return _Findings(
-        trend_reason=data["trend"],
-        disagreements=tuple(
-            Disagreement(other, name, _from_json(apart), _from_json(errors))
-            for other, name, apart, errors in data["disagreements"]
-        ),
-        guards=tuple(
-            Guard(name, passed, _from_json(value), _from_json(limit), reason)
-            for name, passed, value, limit, reason in data["guards"]
-        ),
-        conditions=tuple(Condition(name, _from_json(value)) for name, value in data["conditions"]),
-    )
-
-
-def _to_json(x: float) -> float | str:
-    return x if math.isfinite(x) else str(x)
-
-
-def _from_json(x: float | str) -> float:
-    # numpy's one NaN object: == between dataclasses holds as it does between fresh ones
-    return np.nan if x == "nan" else float(x)
-
-
-def _or_null(x: float) -> float | None:
-    return None if math.isnan(x) else float(x)
-
-
-def _or_nan(x: float | None) -> float:
-    return np.nan if x is None else x

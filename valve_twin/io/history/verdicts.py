@@ -7,28 +7,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import sqlalchemy as sa
-from sqlalchemy import BigInteger, Column, ForeignKey, Integer, Table, Text
 
 from valve_twin.core.aging.verdict import Verdict, VerdictKind
-from valve_twin.io.history.tables import METADATA
+from valve_twin.io.history.tables import VERDICT, from_row, to_row
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from sqlalchemy.engine import Connection
-
-_Id = BigInteger().with_variant(Integer, "sqlite")
-
-VERDICT = Table(
-    "verdict",
-    METADATA,
-    Column("id", _Id, primary_key=True, autoincrement=True),
-    Column("valve_id", _Id, ForeignKey("valve.id"), nullable=False, index=True),
-    Column("stamp_ns", BigInteger, nullable=False),
-    Column("cycle", BigInteger, nullable=False),
-    Column("verdict", Integer, nullable=False),
-    Column("evidence", Text, nullable=False),
-)
 
 _QUIET = (VerdictKind.OK, VerdictKind.NOT_ENOUGH_DATA)
 
@@ -43,29 +29,22 @@ def add_verdict(connection: Connection, valve_id: int, verdict: Verdict) -> bool
     last = connection.execute(query.order_by(VERDICT.c.id.desc()).limit(1)).mappings().first()
     if last is not None and not _is_news(verdict, dict(last)):
         return False
-    row = {
-        "valve_id": valve_id,
-        "stamp_ns": int(verdict.stamp_ns),
-        "cycle": int(verdict.cycle),
-        "verdict": int(verdict.verdict),
-        "evidence": verdict.evidence,
-    }
-    connection.execute(VERDICT.insert(), row)
+    connection.execute(VERDICT.insert(), to_row(verdict, valve_id))
     return True
 
 
 def row_verdict(valve: str, row: Mapping[str, Any]) -> Verdict:
     """Return the verdict of a row of table `verdict`."""
     kind = VerdictKind(row["verdict"])
-    return Verdict(row["stamp_ns"], valve, kind, kind.text, row["evidence"], row["cycle"])
+    return from_row(Verdict, row, valve=valve, text=kind.text)
 
 
 def _is_news(verdict: Verdict, last: Mapping[str, Any]) -> bool:
     if verdict.cycle <= last["cycle"]:
         return False
-    if int(verdict.verdict) != last["verdict"]:
+    if int(verdict.kind) != last["verdict"]:
         return True
-    return verdict.verdict not in _QUIET and _fault(verdict.evidence) != _fault(last["evidence"])
+    return verdict.kind not in _QUIET and _fault(verdict.evidence) != _fault(last["evidence"])
 
 
 def _fault(evidence: str) -> str:

@@ -17,13 +17,14 @@ from valve_twin_msgs import msg, srv
 from valve_twin.core.aging.assess import Assessment, assess
 from valve_twin.core.aging.verdict import VerdictKind
 from valve_twin.core.diagnosis.features import ESTIMATOR
+from valve_twin.core.types import Maintenance
 from valve_twin.core.valves.registry import get_model
 from valve_twin.nodes.runtime import messages as convert
 from valve_twin.nodes.twin.inputs import seconds_now
 from valve_twin.nodes.twin.live_valve import LATCHED
 
 if TYPE_CHECKING:
-    from valve_twin.core.types import Estimate, Maintenance
+    from valve_twin.core.types import Estimate
     from valve_twin.io.config.valve import ValveConfig
     from valve_twin.nodes.runtime.node import ValveNode
     from valve_twin.nodes.runtime.worker import Outcome, WorkerThread
@@ -150,7 +151,7 @@ class MonitoredValve:
         known = self._features if self._of_features else self._history
         last = known[-1].cycle if known else 0
         known += [e for e in fresh if e.cycle > last]
-        events = [convert.maintenance_value(m) for m in answer.maintenance]
+        events = [convert.to_value(Maintenance, m) for m in answer.maintenance]
         events_known = len(self._maintenance)
         self._maintenance |= {(e.cycle, e.stamp_ns, e.note): e for e in events}
         self._changed = self._changed or bool(fresh) or len(self._maintenance) != events_known
@@ -192,9 +193,9 @@ class MonitoredValve:
         before, self.assessment = self.assessment, outcome.result
         self._publish(outcome.result)
         verdict = outcome.result.verdict
-        if before is None or before.verdict.verdict is not verdict.verdict:
+        if before is None or before.verdict.kind is not verdict.kind:
             text = f"{self.name}: {verdict.text}: {verdict.evidence}"
-            if verdict.verdict in (VerdictKind.OK, VerdictKind.NOT_ENOUGH_DATA):
+            if verdict.kind in (VerdictKind.OK, VerdictKind.NOT_ENOUGH_DATA):
                 self._node.get_logger().info(text)
             else:  # on a line of its own: a logger refuses another severity from the same line
                 self._node.get_logger().warning(text)
@@ -207,7 +208,5 @@ class MonitoredValve:
                 self._trends[trend.parameter] = self._node.create_publisher(
                     msg.Trend, topic, LATCHED
                 )
-            message = convert.filled(msg.Trend(), trend, trend.stamp_ns)
-            self._trends[trend.parameter].publish(message)
-        verdict = assessment.verdict
-        self._verdict.publish(convert.filled(msg.Verdict(), verdict, verdict.stamp_ns))
+            self._trends[trend.parameter].publish(convert.to_message(trend))
+        self._verdict.publish(convert.to_message(assessment.verdict))

@@ -93,7 +93,7 @@ class AgingMonitorNode(ValveNode):
                 report.values[f"{trend.parameter} drift [%]"] = f"{trend.drift_reference:.2f}"
                 if trend.status is TrendStatus.BEYOND_THRESHOLD:
                     report.raise_to(ERROR, f"{trend.parameter}: {trend.reason}")
-            if found.verdict.verdict not in (VerdictKind.OK, VerdictKind.NOT_ENOUGH_DATA):
+            if found.verdict.kind not in (VerdictKind.OK, VerdictKind.NOT_ENOUGH_DATA):
                 report.raise_to(WARN, found.verdict.evidence)
         return report
 

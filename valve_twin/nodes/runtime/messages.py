@@ -6,31 +6,32 @@ from __future__ import annotations
 
 import struct
 from array import array
+from enum import IntEnum
+from functools import partial
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 from builtin_interfaces.msg import Time
+from std_msgs.msg import Header
 from valve_twin_msgs import msg
 
+from valve_twin.core.aging.verdict import Trend, Verdict
 from valve_twin.core.gaps import gap_ns
+from valve_twin.core.records import Column, build, columns, flat
 from valve_twin.core.types import (
-    Condition,
     Cycle,
-    Disagreement,
     Estimate,
-    EstimateStatus,
-    Guard,
     Maintenance,
-    MaskCounts,
     Parameter,
     ParameterStatus,
-    ParameterValue,
     Prediction,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Collection, Iterator
+
+T = TypeVar("T")
 
 SECOND_NS = 1_000_000_000
 _MAX_NS = (2**31 - 1) * SECOND_NS
@@ -132,127 +133,32 @@ def estimate_message(
     stored: bool,
     wall_s: float = 0.0,
 ) -> msg.Estimate:
-    """Return an estimate as a message; `units` by parameter name."""
-    values = estimate.parameters
-    out = msg.Estimate(
-        valve=valve,
-        model=estimate.model,
-        estimator=estimate.estimator,
-        cycle=estimate.cycle,
-        start=to_time(estimate.start_ns),
-        end=to_time(estimate.end_ns),
-        names=[p.name for p in values],
-        units=[units.get(p.name, "1") for p in values],
-        values=array("d", [p.value for p in values]),
-        standard_errors=array("d", [p.standard_error for p in values]),
-        lower_95=array("d", [p.lower_95 for p in values]),
-        upper_95=array("d", [p.upper_95 for p in values]),
-        at_bound=[p.status is ParameterStatus.AT_BOUND for p in values],
-        parameter_status=array("B", [int(p.status) for p in values]),
-        parameter_reason=[p.reason for p in values],
-        status=int(estimate.status),
-        reason=estimate.reason,
-        mse_test=float(estimate.mse_test),
-        mse_train=float(estimate.mse_train),
-        fit_test=float(estimate.fit_test),
-        fit_train=float(estimate.fit_train),
-        condition_number=float(estimate.condition_number),
-        lag=int(estimate.lag),
-        noise_sigma=float(estimate.noise_sigma),
-        samples_used=estimate.counts.used,
-        samples_masked_seat=estimate.counts.seat,
-        samples_masked_stuck=estimate.counts.stuck,
-        samples_masked_stale=estimate.counts.stale,
-        used_by_trend=estimate.used_by_trend,
-        trend_reason=estimate.trend_reason,
-        disagreement_estimator=[d.estimator for d in estimate.disagreements],
-        disagreement_parameter=[d.parameter for d in estimate.disagreements],
-        disagreement=array("d", [d.difference for d in estimate.disagreements]),
-        disagreement_errors=array("d", [d.standard_errors for d in estimate.disagreements]),
-        guard_names=[g.name for g in estimate.guards],
-        guard_passed=[g.passed for g in estimate.guards],
-        guard_values=array("d", [g.value for g in estimate.guards]),
-        guard_limits=array("d", [g.limit for g in estimate.guards]),
-        guard_reasons=[g.reason for g in estimate.guards],
-        condition_names=[c.name for c in estimate.conditions],
-        condition_values=array("d", [c.value for c in estimate.conditions]),
-        reproducible=estimate.reproducible,
-        stored=stored,
-        wall_time=wall_s,
-    )
+    """Return an estimate as a message.
+
+    Parameters
+    ----------
+    valve : str
+        Its name.
+    estimate : Estimate
+        The estimate.
+    units : dict
+        Unit by name of the parameter; "1" where one is not named.
+    stored : bool
+        Whether it is committed to the history.
+    wall_s : float
+        Computing time [s].
+    """
+    out = to_message(estimate)
     out.header.stamp = out.end
+    out.valve, out.stored, out.wall_time = valve, stored, wall_s
+    out.units = [units.get(p.name, "1") for p in estimate.parameters]
+    out.at_bound = [p.status is ParameterStatus.AT_BOUND for p in estimate.parameters]
     return out
 
 
 def estimate_value(message: msg.Estimate, missed_cycles: int = 0) -> Estimate:
-    """Return the estimate that a message tells of."""
-    columns = zip(
-        message.names,
-        message.values,
-        message.parameter_status,
-        message.parameter_reason,
-        message.standard_errors,
-        message.lower_95,
-        message.upper_95,
-        strict=True,
-    )
-    return Estimate(
-        model=message.model,
-        estimator=message.estimator,
-        cycle=int(message.cycle),
-        start_ns=from_time(message.start),
-        end_ns=from_time(message.end),
-        parameters=tuple(
-            ParameterValue(
-                name, float(value), ParameterStatus(int(status)), reason, error, low, high
-            )
-            for name, value, status, reason, error, low, high in columns
-        ),
-        status=EstimateStatus(int(message.status)),
-        reason=message.reason,
-        mse_test=message.mse_test,
-        mse_train=message.mse_train,
-        fit_test=message.fit_test,
-        fit_train=message.fit_train,
-        condition_number=message.condition_number,
-        lag=int(message.lag),
-        noise_sigma=message.noise_sigma,
-        counts=MaskCounts(
-            int(message.samples_used),
-            int(message.samples_masked_seat),
-            int(message.samples_masked_stuck),
-            int(message.samples_masked_stale),
-        ),
-        missed_cycles=missed_cycles,
-        used_by_trend=bool(message.used_by_trend),
-        reproducible=bool(message.reproducible),
-        trend_reason=message.trend_reason,
-        disagreements=tuple(
-            Disagreement(other, name, float(apart), float(errors))
-            for other, name, apart, errors in zip(
-                message.disagreement_estimator,
-                message.disagreement_parameter,
-                message.disagreement,
-                message.disagreement_errors,
-                strict=True,
-            )
-        ),
-        guards=tuple(
-            Guard(name, bool(passed), float(value), float(limit), reason)
-            for name, passed, value, limit, reason in zip(
-                message.guard_names,
-                message.guard_passed,
-                message.guard_values,
-                message.guard_limits,
-                message.guard_reasons,
-                strict=True,
-            )
-        ),
-        conditions=tuple(
-            Condition(name, float(value))
-            for name, value in zip(message.condition_names, message.condition_values, strict=True)
-        ),
-    )
+    """Return the estimate that a message tells of; what stands beside it is the second."""
+    return to_value(Estimate, message, missed_cycles=missed_cycles)
 
 
 def units_of(parameters: tuple[Parameter, ...]) -> dict[str, str]:
@@ -260,59 +166,154 @@ def units_of(parameters: tuple[Parameter, ...]) -> dict[str, str]:
     return {p.name: p.unit for p in parameters}
 
 
-def maintenance_message(event: Maintenance) -> msg.Maintenance:
-    """Return a maintenance event as a message."""
-    return msg.Maintenance(
-        stamp=to_time(event.stamp_ns),
-        cycle=event.cycle,
-        note=event.note,
-        new_reference=event.new_reference,
-    )
+def to_message(value: Any) -> Any:
+    """Return a record (`Estimate`, `Trend`, `Verdict`, `Maintenance`) as its message."""
+    message, fields = _FORMATS[type(value)]
+    out, found = message(), flat(value)
+    for column, name, encode, _ in fields:
+        setattr(out, name, encode(found[column.name]))
+    return out
 
 
-def maintenance_value(message: msg.Maintenance) -> Maintenance:
-    """Return the maintenance event that a message tells of."""
-    return Maintenance(
-        from_time(message.stamp), int(message.cycle), message.note, bool(message.new_reference)
-    )
-
-
-def filled(message: Any, value: Any, stamp_ns: int, *, skip: tuple[str, ...] = ()) -> Any:
-    """Fill a message from a value whose fields carry the same names.
+def to_value(record: type[T], message: Any, **beside: object) -> T:
+    """Return the record that a message tells of.
 
     Parameters
     ----------
+    record : type
+        Class of the record.
     message : message
-        What to fill; its header gets the stamp.
-    value : dataclass
-        Where the fields come from; `<field>_ns` fills a time.
-    stamp_ns : int
-        Stamp of the header [ns].
-    skip : tuple of str
-        Fields left alone.
+        Of that record.
+    **beside : object
+        Fields that stand beside the message.
     """
-    for name, kind in message.get_fields_and_field_types().items():
-        if name == "header" or name in skip:
+    for column, name, _, decode in _FORMATS[record][1]:
+        found = getattr(message, name)
+        beside[column.name] = found if decode is None else decode(found)
+    return build(record, beside)
+
+
+def message_fields(
+    record: type, message: Any, *, beside: Collection[str] = (), own: Collection[str] = ()
+) -> tuple[_Field, ...]:
+    """Return how the columns of a record are written into the fields of a message and read back.
+
+    A column `<name>_ns` is the time `<name>`, `stamp_ns` the stamp of the header if there is one.
+
+    Parameters
+    ----------
+    record : type
+        Class of the record (`core.records`).
+    message : type
+        Class of the message.
+    beside : collection of str
+        Columns that do not travel in the message.
+    own : collection of str
+        Fields that only the message has.
+
+    Raises
+    ------
+    TypeError
+        If message and record do not fit together: which field of which, and what to do.
+    """
+    kinds = dict(message.get_fields_and_field_types())
+    where, fields = f"{message.__name__}.msg", []
+    for column in columns(record):
+        if column.name in beside:
             continue
-        if kind == "builtin_interfaces/Time":
-            setattr(message, name, to_time(getattr(value, f"{name}_ns")))
-        else:
-            setattr(message, name, _CASTS.get(kind, _same)(getattr(value, name)))
-    message.header.stamp = to_time(stamp_ns)
-    return message
+        name = column.name.removesuffix("_ns")
+        name = "header" if name == "stamp" and "header" in kinds else name
+        kind = kinds.pop(name, "missing")
+        if kind not in _FORMS[column.many, _base(column)]:
+            wanted = " or ".join(_FORMS[column.many, _base(column)])
+            text = (
+                f"{where}: field '{name}' is {kind}, but '{column.path}' of {record.__name__}"
+                f" needs {wanted}: write it in msg_defs/msg/{where} and build the messages anew"
+            )
+            raise TypeError(text)
+        fields.append(_Field(column, name, _encoder(kind), _decoder(kind, column.kind)))
+    left = sorted(set(kinds) - set(own))
+    if left:
+        text = f"{where}: {record.__name__} has no field for '{left[0]}': add it to the class"
+        raise TypeError(text)
+    return tuple(fields)
+
+
+class _Field(NamedTuple):
+    """A column of a record in a message."""
+
+    column: Column
+    name: str
+    encode: Callable[[Any], Any]
+    decode: Callable[[Any], Any] | None
+
+
+TIME: type = Time  # untyped without the built messages
+_INTEGERS = ("uint8", "int32", "int64", "uint32", "uint64")
+_FORMS = {
+    (False, float): ("double",),
+    (False, int): _INTEGERS,
+    (False, bool): ("boolean",),
+    (False, str): ("string",),
+    (False, IntEnum): ("uint8",),
+    (False, TIME): ("builtin_interfaces/Time", "std_msgs/Header"),
+    (True, float): ("sequence<double>",),
+    (True, bool): ("sequence<boolean>",),
+    (True, str): ("sequence<string>",),
+    (True, IntEnum): ("sequence<uint8>",),
+    (True, int): tuple(f"sequence<{name}>" for name in _INTEGERS),
+}
+"""Types that a column may have in a message: of one value and of a list."""
+
+
+def _base(column: Column) -> type:
+    kind: type = IntEnum if issubclass(column.kind, IntEnum) else column.kind
+    return TIME if column.name.endswith("_ns") else kind
 
 
 def _same(value: Any) -> Any:
     return value
 
 
-_CASTS = {
-    "double": float,
-    "boolean": bool,
-    "string": str,
-    "uint8": int,
-    "uint32": int,
-    "uint64": int,
-    "int64": int,
-    "int32": int,
+def _encoder(kind: str) -> Callable[[Any], Any]:
+    if kind == "std_msgs/Header":
+        return lambda stamp_ns: Header(stamp=to_time(stamp_ns))
+    casts: dict[str, Callable[[Any], Any]] = {
+        "builtin_interfaces/Time": to_time,
+        "double": float,
+        "boolean": bool,
+        "string": _same,
+    }
+    arrays = {"sequence<double>": "d", "sequence<uint8>": "B"}
+    if kind in arrays:
+        return partial(array, arrays[kind])
+    return _same if kind.startswith("sequence") else casts.get(kind, int)
+
+
+def _decoder(kind: str, of: type) -> Callable[[Any], Any] | None:
+    """Return how the value of a field is read; None where it is what the record holds."""
+    if kind == "std_msgs/Header":
+        return lambda header: from_time(header.stamp)
+    if kind == "builtin_interfaces/Time":
+        return from_time
+    if not issubclass(of, IntEnum):
+        return None
+    return (lambda values: map(of, values)) if kind.startswith("sequence") else of
+
+
+_ESTIMATE_OWN = ("header", "valve", "units", "at_bound", "stored", "wall_time")
+_ESTIMATE_BESIDE = ("missed_cycles", "samples_masked_bad")
+_FORMATS: dict[type, tuple[Any, tuple[_Field, ...]]] = {
+    Estimate: (
+        msg.Estimate,
+        message_fields(Estimate, msg.Estimate, beside=_ESTIMATE_BESIDE, own=_ESTIMATE_OWN),
+    ),
+    **{
+        record: (message, message_fields(record, message))
+        for record, message in (
+            (Trend, msg.Trend),
+            (Verdict, msg.Verdict),
+            (Maintenance, msg.Maintenance),
+        )
+    },
 }

@@ -95,7 +95,7 @@ class TwinServices:
             ]
             response.missed_cycles = [e.missed_cycles for e in page]
             events = valve.history.maintenance(valve.name)
-            response.maintenance = [convert.maintenance_message(e) for e in events]
+            response.maintenance = [convert.to_message(e) for e in events]
             response.more = len(found) > limit
             response.success = True
             return response

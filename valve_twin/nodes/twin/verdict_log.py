@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from valve_twin_msgs import msg
 
 from valve_twin.core.aging.verdict import Verdict, VerdictKind
-from valve_twin.nodes.runtime.messages import from_time
+from valve_twin.nodes.runtime.messages import to_value
 from valve_twin.nodes.twin.live_valve import LATCHED
 
 if TYPE_CHECKING:
@@ -36,10 +36,9 @@ class VerdictLog:
         """Store a verdict on this valve; what is not known as a verdict is left out."""
         if message.verdict not in set(VerdictKind):
             return
-        kind, name = VerdictKind(message.verdict), self._valve.name
-        stamp_ns, cycle = from_time(message.header.stamp), int(message.cycle)
-        verdict = Verdict(stamp_ns, name, kind, kind.text, message.evidence, cycle)
-        work = partial(self._valve.history.add_verdict, name, verdict)
+        work = partial(
+            self._valve.history.add_verdict, self._valve.name, to_value(Verdict, message)
+        )
         self._valve.kept.keeper.writer.submit(work, self._on_stored)
 
     def _on_stored(self, outcome: Outcome) -> None:
