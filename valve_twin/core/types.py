@@ -345,9 +345,7 @@ class Disagreement:
 class Estimate:
     """Parameters of one cycle by one estimator and what is known about them.
 
-    Messages, lines of JSON, rows of the history and exports are derived from the fields of this
-    class and of its parts (`core.records`): a new field needs a default, a line in Estimate.msg
-    and a migration.
+    All its formats are derived from its fields (`core.records`).
 
     Attributes
     ----------
