@@ -293,10 +293,8 @@ class Guard:
 
     Attributes
     ----------
-    name : str
-        What is checked, such as "identifiability" or "structure: level of v_in".
-    passed : bool
-        Whether the estimate stands the check.
+    name, passed : str, bool
+        What is checked, such as "structure: level of v_in", and whether the estimate stands it.
     value, limit : float
         What was found and what is allowed [unit by check]; NaN = could not be told, no limit.
     reason : str
@@ -324,10 +322,8 @@ class Disagreement:
 
     Attributes
     ----------
-    estimator : str
-        The other estimator.
-    parameter : str
-        Name of the parameter that both publish.
+    estimator, parameter : str
+        The other estimator, and the parameter that both publish.
     difference : float
         This estimate's value minus the other's [unit of the parameter].
     standard_errors : float
