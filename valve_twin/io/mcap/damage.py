@@ -18,7 +18,7 @@ _SECOND_NS = 1_000_000_000
 _SHOWN = 6
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Loss:
     """One damaged place of a file.
 

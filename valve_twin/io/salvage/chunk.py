@@ -11,24 +11,17 @@ from __future__ import annotations
 
 import struct
 import zlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import zstandard
 
-from valve_twin.io.mcap.format import (
-    MESSAGE_HEAD,
-    RECORD_HEAD,
-    Channel,
-    ChunkIndex,
-    Op,
-    Schema,
-    read_channel,
-    read_schema,
-)
-from valve_twin.io.mcap.summary import records_of
+from valve_twin.io.mcap.format import RECORD_HEAD, ChunkIndex, Op
+from valve_twin.io.salvage.walk import walk
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
     from valve_twin.io.salvage.records import Bytes
 
 _MARKS = {b"\x28\xb5\x2f\xfd": "zstd", b"\x04\x22\x4d\x18": "lz4"}
@@ -38,7 +31,7 @@ _PACKED = struct.Struct("<Q")
 _MOST = 1 << 30
 _USUAL = 1 << 26
 _STEP = 1 << 10
-_NEVER = 2**64
+_OUTSIDE = "it is damaged outside its messages, which its check sum proves"
 _CUT = "the file ends in it; what unpacks is not verified"
 _TORN = "it is damaged and has no check sum; what unpacks is not verified"
 
@@ -77,6 +70,17 @@ class ChunkHead:
         """Whether both lengths say the same."""
         return self.packed_at + self.packed == self.end
 
+    def is_sound(self, data: Bytes) -> bool:
+        """Return whether nothing in it contradicts another thing."""
+        return data[self.offset] == Op.CHUNK and self.agrees and self.literal
+
+    def lengths(self, end: int, hint: ChunkIndex | None) -> list[int]:
+        """Return how many compressed bytes there may be before the end of the file [B]."""
+        told = [self.packed, self.end - self.packed_at]
+        if hint is not None:
+            told += [hint.compressed_size, hint.length - (self.packed_at - self.offset)]
+        return [n for n in dict.fromkeys(told) if 0 <= n <= end - self.packed_at]
+
 
 @dataclass(frozen=True, slots=True)
 class Unpacked:
@@ -86,25 +90,33 @@ class Unpacked:
     ----------
     records : bytes
         The records; a part of them where the chunk is cut or torn.
-    verified : bool
-        Whether the check sum stands for them.
-    plain : bool
-        Whether a reader that believes the head reads the same.
     end : int or None
         Where the chunk ends in the file [B], None = not known.
     reason : str
         What is wrong, empty = nothing.
+    verified : bool
+        Whether the check sum stands for them.
+    plain : bool
+        Whether a reader that believes the head reads the same.
     """
 
-    records: bytes
-    verified: bool
-    plain: bool
-    end: int | None
+    records: bytes = b""
+    end: int | None = None
     reason: str = ""
+    verified: bool = False
+    plain: bool = False
 
 
 def read_heads(data: Bytes, at: int, end: int) -> list[ChunkHead]:
-    """Return every reading of the head of a chunk, the likeliest first."""
+    """Return every reading of the head of a chunk, the likeliest first.
+
+    Parameters
+    ----------
+    data : bytes
+        The file.
+    at, end : int
+        Where the chunk begins and where the bytes of the file end.
+    """
     fixed_at = at + RECORD_HEAD.size
     if fixed_at + _FIXED.size > end:
         return []
@@ -112,11 +124,9 @@ def read_heads(data: Bytes, at: int, end: int) -> list[ChunkHead]:
     start_ns, end_ns, size, crc, told = _FIXED.unpack_from(data, fixed_at)
     heads = []
     for named in dict.fromkeys((told, 4, 3, 0)):
-        if named not in _NAMES:
-            continue
         name_at = fixed_at + _FIXED.size
         packed_at = name_at + named + _PACKED.size
-        if packed_at > end:
+        if named not in _NAMES or packed_at > end:
             continue
         name = bytes(data[name_at : name_at + named]).decode(errors="replace")
         (packed,) = _PACKED.unpack_from(data, name_at + named)
@@ -149,108 +159,82 @@ def unpack(data: Bytes, at: int, end: int, hint: ChunkIndex | None = None) -> Un
     """
     heads = read_heads(data, at, end)
     if not heads:
-        return Unpacked(b"", verified=False, plain=False, end=None, reason="its head is cut")
+        return Unpacked(reason="its head is cut")
     for head in heads:
-        found = _verified(data, head, end, hint)
+        found = _verified(data, head, end, hint) if head.crc else None
         if found is not None:
             return found
     head = heads[0]
-    if head.crc and not _runs_over(head, end):
-        return _nearly(data, head, end) or Unpacked(
-            b"", verified=False, plain=False, end=None, reason="its check sum is wrong"
-        )
-    return _unverified(data, head, end, hint)
+    cut = head.agrees and head.end > end
+    if head.crc and not cut:
+        return _nearly(data, head, end) or Unpacked(reason="its check sum is wrong")
+    return _unverified(data, head, end, hint, cut=cut)
 
 
-def _lengths(head: ChunkHead, end: int, hint: ChunkIndex | None) -> list[int]:
-    told = [head.packed, head.end - head.packed_at]
-    if hint is not None:
-        told += [hint.compressed_size, hint.length - (head.packed_at - head.offset)]
-    return [n for n in dict.fromkeys(told) if 0 <= n <= end - head.packed_at]
+@dataclass(frozen=True, slots=True)
+class _Attempt:
+    """One way to unpack; `used` is None where the end of the compressed bytes was not reached."""
+
+    length: int
+    compression: str
+    records: bytes
+    used: int | None
+
+
+def _attempts(
+    data: Bytes, head: ChunkHead, lengths: Iterable[int], hint: ChunkIndex | None
+) -> Iterator[_Attempt]:
+    sizes = [n for n in (head.size, hint.size if hint else 0) if n <= _MOST]
+    for length in lengths:
+        packed = bytes(data[head.packed_at : head.packed_at + length])
+        marked = [name for mark, name in _MARKS.items() if packed.startswith(mark)]
+        known = head.compression in _NAMES.values()
+        named = [head.compression] if known else list(_NAMES.values())
+        for name in dict.fromkeys((*named, *marked)):
+            yield _Attempt(length, name, *inflate(packed, name, max((_USUAL, *sizes))))
 
 
 def _verified(data: Bytes, head: ChunkHead, end: int, hint: ChunkIndex | None) -> Unpacked | None:
-    if not head.crc:
-        return None
-    for length in _lengths(head, end, hint):
-        packed = bytes(data[head.packed_at : head.packed_at + length])
-        for name in _compressions(head, packed):
-            records, used = inflate(packed, name, _limit(head, hint))
-            if zlib.crc32(records) != head.crc or (not records and head.size):
-                continue
-            stop = head.packed_at + (length if used is None else used)
-            sound = _is_marked(data, head) and used == head.packed
-            plain = sound and name == head.compression and len(records) == head.size
-            reason = (
-                "" if plain else "it is damaged outside its messages, which its check sum proves"
-            )
-            return Unpacked(records, verified=True, plain=plain, end=stop, reason=reason)
+    for one in _attempts(data, head, head.lengths(end, hint), hint):
+        records = one.records
+        if zlib.crc32(records) != head.crc or (not records and head.size):
+            continue
+        stop = head.packed_at + (one.length if one.used is None else one.used)
+        sound = head.is_sound(data) and one.used == head.packed
+        plain = sound and one.compression == head.compression and len(records) == head.size
+        return Unpacked(records, stop, "" if plain else _OUTSIDE, verified=True, plain=plain)
     return None
 
 
 def _nearly(data: Bytes, head: ChunkHead, end: int) -> Unpacked | None:
     """Believe, unverified, a chunk that is whole where one byte of its check sum differs."""
-    if not head.agrees or head.end > end:
-        return None
-    packed = bytes(data[head.packed_at : head.end])
-    for name in _compressions(head, packed):
-        records, used = inflate(packed, name, _limit(head, None))
-        other = zlib.crc32(records) ^ head.crc
+    lengths = [head.packed] if head.agrees and head.end <= end else []
+    for one in _attempts(data, head, lengths, None):
+        other = zlib.crc32(one.records) ^ head.crc
         one_byte = sum(bool(other >> shift & 0xFF) for shift in (0, 8, 16, 24)) == 1
-        if used is not None and len(records) == head.size and one_byte and walk(records).whole:
-            return Unpacked(
-                records,
-                verified=False,
-                plain=False,
-                end=head.end,
-                reason="one byte of its check sum is damaged, its messages are not verified",
-            )
+        whole = one.used is not None and len(one.records) == head.size
+        if whole and one_byte and walk(one.records).whole:
+            reason = "one byte of its check sum is damaged, its messages are not verified"
+            return Unpacked(one.records, head.end, reason)
     return None
 
 
 def _unverified(
-    data: Bytes, head: ChunkHead, end: int, hint: ChunkIndex | None = None
+    data: Bytes, head: ChunkHead, end: int, hint: ChunkIndex | None, *, cut: bool
 ) -> Unpacked:
     """Take what unpacks of a chunk without check sum, or of one that the end of the file cuts."""
-    cut = _runs_over(head, end)
-    lengths = [end - head.packed_at] if cut else _lengths(head, end, hint)
-    best = Unpacked(b"", verified=False, plain=False, end=None, reason=_CUT if cut else _TORN)
-    for length in lengths:
-        packed = bytes(data[head.packed_at : head.packed_at + length])
-        stop = None if cut else head.packed_at + length
-        for name in _compressions(head, packed):
-            records, used = inflate(packed, name, _limit(head, hint))
-            if not cut and used is not None and len(records) == head.size:
-                stop = head.packed_at + used
-                plain = _is_marked(data, head) and name == head.compression
-                reason = "" if plain else "its head is damaged and it has no check sum"
-                return Unpacked(records, verified=False, plain=plain, end=stop, reason=reason)
-            if len(records) > len(best.records):
-                best = Unpacked(
-                    records, verified=False, plain=False, end=stop, reason=_CUT if cut else _TORN
-                )
+    reason = _CUT if cut else _TORN
+    best = Unpacked(reason=reason)
+    lengths = [end - head.packed_at] if cut else head.lengths(end, hint)
+    for one in _attempts(data, head, lengths, hint):
+        if not cut and one.used is not None and len(one.records) == head.size:
+            plain = head.is_sound(data) and one.compression == head.compression
+            told = "" if plain else "its head is damaged and it has no check sum"
+            return Unpacked(one.records, head.packed_at + one.used, told, plain=plain)
+        if len(one.records) > len(best.records):
+            stop = None if cut else head.packed_at + one.length
+            best = Unpacked(one.records, stop, reason)
     return best
-
-
-def _is_marked(data: Bytes, head: ChunkHead) -> bool:
-    """Return whether the head itself is sound."""
-    return data[head.offset] == Op.CHUNK and head.agrees and head.literal
-
-
-def _runs_over(head: ChunkHead, end: int) -> bool:
-    """Return whether the file ends before the chunk does."""
-    return head.agrees and head.end > end
-
-
-def _limit(head: ChunkHead, hint: ChunkIndex | None) -> int:
-    told = [n for n in (head.size, hint.size if hint else 0) if n <= _MOST]
-    return max((_USUAL, *told))
-
-
-def _compressions(head: ChunkHead, packed: bytes) -> list[str]:
-    marked = [name for mark, name in _MARKS.items() if packed.startswith(mark)]
-    named = [head.compression] if head.compression in _NAMES.values() else list(_NAMES.values())
-    return list(dict.fromkeys((*named, *marked)))
 
 
 def inflate(packed: bytes, compression: str, limit: int) -> tuple[bytes, int | None]:
@@ -297,95 +281,3 @@ def _stream(compression: str):  # type: ignore[no-untyped-def]  # noqa: ANN202
     import lz4.frame
 
     return lz4.frame.LZ4FrameDecompressor()
-
-
-@dataclass(slots=True)
-class Walk:
-    """What the records of a chunk hold.
-
-    Attributes
-    ----------
-    schemas, channels : dict
-        Definitions in it by number.
-    counts : dict
-        Messages by channel.
-    start_ns, end_ns : int
-        First and last log time [ns]; start_ns > end_ns where there is no message.
-    end : int
-        Where the last whole record ends [B].
-    whole : bool
-        Whether that is the end of the records.
-    """
-
-    schemas: dict[int, Schema] = field(default_factory=dict)
-    channels: dict[int, Channel] = field(default_factory=dict)
-    counts: dict[int, int] = field(default_factory=dict)
-    start_ns: int = _NEVER
-    end_ns: int = -1
-    end: int = 0
-    whole: bool = False
-
-    @property
-    def messages(self) -> int:
-        """How many messages there are."""
-        return sum(self.counts.values())
-
-
-@dataclass(slots=True)
-class Piece:
-    """A chunk that was found, or messages outside chunks.
-
-    Attributes
-    ----------
-    offset, length : int
-        Where it lies in the file [B].
-    verified : bool
-        Whether a check sum stands for it.
-    records : bytes or None
-        Its records; None where any reader reads them out of the file.
-    found : Walk
-        What is in it.
-    size : int
-        Bytes of its records [B].
-    index : dict
-        Where its message indexes lie, by channel.
-    """
-
-    offset: int
-    length: int
-    verified: bool
-    records: bytes | None
-    found: Walk
-    size: int
-    index: dict[int, int] = field(default_factory=dict)
-
-
-def walk(records: bytes) -> Walk:
-    """Count what the records of a chunk hold, up to the first that runs over their end."""
-    found = Walk()
-    at, end = 0, len(records)
-    for op, begin, stop in records_of(records):
-        if op == Op.MESSAGE:
-            if stop - at < MESSAGE_HEAD.size:
-                break
-            _, _, channel, _, log_ns, _ = MESSAGE_HEAD.unpack_from(records, at)
-            found.counts[channel] = found.counts.get(channel, 0) + 1
-            found.start_ns = min(found.start_ns, log_ns)
-            found.end_ns = max(found.end_ns, log_ns)
-        else:
-            _define(found, op, records[begin:stop])
-        at = stop
-    found.end, found.whole = at, at == end
-    return found
-
-
-def _define(found: Walk, op: int, body: bytes) -> None:
-    try:
-        if op == Op.SCHEMA:
-            schema = read_schema(body)
-            found.schemas[schema.id] = schema
-        elif op == Op.CHANNEL:
-            channel = read_channel(body)
-            found.channels[channel.id] = channel
-    except (struct.error, ValueError):
-        return

@@ -1,52 +1,106 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Find the definition of a topic that a damaged file has lost in the other files of its bag."""
+"""Which definitions of a damaged file are believed; what is lost is looked for in its bag."""
 
 from __future__ import annotations
 
 import mmap
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from valve_twin.io.salvage.tail import Trust, read_tail
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Sequence
     from pathlib import Path
 
     from valve_twin.io.mcap.format import Channel, Schema
     from valve_twin.io.mcap.summary import Summary
+    from valve_twin.io.salvage.tail import Tail
 
 
-def definitions_beside(
-    path: Path, wanted: set[int], known: Mapping[int, Channel]
-) -> tuple[dict[int, Channel], dict[int, Schema]]:
-    """Return topics and schemas by number from a file that numbers all known topics alike.
+@dataclass(slots=True)
+class Definitions:
+    """Topics and types of a file.
 
-    Parameters
+    Attributes
     ----------
-    path : Path
-        The damaged file.
-    wanted : set of int
-        Numbers of the topics that it does not define any more.
-    known : mapping
-        Topics that it still defines.
-
-    Returns
-    -------
-    dict, dict
-        Empty where no sound file of the folder has them all.
+    copies : dict
+        Copies of each schema by number that differ, the best first.
+    channels : dict
+        Topics by number.
+    notes : list of (str, str)
+        What is to be said of them: which and why.
     """
-    for other in sorted(path.parent.glob("*.mcap")):
-        summary = None if other == path else _verified(other)
-        if summary is None or not wanted <= set(summary.channels):
-            continue
-        shared = [i for i in known if i in summary.channels]
-        if any(summary.channels[i].topic != known[i].topic for i in shared):
-            continue
-        channels = {i: summary.channels[i] for i in wanted}
-        numbers = {c.schema_id for c in channels.values()}
-        return channels, {i: s for i, s in summary.schemas.items() if i in numbers}
-    return {}, {}
+
+    copies: dict[int, list[Schema]] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    notes: list[tuple[str, str]] = field(default_factory=list)
+
+    @classmethod
+    def of(
+        cls, tail: Tail, verified: Sequence[Summary], outside: Summary, other: Sequence[Summary]
+    ) -> Definitions:
+        """Gather all copies; what is verified wins.
+
+        Parameters
+        ----------
+        tail : Tail
+            The end of the file.
+        verified, other : sequence of Summary
+            What stands in chunks with a right check sum, and in others.
+        outside : Summary
+            What stands outside chunks.
+        """
+        found = cls()
+        sound = tail.trust is Trust.VERIFIED
+        first, last = ([tail.summary], []) if sound else ([], [tail.summary])
+        topics: dict[int, list[Channel]] = {}
+        for source in (*first, *verified, outside, *last, *other):
+            for i, schema in source.schemas.items():
+                copies = found.copies.setdefault(i, [])
+                if schema not in copies:
+                    copies.append(schema)
+            for i, channel in source.channels.items():
+                topics.setdefault(i, []).append(channel)
+        for source in (*verified, *first):
+            found.channels |= source.channels
+        for i, copied in topics.items():
+            used = found.channels.setdefault(i, found.likeliest(copied))
+            for channel in copied:
+                note = "topic", f"its copies differ: '{used.topic}' is used, not '{channel.topic}'"
+                if channel != used and note not in found.notes:
+                    found.notes.append(note)
+        return found
+
+    def likeliest(self, copies: list[Channel]) -> Channel:
+        """Return of copies of a topic that with a known type, and of these the most frequent."""
+        return max(copies, key=lambda c: (c.schema_id in self.copies, copies.count(c)))
+
+    def adopt(self, path: Path, held: set[int]) -> None:
+        """Take what is missing of topics that hold messages from other files of the bag."""
+        found, schemas = self._beside(path, held - set(self.channels))
+        for i, channel in found.items():
+            number = channel.schema_id
+            # a number that stands for another schema here must not be mistaken
+            if schemas[number] not in self.copies.setdefault(number, [schemas[number]]):
+                continue
+            self.channels[i] = channel
+            why = "its definition is lost; that of another file of the bag is used"
+            self.notes.append((f"topic '{channel.topic}'", why))
+
+    def _beside(
+        self, path: Path, wanted: set[int]
+    ) -> tuple[dict[int, Channel], dict[int, Schema]]:
+        """Return topics and schemas from a sound file that numbers all known topics alike."""
+        for other in sorted(path.parent.glob("*.mcap")) if wanted else ():
+            summary = None if other == path else _verified(other)
+            if summary is None or not wanted <= set(summary.channels):
+                continue
+            shared = [i for i in self.channels if i in summary.channels]
+            if all(summary.channels[i].topic == self.channels[i].topic for i in shared):
+                return {i: summary.channels[i] for i in wanted}, summary.schemas
+        return {}, {}
 
 
 def _verified(path: Path) -> Summary | None:

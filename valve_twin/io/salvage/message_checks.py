@@ -12,7 +12,7 @@ import math
 import struct
 from bisect import bisect_right
 from dataclasses import dataclass, field, is_dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -86,14 +86,6 @@ class Checks:
         self._types: dict[int, BagTypes | None] = {}
         self.suspects = 0
 
-    def knows(self, channel: int) -> bool:
-        """Return whether a channel is defined."""
-        return channel in self._channels
-
-    def topic(self, channel: int) -> str:
-        """Return the topic of a channel that is defined."""
-        return self._channels[channel].topic
-
     def accepts(self, channel: int, data: bytes) -> bool:
         """Return whether a message decodes whole; count it where a value is no finite number."""
         known = self._channels.get(channel)
@@ -163,8 +155,7 @@ def _finite(value: Message) -> bool:
     return True
 
 
-@dataclass(frozen=True, slots=True)
-class _Seen:
+class _Seen(NamedTuple):
     begin: int
     end: int
     channel: int

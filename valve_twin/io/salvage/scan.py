@@ -4,22 +4,16 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from valve_twin.io.mcap.damage import Loss, Salvage
-from valve_twin.io.mcap.format import (
-    MAGIC,
-    RECORD_HEAD,
-    Channel,
-    ChunkIndex,
-    Op,
-    Schema,
-    Statistics,
-)
+from valve_twin.io.mcap.format import MAGIC, RECORD_HEAD, ChunkIndex, Op, Statistics
 from valve_twin.io.mcap.summary import Summary
-from valve_twin.io.salvage.chunk import Piece, Walk, read_heads, unpack, walk
-from valve_twin.io.salvage.definitions import definitions_beside
-from valve_twin.io.salvage.lost_counts import expected_counts, settle
+from valve_twin.io.salvage.chunk import ChunkHead, read_heads, unpack
+from valve_twin.io.salvage.definitions import Definitions
+from valve_twin.io.salvage.lost_counts import settle
 from valve_twin.io.salvage.message_checks import Checks, Places, plausible
 from valve_twin.io.salvage.records import (
     claimed_end,
@@ -29,13 +23,79 @@ from valve_twin.io.salvage.records import (
     record_end,
 )
 from valve_twin.io.salvage.tail import Tail, Trust, read_tail
+from valve_twin.io.salvage.walk import Walk, walk
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
+    from valve_twin.io.mcap.format import Channel
     from valve_twin.io.salvage.records import Bytes
 
 _MAX_LOOSE = 1 << 24
+_KINDS = {
+    int(Op.HEADER): "file header",
+    int(Op.SCHEMA): "definition",
+    int(Op.CHANNEL): "topic",
+    int(Op.MESSAGE_INDEX): "message index",
+    int(Op.METADATA): "metadata",
+    0x09: "attachment",
+    int(Op.DATA_END): "end of data",
+}
+_NO_MESSAGE = frozenset({*_KINDS, int(Op.CHUNK)})
+_ANY = _NO_MESSAGE | {int(Op.MESSAGE)}
+
+
+@dataclass(slots=True)
+class Piece:
+    """A chunk that was found, or messages outside chunks.
+
+    Attributes
+    ----------
+    offset, length : int
+        Where it lies in the file [B].
+    verified : bool
+        Whether a check sum stands for it.
+    records : bytes or None
+        Its records; None where any reader reads them out of the file.
+    found : Walk
+        What is in it.
+    size : int
+        Bytes of its records [B].
+    index : dict
+        Where its message indexes lie, by channel.
+    head, hint : ChunkHead, ChunkIndex or None
+        What the likeliest reading of its head says, and what the summary says.
+    loss : Loss or None
+        What is lost of it, where that was not counted yet.
+    """
+
+    offset: int
+    length: int
+    verified: bool
+    records: bytes | None
+    found: Walk
+    size: int
+    index: dict[int, int] = field(default_factory=dict)
+    head: ChunkHead | None = None
+    hint: ChunkIndex | None = None
+    loss: Loss | None = None
+
+    @property
+    def claimed(self) -> tuple[int | None, int | None]:
+        """First and last log time by the summary, else by its head [ns]; None = not believed."""
+        told = self.hint or self.head
+        if told is None or (told is self.head and told.start_ns > told.end_ns):
+            return None, None
+        return told.start_ns, told.end_ns
+
+    @property
+    def span(self) -> tuple[int, int] | None:
+        """The wider of the spans that head and summary claim, unverified [ns]."""
+        told = [t for t in (self.head, self.hint) if t is not None]
+        if not told:
+            return None
+        return min(t.start_ns for t in told), max(t.end_ns for t in told)
 
 
 class Scan:
@@ -61,20 +121,25 @@ class Scan:
         self._loose_from: int | None = None
         self._chunked = bool(self._hints)
         self._outside = Summary()
-        self._lost_places: list[tuple[int, int]] = []
 
     def run(self) -> Salvage:
         """Walk the file and settle what is lost."""
         data = self._data
         if data[: len(MAGIC)] != MAGIC:
-            self._flaw(0, min(len(MAGIC), len(data)), "opening mark", "is damaged")
+            self._tell(0, min(len(MAGIC), len(data)), "opening mark", "is damaged")
         at = len(MAGIC)
         while at < self._end:
             at = self._step(at)
         self._end_loose(self._end)
         for offset, length, what, why in self._tail.flaws:
-            self._flaw(offset, length, what, why)
+            self._tell(offset, offset + length, what, why)
         return self._settled()
+
+    def _tell(self, at: int, stop: int, what: str, why: str, count: int | None = 0) -> Loss:
+        """Note a damaged place."""
+        loss = Loss(self._path, at, stop - at, what, why, count=count)
+        self._losses.append(loss)
+        return loss
 
     # -- records
 
@@ -89,24 +154,26 @@ class Scan:
         if stop is not None and (op != Op.MESSAGE or is_whole(data, at, stop, end)):
             self._record(op, at, stop)
             return stop
+        self._end_loose(at)
         stop = claimed_end(data, at, end)
-        if stop is not None and stop > at and may_follow(data, stop, end):
-            self._end_loose(at)
-            self._odd(op, at, stop)
-            return stop
-        return self._gap(at)
+        if stop is None or stop <= at or not may_follow(data, stop, end):
+            return self._gap(at)
+        if op == Op.MESSAGE or not self._chunked:
+            self._tell(at, stop, "message", "its head is damaged", None)
+        else:
+            self._tell(at, stop, _KINDS.get(op, "record"), "its contents are damaged")
+        return stop
 
     def _is_chunk(self, at: int) -> bool:
         """Return whether a chunk stands here, perhaps under another opcode."""
-        own = self._data[at]
+        data, end, own = self._data, self._end, self._data[at]
         if own == Op.CHUNK:
-            heads = read_heads(self._data, at, self._end)
-            if self._chunked or any(head.agrees for head in heads):
+            if self._chunked or any(head.agrees for head in read_heads(data, at, end)):
                 return True
-            return unpack(self._data, at, self._end).verified
-        if own <= Op.DATA_END and record_end(self._data, at, self._end) is not None:
+            return unpack(data, at, end).verified
+        if own <= Op.DATA_END and record_end(data, at, end) is not None:
             return False
-        return record_end(self._data, at, self._end, op=Op.CHUNK) is not None
+        return record_end(data, at, end, op=Op.CHUNK) is not None
 
     def _record(self, op: int, at: int, stop: int) -> None:
         if op == Op.MESSAGE:
@@ -123,91 +190,25 @@ class Scan:
             try:
                 self._outside.add(op, self._data[at + RECORD_HEAD.size : stop])
             except ValueError:
-                self._flaw(at, stop - at, "definition", "cannot be read")
-
-    def _odd(self, op: int, at: int, stop: int) -> None:
-        """Pass a record whose contents deny its kind."""
-        if op == Op.MESSAGE or not self._chunked:
-            self._lose(at, stop, "message", "its head is damaged", None)
-        else:
-            self._flaw(at, stop - at, _KINDS.get(op, "record"), "its contents are damaged")
+                self._tell(at, stop, "definition", "cannot be read")
 
     def _gap(self, at: int) -> int:
         """Pass bytes in which no record begins."""
-        self._end_loose(at)
-        kinds = _NO_MESSAGE if self._chunked else _ANY
+        stop = self._next_start(at, _NO_MESSAGE if self._chunked else _ANY)
+        kind = _KINDS.get(self._data[at])
+        if stop == self._end and not self._tail.finished and self._tail.trust is Trust.MISSING:
+            self._tell(at, stop, "record", "the file ends in it", None)
+        elif kind is not None:
+            self._tell(at, stop, kind, "its length is damaged")
+        else:
+            self._tell(at, stop, "records", "they cannot be read", None)
+        return stop
+
+    def _next_start(self, at: int, kinds: frozenset[int]) -> int:
+        """Return where the next record begins, or the next chunk that the summary knows."""
         found = next_record(self._data, at + 1, self._end, kinds=kinds)
         hinted = min((o for o in self._hints if o > at), default=self._end)
-        stop = min(self._end if found is None else found, hinted)
-        if stop == self._end and not self._tail.finished and self._tail.trust is Trust.MISSING:
-            self._lose(at, stop, "record", "the file ends in it", None)
-        elif self._data[at] in _KINDS:
-            self._flaw(at, stop - at, _KINDS[self._data[at]], "its length is damaged")
-        else:
-            self._lose(at, stop, "records", "they cannot be read", None)
-        return stop
-
-    # -- chunks
-
-    def _chunk(self, at: int) -> int:
-        data, end = self._data, self._end
-        self._chunked = True
-        hint = self._hints.get(at)
-        got = unpack(data, at, end, hint)
-        stop = got.end if got.end is not None else self._after_chunk(at, hint)
-        found = walk(got.records)
-        if got.verified or got.plain or got.records:
-            kept = None if got.plain and (got.verified or found.whole) else got.records
-            self._pieces.append(Piece(at, stop - at, got.verified, kept, found, len(got.records)))
-            if got.reason:
-                count = 0 if got.verified else None
-                self._chunk_loss(at, stop, got.reason, hint, count)
-        else:
-            self._pieces.append(Piece(at, stop - at, False, b"", found, 0))
-            self._chunk_loss(at, stop, got.reason or "it cannot be unpacked", hint, None)
-        return stop
-
-    def _after_chunk(self, at: int, hint: ChunkIndex | None) -> int:
-        """Return where a chunk ends that cannot be unpacked."""
-        data, end = self._data, self._end
-        told = [head.end for head in read_heads(data, at, end)]
-        told += [h.packed_at + h.packed for h in read_heads(data, at, end)]
-        if hint is not None:
-            told.insert(0, at + hint.length)
-        for stop in told:
-            if at + RECORD_HEAD.size < stop <= end and may_follow(data, stop, end):
-                return stop
-        found = next_record(data, at + 1, end, kinds=_NO_MESSAGE)
-        hinted = min((o for o in self._hints if o > at), default=end)
-        return min(end if found is None else found, hinted)
-
-    def _chunk_loss(
-        self, at: int, stop: int, reason: str, hint: ChunkIndex | None, count: int | None
-    ) -> None:
-        if count == 0:
-            self._flaw(at, stop - at, "chunk", reason)
-            return
-        heads = read_heads(self._data, at, self._end)
-        start_ns, end_ns = None, None
-        if hint is not None:
-            start_ns, end_ns = hint.start_ns, hint.end_ns
-        elif heads and heads[0].start_ns <= heads[0].end_ns:
-            start_ns, end_ns = heads[0].start_ns, heads[0].end_ns
-        self._lost_places.append((len(self._losses), len(self._pieces) - 1))
-        self._losses.append(
-            Loss(
-                self._path,
-                at,
-                stop - at,
-                "chunk",
-                reason,
-                start_ns=start_ns,
-                end_ns=end_ns,
-                count=None,
-            )
-        )
-
-    # -- messages outside chunks
+        return hinted if found is None else min(found, hinted)
 
     def _end_loose(self, at: int) -> None:
         """Keep the messages outside chunks that end here as a piece."""
@@ -218,224 +219,138 @@ class Scan:
                 Piece(begin, at - begin, False, records, walk(records), len(records))
             )
 
+    # -- chunks
+
+    def _chunk(self, at: int) -> int:
+        self._chunked = True
+        hint = self._hints.get(at)
+        heads = read_heads(self._data, at, self._end)
+        got = unpack(self._data, at, self._end, hint)
+        stop = got.end
+        if stop is None:
+            told = [head.end for head in heads] + [h.packed_at + h.packed for h in heads]
+            stop = self._chunk_end(at, told if hint is None else [at + hint.length, *told])
+        found = walk(got.records)
+        kept = None if got.plain and (got.verified or found.whole) else got.records
+        piece = Piece(at, stop - at, got.verified, kept, found, len(got.records))
+        piece.head, piece.hint = heads[0] if heads else None, hint
+        self._pieces.append(piece)
+        if got.verified and got.reason:
+            self._tell(at, stop, "chunk", got.reason)
+        elif got.reason or not (got.verified or got.plain or got.records):
+            piece.loss = self._tell(at, stop, "chunk", got.reason or "it cannot be unpacked", None)
+            piece.loss.start_ns, piece.loss.end_ns = piece.claimed
+        return stop
+
+    def _chunk_end(self, at: int, told: list[int]) -> int:
+        """Return where a chunk that cannot be unpacked ends, as is told, else by what follows."""
+        for stop in told:
+            if at + RECORD_HEAD.size < stop <= self._end and may_follow(
+                self._data, stop, self._end
+            ):
+                return stop
+        return self._next_start(at, _NO_MESSAGE)
+
     # -- what is lost
 
-    def _flaw(self, at: int, length: int, what: str, why: str) -> None:
-        self._losses.append(Loss(self._path, at, length, what, why))
-
-    def _lose(self, at: int, stop: int, what: str, why: str, count: int | None) -> None:
-        self._losses.append(Loss(self._path, at, stop - at, what, why, count=count))
-
     def _settled(self) -> Salvage:
-        copies, channels = self._definitions()
-        self._adopt(copies, channels)
-        checks = Checks(copies, channels, str(self._path))
-        rescued: dict[int, bytes] = {}
-        unverified: dict[int, int] = {}
-        kept: list[Piece] = []
-        for number, piece in enumerate(self._pieces):
+        verified = [p.found for p in self._pieces if p.verified]
+        other = [p.found for p in self._pieces if not p.verified]
+        known = Definitions.of(self._tail, verified, self._outside, other)
+        known.adopt(self._path, {i for found in verified for i in found.counts})
+        for what, why in known.notes:
+            self._tell(0, 0, what, why)
+        checks = Checks(known.copies, known.channels, str(self._path))
+        for piece in self._pieces:
             if not piece.verified:
-                self._check(piece, checks)
-            self._complete_loss(number, piece, channels)
-            if not piece.found.counts:
-                continue
-            if not piece.verified:
-                unverified[piece.offset] = piece.found.messages
-            if piece.records is not None:
-                rescued[piece.offset] = piece.records
-            kept.append(piece)
-        counts: dict[int, int] = {}
-        for piece in kept:
-            for channel, n in piece.found.counts.items():
-                counts[channel] = counts.get(channel, 0) + n
-        schemas = {i: found[0] for i, found in copies.items()}
-        used = {i: c for i, c in channels.items() if c.schema_id in schemas or not c.schema_id}
+                self._check(piece, checks, known.channels)
+            self._complete_loss(piece, known.channels)
+        kept = [p for p in self._pieces if p.found.counts]
+        counts: Counter[int] = sum((p.found.counts for p in kept), Counter())
+        schemas = {i: found[0] for i, found in known.copies.items()}
+        used = {
+            i: c for i, c in known.channels.items() if c.schema_id in schemas or not c.schema_id
+        }
         statistics = Statistics(
             sum(n for i, n in counts.items() if i in used),
             min((p.found.start_ns for p in kept), default=0),
             max((p.found.end_ns for p in kept), default=0),
             len(kept),
-            {i: counts.get(i, 0) for i in used},
+            {i: counts[i] for i in used},
         )
         orphans = {i: n for i, n in counts.items() if i not in used}
         if orphans:
             why = f"no definition is left of channels {', '.join(map(str, sorted(orphans)))}"
-            self._lose(0, 0, "topics", why, sum(orphans.values()))
-        summary = Summary(
-            schemas, used, [self._chunk_index(p) for p in kept], statistics, self._outside.metadata
-        )
-        expected = expected_counts(self._path, self._tail, statistics, used, len(self._pieces))
+            self._tell(0, 0, "topics", why, sum(orphans.values()))
+        chunks = [self._chunk_index(p) for p in kept]
         losses, lost, total = settle(
-            self._path, self._losses, statistics, used, expected, self._tail, len(self._data)
+            self._losses,
+            self._tail,
+            statistics,
+            used,
+            path=self._path,
+            size=len(self._data),
+            chunks=len(self._pieces),
         )
         return Salvage(
             self._path,
-            summary,
-            rescued,
+            Summary(schemas, used, chunks, statistics, self._outside.metadata),
+            {p.offset: p.records for p in kept if p.records is not None},
             losses,
-            unverified,
+            {p.offset: p.found.counts.total() for p in kept if not p.verified},
             checks.suspects,
             lost,
             total,
         )
 
-    def _definitions(self) -> tuple[dict[int, list[Schema]], dict[int, Channel]]:
-        """Return schemas with their other copies, and channels; what is verified wins."""
-        verified = [p.found for p in self._pieces if p.verified]
-        other = [p.found for p in self._pieces if not p.verified]
-        own = self._tail.summary
-        last = [own] if self._tail.trust is not Trust.VERIFIED else []
-        first = [] if last else [own]
-        schemas: dict[int, list[Schema]] = {}
-        topics: dict[int, list[Channel]] = {}
-        sources: tuple[Summary | Walk, ...] = (*first, *verified, self._outside, *last, *other)
-        for source in sources:
-            for i, schema in source.schemas.items():
-                copies = schemas.setdefault(i, [])
-                if schema not in copies:
-                    copies.append(schema)
-            for i, channel in source.channels.items():
-                topics.setdefault(i, []).append(channel)
-        sound: tuple[Summary | Walk, ...] = (*verified, *first)
-        channels = {i: c for source in sound for i, c in source.channels.items()}
-        for i, copied in topics.items():
-            likeliest = _likeliest(copied, set(schemas))
-            channels.setdefault(i, likeliest)
-            for channel in copied:
-                if channel != channels[i]:
-                    self._differ(channels[i], channel)
-        return schemas, channels
-
-    def _adopt(self, copies: dict[int, list[Schema]], channels: dict[int, Channel]) -> None:
-        """Take what is missing of the definitions from other files of the bag."""
-        held = {i for p in self._pieces if p.verified for i in p.found.counts}
-        missing = held - set(channels)
-        if not missing:
-            return
-        found, schemas = definitions_beside(self._path, missing, channels)
-        # a number that stands for another schema here must not be mistaken
-        for i, channel in found.items():
-            number = channel.schema_id
-            if number in copies and schemas[number] not in copies[number]:
-                continue
-            copies.setdefault(number, [schemas[number]])
-            channels[i] = channel
-            why = "its definition is lost; that of another file of the bag is used"
-            self._flaw(0, 0, f"topic '{channel.topic}'", why)
-
-    def _differ(self, used: Channel, other: Channel) -> None:
-        """Say that two copies of a topic differ."""
-        why = f"its copies differ: '{used.topic}' is used, not '{other.topic}'"
-        loss = Loss(self._path, 0, 0, "topic", why)
-        if loss not in self._losses:
-            self._losses.append(loss)
-
-    def _check(self, piece: Piece, checks: Checks) -> None:
+    def _check(self, piece: Piece, checks: Checks, channels: Mapping[int, Channel]) -> None:
         """Keep only plausible messages of a piece that no check sum stands for."""
         records = piece.records
         if records is None:
             records = unpack(self._data, piece.offset, self._end).records
-        heads = read_heads(self._data, piece.offset, self._end)
-        hint = self._hints.get(piece.offset)
-        span = None
-        if self._data[piece.offset] != Op.MESSAGE:
-            span = (heads[0].start_ns, heads[0].end_ns) if heads else None
-            if hint is not None:  # of two spans without check sum the wider is believed
-                first, last = span or (hint.start_ns, hint.end_ns)
-                span = (min(first, hint.start_ns), max(last, hint.end_ns))
+        span = piece.span if self._data[piece.offset] != Op.MESSAGE else None
         places = Places.read(self._data, piece.index, self._end)
         sound = plausible(records, checks, places, span)
         if len(sound) == len(records):
             return
-        before = piece.found
-        piece.records = sound
-        piece.found = walk(sound)
-        held = places.counts or (before.counts if before.whole else {})
-        dropped = {
-            i: n - piece.found.counts.get(i, 0)
-            for i, n in held.items()
-            if n > piece.found.counts.get(i, 0)
-        }
-        if not any(loss.offset == piece.offset and loss.count is None for loss in self._losses):
-            known = all(map(checks.knows, dropped))
-            names = {checks.topic(i): n for i, n in dropped.items()} if known else {}
-            self._losses.append(
-                Loss(
-                    self._path,
-                    piece.offset,
-                    piece.length,
-                    "messages without check sum",
-                    "they are not plausible and were left out",
-                    topics=tuple(sorted(names)),
-                    start_ns=before.start_ns if span is None else span[0],
-                    end_ns=before.end_ns if span is None else span[1],
-                    count=sum(dropped.values()) or None,
-                    counts=names,
-                )
-            )
+        before, piece.records, piece.found = piece.found, sound, walk(sound)
+        held = Counter(places.counts or (before.counts if before.whole else {}))
+        dropped = held - piece.found.counts
+        if any(loss.offset == piece.offset and loss.count is None for loss in self._losses):
+            return
+        why = "they are not plausible and were left out"
+        stop = piece.offset + piece.length
+        loss = self._tell(piece.offset, stop, "messages without check sum", why)
+        loss.start_ns, loss.end_ns = span or (before.start_ns, before.end_ns)
+        loss.count = dropped.total() or None
+        if dropped.keys() <= channels.keys():
+            loss.counts = {channels[i].topic: n for i, n in dropped.items()}
+            loss.topics = tuple(sorted(loss.counts))
+
+    def _complete_loss(self, piece: Piece, channels: Mapping[int, Channel]) -> None:
+        """Count what a damaged chunk held by the index records behind it or by the summary."""
+        loss = piece.loss
+        if loss is None:
+            return
+        hinted = {} if piece.hint is None else dict(piece.hint.message_indexes)
+        places = Places.read(self._data, piece.index or hinted, self._end)
+        missing = Counter(places.counts) - piece.found.counts
+        names = {channels[i].topic: n for i, n in missing.items() if i in channels}
+        held = [channels[i].topic for i in sorted({*piece.index, *hinted}) if i in channels]
+        loss.topics = tuple(sorted(set(held) & set(names)) or held)
+        if places.counts and places.counts.keys() >= hinted.keys():
+            loss.count, loss.counts = missing.total(), names
 
     def _chunk_index(self, piece: Piece) -> ChunkIndex:
-        found = piece.found
-        heads = read_heads(self._data, piece.offset, self._end)
-        is_chunk = self._data[piece.offset] == Op.CHUNK and heads
+        is_chunk = self._data[piece.offset] == Op.CHUNK and piece.head is not None
         return ChunkIndex(
-            found.start_ns,
-            found.end_ns,
+            piece.found.start_ns,
+            piece.found.end_ns,
             piece.offset,
             piece.length,
-            dict.fromkeys(found.counts, 0),
+            dict.fromkeys(piece.found.counts, 0),
             0,
-            heads[0].compression if is_chunk else "",
+            piece.head.compression if is_chunk and piece.head else "",
             piece.length,
             piece.size if piece.records is None else len(piece.records),
         )
-
-    def _complete_loss(self, number: int, piece: Piece, channels: dict[int, Channel]) -> None:
-        """Count what a damaged chunk held by the index records behind it or by the summary."""
-        for place, owner in self._lost_places:
-            if owner != number:
-                continue
-            loss = self._losses[place]
-            hint = self._hints.get(piece.offset)
-            places = Places.read(self._data, piece.index, self._end)
-            if hint is not None and not piece.index:
-                places = Places.read(self._data, dict(hint.message_indexes), self._end)
-            held = set(piece.index) | (set(hint.message_indexes) if hint is not None else set())
-            complete = bool(places.counts) and (
-                hint is None or set(places.counts) >= set(hint.message_indexes)
-            )
-            counts = {i: n - piece.found.counts.get(i, 0) for i, n in places.counts.items()}
-            names = {channels[i].topic: n for i, n in counts.items() if i in channels and n > 0}
-            topics = sorted({channels[i].topic for i in held if i in channels} & set(names)) or [
-                channels[i].topic for i in sorted(held) if i in channels
-            ]
-            self._losses[place] = Loss(
-                loss.file,
-                loss.offset,
-                loss.length,
-                loss.what,
-                loss.reason,
-                tuple(topics),
-                loss.start_ns,
-                loss.end_ns,
-                sum(max(n, 0) for n in counts.values()) if complete else None,
-                names if complete else {},
-            )
-
-
-def _likeliest(copies: list[Channel], schemas: set[int]) -> Channel:
-    """Return of the copies of a topic that with a known type, and of these the most frequent."""
-    return max(copies, key=lambda channel: (channel.schema_id in schemas, copies.count(channel)))
-
-
-_KINDS = {
-    int(Op.HEADER): "file header",
-    int(Op.SCHEMA): "definition",
-    int(Op.CHANNEL): "topic",
-    int(Op.MESSAGE_INDEX): "message index",
-    int(Op.METADATA): "metadata",
-    0x09: "attachment",
-    int(Op.DATA_END): "end of data",
-}
-_NO_MESSAGE = frozenset({*_KINDS, int(Op.CHUNK)})
-_ANY = _NO_MESSAGE | {int(Op.MESSAGE)}
