@@ -190,7 +190,7 @@ def _legend_keys(
     values = [p for e in data.trend_estimates for p in e.parameters]
     calibrated = any(math.isfinite(p.lower_95) for p in values)
     line = any(has_line(trend) for trend, _ in pairs.values())
-    outlier = line and any(detail.wild.any() for _, detail in pairs.values())
+    outlier = line and any(detail.outlier.any() for _, detail in pairs.values())
     bound = any(p.status is ParameterStatus.AT_BOUND for p in values if p.name in names)
     none = "limits of single estimates: not calibrated (fewer than 10 cycles)"
     keys = [

@@ -269,7 +269,7 @@ def _outliers(
 ) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
     if detail is None:
         return np.zeros(len(cycle), bool)
-    return np.isin(cycle, detail.cycle[detail.wild].astype(float))
+    return np.isin(cycle, detail.cycle[detail.outlier].astype(float))
 
 
 def _range(curves: Sequence[FloatArray], *, floor: float) -> tuple[float, float]:

@@ -113,7 +113,7 @@ def test_one_wild_estimate_neither_cuts_nor_alarms(history, scatter):
         assert result.trends[0].segments == 1
         assert result.trends[0].status is TrendStatus.STEADY
         assert result.verdict.kind is VerdictKind.OK
-        assert result.details[0].wild[place]
+        assert result.details[0].outlier[place]
 
 
 def test_newest_wild_estimates_are_named(history, scatter):

@@ -28,16 +28,16 @@ KINDS = {
 PARAMETERS = [Parameter("K_in", "1", "gain", trend=True)]
 
 
-def run(kind, history, scatter, *, sd, rho=0.0, wild=0.0, seeds=SEEDS):
+def run(kind, history, scatter, *, sd, rho=0.0, outlier=0.0, seeds=SEEDS):
     """Return the share of histories with the right number of segments, and all results."""
     truth, pieces = KINDS[kind]
     results = []
     for seed in range(seeds):
         noise = scatter(seed, N, rho)
-        if wild:
+        if outlier:
             rng = np.random.default_rng(10_000 + seed)
             size = rng.uniform(5.0, 15.0, N) * rng.choice([-1.0, 1.0], N)
-            noise = noise + size * (rng.random(N) < wild)
+            noise = noise + size * (rng.random(N) < outlier)
         values = 0.0088 * (1.0 + truth + sd * noise)
         results.append(assess(history(K_in=values), [], AgingConfig(), parameters=PARAMETERS))
     return np.mean([r.trends[0].segments == pieces for r in results]), results
@@ -93,7 +93,7 @@ def test_wandering_scatter_is_not_cut_into_steps(kind, rho, history, scatter):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_two_percent_wild_estimates_change_nothing(kind, history, scatter):
-    right, results = run(kind, history, scatter, sd=0.013, wild=0.02)
+    right, results = run(kind, history, scatter, sd=0.013, outlier=0.02)
     assert right >= 0.94
     if kind == "flat":
         assert drifting(results) <= 0.10

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from valve_twin.core.aging.changepoint import _partition, _sums, best_lines, find_wild
+from valve_twin.core.aging.changepoint import _partition, _sums, best_lines, find_outliers
 
 DEFAULT = {"least": 8, "most": 12, "max_candidates": 500}
 
@@ -84,14 +84,14 @@ def test_wild_values_are_found_and_good_ones_kept(scatter):
     y = 1.0 - 0.002 * x + 0.01 * scatter(4, 100)
     places = [0, 31, 32, 70, 99]
     y[places] += np.array([0.2, -0.15, 0.3, 1e6, -0.2])
-    assert list(np.flatnonzero(find_wild(x, y, 4.5))) == places
+    assert list(np.flatnonzero(find_outliers(x, y, 4.5))) == places
 
 
 def test_a_step_is_not_wild_once_it_is_the_majority(scatter):
     x = np.arange(60.0)
     y = 1.0 - 0.1 * (x >= 50) + 0.01 * scatter(5, 60)
-    assert not find_wild(x, y, 4.5)[54:].any()
+    assert not find_outliers(x, y, 4.5)[54:].any()
 
 
 def test_few_values_are_not_judged():
-    assert not find_wild(np.arange(6.0), np.array([1, 1, 9, 1, 1, 1.0]), 4.5).any()
+    assert not find_outliers(np.arange(6.0), np.array([1, 1, 9, 1, 1, 1.0]), 4.5).any()

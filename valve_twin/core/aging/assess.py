@@ -58,7 +58,7 @@ class TrendDetail:
         Accepted estimates over the axis [axis unit], [unit].
     cycle : (N,) int64 array
         Their cycle numbers.
-    wild : (N,) bool array
+    outlier : (N,) bool array
         Estimates left out as outliers.
     starts : (K,) int64 array
         First index of each segment; N where the present one is still empty.
@@ -71,7 +71,7 @@ class TrendDetail:
     axis: FloatArray
     values: FloatArray
     cycle: IntArray
-    wild: BoolArray
+    outlier: BoolArray
     starts: IntArray
     lines: tuple[Line | None, ...]
 
@@ -183,7 +183,7 @@ def _assess_parameter(
     pieces = cut(series, maintenance, config)
     lines = _fit_pieces(series, pieces)
     detail = TrendDetail(
-        name, series.axis, series.values, series.cycle, pieces.wild, pieces.starts, lines
+        name, series.axis, series.values, series.cycle, pieces.outlier, pieces.starts, lines
     )
     trend = _blank(name, parameter.unit, series, pieces, config, valve)
     if not len(series.values):
@@ -214,7 +214,7 @@ def _blank(
         axis=config.axis.value,
         status=TrendStatus.NOT_ENOUGH_DATA,
         reason="",
-        samples=int(np.count_nonzero(~pieces.wild[start:])),
+        samples=int(np.count_nonzero(~pieces.outlier[start:])),
         segments=len(pieces.starts) if n else 0,
         segment_start=float(series.axis[start]) if start < n else _NAN,
         axis_value=float(series.axis[-1]) if n else _NAN,
@@ -226,7 +226,7 @@ def _fit_pieces(series: Series, pieces: Pieces) -> tuple[Line | None, ...]:
     parts = []
     edges = [*pieces.starts, len(series.values)]
     for first, last in itertools.pairwise(edges):
-        kept = np.arange(first, last)[~pieces.wild[first:last]]
+        kept = np.arange(first, last)[~pieces.outlier[first:last]]
         parts.append((series.axis[kept], series.values[kept]))
     rho = pooled_autocorrelation([residuals(x, y) for x, y in parts if len(x) >= 4])
     return tuple(fit_line(x, y, rho) if len(x) >= 4 else None for x, y in parts)
@@ -327,7 +327,7 @@ def _caveats(series: Series, pieces: Pieces, config: AgingConfig) -> str:
     breaks = int(np.count_nonzero(series.unknown[start + 1 :]))
     if breaks and config.axis is not Axis.HOURS:
         notes.append(f"{breaks} breaks with unknown missed cycles, only cycles seen are counted")
-    left_out = pieces.wild[start:]
+    left_out = pieces.outlier[start:]
     trailing = int(np.argmin(left_out[::-1])) if not left_out.all() else len(left_out)
     others = int(np.count_nonzero(left_out)) - trailing
     if others:

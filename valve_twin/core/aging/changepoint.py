@@ -6,12 +6,12 @@ For every number of pieces K the best partition is found exactly (dynamic progra
 residual sums of squares, each from cumulative sums). K is then chosen by the likelihood of lines
 with AR(1) scatter,
 
-    n log(S_K (1 - rho_K^2)) + (K - 1) price(n),
+    n log(S_K (1 - rho_K^2)) + (K - 1) penalty(n),
 
 with S_K and rho_K the residual sum of squares and the lag-1 autocorrelation about the K lines.
 The noise level is thus judged under each hypothesis and nothing has to be known beforehand;
-scatter that wanders (rho > 0) explains itself by rho_K and is not cut into steps. The price was
-calibrated by simulation, see `price`. Single wild values are found beforehand against a
+scatter that wanders (rho > 0) explains itself by rho_K and is not cut into steps. The penalty was
+calibrated by simulation, see `penalty`. Single outliers are found beforehand against a
 repeated-median line through their neighbours (Siegel 1982) and left out.
 """
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
 HALF_WINDOW = 5
-"""Neighbours on each side that judge a value [1]; up to 4 wild ones of 11 do no harm."""
+"""Neighbours on each side that judge a value [1]; up to 4 outliers of 11 do no harm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,21 +40,21 @@ class Segmentation:
     ----------
     starts : (K,) int64 array
         First index of each piece, counted over all values; the first is 0.
-    wild : (N,) bool array
+    outlier : (N,) bool array
         Values left out.
     """
 
     starts: IntArray
-    wild: BoolArray
+    outlier: BoolArray
 
 
-def price(samples: int) -> float:
-    """Return the price of one more piece, in units of twice the log-likelihood [1].
+def penalty(samples: int) -> float:
+    """Return the penalty of one more piece, in units of twice the log-likelihood [1].
 
     Calibrated on Gaussian scatter about one line, 150-1000 histories each of 20 to 500 values:
     the line is cut in 0.5-1 % of them where the scatter is white, in about 2 % at rho = 0.3 and 3
     % at rho = 0.5. A step of 3 standard deviations in the middle of 120 values is worth about
-    twice the price.
+    twice the penalty.
     """
     return 15.0 + 0.5 * float(np.log(samples))
 
@@ -81,7 +81,7 @@ def _repeated_median(x: FloatArray, y: FloatArray, half: int, out: FloatArray) -
         out[i] = y[i] - np.median(heights)
 
 
-def find_wild(x: FloatArray, y: FloatArray, limit: float) -> BoolArray:
+def find_outliers(x: FloatArray, y: FloatArray, limit: float) -> BoolArray:
     """Return which (N,) values lie off a line through their neighbours.
 
     Off is farther than `limit` robust standard deviations.
@@ -196,20 +196,20 @@ def best_lines(
     least: int,
     most: int,
     max_candidates: int,
-    price_scale: float = 1.0,
+    penalty_scale: float = 1.0,
 ) -> IntArray:
     """Return the bounds of the straight pieces of one undisturbed stretch.
 
     Parameters
     ----------
     x, y : (N,) arrays
-        Axis positions, strictly increasing, and values without wild ones.
+        Axis positions, strictly increasing, and values without outliers.
     least, most : int
         Fewest values in a piece, most pieces [1].
     max_candidates : int
         Places tried; see `AgingConfig`.
-    price_scale : float
-        Factor on `price` [1].
+    penalty_scale : float
+        Factor on `penalty` [1].
 
     Returns
     -------
@@ -237,7 +237,9 @@ def best_lines(
             _refine(sums, bounds, least, grid)
         power, product = _off_lines(sums, u, v, bounds)
         rho = min(max(product / power, 0.0), 0.95) if power > floor else 0.0
-        score = n * np.log((power + floor) * (1.0 - rho * rho)) + (k - 1) * price_scale * price(n)
+        score = n * np.log((power + floor) * (1.0 - rho * rho)) + (
+            k - 1
+        ) * penalty_scale * penalty(n)
         if score < best:
             best, chosen = score, bounds
     return chosen

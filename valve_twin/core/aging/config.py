@@ -127,7 +127,7 @@ class AgingConfig:
         every place is tried (exact), above it every g-th, g = ceil(samples / max_candidates), and
         the places found are then refined.
     penalty_scale : float
-        Factor on the calibrated price of a segment; larger finds fewer.
+        Factor on the calibrated penalty of a segment; larger finds fewer.
     outlier_sigma : float
         An estimate farther than this from its neighbours [robust standard deviations] is left
         out.

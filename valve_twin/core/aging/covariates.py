@@ -193,7 +193,7 @@ def _separate(
     for _ in range(_ROUNDS):
         cleared = replace(series, values=series.values - columns @ weights)
         pieces = cut(cleared, maintenance, config)
-        kept = np.flatnonzero(~pieces.wild)
+        kept = np.flatnonzero(~pieces.outlier)
         kept = kept[kept >= pieces.starts[0]]  # older ones are outside the window
         lines = _lines(series.axis, pieces.starts)
         weights = _fit(series.values[kept], columns[kept], lines[kept])

@@ -75,7 +75,7 @@ def find_reference(
     if record is not None and not restarts:
         return Reference(record.value, "commissioning", record.standard_error**2)
     first = max(restarts, default=0)
-    kept = first + np.flatnonzero(~pieces.wild[first:])[: config.reference_cycles]
+    kept = first + np.flatnonzero(~pieces.outlier[first:])[: config.reference_cycles]
     if len(kept) < config.reference_cycles:
         return Reference(_NAN, "first_cycles")
     return _mean_reference(kept, series, pieces, lines)
@@ -87,7 +87,7 @@ def _mean_reference(
     """Return the mean of the values `kept`; other pieces scatter independently of the present."""
     line = lines[-1]
     assert line is not None
-    present = np.flatnonzero(~pieces.wild)
+    present = np.flatnonzero(~pieces.outlier)
     present = present[present >= pieces.starts[-1]]
     weight = np.isin(present, kept) / len(kept)
     d = series.axis[present] - line.center

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.aging.changepoint import best_lines, find_wild
+from valve_twin.core.aging.changepoint import best_lines, find_outliers
 from valve_twin.core.aging.config import AgingConfig, Axis
 from valve_twin.core.aging.trend import Line, fit_line
 from valve_twin.core.types import (
@@ -82,13 +82,13 @@ class Pieces:
         First index of each piece; N where the last maintenance has no accepted value after it.
     forced : (K,) bool array
         Whether the piece begins with a maintenance event.
-    wild : (N,) bool array
+    outlier : (N,) bool array
         Values left out of every fit.
     """
 
     starts: IntArray
     forced: BoolArray
-    wild: BoolArray
+    outlier: BoolArray
 
 
 def order_history(history: Sequence[Estimate], axis: Axis) -> History:
@@ -186,7 +186,7 @@ def cut(series: Series, maintenance: Sequence[Maintenance], config: AgingConfig)
     maintenance : sequence of Maintenance
         Events of the valve, in any order.
     config : AgingConfig
-        Sizes and prices.
+        Sizes and penalties.
 
     Returns
     -------
@@ -198,49 +198,51 @@ def cut(series: Series, maintenance: Sequence[Maintenance], config: AgingConfig)
     events = {max(first_after(series, m), oldest) for m in maintenance} - {oldest}
     edges = [oldest, *sorted(events)]
     starts: list[int] = []
-    wild = np.zeros(n, dtype=np.bool_)
+    outlier = np.zeros(n, dtype=np.bool_)
     for first, last in zip(edges, [*edges[1:], n], strict=True):
-        inner, wild[first:last] = _pieces(
+        inner, outlier[first:last] = _pieces(
             series.axis[first:last], series.values[first:last], config
         )
         starts.extend(first + inner)
-    wild[:oldest] = find_wild(series.axis[:oldest], series.values[:oldest], config.outlier_sigma)
+    outlier[:oldest] = find_outliers(
+        series.axis[:oldest], series.values[:oldest], config.outlier_sigma
+    )
     where = np.array(starts, dtype=np.int64)
-    return Pieces(where, np.isin(where, sorted(events)), wild)
+    return Pieces(where, np.isin(where, sorted(events)), outlier)
 
 
 def _pieces(x: FloatArray, y: FloatArray, config: AgingConfig) -> tuple[IntArray, BoolArray]:
-    """Return the starts of the pieces of one stretch and its wild values."""
-    wild = find_wild(x, y, config.outlier_sigma)
-    starts = _starts(x, y, wild, config)
+    """Return the starts of the pieces of one stretch and its outliers."""
+    outlier = find_outliers(x, y, config.outlier_sigma)
+    starts = _starts(x, y, outlier, config)
     for _ in range(_CLEANING_ROUNDS):
-        again = _off_pieces(x, y, starts, wild, config.outlier_sigma)
-        if np.array_equal(again, wild):
+        again = _off_pieces(x, y, starts, outlier, config.outlier_sigma)
+        if np.array_equal(again, outlier):
             break
-        wild = again
-        starts = _starts(x, y, wild, config)
-    return _reclaim(x, y, starts, wild, config.outlier_sigma)
+        outlier = again
+        starts = _starts(x, y, outlier, config)
+    return _reclaim(x, y, starts, outlier, config.outlier_sigma)
 
 
 def _reclaim(
-    x: FloatArray, y: FloatArray, starts: IntArray, wild: BoolArray, limit: float
+    x: FloatArray, y: FloatArray, starts: IntArray, outlier: BoolArray, limit: float
 ) -> tuple[IntArray, BoolArray]:
-    """Give a piece the values just before it that look wild only because the change is large."""
-    starts, wild = starts.copy(), wild.copy()
+    """Give a piece the values just before it that look like outliers only because the change is large."""
+    starts, outlier = starts.copy(), outlier.copy()
     for k in range(len(starts) - 1, 0, -1):
         piece = slice(starts[k], starts[k + 1] if k + 1 < len(starts) else len(x))
-        line = _line_of(x[piece], y[piece], wild[piece])
+        line = _line_of(x[piece], y[piece], outlier[piece])
         if line is None:
             continue
         good = _off(line, x, y) <= limit
-        while wild[starts[k] - 1] and good[starts[k] - 1]:
+        while outlier[starts[k] - 1] and good[starts[k] - 1]:
             starts[k] -= 1
-            wild[starts[k]] = False
-    return starts, wild
+            outlier[starts[k]] = False
+    return starts, outlier
 
 
-def _starts(x: FloatArray, y: FloatArray, wild: BoolArray, config: AgingConfig) -> IntArray:
-    kept = np.flatnonzero(~wild)
+def _starts(x: FloatArray, y: FloatArray, outlier: BoolArray, config: AgingConfig) -> IntArray:
+    kept = np.flatnonzero(~outlier)
     if len(kept) < 2 * config.min_segment:
         return np.zeros(1, dtype=np.int64)
     bounds = best_lines(
@@ -249,26 +251,26 @@ def _starts(x: FloatArray, y: FloatArray, wild: BoolArray, config: AgingConfig) 
         least=config.min_segment,
         most=config.max_segments,
         max_candidates=config.max_candidates,
-        price_scale=config.penalty_scale,
+        penalty_scale=config.penalty_scale,
     )
     return np.concatenate([np.zeros(1, dtype=np.int64), kept[bounds[1:-1]]])
 
 
 def _off_pieces(
-    x: FloatArray, y: FloatArray, starts: IntArray, wild: BoolArray, limit: float
+    x: FloatArray, y: FloatArray, starts: IntArray, outlier: BoolArray, limit: float
 ) -> BoolArray:
     """Judge every value by the line of its piece."""
-    out = wild.copy()
+    out = outlier.copy()
     for first, last in itertools.pairwise([*starts, len(x)]):
-        line = _line_of(x[first:last], y[first:last], wild[first:last])
+        line = _line_of(x[first:last], y[first:last], outlier[first:last])
         if line:
             out[first:last] = _off(line, x[first:last], y[first:last]) > limit
     return out
 
 
-def _line_of(x: FloatArray, y: FloatArray, wild: BoolArray) -> Line | None:
+def _line_of(x: FloatArray, y: FloatArray, outlier: BoolArray) -> Line | None:
     """Return the line through the good values; None where they are too few to judge others."""
-    kept = ~wild
+    kept = ~outlier
     if np.count_nonzero(kept) < _FEWEST_JUDGES:
         return None
     return fit_line(x[kept], y[kept], autocorrelation=0.0)

@@ -34,7 +34,7 @@ class DetectionConfig:
     extrapolate : int
         Cycles since the alarm for which the line before it is a measure; what lasts longer lasts
         until maintenance.
-    wild : float
+    outlier : float
         Distance from the five cycles before at which a single cycle is left out of the lines [1].
     trust : float
         Cycles that the table's correlations count as.
@@ -56,7 +56,7 @@ class DetectionConfig:
     isolate: int = 5
     heal: int = 5
     extrapolate: int = 100
-    wild: float = 8.0
+    outlier: float = 8.0
     trust: float = 60.0
     margin: float = 1.1
     like: float = 0.4

@@ -109,9 +109,9 @@ def lines_through(w: FloatArray, last: IntArray, window: int) -> Lines:
 
 
 def without_wild(w: FloatArray, config: DetectionConfig) -> FloatArray:
-    """Return the rows with single wild ones replaced by the median of the five before.
+    """Return the rows with single outliers replaced by the median of the five before.
 
-    A row is wild where the next one is back; so a row is never judged by more than the next.
+    A row is an outlier where the next one is back; so a row is never judged by more than the next.
     """
     base = np.array(w)
     if len(w) < _BEFORE + 2:
@@ -120,6 +120,6 @@ def without_wild(w: FloatArray, config: DetectionConfig) -> FloatArray:
     middle = np.median(windows, axis=-1)
     off = np.linalg.norm(w[_BEFORE:-1] - middle, axis=1)
     back = np.linalg.norm(w[_BEFORE + 1 :] - middle, axis=1)
-    wild = (off > config.wild) & (back < config.wild)
-    base[_BEFORE:-1][wild] = middle[wild]
+    outlier = (off > config.outlier) & (back < config.outlier)
+    base[_BEFORE:-1][outlier] = middle[outlier]
     return base

@@ -180,7 +180,7 @@ def test_scatter_ignores_a_slow_change_and_wild_cycles():
     plain = scatter_between_cycles(values)
     values[[7, 33]] += 5.0
     assert plain.sigma == pytest.approx(0.05, rel=0.25)
-    # the standard error of a standard deviation of 50 values is 10 %; a wild one left in makes 14x
+    # the standard error of a standard deviation of 50 values is 10 %; an outlier left in makes 14x
     assert scatter_between_cycles(values).sigma == pytest.approx(plain.sigma, rel=0.2)
 
 

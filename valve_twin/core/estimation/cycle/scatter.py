@@ -4,7 +4,7 @@
 
 Intervals from the residuals of one cycle cover 5-11 % under process noise (equations.md 2.6); what
 the same estimator did in earlier cycles covers what it says. A slow change of the parameter must
-not count as scatter, and neither must a few wild cycles: a line is fitted robustly first.
+not count as scatter, and neither must a few outliers: a line is fitted robustly first.
 """
 
 from __future__ import annotations
