@@ -126,7 +126,7 @@ def test_values_that_are_none_are_counted_and_named(graph, tmp_path):
     feeder.feed(20)
     fault = twin.wait_for("input.values", "spool_position")
     assert fault.events == 7
-    assert "7 values are no finite number or out of range" in fault.evidence
+    assert "7 values are not finite or out of range" in fault.evidence
 
 
 def test_a_clock_that_goes_back_drops_the_cycle_and_one_that_leaps_is_a_gap(graph, tmp_path):

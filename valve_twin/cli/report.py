@@ -29,7 +29,7 @@ def add(verbs: Verbs) -> None:
     add_config(parser)
     parser.add_argument("--out", required=True, metavar="HTML", help="page to write")
     parser.add_argument(
-        "--label", default="", help="what the axis is where it is no aging, default aging.label"
+        "--label", default="", help="what the axis is where it is not aging, default aging.label"
     )
     parser.add_argument(
         "--budget", action="store_true", help="with the error budget of the simulated valve"

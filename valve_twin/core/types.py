@@ -296,7 +296,7 @@ class Guard:
     name, passed : str, bool
         What is checked, such as "structure: level of v_in", and whether the estimate stands it.
     value, limit : float
-        What was found and what is allowed [unit by check]; NaN = could not be told, no limit.
+        What was found and what is allowed [unit by check]; NaN = unknown, no limit.
     reason : str
         The finding in one line.
     """

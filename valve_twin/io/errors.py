@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 class ValveTwinError(Exception):
-    """Base of all errors that a user can cause and mend."""
+    """Base of all errors that a user can cause and repair."""
 
 
 class ConfigError(ValveTwinError):

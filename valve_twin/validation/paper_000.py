@@ -155,7 +155,7 @@ def design() -> list[Check]:
     parameters = float(len(TrajectorySetConfig().weights()))
     return [
         within_range("Section 4", "parameters of MPTSC", 3.0, parameters, lower=3.0, upper=3.0,
-                     note="which ones is not in the text: overshoot, speed, effort [A]"),
+                     note="which ones is not in the text: overshoot, speed, effort; assumed"),
         cannot("Section 2.2", "MPTSC at 10 kHz in real time", "proven in /20/", float("nan"),
                "a time, not a number of the model: `valve-twin bench solenoid` measures it"),
         cannot("Fig. 7", "step responses and currents", "curves", float("nan"),

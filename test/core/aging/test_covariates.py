@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""What load or stroke does to a parameter is no aging, and aging is not taken for it."""
+"""What load or stroke does to a parameter is not aging, and aging is not taken for it."""
 
 import numpy as np
 import pytest

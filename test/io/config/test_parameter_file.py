@@ -72,8 +72,8 @@ BAD = [
     ("/**:\n  ros__parameters: 5\n", r"valve.yaml:2: 'ros__parameters' holds no keys"),
     ("/**:\n  ros__parameters:\n    a: 1\n    b: 2\n    a: 3\n",
      r"valve.yaml:5: key 'a' stands twice, first in line 3; remove one"),
-    ("/**:\n  ros__parameters:\n    a: [1, 2\n", r"valve.yaml: is no valid YAML \(line \d"),
-    ("a: b: c\n", r"valve.yaml: is no valid YAML \(line 1: mapping values"),
+    ("/**:\n  ros__parameters:\n    a: [1, 2\n", r"valve.yaml: is not valid YAML \(line \d"),
+    ("a: b: c\n", r"valve.yaml: is not valid YAML \(line 1: mapping values"),
 ]  # fmt: skip
 
 

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""`valve-twin backtest`: the remaining lives that were told, against what came."""
+"""`valve-twin backtest`: forecasts of the remaining useful life, against what came."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def add(verbs: Verbs) -> None:
     parser = add_verb(
         verbs,
         "backtest",
-        "Judge the remaining lives that would have been told by what the history did afterwards.",
+        "Judge forecasts of the remaining useful life (RUL) by what the history did afterwards.",
         _backtest,
     )
     parser.add_argument("--url", help="database: a file or sqlite:///, postgresql://")

@@ -55,7 +55,7 @@ def _lines(found: Recovery) -> list[str]:
     if found.unverified:
         lines.append(
             f"{found.out}: no check sum stands for the values of {found.unverified} messages; "
-            f"{found.suspects} of them hold values that are no finite number"
+            f"{found.suspects} of them hold values that are not finite"
         )
     if found.lost_count is None:
         lost = "an unknown number of messages is lost"

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Judge the remaining lives that were told by what the history did afterwards.
+"""Judge forecasts of the remaining useful life (RUL) by what the history did afterwards.
 
 A life runs from one maintenance event to the next. Its end is where the lines through the whole
 life, seen in hindsight, first reach the service limit. Where no limit was reached the level of the
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from valve_twin.core.types import Estimate, IntArray, Maintenance, Parameter
 
 LAMBDAS = (0.25, 0.5, 0.75)
-"""Shares of the time from the first forecast to the end at which accuracy is told [1]."""
+"""Shares of the time from the first forecast to the end at which accuracy is reported [1]."""
 
 _NAN = float("nan")
 
@@ -60,14 +60,14 @@ class BacktestConfig:
 
 @dataclass(frozen=True, slots=True)
 class Forecast:
-    """What was told at one cycle, and what was true.
+    """What was forecast at one cycle, and what was true.
 
     Attributes
     ----------
     axis : float
-        Where it was told [axis unit].
+        Where it was made [axis unit].
     low, median, high : float
-        Remaining life that was told, infinite = none in sight [axis unit].
+        Forecast remaining life, infinite = none in sight [axis unit].
     truth : float
         Remaining life in hindsight [axis unit].
     """
@@ -90,7 +90,7 @@ class Forecast:
 
     @property
     def error(self) -> float:
-        """Relative error of the median, (told - true)/true [1]; infinite = none in sight."""
+        """Relative error of the median, (forecast - true)/true [1]; infinite = none in sight."""
         return (self.median - self.truth) / self.truth if self.truth > 0.0 else _NAN
 
 
@@ -113,7 +113,7 @@ class LifeTest:
     forecasts : tuple of Forecast
         In the order of time.
     silent : int
-        Cycles at which nothing was told yet.
+        Cycles at which no forecast was made yet.
     reason : str
         Why there is nothing to judge; empty where there is.
     """
@@ -160,7 +160,7 @@ def backtest(
     how: BacktestConfig | None = None,
     on_forecast: Callable[[], object] = lambda: None,
 ) -> tuple[LifeTest, ...]:
-    """Judge the remaining lives that the aging monitor would have told of one valve.
+    """Judge the remaining lives that the aging monitor would have forecast for one valve.
 
     Parameters
     ----------

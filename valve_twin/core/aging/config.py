@@ -95,7 +95,7 @@ class AgingConfig:
     Attributes
     ----------
     label : str
-        What the cycles differ in where their order is no aging, such as "by load at equal stroke,
+        What the cycles differ in where their order is not aging, such as "by load at equal stroke,
         not aging"; trends carry it, and no verdict is given. Empty = aging.
     axis : Axis
         What aging is counted in: cycles seen (and known to be missed), the cycle counter, or

@@ -2,7 +2,7 @@
 # Copyright 2026 valve_twin maintainers
 """Compare like with like: take what the operating conditions do out of a parameter.
 
-A gain that falls because the valve works against more load is no aging. The effect of a condition
+A gain that falls because the valve works against more load is not aging. The effect of a condition
 is fitted together with the straight pieces of the trend, so that neither takes what belongs to the
 other; where a condition moves with time the two cannot be told apart, and nothing is taken out.
 """
@@ -24,16 +24,16 @@ if TYPE_CHECKING:
     from valve_twin.core.types import Estimate, FloatArray, IntArray, Maintenance
 
 MIN_VALUES = 20
-"""Fewest values from which an effect is told [A]."""
+"""Fewest values from which an effect is found, assumed."""
 
 MIN_IN_BIN = 5
-"""Fewest values that give a bin a level of its own [A]."""
+"""Fewest values that give a bin a level of its own, assumed."""
 
 SIGNIFICANCE = 0.01
-"""Error probability of an effect that is taken out [A]."""
+"""Error probability of an effect that is taken out, assumed."""
 
 OWN_SHARE = 0.1
-"""Least share of a condition's variance that the pieces of the trend do not follow [A]."""
+"""Least share of a condition's variance that the pieces of the trend do not follow, assumed."""
 
 _ROUNDS = 3
 _FAR = 4.0  # robust standard deviations beyond which a value does not count

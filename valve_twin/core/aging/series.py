@@ -227,7 +227,7 @@ def _pieces(x: FloatArray, y: FloatArray, config: AgingConfig) -> tuple[IntArray
 def _reclaim(
     x: FloatArray, y: FloatArray, starts: IntArray, outlier: BoolArray, limit: float
 ) -> tuple[IntArray, BoolArray]:
-    """Give a piece the values just before it that look like outliers only because the change is large."""
+    """Give a piece the values just before it that seem outliers only since the change is large."""
     starts, outlier = starts.copy(), outlier.copy()
     for k in range(len(starts) - 1, 0, -1):
         piece = slice(starts[k], starts[k + 1] if k + 1 < len(starts) else len(x))

@@ -15,8 +15,8 @@ Else the verdict is `valve` if for any followed parameter
    segment that was cut out of wandering scatter raises false alarms.
 
 `not enough data` if no parameter can be judged or a label says that the cycles' order is no
-aging, else `ok`. A significant but small drift is
-reported in the trend and does not raise the verdict.
+aging, else `ok`. A significant but small drift is reported in the trend and does not raise the
+verdict.
 """
 
 from __future__ import annotations

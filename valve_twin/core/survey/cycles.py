@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from valve_twin.core.survey.pairs import Signal
     from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
-_LEVEL = 0.02  # share of a command's range above its rest that opens a cycle [A]
-_RETURN = 0.3  # share of the greatest return command that no correction in a hold reaches [A]
-_AT_REST = 0.1  # share of the record that a command must rest for a rule on it [A]
+_LEVEL = 0.02  # share of a command's range above its rest that opens a cycle, assumed
+_RETURN = 0.3  # share of the greatest return command that no correction in a hold reaches, assumed
+_AT_REST = 0.1  # share of the record that a command must rest for a rule on it, assumed
 _LEAST_CYCLES = 2
 _SHORTEST = 0.5  # of the shortest interval found: the least length that is proposed
-_WINDOW_S = 300.0  # fixed window [A]
+_WINDOW_S = 300.0  # fixed window, assumed
 _LEAST_WINDOWS = 3
 _LEAST_IN_WINDOW = 100  # samples
 

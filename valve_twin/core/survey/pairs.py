@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 
 _MAX_GRID = 16_384  # samples of a search
 _MAX_COLUMNS = 24  # columns tried: the work grows with their square
-_MAX_LAG_S = 1.0  # longest lag looked for beyond _LEAST_LAGS samples [A]
+_MAX_LAG_S = 1.0  # longest lag looked for beyond _LEAST_LAGS samples, assumed
 _LEAST_LAGS = 16
-_ENOUGH = 0.3  # correlation worth proposing [A]
-_CLEAR = 0.6  # correlation that needs no longer increments [A]
+_ENOUGH = 0.3  # correlation worth proposing, assumed
+_CLEAR = 0.6  # correlation that needs no longer increments, assumed
 _CHANCE = 5.0  # standard deviations by which it exceeds that of unrelated increments
 _OVER = (1, 4, 16, 64)  # samples over which increments are taken
 _LEAST_INCREMENTS = 40  # as long as such an increment, the shortest record
-_LEVELS_ALIKE = 0.5  # correlation of the levels of a command and what follows it [A]
+_LEVELS_ALIKE = 0.5  # correlation of the levels of a command and what follows it, assumed
 _ONE_SIDED = 0.02  # share of its span that a one-sided command may lie below zero
 _ACTIVE = 0.1  # share of its largest value above which a command is given
 _OVERLAP = 0.3  # share of the wider range that two columns of the same unit have in common

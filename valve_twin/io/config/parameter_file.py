@@ -79,7 +79,7 @@ def read_parameter_file(path: Path) -> list[Section]:
         root = loader.get_single_node()
         sections = list(_sections(loader, root, "", path)) if root is not None else []
     except yaml.YAMLError as err:
-        msg = f"{path}: is no valid YAML ({_one_line(err)}); mend that line"
+        msg = f"{path}: is not valid YAML ({_one_line(err)}); fix that line"
         raise ConfigError(msg) from err
     finally:
         loader.dispose()

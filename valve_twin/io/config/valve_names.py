@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 MOST_VALVES = 1000
-"""Most valves in one list: more is a slip of the pen [A]."""
+"""Most valves in one list: more is a slip of the pen, assumed."""
 
 _RANGE = re.compile(r"\{(\d+)\.\.(\d+)\}")
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from valve_twin.io.history.store import History
 
 RECENT_CYCLES = 20
-"""Newest cycles that residual and confidence are taken from [A]."""
+"""Newest cycles that residual and confidence are taken from, assumed."""
 
 
 class FleetOrder(Enum):

@@ -113,7 +113,7 @@ class Salvage:
     unverified : dict
         Messages of those chunks for which no check sum stands, by offset.
     suspects : int
-        Unverified messages with values that are no finite number.
+        Unverified messages with values that are not finite.
     lost : dict or None
         Lost messages by topic, None = unknown.
     lost_count : int or None

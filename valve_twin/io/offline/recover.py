@@ -48,7 +48,7 @@ class Recovery:
     unverified : int
         Messages for whose values no check sum stands.
     suspects : int
-        Those of them with values that are no finite number.
+        Those of them with values that are not finite.
     notes : tuple of str
         What else is wrong.
     """

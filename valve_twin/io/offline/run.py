@@ -245,7 +245,7 @@ def describe_bad(config: ValveConfig, bag: str | Path, record: Record) -> list[s
         where = f"{bag}: topic '{source.topic}': of {counts.received} values"
         if counts.bad:
             lines.append(
-                f"{where} {counts.bad} are no finite number or outside "
+                f"{where} {counts.bad} are not finite or outside "
                 f"{source.lower:g} .. {source.upper:g}; they were left out: check the sensor, "
                 f"or signals.{signal}.lower and .upper"
             )

@@ -3,8 +3,7 @@
 """One valve of the aging monitor: the stored history in, trends and verdict out.
 
 The history of the twin is the only source: an estimate on the topic says that there is something
-new to ask for. A
-monitor that was down therefore sees exactly what one sees that was not.
+new to ask for. A monitor that was down therefore sees exactly what one sees that was not.
 """
 
 from __future__ import annotations

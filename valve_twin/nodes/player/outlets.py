@@ -34,9 +34,9 @@ class Outbox:
     """Messages of any topics that leave in their order.
 
     With a lossless profile the middleware refuses a message after 0.1 s as long as a reliable
-    subscriber has not taken
-    enough of the earlier ones; it then stays here and is offered again. A latched publisher keeps
-    its last messages only and overwrites in silence: with `keep` it waits here instead.
+    subscriber has not taken enough of the earlier ones; it then stays here and is offered again.
+    A latched publisher keeps its last messages only and overwrites in silence: with `keep` it
+    waits here instead.
     """
 
     def __init__(self) -> None:

@@ -34,7 +34,7 @@ CLOSE_S = 1.5
 """Time that is given to the disk at the end [s]."""
 
 SILENT_S = 30.0
-"""Time without any message from publishers that are there, after which a user is told [s]."""
+"""Time without any message from publishers that are there, after which a warning is given [s]."""
 
 
 class BagRecorderNode(ValveNode):
@@ -252,7 +252,7 @@ class BagRecorderNode(ValveNode):
         if self._splits is not None:
             self._splits.publish(msg.WriteSplitEvent(closed_file=closed, opened_file=opened))
 
-    # -- what is told
+    # -- what is reported
 
     def _losses(self, topics: dict[str, RecordedTopic]) -> dict[str, object]:
         """Return the losses as they stand in the metadata; called on the disk's thread."""

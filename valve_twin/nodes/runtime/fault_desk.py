@@ -124,7 +124,7 @@ class FaultDesk:
         self._told = self._events()
 
     def _events(self) -> int:
-        """Return how many events all faults had: those of a lasting fault are told, too."""
+        """Return how many events all faults had: those of a lasting fault count, too."""
         return sum(f.events for f in self._book.faults())
 
     def _clear(self, request: Any, response: Any) -> Any:

@@ -109,7 +109,7 @@ def series_bytes(prediction: Prediction, period_s: float) -> Iterator[bytes]:
 
 
 def cycle_message(valve: str, cycle: Cycle) -> msg.CycleSummary:
-    """Return what is told about a closed cycle."""
+    """Return the summary of a closed cycle."""
     out = msg.CycleSummary(
         valve=valve,
         cycle=cycle.number,

@@ -51,10 +51,8 @@ class ValveNode(LifecycleNode):
     """Lifecycle node that never dies of its input.
 
     A subclass implements `configure`, `activate`, `deactivate` and `cleanup`; setting `exit_code`
-    ends the process. An error a user can
-    mend
-    (`ValveTwinError`) in one of the first two is one log line; the node stays alive and can be
-    configured again.
+    ends the process. An error that a user can repair (`ValveTwinError`) in one of the first two is
+    one log line; the node stays alive and can be configured again.
     """
 
     works_in_callbacks = False

@@ -3,8 +3,7 @@
 """Work that must not hold up the data path: a process for computations, a thread for the database.
 
 Both take jobs in order, drop none and hand the results to a callback on their own thread;
-`ValveNode.post` brings
-them back to the node's loop.
+`ValveNode.post` brings them back to the node's loop.
 """
 
 from __future__ import annotations

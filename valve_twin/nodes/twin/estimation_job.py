@@ -3,8 +3,7 @@
 """What runs in the worker process: one estimation at a time, nothing of ROS.
 
 The memory of 50 cycles is large; the worker keeps it between jobs and is sent it only when it
-lacks it, so that the
-data path does not pack it every cycle.
+lacks it, so that the data path does not pack it every cycle.
 """
 
 from __future__ import annotations

@@ -87,7 +87,7 @@ class TwinFaults:
                 "input.values",
                 name,
                 counts.bad,
-                f"{where}: %d values are no finite number or out of range",
+                f"{where}: %d values are not finite or out of range",
             )
         self._events(
             "input.gaps",

@@ -206,7 +206,7 @@ def test_what_the_curves_do_not_determine_is_a_status():
     ("make", "message"),
     [
         (lambda: FitParameter("m", -1.0, 0.0, 5.0), "m starts at -1.0: must be a number from 0"),
-        (lambda: Curve(np.zeros(2), np.array([1.0, np.nan])), "no finite numbers"),
+        (lambda: Curve(np.zeros(2), np.array([1.0, np.nan])), "not finite"),
         (lambda: Curve(np.zeros(2), np.zeros(3)), "2 abscissae and 3 ordinates"),
         (lambda: Curve(np.zeros(1), np.zeros(1), 0.0), "sigma = 0.0"),
         (

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from valve_twin.core.types import Cycle, FloatArray, Frames, IntArray
 
 LARGEST = 1.5
-"""A signal that is 0..1 does not go beyond this, overshoot and offset included [1] [A]."""
+"""A signal that is 0..1 does not go beyond this, overshoot and offset included [1], assumed."""
 
 _FAR = 3.0  # speeds and pressures may exceed their full scale more than positions [1]
 _FEWEST_STEPS = 20  # between samples, to tell their distance

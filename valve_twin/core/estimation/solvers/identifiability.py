@@ -24,16 +24,16 @@ if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
 _LINKED = 0.05
-"""Share of two parameters in the same weak directions that makes them one ridge [A]."""
+"""Share of two parameters in the same weak directions that makes them one ridge, assumed."""
 
 _SHOWN = 0.02
 """Exponents below are not written."""
 
 _ROUNDING = 2.0
-"""A combination may lose this factor of precision to exponents that are easy to read [A]."""
+"""A combination may lose this factor of precision to exponents that are easy to read, assumed."""
 
 _LOST = 0.01
-"""And so much of its size [1] [A]."""
+"""And so much of its size [1], assumed."""
 
 _READABLE = (1.0, 2.0, 3.0)
 """Denominators of exponents that are easy to read."""
@@ -51,7 +51,7 @@ class IdentifiabilityOptions:
     Attributes
     ----------
     max_error : float
-        Largest standard error, relative to the size of the parameter [1] [A].
+        Largest standard error, relative to the size of the parameter [1], assumed.
     """
 
     max_error: float = 0.5

@@ -103,7 +103,7 @@ class Curve:
             message = f"a curve has {len(self.x)} abscissae and {len(self.y)} ordinates"
             raise ValueError(message)
         if not (np.isfinite(self.x).all() and np.isfinite(self.y).all()):
-            message = "a curve holds values that are no finite numbers"
+            message = "a curve holds values that are not finite"
             raise ValueError(message)
         if not (np.isfinite(self.sigma) and self.sigma > 0.0):
             message = f"sigma = {self.sigma!r}: must be a number above 0"

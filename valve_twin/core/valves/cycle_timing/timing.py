@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _ITERATIONS = 200
 _SETTLED = 1e-9  # share of the sampling time by which the centre still moves [1]
-_LEAST_STEADY = 10  # fewest samples that make a mean flow [A]
+_LEAST_STEADY = 10  # fewest samples that make a mean flow, assumed
 
 
 @dataclass(frozen=True, slots=True)

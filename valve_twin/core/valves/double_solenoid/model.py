@@ -51,20 +51,20 @@ if TYPE_CHECKING:
     from valve_twin.core.valves.interface import Option, Options
 
 LONGEST_PERIOD_S = 2e-4
-"""Slowest sampling that shows the force behind currents that change in 0.3 ms [s] [A]."""
+"""Slowest sampling that shows the force behind currents that change in 0.3 ms [s], assumed."""
 
-_FEWEST = 500  # fewest usable samples of a cycle [A]
-_MIN_TRAVEL = 0.02  # of half the stroke: less motion tells no friction [1] [A]
+_FEWEST = 500  # fewest usable samples of a cycle, assumed
+_MIN_TRAVEL = 0.02  # of half the stroke: less motion tells no friction [1], assumed
 _MAX_CONDITION = 300.0
 _MISFIT = 3.0
-"""Residual of the motion over the noise at rest above which the model is not this valve's [A]."""
+"""Residual of the motion over the noise at rest above which it is another valve, assumed."""
 
-_MAX_NOISE = 0.02  # of half the stroke: more is no sensor's noise [1] [A]
+_MAX_NOISE = 0.02  # of half the stroke: more is no sensor's noise [1], assumed
 _MISFIT_FLOOR = 1e-3
-"""Residual that counts as none, of half the stroke [1]: ripple of the currents [A]."""
+"""Residual that counts as none, of half the stroke [1]: ripple of the currents, assumed."""
 
 _REACH_S = 0.02
-"""Longest delay between command and position that the check of the signals tries [s] [A]."""
+"""Longest delay between command and position that the check of the signals tries [s], assumed."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -52,15 +52,15 @@ if TYPE_CHECKING:
     from valve_twin.core.valves.interface import Option, Options
 
 _MAX_CONDITION = 1e5
-_REST_SHARE = 6e-3  # of the full scale: a current below it counts as none [1] [A]
+_REST_SHARE = 6e-3  # of the full scale: a current below it counts as none [1], assumed
 _MISFIT = 1.3
-"""Residual of the flights over the noise at rest above which the model is not this valve's [A]."""
+"""Flights' residual over the noise at rest above which the model is another valve's, assumed."""
 
 _MISFIT_FLOOR = 6e-5
 """Residual that counts as none, of the stroke [1]: currents between samples are straight lines."""
 
-_FEWEST_AT_REST = 12  # fewest samples on a seat that tell the noise [A]
-_FEWEST = 50  # fewest usable samples of a cycle [A]
+_FEWEST_AT_REST = 12  # fewest samples on a seat that tell the noise, assumed
+_FEWEST = 50  # fewest usable samples of a cycle, assumed
 
 
 @dataclass(frozen=True, slots=True)

@@ -52,7 +52,7 @@ SMALLEST_FIT_GAP = 1e-4
 """Smallest gap of the reading "fit" [m]; its pole lies at C2, 0.0604 mm in the paper."""
 
 LONGEST_PERIOD_S = 2.5e-4
-"""Slowest sampling that shows pulses of 1.5 ms and flights of 8 ms [s] [A]."""
+"""Slowest sampling that shows pulses of 1.5 ms and flights of 8 ms [s], assumed."""
 
 _LONG_AGO = 3600.0  # time since the last command at rest [s]
 _ABOVE_POLE = 4e-5  # the same distance to the pole for another C2 [m]

@@ -18,7 +18,7 @@ from valve_twin.core.estimation.solvers.nonlinear import Curve, CurveFit, FitPar
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
 
-_FEWEST_PER_PERIOD = 6.0  # samples of an oscillation that is not aliased [A]
+_FEWEST_PER_PERIOD = 6.0  # samples of an oscillation that is not aliased, assumed
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from valve_twin.core.types import Estimate, FloatArray
     from valve_twin.core.valves.positioner.fit import Record
 
-_BIN, _HELD = 0.05, 0.05  # width of a level / range, and least share of the samples in it [1] [A]
+_BIN, _HELD = 0.05, 0.05  # width of a level / range, least share of the samples in it [1], assumed
 _MEDIANS = (
     "rate_rising",
     "rate_falling",
@@ -27,7 +27,7 @@ _MEDIANS = (
     "delay",
     "delay_falling",
 )
-_LEAST_SPREAD = 0.1  # levels that tell a line apart from a gain, in the greatest one [1] [A]
+_LEAST_SPREAD = 0.1  # levels that tell a line apart from a gain, in the greatest one [1], assumed
 
 
 def shows_several_levels(record: Record) -> bool:

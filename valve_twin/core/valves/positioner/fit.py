@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 FASTEST_RATE = 5.0
 """Greatest rate times period [1]: less than 1 % of the distance is left after one sample."""
 
-_SHOWN_WAY = 0.2  # share of the motion over which a speed is measured: well above noise [A]
+_SHOWN_WAY = 0.2  # share of the motion over which a speed is measured: well above noise, assumed
 _SEARCH_SAMPLES = 1000  # a record twice as long is searched on every second sample, and so on
 _MAX_ITERATIONS = 60
 _RELATIVE_STEP = 1e-10

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from valve_twin.core.valves.positioner.record import Prepared
 
 MIN_DRIVEN = 5.0
-"""How long a parameter must have moved the spool to be reported [samples] [A]."""
+"""How long a parameter must have moved the spool to be reported [samples], assumed."""
 
 
 def refused(model: str, cycle: Cycle, prepared: Prepared) -> Estimate:

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from valve_twin.core.valves.positioner.structure import Structure
 
 _AT_BOUND = 1e-5  # distance to a bound that counts as none, in units of the interval [1]
-_LEAST_EFFECT = 2.0  # of all of a parameter on the residual, in its standard deviations [1] [A]
+_LEAST_EFFECT = 2.0  # of a parameter on the residual, in its standard deviations [1], assumed
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, Cycle, FloatArray, Frames
     from valve_twin.core.valves.interface import Options
 
-_LEAST_BEYOND_LAG = 20  # fewest samples beyond the longest delay that a fit needs [A]
-_SETTLE_SAMPLES = 15  # samples beyond the longest delay until the position counts as resting [A]
+_LEAST_BEYOND_LAG = 20  # fewest samples beyond the longest delay that a fit needs, assumed
+_SETTLE_SAMPLES = 15  # samples beyond the longest delay until the position rests, assumed
 
 
 @dataclass(frozen=True, slots=True)

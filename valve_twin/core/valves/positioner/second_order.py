@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from valve_twin.core.valves.positioner.fit import Record
     from valve_twin.core.valves.positioner.fit_extended import Extended
 
-_LEAST_CHANGES = 20  # changes of the command that tell how often it is refreshed [1] [A]
+_LEAST_CHANGES = 20  # changes of the command that tell how often it is refreshed [1], assumed
 
 
 def column(fit: Extended, i: int) -> FloatArray:

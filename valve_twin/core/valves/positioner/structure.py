@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     from valve_twin.core.valves.positioner.fit import Limits
 
 LEAST_LAG = 0.05
-"""Least velocity lag tried, in sampling times: a shorter one is not told from none [1] [A]."""
+"""Least velocity lag tried, in sampling times: shorter is not told from none [1], assumed."""
 
-_WIDEST_GAIN, _WIDEST_REST = 1e3, 2.0  # bounds of the static curve [1] [A]
+_WIDEST_GAIN, _WIDEST_REST = 1e3, 2.0  # bounds of the static curve [1], assumed
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,10 +4,12 @@
 
 Two groups of pilot valves fill (in) and empty (out) the control chamber over the spindle:
 
-    chamber   (V0 + A_B s)/beta dPc/dt = Q_in - Q_out - Q_leak - A_B ds/dt          (paper 002,
-    eqs. (5)-(9)) flows     Q_in = R1 y_in sqrt(2 (Pz - Pc)/rho), Q_out = R2 y_out sqrt(2 Pc/rho),
-    Q_leak = k sqrt(Pc) spindle   M d2s/dt2 + B ds/dt = A_B Pc - A_T Pz, with seats that push but
-    do not pull
+    chamber   (V0 + A_B s)/beta dPc/dt = Q_in - Q_out - Q_leak - A_B ds/dt
+    flows     Q_in = R1 y_in sqrt(2 (Pz - Pc)/rho), Q_out = R2 y_out sqrt(2 Pc/rho),
+              Q_leak = k sqrt(Pc)
+    spindle   M d2s/dt2 + B ds/dt = A_B Pc - A_T Pz, with seats that push but do not pull
+
+(paper 002, eqs. (5)-(9)).
 
 Steps are fixed; pressure and speed are solved together, linearly implicit, so the stiff chamber
 needs no small step.

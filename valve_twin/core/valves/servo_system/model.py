@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 _QUANTILE_95 = 1.96
 
 _REACH_S = 0.1
-"""Longest delay between command and position that the check of the signals tries [s] [A]."""
+"""Longest delay between command and position that the check of the signals tries [s], assumed."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,7 +2,7 @@
 # Copyright 2026 valve_twin maintainers
 """The simulated servosystem of paper 003: suspension valve, cylinder, lines, load and loops.
 
-The paper prints no value of a parameter: all are ours [A], argued as a small actuator of the
+The paper prints no value of a parameter: all are assumed, argued as a small actuator of the
 20.7 MPa aerospace class. Position 0 = piston in, 1 = out, 0.5 = middle of the stroke.
 """
 
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
 
 SLOWEST_PERIOD_S = 4e-3
-"""Slowest sampling that shows the modes of structure and fluid, about 100 Hz [s] [A]."""
+"""Slowest sampling that shows the modes of structure and fluid, about 100 Hz [s], assumed."""
 
 
 def _q(

@@ -20,12 +20,12 @@ SIGNALS = ("piston_position", *INPUTS[1:])
 """What is fitted, in this order."""
 
 SLOWEST_PERIOD_S = 2e-3
-"""Slowest sampling from which a cycle is estimated: modes at about 100 Hz [s] [A]."""
+"""Slowest sampling from which a cycle is estimated: modes at about 100 Hz [s], assumed."""
 
-_FEWEST = 200  # fewest usable samples of a cycle [A]
-_LEAST_SHARE = 0.8  # of a signal's samples that must be usable [1] [A]
+_FEWEST = 200  # fewest usable samples of a cycle, assumed
+_LEAST_SHARE = 0.8  # of a signal's samples that must be usable [1], assumed
 _BELIEVED = 10.0  # a larger value is none: signals are parts of their full scales [1]
-_LONGEST_GAP = 20  # samples over which the desired position is held [A]
+_LONGEST_GAP = 20  # samples over which the desired position is held, assumed
 _FLOOR = 1e-4
 """Smallest error that a signal is given, of full scale: the integration's [1]."""
 

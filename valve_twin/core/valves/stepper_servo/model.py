@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 _NAMES = {MECHANICS: (*THREAD, *FLOW), WIENER: (*THETA, THREAD[3], *FITS)}
 
 _REACH_S = 0.2
-"""Longest delay between command and position that the check of the signals tries [s] [A]."""
+"""Longest delay between command and position that the check of the signals tries [s], assumed."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from valve_twin.core.valves.stepper_servo.fit import FlowFit, Record, ThreadFit
 
 _LEAST = 5
-"""Samples that must show a parameter [A]."""
+"""Samples that must show a parameter, assumed."""
 
 _LEAST_WAY = 5.0
-"""Steps upwards that tell whether steps are lost [A]."""
+"""Steps upwards that tell whether steps are lost, assumed."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -59,7 +59,7 @@ _MIN_POOLED = 5
 """Fewest cycles that are pooled."""
 
 _LEAST_ERROR = 0.2
-"""The ratio of one valve may differ by so much from cycle to cycle, logarithmic [A]."""
+"""The ratio of one valve may differ by so much from cycle to cycle, logarithmic, assumed."""
 
 _FAR = 6.0
 _ROOT_TWO_PI = 2.5066282746310002
