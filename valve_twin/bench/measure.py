@@ -74,7 +74,17 @@ def describe(ratio: Ratio, committed: float | None = None) -> str:
 def median(
     action: Callable[[], object], repeats: int, clock: Callable[[], float] = time.process_time
 ) -> float:
-    """Return the median time of an action after a warm-up [s], CPU time unless told otherwise."""
+    """Return the median time of an action after a warm-up [s], CPU time unless told otherwise.
+
+    Parameters
+    ----------
+    action : callable
+        What is timed.
+    repeats : int
+        Repetitions after the warm-up [1].
+    clock : callable
+        Returns the time [s].
+    """
     action()
     times = []
     for _ in range(repeats):
@@ -87,7 +97,15 @@ def median(
 def require_equal(
     ours: FloatArray | IntArray, peer: FloatArray | IntArray, what: str, whom: str
 ) -> None:
-    """Refuse to compare the times of different results."""
+    """Refuse to compare the times of different results.
+
+    Parameters
+    ----------
+    ours, peer : (N,) arrays
+        Results of any unit; `numpy.array_equal` compares them.
+    what, whom : str
+        What differs, and from whose, for the error.
+    """
     if not np.array_equal(ours, peer, equal_nan=True):
         msg = f"the {what} differ from those of {whom}"
         raise AssertionError(msg)

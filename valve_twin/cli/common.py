@@ -39,7 +39,17 @@ class Parser(argparse.ArgumentParser):
 def add_verb(
     verbs: Verbs, name: str, text: str, run: Callable[[argparse.Namespace], int]
 ) -> Parser:
-    """Add one verb: its line of help and what it runs."""
+    """Add one verb: its line of help and what it runs.
+
+    Parameters
+    ----------
+    verbs : Verbs
+        Where it is added.
+    name, text : str
+        The verb and its line of help.
+    run : callable
+        Takes the parsed arguments and returns the exit code.
+    """
     parser = verbs.add_parser(name, help=text, description=text)
     parser.set_defaults(run=run)
     return parser
@@ -77,7 +87,19 @@ def chosen_config(arguments: argparse.Namespace) -> ValveConfig:
 def run_offline(
     config: ValveConfig, bag: str, *, close_last: bool = True, predict: bool = True
 ) -> tuple[Record, Assessment]:
-    """Estimate a bag and assess its trends; say on stderr what was bad in it."""
+    """Estimate a bag and assess its trends; say on stderr what was bad in it.
+
+    Parameters
+    ----------
+    config : ValveConfig
+        The valve's configuration.
+    bag : str
+        Folder of the bag.
+    close_last : bool
+        Whether the last cycle counts although nothing follows it.
+    predict : bool
+        Whether samples are predicted, too.
+    """
     from valve_twin.io.offline.run import assess_record, describe_bad, describe_refused, run_bag
 
     with progress_of("estimating", None) as advance:

@@ -103,7 +103,7 @@ def find_case(model: str, *, cycles: int = 0, rate: float = 0.0) -> Case:
     cycles : int
         Cycles to wait for, 0 = the valve's own number.
     rate : float
-        Simulated seconds a second, 0 = the valve's own.
+        Simulated seconds a second [1], 0 = the valve's own.
 
     Raises
     ------

@@ -51,7 +51,19 @@ class Processes:
     def start(
         self, name: str, namespace: str, files: Sequence[Path], more: Sequence[str] = ()
     ) -> None:
-        """Start one node with parameter files, later ones first in rank."""
+        """Start one node with parameter files, later ones first in rank.
+
+        Parameters
+        ----------
+        name : str
+            Executable.
+        namespace : str
+            Namespace of the node.
+        files : sequence of Path
+            Parameter files, later ones first in rank.
+        more : sequence of str
+            Further arguments.
+        """
         command = [str(_executable(name)), "--ros-args", "-r", f"__ns:={namespace}"]
         for file in files:
             command += ["--params-file", str(file)]

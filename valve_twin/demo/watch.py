@@ -127,7 +127,19 @@ def watch(
 
 
 def render(node: Watcher, cycles: int, first: str = "", width: int = 80) -> Group:
-    """Return the present table with trends and verdict below, for a terminal of that width."""
+    """Return the present table with trends and verdict below, for a terminal of that width.
+
+    Parameters
+    ----------
+    node : Watcher
+        What has come so far.
+    cycles : int
+        Cycles that the demo waits for.
+    first : str
+        Parameter of the first column; empty = as followed.
+    width : int
+        Columns of the terminal [characters].
+    """
     names = _shown(node, first, width - BESIDE)
     table = Table(title=f"{len(node.cycles)} of {cycles} cycles", expand=False)
     for title in ("cycle", *names, "fit %"):

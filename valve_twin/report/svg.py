@@ -24,7 +24,15 @@ if TYPE_CHECKING:
 
 
 def round_ticks(lower: float, upper: float, count: int) -> list[float]:
-    """Return about `count` round numbers inside [lower, upper]."""
+    """Return about `count` round numbers inside [lower, upper].
+
+    Parameters
+    ----------
+    lower, upper : float
+        Ends of the axis [its unit].
+    count : int
+        About how many are wanted [1].
+    """
     if not (math.isfinite(lower) and math.isfinite(upper) and upper > lower):
         return []
     for parts in (count, 2 * count, 4 * count):  # finer where fewer than two fit
@@ -81,7 +89,17 @@ class Panel:
 
     def axes(self, *, x_label: str = "", y_label: str = "", x_ticks: int = 6, y_ticks: int = 4,
              x_texts: bool = True) -> None:  # fmt: skip
-        """Draw grid lines, ticks and labels."""
+        """Draw grid lines, ticks and labels.
+
+        Parameters
+        ----------
+        x_label, y_label : str
+            Words at the axes.
+        x_ticks, y_ticks : int
+            About how many numbers stand at each [1].
+        x_texts : bool
+            Whether the horizontal axis is numbered and labelled.
+        """
         bottom, right = self.top + self.height, self.left + self.width
         ys = round_ticks(*self.y, y_ticks)
         for value, text in zip(ys, tick_texts(ys), strict=True):
@@ -101,15 +119,41 @@ class Panel:
             self.text(self.left, self.top - 9, y_label, "label")
 
     def text(self, x: float, y: float, text: str, style: str) -> None:
-        """Write text at a place in the drawing."""
+        """Write text at a place in the drawing.
+
+        Parameters
+        ----------
+        x, y : float
+            Place in the drawing [1].
+        text : str
+            Words.
+        style : str
+            Class of the style sheet.
+        """
         self.parts.append(f'<text class="{style}" x="{x:.1f}" y="{y:.1f}">{escape(text)}</text>')
 
     def line(self, x: FloatArray, y: FloatArray, style: str) -> None:
-        """Draw a line through the points; NaN interrupts it."""
+        """Draw a line through the points; NaN interrupts it.
+
+        Parameters
+        ----------
+        x, y : (N,) arrays
+            Points [units of the axes].
+        style : str
+            Class of the style sheet.
+        """
         self._path(_polyline(*self.place(x, y)), style)
 
     def dots(self, x: FloatArray, y: FloatArray, style: str) -> None:
-        """Draw a dot at every point (the style's stroke width is its size)."""
+        """Draw a dot at every point.
+
+        Parameters
+        ----------
+        x, y : (N,) arrays
+            Points [units of the axes].
+        style : str
+            Class of the style sheet; its stroke width is the size.
+        """
         px, py = self.place(x, y)
         keep = np.isfinite(px) & np.isfinite(py)
         self._path(
@@ -117,7 +161,17 @@ class Panel:
         )
 
     def crosses(self, x: FloatArray, y: FloatArray, style: str, half: float = 3.0) -> None:
-        """Draw a small cross at every point."""
+        """Draw a small cross at every point.
+
+        Parameters
+        ----------
+        x, y : (N,) arrays
+            Points [units of the axes].
+        style : str
+            Class of the style sheet.
+        half : float
+            Half the width of a cross in the drawing [1].
+        """
         px, py = self.place(x, y)
         w = 2 * half
         moves = (
@@ -128,7 +182,15 @@ class Panel:
         self._path("".join(moves), style)
 
     def bars(self, x: FloatArray, lower: FloatArray, upper: FloatArray, style: str) -> None:
-        """Draw an upright bar from lower to upper at every x."""
+        """Draw an upright bar from lower to upper at every x.
+
+        Parameters
+        ----------
+        x, lower, upper : (N,) arrays
+            Places and ends of the bars [units of the axes].
+        style : str
+            Class of the style sheet.
+        """
         px, low = self.place(x, lower)
         _, high = self.place(x, upper)
         keep = np.isfinite(low) & np.isfinite(high)
@@ -139,7 +201,15 @@ class Panel:
         self._path("".join(moves), style)
 
     def band(self, x: FloatArray, lower: FloatArray, upper: FloatArray, style: str) -> None:
-        """Fill between two curves."""
+        """Fill between two curves.
+
+        Parameters
+        ----------
+        x, lower, upper : (N,) arrays
+            Points of both curves [units of the axes].
+        style : str
+            Class of the style sheet.
+        """
         px, low = self.place(x, lower)
         _, high = self.place(x, upper)
         if len(px) > 1 and np.isfinite(low).all() and np.isfinite(high).all():
@@ -148,7 +218,17 @@ class Panel:
             self._path(there + back + "Z", style)
 
     def shade(self, x: FloatArray, mask: BoolArray, style: str) -> None:
-        """Shade the whole height where the mask holds."""
+        """Shade the whole height where the mask holds.
+
+        Parameters
+        ----------
+        x : (N,) array
+            Points [unit of the axis].
+        mask : (N,) bool array
+            Where it is shaded.
+        style : str
+            Class of the style sheet.
+        """
         edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
         last = len(x) - 1
         for start, stop in edges.reshape(-1, 2):
@@ -203,7 +283,15 @@ def drawing(
 
 
 def thin(x: FloatArray, y: FloatArray, bins: int) -> tuple[FloatArray, FloatArray]:
-    """Keep first, lowest, highest and last point of each bin: the picture stays the same."""
+    """Keep first, lowest, highest and last point of each bin: the picture stays the same.
+
+    Parameters
+    ----------
+    x, y : (N,) arrays
+        Points [units of the axes].
+    bins : int
+        Parts of the horizontal axis [1].
+    """
     n = len(x)
     if n <= 4 * bins:
         return x, y

@@ -46,14 +46,30 @@ def number(x: float, digits: int = 4) -> str | Markup:
 
 
 def fixed(x: float, decimals: int, *, sign: bool = False) -> str:
-    """Return a number with so many decimals; a dash where it is not finite."""
+    """Return a number with so many decimals; a dash where it is not finite.
+
+    Parameters
+    ----------
+    x : float
+        Number [any unit].
+    decimals : int
+        Digits behind the point [1].
+    sign : bool
+        Whether a plus sign is written.
+    """
     if not math.isfinite(x):
         return str(number(x))
     return f"{x:{'+' if sign else ''}.{decimals}f}".replace("-", MINUS)
 
 
 def with_interval(value: float, lower: float, upper: float) -> str | Markup:
-    """Return a value, and below it its interval, with decimals that fit the interval's width."""
+    """Return a value, and below it its interval, with decimals that fit the interval's width.
+
+    Parameters
+    ----------
+    value, lower, upper : float
+        Value and its interval [any unit]; NaN = not known.
+    """
     if math.isnan(value):
         return NONE
     if not (math.isfinite(lower) and math.isfinite(upper) and upper > lower):
@@ -67,7 +83,13 @@ def with_interval(value: float, lower: float, upper: float) -> str | Markup:
 
 
 def percent(value: float, lower: float, upper: float) -> str | Markup:
-    """Return a change in percent with its interval."""
+    """Return a change in percent with its interval.
+
+    Parameters
+    ----------
+    value, lower, upper : float
+        Change and its interval [%]; NaN = not known.
+    """
     if math.isnan(value):
         return NONE
     known = math.isfinite(lower) and math.isfinite(upper)

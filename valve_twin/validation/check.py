@@ -58,7 +58,19 @@ class Check:
 
 def within_share(item: str, quantity: str, published: float, obtained: float, share: float,
                  note: str = "") -> Check:  # fmt: skip
-    """Agree within a relative tolerance `share` [1] of the published value."""
+    """Agree within a relative tolerance `share` [1] of the published value.
+
+    Parameters
+    ----------
+    item, quantity : str
+        Where it is published and what it is.
+    published, obtained : float
+        Both numbers [unit in `quantity`].
+    share : float
+        Relative tolerance [1].
+    note : str
+        Remark.
+    """
     half = abs(published) * share
     return Check(
         item,
@@ -74,7 +86,19 @@ def within_share(item: str, quantity: str, published: float, obtained: float, sh
 
 def within_factor(item: str, quantity: str, published: float, obtained: float, factor: float,
                   note: str = "") -> Check:  # fmt: skip
-    """Agree within a factor [1], the sign included."""
+    """Agree within a factor [1], the sign included.
+
+    Parameters
+    ----------
+    item, quantity : str
+        Where it is published and what it is.
+    published, obtained : float
+        Both numbers [unit in `quantity`].
+    factor : float
+        Largest ratio of both [1].
+    note : str
+        Remark.
+    """
     ends = sorted((published / factor, published * factor))
     return Check(item, quantity, published, obtained, ends[0], ends[1], f"factor {factor:g}", note)
 
@@ -89,7 +113,21 @@ def within_range(
     upper: float = math.inf,
     note: str = "",
 ) -> Check:
-    """Agree between two limits; an infinite one does not bind."""
+    """Agree between two limits; an infinite one does not bind.
+
+    Parameters
+    ----------
+    item, quantity : str
+        Where it is published and what it is.
+    published : float or str
+        What is published [unit in `quantity`].
+    obtained : float
+        Our number [unit in `quantity`].
+    lower, upper : float
+        Limits [unit in `quantity`].
+    note : str
+        Remark.
+    """
     if math.isinf(lower):
         words = f"at most {upper:.3g}"
     elif math.isinf(upper):
@@ -100,5 +138,17 @@ def within_range(
 
 
 def cannot(item: str, quantity: str, published: float | str, obtained: float, why: str) -> Check:
-    """Say that a published number cannot be reproduced, and why."""
+    """Say that a published number cannot be reproduced, and why.
+
+    Parameters
+    ----------
+    item, quantity : str
+        Where it is published and what it is.
+    published : float or str
+        What is published [unit in `quantity`].
+    obtained : float
+        Our number [unit in `quantity`].
+    why : str
+        Reason.
+    """
     return Check(item, quantity, published, obtained, note=why)

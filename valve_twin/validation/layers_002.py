@@ -115,7 +115,19 @@ def experiment(layer: Layer, cycles: int) -> SimulationConfig:
 
 
 def fit_layer(layer: Layer, cycles: int, seed: int, advance: Callable[[], None]) -> LayerFits:
-    """Simulate `cycles` cycles (at least 2) under a layer and fit each with every estimator."""
+    """Simulate `cycles` cycles (at least 2) under a layer and fit each with every estimator.
+
+    Parameters
+    ----------
+    layer : Layer
+        How the position is measured.
+    cycles : int
+        Cycles, at least 2 [1].
+    seed : int
+        Of phases and noise.
+    advance : callable
+        Called after each cycle.
+    """
     config = experiment(layer, cycles)
     theta = {name: np.zeros((cycles, TERMS)) for name in ESTIMATORS}
     mse = {name: np.empty(cycles) for name in ESTIMATORS}
@@ -169,6 +181,19 @@ def outflow_gain(
     """Return (mean estimate, truth) of the emptying gain at `v_ref` [1/sample].
 
     Kalman-whitened estimates at the right lag, delay + 1, of a valve that does not age.
+
+    Parameters
+    ----------
+    layer : Layer
+        How the position is measured.
+    cycles : int
+        Cycles [1].
+    seed : int
+        Of phases and noise.
+    advance : callable
+        Called after each cycle.
+    v_ref : float
+        Command at which the gain holds [1].
     """
     config = replace(experiment(layer, cycles), aging=())
     options = complete_options(

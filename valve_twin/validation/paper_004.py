@@ -142,7 +142,7 @@ def track_sine(
     plant : StepperServoPlant
         The valve with its controller.
     frequency_hz, amplitude_mm : float
-        Of the reference, about the centre of the stroke.
+        Of the reference [Hz] [mm], about the centre of the stroke.
     """
     tick = plant.controller.period_s
     samples = round(_LENGTH_S / PERIOD_S)

@@ -102,6 +102,15 @@ def solve_in_cvxpy(u: FloatArray, y: FloatArray, limits: Inequalities) -> FloatA
     """State the constrained least squares in cvxpy as its documentation does and solve it.
 
     Its usual tolerances, absolute beside costs of 1e-4, leave 1e-5 of the cost.
+
+    Parameters
+    ----------
+    u : (R, K) array
+        Regressor [1].
+    y : (R,) array
+        Right-hand side [1].
+    limits : Inequalities
+        Linear inequalities over the K parameters.
     """
     import cvxpy
 

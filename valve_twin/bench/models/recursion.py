@@ -62,13 +62,29 @@ def compare(scale: Scale) -> Iterator[Ratio]:
 
 
 def identified(structure: Structure, y: FloatArray, u: FloatArray) -> FloatArray:
-    """Return our parameters (P,) after a record of outputs and inputs (N,)."""
+    """Return our parameters (P,) after a record of outputs and inputs (N,).
+
+    Parameters
+    ----------
+    structure : Structure
+        Orders of the model.
+    y, u : (N,) arrays
+        Output and input [1].
+    """
     found = identify(structure, y, u, adaptation=_HOW, corrected=False)
     return found.state.theta
 
 
 def stepped(structure: Structure, y: FloatArray, u: FloatArray) -> FloatArray:
-    """Return the same, one call a sample."""
+    """Return the same, one call a sample.
+
+    Parameters
+    ----------
+    structure : Structure
+        Orders of the model.
+    y, u : (N,) arrays
+        Output and input [1].
+    """
     state = start(structure, _HOW)
     for n in range(len(y)):
         state = adapt(structure, _HOW, state, y[n : n + 1], u[n : n + 1]).state
@@ -76,14 +92,30 @@ def stepped(structure: Structure, y: FloatArray, u: FloatArray) -> FloatArray:
 
 
 def regression(y: FloatArray, u: FloatArray, order: int) -> tuple[FloatArray, FloatArray]:
-    """Return the rows (M, 2 order) of past outputs and inputs, and the outputs (M,)."""
+    """Return the rows (M, 2 order) of past outputs and inputs, and the outputs (M,).
+
+    Parameters
+    ----------
+    y, u : (N,) arrays
+        Output and input [1].
+    order : int
+        Past samples of each [1].
+    """
     lags = range(1, order + 1)
     columns = [-y[order - k : len(y) - k] for k in lags] + [u[order - k : -k] for k in lags]
     return np.column_stack(columns), y[order:]
 
 
 def require_same(ours: FloatArray, theirs: FloatArray, whom: str) -> None:
-    """Refuse to compare the times of different parameters."""
+    """Refuse to compare the times of different parameters.
+
+    Parameters
+    ----------
+    ours, theirs : (P,) arrays
+        Parameters [1].
+    whom : str
+        Whose the others are.
+    """
     if not np.allclose(ours, theirs, rtol=0.0, atol=1e-6):
         msg = f"the parameters differ: ours {ours!r}, {whom} {theirs!r}"
         raise AssertionError(msg)

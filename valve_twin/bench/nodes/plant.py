@@ -176,6 +176,15 @@ class Plant:
     def wait(self, condition: Callable[[], bool], what: str, limit_s: float = 30.0) -> None:
         """Take until a condition holds.
 
+        Parameters
+        ----------
+        condition : callable
+            Tells whether it holds.
+        what : str
+            What is waited for, for the error.
+        limit_s : float
+            Longest wait [s].
+
         Raises
         ------
         TimeoutError

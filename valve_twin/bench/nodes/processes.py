@@ -131,6 +131,20 @@ def start_node(
 def start_peer(
     role: str, domain: int, folder: Path, topics: Sequence[str], kind: str = "Float64Stamped"
 ) -> NodeProcess:
-    """Start a bare node: `echo` or `count` of `peers`, which imports nothing of ours."""
+    """Start a bare node: `echo` or `count` of `peers`, which imports nothing of ours.
+
+    Parameters
+    ----------
+    role : str
+        'echo' or 'count'.
+    domain : int
+        ROS domain.
+    folder : Path
+        Where its log is written.
+    topics : sequence of str
+        What it takes.
+    kind : str
+        Message type of valve_twin_msgs.
+    """
     program = str(Path(__file__).parent / "peers.py")
     return NodeProcess([program, role, kind, *topics], domain, folder / f"{role}.log")

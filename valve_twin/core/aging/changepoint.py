@@ -84,8 +84,16 @@ def _repeated_median(x: FloatArray, y: FloatArray, half: int, out: FloatArray) -
 def find_outliers(x: FloatArray, y: FloatArray, limit: float) -> BoolArray:
     """Return which (N,) values lie off a line through their neighbours.
 
-    Off is farther than `limit` robust standard deviations.
-    `x` is strictly increasing. Fewer than 7 values are not judged.
+    Fewer than 7 values are not judged.
+
+    Parameters
+    ----------
+    x : (N,) array
+        Axis positions, strictly increasing [axis unit].
+    y : (N,) array
+        Values [unit of the parameter].
+    limit : float
+        Distance from which a value is an outlier [robust standard deviations].
     """
     n = len(x)
     if n < 7:
@@ -203,7 +211,7 @@ def best_lines(
     Parameters
     ----------
     x, y : (N,) arrays
-        Axis positions, strictly increasing, and values without outliers.
+        Axis positions [axis unit], strictly increasing, and values [unit] without outliers.
     least, most : int
         Fewest values in a piece, most pieces [1].
     max_candidates : int

@@ -157,7 +157,17 @@ def true_remaining(samples: int, reference_cycles: int) -> float:
 def ar1_scatter(
     rng: np.random.Generator, histories: int, samples: int, autocorrelation: float
 ) -> FloatArray:
-    """Return (histories, samples) AR(1) scatter of unit standard deviation, one row a history."""
+    """Return (histories, samples) AR(1) scatter of unit standard deviation, one row a history.
+
+    Parameters
+    ----------
+    rng : Generator
+        Source of the random numbers.
+    histories, samples : int
+        Rows and columns [1].
+    autocorrelation : float
+        Between neighbours [1].
+    """
     white = rng.standard_normal((histories, samples + _RUN_IN))
     out = np.empty_like(white)
     out[:, 0] = white[:, 0]

@@ -69,7 +69,23 @@ def find_reference(
     maintenance: Sequence[Maintenance],
     config: AgingConfig,
 ) -> Reference:
-    """Return the commissioning record, or the mean of the first cycles (of the last new start)."""
+    """Return the commissioning record, or the mean of the first cycles (of the last new start).
+
+    Parameters
+    ----------
+    name : str
+        Parameter.
+    series : Series
+        Its accepted estimates.
+    pieces : Pieces
+        Where its trend is broken, and its outliers.
+    lines : tuple of Line or None
+        The line of each piece.
+    maintenance : sequence of Maintenance
+        Events of the valve.
+    config : AgingConfig
+        Commissioning records, number of reference cycles.
+    """
     restarts = [first_after(series, m) for m in maintenance if m.new_reference]
     record = next((c for c in config.commissioning if c.parameter == name), None)
     if record is not None and not restarts:
@@ -114,7 +130,17 @@ def _pooled_variance(lines: tuple[Line | None, ...]) -> float:
 def with_drift(trend: Trend, line: Line, reference: Reference, resolution: float = 0.0) -> Trend:
     """Add the drift against the reference and against the start of the segment, in percent.
 
-    `resolution` is that of the parameter [unit]: scatter between cycles does not show it.
+    Parameters
+    ----------
+    trend : Trend
+        Trend without drift.
+    line : Line
+        Line of its present segment.
+    reference : Reference
+        What the drift is counted from.
+    resolution : float
+        Resolution of the parameter [unit of the parameter]: scatter between cycles does not show
+        it.
     """
     t = quantile(line.freedom, 0.95)
     var_level = line.level_variance(trend.axis_value)
@@ -184,7 +210,18 @@ def nearest_limit(
 ) -> Limit:
     """Return the threshold that is reached first: beyond already, else soonest, else nearest.
 
-    `confidence` is that of the limits of what remains to it [1].
+    Parameters
+    ----------
+    trend : Trend
+        Trend with its drift.
+    line : Line
+        Line of its present segment.
+    reference : Reference
+        What relative thresholds refer to.
+    config : AgingConfig
+        Thresholds.
+    confidence : float
+        That of the limits of what remains [1].
     """
     wanted = [t for t in config.thresholds if t.parameter == trend.parameter]
     if not wanted and config.default_percent > 0.0:

@@ -69,7 +69,7 @@ def remaining_life(
     slope : float
         Slope, counted positive towards the threshold [unit / axis unit].
     var_gap, cov, var_slope : float
-        Covariance of (gap, slope).
+        Covariance of (gap, slope) [squares and product of their units].
     freedom : float
         Degrees of freedom of Student's t [1].
     confidence : float
@@ -112,6 +112,15 @@ def axis_rate(axis: FloatArray, stamp_ns: IntArray, newest: int) -> float:
     """Return axis units per second of data time over the `newest` estimates [1/s], or NaN.
 
     Only those count that came after the clock was last set back.
+
+    Parameters
+    ----------
+    axis : (N,) array
+        Axis positions of the estimates [axis unit].
+    stamp_ns : (N,) int64 array
+        Their stamps [ns].
+    newest : int
+        Estimates that count [1].
     """
     a, t = axis[-newest:], stamp_ns[-newest:]
     back = np.flatnonzero(np.diff(t) < 0)
@@ -122,7 +131,17 @@ def axis_rate(axis: FloatArray, stamp_ns: IntArray, newest: int) -> float:
 
 
 def date_after(stamp_ns: int, remaining: float, rate: float) -> int:
-    """Return the stamp at which `remaining` axis units are used up at `rate`; 0 = no date."""
+    """Return the stamp at which `remaining` axis units are used up at `rate`; 0 = no date.
+
+    Parameters
+    ----------
+    stamp_ns : int
+        Stamp from which is counted [ns].
+    remaining : float
+        What remains [axis unit].
+    rate : float
+        How fast it is used up [axis unit / s].
+    """
     if not (rate > 0.0 and remaining < float("inf")):
         return 0
     ahead = remaining / rate * 1e9

@@ -106,7 +106,15 @@ def quantile(freedom: float, confidence: float) -> float:
 
 @njit(cache=True)
 def ar1_product(u: FloatArray, v: FloatArray, rho: float) -> float:
-    """Return u' R v with R[i, j] = rho^|i - j| in one pass; `u`, `v` are (N,)."""
+    """Return u' R v with R[i, j] = rho^|i - j| in one pass.
+
+    Parameters
+    ----------
+    u, v : (N,) arrays
+        Vectors of any unit [1].
+    rho : float
+        Autocorrelation between neighbours [1].
+    """
     total, behind_u, behind_v = 0.0, 0.0, 0.0
     for i in range(len(u)):
         total += u[i] * v[i] + rho * (u[i] * behind_v + v[i] * behind_u)
@@ -201,9 +209,17 @@ def ratio_interval(
 ) -> tuple[float, float]:
     """Return Fieller's limits of a/b; NaN where b cannot be told from zero.
 
-    `a`, `b` share a unit; `var_a`, `cov`, `var_b` are their covariance, `t` the quantile of
-    Student's t. The set of all R with (a - R b)^2 <= t^2 (var_a - 2 R cov + R^2 var_b) is bounded
+    The set of all R with (a - R b)^2 <= t^2 (var_a - 2 R cov + R^2 var_b) is bounded
     only where b differs from zero.
+
+    Parameters
+    ----------
+    a, b : float
+        Numerator and denominator [same unit].
+    var_a, cov, var_b : float
+        Their covariance [unit^2].
+    t : float
+        Quantile of Student's t [1].
     """
     lead = b * b - t * t * var_b
     if not lead > 0.0:

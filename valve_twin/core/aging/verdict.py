@@ -155,7 +155,23 @@ def decide(
     cycle: int,
     fault: Finding | None = None,
 ) -> Verdict:
-    """Return the verdict from all trends of one valve and its fault (rule: see the module)."""
+    """Return the verdict from all trends of one valve and its fault (rule: see the module).
+
+    Parameters
+    ----------
+    trends : sequence of Trend
+        All trends of the valve.
+    config : AgingConfig
+        Alert fraction, horizon, significance, label.
+    valve : str
+        Its name.
+    stamp_ns : int
+        Stamp of the newest estimate [ns].
+    cycle : int
+        Its cycle.
+    fault : Finding, optional
+        A sudden fault that lasts.
+    """
     judged = [t for t in trends if t.status is not TrendStatus.NOT_ENOUGH_DATA]
     graves = [(concern(t, config), -t.remaining_median, t) for t in judged]
     worst = max(graves, key=lambda g: g[:2], default=None)

@@ -117,7 +117,7 @@ def detect(
     cycles : (N,) int64 array
         Cycle numbers, rising.
     vectors : (N, F) array
-        Features as they are followed; NaN where a cycle does not show one.
+        Features as they are followed [unit by feature]; NaN where a cycle does not show one.
     table : SignatureTable
         Signatures of the valve's faults.
     config : DetectionConfig, optional

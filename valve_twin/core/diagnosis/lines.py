@@ -57,6 +57,17 @@ def whitened_rays(
     """Whiten the signatures by the scatter of the first cycles about their line.
 
     Standard deviations are the valve's own; correlations are mixed with those of the table.
+
+    Parameters
+    ----------
+    y : (N, F) array
+        Features of the first cycles [unit by feature].
+    known : (N, F) array
+        Not 0 where a cycle shows the feature [1].
+    table : SignatureTable
+        Signatures and their correlations.
+    config : DetectionConfig
+        When to speak.
     """
     n = len(y)
     t = np.arange(n) - 0.5 * (n - 1)
@@ -97,7 +108,17 @@ class Lines:
 
 
 def lines_through(w: FloatArray, last: IntArray, window: int) -> Lines:
-    """Fit a line through at most `window` rows of w (N, F) that end with each of `last`."""
+    """Fit a line through at most `window` rows of w (N, F) that end with each of `last`.
+
+    Parameters
+    ----------
+    w : (N, F) array
+        Whitened features [standard deviations].
+    last : (K,) int array
+        Last row of each line.
+    window : int
+        Most rows of a line [1].
+    """
     total = np.concatenate((np.zeros((1, w.shape[1])), np.cumsum(w, axis=0)))
     moment = np.concatenate((total[:1], np.cumsum(w * np.arange(len(w))[:, None], axis=0)))
     first = np.maximum(last - window + 1, 0)

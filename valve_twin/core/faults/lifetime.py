@@ -201,7 +201,17 @@ class FaultBook:
         self._faults[key] = fault
 
     def passed(self, code: str, now: Moment, *, unit: str = "", subject: str = "") -> None:
-        """Say that a condition was looked at and is absent: what was pending is forgotten."""
+        """Say that a condition was looked at and is absent: what was pending is forgotten.
+
+        Parameters
+        ----------
+        code : str
+            Code of the fault.
+        now : Moment
+            Both clocks.
+        unit, subject : str
+            Valve and signal or database it is about; empty = the node itself.
+        """
         key = (unit, code, subject)
         if key in self._runs:
             self._settle(key, now, looked_at=True)

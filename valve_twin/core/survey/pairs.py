@@ -121,7 +121,17 @@ class Views:
         return self._made[target]
 
     def part(self, target: str, part: slice, every: int) -> _View:
-        """Return the view on part of the stamps of a column."""
+        """Return the view on part of the stamps of a column.
+
+        Parameters
+        ----------
+        target : str
+            Column whose stamps count.
+        part : slice
+            Which of them.
+        every : int
+            Stamps a step [1].
+        """
         grid = self.signals[target].stamp_ns
         step_s = float(np.median(np.diff(grid))) / 1e9 * every
         held = {k: _hold(s, grid[part]) for k, s in self.signals.items()}
