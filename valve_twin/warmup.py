@@ -8,6 +8,7 @@ what it compiled.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib import import_module
 from typing import TYPE_CHECKING
 
@@ -25,7 +26,9 @@ from valve_twin.core.valves.registry import (
 )
 
 if TYPE_CHECKING:
-    from valve_twin.core.valves.interface import Options, ValveModel
+    from collections.abc import Mapping
+
+    from valve_twin.core.valves.interface import ValveModel
 
 
 def main() -> None:
@@ -106,7 +109,7 @@ def predict_once(name: str, rule: CycleRule) -> None:
     for changed in ({}, *model.variants):
         model.predict(
             model.initial_state(),
-            model.coefficients(values, 1, period_s, {**options, **changed}),
+            model.coefficients(values, 1, period_s, replace(options, **changed)),
             np.zeros(count),
             np.zeros((count, len(model.inputs))),
             np.zeros(count, dtype=np.uint8),
@@ -116,7 +119,7 @@ def predict_once(name: str, rule: CycleRule) -> None:
         )
 
 
-def _estimate_wave(model: ValveModel, changed: Options) -> None:
+def _estimate_wave(model: ValveModel, changed: Mapping[str, object]) -> None:
     """Estimate a made-up cycle for kernels that no simulation reaches: output follows command."""
     from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 

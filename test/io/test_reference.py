@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
+from valve_twin.core.quantity import describe
 from valve_twin.core.valves.registry import get_model, model_names
 from valve_twin.io.config.node_parameters import NODE_PARAMETERS
 from valve_twin.io.config.valve import valve_specs
@@ -21,7 +22,7 @@ def test_every_parameter_is_described():
 
 def test_every_option_and_node_parameter_is_listed():
     text = parameter_reference(MODELS)
-    names = [f"options.{o.name}" for name in MODELS for o in get_model(name).options]
+    names = [f"options.{d.name}" for name in MODELS for d in describe(get_model(name).options)]
     names += [s.name for specs in NODE_PARAMETERS.values() for s in specs]
     for name in names:
         assert f"`{name}`" in text

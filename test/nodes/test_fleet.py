@@ -15,7 +15,7 @@ from test.nodes.feeding import REARM, START_NS, Feeder
 from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.simulation.valve import SimulatedValve
 from valve_twin.core.twin import Estimated
-from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
+from valve_twin.core.valves.registry import get_model, get_simulation
 from valve_twin.io.config.valve import parse_config
 from valve_twin.io.history.store import History
 from valve_twin.io.offline.assembly import make_twin
@@ -62,7 +62,7 @@ def undisturbed(seed: int) -> list[str]:
     """Return the estimates of a valve whose twin is alone, to the last bit."""
     (config,) = parse_config(COMMON, "test")
     twin, model = make_twin(config), get_model(config.model)
-    options = complete_options(model, config.options)
+    options = config.options
     simulation = get_simulation("press_cartridge")
     block = SimulatedValve(simulation, seed).advance(CYCLES * simulation.cycle_samples + LAST)
     columns = zip((*model.inputs, model.output), (*block.inputs.T, block.position), strict=True)

@@ -23,6 +23,7 @@ from valve_twin.core.cycles import Closing, CycleConfig, Part, Resume, Segmenter
 from valve_twin.core.estimation.cycle.sequence import InForce, Memory, model_in_force
 from valve_twin.core.prediction import residuals, restart_marks, run_model
 from valve_twin.core.types import Cycle, Estimate, FloatArray, Frames, IntArray, Prediction
+from valve_twin.core.valves.interface import NoOptions
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -60,7 +61,7 @@ class TwinConfig:
     counter: SignalRange | None = None
     reference: SignalRange | None = None
     cycles: CycleConfig = field(default_factory=CycleConfig)
-    options: Options = field(default_factory=dict)
+    options: Options = field(default_factory=NoOptions)
     hold_back_s: float = 2.0
     conditions: tuple[SignalRange, ...] = ()
 

@@ -4,12 +4,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from valve_twin.core.simulation import list_settings
 from valve_twin.core.valves.registry import get_model, get_simulation
 from valve_twin.io.config.node_parameters import NODE_PARAMETERS
-from valve_twin.io.config.schema import Kind, Spec, example, limits
+from valve_twin.io.config.schema import Spec, descriptor_specs, example, limits
 from valve_twin.io.config.valve import VALVE_SPECS, signal_specs, valve_specs
 
 if TYPE_CHECKING:
@@ -65,18 +66,7 @@ def _model_sections(name: str) -> list[str]:
         settings = list_settings(get_simulation(name))
     except ValueError:
         return parts
-    specs = [
-        Spec(
-            f"simulation.{s.name}",
-            _kind(s.value),
-            s.value,
-            s.description,
-            s.unit,
-            s.lower,
-            s.upper,
-        )
-        for s in settings
-    ]
+    specs = [replace(s, name=f"simulation.{s.name}") for s in descriptor_specs(settings)]
     return [*parts, _section(f"Simulation of {name}", specs)]
 
 
@@ -124,11 +114,3 @@ def _allowed(spec: Spec) -> str:
 
 def _cell(text: str) -> str:
     return text.replace("|", "\\|")
-
-
-def _kind(value: object) -> Kind:
-    kinds = {bool: Kind.BOOL, int: Kind.INT, float: Kind.FLOAT, str: Kind.STRING}
-    if isinstance(value, tuple):
-        words = bool(value) and isinstance(value[0], str)
-        return Kind.STRINGS if words else Kind.FLOATS
-    return kinds[type(value)]

@@ -7,11 +7,12 @@ from __future__ import annotations
 import math
 import statistics
 import time
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from valve_twin import __version__
 from valve_twin.core.aging import assess
-from valve_twin.core.valves.registry import complete_options, get_model
+from valve_twin.core.valves.registry import get_model
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.store import History
 from valve_twin.io.offline.run import join_predictions
@@ -72,7 +73,7 @@ def report_bag(
         assessment=assessment,
         prediction=join_predictions(record.predictions),
         label=label or config.aging.label,
-        options=complete_options(model, config.options),
+        options=asdict(config.options),
         version=__version__,
         written_ns=time.time_ns(),
         notes=trivial_note(record),
@@ -149,7 +150,7 @@ def report_history(
         ),
         maintenance=tuple(maintenance),
         label=label or config.aging.label,
-        options=complete_options(model, config.options),
+        options=asdict(config.options),
         version=__version__,
         written_ns=time.time_ns(),
         budget=budget,

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from valve_twin.core.quantity import Kind
 from valve_twin.core.simulation import AgingRule, Scatter, configure, list_settings
 from valve_twin.core.valves.press_cartridge.plant import PressCartridgePlant, default_simulation
 
@@ -16,7 +17,7 @@ def press(config):
 
 def test_every_setting_can_be_given_back_as_it_is():
     flat = {
-        s.name: list(s.value) if isinstance(s.value, tuple) else s.value
+        s.name: list(s.default) if isinstance(s.default, tuple) else s.default
         for s in list_settings(DEFAULT)
     }
     assert configure(DEFAULT, flat) == DEFAULT
@@ -27,7 +28,9 @@ def test_every_setting_states_its_unit_and_meaning():
     assert {"plant.area_in", "plant.plc.gain_in", "measurement.noise", "program.times_s"} <= {
         s.name for s in listed
     }
-    assert all(s.unit and s.description for s in listed)
+    assert all(s.description for s in listed)
+    words = {Kind.STRING, Kind.STRINGS, Kind.BOOL}
+    assert all(bool(s.unit) is (s.kind not in words) for s in listed)
 
 
 def test_nested_and_dotted_names_are_the_same():
@@ -57,14 +60,23 @@ def test_rules_are_added_by_parameter_and_keep_what_is_not_given():
             {"plant.aera_in": 1e-5},
             "simulation.plant.aera_in: unknown setting; did you mean 'plant.area_in'",
         ),
-        ({"plant.mass": "heavy"}, "simulation.plant.mass = 'heavy': must be a finite number"),
-        ({"plant.mass": True}, "must be a finite number"),
-        ({"plant.mass": np.nan}, r"must be a finite number from 0\.\d+ to \d+ \[kg\]"),
-        ({"measurement.delay": 1.5}, "measurement.delay = 1.5: must be a whole number"),
-        ({"controller": 3}, "controller = 3: must be a word"),
-        ({"controller": "manual"}, "controller = 'manual': must be one of cycles, external"),
-        ({"program.times_s": 3.0}, "must be a list"),
-        ({"plant.mass": -1.0}, "mass = -1.0: must be a number from 0.01 to 10000"),
+        (
+            {"plant.mass": "heavy"},
+            "simulation.plant.mass: value 'heavy' is no number; write for example",
+        ),
+        ({"plant.mass": True}, "plant.mass: value True is no number"),
+        ({"plant.mass": np.nan}, r"value nan is not a number; write 0\.\d+ to \d+"),
+        ({"measurement.delay": 1.5}, "measurement.delay: value 1.5 is no integer"),
+        ({"controller": 3}, "controller: value '3' is unknown; write one of cycles, external"),
+        (
+            {"controller": "manual"},
+            "controller: value 'manual' is unknown; write one of cycles, external",
+        ),
+        ({"program.times_s": 3.0}, "program.times_s: value 3.0 is no list of numbers"),
+        (
+            {"plant.mass": -1.0},
+            "plant.mass: value -1.0 kg is outside its limits; write 0.01 to 10000",
+        ),
         ({"aging.areain.rate": 0.1}, "'areain' is unknown; did you mean 'area_in'"),
         ({"aging.area_in": 0.1}, "known are aging.<parameter>.law"),
         (

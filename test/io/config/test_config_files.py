@@ -90,5 +90,5 @@ def test_fifty_press_valves_stand_in_one_file(root):
 
 def test_an_archive_is_estimated_by_constrained_least_squares_alone(root):
     (config,) = load_config(root / "config" / "press_archive.yaml")
-    assert config.options["estimators"] == ["equation_error_qp8"]
-    assert config.options["output_error"] is False
+    assert config.options.estimators == ("equation_error_qp8",)
+    assert config.options.output_error is False

@@ -9,15 +9,13 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from valve_twin.core.valves.interface import Option
+from valve_twin.core.quantity import Kind, describe, quantity, setting
 from valve_twin.io.config.schema import (
-    Kind,
     Spec,
     attribute_texts,
     build,
     dataclass_specs,
     example,
-    option_specs,
 )
 
 
@@ -122,13 +120,14 @@ def test_a_record_without_its_value_is_refused():
 
 
 def test_options_keep_their_type_and_limits():
-    options = (
-        Option("lag_s", 0.5, "Longest lag.", "s", 0.0, 1.0),
-        Option("estimators", ("a",), "Which run.", choices=("a", "b")),
-        Option("samples", 3, "How many."),
-        Option("on", True, "Whether."),
-    )
-    kinds = {s.name: s.kind for s in option_specs(options, "options")}
+    @dataclass(frozen=True)
+    class Options:
+        lag_s: float = quantity(0.5, "s", "Longest lag.", lower=0.0, upper=1.0)
+        estimators: tuple[str, ...] = setting(("a",), "Which run.", choices=("a", "b"))
+        samples: int = quantity(3, "1", "How many.")
+        on: bool = setting(default=True, text="Whether.")
+
+    kinds = {d.name: d.kind for d in describe(Options, "options.")}
     assert kinds == {
         "options.lag_s": Kind.FLOAT,
         "options.estimators": Kind.STRINGS,

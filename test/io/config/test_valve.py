@@ -29,7 +29,7 @@ def test_defaults_make_a_whole_configuration():
         "position": "/valve/position",
     }
     assert config.signals["command"].type == STAMPED_TYPE
-    assert config.options["estimators"]
+    assert config.options.estimators
 
 
 def test_conditions_are_signals_that_no_model_needs():

@@ -28,7 +28,9 @@ TOPICS = ("command/v_in", "command/v_out", "spool_position")
 @pytest.fixture(scope="module")
 def config(root):
     (loaded,) = load_config(root / "config" / "simulated_press.yaml")
-    options = {**loaded.options, "output_error": False, "estimators": ["equation_error_qp4"]}
+    options = dataclasses.replace(
+        loaded.options, output_error=False, estimators=("equation_error_qp4",)
+    )
     return dataclasses.replace(loaded, options=options)
 
 

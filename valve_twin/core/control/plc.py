@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numba import njit
 
-from valve_twin.core.physics.quantity import check_quantities, quantity
+from valve_twin.core.quantity import check_quantities, quantity
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from numba import njit
 
-from valve_twin.core.physics.quantity import check_quantities, quantity
+from valve_twin.core.quantity import check_quantities, quantity
 
 HORIZON = 32
 """Control samples that a candidate is predicted [A]."""

@@ -13,7 +13,6 @@ from valve_twin.core.simulation.plant import Drive as Drive
 from valve_twin.core.simulation.plant import Plant as Plant
 from valve_twin.core.simulation.plant import Response as Response
 from valve_twin.core.simulation.program import CycleProgram as CycleProgram
-from valve_twin.core.simulation.settings import Setting as Setting
 from valve_twin.core.simulation.settings import configure as configure
 from valve_twin.core.simulation.settings import list_settings as list_settings
 from valve_twin.core.simulation.truth import GainTruth as GainTruth
@@ -33,7 +32,6 @@ __all__ = [
     "Plant",
     "Response",
     "Scatter",
-    "Setting",
     "SimulatedValve",
     "SimulationBlock",
     "SimulationConfig",

@@ -7,6 +7,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from valve_twin.core.quantity import quantity, setting
+
 LAWS = ("none", "linear", "exponential", "step")
 
 
@@ -28,9 +30,9 @@ class AgingRule:
     """
 
     parameter: str
-    law: str
-    rate: float
-    start_cycle: int = 1
+    law: str = setting("linear", "How it changes.", choices=LAWS)
+    rate: float = quantity(0.0, "1", "Relative change a cycle, for step once.")
+    start_cycle: int = quantity(1, "1", "First cycle that ages.")
 
     def __post_init__(self) -> None:
         """Refuse an unknown law or a rate that is not a number."""

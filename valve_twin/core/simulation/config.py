@@ -4,10 +4,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, TypeVar, cast
 
-from valve_twin.core.physics.quantity import check_quantities, nearest_hint, quantity, whole
+from valve_twin.core.quantity import check_quantities, describe, nearest_hint, quantity, setting
 from valve_twin.core.simulation.faults import Faults
 from valve_twin.core.simulation.measurement import MeasurementConfig
 from valve_twin.core.simulation.program import CycleProgram
@@ -53,13 +53,10 @@ class Scatter:
 class StartFault:
     """A fault that comes by itself."""
 
-    kind: str = field(
-        default="none",
-        metadata={
-            "unit": "1",
-            "description": "Fault to start with: none, leak, stuck, sensor_freeze, lost_samples "
-            "or what else the valve's plant takes",
-        },
+    kind: str = setting(
+        "none",
+        "Fault to start with: none, leak, stuck, sensor_freeze, lost_samples or what else the "
+        "valve's plant takes",
     )
     severity: float = quantity(
         0.0,
@@ -116,18 +113,16 @@ class SimulationConfig:
     period_s: float = quantity(
         0.03, "s", "Sampling time of position and commands", lower=1e-4, upper=10.0, assumed=True
     )
-    controller: str = field(
-        default="cycles",
-        metadata={
-            "unit": "1",
-            "description": "cycles = run production cycles; external = take the command topics",
-        },
+    controller: str = setting(
+        "cycles",
+        "cycles = run production cycles; external = take the command topics",
+        choices=CONTROLLERS,
     )
-    first_cycle: int = whole(1, "1", "Number of the first cycle", lower=0, upper=2**53)
-    start_command: int = whole(
+    first_cycle: int = quantity(1, "1", "Number of the first cycle", lower=0, upper=2**53)
+    start_command: int = quantity(
         0, "1", "External: index of the command that starts a cycle", lower=0, upper=31
     )
-    rearm_command: int = whole(
+    rearm_command: int = quantity(
         -1,
         "1",
         "External: index of the command needed since the last start, -1 = none",
@@ -144,9 +139,6 @@ class SimulationConfig:
     def __post_init__(self) -> None:
         """Refuse values outside their range, unknown parameters and periods that do not fit."""
         check_quantities(self)
-        if self.controller not in CONTROLLERS:
-            message = f"controller = {self.controller!r}: must be one of {', '.join(CONTROLLERS)}"
-            raise ValueError(message)
         self.plant.ticks_per_sample(self.period_s)
         samples = self.program.duration_s / self.period_s
         if abs(samples - round(samples)) > 1e-6:
@@ -186,7 +178,7 @@ def check_parameter(plant: Plant, name: str) -> None:
         If the plant has no such parameter, naming the nearest; or if its value is 0, which no
         relative change moves.
     """
-    known = [f.name for f in fields(cast("DataclassInstance", plant)) if f.metadata.get("ages")]
+    known = [d.name for d in describe(cast("DataclassInstance", plant)) if d.ages]
     if name not in known:
         message = f"plant parameter '{name}' is unknown{nearest_hint(name, known)}"
         raise ValueError(message)
@@ -207,14 +199,10 @@ def changed_plant(plant: Plant, factors: Mapping[str, float]) -> Plant:
     if not factors:
         return plant
     node = cast("DataclassInstance", plant)
-    limits = {
-        f.name: (f.metadata["lower"], f.metadata["upper"])
-        for f in fields(node)
-        if "lower" in f.metadata
-    }
+    known = {d.name: d for d in describe(node)}
     values = {}
     for name, factor in factors.items():
-        lower, upper = limits[name]
+        lower, upper = known[name].lower, known[name].upper
         values[name] = min(max(getattr(plant, name) * factor, lower), upper)
     try:
         return cast("Plant", replace(node, **values))

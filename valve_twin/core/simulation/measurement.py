@@ -4,12 +4,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.physics.quantity import check_quantities, quantity, whole
+from valve_twin.core.quantity import check_quantities, quantity
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray
@@ -21,17 +21,18 @@ RANDOM_PHASE = -1
 class MeasurementConfig:
     """Numbers of the measurement layer; every field carries its unit, range and description."""
 
-    delay: int = whole(
-        1, "samples", "Delay of the position sensor [A] assumption", lower=0, upper=1000
+    delay: int = quantity(
+        1, "samples", "Delay of the position sensor", lower=0, upper=1000, assumed=True
     )
-    refresh: int = whole(
+    refresh: int = quantity(
         1,
         "samples",
-        "The sensor gives a new value every that many samples [A] assumption",
+        "The sensor gives a new value every that many samples",
         lower=1,
         upper=1000,
+        assumed=True,
     )
-    refresh_phase: int = whole(
+    refresh_phase: int = quantity(
         RANDOM_PHASE,
         "samples",
         "Sample of a cycle that gets the first new value, -1 = drawn at random for each cycle",
@@ -57,14 +58,13 @@ class MeasurementConfig:
     position_offset: float = quantity(
         0.0, "1", "Offset of the measured position", lower=-1.0, upper=1.0, assumed=True
     )
-    command_offsets: tuple[float, ...] = field(
-        default=(),
-        metadata={
-            "unit": "1",
-            "description": "Offset of each logged command, in input order [A] assumption",
-            "lower": -1.0,
-            "upper": 1.0,
-        },
+    command_offsets: tuple[float, ...] = quantity(
+        (),
+        "1",
+        "Offset of each logged command, in input order",
+        lower=-1.0,
+        upper=1.0,
+        assumed=True,
     )
     process_noise: float = quantity(
         0.0,

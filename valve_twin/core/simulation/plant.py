@@ -2,7 +2,7 @@
 # Copyright 2026 valve_twin maintainers
 """What a valve has to bring to be simulated: a plant that runs blocks of samples.
 
-A plant is a frozen dataclass of quantities (`physics.quantity`); an aged plant is the same
+A plant is a frozen dataclass of quantities (`core.quantity`); an aged plant is the same
 dataclass with replaced numbers. It holds no state: the state is an array that `run` writes in
 place.
 """

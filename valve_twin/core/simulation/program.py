@@ -4,13 +4,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.physics.quantity import check_quantities, quantity
+from valve_twin.core.quantity import check_quantities, quantity, setting
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray
@@ -45,27 +45,24 @@ class CycleProgram:
         Rise time of a step [s].
     """
 
-    times_s: tuple[float, ...] = field(
-        default=(0.0, 1.0, 7.5, 9.0, 18.0),
-        metadata={
-            "unit": "s",
-            "description": "Start of each move of the cycle [A] assumption",
-            "lower": 0.0,
-            "upper": 3600.0,
-        },
+    times_s: tuple[float, ...] = quantity(
+        (0.0, 1.0, 7.5, 9.0, 18.0),
+        "s",
+        "Start of each move of the cycle",
+        lower=0.0,
+        upper=3600.0,
+        assumed=True,
     )
-    kinds: tuple[str, ...] = field(
-        default=("hold", "step", "ramp", "hold", "step"),
-        metadata={"unit": "1", "description": "Kind of each move: hold, step or ramp"},
+    kinds: tuple[str, ...] = setting(
+        ("hold", "step", "ramp", "hold", "step"), "Kind of each move: hold, step or ramp"
     )
-    targets: tuple[float, ...] = field(
-        default=(0.0, 0.2, 0.28, 0.28, 0.0),
-        metadata={
-            "unit": "1",
-            "description": "Target position of each move [A] assumption",
-            "lower": 0.0,
-            "upper": 1.0,
-        },
+    targets: tuple[float, ...] = quantity(
+        (0.0, 0.2, 0.28, 0.28, 0.0),
+        "1",
+        "Target position of each move",
+        lower=0.0,
+        upper=1.0,
+        assumed=True,
     )
     duration_s: float = quantity(
         25.5, "s", "Length of the cycle", lower=0.1, upper=3600.0, assumed=True

@@ -6,10 +6,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, cast
 
-from valve_twin.core.physics.quantity import nearest_hint
+from valve_twin.core.quantity import Descriptor, Kind, describe, nearest_hint, replaced
 from valve_twin.core.simulation.aging_laws import AgingRule
 from valve_twin.core.simulation.config import Scatter, SimulationConfig
 
@@ -17,45 +17,9 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 
-@dataclass(frozen=True, slots=True)
-class Setting:
-    """One number or word of the tree that can be overridden.
-
-    Attributes
-    ----------
-    name : str
-        Dotted name, e.g. "plant.area_in" or "plant.plc.gain_in".
-    value : object
-        Its value: float, int, str or a tuple of one of them.
-    unit, description : str
-        SI unit ("1" = dimensionless) and what it is, with its tag where it is an assumption.
-    lower, upper : float
-        Allowed range, infinite for words.
-    """
-
-    name: str
-    value: object
-    unit: str
-    description: str
-    lower: float = -math.inf
-    upper: float = math.inf
-
-
-def list_settings(config: SimulationConfig) -> tuple[Setting, ...]:
-    """Return every setting of a simulation with its present value."""
-    return tuple(_settings(cast("DataclassInstance", config), ""))
-
-
-def _settings(node: DataclassInstance, prefix: str) -> Iterator[Setting]:
-    for item in fields(node):
-        value = getattr(node, item.name)
-        if is_dataclass(value) and not isinstance(value, type):
-            yield from _settings(value, f"{prefix}{item.name}.")
-        elif "unit" in item.metadata:
-            meta = item.metadata
-            lower, upper = meta.get("lower", -math.inf), meta.get("upper", math.inf)
-            name = f"{prefix}{item.name}"
-            yield Setting(name, value, meta["unit"], meta["description"], lower, upper)
+def list_settings(config: SimulationConfig) -> tuple[Descriptor, ...]:
+    """Return every setting of a simulation with its present value as the default."""
+    return describe(cast("DataclassInstance", config))
 
 
 def configure(config: SimulationConfig, given: Mapping[str, object]) -> SimulationConfig:
@@ -84,10 +48,9 @@ def configure(config: SimulationConfig, given: Mapping[str, object]) -> Simulati
         if name not in known:
             message = f"simulation.{name}: unknown setting{nearest_hint(name, known)}"
             raise ValueError(message)
-    values = {name: _convert(known[name], value) for name, value in flat.items()}
-    values["aging"] = _aging_rules(config, rules)
-    values["scatter"] = _scatters(config, scatter)
-    return cast("SimulationConfig", _replaced(cast("DataclassInstance", config), values, ""))
+    values = {name: _checked(known[name], value) for name, value in flat.items()}
+    changed = replaced(config, values)
+    return replace(changed, aging=_aging_rules(config, rules), scatter=_scatters(config, scatter))
 
 
 def _flatten(given: Mapping[str, object], prefix: str) -> Iterator[tuple[str, object]]:
@@ -98,38 +61,17 @@ def _flatten(given: Mapping[str, object], prefix: str) -> Iterator[tuple[str, ob
             yield f"{prefix}{key}", value
 
 
-def _convert(setting: Setting, value: object) -> object:
+def _checked(known: Descriptor, value: object) -> object:
     """Return a value in the type of the setting; an integer may stand for a float."""
-    present = setting.value
-    where = f"simulation.{setting.name} = {value!r}"
-    if isinstance(present, tuple):
-        if isinstance(value, str) or not hasattr(value, "__iter__"):
-            message = f"{where}: must be a list"
-            raise ValueError(message)
-        words = bool(present) and isinstance(present[0], str)
-        return tuple(str(v) if words else _number(where, v) for v in value)
-    if isinstance(present, str):
-        if not isinstance(value, str):
-            message = f"{where}: must be a word"
-            raise ValueError(message)
-        return value
-    number = _number(where, value, setting)
-    if isinstance(present, int):
-        if number != int(number):
-            message = f"{where}: must be a whole number"
-            raise ValueError(message)
-        return int(number)
-    return number
-
-
-def _number(where: str, value: object, setting: Setting | None = None) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        allowed = ""
-        if setting is not None and math.isfinite(setting.lower + setting.upper):
-            allowed = f" from {setting.lower:g} to {setting.upper:g} [{setting.unit}]"
-        message = f"{where}: must be a finite number{allowed}"
+    try:
+        checked = known.check(value)
+    except ValueError as err:
+        message = f"simulation.{known.name}: {err}"
+        raise ValueError(message) from None
+    if isinstance(checked, float) and not math.isfinite(checked):
+        message = f"simulation.{known.name}: value {value!r} is not a finite number"
         raise ValueError(message)
-    return float(value)
+    return checked
 
 
 def _aging_rules(config: SimulationConfig, given: Mapping[str, object]) -> tuple[AgingRule, ...]:
@@ -143,9 +85,8 @@ def _aging_rules(config: SimulationConfig, given: Mapping[str, object]) -> tuple
             )
             raise ValueError(message)
         rule = rules.get(parts[1], AgingRule(parts[1], "linear", 0.0, config.first_cycle))
-        present: object = getattr(rule, parts[2])
-        setting = Setting(name, present, "1", "")
-        rules[parts[1]] = replace(rule, **{parts[2]: _convert(setting, value)})  # type: ignore[arg-type]
+        known = next(d for d in describe(rule, f"aging.{parts[1]}.") if d.name == name)
+        rules[parts[1]] = replace(rule, **{parts[2]: _checked(known, value)})  # type: ignore[arg-type]
     return tuple(rules.values())
 
 
@@ -153,20 +94,6 @@ def _scatters(config: SimulationConfig, given: Mapping[str, object]) -> tuple[Sc
     scatters = {s.parameter: s for s in config.scatter}
     for name, value in given.items():
         parameter = name.removeprefix("scatter.")
-        scatters[parameter] = Scatter(parameter, _number(f"simulation.{name} = {value!r}", value))
+        sigma = _checked(Descriptor(name, Kind.FLOAT, 0.0), value)
+        scatters[parameter] = Scatter(parameter, cast("float", sigma))
     return tuple(scatters.values())
-
-
-def _replaced(
-    node: DataclassInstance, values: Mapping[str, object], prefix: str
-) -> DataclassInstance:
-    """Return a copy of a branch of the tree with the values below `prefix` replaced."""
-    changes: dict[str, object] = {}
-    for item in fields(node):
-        name = f"{prefix}{item.name}"
-        value = getattr(node, item.name)
-        if is_dataclass(value) and not isinstance(value, type):
-            changes[item.name] = _replaced(value, values, f"{name}.")
-        elif name in values:
-            changes[item.name] = values[name]
-    return replace(node, **changes)

@@ -10,13 +10,17 @@ through this protocol.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, TypeVar
+
+from valve_twin.core.quantity import describe
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from valve_twin.core.diagnosis.table import SignatureTable
+    from valve_twin.core.quantity import Descriptor
     from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.types import (
         ByteArray,
@@ -27,24 +31,29 @@ if TYPE_CHECKING:
         ParameterValue,
     )
 
-Options = Mapping[str, object]
+Options: TypeAlias = Any
+"""The options of the model at hand, an instance of its own dataclass: only the model reads it."""
+
+O_co = TypeVar("O_co", covariant=True)
 
 
 @dataclass(frozen=True, slots=True)
-class Option:
-    """One option of a model, as it stands in the valve's configuration.
+class NoOptions:
+    """Options of a model that has none."""
 
-    `default` fixes the type (bool, int, float, str, list of str or of float); `lower` and `upper`
-    limit numbers.
-    """
 
-    name: str
-    default: object
-    description: str
-    unit: str = "1"
-    lower: float | None = None
-    upper: float | None = None
-    choices: tuple[str, ...] = ()
+class HasOptions(Protocol[O_co]):
+    """What has a name and a dataclass of options with their defaults."""
+
+    @property
+    def name(self) -> str:
+        """Name in configurations."""
+        ...
+
+    @property
+    def options(self) -> O_co:
+        """Its options with their defaults."""
+        ...
 
 
 class ValveModel(Protocol):
@@ -60,8 +69,9 @@ class ValveModel(Protocol):
         Signal name of the position.
     parameters : tuple of Parameter
         Every parameter that an estimator of this model may publish.
-    options : tuple of Option
-        Options of estimation and prediction with their defaults.
+    options : frozen dataclass
+        Options of estimation and prediction with their defaults, fields declared by
+        `core.quantity`; `NoOptions()` where there are none.
     trend_estimator : str
         Name of the estimator that feeds the trend and the predictions.
     variants : tuple of mapping
@@ -72,9 +82,9 @@ class ValveModel(Protocol):
     inputs: tuple[str, ...]
     output: str
     parameters: tuple[Parameter, ...]
-    options: tuple[Option, ...]
+    options: Options
     trend_estimator: str
-    variants: tuple[Options, ...] = ()
+    variants: tuple[Mapping[str, object], ...] = ()
 
     def estimate(
         self, cycle: Cycle, options: Options, earlier: Sequence[Estimate] = ()
@@ -129,8 +139,8 @@ class ValveModel(Protocol):
         ----------
         cycle : Cycle
             At least one sample.
-        options : mapping
-            The model's options, complete.
+        options : dataclass
+            The model's options.
         """
         del cycle, options
         return ""
@@ -164,8 +174,18 @@ class ValveModel(Protocol):
         return None
 
 
-def number(options: Options, name: str) -> float:
-    """Return a numeric option; its type was checked when the configuration was read."""
-    value = options[name]
-    assert isinstance(value, (int, float))
-    return float(value)
+def option_descriptors(model: ValveModel, prefix: str = "") -> tuple[Descriptor, ...]:
+    """Return the descriptors of a model's options; one named like a parameter starts its search.
+
+    Parameters
+    ----------
+    model : ValveModel
+        The model.
+    prefix : str
+        What stands before the names, with its dot.
+    """
+    estimated = {f"{prefix}{p.name}" for p in model.parameters}
+    return tuple(
+        replace(d, note="estimated, this is where the search starts") if d.name in estimated else d
+        for d in describe(model.options, prefix)
+    )

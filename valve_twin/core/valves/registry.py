@@ -13,15 +13,20 @@ from __future__ import annotations
 from difflib import get_close_matches
 from functools import cache
 from importlib.metadata import EntryPoint, PackageNotFoundError, distribution, entry_points
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar, cast
 
+from valve_twin.core.quantity import describe, replaced
 from valve_twin.core.valves.interface import ValveModel
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from _typeshed import DataclassInstance
+
     from valve_twin.core.simulation.config import SimulationConfig
-    from valve_twin.core.valves.interface import Option, Options
+    from valve_twin.core.valves.interface import HasOptions
+
+Given = TypeVar("Given")
 
 ENTRY_POINT_GROUP = "valve_twin.valves"
 
@@ -83,26 +88,28 @@ def _ours() -> dict[str, EntryPoint]:
     return {e.name: e for e in found if e.group == ENTRY_POINT_GROUP}
 
 
-def complete_options(model: ValveModel, given: Mapping[str, object]) -> Options:
-    """Return the options of a model with defaults filled in; values must have been checked.
+def complete_options(model: HasOptions[Given], given: Mapping[str, object]) -> Given:
+    """Return the options of a model with defaults filled in.
 
     Raises
     ------
     ValueError
-        If an option is unknown.
+        If an option is unknown, of the wrong type or outside its limits.
     """
-    known = {o.name: o for o in model.options}
-    for key in given:
+    known = {d.name: d for d in describe(cast("DataclassInstance", model.options))}
+    values = {}
+    for key, value in given.items():
         if key not in known:
             near = get_close_matches(key, known, n=1)
             hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(known)}"
             msg = f"options.{key}: unknown to model '{model.name}'; {hint}"
             raise ValueError(msg)
-    return {name: given.get(name, _default(o)) for name, o in known.items()}
-
-
-def _default(option: Option) -> object:
-    return list(option.default) if isinstance(option.default, (list, tuple)) else option.default
+        try:
+            values[key] = known[key].check(value)
+        except ValueError as err:
+            msg = f"options.{key}: {err}"
+            raise ValueError(msg) from None
+    return replaced(model.options, values)
 
 
 def _checked(model: object, name: str) -> ValveModel:

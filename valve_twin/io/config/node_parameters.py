@@ -7,7 +7,8 @@ Declared and documented from here.
 
 from __future__ import annotations
 
-from valve_twin.io.config.schema import Kind, Spec
+from valve_twin.core.quantity import Kind
+from valve_twin.io.config.schema import Spec
 
 _COMMON = (
     Spec("autostart", Kind.BOOL, True, "Configure and activate by itself at start."),
@@ -164,15 +165,7 @@ _TWIN = (
 )
 
 _AGING_MONITOR = (
-    Spec(
-        "page",
-        Kind.INT,
-        200,
-        "Estimates asked of the twin at a time.",
-        "1",
-        1,
-        100000,
-    ),
+    Spec("page", Kind.INT, 200, "Estimates asked of the twin at a time.", "1", 1, 100000),
     Spec(
         "retry_s",
         Kind.FLOAT,

@@ -18,23 +18,14 @@ from dataclasses import MISSING, dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, Any, TypeAlias, get_args, get_origin, get_type_hints
 
+from valve_twin.core.quantity import Kind
+
 if TYPE_CHECKING:
-    from valve_twin.core.valves.interface import Option
+    from valve_twin.core.quantity import Descriptor
 
 
 Instance: TypeAlias = Any
 """An instance of the class that was given."""
-
-
-class Kind(Enum):
-    """Type of a parameter; the value is what a user reads."""
-
-    BOOL = "true or false"
-    INT = "integer"
-    FLOAT = "number"
-    STRING = "text"
-    STRINGS = "list of texts"
-    FLOATS = "list of numbers"
 
 
 @dataclass(frozen=True, slots=True)
@@ -333,20 +324,11 @@ def _build_records(
     return tuple(built)
 
 
-def option_specs(options: Sequence[Option], prefix: str) -> tuple[Spec, ...]:
-    """Return the table of a model's options."""
+def descriptor_specs(descriptors: Iterable[Descriptor]) -> tuple[Spec, ...]:
+    """Return the table of described parameters."""
     return tuple(
-        Spec(
-            f"{prefix}.{o.name}",
-            _kind_of_value(o.default),
-            _plain(o.default),
-            o.description,
-            o.unit,
-            -math.inf if o.lower is None else o.lower,
-            math.inf if o.upper is None else o.upper,
-            tuple(o.choices),
-        )
-        for o in options
+        Spec(d.name, d.kind, d.default, d.description, d.unit, d.lower, d.upper, d.choices)
+        for d in descriptors
     )
 
 
@@ -394,19 +376,6 @@ def _kind(hint: object, cls: type[Any], name: str) -> tuple[Kind, tuple[str, ...
         return _kind(rest[0], cls, name)
     msg = f"{cls.__name__}.{name}: a configuration field cannot be of type {hint}"
     raise TypeError(msg)
-
-
-def _kind_of_value(value: object) -> Kind:
-    if isinstance(value, bool):
-        return Kind.BOOL
-    if isinstance(value, int):
-        return Kind.INT
-    if isinstance(value, float):
-        return Kind.FLOAT
-    if isinstance(value, (list, tuple)):
-        numbers = bool(value) and all(isinstance(item, (int, float)) for item in value)
-        return Kind.FLOATS if numbers else Kind.STRINGS
-    return Kind.STRING
 
 
 def _plain(value: object) -> object:

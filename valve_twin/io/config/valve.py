@@ -9,19 +9,21 @@ a section of a valve's name overrides the common keys for that valve.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.cycles import CycleConfig
+from valve_twin.core.quantity import Kind
 from valve_twin.core.types import CONDITIONS, CycleRule
+from valve_twin.core.valves.interface import NoOptions, Options, option_descriptors
 from valve_twin.core.valves.registry import complete_options, get_model
 from valve_twin.io.cdr.signals import SERIES_TYPE, STAMPED_TYPE, SignalSource, full_type_name
 from valve_twin.io.config.csv import CsvConfig
 from valve_twin.io.config.node_parameters import NODE_PARAMETERS
 from valve_twin.io.config.parameter_file import Section, read_parameter_file
-from valve_twin.io.config.schema import Kind, Spec, build, dataclass_specs, option_specs
+from valve_twin.io.config.schema import Spec, build, dataclass_specs, descriptor_specs
 from valve_twin.io.config.topic_names import resolve_topic
 from valve_twin.io.config.valve_names import expand_names
 from valve_twin.io.errors import ConfigError, suggest
@@ -61,8 +63,8 @@ class ValveConfig:
         Where each signal comes from, by signal name; topics are absolute.
     cycles : CycleConfig
         What cuts the stream into cycles.
-    options : dict
-        Options of the model, complete and checked.
+    options : dataclass
+        Options of the model, checked.
     aging : AgingConfig
         How trends are made.
     history_url : str
@@ -79,7 +81,7 @@ class ValveConfig:
     hold_back_s: float
     signals: dict[str, SignalSource]
     cycles: CycleConfig = field(default_factory=CycleConfig)
-    options: dict[str, object] = field(default_factory=dict)
+    options: Options = field(default_factory=NoOptions)
     aging: AgingConfig = field(default_factory=AgingConfig)
     history_url: str = DEFAULT_HISTORY
     simulation: dict[str, object] = field(default_factory=dict)
@@ -191,7 +193,7 @@ def valve_specs(model: ValveModel) -> tuple[Spec, ...]:
         *VALVE_SPECS,
         *signals,
         *_limited(dataclass_specs(CycleConfig, "cycles")),
-        *option_specs(model.options, "options"),
+        *descriptor_specs(option_descriptors(model, "options.")),
         *dataclass_specs(AgingConfig, "aging", names),
         *dataclass_specs(CsvConfig, "csv"),
     )
@@ -201,18 +203,7 @@ def _limited(specs: Sequence[Spec]) -> list[Spec]:
     limited = []
     for spec in specs:
         low, high = _CYCLE_LIMITS.get(spec.name, (spec.lower, spec.upper))
-        limited.append(
-            Spec(
-                spec.name,
-                spec.kind,
-                spec.default,
-                spec.description,
-                spec.unit,
-                low,
-                high,
-                spec.choices,
-            )
-        )
+        limited.append(replace(spec, lower=low, upper=high))
     return limited
 
 
@@ -525,13 +516,15 @@ class _Reader:
             raise self._at(origin.get("cycles.rule", "cycles.rule"), problem)
         return cycles
 
-    def _options(self, model: ValveModel, given: Mapping[str, object]) -> dict[str, object]:
+    def _options(self, model: ValveModel, given: Mapping[str, object]) -> Options:
         part = {
-            key.removeprefix("options."): list(value) if isinstance(value, tuple) else value
-            for key, value in given.items()
-            if key.startswith("options.")
+            k.removeprefix("options."): v for k, v in given.items() if k.startswith("options.")
         }
-        return dict(complete_options(model, part))
+        try:
+            return complete_options(model, part)
+        except ValueError as err:
+            msg = f"{self._where}: {err}"
+            raise ConfigError(msg) from None
 
     def _built(self, cls: type[T], prefix: str, given: Mapping[str, object]) -> T:
         try:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from valve_twin.core.alignment import SignalRange
 from valve_twin.core.twin import Twin, TwinConfig
 from valve_twin.core.types import CONDITIONS, CycleRule
-from valve_twin.core.valves.registry import complete_options, get_model
+from valve_twin.core.valves.registry import get_model
 from valve_twin.io.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ def twin_config(config: ValveConfig, model: ValveModel) -> TwinConfig:
         counter=ranges.get("cycle_counter"),
         reference=ranges.get("reference"),
         cycles=config.cycles,
-        options=complete_options(model, config.options),
+        options=config.options,
         hold_back_s=config.hold_back_s,
         conditions=tuple(ranges[k] for k in CONDITIONS if k in ranges),
     )

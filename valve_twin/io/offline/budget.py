@@ -7,7 +7,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from valve_twin.core.valves.press_cartridge.budget import Budget, BudgetOptions, error_budget
-from valve_twin.core.valves.registry import complete_options, get_model
+from valve_twin.core.valves.registry import get_model
 from valve_twin.io.errors import ConfigError
 from valve_twin.io.offline.simulated_bag import simulation_of
 
@@ -44,7 +44,7 @@ def configured_budget(
     """
     model = get_model(config.model)
     simulation = simulation_of(config, overrides)
-    chosen = complete_options(model, config.options)
+    chosen = config.options
     return error_budget(model, chosen, simulation, options or BudgetOptions(), advance)
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.quantity import describe
 from valve_twin.core.survey.pairs import Signal
 from valve_twin.core.survey.record import Proposal, Role, propose
 from valve_twin.core.types import CycleRule
@@ -232,12 +233,12 @@ def _signal_lines(role: Role, source: SignalSource, received: bool) -> list[str]
 
 def _option_lines(proposal: Proposal) -> list[str]:
     """Let the delay scan of the model reach well beyond the lag that was found."""
-    upper = {o.name: o.upper for o in get_model(proposal.model).options}
+    upper = {d.name: d.upper for d in describe(get_model(proposal.model).options)}
     if proposal.model == "positioner":
-        longest = min(proposal.max_delay_s, upper["max_delay_s"] or np.inf)
+        longest = min(proposal.max_delay_s, upper["max_delay_s"])
         reach = f"max_delay_s: {_number(longest)}   # longest delay tried [s]"
     elif proposal.lag > _PRESS_LAG:
-        most = min(proposal.lag + 2, upper["max_lag"] or np.inf)
+        most = min(proposal.lag + 2, upper["max_lag"])
         reach = f"max_lag: {most:.0f}   # longest lag tried [samples]"
     else:
         return []

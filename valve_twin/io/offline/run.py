@@ -15,7 +15,7 @@ from valve_twin.core.aging import Assessment, assess
 from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.twin import Estimated, Event
 from valve_twin.core.types import Cycle, Estimate, EstimateStatus, Prediction, join_blocks
-from valve_twin.core.valves.registry import complete_options, get_model
+from valve_twin.core.valves.registry import get_model
 from valve_twin.io.bags.read import SLICE_S, read_signals
 from valve_twin.io.history.tables import CycleRecord, cycle_record
 from valve_twin.io.offline.assembly import make_twin
@@ -130,7 +130,7 @@ def drive(
         In stream order.
     """
     model = get_model(config.model)
-    options = complete_options(model, config.options)
+    options = config.options
 
     def settle(events: list[Event]) -> Iterator[Event]:
         yield from events

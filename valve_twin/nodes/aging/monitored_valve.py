@@ -58,8 +58,7 @@ class MonitoredValve:
         self._history: list[Estimate] = []
         self._features: list[Estimate] = []
         self._of_features = False
-        listed = config.options.get("estimators")
-        self._has_features = isinstance(listed, (list, tuple)) and ESTIMATOR in listed
+        self._has_features = ESTIMATOR in getattr(config.options, "estimators", ())
         self._maintenance: dict[tuple[int, int, str], Maintenance] = {}
         self._asked_s: float | None = None
         self._again = True

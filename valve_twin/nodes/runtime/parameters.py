@@ -16,14 +16,16 @@ from rcl_interfaces.msg import (
 from rclpy.exceptions import ParameterUninitializedException
 from rclpy.parameter import Parameter
 
+from valve_twin.core.quantity import Kind
 from valve_twin.io.config.node_parameters import NODE_PARAMETERS
-from valve_twin.io.config.schema import Kind, Spec
 from valve_twin.io.errors import ConfigError, suggest
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from rclpy.node import Node
+
+    from valve_twin.io.config.schema import Spec
 
 _FOREIGN = ("qos_overrides.", "use_sim_time", "start_type_description_service", "simulation.")
 _OF_VALVES = (

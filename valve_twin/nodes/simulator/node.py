@@ -4,13 +4,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from valve_twin.core.simulation.settings import Setting, configure, list_settings
+from valve_twin.core.simulation.settings import configure, list_settings
 from valve_twin.core.valves.registry import get_simulation
-from valve_twin.io.config.schema import Kind, Spec
+from valve_twin.io.config.schema import descriptor_specs
 from valve_twin.io.config.valve import VALVE_SPECS, ValveConfig
 from valve_twin.io.errors import ConfigError
 from valve_twin.nodes.player.outlets import Gate, Outbox, sending_profile
@@ -117,7 +118,8 @@ class SimulatedValveNode(ValveNode):
             plain = get_simulation(model)
         except ValueError:
             return  # told when the valve is made
-        self.parameters.declare(_spec(s) for s in list_settings(plain))
+        settings = descriptor_specs(list_settings(plain))
+        self.parameters.declare(replace(s, name=f"simulation.{s.name}") for s in settings)
 
     def _simulation(self, config: ValveConfig) -> Any:
         where = self.get_fully_qualified_name()
@@ -197,26 +199,3 @@ class SimulatedValveNode(ValveNode):
             stamp_ns = valve.advance(self._outbox, int(self.parameters["stop_after_cycles"]))
             if i == 0 and stamp_ns and self._clock_publisher is not None:
                 self._clock_publisher.publish(ClockMessage(clock=to_time(stamp_ns)))
-
-
-def _spec(setting: Setting) -> Spec:
-    value = setting.value
-    kinds: Iterable[tuple[type, Kind]] = (
-        (bool, Kind.BOOL),
-        (int, Kind.INT),
-        (float, Kind.FLOAT),
-        (str, Kind.STRING),
-    )
-    kind = next((k for t, k in kinds if isinstance(value, t)), None)
-    if kind is None:
-        words = bool(value) and isinstance(value[0], str)  # type: ignore[index]
-        kind = Kind.STRINGS if words else Kind.FLOATS
-    return Spec(
-        f"simulation.{setting.name}",
-        kind,
-        value,
-        setting.description,
-        setting.unit,
-        setting.lower,
-        setting.upper,
-    )

@@ -17,7 +17,7 @@ from valve_twin.core.estimation.cycle.sequence import MEMORY_CYCLES, Memory, mem
 from valve_twin.core.gaps import GapCounter
 from valve_twin.core.twin import ClockJump, Estimated, Event, Job
 from valve_twin.core.types import Cycle, Estimate, EstimateStatus, Prediction
-from valve_twin.core.valves.registry import complete_options, get_model
+from valve_twin.core.valves.registry import get_model
 from valve_twin.io.offline.assembly import make_twin
 from valve_twin.nodes.runtime import messages as convert
 from valve_twin.nodes.twin.collector import Collector
@@ -100,7 +100,6 @@ class LiveValve:
         self.model = get_model(config.model)
         self._signals = signals
         self.units = convert.units_of(self.model.parameters)
-        self._options = dict(complete_options(self.model, config.options))
         self._claim = self.history.claim(self.name)
         memory = memory_from_history(self.history.recent_estimates(self.name, MEMORY_CYCLES))
         last, resume = where_to_go_on(self.history, self._claim, self.name)
@@ -331,7 +330,7 @@ class LiveValve:
     def _submit(self, memory: Memory | None) -> None:
         assert self._job is not None
         arguments = (
-            self.name, self.config.model, self._options, self._job.cycle, self._jobs, memory
+            self.name, self.config.model, self.config.options, self._job.cycle, self._jobs, memory
         )  # fmt: skip
         post = self._node.post
         self._worker.submit(run_job, arguments, lambda done: post(partial(self._deliver, done)))

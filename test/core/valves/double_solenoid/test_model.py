@@ -170,7 +170,7 @@ def test_refuses_sampling_that_is_too_slow():
 
 
 def test_refuses_numbers_that_no_valve_has():
-    options = {**OPTIONS, "gap": 0.9e-3}
+    options = replace(OPTIONS, gap=0.9e-3)
     assert "gap = 0.0009: must be 1.1 end_stop = 0.00099 or more" in refusal(cycle(), options)
     assert np.isnan(MODEL.coefficients({}, 0, PERIOD_S, options)).all()
 
@@ -285,7 +285,7 @@ def test_a_map_of_lists_serves_valve_and_twin_alike():
     flux = 0.045 * np.tanh(current[:, None] * constant / (gap - position) / 0.045)
     lists = {"map_current": current, "map_position": position, "map_flux": flux.ravel()}
     given = {f"plant.{name}": values.tolist() for name, values in lists.items()}
-    options = {**OPTIONS, **{name: values.tolist() for name, values in lists.items()}}
+    options = complete_options(MODEL, {name: values.tolist() for name, values in lists.items()})
     (estimate,) = MODEL.estimate(make_cycles(given)[0], options)
     assert estimate.status is EstimateStatus.ACCEPTED, estimate.reason
     for name, truth in TRUTH.items():

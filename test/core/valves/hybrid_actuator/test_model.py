@@ -104,7 +104,7 @@ def test_derived_values_follow_from_spring_mass_and_damping():
 @pytest.mark.parametrize("kernel", ["linear", "saturating_fit"])
 def test_recovers_a_valve_of_another_kernel(kernel):
     cycle = make_cycles({"plant.kernel": kernel})[0]
-    (estimate,) = MODEL.estimate(cycle, {**OPTIONS, "kernel": kernel})
+    (estimate,) = MODEL.estimate(cycle, replace(OPTIONS, kernel=kernel))
     assert estimate.value("resistance_opener") == pytest.approx(0.34, rel=0.01)
     assert estimate.value("spring_rate") == pytest.approx(18820.0, rel=0.04)
     assert estimate.value("damping") == pytest.approx(3.559, rel=0.05)
@@ -207,7 +207,7 @@ def test_refuses_sampling_that_is_too_slow():
 
 
 def test_refuses_a_gap_at_the_pole_of_the_kernel():
-    options = {**OPTIONS, "kernel": "saturating_fit", "residual_gap": 5e-5}
+    options = replace(OPTIONS, kernel="saturating_fit", residual_gap=5e-5)
     reason = refusal(make_cycles()[0], options)
     assert "residual_gap = 5e-05: must be a number from 0.0001" in reason
     assert np.isnan(MODEL.coefficients({}, 0, PERIOD_S, options)).all()
@@ -271,7 +271,7 @@ def test_a_force_or_delay_that_is_not_in_the_model_is_seen_in_the_flights(given)
 
 def test_a_known_gas_force_is_taken_into_account():
     cycle = make_cycles({"plant.gas_force": 20.0})[0]
-    (estimate,) = MODEL.estimate(cycle, {**OPTIONS, "gas_force": 20.0})
+    (estimate,) = MODEL.estimate(cycle, replace(OPTIONS, gas_force=20.0))
     assert estimate.status is EstimateStatus.ACCEPTED
     assert estimate.value("spring_rate") == pytest.approx(18820.0, rel=0.03)
     assert estimate.value("damping") == pytest.approx(3.559, rel=0.04)

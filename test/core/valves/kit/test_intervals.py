@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -60,7 +62,7 @@ def test_without_blocks_a_cycle_gives_no_interval():
 
 def test_a_parameter_on_its_bound_has_no_interval():
     cycle = noisy_cycle(1, 0.0)
-    (found,) = MODEL.estimate(cycle, {**OPTIONS, "max_dead_band": 0.005})
+    (found,) = MODEL.estimate(cycle, replace(OPTIONS, max_dead_band=0.005))
     (band,) = (p for p in found.parameters if p.name == "dead_band")
     assert band.status is ParameterStatus.AT_BOUND
     assert np.isnan(band.standard_error)

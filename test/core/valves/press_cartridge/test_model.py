@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
+from valve_twin.core.quantity import describe
 from valve_twin.core.types import Cycle, EstimateStatus, ParameterStatus, Validity
 from valve_twin.core.valves.press_cartridge import MODEL
 from valve_twin.core.valves.press_cartridge.generator import Truth, generate_cycle
@@ -170,7 +171,7 @@ def test_a_gain_never_estimated_makes_no_model():
 
 
 def test_every_estimator_publishes_declared_parameters():
-    names = [c for o in MODEL.options if o.name == "estimators" for c in o.choices]
+    names = [c for d in describe(MODEL.options) if d.name == "estimators" for c in d.choices]
     options = complete_options(MODEL, {"estimators": names})
     estimates = MODEL.estimate(make_cycle(Truth(), seed=6), options)
     declared = {p.name for p in MODEL.parameters}
@@ -201,7 +202,7 @@ def test_without_the_output_error_only_what_is_listed_is_estimated_and_nothing_j
         assert not estimate.used_by_trend
     assert memory == Memory.empty()
     with_all, _ = estimate_cycle(
-        MODEL, {**options, "output_error": True}, make_cycle(Truth()), memory
+        MODEL, replace(options, output_error=True), make_cycle(Truth()), memory
     )
     alone, _ = estimate_cycle(MODEL, options, make_cycle(Truth()), memory)
     assert [p.value for p in with_all[1].parameters] == [p.value for p in alone[0].parameters]

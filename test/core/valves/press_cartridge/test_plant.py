@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from valve_twin.core.control.plc import PlcConfig
+from valve_twin.core.quantity import describe
 from valve_twin.core.simulation import Drive, SimulatedValve
 from valve_twin.core.simulation.config import SimulationConfig
 from valve_twin.core.valves.press_cartridge.plant import PressCartridgePlant
@@ -250,12 +251,13 @@ def test_refuses_a_sampling_time_that_does_not_fit_the_controller():
 
 
 def test_every_number_states_unit_range_and_whether_it_is_an_assumption():
-    for item in fields(PLANT):
-        if item.name == "plc":
-            continue
-        assert {"unit", "description", "lower", "upper"} <= set(item.metadata)
-        tagged = item.metadata["description"].endswith("[A] assumption")
-        assert tagged is (item.name not in HEALTHY)
+    known = [d for d in describe(PLANT) if not d.name.startswith("plc.")]
+    assert {f.name for f in fields(PLANT)} == {d.name for d in known} | {"plc"}
+    for item in known:
+        assert item.unit
+        assert item.text
+        assert np.isfinite([item.lower, item.upper]).all()
+        assert item.assumed is (item.name not in HEALTHY)
 
 
 @pytest.mark.parametrize("kind", PLANT.fault_kinds)

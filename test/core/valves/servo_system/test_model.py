@@ -59,7 +59,7 @@ def cycle():
 
 @pytest.fixture(scope="module")
 def estimate(cycle):
-    (found,) = MODEL.estimate(cycle, {**OPTIONS, **AWAY})
+    (found,) = MODEL.estimate(cycle, replace(OPTIONS, **AWAY))
     return found
 
 
@@ -111,7 +111,7 @@ def rich(seed, *, duration_s=12.0, period_s=1e-4):
 def check_rich(seeds, **shape):
     truth, found = ServoSystemPlant(), []
     for seed in seeds:
-        (estimate,) = MODEL.estimate(rich(seed, **shape), {**OPTIONS, **AWAY})
+        (estimate,) = MODEL.estimate(rich(seed, **shape), replace(OPTIONS, **AWAY))
         found.append([estimate.value(n) / getattr(truth, n) for n in NAMES])
     return dict(zip(NAMES, np.array(found).T, strict=True))
 
@@ -141,7 +141,7 @@ def test_what_a_small_move_does_not_tell_is_withheld_and_not_invented():
         "program.targets": [0.53, 0.5],
         "program.duration_s": 1.0,
     }
-    (found,) = MODEL.estimate(record(small), {**OPTIONS, "viscous_friction": 50.0})
+    (found,) = MODEL.estimate(record(small), replace(OPTIONS, viscous_friction=50.0))
     assert found.status is EstimateStatus.PARTIAL
     values = {v.name: v for v in found.parameters}
     assert values["viscous_friction"].status is ParameterStatus.NOT_EXCITED
@@ -218,9 +218,9 @@ def test_refuses_sampling_too_slow_for_its_modes(cycle):
 
 
 def test_refuses_options_that_contradict_each_other(cycle):
-    (found,) = MODEL.estimate(cycle, {**OPTIONS, "supply_underlap": 1e-3})
+    (found,) = MODEL.estimate(cycle, replace(OPTIONS, supply_underlap=1e-3))
     assert found.reason.startswith("supply_underlap = 0.001: must be a number from 0 to 0.0007")
-    assert np.isnan(MODEL.coefficients({}, 0, 1e-3, {**OPTIONS, "stroke": 0.5})).all()
+    assert np.isnan(MODEL.coefficients({}, 0, 1e-3, replace(OPTIONS, stroke=0.5))).all()
 
 
 def test_refuses_a_cycle_at_rest(cycle):
@@ -240,6 +240,6 @@ def test_refuses_a_gap():
 
 
 def test_refuses_a_load_that_the_options_do_not_know(cycle):
-    (found,) = MODEL.estimate(cycle, {**OPTIONS, "load_inertia": 0.25})
+    (found,) = MODEL.estimate(cycle, replace(OPTIONS, load_inertia=0.25))
     assert found.status is EstimateStatus.REFUSED
     assert "times the noise of the signals" in found.reason

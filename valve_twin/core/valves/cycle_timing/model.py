@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,15 +17,18 @@ from valve_twin.core.types import (
     ParameterValue,
 )
 from valve_twin.core.valves.cycle_timing.kernels import STATE_SIZE, predict_block
-from valve_twin.core.valves.cycle_timing.parameters import ESTIMATOR, OPTIONS, PARAMETERS
+from valve_twin.core.valves.cycle_timing.parameters import (
+    ESTIMATOR,
+    PARAMETERS,
+    CycleTimingOptions,
+)
 from valve_twin.core.valves.cycle_timing.timing import Timing, find_timing
-from valve_twin.core.valves.interface import ValveModel, number
+from valve_twin.core.valves.interface import ValveModel
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from valve_twin.core.types import ByteArray, Cycle, FloatArray, Parameter
-    from valve_twin.core.valves.interface import Option, Options
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,11 +39,11 @@ class CycleTimingModel(ValveModel):
     inputs: tuple[str, ...] = ()
     output: str = "flow"
     parameters: tuple[Parameter, ...] = PARAMETERS
-    options: tuple[Option, ...] = OPTIONS
+    options: CycleTimingOptions = field(default_factory=CycleTimingOptions)
     trend_estimator: str = ESTIMATOR
 
     def estimate(
-        self, cycle: Cycle, options: Options, earlier: Sequence[Estimate] = ()
+        self, cycle: Cycle, options: CycleTimingOptions, earlier: Sequence[Estimate] = ()
     ) -> tuple[Estimate, ...]:
         """Measure valve lag and pump leakage in one cycle.
 
@@ -48,8 +51,8 @@ class CycleTimingModel(ValveModel):
         ----------
         cycle : Cycle
             One cycle of N samples.
-        options : mapping
-            The model's options, complete.
+        options : CycleTimingOptions
+            The model's options.
         earlier : sequence of Estimate
             Not used: nothing is pooled.
 
@@ -82,19 +85,21 @@ class CycleTimingModel(ValveModel):
         )
 
     def coefficients(
-        self, values: Mapping[str, float], lag: int, period_s: float, options: Options
+        self, values: Mapping[str, float], lag: int, period_s: float, options: CycleTimingOptions
     ) -> FloatArray:
         """Return the 8 coefficients of `predict`; NaN where a value is not known yet."""
         del lag
         nan = float("nan")
-        edges = ("spike_start_s", "spike_end_s", "steady_start_s", "steady_end_s")
         return np.array(
             [
                 values.get("rise_instant", nan) / period_s - 0.5,
                 values.get("peak_flow", nan),
                 values.get("steady_flow", nan),
                 max(values.get("decay", nan) / period_s, 1e-6),
-                *(number(options, name) / period_s for name in edges),
+                options.spike_start_s / period_s,
+                options.spike_end_s / period_s,
+                options.steady_start_s / period_s,
+                options.steady_end_s / period_s,
             ]
         )
 
@@ -118,12 +123,12 @@ class CycleTimingModel(ValveModel):
         predict_block(state, coefficients, position, restart, predicted, simulated, validity)
 
 
-def _values(timing: Timing, options: Options) -> tuple[ParameterValue, ...]:
+def _values(timing: Timing, options: CycleTimingOptions) -> tuple[ParameterValue, ...]:
     """Return the values in the order of `PARAMETERS`."""
     spike, steady = timing.spike_refusal, timing.steady_refusal
     shown = (
-        (timing.instant - number(options, "healthy_instant_s"), spike),
-        (number(options, "healthy_flow") - timing.steady, steady),
+        (timing.instant - options.healthy_instant_s, spike),
+        (options.healthy_flow - timing.steady, steady),
         (timing.instant, spike),
         (timing.steady, steady),
         (timing.rise, spike),

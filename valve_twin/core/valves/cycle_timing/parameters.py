@@ -4,8 +4,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+from valve_twin.core.quantity import quantity, setting
 from valve_twin.core.types import Parameter
-from valve_twin.core.valves.interface import Option
 
 ESTIMATOR = "centroid"
 
@@ -34,28 +36,34 @@ PARAMETERS = (
     Parameter("decay", "s", "time in which the spike falls towards the steady flow [A]", 0.0),
 )
 
-OPTIONS = (
-    Option("spike_start_s", 9.0, "the spike is looked for from here on", "s", 0.0, 1e5),
-    Option("spike_end_s", 10.5, "and up to here", "s", 0.0, 1e5),
-    Option(
-        "spike_half_width_s",
-        0.35,
-        "the centroid is taken this far to both sides of itself",
-        "s",
-        1e-4,
-        1e4,
-    ),
-    Option(
-        "min_spike_ratio",
+
+@dataclass(frozen=True, slots=True)
+class CycleTimingOptions:
+    """Options of the model."""
+
+    spike_start_s: float = quantity(
+        9.0, "s", "the spike is looked for from here on", lower=0.0, upper=1e5
+    )
+    spike_end_s: float = quantity(10.5, "s", "and up to here", lower=0.0, upper=1e5)
+    spike_half_width_s: float = quantity(
+        0.35, "s", "the centroid is taken this far to both sides of itself", lower=1e-4, upper=1e4
+    )
+    min_spike_ratio: float = quantity(
         1.3,
-        "peak over steady flow below which there is no spike [A]",
         "1",
-        1.0,
-        1e3,
-    ),
-    Option("steady_start_s", 25.0, "the flow is steady from here on", "s", 0.0, 1e5),
-    Option("steady_end_s", 59.0, "and up to here", "s", 0.0, 1e5),
-    Option("healthy_instant_s", 0.0, "switching_instant of the healthy valve", "s", 0.0, 1e5),
-    Option("healthy_flow", 0.0, "steady_flow of the healthy pump", "m^3/s", 0.0, 1e3),
-    Option("estimators", [ESTIMATOR], "estimators to run", choices=(ESTIMATOR,)),
-)
+        "peak over steady flow below which there is no spike",
+        lower=1.0,
+        upper=1e3,
+        assumed=True,
+    )
+    steady_start_s: float = quantity(
+        25.0, "s", "the flow is steady from here on", lower=0.0, upper=1e5
+    )
+    steady_end_s: float = quantity(59.0, "s", "and up to here", lower=0.0, upper=1e5)
+    healthy_instant_s: float = quantity(
+        0.0, "s", "switching_instant of the healthy valve", lower=0.0, upper=1e5
+    )
+    healthy_flow: float = quantity(
+        0.0, "m^3/s", "steady_flow of the healthy pump", lower=0.0, upper=1e3
+    )
+    estimators: tuple[str, ...] = setting((ESTIMATOR,), "estimators to run", choices=(ESTIMATOR,))

@@ -15,11 +15,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.valves.interface import number
-
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, Cycle, FloatArray
-    from valve_twin.core.valves.interface import Options
+    from valve_twin.core.valves.cycle_timing.parameters import CycleTimingOptions
 
 _ITERATIONS = 200
 _SETTLED = 1e-9  # share of the sampling time by which the centre still moves [1]
@@ -55,21 +53,21 @@ class Timing:
     steady_refusal: str = ""
 
 
-def find_timing(cycle: Cycle, options: Options) -> Timing:
+def find_timing(cycle: Cycle, options: CycleTimingOptions) -> Timing:
     """Measure the spike and the steady flow of one cycle.
 
     Parameters
     ----------
     cycle : Cycle
         One cycle of N >= 1 samples; the flow is its `position`.
-    options : mapping
-        The model's options, complete.
+    options : CycleTimingOptions
+        The model's options.
     """
     frames, period = cycle.frames, cycle.period_s
     t = (frames.stamp_ns - frames.stamp_ns[0]) * 1e-9
     known = frames.valid & np.isfinite(frames.position)
     flow = np.where(known, frames.position, 0.0)
-    start, end = number(options, "steady_start_s"), number(options, "steady_end_s")
+    start, end = options.steady_start_s, options.steady_end_s
     rests = known & (t >= start) & (t <= end)
     n_steady = int(np.count_nonzero(rests))
     steady_refusal = _few(n_steady, start, end, period)
@@ -130,11 +128,11 @@ def _spike(
     known: BoolArray,
     steady: float,
     period: float,
-    options: Options,
+    options: CycleTimingOptions,
 ) -> tuple[float, float, float, float, int] | str:
     """Return instant, rise [s], peak [flow], decay [s] and samples used, or why there is none."""
-    start, end = number(options, "spike_start_s"), number(options, "spike_end_s")
-    half = number(options, "spike_half_width_s")
+    start, end = options.spike_start_s, options.spike_end_s
+    half = options.spike_half_width_s
     near = (t >= start - half) & (t <= end + half)
     wanted = round((end - start + 2.0 * half) / period)
     if int(np.count_nonzero(near & known)) < wanted or not known[near].all():
@@ -142,7 +140,7 @@ def _spike(
     at, q = t[near], flow[near]
     searched = (at >= start) & (at <= end)
     top = int(np.argmax(np.where(searched, q, -np.inf)))
-    peak, least = float(q[top]), number(options, "min_spike_ratio")
+    peak, least = float(q[top]), options.min_spike_ratio
     floor = steady if np.isfinite(steady) else float(np.median(q))
     if not peak > least * max(floor, 0.0):
         return f"no spike from {start:g} to {end:g} s: peak {peak:.4g}, steady flow {floor:.4g}"

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,8 +26,8 @@ from valve_twin.core.valves.double_solenoid.parameters import (
     ESTIMATOR,
     MECHANICAL,
     NAMES,
-    OPTIONS,
     PARAMETERS,
+    DoubleSolenoidOptions,
     known_valve,
 )
 from valve_twin.core.valves.double_solenoid.plant import (
@@ -48,7 +48,6 @@ if TYPE_CHECKING:
 
     from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.types import BoolArray, ByteArray, Cycle, FloatArray, Parameter
-    from valve_twin.core.valves.interface import Option, Options
 
 LONGEST_PERIOD_S = 2e-4
 """Slowest sampling that shows the force behind currents that change in 0.3 ms [s], assumed."""
@@ -75,11 +74,11 @@ class DoubleSolenoidModel(ValveModel):
     inputs: tuple[str, ...] = INPUTS
     output: str = "position"
     parameters: tuple[Parameter, ...] = PARAMETERS
-    options: tuple[Option, ...] = OPTIONS
+    options: DoubleSolenoidOptions = field(default_factory=DoubleSolenoidOptions)
     trend_estimator: str = ESTIMATOR
 
     def estimate(
-        self, cycle: Cycle, options: Options, earlier: Sequence[Estimate] = ()
+        self, cycle: Cycle, options: DoubleSolenoidOptions, earlier: Sequence[Estimate] = ()
     ) -> tuple[Estimate, ...]:
         """Estimate coils, force gain, friction and preload from one cycle.
 
@@ -87,8 +86,8 @@ class DoubleSolenoidModel(ValveModel):
         ----------
         cycle : Cycle
             Some steps of the setpoint, sampled every 0.2 ms or faster.
-        options : mapping
-            The model's options, complete.
+        options : DoubleSolenoidOptions
+            The model's options.
         earlier : sequence of Estimate
             Not used: nothing is pooled.
 
@@ -112,22 +111,26 @@ class DoubleSolenoidModel(ValveModel):
         values = (*coils, *_mechanical(fit, valve, _rest_noise(record.x)))
         return (_estimate(cycle, values, known, fit=fit, valve=valve),)
 
-    def input_fault(self, cycle: Cycle, options: Options) -> str:
+    def input_fault(self, cycle: Cycle, options: DoubleSolenoidOptions) -> str:
         """Return why the signals cannot be those of a double-solenoid valve, empty where they can.
 
         Parameters
         ----------
         cycle : Cycle
             At least one sample.
-        options : mapping
-            The model's options, complete.
+        options : DoubleSolenoidOptions
+            The model's options.
         """
         del options
         names = (self.output, *self.inputs)
         return normalised_fault(names, cycle, follows="setpoint", reach_s=_REACH_S)
 
     def coefficients(
-        self, values: Mapping[str, float], lag: int, period_s: float, options: Options
+        self,
+        values: Mapping[str, float],
+        lag: int,
+        period_s: float,
+        options: DoubleSolenoidOptions,
     ) -> FloatArray:
         """Return the coefficients of `predict`; what is not estimated comes from the options."""
         del lag
@@ -169,7 +172,7 @@ def _known(cycle: Cycle) -> BoolArray:
     return known & np.isfinite(frames.inputs[:, 1:]).all(axis=1)
 
 
-def _valve(options: Options) -> tuple[DoubleSolenoidPlant | None, str]:
+def _valve(options: DoubleSolenoidOptions) -> tuple[DoubleSolenoidPlant | None, str]:
     """Return the valve of the options, or why there is none."""
     try:
         return known_valve(options, {}), ""

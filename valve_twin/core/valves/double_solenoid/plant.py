@@ -18,13 +18,13 @@ import numpy as np
 from valve_twin.core.control.current_loop import CurrentGains
 from valve_twin.core.control.nonlinear_pid import PidConfig
 from valve_twin.core.control.trajectory_set import TrajectorySetConfig
-from valve_twin.core.physics.quantity import check_quantities, quantity
 from valve_twin.core.physics.solenoid_map import (
     FluxCurves,
     MapTables,
     map_from_curves,
     pole_curves,
 )
+from valve_twin.core.quantity import check_quantities, quantity, setting
 from valve_twin.core.simulation.config import SimulationConfig
 from valve_twin.core.simulation.measurement import MeasurementConfig
 from valve_twin.core.simulation.plant import Drive, Plant, Response
@@ -35,6 +35,7 @@ from valve_twin.core.valves.double_solenoid.control_kernel import (
     Sensing,
     run_valve,
 )
+from valve_twin.core.valves.double_solenoid.numbers import DoubleSolenoidNumbers
 from valve_twin.core.valves.double_solenoid.plant_kernel import (
     FAILED,
     GA_1,
@@ -68,111 +69,17 @@ _LARGEST_FLUX = 1.15  # of the saturation flux: how far the tables go [1]
 _LARGEST_CURRENT = 6.0  # how far the tables go, beyond in straight lines [A]
 
 
-def _list(unit: str, description: str) -> tuple[float, ...]:
-    return field(default=(), metadata={"unit": unit, "description": description, "ages": False})
-
-
 @dataclass(frozen=True, slots=True)
-class DoubleSolenoidPlant(Plant):
+class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
     """Numbers of the simulated valve; every field carries its unit, range and description."""
 
     inputs: ClassVar[tuple[str, ...]] = INPUTS
 
-    control: str = field(
-        default=CONTROLS[0],
-        metadata={
-            "unit": "1",
-            "description": "Position controller: pid (the valve's own, nonlinear) or "
-            "trajectory_set (model predictive, knows this plant exactly)",
-        },
-    )
-    mass: float = quantity(0.075, "kg", "Armature and spool", lower=1e-3, upper=10.0, assumed=True)
-    spring_1: float = quantity(
-        5e3, "N/m", "Rate of the spring that pushes towards A", lower=1.0, upper=1e6, assumed=True
-    )
-    spring_2: float = quantity(
-        5e3, "N/m", "Rate of the spring that pushes towards B", lower=1.0, upper=1e6, assumed=True
-    )
-    preload_1: float = quantity(
-        20.0, "N", "Spring 1 with the spool in the middle", lower=0.0, upper=1e3, assumed=True
-    )
-    preload_2: float = quantity(
-        20.0, "N", "Spring 2 with the spool in the middle", lower=0.0, upper=1e3, assumed=True
-    )
-    friction: float = quantity(
-        6.0,
-        "N",
-        "Coulomb friction peak to peak (F_h): half of it on each side",
-        lower=0.0,
-        upper=500.0,
-        assumed=True,
-    )
-    alpha: float = quantity(
-        800.0, "s/m", "Steepness of the smoothed friction", lower=1.0, upper=5e3, assumed=True
-    )
-    beta: float = quantity(18.0, "N s/m", "Viscous damping", lower=0.0, upper=1e4, assumed=True)
-    force_gain: float = quantity(
-        1.0, "1", "Force over that of the characteristic curves", lower=0.05, upper=5.0
-    )
-    resistance_a: float = quantity(2.6, "ohm", "Coil A", lower=0.01, upper=1e3, assumed=True)
-    resistance_b: float = quantity(2.6, "ohm", "Coil B", lower=0.01, upper=1e3, assumed=True)
-    half_stroke: float = quantity(
-        0.8e-3, "m", "From the middle to a fully open port", lower=1e-4, upper=0.02, assumed=True
-    )
-    end_stop: float = quantity(
-        0.9e-3, "m", "From the middle to an end stop", lower=1e-4, upper=0.03, assumed=True
-    )
-    turns: float = quantity(350.0, "1", "Turns of a coil", lower=1.0, upper=1e5, assumed=True)
-    pole_area: float = quantity(
-        1.2e-4, "m^2", "Area of a pole", lower=1e-6, upper=0.1, assumed=True
-    )
-    gap: float = quantity(
-        1.7e-3,
-        "m",
-        "Gap in the middle: 1.4 mm and a residual 0.3 mm",
-        lower=1e-4,
-        upper=0.05,
-        assumed=True,
-    )
-    saturation_flux: float = quantity(
-        0.040,
-        "Wb",
-        "Flux linkage at which the iron takes 1 A",
-        lower=1e-4,
-        upper=10.0,
-        assumed=True,
-    )
-    coupling: float = quantity(
-        0.06,
-        "1",
-        "Mutual inductance over a coil's own in the middle",
-        lower=0.0,
-        upper=0.4,
-        assumed=True,
-    )
-    current_b1: float = quantity(
-        0.55e-3, "s", "b1 of G_A and G_B", lower=0.0, upper=0.1, assumed=True, ages=False
-    )
-    current_b2: float = quantity(
-        0.045e-6, "s^2", "b2 of G_A and G_B", lower=0.0, upper=1e-2, assumed=True, ages=False
-    )
-    current_a1: float = quantity(
-        0.43e-3, "s", "a1 of G_A and G_B", lower=2e-5, upper=0.1, assumed=True, ages=False
-    )
-    current_a2: float = quantity(
-        0.028e-6, "s^2", "a2 of G_A and G_B", lower=1e-9, upper=1e-2, assumed=True, ages=False
-    )
-    force_f1: float = quantity(
-        0.25e-3, "s", "f1 of G_F", lower=0.0, upper=0.1, assumed=True, ages=False
-    )
-    force_f2: float = quantity(
-        0.010e-6, "s^2", "f2 of G_F", lower=0.0, upper=1e-2, assumed=True, ages=False
-    )
-    force_d1: float = quantity(
-        0.75e-3, "s", "d1 of G_F", lower=2e-5, upper=0.1, assumed=True, ages=False
-    )
-    force_d2: float = quantity(
-        0.090e-6, "s^2", "d2 of G_F", lower=1e-9, upper=1e-2, assumed=True, ages=False
+    control: str = setting(
+        CONTROLS[0],
+        "Position controller: pid (the valve's own, nonlinear) or trajectory_set (model "
+        "predictive, knows this plant exactly)",
+        choices=CONTROLS,
     )
     bias_current: float = quantity(
         1.0, "A", "Of both coils at no output", lower=0.0, upper=10.0, assumed=True, ages=False
@@ -189,24 +96,14 @@ class DoubleSolenoidPlant(Plant):
     current_integral: float = quantity(
         2e4, "V/(A s)", "Current controller", lower=0.0, upper=1e7, assumed=True, ages=False
     )
-    supply_voltage: float = quantity(
-        24.0, "V", "Levels of the bridges, + and -", lower=1.0, upper=100.0, ages=False
-    )
-    current_scale: float = quantity(
-        5.0, "A", "Full scale of the current sensors", lower=0.1, upper=100.0, assumed=True,
-        ages=False,
-    )  # fmt: skip
     current_quantum: float = quantity(
-        1.25e-3, "A", "Resolution of the current sensors", lower=0.0, upper=1.0, assumed=True,
+        1.25e-3,
+        "A",
+        "Resolution of current sensors",
+        lower=0.0,
+        upper=1.0,
+        assumed=True,
         ages=False,
-    )  # fmt: skip
-    map_current: tuple[float, ...] = _list(
-        "A", "Currents of a computed field, from 0; empty = pole, gap and saturation above"
-    )
-    map_position: tuple[float, ...] = _list("m", "Positions of a computed field, -x .. x")
-    map_flux: tuple[float, ...] = _list("Wb", "Flux linkages, the positions of a current together")
-    map_mutual: float = quantity(
-        6.52e-4, "H", "Mutual inductance with a computed field", lower=0.0, upper=1.0, ages=False
     )
     pid: PidConfig = field(default_factory=PidConfig)
     trajectory_set: TrajectorySetConfig = field(default_factory=TrajectorySetConfig)
@@ -214,9 +111,6 @@ class DoubleSolenoidPlant(Plant):
     def __post_init__(self) -> None:
         """Refuse values outside their range, and numbers that do not fit together."""
         check_quantities(self)
-        if self.control not in CONTROLS:
-            message = f"control = {self.control!r}: must be one of {', '.join(CONTROLS)}"
-            raise ValueError(message)
         refusal = check_geometry(self.gap, self.end_stop, self.half_stroke)
         if refusal:
             message = f"DoubleSolenoidPlant.{refusal}"

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,8 +29,8 @@ from valve_twin.core.valves.hybrid_actuator.flight import (
 from valve_twin.core.valves.hybrid_actuator.parameters import (
     ESTIMATOR,
     NAMES,
-    OPTIONS,
     PARAMETERS,
+    HybridActuatorOptions,
     armature,
     refusal_of,
     solenoid,
@@ -42,14 +42,13 @@ from valve_twin.core.valves.hybrid_actuator.predictor import (
     coefficients,
     predict_block,
 )
-from valve_twin.core.valves.interface import ValveModel, number
+from valve_twin.core.valves.interface import ValveModel
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.types import BoolArray, ByteArray, Cycle, FloatArray, Parameter
-    from valve_twin.core.valves.interface import Option, Options
 
 _MAX_CONDITION = 1e5
 _REST_SHARE = 6e-3  # of the full scale: a current below it counts as none [1], assumed
@@ -71,11 +70,11 @@ class HybridActuatorModel(ValveModel):
     inputs: tuple[str, ...] = INPUTS
     output: str = "position"
     parameters: tuple[Parameter, ...] = PARAMETERS
-    options: tuple[Option, ...] = OPTIONS
+    options: HybridActuatorOptions = field(default_factory=HybridActuatorOptions)
     trend_estimator: str = ESTIMATOR
 
     def estimate(
-        self, cycle: Cycle, options: Options, earlier: Sequence[Estimate] = ()
+        self, cycle: Cycle, options: HybridActuatorOptions, earlier: Sequence[Estimate] = ()
     ) -> tuple[Estimate, ...]:
         """Estimate coils, spring, damping, magnet and seating speeds from one cycle.
 
@@ -83,8 +82,8 @@ class HybridActuatorModel(ValveModel):
         ----------
         cycle : Cycle
             One opening and one closing, sampled every 0.25 ms or faster.
-        options : mapping
-            The model's options, complete.
+        options : HybridActuatorOptions
+            The model's options.
         earlier : sequence of Estimate
             Not used: nothing is pooled.
 
@@ -105,21 +104,25 @@ class HybridActuatorModel(ValveModel):
         values.update({p.name: p for p in _mechanical(fit, options, cycle)})
         return (_estimate(cycle, tuple(values[n] for n in NAMES), fit=fit),)
 
-    def input_fault(self, cycle: Cycle, options: Options) -> str:
+    def input_fault(self, cycle: Cycle, options: HybridActuatorOptions) -> str:
         """Return why the signals cannot be those of an engine valve, empty where they can.
 
         Parameters
         ----------
         cycle : Cycle
             At least one sample.
-        options : mapping
-            The model's options, complete.
+        options : HybridActuatorOptions
+            The model's options.
         """
         del options
         return normalised_fault((self.output, *self.inputs), cycle)
 
     def coefficients(
-        self, values: Mapping[str, float], lag: int, period_s: float, options: Options
+        self,
+        values: Mapping[str, float],
+        lag: int,
+        period_s: float,
+        options: HybridActuatorOptions,
     ) -> FloatArray:
         """Return the coefficients of `predict`; what is not estimated comes from the options."""
         del lag
@@ -129,7 +132,7 @@ class HybridActuatorModel(ValveModel):
         return coefficients(
             armature(options, known),
             solenoid(options, known),
-            number(options, "current_scale"),
+            options.current_scale,
             period_s,
         )
 
@@ -165,7 +168,7 @@ def _known(cycle: Cycle) -> BoolArray:
     return known & np.isfinite(frames.inputs).all(axis=1)
 
 
-def _refusal(cycle: Cycle, options: Options, known: BoolArray) -> str:
+def _refusal(cycle: Cycle, options: HybridActuatorOptions, known: BoolArray) -> str:
     if refusal_of(options):
         return refusal_of(options)
     if check_period(cycle.period_s):
@@ -179,12 +182,12 @@ def _refusal(cycle: Cycle, options: Options, known: BoolArray) -> str:
     return ""
 
 
-def _record(cycle: Cycle, options: Options, known: BoolArray) -> Flights:
+def _record(cycle: Cycle, options: HybridActuatorOptions, known: BoolArray) -> Flights:
     """Return position and currents in SI units; unusable samples repeat the last usable one."""
     index = np.maximum.accumulate(np.where(known, np.arange(len(known)), 0))
     frames = cycle.frames
-    scale = number(options, "current_scale")
-    travel = number(options, "half_travel")
+    scale = options.current_scale
+    travel = options.half_travel
     inputs = np.nan_to_num(frames.inputs[index])
     return Flights(
         position=travel * (2.0 * np.nan_to_num(frames.position[index]) - 1.0),
@@ -196,22 +199,22 @@ def _record(cycle: Cycle, options: Options, known: BoolArray) -> Flights:
 
 
 def _electrical(
-    cycle: Cycle, options: Options, record: Flights, known: BoolArray
+    cycle: Cycle, options: HybridActuatorOptions, record: Flights, known: BoolArray
 ) -> list[ParameterValue]:
-    travel, residual = number(options, "half_travel"), number(options, "residual_gap")
+    travel, residual = options.half_travel, options.residual_gap
     inside = np.clip(record.position, -travel, travel)
     found = []
     sides = (("opener", record.opener, -1.0), ("closer", record.closer, 1.0))
     for column, (side, current, sign) in enumerate(sides):
         voltage = np.nan_to_num(cycle.frames.inputs[:, column])
         fit = fit_coil(
-            np.ascontiguousarray(voltage * number(options, "supply_voltage")),
+            np.ascontiguousarray(voltage * options.supply_voltage),
             current,
             travel + residual + sign * inside,
             known,
             solenoid(options, {}),
             period_s=cycle.period_s,
-            rest=_REST_SHARE * number(options, "current_scale"),
+            rest=_REST_SHARE * options.current_scale,
             seat_gap=residual,
         )
         found += _coil(side, fit)
@@ -226,7 +229,9 @@ def _coil(side: str, fit: CoilFit) -> list[ParameterValue]:
     ]
 
 
-def _mechanical(fit: FlightFit | None, options: Options, cycle: Cycle) -> list[ParameterValue]:
+def _mechanical(
+    fit: FlightFit | None, options: HybridActuatorOptions, cycle: Cycle
+) -> list[ParameterValue]:
     if fit is None:
         reason = "the armature did not cross from seat to seat"
         return [
@@ -234,11 +239,11 @@ def _mechanical(fit: FlightFit | None, options: Options, cycle: Cycle) -> list[P
             for name in NAMES[4:]
         ]
     spring, damping, magnet = (float(value) for value in fit.values)
-    mass = number(options, "mass")
+    mass = options.mass
     values = []
     derived = (np.sqrt(spring / mass), damping / (2.0 * np.sqrt(max(spring * mass, 1e-300))))
     names = (*SHARED, "natural_frequency", "damping_ratio")
-    status, reason = _doubt(fit, cycle, 2.0 * number(options, "half_travel"))
+    status, reason = _doubt(fit, cycle, 2.0 * options.half_travel)
     for name, value in zip(names, (spring, damping, magnet, *derived), strict=True):
         if reason:
             values.append(ParameterValue(name, float("nan"), status, reason))

@@ -4,14 +4,14 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from valve_twin.core.quantity import setting
 from valve_twin.core.types import Parameter
 from valve_twin.core.valves.hybrid_actuator.magnetics import KERNELS, Magnetics
-from valve_twin.core.valves.hybrid_actuator.plant import HybridActuatorPlant, check_gap
+from valve_twin.core.valves.hybrid_actuator.plant import HybridActuatorNumbers, check_gap
 from valve_twin.core.valves.hybrid_actuator.plant_kernel import Armature
-from valve_twin.core.valves.interface import Option, Options, number
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -39,91 +39,50 @@ PARAMETERS = (
 )
 NAMES = tuple(p.name for p in PARAMETERS)
 
-_FROM_PLANT = (
-    "mass",
-    "spring_rate",
-    "damping",
-    "magnet_force",
-    "half_travel",
-    "residual_gap",
-    "restitution",
-    "beta",
-    "kappa",
-    "saturation_flux",
-    "c1",
-    "c2",
-    "c3",
-    "magnet_length",
-    "magnet_coupling",
-    "gas_force",
-    "gas_length",
-    "supply_voltage",
-    "current_scale",
-    "resistance_opener",
-    "resistance_closer",
-)
-_STARTS = ("spring_rate", "damping", "magnet_force", "resistance_opener", "resistance_closer")
+
+@dataclass(frozen=True, slots=True)
+class HybridActuatorOptions(HybridActuatorNumbers):
+    """The numbers of the data sheet: what is not estimated has to be known."""
+
+    estimators: tuple[str, ...] = setting((ESTIMATOR,), "estimators to run", choices=(ESTIMATOR,))
 
 
-def _options() -> tuple[Option, ...]:
-    """Return the numbers of the data sheet as options: what is not estimated has to be known."""
-    known = {f.name: f for f in fields(HybridActuatorPlant)}
-    options = [
-        Option("kernel", KERNELS[1], str(known["kernel"].metadata["description"]), choices=KERNELS)
-    ]
-    for name in _FROM_PLANT:
-        meta = known[name].metadata
-        text = str(meta["description"])
-        if name in _STARTS:
-            text += "; estimated, this is where the search starts"
-        options.append(
-            Option(name, known[name].default, text, meta["unit"], meta["lower"], meta["upper"])
-        )
-    estimators = Option("estimators", [ESTIMATOR], "estimators to run", choices=(ESTIMATOR,))
-    return (*options, estimators)
-
-
-OPTIONS = _options()
-
-
-def refusal_of(options: Options) -> str:
+def refusal_of(options: HybridActuatorOptions) -> str:
     """Return why these options cannot be used together, empty if they can."""
-    return check_gap(
-        str(options["kernel"]), number(options, "residual_gap"), number(options, "c2")
-    )
+    return check_gap(options.kernel, options.residual_gap, options.c2)
 
 
-def solenoid(options: Options, values: Mapping[str, float]) -> Magnetics:
+def solenoid(options: HybridActuatorOptions, values: Mapping[str, float]) -> Magnetics:
     """Return a solenoid's numbers: estimated `values` where there are, else the options."""
     return Magnetics(
-        kernel=KERNELS.index(str(options["kernel"])),
-        beta=number(options, "beta"),
-        kappa=number(options, "kappa"),
-        saturation_flux=number(options, "saturation_flux"),
-        c1=number(options, "c1"),
-        c2=number(options, "c2"),
-        c3=number(options, "c3"),
-        magnet_force=values.get("magnet_force", number(options, "magnet_force")),
-        magnet_length=number(options, "magnet_length"),
-        coupling=number(options, "magnet_coupling"),
+        kernel=KERNELS.index(options.kernel),
+        beta=options.beta,
+        kappa=options.kappa,
+        saturation_flux=options.saturation_flux,
+        c1=options.c1,
+        c2=options.c2,
+        c3=options.c3,
+        magnet_force=values.get("magnet_force", options.magnet_force),
+        magnet_length=options.magnet_length,
+        coupling=options.magnet_coupling,
     )
 
 
-def armature(options: Options, values: Mapping[str, float]) -> Armature:
+def armature(options: HybridActuatorOptions, values: Mapping[str, float]) -> Armature:
     """Return the moving parts' numbers: estimated `values` where there are, else the options."""
 
     def take(name: str) -> float:
-        return values.get(name, number(options, name))
+        return values.get(name, getattr(options, name))
 
     return Armature(
-        mass=number(options, "mass"),
+        mass=options.mass,
         spring=take("spring_rate"),
         damping=take("damping"),
-        travel=number(options, "half_travel"),
-        residual_gap=number(options, "residual_gap"),
-        restitution=number(options, "restitution"),
-        gas_force=number(options, "gas_force"),
-        gas_length=number(options, "gas_length"),
+        travel=options.half_travel,
+        residual_gap=options.residual_gap,
+        restitution=options.restitution,
+        gas_force=options.gas_force,
+        gas_length=options.gas_length,
         resistance_opener=take("resistance_opener"),
         resistance_closer=take("resistance_closer"),
         blocks=True,

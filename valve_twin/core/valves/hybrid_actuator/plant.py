@@ -10,12 +10,12 @@ full scale.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from valve_twin.core.physics.quantity import check_quantities, quantity
+from valve_twin.core.quantity import check_quantities, quantity, setting
 from valve_twin.core.simulation.config import SimulationConfig
 from valve_twin.core.simulation.measurement import MeasurementConfig
 from valve_twin.core.simulation.plant import Drive, Plant, Response
@@ -90,19 +90,14 @@ def check_period(period_s: float) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class HybridActuatorPlant(Plant):
-    """Numbers of the simulated actuator; every field carries its unit, range and description."""
+class HybridActuatorNumbers:
+    """Numbers of the data sheet, which plant and model share."""
 
-    inputs: ClassVar[tuple[str, ...]] = INPUTS
-    command_range: ClassVar[tuple[float, float]] = (-1.0, 1.0)
-
-    kernel: str = field(
-        default=KERNELS[REGULAR],
-        metadata={
-            "unit": "1",
-            "description": "linear, saturating (regular reading) or saturating_fit (the reading "
-            "that reproduces the paper, not below a gap of 0.1 mm)",
-        },
+    kernel: str = setting(
+        KERNELS[REGULAR],
+        "linear, saturating (regular reading) or saturating_fit (the reading that reproduces the "
+        "paper, not below a gap of 0.1 mm)",
+        choices=KERNELS,
     )
     mass: float = quantity(
         0.12983, "kg", "Moving mass, from the printed c = xi sqrt(m k)", lower=1e-3, upper=10.0
@@ -173,6 +168,18 @@ class HybridActuatorPlant(Plant):
     supply_voltage: float = quantity(
         24.0, "V", "Supply of the bridges", lower=1.0, upper=100.0, ages=False
     )
+    current_scale: float = quantity(
+        50.0, "A", "Full scale of the current sensors", lower=1.0, upper=1e4, ages=False
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class HybridActuatorPlant(HybridActuatorNumbers, Plant):
+    """Numbers of the simulated actuator; every field carries its unit, range and description."""
+
+    inputs: ClassVar[tuple[str, ...]] = INPUTS
+    command_range: ClassVar[tuple[float, float]] = (-1.0, 1.0)
+
     release_share: float = quantity(
         1.0,
         "1",
@@ -206,9 +213,6 @@ class HybridActuatorPlant(Plant):
     catch_s: float = quantity(
         8e-3, "s", "Length of the catching pulse", lower=0.0, upper=1.0, assumed=True, ages=False
     )
-    current_scale: float = quantity(
-        50.0, "A", "Full scale of the current sensors", lower=1.0, upper=1e4, ages=False
-    )
     current_quantum: float = quantity(
         0.256,
         "A",
@@ -224,9 +228,6 @@ class HybridActuatorPlant(Plant):
     def __post_init__(self) -> None:
         """Refuse values outside their range, and a gap at the pole of the kernel."""
         check_quantities(self)
-        if self.kernel not in KERNELS:
-            message = f"kernel = {self.kernel!r}: must be one of {', '.join(KERNELS)}"
-            raise ValueError(message)
         refusal = check_gap(self.kernel, self.residual_gap, self.c2)
         if refusal:
             message = f"HybridActuatorPlant.{refusal}"

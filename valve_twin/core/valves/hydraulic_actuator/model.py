@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,16 +22,15 @@ from valve_twin.core.valves.hydraulic_actuator.kernels import STATE_SIZE, predic
 from valve_twin.core.valves.hydraulic_actuator.parameters import (
     ESTIMATOR,
     NAMES,
-    OPTIONS,
     PARAMETERS,
+    HydraulicActuatorOptions,
 )
-from valve_twin.core.valves.interface import ValveModel, number
+from valve_twin.core.valves.interface import ValveModel
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from valve_twin.core.types import ByteArray, Cycle, FloatArray, Parameter
-    from valve_twin.core.valves.interface import Option, Options
 
 _AT_BOUND = 1e-6  # distance to a bound that counts as none, in units of the interval [1]
 
@@ -44,11 +43,11 @@ class HydraulicActuatorModel(ValveModel):
     inputs: tuple[str, ...] = ("opening",)
     output: str = "pressure"
     parameters: tuple[Parameter, ...] = PARAMETERS
-    options: tuple[Option, ...] = OPTIONS
+    options: HydraulicActuatorOptions = field(default_factory=HydraulicActuatorOptions)
     trend_estimator: str = ESTIMATOR
 
     def estimate(
-        self, cycle: Cycle, options: Options, earlier: Sequence[Estimate] = ()
+        self, cycle: Cycle, options: HydraulicActuatorOptions, earlier: Sequence[Estimate] = ()
     ) -> tuple[Estimate, ...]:
         """Estimate flow curve, resonance, throttling and spool lag from one cycle.
 
@@ -56,8 +55,8 @@ class HydraulicActuatorModel(ValveModel):
         ----------
         cycle : Cycle
             One cycle of N samples.
-        options : mapping
-            The model's options, complete.
+        options : HydraulicActuatorOptions
+            The model's options.
         earlier : sequence of Estimate
             Not used: nothing is pooled.
 
@@ -103,7 +102,11 @@ class HydraulicActuatorModel(ValveModel):
         )
 
     def coefficients(
-        self, values: Mapping[str, float], lag: int, period_s: float, options: Options
+        self,
+        values: Mapping[str, float],
+        lag: int,
+        period_s: float,
+        options: HydraulicActuatorOptions,
     ) -> FloatArray:
         """Return the 10 coefficients of `predict`.
 
@@ -154,20 +157,20 @@ def _record(cycle: Cycle) -> Record:
     return Record(pressure, opening, used, cycle.period_s)
 
 
-def _shown(record: Record, options: Options) -> tuple[bool, bool]:
-    least = number(options, "min_opening")
+def _shown(record: Record, options: HydraulicActuatorOptions) -> tuple[bool, bool]:
+    least = options.min_opening
     opening = record.opening[record.used]
     return bool(opening.max() >= least), bool(-opening.min() >= least)
 
 
-def _refusal(record: Record, options: Options) -> str:
-    used, wanted = int(np.count_nonzero(record.used)), int(number(options, "min_samples"))
+def _refusal(record: Record, options: HydraulicActuatorOptions) -> str:
+    used, wanted = int(np.count_nonzero(record.used)), options.min_samples
     if used < wanted:
         return f"{used} usable samples without a gap, fewer than min_samples {wanted}"
     if float(np.ptp(record.pressure[record.used])) == 0.0:
         return f"the pressure stayed at {record.pressure[0]:.4g}: the cycle shows nothing"
     if not any(_shown(record, options)):
-        least = number(options, "min_opening")
+        least = options.min_opening
         return f"the valve opened by less than min_opening {least:g}: the cycle excites nothing"
     return ""
 

@@ -4,8 +4,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+from valve_twin.core.quantity import quantity, setting
 from valve_twin.core.types import Parameter
-from valve_twin.core.valves.interface import Option
 
 ESTIMATOR = "output_error"
 
@@ -58,15 +60,20 @@ PARAMETERS = (
 )
 NAMES = tuple(p.name for p in PARAMETERS)
 
-OPTIONS = (
-    Option(
-        "min_opening",
+
+@dataclass(frozen=True, slots=True)
+class HydraulicActuatorOptions:
+    """Options of the model."""
+
+    min_opening: float = quantity(
         0.1,
-        "largest opening of a direction below which that direction is not estimated [A]",
         "1",
-        0.0,
-        1e3,
-    ),
-    Option("min_samples", 100, "a cycle of fewer usable samples is refused [A]", "1", 20, 1e6),
-    Option("estimators", [ESTIMATOR], "estimators to run", choices=(ESTIMATOR,)),
-)
+        "largest opening of a direction below which that direction is not estimated",
+        lower=0.0,
+        upper=1e3,
+        assumed=True,
+    )
+    min_samples: int = quantity(
+        100, "1", "a cycle of fewer usable samples is refused", lower=20, upper=1e6, assumed=True
+    )
+    estimators: tuple[str, ...] = setting((ESTIMATOR,), "estimators to run", choices=(ESTIMATOR,))

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.estimation.cycle.plausibility import normalised_fault
+from valve_twin.core.quantity import quantity, setting
 from valve_twin.core.types import Estimate, EstimateStatus, ParameterStatus, ParameterValue
-from valve_twin.core.valves.interface import Option, ValveModel, number
+from valve_twin.core.valves.interface import ValveModel
 from valve_twin.core.valves.kit.fit import fit_free_run
 from valve_twin.core.valves.kit.loops import MAX_LAG, state_size
 from valve_twin.core.valves.kit.plant import simulation_of
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 
     from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.types import ByteArray, Cycle, FloatArray, Parameter
-    from valve_twin.core.valves.interface import Options
     from valve_twin.core.valves.kit.fit import Fit
     from valve_twin.core.valves.kit.law import Law
     from valve_twin.core.valves.kit.plant import Program
@@ -30,12 +30,21 @@ if TYPE_CHECKING:
 
 ESTIMATOR = "output_error"
 
-OPTIONS = (
-    Option("max_lag", 8, "longest command to output lag that is tried", "samples", 1, MAX_LAG),
-    Option("min_samples", 100, "a cycle of fewer usable samples is refused", "1", 20, 1e6),
-    Option("min_motion", 0.02, "a cycle whose output moves less is refused", "1", 0.0, 1e6),
-    Option("estimators", [ESTIMATOR], "estimators to run", choices=(ESTIMATOR,)),
-)
+
+@dataclass(frozen=True, slots=True)
+class LawOptions:
+    """Options of a valve that is a law plus data."""
+
+    max_lag: int = quantity(
+        8, "samples", "longest command to output lag that is tried", lower=1, upper=MAX_LAG
+    )
+    min_samples: int = quantity(
+        100, "1", "a cycle of fewer usable samples is refused", lower=20, upper=1e6
+    )
+    min_motion: float = quantity(
+        0.02, "1", "a cycle whose output moves less is refused", lower=0.0, upper=1e6
+    )
+    estimators: tuple[str, ...] = setting((ESTIMATOR,), "estimators to run", choices=(ESTIMATOR,))
 
 
 @dataclass(frozen=True)
@@ -67,7 +76,7 @@ class Valve(ValveModel):
     normalised: bool = True
 
     trend_estimator: str = ESTIMATOR
-    options: tuple[Option, ...] = OPTIONS
+    options: LawOptions = field(default_factory=LawOptions)
     parameters: tuple[Parameter, ...] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -75,7 +84,7 @@ class Valve(ValveModel):
         object.__setattr__(self, "parameters", tuple(p.published for p in self.law.parameters))
 
     def estimate(
-        self, cycle: Cycle, options: Options, earlier: Sequence[Estimate] = ()
+        self, cycle: Cycle, options: LawOptions, earlier: Sequence[Estimate] = ()
     ) -> tuple[Estimate, ...]:
         """Estimate the law's parameters from one cycle by output error.
 
@@ -83,8 +92,8 @@ class Valve(ValveModel):
         ----------
         cycle : Cycle
             One cycle of N samples.
-        options : mapping
-            The model's options, complete.
+        options : LawOptions
+            The model's options.
         earlier : sequence of Estimate
             Not used: nothing is pooled.
 
@@ -94,7 +103,7 @@ class Valve(ValveModel):
             One estimate; REFUSED with its reason where the cycle says nothing.
         """
         del earlier
-        max_lag = int(number(options, "max_lag"))
+        max_lag = options.max_lag
         record = take_record(cycle, max_lag=max_lag)
         refusal = _refusal(record, max_lag, options)
         fit = None if refusal else fit_free_run(self.law, record, max_lag=max_lag)
@@ -116,13 +125,13 @@ class Valve(ValveModel):
             ),
         )
 
-    def input_fault(self, cycle: Cycle, options: Options) -> str:
+    def input_fault(self, cycle: Cycle, options: LawOptions) -> str:
         """Return why the signals cannot be what is configured, empty where they can."""
         del options
         return normalised_fault((self.output, *self.inputs), cycle) if self.normalised else ""
 
     def coefficients(
-        self, values: Mapping[str, float], lag: int, period_s: float, options: Options
+        self, values: Mapping[str, float], lag: int, period_s: float, options: LawOptions
     ) -> FloatArray:
         """Return the P parameters, lag and sampling time, as `ValveModel.coefficients` says."""
         del options
@@ -156,13 +165,13 @@ class Valve(ValveModel):
         return simulation_of(self.name, self.inputs, self.law, self.program)
 
 
-def _refusal(record: Record, max_lag: int, options: Options) -> str:
+def _refusal(record: Record, max_lag: int, options: LawOptions) -> str:
     n = int(np.count_nonzero(record.used))
-    wanted = max(int(number(options, "min_samples")), 2 * max_lag)
+    wanted = max(options.min_samples, 2 * max_lag)
     if n < wanted:
         return f"{n} usable samples without a gap, fewer than {wanted} (min_samples)"
     output = record.output[record.used]
-    span, least = float(np.ptp(output)), number(options, "min_motion")
+    span, least = float(np.ptp(output)), options.min_motion
     if span < least or span == 0.0:
         return f"the output moved by {span:.3g}, less than min_motion {least:g}"
     if not np.ptp(record.inputs, axis=0).any():

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +16,7 @@ from valve_twin.core.estimation.cycle.plausibility import (
     same_fault,
     unit_fault,
 )
-from valve_twin.core.valves.interface import ValveModel, number
+from valve_twin.core.valves.interface import ValveModel
 from valve_twin.core.valves.kit.intervals import block_errors
 from valve_twin.core.valves.positioner.curve import (
     line_through,
@@ -35,7 +35,7 @@ from valve_twin.core.valves.positioner.fit_extended import fit_extended
 from valve_twin.core.valves.positioner.kernels import STATE_SIZE, predict_block
 from valve_twin.core.valves.positioner.outcome import MIN_DRIVEN, Errors, accepted, refused
 from valve_twin.core.valves.positioner.outcome_extended import Fitted, accepted_extended
-from valve_twin.core.valves.positioner.parameters import ESTIMATOR, OPTIONS, PARAMETERS
+from valve_twin.core.valves.positioner.parameters import ESTIMATOR, PARAMETERS, PositionerOptions
 from valve_twin.core.valves.positioner.plant import default_simulation
 from valve_twin.core.valves.positioner.record import prepare
 from valve_twin.core.valves.positioner.structure import extend, structure_of
@@ -52,7 +52,6 @@ if TYPE_CHECKING:
         FloatArray,
         Parameter,
     )
-    from valve_twin.core.valves.interface import Option, Options
     from valve_twin.core.valves.positioner.fit import Limits, Record, Solution
     from valve_twin.core.valves.positioner.record import Prepared
     from valve_twin.core.valves.positioner.structure import Structure
@@ -69,14 +68,14 @@ class PositionerModel(ValveModel):
     inputs: tuple[str, ...] = ("command",)
     output: str = "position"
     parameters: tuple[Parameter, ...] = PARAMETERS
-    options: tuple[Option, ...] = OPTIONS
+    options: PositionerOptions = field(default_factory=PositionerOptions)
     trend_estimator: str = ESTIMATOR
-    variants: tuple[Options, ...] = (
+    variants: tuple[Mapping[str, object], ...] = (
         {"second_order": True, "static_curve": True, "two_delays": True},
     )
 
     def estimate(
-        self, cycle: Cycle, options: Options, earlier: Sequence[Estimate] = ()
+        self, cycle: Cycle, options: PositionerOptions, earlier: Sequence[Estimate] = ()
     ) -> tuple[Estimate, ...]:
         """Estimate rates, slew limits, dead band and delay from one cycle by output error.
 
@@ -84,8 +83,8 @@ class PositionerModel(ValveModel):
         ----------
         cycle : Cycle
             One cycle of N samples.
-        options : mapping
-            The model's options, complete.
+        options : PositionerOptions
+            The model's options.
         earlier : sequence of Estimate
             Their settled levels are pooled into the dead command of a static curve; nothing else.
 
@@ -99,28 +98,26 @@ class PositionerModel(ValveModel):
             return (refused(self.name, cycle, prepared),)
         limits = bounds(
             cycle.period_s,
-            min_slew=number(options, "min_slew"),
-            max_dead_band=number(options, "max_dead_band"),
+            min_slew=options.min_slew,
+            max_dead_band=options.max_dead_band,
         )
-        structure, blocks = structure_of(options), int(number(options, "interval_blocks"))
+        structure, blocks = structure_of(options), options.interval_blocks
         if structure.extended:
             found = _fit_extended(prepared, structure, limits, earlier)
             return (accepted_extended(self.name, cycle, found, blocks),)
         solution = fit_free_run(prepared.record, max_lag=prepared.max_lag, limits=limits)
-        errors = _errors(
-            prepared.record, solution, limits, int(number(options, "interval_blocks"))
-        )
+        errors = _errors(prepared.record, solution, limits, options.interval_blocks)
         return (accepted(self.name, cycle, prepared, solution, limits, errors),)
 
-    def input_fault(self, cycle: Cycle, options: Options) -> str:
+    def input_fault(self, cycle: Cycle, options: PositionerOptions) -> str:
         """Return why the signals cannot be those of a positioner, empty where they can.
 
         Parameters
         ----------
         cycle : Cycle
             At least one sample.
-        options : mapping
-            The model's options, complete.
+        options : PositionerOptions
+            The model's options.
         """
         known = known_rows(cycle.frames)
         if len(known) == 0:
@@ -128,14 +125,14 @@ class PositionerModel(ValveModel):
         names = (self.output, *self.inputs)
         position, command = known.position, known.inputs[:, 0]
         spare = LARGEST - 1.0
-        lower = min(number(options, "lower_stop"), 0.0) - spare
-        upper = max(number(options, "upper_stop"), 1.0) + spare
+        lower = min(options.lower_stop, 0.0) - spare
+        upper = max(options.upper_stop, 1.0) + spare
         faults = [
             unit_fault(name, values, lower, upper)
             for name, values in zip(names, (position, command), strict=True)
         ]
         faults.append(same_fault(names, (position, command)))
-        max_lag = max(1, round(number(options, "max_delay_s") / cycle.period_s))
+        max_lag = max(1, round(options.max_delay_s / cycle.period_s))
         faults.append(
             follow_fault(names, position, command, period_s=cycle.period_s, max_lag=max_lag)
         )
@@ -164,7 +161,7 @@ class PositionerModel(ValveModel):
         return {**values, **pooled(estimates)}
 
     def coefficients(
-        self, values: Mapping[str, float], lag: int, period_s: float, options: Options
+        self, values: Mapping[str, float], lag: int, period_s: float, options: PositionerOptions
     ) -> FloatArray:
         """Return the coefficients of `predict`; what no cycle has shown does not limit it.
 
@@ -176,7 +173,7 @@ class PositionerModel(ValveModel):
         return extend(plain, values, structure) if structure.extended else plain
 
     def _plain(
-        self, values: Mapping[str, float], lag: int, period_s: float, options: Options
+        self, values: Mapping[str, float], lag: int, period_s: float, options: PositionerOptions
     ) -> FloatArray:
         fastest = 1.0 / period_s
         rising = values.get("rate_rising", values.get("rate_falling", FASTEST_RATE / period_s))
@@ -189,8 +186,8 @@ class PositionerModel(ValveModel):
                 values.get("dead_band", 0.0),
                 period_s,
                 float(lag),
-                number(options, "lower_stop"),
-                number(options, "upper_stop"),
+                options.lower_stop,
+                options.upper_stop,
             ]
         )
 

@@ -4,8 +4,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+from valve_twin.core.quantity import quantity, setting
 from valve_twin.core.types import Parameter
-from valve_twin.core.valves.interface import Option
 
 ESTIMATOR = "output_error"
 FITTED = ("rate_rising", "rate_falling", "slew_rising", "slew_falling", "dead_band")
@@ -124,27 +126,52 @@ PARAMETERS = (
     Parameter("top_level", "1", "position that top_command leads to"),
 )
 
-OPTIONS = (
-    Option("max_delay_s", 0.5, "longest delay tried [A]", "s", 0.0, 60.0),
-    Option("max_dead_band", 0.05, "upper bound of the dead band [A]", "1", 0.0, 1.0),
-    Option("min_slew", 0.0, "speed that the valve reaches for certain", "1/s", 0.0, 1e3),
-    Option("min_motion", 0.02, "a cycle that moves less is refused [A]", "1", 0.0, 1.0),
-    Option("lower_stop", -0.1, "mechanical stop of falling position", "1", -10.0, 10.0),
-    Option("upper_stop", 1.1, "mechanical stop of rising position", "1", -10.0, 10.0),
-    Option("second_order", False, "the speed follows what is asked with a lag: overshoot [A]"),
-    Option("max_velocity_lag", 1.0, "longest lag of the speed [A]", "s", 1e-4, 60.0),
-    Option("static_curve", False, "the command acts through a dead command and a gain [A]"),
-    Option("two_delays", False, "a falling command has a delay of its own [A]"),
-    Option("slew_limits", True, "the speed is limited [A]"),
-    Option("max_stiction", 0.0, "upper bound of the stiction, 0 = none [A]", "1", 0.0, 1.0),
-    Option("max_backlash", 0.0, "upper bound of the backlash, 0 = none [A]", "1", 0.0, 1.0),
-    Option(
-        "interval_blocks",
+
+@dataclass(frozen=True, slots=True)
+class PositionerOptions:
+    """Options of the model."""
+
+    max_delay_s: float = quantity(
+        0.5, "s", "longest delay tried", lower=0.0, upper=60.0, assumed=True
+    )
+    max_dead_band: float = quantity(
+        0.05, "1", "upper bound of the dead band", lower=0.0, upper=1.0, assumed=True
+    )
+    min_slew: float = quantity(
+        0.0, "1/s", "speed that the valve reaches for certain", lower=0.0, upper=1e3
+    )
+    min_motion: float = quantity(
+        0.02, "1", "a cycle that moves less is refused", lower=0.0, upper=1.0, assumed=True
+    )
+    lower_stop: float = quantity(
+        -0.1, "1", "mechanical stop of falling position", lower=-10.0, upper=10.0
+    )
+    upper_stop: float = quantity(
+        1.1, "1", "mechanical stop of rising position", lower=-10.0, upper=10.0
+    )
+    second_order: bool = setting(
+        False, "the speed follows what is asked with a lag: overshoot", assumed=True
+    )
+    max_velocity_lag: float = quantity(
+        1.0, "s", "longest lag of the speed", lower=1e-4, upper=60.0, assumed=True
+    )
+    static_curve: bool = setting(
+        False, "the command acts through a dead command and a gain", assumed=True
+    )
+    two_delays: bool = setting(False, "a falling command has a delay of its own", assumed=True)
+    slew_limits: bool = setting(True, "the speed is limited", assumed=True)
+    max_stiction: float = quantity(
+        0.0, "1", "upper bound of the stiction, 0 = none", lower=0.0, upper=1.0, assumed=True
+    )
+    max_backlash: float = quantity(
+        0.0, "1", "upper bound of the backlash, 0 = none", lower=0.0, upper=1.0, assumed=True
+    )
+    interval_blocks: int = quantity(
         0,
-        "blocks of a cycle whose scatter gives the intervals, 0 = from cycle to cycle [A]",
         "1",
-        0,
-        1000,
-    ),
-    Option("estimators", [ESTIMATOR], "estimators to run", choices=(ESTIMATOR,)),
-)
+        "blocks of a cycle whose scatter gives the intervals, 0 = from cycle to cycle",
+        lower=0,
+        upper=1000,
+        assumed=True,
+    )
+    estimators: tuple[str, ...] = setting((ESTIMATOR,), "estimators to run", choices=(ESTIMATOR,))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numba import njit
 
-from valve_twin.core.physics.quantity import check_quantities, quantity
+from valve_twin.core.quantity import check_quantities, quantity
 from valve_twin.core.simulation.config import SimulationConfig
 from valve_twin.core.simulation.plant import Drive, Plant, Response
 from valve_twin.core.simulation.program import CycleProgram

@@ -14,13 +14,12 @@ from valve_twin.core.estimation.data.masks import MaskOptions, find_masks
 from valve_twin.core.estimation.data.noise import rest_noise
 from valve_twin.core.gaps import find_gaps
 from valve_twin.core.types import MaskCounts
-from valve_twin.core.valves.interface import number
 from valve_twin.core.valves.positioner.fit import Record
 from valve_twin.core.valves.positioner.kernels import MAX_LAG
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, Cycle, FloatArray, Frames
-    from valve_twin.core.valves.interface import Options
+    from valve_twin.core.valves.positioner.parameters import PositionerOptions
 
 _LEAST_BEYOND_LAG = 20  # fewest samples beyond the longest delay that a fit needs, assumed
 _SETTLE_SAMPLES = 15  # samples beyond the longest delay until the position rests, assumed
@@ -51,7 +50,7 @@ class Prepared:
     refusal: str
 
 
-def prepare(cycle: Cycle, options: Options) -> Prepared:
+def prepare(cycle: Cycle, options: PositionerOptions) -> Prepared:
     """Find the stretch to fit, what to leave out of it, and whether it says anything.
 
     The free run goes on over a sample that is left out; a stale one repeats an old value, so its
@@ -61,17 +60,17 @@ def prepare(cycle: Cycle, options: Options) -> Prepared:
     ----------
     cycle : Cycle
         At least one sample.
-    options : mapping
-        The model's options, complete.
+    options : PositionerOptions
+        The model's options.
     """
     max_lag = _max_lag(options, cycle.period_s)
-    part = _longest_whole(cycle.frames, cycle.period_s, number(options, "min_motion"))
+    part = _longest_whole(cycle.frames, cycle.period_s, options.min_motion)
     bad = ~part.valid | ~np.isfinite(part.position)
     command = _held(part.inputs[:, 0], np.isfinite(part.inputs[:, 0]))
     position = _held(part.position, ~bad)
     stale, sigma = _sensor(part, command, position, cycle.period_s, max_lag, options)
     used = ~bad & ~stale
-    stops = np.array([number(options, "lower_stop"), number(options, "upper_stop")])
+    stops = np.array([options.lower_stop, options.upper_stop])
     record = Record(position, command, used, cycle.period_s, stops)
     n_stale = int(np.count_nonzero(stale))
     n_used = int(np.count_nonzero(used))
@@ -79,8 +78,8 @@ def prepare(cycle: Cycle, options: Options) -> Prepared:
     return Prepared(record, max_lag, counts, sigma, _refusal(record, max_lag, options))
 
 
-def _max_lag(options: Options, period_s: float) -> int:
-    return min(max(1, round(number(options, "max_delay_s") / period_s)), MAX_LAG)
+def _max_lag(options: PositionerOptions, period_s: float) -> int:
+    return min(max(1, round(options.max_delay_s / period_s)), MAX_LAG)
 
 
 def _longest_whole(frames: Frames, period_s: float, min_motion: float) -> Frames:
@@ -116,15 +115,15 @@ def _sensor(
     position: FloatArray,
     period_s: float,
     max_lag: int,
-    options: Options,
+    options: PositionerOptions,
 ) -> tuple[BoolArray, float]:
     """Return stale samples (N,) and the noise at rest [1].
 
     What drives a positioner is the distance to its command; it rests where the command does.
     """
     limits = MaskOptions(
-        lower_stop=number(options, "lower_stop"),
-        upper_stop=number(options, "upper_stop"),
+        lower_stop=options.lower_stop,
+        upper_stop=options.upper_stop,
         max_lag=max_lag,
     )
     driven = replace(part, inputs=(command - position).reshape(-1, 1))
@@ -136,13 +135,13 @@ def _sensor(
     return masks.stale, noise.sigma
 
 
-def _refusal(record: Record, max_lag: int, options: Options) -> str:
+def _refusal(record: Record, max_lag: int, options: PositionerOptions) -> str:
     n = int(np.count_nonzero(record.used))
     least = max_lag + _LEAST_BEYOND_LAG
     if n < least:
         return f"{n} usable samples without a gap, fewer than the {least} a fit needs"
     span = float(np.ptp(record.position[record.used]))
-    wanted = number(options, "min_motion")
+    wanted = options.min_motion
     if span < wanted:
         return f"the position moved by {span:.3g} of the stroke, less than min_motion {wanted:g}"
     if float(np.ptp(record.command)) == 0.0:

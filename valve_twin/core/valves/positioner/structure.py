@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.valves.interface import number
 from valve_twin.core.valves.positioner.extended import (
     BACKLASH,
     DEAD_COMMAND,
@@ -24,8 +23,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from valve_twin.core.types import FloatArray, IntArray
-    from valve_twin.core.valves.interface import Options
     from valve_twin.core.valves.positioner.fit import Limits
+    from valve_twin.core.valves.positioner.parameters import PositionerOptions
 
 LEAST_LAG = 0.05
 """Least velocity lag tried, in sampling times: shorter is not told from none [1], assumed."""
@@ -144,14 +143,14 @@ def extend(plain: FloatArray, values: Mapping[str, float], structure: Structure)
     return np.array([*p, period_s, lag, falling, plain[7], plain[8]])
 
 
-def structure_of(options: Options) -> Structure:
+def structure_of(options: PositionerOptions) -> Structure:
     """Return the structure that a valve's options ask for."""
     return Structure(
-        second_order=bool(options["second_order"]),
-        static_curve=bool(options["static_curve"]),
-        two_delays=bool(options["two_delays"]),
-        slew_limits=bool(options["slew_limits"]),
-        max_velocity_lag=number(options, "max_velocity_lag"),
-        max_stiction=number(options, "max_stiction"),
-        max_backlash=number(options, "max_backlash"),
+        second_order=options.second_order,
+        static_curve=options.static_curve,
+        two_delays=options.two_delays,
+        slew_limits=options.slew_limits,
+        max_velocity_lag=options.max_velocity_lag,
+        max_stiction=options.max_stiction,
+        max_backlash=options.max_backlash,
     )

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.quantity import describe
 from valve_twin.core.simulation.approximation import ApproximatedPlant
 from valve_twin.core.simulation.block import to_frames
 from valve_twin.core.simulation.config import StartFault
@@ -165,8 +166,8 @@ def error_budget(
     ----------
     model : ValveModel
         What is estimated.
-    options : mapping
-        The model's options, complete.
+    options : PressCartridgeOptions
+        The model's options.
     simulation : SimulationConfig
         The valve, its cycle, sampling time and measurement layer; aging, scatter and faults are
         left out.
@@ -237,18 +238,18 @@ def _cycles(
 
 def _with_paper(model: ValveModel, options: Options) -> Options:
     """Return the options with the paper's estimator beside the trend's, if the model has it."""
-    known = next((o for o in model.options if o.name == "estimators"), None)
+    known = next((d for d in describe(model.options) if d.name == "estimators"), None)
     if known is None or PAPER_ESTIMATOR not in known.choices:
         return options
     needed = [name for name in (model.trend_estimator, PAPER_ESTIMATOR) if name in known.choices]
-    return {**options, "estimators": needed}
+    return replace(options, estimators=tuple(needed))
 
 
 def _with_lag(options: Options, first: tuple[Estimate, ...]) -> Options:
     """Return the options with the lag that was found: a budget is that of one known lag."""
-    if options.get("lag") != -1:
+    if getattr(options, "lag", None) != -1:
         return options
-    return {**options, "lag": first[-1].lag}
+    return replace(options, lag=first[-1].lag)
 
 
 def _columns(model: ValveModel, first: tuple[Estimate, ...]) -> tuple[BudgetColumn, ...]:

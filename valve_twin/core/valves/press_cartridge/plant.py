@@ -26,7 +26,7 @@ import numpy as np
 from valve_twin.core.control.plc import PlcConfig
 from valve_twin.core.control.plc import initial_state as plc_state
 from valve_twin.core.physics.orifice import signed_root
-from valve_twin.core.physics.quantity import check_quantities, quantity
+from valve_twin.core.quantity import check_quantities, quantity
 from valve_twin.core.simulation.config import Scatter, SimulationConfig
 from valve_twin.core.simulation.faults import PLANT_KINDS
 from valve_twin.core.simulation.plant import Drive, Plant, Response

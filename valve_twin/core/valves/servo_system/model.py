@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,13 +17,13 @@ from valve_twin.core.types import (
     ParameterStatus,
     ParameterValue,
 )
-from valve_twin.core.valves.interface import ValveModel, number
+from valve_twin.core.valves.interface import ValveModel
 from valve_twin.core.valves.servo_system.fit import LoopFit, fit_loop
 from valve_twin.core.valves.servo_system.parameters import (
     ESTIMATOR,
     NAMES,
-    OPTIONS,
     PARAMETERS,
+    ServoSystemOptions,
     numbers,
     refusal_of,
     sensors,
@@ -42,7 +42,6 @@ if TYPE_CHECKING:
 
     from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.types import ByteArray, Cycle, FloatArray, Parameter
-    from valve_twin.core.valves.interface import Option, Options
 
 _QUANTILE_95 = 1.96
 
@@ -58,11 +57,11 @@ class ServoSystemModel(ValveModel):
     inputs: tuple[str, ...] = INPUTS
     output: str = "piston_position"
     parameters: tuple[Parameter, ...] = PARAMETERS
-    options: tuple[Option, ...] = OPTIONS
+    options: ServoSystemOptions = field(default_factory=ServoSystemOptions)
     trend_estimator: str = ESTIMATOR
 
     def estimate(
-        self, cycle: Cycle, options: Options, earlier: Sequence[Estimate] = ()
+        self, cycle: Cycle, options: ServoSystemOptions, earlier: Sequence[Estimate] = ()
     ) -> tuple[Estimate, ...]:
         """Estimate what one cycle tells of the parameters.
 
@@ -70,8 +69,8 @@ class ServoSystemModel(ValveModel):
         ----------
         cycle : Cycle
             One cycle of moves that begins at rest, sampled every 2 ms or faster.
-        options : mapping
-            The model's options, complete.
+        options : ServoSystemOptions
+            The model's options.
         earlier : sequence of Estimate
             The search begins at the last of them: it ends where the cycle says.
 
@@ -92,30 +91,30 @@ class ServoSystemModel(ValveModel):
             record,
             numbers(options, {}),
             sensors(options),
-            max_error=number(options, "max_error"),
+            max_error=options.max_error,
             guess=_guess(earlier),
         )
         refusal = fit.failed or _misfit(fit, options)
         if refusal:
             return (_refused(cycle, refusal, fit),)
-        return (_accepted(cycle, record, fit, number(options, "max_error")),)
+        return (_accepted(cycle, record, fit, options.max_error),)
 
-    def input_fault(self, cycle: Cycle, options: Options) -> str:
+    def input_fault(self, cycle: Cycle, options: ServoSystemOptions) -> str:
         """Return why the signals cannot be those of the servosystem, empty where they can.
 
         Parameters
         ----------
         cycle : Cycle
             At least one sample.
-        options : mapping
-            The model's options, complete.
+        options : ServoSystemOptions
+            The model's options.
         """
         del options
         names = (self.output, *self.inputs)
         return normalised_fault(names, cycle, follows="desired_position", reach_s=_REACH_S)
 
     def coefficients(
-        self, values: Mapping[str, float], lag: int, period_s: float, options: Options
+        self, values: Mapping[str, float], lag: int, period_s: float, options: ServoSystemOptions
     ) -> FloatArray:
         """Return the coefficients of `predict`; what is not estimated comes from the options."""
         del lag
@@ -163,8 +162,8 @@ def _guess(earlier: Sequence[Estimate]) -> FloatArray | None:
     return None
 
 
-def _misfit(fit: LoopFit, options: Options) -> str:
-    limit = number(options, "max_misfit")
+def _misfit(fit: LoopFit, options: ServoSystemOptions) -> str:
+    limit = options.max_misfit
     if fit.misfit <= limit:
         return ""
     return (

@@ -4,15 +4,15 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.quantity import describe, quantity, setting
 from valve_twin.core.types import Parameter
-from valve_twin.core.valves.interface import Option, Options, number
 from valve_twin.core.valves.servo_system.numbers import COUNT, PHYSICAL, derive
-from valve_twin.core.valves.servo_system.plant import ServoSystemPlant, check_numbers
+from valve_twin.core.valves.servo_system.plant import ServoSystemNumbers, check_numbers
 from valve_twin.core.valves.servo_system.plant_kernel import Sensors
 
 if TYPE_CHECKING:
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
 ESTIMATOR = "loop_output_error"
 
-_KNOWN = {f.name: f for f in fields(ServoSystemPlant) if "lower" in f.metadata}
+_KNOWN = {d.name: d for d in describe(ServoSystemNumbers)}
 
 
 def _parameter(name: str, text: str, *, trend: bool) -> Parameter:
-    meta = _KNOWN[name].metadata
-    return Parameter(name, meta["unit"], text, meta["lower"], meta["upper"], trend=trend)
+    known = _KNOWN[name]
+    return Parameter(name, known.unit, text, known.lower, known.upper, trend=trend)
 
 
 PARAMETERS = (
@@ -48,64 +48,60 @@ NAMES = tuple(p.name for p in PARAMETERS)
 INDEX = np.array([PHYSICAL.index(name) for name in NAMES], dtype=np.int64)
 """Where the estimated parameters stand among the numbers, (12,)."""
 
-_SCALES = ("current_scale", "valve_scale", "pressure_scale", "return_scale", "speed_scale")
 
+@dataclass(frozen=True, slots=True)
+class ServoSystemOptions(ServoSystemNumbers):
+    """The numbers of the data sheet, and what a cycle must show."""
 
-def _options() -> tuple[Option, ...]:
-    options = []
-    for name in (*PHYSICAL, *_SCALES):
-        meta = _KNOWN[name].metadata
-        text = str(meta["description"])
-        if name in NAMES:
-            text += "; estimated, this is where the search starts and what it keeps if it must"
-        default = _KNOWN[name].default
-        options.append(Option(name, default, text, meta["unit"], meta["lower"], meta["upper"]))
-    return (
-        *options,
-        Option("estimators", [ESTIMATOR], "estimators to run", choices=(ESTIMATOR,)),
-        Option(
-            "max_error",
-            0.15,
-            "a parameter that the cycle tells less well is held and not published: relative "
-            "standard error [A]",
-            "1",
-            1e-4,
-            1.0,
-        ),
-        Option(
-            "max_misfit",
-            1.5,
-            "residual over the noise of the signals above which the cycle is refused [A]",
-            "1",
-            1.0,
-            100.0,
-        ),
-        Option("min_motion", 0.02, "a cycle that moves less is refused [A]", "1", 0.0, 1.0),
+    estimators: tuple[str, ...] = setting((ESTIMATOR,), "estimators to run", choices=(ESTIMATOR,))
+    max_error: float = quantity(
+        0.15,
+        "1",
+        "a parameter that the cycle tells less well keeps its option and is not published: "
+        "relative standard error",
+        lower=1e-4,
+        upper=1.0,
+        assumed=True,
+    )
+    max_misfit: float = quantity(
+        1.5,
+        "1",
+        "residual over the noise of the signals above which the cycle is refused",
+        lower=1.0,
+        upper=100.0,
+        assumed=True,
+    )
+    min_motion: float = quantity(
+        0.02, "1", "a cycle that moves less is refused", lower=0.0, upper=1.0, assumed=True
     )
 
 
-OPTIONS = _options()
-
-
-def refusal_of(options: Options) -> str:
+def refusal_of(options: ServoSystemOptions) -> str:
     """Return which option contradicts another, empty if none."""
-    return check_numbers({name: number(options, name) for name in PHYSICAL})
+    return check_numbers({name: getattr(options, name) for name in PHYSICAL})
 
 
-def numbers(options: Options, values: Mapping[str, float]) -> FloatArray:
+def numbers(options: ServoSystemOptions, values: Mapping[str, float]) -> FloatArray:
     """Return the numbers of the compiled functions: estimated `values`, else the options."""
     p = np.zeros(COUNT)
     for i, name in enumerate(PHYSICAL):
-        meta = _KNOWN[name].metadata
         value = values.get(name, np.nan)
         if not np.isfinite(value):
-            value = number(options, name)
-        p[i] = min(max(value, meta["lower"]), meta["upper"])
+            value = getattr(options, name)
+        p[i] = min(max(value, _KNOWN[name].lower), _KNOWN[name].upper)
     derive(p)
     return p
 
 
-def sensors(options: Options) -> Sensors:
+def sensors(options: ServoSystemOptions) -> Sensors:
     """Return the full scales of the signals."""
-    scale = [number(options, name) for name in _SCALES]
-    return Sensors(scale[0], scale[1], scale[2], scale[3], scale[4], 0.0, 0.0, 0)
+    return Sensors(
+        options.current_scale,
+        options.valve_scale,
+        options.pressure_scale,
+        options.return_scale,
+        options.speed_scale,
+        0.0,
+        0.0,
+        0,
+    )

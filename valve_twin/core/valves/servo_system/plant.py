@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from valve_twin.core.physics.hysteresis import mean_reach
-from valve_twin.core.physics.quantity import check_quantities, quantity, whole
+from valve_twin.core.quantity import check_quantities, quantity
 from valve_twin.core.simulation.config import SimulationConfig
 from valve_twin.core.simulation.measurement import MeasurementConfig
 from valve_twin.core.simulation.plant import Drive, Plant, Response
@@ -50,10 +50,8 @@ def _q(
 
 
 @dataclass(frozen=True, slots=True)
-class ServoSystemPlant(Plant):
-    """Numbers of the servosystem; every field carries its unit, range and description."""
-
-    inputs: ClassVar[tuple[str, ...]] = INPUTS
+class ServoSystemNumbers:
+    """Numbers of the data sheet, which plant and model share: those of `PHYSICAL`, full scales."""
 
     supply_pressure: float = _q(20.7e6, "Pa", "Pressure of the supply (P_s)", 1e5, 1e8)
     return_pressure: float = _q(0.35e6, "Pa", "Pressure of the return (P_r)", 0.0, 1e8)
@@ -122,6 +120,14 @@ class ServoSystemPlant(Plant):
     )
     return_scale: float = _q(2e6, "Pa", "Full scale of return pressure", 1e4, 1e9, ages=False)
     speed_scale: float = _q(0.25, "m/s", "Full scale of the load's speed", 1e-3, 1e3, ages=False)
+
+
+@dataclass(frozen=True, slots=True)
+class ServoSystemPlant(ServoSystemNumbers, Plant):
+    """Numbers of the servosystem; every field carries its unit, range and description."""
+
+    inputs: ClassVar[tuple[str, ...]] = INPUTS
+
     sensor_noise: float = _q(
         1e-3, "1", "Noise of every signal but the position, of full scale", 0.0, 0.1, ages=False
     )
@@ -133,7 +139,7 @@ class ServoSystemPlant(Plant):
         0.1,
         ages=False,
     )
-    sensor_seed: int = whole(0, "1", "Seed of the sensors' noise", lower=0, upper=2**31)
+    sensor_seed: int = quantity(0, "1", "Seed of the sensors' noise", lower=0, upper=2**31)
     tolerance: float = _q(
         1e-5, "1", "Allowed relative error of an integration step", 1e-10, 1e-2, ages=False
     )

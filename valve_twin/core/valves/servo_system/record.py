@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.valves.interface import number
 from valve_twin.core.valves.servo_system.plant_kernel import INPUTS
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, Cycle, FloatArray
-    from valve_twin.core.valves.interface import Options
+    from valve_twin.core.valves.servo_system.parameters import ServoSystemOptions
 
 SIGNALS = ("piston_position", *INPUTS[1:])
 """What is fitted, in this order."""
@@ -100,10 +99,10 @@ def take_record(cycle: Cycle) -> tuple[Record | None, str]:
     ), ""
 
 
-def excitation_of(record: Record, options: Options) -> str:
+def excitation_of(record: Record, options: ServoSystemOptions) -> str:
     """Return why a record tells nothing, empty if it moves enough."""
     y = record.measured[record.weight[:, 0] > 0.0, 0]
-    span, wanted = float(np.ptp(y)), number(options, "min_motion")
+    span, wanted = float(np.ptp(y)), options.min_motion
     if span < wanted:
         return f"the piston moved by {span:.3g} of the stroke, less than min_motion {wanted:g}"
     return ""

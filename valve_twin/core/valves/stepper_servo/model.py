@@ -4,8 +4,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,18 +18,18 @@ from valve_twin.core.types import (
     ParameterStatus,
     ParameterValue,
 )
-from valve_twin.core.valves.interface import ValveModel, number
+from valve_twin.core.valves.interface import ValveModel
 from valve_twin.core.valves.stepper_servo.fit import end_offset
 from valve_twin.core.valves.stepper_servo.outcome import Settings, mechanics, wiener
 from valve_twin.core.valves.stepper_servo.parameters import (
     FITS,
     FLOW,
     MECHANICS,
-    OPTIONS,
     PARAMETERS,
     THETA,
     THREAD,
     WIENER,
+    StepperServoOptions,
 )
 from valve_twin.core.valves.stepper_servo.plant import check_period, default_simulation
 from valve_twin.core.valves.stepper_servo.predictor import (
@@ -51,7 +51,6 @@ if TYPE_CHECKING:
 
     from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.types import ByteArray, Cycle, FloatArray, Parameter
-    from valve_twin.core.valves.interface import Option, Options
 
 _NAMES = {MECHANICS: (*THREAD, *FLOW), WIENER: (*THETA, THREAD[3], *FITS)}
 
@@ -67,11 +66,11 @@ class StepperServoModel(ValveModel):
     inputs: tuple[str, ...] = ("motor_position", "flow")
     output: str = "spool_position"
     parameters: tuple[Parameter, ...] = PARAMETERS
-    options: tuple[Option, ...] = OPTIONS
+    options: StepperServoOptions = field(default_factory=StepperServoOptions)
     trend_estimator: str = MECHANICS
 
     def estimate(
-        self, cycle: Cycle, options: Options, earlier: Sequence[Estimate] = ()
+        self, cycle: Cycle, options: StepperServoOptions, earlier: Sequence[Estimate] = ()
     ) -> tuple[Estimate, ...]:
         """Estimate backlash, dead band, lost steps and the Hammerstein-Wiener model of a cycle.
 
@@ -79,8 +78,8 @@ class StepperServoModel(ValveModel):
         ----------
         cycle : Cycle
             One cycle of N samples.
-        options : mapping
-            The model's options, complete.
+        options : StepperServoOptions
+            The model's options.
         earlier : sequence of Estimate
             Those of the cycles before: the recursive model goes on from its last parameters.
 
@@ -90,8 +89,7 @@ class StepperServoModel(ValveModel):
             One an estimator; REFUSED with its reason where the cycle says nothing.
         """
         record, lost, bad = take_record(cycle)
-        chosen = cast("Sequence[object]", options["estimators"])
-        names = dict.fromkeys((MECHANICS, *(str(name) for name in chosen)))
+        names = dict.fromkeys((MECHANICS, *options.estimators))
         counts = MaskCounts(int(record.used.sum()), bad=bad + lost)
         refusal = check_period(cycle.period_s) or refusal_of(record, options)
         if refusal:
@@ -99,8 +97,8 @@ class StepperServoModel(ValveModel):
         values, thread = mechanics(
             record,
             cycle.period_s,
-            step=number(options, "step_size"),
-            max_backlash=number(options, "max_backlash"),
+            step=options.step_size,
+            max_backlash=options.max_backlash,
             max_delay=longest_delay(options, cycle.period_s),
         )
         refusal = misfit(record, thread, options)
@@ -111,40 +109,38 @@ class StepperServoModel(ValveModel):
         sigma = rest_noise(record, lag)
         done = [_accepted(self.name, MECHANICS, cycle, values, counts, (condition, lag, sigma))]
         if WIENER in names:
-            lag = int(number(options, "nk")) or lag
+            lag = options.nk or lag
             structure = _structure(options, lag)
-            settings = Settings(
-                number(options, "centre"), end_offset(thread), _adaptation(options)
-            )
+            settings = Settings(options.centre, end_offset(thread), _adaptation(options))
             learned, got = wiener(record, structure, _carried(earlier, structure), settings)
             condition = _condition(got.state.gain)
             numbers = (condition, lag, sigma)
             done.append(_accepted(self.name, WIENER, cycle, learned, counts, numbers))
         return tuple(done)
 
-    def input_fault(self, cycle: Cycle, options: Options) -> str:
+    def input_fault(self, cycle: Cycle, options: StepperServoOptions) -> str:
         """Return why the signals cannot be those of a servo-valve, empty where they can.
 
         Parameters
         ----------
         cycle : Cycle
             At least one sample.
-        options : mapping
-            The model's options, complete.
+        options : StepperServoOptions
+            The model's options.
         """
         del options
         names = (self.output, *self.inputs)
         return normalised_fault(names, cycle, follows="motor_position", reach_s=_REACH_S)
 
     def coefficients(
-        self, values: Mapping[str, float], lag: int, period_s: float, options: Options
+        self, values: Mapping[str, float], lag: int, period_s: float, options: StepperServoOptions
     ) -> FloatArray:
         """Return the 14 coefficients of `predict`; NaN where the backlash was never seen.
 
         The Hammerstein-Wiener model is projected to a stable one: its free run would diverge.
         """
         c = np.zeros(COEFFICIENTS)
-        c[12] = number(options, "centre")
+        c[12] = options.centre
         if "a_1" in values and "backlash" not in values:
             structure = Structure(3, 3, nk=min(max(lag, 1), MAX_LAG), nl=3)
             theta = np.array([values.get(name, 0.0) for name in THETA])
@@ -190,16 +186,13 @@ class StepperServoModel(ValveModel):
         )
 
 
-def _structure(options: Options, lag: int) -> Structure:
-    na, nb, nl = (int(number(options, name)) for name in ("na", "nb", "nl"))
-    return Structure(na, nb, min(lag, MAX_LAG), nl)
+def _structure(options: StepperServoOptions, lag: int) -> Structure:
+    return Structure(options.na, options.nb, min(lag, MAX_LAG), options.nl)
 
 
-def _adaptation(options: Options) -> Adaptation:
+def _adaptation(options: StepperServoOptions) -> Adaptation:
     """Return a careful adaptation: a thread with play is no Hammerstein-Wiener system."""
-    return Adaptation(
-        forgetting=number(options, "forgetting"), start_gain=0.01, early_forgetting=1.0
-    )
+    return Adaptation(forgetting=options.forgetting, start_gain=0.01, early_forgetting=1.0)
 
 
 def _carried(earlier: Sequence[Estimate], structure: Structure) -> FloatArray | None:

@@ -4,8 +4,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+from valve_twin.core.quantity import quantity, setting
 from valve_twin.core.types import Parameter
-from valve_twin.core.valves.interface import Option
 from valve_twin.core.valves.stepper_servo.predictor import MAX_LAG, ORDER
 
 MECHANICS = "backlash_output_error"
@@ -74,32 +76,48 @@ PARAMETERS = (
     Parameter("pole", "1", "largest pole of the linear part, before it is projected", 0.0),
 )
 
-OPTIONS = (
-    Option(
-        "estimators",
-        [MECHANICS, WIENER],
+
+@dataclass(frozen=True, slots=True)
+class StepperServoOptions:
+    """Options of the model."""
+
+    estimators: tuple[str, ...] = setting(
+        (MECHANICS, WIENER),
         "estimators to run; backlash_output_error always runs: it feeds trend and prediction",
         choices=(MECHANICS, WIENER),
-    ),
-    Option("step_size", 0.01 / 2.1, "travel of a full step over the stroke", "1", 1e-6, 0.5),
-    Option("max_backlash", 0.3, "upper bound of the backlash [A]", "1", 1e-4, 1.0),
-    Option("max_delay_s", 0.1, "longest delay tried [A]", "s", 0.0, 10.0),
-    Option("min_motion", 0.02, "a cycle that moves less is refused [A]", "1", 0.0, 1.0),
-    Option(
-        "min_fit",
+    )
+    step_size: float = quantity(
+        0.01 / 2.1, "1", "travel of a full step over the stroke", lower=1e-6, upper=0.5
+    )
+    max_backlash: float = quantity(
+        0.3, "1", "upper bound of the backlash", lower=1e-4, upper=1.0, assumed=True
+    )
+    max_delay_s: float = quantity(
+        0.1, "s", "longest delay tried", lower=0.0, upper=10.0, assumed=True
+    )
+    min_motion: float = quantity(
+        0.02, "1", "a cycle that moves less is refused", lower=0.0, upper=1.0, assumed=True
+    )
+    min_fit: float = quantity(
         50.0,
-        "a cycle whose position the screw explains worse, free run, is refused: swapped, inverted "
-        "or wrongly scaled signals [A]",
         "%",
-        -1000.0,
-        100.0,
-    ),
-    Option(
-        "centre", 0.5, "position about which the Hammerstein-Wiener model counts", "1", -10, 10
-    ),
-    Option("na", 2, "past outputs of the Hammerstein-Wiener model", "1", 1, ORDER),
-    Option("nb", 2, "past inputs", "1", 1, ORDER),
-    Option("nk", 0, "delay of its input, 0 = the one found", "samples", 0, MAX_LAG),
-    Option("nl", 3, "highest power of its static parts, 1 = linear", "1", 1, ORDER),
-    Option("forgetting", 1.0, "weight of the past a sample", "1", 0.5, 1.0),
-)
+        "a cycle whose position the screw explains worse, free run, is refused: "
+        "swapped, inverted or wrongly scaled signals",
+        lower=-1000.0,
+        upper=100.0,
+        assumed=True,
+    )
+    centre: float = quantity(
+        0.5, "1", "position about which the Hammerstein-Wiener model counts", lower=-10, upper=10
+    )
+    na: int = quantity(
+        2, "1", "past outputs of the Hammerstein-Wiener model", lower=1, upper=ORDER
+    )
+    nb: int = quantity(2, "1", "past inputs", lower=1, upper=ORDER)
+    nk: int = quantity(
+        0, "samples", "delay of its input, 0 = the one found", lower=0, upper=MAX_LAG
+    )
+    nl: int = quantity(
+        3, "1", "highest power of its static parts, 1 = linear", lower=1, upper=ORDER
+    )
+    forgetting: float = quantity(1.0, "1", "weight of the past a sample", lower=0.5, upper=1.0)

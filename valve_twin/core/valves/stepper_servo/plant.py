@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from valve_twin.core.control.stepper import StepperConfig
-from valve_twin.core.physics.quantity import check_quantities, quantity, whole
+from valve_twin.core.quantity import check_quantities, quantity
 from valve_twin.core.simulation.config import SimulationConfig
 from valve_twin.core.simulation.plant import Drive, Plant, Response
 from valve_twin.core.simulation.program import CycleProgram
@@ -57,7 +57,7 @@ class StepperServoPlant(Plant):
     stroke: float = quantity(
         2.1e-3, "m", "Spool travel that stands for 1", lower=1e-5, upper=1.0, assumed=True
     )
-    steps_per_turn: int = whole(20, "1", "Full steps a turn: 18 degrees", lower=2, upper=10000)
+    steps_per_turn: int = quantity(20, "1", "Full steps a turn: 18 degrees", lower=2, upper=10000)
     lead: float = quantity(0.2e-3, "m", "Travel a turn of the screw", lower=1e-6, upper=0.1)
     backlash: float = quantity(
         0.1e-3, "m", "Backlash of screw and cylinder: 10 steps", lower=0.0, upper=1e-2
@@ -79,12 +79,13 @@ class StepperServoPlant(Plant):
     flow_lag: float = quantity(
         0.05, "s", "Time constant of the flow meter", lower=0.0, upper=10.0, assumed=True
     )
-    window: int = whole(
+    window: int = quantity(
         8,
         "ticks",
-        "Moving average of the position sensor [A] assumption",
+        "Moving average of the position sensor",
         lower=1,
         upper=MAX_WINDOW,
+        assumed=True,
     )
     controller: StepperConfig = field(default_factory=StepperConfig)
 

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.gaps import find_gaps
-from valve_twin.core.valves.interface import number
 from valve_twin.core.valves.stepper_servo.fit import Record
 from valve_twin.core.valves.stepper_servo.predictor import MAX_LAG
 
 if TYPE_CHECKING:
     from valve_twin.core.types import Cycle, FloatArray
-    from valve_twin.core.valves.interface import Options
     from valve_twin.core.valves.stepper_servo.fit import ThreadFit
+    from valve_twin.core.valves.stepper_servo.parameters import StepperServoOptions
 
 _LEAST_SAMPLES = 50
 _QUIET = 1e-9  # change of the counted position that is none [1]
@@ -42,13 +41,13 @@ def take_record(cycle: Cycle) -> tuple[Record, int, int]:
     return record, len(frames) - len(part), int(np.sum(~used))
 
 
-def refusal_of(record: Record, options: Options) -> str:
+def refusal_of(record: Record, options: StepperServoOptions) -> str:
     """Return why a record cannot be fitted, empty if it can."""
     usable = int(record.used.sum())
     if usable < _LEAST_SAMPLES:
         return f"{usable} usable samples without a gap, fewer than the {_LEAST_SAMPLES} needed"
     span = float(np.ptp(record.position[record.used]))
-    wanted = number(options, "min_motion")
+    wanted = options.min_motion
     if span < wanted:
         return f"the position moved by {span:.3g} of the stroke, less than min_motion {wanted:g}"
     if float(np.ptp(record.motor)) == 0.0:
@@ -56,11 +55,11 @@ def refusal_of(record: Record, options: Options) -> str:
     return ""
 
 
-def misfit(record: Record, thread: ThreadFit, options: Options) -> str:
+def misfit(record: Record, thread: ThreadFit, options: StepperServoOptions) -> str:
     """Return why a fitted thread is not believed, empty if it is."""
     y = record.position[record.used]
     fit = 100.0 * (1.0 - float(np.sqrt(thread.cost / np.sum((y - y.mean()) ** 2))))
-    least = number(options, "min_fit")
+    least = options.min_fit
     if fit >= least:
         return ""
     return (
@@ -69,9 +68,9 @@ def misfit(record: Record, thread: ThreadFit, options: Options) -> str:
     )
 
 
-def longest_delay(options: Options, period_s: float) -> float:
+def longest_delay(options: StepperServoOptions, period_s: float) -> float:
     """Return the longest delay to try [samples]."""
-    return min(max(1.0, number(options, "max_delay_s") / period_s), float(MAX_LAG - 1))
+    return min(max(1.0, options.max_delay_s / period_s), float(MAX_LAG - 1))
 
 
 def rest_noise(record: Record, lag: int) -> float:

@@ -17,7 +17,7 @@ TRUTH = Truth(leak=0.0, pole=0.0)
 
 
 def estimates(frames, **options):
-    given = {**OPTIONS, **options}
+    given = replace(OPTIONS, **options)
     return {e.estimator: e for e in MODEL.estimate(Cycle(1, 0.03, frames), given)}
 
 

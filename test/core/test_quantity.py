@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import pytest
 
-from valve_twin.core.physics.quantity import check_quantities, nearest_hint, quantity
+from valve_twin.core.quantity import check_quantities, describe, nearest_hint, quantity
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ def test_takes_the_ends_of_the_range_and_integers():
 
 
 def test_an_assumption_carries_its_tag():
-    assert Tank.__dataclass_fields__["volume"].metadata["description"] == "Volume [A] assumption"
+    assert [d.description for d in describe(Tank)] == ["Volume (assumed)"]
 
 
 def test_hint_names_the_nearest_name_or_all():
