@@ -28,7 +28,7 @@ from valve_twin.core.valves.registry import (
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from valve_twin.core.valves.interface import ValveModel
+    from valve_twin.core.valves.interface import Options, ValveModel
 
 
 def main() -> None:
@@ -49,7 +49,7 @@ def main() -> None:
     aging.warm_up()
 
 
-def run_once(name: str, rule: CycleRule, changed: Options | None = None) -> None:
+def run_once(name: str, rule: CycleRule, options: Options | None = None) -> None:
     """Run a short record of one valve through everything; a worker does so before its first job.
 
     Parameters
@@ -58,7 +58,7 @@ def run_once(name: str, rule: CycleRule, changed: Options | None = None) -> None
         Name of the model.
     rule : CycleRule
         Rule that cuts the record.
-    changed : mapping, optional
+    options : dataclass, optional
         Options that are not the default: they may need kernels and packages of their own.
 
     Raises
@@ -71,7 +71,7 @@ def run_once(name: str, rule: CycleRule, changed: Options | None = None) -> None
 
     model = get_model(name)
     simulation = get_simulation(name)
-    options = complete_options(model, changed or {})
+    options = model.options if options is None else options
     twin = _twin(model, rule, simulation.period_s)
     block = SimulatedValve(simulation, seed=0).advance(4 * simulation.cycle_samples)
     columns = dict(zip(model.inputs, block.inputs.T, strict=True))

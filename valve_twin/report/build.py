@@ -7,11 +7,11 @@ from __future__ import annotations
 import math
 import statistics
 import time
-from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from valve_twin import __version__
 from valve_twin.core.aging import assess
+from valve_twin.core.quantity import describe, example
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.store import History
@@ -73,7 +73,7 @@ def report_bag(
         assessment=assessment,
         prediction=join_predictions(record.predictions),
         label=label or config.aging.label,
-        options=asdict(config.options),
+        options={d.name: example(d.default) for d in describe(config.options)},
         version=__version__,
         written_ns=time.time_ns(),
         notes=trivial_note(record),
@@ -150,7 +150,7 @@ def report_history(
         ),
         maintenance=tuple(maintenance),
         label=label or config.aging.label,
-        options=asdict(config.options),
+        options={d.name: example(d.default) for d in describe(config.options)},
         version=__version__,
         written_ns=time.time_ns(),
         budget=budget,

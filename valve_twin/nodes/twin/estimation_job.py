@@ -36,8 +36,8 @@ def run_job(
     ----------
     valve, model : str
         Name of the valve and of its model.
-    options : mapping
-        Complete options of the model.
+    options : dataclass
+        Options of the model.
     cycle : Cycle
         The cycle.
     ordinal : int

@@ -70,7 +70,7 @@ class TwinNode(ValveNode):
                 retry_s=float(self.parameters["retry_s"]),
                 limit=int(self.parameters["unsaved_limit"]),
             )
-        kinds = [(c.model, c.cycles.rule, dict(c.options)) for c in configs]
+        kinds = [(c.model, c.cycles.rule, c.options) for c in configs]
         kinds = [kind for i, kind in enumerate(kinds) if kind not in kinds[:i]]
         self._worker = WorkerProcess(partial(warm_up, kinds))
         warm_up_prediction(kinds)
