@@ -27,7 +27,7 @@ def cycle_of(seed=0, **given):
 
 
 def estimate(cycle, **options):
-    (found,) = VALVE.estimate(cycle, {**OPTIONS, **options})
+    (found,) = VALVE.estimate(cycle, replace(OPTIONS, **options))
     return found
 
 
@@ -130,7 +130,8 @@ def test_percent_are_refused():
     frames = replace(cycle.frames, position=100.0 * cycle.frames.position)
     wrong = replace(cycle, frames=frames)
     assert "0.01 for percent" in VALVE.input_fault(wrong, OPTIONS)
-    assert Valve("v", ("command",), "y", VALVE.law, normalised=False).input_fault(wrong, {}) == ""
+    plain = Valve("v", ("command",), "y", VALVE.law, normalised=False)
+    assert plain.input_fault(wrong, OPTIONS) == ""
 
 
 def test_missing_and_repeated_samples_are_left_out():
@@ -165,9 +166,8 @@ def test_its_plant_ages_and_takes_faults():
 
 
 def test_a_value_outside_its_bounds_is_refused_by_name():
-    with pytest.raises(
-        ValueError, match=r"FirstOrderPlant.dead_band = 0.5: must be a number from"
-    ):
+    says = r"simulation.plant.dead_band: value 0.5 is outside its limits; write 0 to 0.2"
+    with pytest.raises(ValueError, match=says):
         configure(SIMULATION, {"plant.dead_band": 0.5})
 
 
