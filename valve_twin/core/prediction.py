@@ -141,3 +141,22 @@ def run_model(
             run.validity,
         )
     return run
+
+
+def fit_percent(y: FloatArray, simulated: FloatArray, *, least: int = 1) -> float:
+    """Return 100 (1 - |y - simulated| / |y - mean(y)|) over the samples that both have [%].
+
+    Parameters
+    ----------
+    y, simulated : (N,) arrays
+        Measured and simulated, the same unit; NaN where not known.
+    least : int
+        Fewer known samples, or a constant y, give NaN.
+    """
+    known = np.isfinite(y) & np.isfinite(simulated)
+    if np.count_nonzero(known) < least:
+        return float("nan")
+    y = y[known]
+    spread = float(np.sqrt(np.sum((y - y.mean()) ** 2)))
+    miss = float(np.sqrt(np.sum((y - simulated[known]) ** 2)))
+    return 100.0 * (1.0 - miss / spread) if spread > 0.0 else float("nan")

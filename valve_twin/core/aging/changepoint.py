@@ -17,35 +17,19 @@ repeated-median line through their neighbours (Siegel 1982) and left out.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
 
 from valve_twin.core.aging.trend import RESOLUTION
+from valve_twin.core.estimation.data.robust import robust_sigma
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
 HALF_WINDOW = 5
 """Neighbours on each side that judge a value [1]; up to 4 outliers of 11 do no harm."""
-
-
-@dataclass(frozen=True, slots=True)
-class Segmentation:
-    """Straight pieces of one history.
-
-    Attributes
-    ----------
-    starts : (K,) int64 array
-        First index of each piece, counted over all values; the first is 0.
-    outlier : (N,) bool array
-        Values left out.
-    """
-
-    starts: IntArray
-    outlier: BoolArray
 
 
 def penalty(samples: int) -> float:
@@ -100,7 +84,7 @@ def find_outliers(x: FloatArray, y: FloatArray, limit: float) -> BoolArray:
         return np.zeros(n, dtype=np.bool_)
     off = np.empty(n)
     _repeated_median(x, y, HALF_WINDOW, off)
-    scale = 1.4826 * float(np.median(np.abs(off))) + RESOLUTION * float(np.abs(y).max())
+    scale = robust_sigma(off) + RESOLUTION * float(np.abs(y).max())
     return np.asarray(np.abs(off) > limit * scale)
 
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from valve_twin.core.aging.config import AgingConfig, parse_bin
 from valve_twin.core.aging.series import Series, cut
+from valve_twin.core.estimation.data.robust import robust_sigma
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -37,7 +38,6 @@ OWN_SHARE = 0.1
 
 _ROUNDS = 3
 _FAR = 4.0  # robust standard deviations beyond which a value does not count
-_ROBUST = 1.4826
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,7 +219,7 @@ def _from_differences(values: FloatArray, columns: FloatArray) -> FloatArray:
     for _ in range(_ROUNDS):
         weights = np.asarray(np.linalg.lstsq(z[keep], y[keep], rcond=None)[0], np.float64)
         off = np.abs(y - z @ weights)
-        keep = off <= _FAR * _ROBUST * float(np.median(off)) + 1e-300
+        keep = off <= _FAR * robust_sigma(off) + 1e-300
     return weights
 
 

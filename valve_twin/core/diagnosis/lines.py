@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.diagnosis.table import SignatureTable, whitener, with_floor
+from valve_twin.core.estimation.data.robust import MAD_SCALE
 
 if TYPE_CHECKING:
     from valve_twin.core.diagnosis.config import DetectionConfig
@@ -17,9 +18,6 @@ if TYPE_CHECKING:
 
 _BEFORE = 5
 """Cycles before a cycle whose median it is compared with."""
-
-_ROBUST = 1.4826
-"""Standard deviation of a normal variable over its median absolute deviation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +70,7 @@ def whitened_rays(
     n = len(y)
     t = np.arange(n) - 0.5 * (n - 1)
     off = y - y.mean(axis=0) - np.outer(t, t @ y / (t @ t))
-    spread = _ROBUST * np.median(np.abs(off), axis=0)
+    spread = MAD_SCALE * np.median(np.abs(off), axis=0)
     off = np.where(spread > 0.0, np.clip(off, -4.0 * spread, 4.0 * spread), off)
     floor = np.array(table.floor)
     own = with_floor(off.T @ off / (n - 2), floor)

@@ -9,10 +9,9 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from valve_twin.core.aging import Assessment, assess
 from valve_twin.core.estimation.cycle.sequence import estimate_cycle
+from valve_twin.core.prediction import fit_percent
 from valve_twin.core.twin import Estimated, Event
 from valve_twin.core.types import Cycle, Estimate, EstimateStatus, Prediction, join_blocks
 from valve_twin.core.valves.registry import get_model
@@ -90,13 +89,8 @@ def trivial_fit(frames: Frames) -> float:
     """Return the free-run fit [%] of "position = command", NaN where there is not one command."""
     if frames.inputs.shape[1] != 1:
         return float("nan")
-    command, position = frames.inputs[:, 0], frames.position
-    known = frames.valid & np.isfinite(position) & np.isfinite(command)
-    spread = float(np.std(position[known])) if known.any() else 0.0
-    if spread == 0.0:
-        return float("nan")
-    error = float(np.sqrt(np.mean((position[known] - command[known]) ** 2)))
-    return 100.0 * (1.0 - error / spread)
+    valid = frames.valid
+    return fit_percent(frames.position[valid], frames.inputs[valid, 0])
 
 
 def join_predictions(parts: list[Prediction]) -> Prediction | None:

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from test.core.valves.press_cartridge.generator import Truth, generate_cycle
 from valve_twin.core.estimation.cycle.comparison import compare_estimators
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle, memory_from_history
 from valve_twin.core.types import (
@@ -17,7 +18,6 @@ from valve_twin.core.types import (
     ParameterValue,
 )
 from valve_twin.core.valves.press_cartridge import MODEL
-from valve_twin.core.valves.press_cartridge.generator import Truth, generate_cycle
 from valve_twin.core.valves.registry import complete_options
 
 NAN = math.nan

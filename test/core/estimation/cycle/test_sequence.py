@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from test.core.valves.press_cartridge.generator import Truth, generate_cycle
 from valve_twin.core.estimation.cycle.scatter import MIN_CYCLES, scatter_between_cycles
 from valve_twin.core.estimation.cycle.sequence import (
     MEMORY_CYCLES,
@@ -18,7 +19,6 @@ from valve_twin.core.estimation.cycle.sequence import (
 )
 from valve_twin.core.types import Cycle, EstimateStatus, ParameterStatus, ParameterValue
 from valve_twin.core.valves.press_cartridge import MODEL
-from valve_twin.core.valves.press_cartridge.generator import Truth, generate_cycle
 from valve_twin.core.valves.registry import complete_options
 
 PERIOD_S = 0.03

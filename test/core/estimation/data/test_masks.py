@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from test.core.valves.press_cartridge.generator import Truth, generate_cycle
 from valve_twin.core.estimation.data.masks import MaskOptions, find_masks, held_recently
 from valve_twin.core.gaps import find_gaps
-from valve_twin.core.valves.press_cartridge.generator import Truth, generate_cycle
 
 PERIOD_S = 0.03
 PUSH = (1.0, -1.0)

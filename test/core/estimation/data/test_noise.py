@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from test.core.valves.press_cartridge.generator import Truth, generate_cycle
 from valve_twin.core.estimation.data.masks import find_masks
 from valve_twin.core.estimation.data.noise import find_rest, rest_noise
-from valve_twin.core.valves.press_cartridge.generator import Truth, generate_cycle
 
 PERIOD_S = 0.03
 

@@ -16,7 +16,6 @@ from valve_twin.core.estimation.recursive.estimator import (
     Structure,
     adapt,
     adapt_corrected,
-    fit_percent,
     fits,
     free_run,
     identify,
@@ -26,6 +25,7 @@ from valve_twin.core.estimation.recursive.estimator import (
     start_corrected,
 )
 from valve_twin.core.estimation.recursive.kernel import is_stable
+from valve_twin.core.prediction import fit_percent
 
 KNOWN = Structure(na=2, nb=2, nk=1, nl=3)
 TRUTH = np.array([-1.5, 0.7, 0.12, 0.06, 0.05, 0.02, -0.03, -0.02])

@@ -9,9 +9,7 @@ from valve_twin.core.estimation.solvers.identifiability import (
     IdentifiabilityOptions,
     assess_identifiability,
     information_root,
-    withhold,
 )
-from valve_twin.core.types import ParameterStatus, ParameterValue
 
 TIME = np.linspace(0.0, 2.0, 400)
 NAMES = ("mass", "stiffness", "damping", "gain")
@@ -135,16 +133,3 @@ def test_a_record_that_tells_nothing_is_refused_whole():
     assert [c.text for c in one_row.combinations] == ["a*b"]
     loose = IdentifiabilityOptions(max_error=1e9)
     assert assess_identifiability("ab", np.ones(2), np.eye(2), 1.0, options=loose).identified.all()
-
-
-def test_refused_parameters_are_values_with_their_reason():
-    found = assess_identifiability(NAMES, LIGHT, sensitivity(creep, LIGHT), 1e-3)
-    published = (
-        *(ParameterValue(n, v) for n, v in zip(NAMES, LIGHT, strict=True)),
-        ParameterValue("delay", 0.1),
-    )
-    kept = withhold(published, NAMES, found)
-    assert [p.status for p in kept] == [ParameterStatus.REFUSED] * 3 + [ParameterStatus.OK] * 2
-    assert kept[1].reason == found.reasons[1]
-    assert np.isnan(kept[1].value)
-    assert kept[3:] == published[3:]

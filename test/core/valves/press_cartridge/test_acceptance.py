@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from test.core.valves.press_cartridge.generator import Truth, generate_cycle
 from valve_twin.core.aging import AgingConfig, assess
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.simulation import (
@@ -22,7 +23,6 @@ from valve_twin.core.simulation import (
 )
 from valve_twin.core.types import Cycle
 from valve_twin.core.valves.press_cartridge import MODEL
-from valve_twin.core.valves.press_cartridge.generator import Truth, generate_cycle
 from valve_twin.core.valves.registry import complete_options
 
 CYCLES = 105

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from test.core.valves.press_cartridge.generator import Truth, generate_cycle
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.quantity import describe
 from valve_twin.core.types import Cycle, EstimateStatus, ParameterStatus, Validity
 from valve_twin.core.valves.press_cartridge import MODEL
-from valve_twin.core.valves.press_cartridge.generator import Truth, generate_cycle
 from valve_twin.core.valves.registry import complete_options, get_model
 
 PERIOD_S = 0.03

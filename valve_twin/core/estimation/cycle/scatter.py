@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.estimation.data.robust import robust_sigma
+
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
 
@@ -22,9 +24,6 @@ MIN_CYCLES = 10
 
 _WILD = 4.0
 """A residual above this many robust standard deviations is left out."""
-
-_ROBUST_SCALE = 1.4826
-"""Standard deviation of a normal variable over its median absolute deviation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +75,7 @@ def scatter_between_cycles(values: FloatArray) -> Scatter:
     slope = float(np.median((values[j] - values[i]) / (x[j] - x[i])))
     off = values - slope * x
     off = off - np.median(off)
-    limit = _WILD * _ROBUST_SCALE * float(np.median(np.abs(off)))
+    limit = _WILD * robust_sigma(off)
     keep = np.abs(off) <= limit if limit > 0.0 else np.ones(n, dtype=np.bool_)
     x, y = x[keep] - x[keep].mean(), values[keep] - values[keep].mean()
     squares = float((y * y).sum() - (x * y).sum() ** 2 / (x * x).sum())

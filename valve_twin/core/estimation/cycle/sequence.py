@@ -16,7 +16,7 @@ import numpy as np
 
 from valve_twin.core.estimation.cycle.comparison import compare_estimators
 from valve_twin.core.estimation.cycle.scatter import scatter_between_cycles
-from valve_twin.core.prediction import restart_marks, run_model
+from valve_twin.core.prediction import fit_percent, restart_marks, run_model
 from valve_twin.core.types import (
     CONDITIONS,
     Condition,
@@ -208,16 +208,11 @@ def evaluate(
     run = run_model(model, model.initial_state(), coefficients, frames, restart)
     y = frames.position
     good = (run.validity == Validity.VALID) & np.isfinite(run.predicted)
-    known = frames.valid & np.isfinite(y) & np.isfinite(run.simulated)
-    mse = fit = float("nan")
+    mse = float("nan")
     if np.count_nonzero(good) >= _MIN_SAMPLES:
         mse = float(np.mean((y[good] - run.predicted[good]) ** 2))
-    if np.count_nonzero(known) >= _MIN_SAMPLES:
-        spread = float(np.sqrt(np.sum((y[known] - y[known].mean()) ** 2)))
-        if spread > 0.0:
-            miss = float(np.sqrt(np.sum((y[known] - run.simulated[known]) ** 2)))
-            fit = 100.0 * (1.0 - miss / spread)
-    return mse, fit
+    valid = frames.valid
+    return mse, fit_percent(y[valid], run.simulated[valid], least=_MIN_SAMPLES)
 
 
 def _judged(

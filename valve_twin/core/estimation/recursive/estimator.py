@@ -23,6 +23,7 @@ from valve_twin.core.estimation.recursive.kernel import (
     correct_block,
     run_free,
 )
+from valve_twin.core.prediction import fit_percent
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray, IntArray
@@ -374,17 +375,6 @@ def free_run(theta: FloatArray, structure: Structure, y: FloatArray, u: FloatArr
     simulated = np.empty(len(y))
     run_free(np.ascontiguousarray(theta), structure.orders, _column(y), _column(u), simulated)
     return simulated
-
-
-def fit_percent(y: FloatArray, predicted: FloatArray) -> float:
-    """Return 100 (1 - |y - yhat| / |y - mean(y)|) over the samples that both have [%]."""
-    known = np.isfinite(y) & np.isfinite(predicted)
-    if not known.any():
-        return float("nan")
-    spread = float(np.linalg.norm(y[known] - y[known].mean()))
-    if spread == 0.0:
-        return float("nan")
-    return 100.0 * (1.0 - float(np.linalg.norm(y[known] - predicted[known])) / spread)
 
 
 def fits(

@@ -16,8 +16,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.types import ParameterStatus, ParameterValue
-
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -193,29 +191,6 @@ def information_root(information: FloatArray) -> FloatArray:
     values, vectors = np.linalg.eigh(information / np.outer(safe, safe))
     root: FloatArray = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T * scale
     return root
-
-
-def withhold(
-    parameters: Sequence[ParameterValue], names: Sequence[str], found: Identifiability
-) -> tuple[ParameterValue, ...]:
-    """Refuse the parameters that are not identified; all others stay as they are.
-
-    Parameters
-    ----------
-    parameters : sequence of ParameterValue
-        As an estimator publishes them.
-    names : sequence of str
-        P names, in the order of `found`.
-    found : Identifiability
-        What was found of them.
-    """
-    refused = {n: reason for n, reason in zip(names, found.reasons, strict=True) if reason}
-    return tuple(
-        ParameterValue(p.name, float("nan"), ParameterStatus.REFUSED, refused[p.name])
-        if p.name in refused and np.isfinite(p.value)
-        else p
-        for p in parameters
-    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 
 from valve_twin.core.control.current_loop import PATTERNS, SUB_STEPS, pattern
+from valve_twin.core.prediction import fit_percent
 from valve_twin.core.valves.double_solenoid.plant_kernel import SAMPLE_S, STEP_S
 
 if TYPE_CHECKING:
@@ -111,9 +112,9 @@ def reconstruct_flux(
     flux = np.empty(SUB_STEPS * count + 1)
     drop = resistance * np.ascontiguousarray(current, dtype=np.float64)
     _search(np.ascontiguousarray(wanted, dtype=np.float64), drop, supply, patterns, flux)
-    error = flux[SUB_STEPS::SUB_STEPS] - wanted[1:]
-    scatter = float(np.sqrt(np.sum((wanted[1:] - wanted[1:].mean()) ** 2)))
-    fit = 100.0 * (1.0 - float(np.sqrt(np.sum(error**2))) / scatter) if scatter > 0.0 else 100.0
+    reached = flux[SUB_STEPS::SUB_STEPS]
+    error = reached - wanted[1:]
+    fit = fit_percent(wanted[1:], reached) if np.ptp(wanted[1:]) > 0.0 else 100.0
     return Reconstruction(patterns, flux, error, fit)
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.estimation.cycle.plausibility import normalised_fault
+from valve_twin.core.estimation.data.robust import difference_sigma
 from valve_twin.core.gaps import find_gaps
 from valve_twin.core.physics.solenoid_map import CURRENT_NODES
 from valve_twin.core.types import (
@@ -301,7 +302,7 @@ def _doubt(
 
 def _rest_noise(x: FloatArray) -> float:
     """Return the noise of the position [m] from its second differences."""
-    return float(1.4826 * np.median(np.abs(np.diff(x, 2))) / np.sqrt(6.0))
+    return difference_sigma(np.diff(x, 2), 2)
 
 
 def _blank(names: tuple[str, ...], reason: str) -> tuple[ParameterValue, ...]:

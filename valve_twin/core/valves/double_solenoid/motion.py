@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
+from valve_twin.core.estimation.solvers.least_squares import column_condition, damped_step
 from valve_twin.core.physics.solenoid_map import MapTables, coil_force
 from valve_twin.core.valves.double_solenoid.plant_kernel import (
     Valve,
@@ -325,14 +326,11 @@ def fit_motion(record: Record, v: Valve, m: MapTables) -> MotionFit | None:
         residual, jacobian, own = problem.linearise(values, starts, steps)
         if small:
             break
-    reduced = _reduced(jacobian, own)
-    scale = np.sqrt(np.sum(reduced**2, axis=0))
-    condition = float(np.linalg.cond(reduced / scale)) if (scale > 0.0).all() else float("inf")
     freedom = max(residual.size - 2 * len(firsts) - 3, 1)
     return MotionFit(
         values=values,
         rms=float(np.sqrt(cost / freedom)),
-        condition=condition,
+        condition=column_condition(_reduced(jacobian, own)),
         used=residual.size,
         travel=float(np.ptp(measured)),
     )
@@ -404,12 +402,8 @@ def _solve(
     basis = _project(own)
     left = residual - (basis @ (basis.transpose(0, 2, 1) @ residual[:, :, None]))[:, :, 0]
     matrix = _reduced(shared, own)
-    scale = np.sqrt(np.sum(matrix**2, axis=0))
-    scale[scale == 0.0] = 1.0
-    gram = (matrix / scale).T @ (matrix / scale)
-    gram[np.diag_indices_from(gram)] += damping + 1e-14
-    change = np.linalg.solve(gram, (matrix / scale).T @ left.reshape(-1)) / scale
+    change = damped_step(matrix.T @ matrix, matrix.T @ left.reshape(-1), damping + 1e-14)
     rest = residual - shared @ change
     normal = own.transpose(0, 2, 1) @ own
     shifts = np.linalg.solve(normal, own.transpose(0, 2, 1) @ rest[:, :, None])[:, :, 0]
-    return change, shifts
+    return change, np.asarray(shifts)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
+from valve_twin.core.estimation.solvers.least_squares import column_condition
 from valve_twin.core.valves.hybrid_actuator.plant_kernel import Armature, net_force
 
 if TYPE_CHECKING:
@@ -241,12 +242,10 @@ def fit_flights(
     )
     if not np.isfinite(found.x).all():
         return None
-    slopes = np.asarray(found.jac)
-    columns = slopes / np.maximum(np.sqrt(np.sum(slopes**2, axis=0)), 1e-300)
     return FlightFit(
         strokes=tuple(strokes),
         values=np.asarray(found.x[:3]),
-        condition=float(np.linalg.cond(columns)),
+        condition=column_condition(np.asarray(found.jac)),
         rms=float(np.sqrt(2.0 * found.cost / len(found.fun))),
         seating=tuple(problem.seating(found.x, k) for k in range(len(strokes))),
         used=len(found.fun),

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.estimation.cycle.plausibility import normalised_fault
+from valve_twin.core.estimation.data.robust import difference_sigma
 from valve_twin.core.gaps import find_gaps
 from valve_twin.core.types import (
     Estimate,
@@ -330,7 +331,7 @@ def _rest_noise(cycle: Cycle) -> float:
     calm = steps[rest & np.isfinite(steps)]
     if len(calm) < _FEWEST_AT_REST:
         return float("nan")
-    return float(1.4826 * np.median(np.abs(calm)) / np.sqrt(6.0))
+    return difference_sigma(calm, 2)
 
 
 MODEL = HybridActuatorModel()

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Output-error fit of the positioner: bounded Levenberg-Marquardt, several starts, delay by scan.
+"""Output-error fit of the positioner: bounded least squares, several starts, delay by scan.
 
 The cost has local minima (a fast valve that is slew-limited looks like a slow one that is not), so
 every fit starts from several places; the delay is an integer number of samples and is found by a
@@ -10,16 +10,16 @@ scan from coarse to fine.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from valve_twin.core.estimation.solvers.least_squares import minimise
 from valve_twin.core.valves.positioner.kernels import N_PARAMETERS, normal_equations, top_speed
 
 if TYPE_CHECKING:
+    from valve_twin.core.estimation.solvers.least_squares import Limits
     from valve_twin.core.types import BoolArray, FloatArray
-
-    Limits: TypeAlias = tuple[FloatArray, FloatArray]
 
 FASTEST_RATE = 5.0
 """Greatest rate times period [1]: less than 1 % of the distance is left after one sample."""
@@ -27,8 +27,6 @@ FASTEST_RATE = 5.0
 _SHOWN_WAY = 0.2  # share of the motion over which a speed is measured: well above noise, assumed
 _SEARCH_SAMPLES = 1000  # a record twice as long is searched on every second sample, and so on
 _MAX_ITERATIONS = 60
-_RELATIVE_STEP = 1e-10
-_DAMPING_UP, _DAMPING_DOWN, _DAMPING_MAX = 4.0, 0.25, 1e12
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +49,12 @@ class Solution:
     cost: float
     hessian: FloatArray
     active: FloatArray
+
+
+class _Found(NamedTuple):
+    parameters: FloatArray
+    lag: int
+    cost: float
 
 
 def shown_speeds(record: Record) -> tuple[float, float]:
@@ -110,7 +114,8 @@ def fit_free_run(record: Record, *, max_lag: int, limits: Limits) -> Solution:
     best = _search(thin(record, every), -(-max_lag // every), limits)
     if every > 1:
         best = _refine(record, best, every, max_lag, limits)
-    return best
+    cost, _, hessian, active = _evaluate(record, best.parameters, best.lag)
+    return Solution(best.parameters, best.lag, cost, hessian, active)
 
 
 def normal(record: Record, parameters: FloatArray, lag: int) -> tuple[FloatArray, FloatArray]:
@@ -118,10 +123,10 @@ def normal(record: Record, parameters: FloatArray, lag: int) -> tuple[FloatArray
     return _evaluate(record, parameters, lag)[1:3]
 
 
-def _search(record: Record, max_lag: int, limits: Limits) -> Solution:
+def _search(record: Record, max_lag: int, limits: Limits) -> _Found:
     """Scan the delay from coarse to fine, each from several starts."""
     starts = starting_values(record, limits)
-    best: Solution | None = None
+    best: _Found | None = None
     tried: set[int] = set()
     for lags in _coarse_to_fine(max_lag):
         centre = 0 if best is None else best.lag
@@ -139,9 +144,7 @@ def _search(record: Record, max_lag: int, limits: Limits) -> Solution:
     return best
 
 
-def _refine(
-    record: Record, coarse: Solution, every: int, max_lag: int, limits: Limits
-) -> Solution:
+def _refine(record: Record, coarse: _Found, every: int, max_lag: int, limits: Limits) -> _Found:
     """Fit all samples, with delays around the one found on every k-th."""
     centre = min(coarse.lag * every, max_lag)
     best = _descend(record, coarse.parameters, centre, limits)
@@ -199,29 +202,11 @@ def starting_values(record: Record, limits: Limits) -> list[FloatArray]:
     return out
 
 
-def _descend(record: Record, start: FloatArray, lag: int, limits: Limits) -> Solution:
-    """Levenberg-Marquardt, scaled; parameters on a bound that pull outwards are held there."""
-    lower, upper = limits
-    p = start.copy()
-    here = _evaluate(record, p, lag)
-    damping = 1e-3
-    for _ in range(_MAX_ITERATIONS):
-        step = _step(p, here, damping, lower, upper)
-        trial = np.clip(p + step, lower, upper)
-        if np.all(np.abs(trial - p) <= _RELATIVE_STEP * (np.abs(p) + _RELATIVE_STEP)):
-            break
-        there = _evaluate(record, trial, lag)
-        if there[0] < here[0]:
-            gained = here[0] - there[0]
-            p, here = trial, there
-            damping *= _DAMPING_DOWN
-            if gained <= _RELATIVE_STEP * here[0]:
-                break
-        else:
-            damping *= _DAMPING_UP
-            if damping > _DAMPING_MAX:
-                break
-    return Solution(p, lag, here[0], here[2], here[3])
+def _descend(record: Record, start: FloatArray, lag: int, limits: Limits) -> _Found:
+    found = minimise(
+        lambda p: _evaluate(record, p, lag)[:3], start, limits, iterations=_MAX_ITERATIONS
+    )
+    return _Found(found.parameters, lag, found.cost)
 
 
 def _evaluate(
@@ -242,23 +227,3 @@ def _evaluate(
         active,
     )
     return float(cost), gradient, hessian, active
-
-
-def _step(
-    p: FloatArray,
-    at: tuple[float, FloatArray, FloatArray, FloatArray],
-    damping: float,
-    lower: FloatArray,
-    upper: FloatArray,
-) -> FloatArray:
-    _, gradient, hessian, _ = at
-    scale = np.diag(hessian).copy()
-    blocked = ((p <= lower) & (gradient < 0)) | ((p >= upper) & (gradient > 0)) | (scale <= 0)
-    free = np.flatnonzero(~blocked)
-    step = np.zeros(N_PARAMETERS)
-    if len(free):
-        matrix = hessian[np.ix_(free, free)] + damping * np.diag(scale[free])
-        root = np.sqrt(scale[free])
-        scaled = matrix / np.outer(root, root)
-        step[free] = np.linalg.solve(scaled, gradient[free] / root) / root
-    return step

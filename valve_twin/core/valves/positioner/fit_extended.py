@@ -28,8 +28,9 @@ from valve_twin.core.valves.positioner.extended import (
 from valve_twin.core.valves.positioner.fit import shown_speeds, starting_values, thin
 
 if TYPE_CHECKING:
+    from valve_twin.core.estimation.solvers.least_squares import Limits
     from valve_twin.core.types import FloatArray, IntArray
-    from valve_twin.core.valves.positioner.fit import Limits, Record
+    from valve_twin.core.valves.positioner.fit import Record
     from valve_twin.core.valves.positioner.structure import Structure
 
 _SEARCH_SAMPLES = 2000  # a longer record is searched on every k-th sample ...

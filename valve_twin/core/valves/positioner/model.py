@@ -43,6 +43,7 @@ from valve_twin.core.valves.positioner.structure import extend, structure_of
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from valve_twin.core.estimation.solvers.least_squares import Limits
     from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.types import (
         BoolArray,
@@ -52,7 +53,7 @@ if TYPE_CHECKING:
         FloatArray,
         Parameter,
     )
-    from valve_twin.core.valves.positioner.fit import Limits, Record, Solution
+    from valve_twin.core.valves.positioner.fit import Record, Solution
     from valve_twin.core.valves.positioner.record import Prepared
     from valve_twin.core.valves.positioner.structure import Structure
 

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.estimation.solvers.least_squares import gram_condition
+from valve_twin.core.prediction import fit_percent
 from valve_twin.core.types import (
     Estimate,
     EstimateStatus,
@@ -20,8 +22,9 @@ from valve_twin.core.valves.positioner.fit import shown_speeds
 from valve_twin.core.valves.positioner.parameters import DERIVED, ESTIMATOR, FITTED
 
 if TYPE_CHECKING:
+    from valve_twin.core.estimation.solvers.least_squares import Limits
     from valve_twin.core.types import Cycle, FloatArray
-    from valve_twin.core.valves.positioner.fit import Limits, Record, Solution
+    from valve_twin.core.valves.positioner.fit import Solution
     from valve_twin.core.valves.positioner.record import Prepared
 
 MIN_DRIVEN = 5.0
@@ -96,7 +99,7 @@ def accepted(
         parameters=values,
         status=EstimateStatus.PARTIAL if withheld else EstimateStatus.ACCEPTED,
         reason=f"not excited: {', '.join(withheld)}" if withheld else "accepted",
-        condition_number=condition(solution.hessian),
+        condition_number=gram_condition(solution.hessian),
         lag=solution.lag,
         noise_sigma=prepared.noise_sigma,
         counts=prepared.counts,
@@ -157,11 +160,13 @@ def derived(fitted: list[ParameterValue], prepared: Prepared, lag: int) -> list[
     ]
     shown = shown_speeds(prepared.record)
     speeds = zip(DERIVED[3:5], shown, strict=True)
+    record = prepared.record
+    y, u = record.position[record.used], record.command[record.used]
     return [
         _delay(delay, at_bound=0 < prepared.max_lag == lag),
         *responses,
         *(ParameterValue(name, value) for name, value in speeds),
-        ParameterValue(DERIVED[5], _command_fit(prepared.record)),
+        ParameterValue(DERIVED[5], fit_percent(y, u)),
         _asymmetry(*shown),
     ]
 
@@ -179,26 +184,3 @@ def _delay(delay: float, *, at_bound: bool) -> ParameterValue:
         return ParameterValue(DERIVED[0], delay)
     reason = f"rests on the longest delay tried, {delay:.3g} s: raise max_delay_s"
     return ParameterValue(DERIVED[0], delay, ParameterStatus.AT_BOUND, reason)
-
-
-def _command_fit(record: Record) -> float:
-    """Return the fit of "the position is the command" [%]."""
-    y, u = record.position[record.used], record.command[record.used]
-    miss, spread = np.sum((y - u) ** 2), np.sum((y - y.mean()) ** 2)
-    return float(100.0 * (1.0 - np.sqrt(miss / spread)))
-
-
-def condition(hessian: FloatArray) -> float:
-    """Return the condition number of the column-scaled sensitivities of what is excited.
-
-    Parameters
-    ----------
-    hessian : (P, P) array
-        J^T J of the sensitivities J.
-    """
-    scale = np.sqrt(np.diag(hessian))
-    seen = scale > 0
-    if not seen.any():
-        return float("nan")
-    scaled = hessian[np.ix_(seen, seen)] / np.outer(scale[seen], scale[seen])
-    return float(np.sqrt(np.linalg.cond(scaled)))

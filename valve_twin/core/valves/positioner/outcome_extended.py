@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.estimation.solvers.least_squares import gram_condition
 from valve_twin.core.types import Estimate, EstimateStatus, ParameterStatus, ParameterValue
 from valve_twin.core.valves.kit.intervals import block_errors
 from valve_twin.core.valves.positioner.curve import line_through, settled
@@ -21,7 +22,7 @@ from valve_twin.core.valves.positioner.extended import (
     STICTION,
 )
 from valve_twin.core.valves.positioner.fit_extended import correlated_sigma
-from valve_twin.core.valves.positioner.outcome import Errors, condition, derived
+from valve_twin.core.valves.positioner.outcome import Errors, derived
 from valve_twin.core.valves.positioner.parameters import (
     CURVE,
     ESTIMATOR,
@@ -93,7 +94,7 @@ def accepted_extended(model: str, cycle: Cycle, found: Fitted, blocks: int) -> E
         parameters=tuple(values),
         status=EstimateStatus.PARTIAL if withheld else EstimateStatus.ACCEPTED,
         reason="; ".join(lines) or "accepted",
-        condition_number=condition(fit.jacobian.T @ fit.jacobian),
+        condition_number=gram_condition(fit.jacobian.T @ fit.jacobian),
         lag=fit.lags[0],
         noise_sigma=found.prepared.noise_sigma,
         counts=found.prepared.counts,

@@ -22,8 +22,8 @@ from valve_twin.core.valves.positioner.extended import (
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from valve_twin.core.estimation.solvers.least_squares import Limits
     from valve_twin.core.types import FloatArray, IntArray
-    from valve_twin.core.valves.positioner.fit import Limits
     from valve_twin.core.valves.positioner.parameters import PositionerOptions
 
 LEAST_LAG = 0.05

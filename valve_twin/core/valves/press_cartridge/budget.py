@@ -18,11 +18,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.quantity import describe
-from valve_twin.core.simulation.approximation import ApproximatedPlant
 from valve_twin.core.simulation.block import to_frames
 from valve_twin.core.simulation.config import StartFault
 from valve_twin.core.simulation.valve import SimulatedValve
 from valve_twin.core.types import Cycle, EstimateStatus
+from valve_twin.core.valves.press_cartridge.approximations import press_approximations
+from valve_twin.core.valves.press_cartridge.plant import PressCartridgePlant
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -208,7 +209,7 @@ def error_budget(
 def row_count(simulation: SimulationConfig) -> int:
     """Return about how many rows a budget has."""
     rows = 2 * len(simulation.plant.inputs) + 2
-    return rows + 5 * isinstance(simulation.plant, ApproximatedPlant)
+    return rows + 5 * isinstance(simulation.plant, PressCartridgePlant)
 
 
 def _cycles(
@@ -322,12 +323,12 @@ def _approximations(
 ) -> Iterator[BudgetRow]:
     """Rows (g) to (k), where the plant knows them: their error of position is added."""
     plant = simulation.plant
-    if not isinstance(plant, ApproximatedPlant):
+    if not isinstance(plant, PressCartridgePlant):
         return
     paper = next((e for e in first if e.estimator == PAPER_ESTIMATOR), first[0])
     values = {p.name: p.value for p in paper.parameters}
     delay = simulation.measurement.delay
-    made = plant.approximations(noisy[0].inputs, simulation.period_s, values)
+    made = press_approximations(plant, noisy[0].inputs, simulation.period_s, values)
     for one in made:
         seen = np.concatenate([np.zeros(delay), one.error])[: len(one.error)]
         changes = [

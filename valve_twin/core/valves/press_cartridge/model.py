@@ -34,7 +34,6 @@ from valve_twin.core.types import (
 )
 from valve_twin.core.valves.interface import ValveModel
 from valve_twin.core.valves.press_cartridge.estimation import kalman, output_error
-from valve_twin.core.valves.press_cartridge.estimation.checks import check_gap
 from valve_twin.core.valves.press_cartridge.estimation.constraints import THETA, parse_inequalities
 from valve_twin.core.valves.press_cartridge.estimation.equation_error import (
     ESTIMATORS as EQUATION_ERROR,
@@ -43,8 +42,9 @@ from valve_twin.core.valves.press_cartridge.estimation.equation_error import (
     EquationErrorOptions,
     fit_equation_error,
 )
+from valve_twin.core.valves.press_cartridge.estimation.excitation import GuardOptions
 from valve_twin.core.valves.press_cartridge.estimation.free_run import OutputErrorOptions
-from valve_twin.core.valves.press_cartridge.estimation.guards import GuardOptions
+from valve_twin.core.valves.press_cartridge.estimation.guards import check_gap
 from valve_twin.core.valves.press_cartridge.estimation.kalman import fit_kalman, pool_ratios
 from valve_twin.core.valves.press_cartridge.estimation.lag import LagScan, scan_lag
 from valve_twin.core.valves.press_cartridge.estimation.output_error import fit_output_error

@@ -33,9 +33,6 @@ from valve_twin.core.simulation.plant import Drive, Plant, Response
 from valve_twin.core.valves.press_cartridge.plant_kernel import PressCoefficients, run_press
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from valve_twin.core.simulation.approximation import Approximation
     from valve_twin.core.types import FloatArray
 
 
@@ -282,14 +279,6 @@ class PressCartridgePlant(Plant):
 
         speed = brentq(imbalance, -span, span, xtol=1e-14, rtol=1e-12)
         return float(speed) / self.stroke
-
-    def approximations(
-        self, commands: FloatArray, period_s: float, values: Mapping[str, float]
-    ) -> tuple[Approximation, ...]:
-        """Return rows (g) to (k) of paper 002, Table 5; see `ApproximatedPlant`."""
-        from valve_twin.core.valves.press_cartridge.approximations import press_approximations
-
-        return press_approximations(self, commands, period_s, values)
 
     def _leak_coefficient(self, rate: float) -> float:
         """Return the leak coefficient that loses `rate` of stroke a second at balance pressure."""

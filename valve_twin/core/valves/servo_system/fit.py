@@ -16,6 +16,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
+from valve_twin.core.estimation.solvers.least_squares import (
+    column_condition,
+    damped_step,
+    free_inside,
+    unit_diagonal,
+)
 from valve_twin.core.physics.hysteresis import PLAYS
 from valve_twin.core.valves.servo_system.dynamics import STATES, TH, XP
 from valve_twin.core.valves.servo_system.integrate import rest, simulate
@@ -347,12 +353,9 @@ def _step(
 ) -> tuple[FloatArray, float, float]:
     """Return the step, the gain it promises and its length in standard errors."""
     gradient = -(jacobian.T @ r)
-    outwards = ((x <= _LOWER) & (gradient < 0.0)) | ((x >= _UPPER) & (gradient > 0.0))
-    on = np.flatnonzero(free & ~outwards)
+    on = free & free_inside(x, gradient, (_LOWER, _UPPER))
     gram = jacobian[:, on].T @ jacobian[:, on]
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    matrix = gram / np.outer(scale, scale) + damping * np.eye(len(on))
-    part = np.linalg.solve(matrix, gradient[on] / scale) / scale
+    part = damped_step(gram, gradient[on], damping)
     step = np.zeros(UNKNOWNS)
     step[on] = part
     length = float(np.sqrt(max(float(part @ gram @ part), 0.0)))
@@ -380,12 +383,10 @@ def _result(
     errors = np.full(names, np.inf)
     for j in range(names):
         on = np.flatnonzero(free | (np.arange(UNKNOWNS) == j))
-        scale = np.sqrt(np.maximum(np.diag(gram)[on], 1e-300))
-        inverse = np.linalg.pinv(gram[np.ix_(on, on)] / np.outer(scale, scale))
+        scaled, scale = unit_diagonal(gram[np.ix_(on, on)])
+        inverse = np.linalg.pinv(scaled)
         place = int(np.flatnonzero(on == j)[0])
         errors[j] = np.sqrt(max(inverse[place, place], 0.0)) / scale[place]
-    on = np.flatnonzero(free)
-    columns = jacobian[:, on] / np.sqrt(np.maximum(np.diag(gram)[on], 1e-300))
     at_bound = (x <= _LOWER * (1 + 1e-9)) | (x >= _UPPER * (1 - 1e-9))
     return LoopFit(
         values=problem.base * x[:names],
@@ -395,7 +396,7 @@ def _result(
         misfit=misfit,
         worst=SIGNALS[int(np.argmax(each))],
         worst_misfit=float(each.max()),
-        condition=float(np.linalg.cond(columns)),
+        condition=column_condition(jacobian[:, free]),
     )
 
 

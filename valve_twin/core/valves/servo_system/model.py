@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.estimation.cycle.plausibility import normalised_fault
+from valve_twin.core.estimation.data.robust import NORMAL_975
 from valve_twin.core.types import (
     Estimate,
     EstimateStatus,
@@ -43,7 +44,6 @@ if TYPE_CHECKING:
     from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.types import ByteArray, Cycle, FloatArray, Parameter
 
-_QUANTILE_95 = 1.96
 
 _REACH_S = 0.1
 """Longest delay between command and position that the check of the signals tries [s], assumed."""
@@ -182,7 +182,7 @@ def _value(fit: LoopFit, i: int, max_error: float) -> ParameterValue:
     if fit.at_bound[i]:
         reason = f"rests on its bound {value:.3g}"
         return ParameterValue(name, value, ParameterStatus.AT_BOUND, reason)
-    half = _QUANTILE_95 * error
+    half = NORMAL_975 * error
     low, high = max(value - half, PARAMETERS[i].lower), min(value + half, PARAMETERS[i].upper)
     return ParameterValue(name, value, ParameterStatus.OK, "", error, low, high)
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.estimation.data.robust import difference_sigma
 from valve_twin.core.valves.servo_system.plant_kernel import INPUTS
 
 if TYPE_CHECKING:
@@ -136,7 +137,7 @@ def _noise(values: FloatArray) -> float:
     """Return the noise of a signal from its third differences, at least what its steps leave."""
     third = np.diff(values, 3)
     third = third[np.isfinite(third)]
-    sigma = 1.4826 * float(np.median(np.abs(third))) / np.sqrt(20.0) if len(third) else 0.0
+    sigma = difference_sigma(third, 3) if len(third) else 0.0
     steps = np.abs(np.diff(values))
     steps = steps[np.isfinite(steps) & (steps > 1e-9)]
     least = float(steps.min()) / np.sqrt(12.0) if len(steps) else 0.0

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from valve_twin.core.estimation.solvers.least_squares import minimise
 from valve_twin.core.valves.stepper_servo.kernels import (
     DELAY,
     LOST,
@@ -26,13 +27,12 @@ from valve_twin.core.valves.stepper_servo.kernels import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from valve_twin.core.estimation.solvers.least_squares import Limits, Minimum
     from valve_twin.core.types import BoolArray, FloatArray
 
     Simulation: TypeAlias = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 _MAX_ITERATIONS = 40
-_SMALL = 1e-10
-_DAMPING_UP, _DAMPING_DOWN, _DAMPING_MAX = 4.0, 0.25, 1e12
 _DIFFERENCE = 1e-5  # of the flow parameters: far below the step, far above rounding
 _DELAYS = 9  # starts over the delays tried
 _FLOW_LAGS = (1.0, 8.0)  # time constants that the flow fit starts from [samples]
@@ -91,15 +91,19 @@ def fit_thread(record: Record, *, max_backlash: float, max_delay: float) -> Thre
         run_play(p, record.motor, first, simulated, jacobian)
         return simulated, jacobian
 
-    best, cost = lower, np.inf
-    hessian = np.zeros((N_PARAMETERS, N_PARAMETERS))
     away = (record.position - record.motor)[record.used]
     low, high = np.quantile(away, [0.1, 0.9])
-    for delay in np.linspace(0.0, max_delay, _DELAYS):
-        guess = np.array([min(high - low, max_backlash), 0.5 * (low + high), 0.0, delay])
-        found = _descend(simulate, guess, (lower, upper), record.position, record.used)
-        if found[1] < cost:
-            best, cost, hessian = found
+    found = [
+        _descend(
+            simulate,
+            np.array([min(high - low, max_backlash), 0.5 * (low + high), 0.0, delay]),
+            (lower, upper),
+            record.position,
+            record.used,
+        )
+        for delay in np.linspace(0.0, max_delay, _DELAYS)
+    ]
+    best, cost, hessian = min(found, key=lambda f: f.cost)
     up, down, way = run_play(best, record.motor, first, simulated, jacobian)
     return ThreadFit(best, cost, hessian, up, down, way)
 
@@ -145,13 +149,18 @@ def fit_flow(record: Record, spool: FloatArray, *, max_lag: float) -> FlowFit:
             columns.append((run(aside) - here) / (aside[j] - q[j]))
         return here, np.column_stack(columns)
 
-    best, cost = lower, np.inf
-    for lag in _FLOW_LAGS:
-        for width in (0.03, 0.12):
-            guess = np.array([low, high, width, width, full, lag])
-            found = _descend(simulate, guess, (lower, upper), record.flow, record.used)
-            if found[1] < cost:
-                best, cost = found[0], found[1]
+    found = [
+        _descend(
+            simulate,
+            np.array([low, high, width, width, full, lag]),
+            (lower, upper),
+            record.flow,
+            record.used,
+        )
+        for lag in _FLOW_LAGS
+        for width in (0.03, 0.12)
+    ]
+    best, cost, _ = min(found, key=lambda f: f.cost)
     return FlowFit(
         best,
         cost,
@@ -169,59 +178,17 @@ def _first_edges(flow: FloatArray, spool: FloatArray, full: float) -> tuple[floa
 
 
 def _descend(
-    simulate: Simulation,
-    start: FloatArray,
-    limits: tuple[FloatArray, FloatArray],
-    measured: FloatArray,
-    used: BoolArray,
-) -> tuple[FloatArray, float, FloatArray]:
-    """Levenberg-Marquardt, scaled; what rests on a bound and pulls outwards is held there."""
+    simulate: Simulation, start: FloatArray, limits: Limits, measured: FloatArray, used: BoolArray
+) -> Minimum:
     size = len(start)
-    lower, upper = limits
 
     def evaluate(p: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-        gradient, hessian = np.empty(size), np.empty((size, size))
+        gradient, gram = np.empty(size), np.empty((size, size))
         simulated, jacobian = simulate(p)
-        cost = normal_equations(measured - simulated, used, jacobian, gradient, hessian)
-        return float(cost), gradient, hessian
+        cost = normal_equations(measured - simulated, used, jacobian, gradient, gram)
+        return float(cost), gradient, gram
 
-    p = np.clip(start, lower, upper)
-    here = evaluate(p)
-    damping = 1e-3
-    for _ in range(_MAX_ITERATIONS):
-        trial = np.clip(p + _step(p, here, damping, limits), lower, upper)
-        if np.all(np.abs(trial - p) <= _SMALL * (np.abs(p) + _SMALL)):
-            break
-        there = evaluate(trial)
-        if there[0] < here[0]:
-            gained = here[0] - there[0]
-            p, here, damping = trial, there, damping * _DAMPING_DOWN
-            if gained <= _SMALL * here[0]:
-                break
-        else:
-            damping *= _DAMPING_UP
-            if damping > _DAMPING_MAX:
-                break
-    return p, here[0], here[2]
-
-
-def _step(
-    p: FloatArray,
-    at: tuple[float, FloatArray, FloatArray],
-    damping: float,
-    limits: tuple[FloatArray, FloatArray],
-) -> FloatArray:
-    _, gradient, hessian = at
-    scale = np.diag(hessian).copy()
-    outwards = ((p <= limits[0]) & (gradient < 0)) | ((p >= limits[1]) & (gradient > 0))
-    free = np.flatnonzero(~outwards & (scale > 0))
-    step = np.zeros(len(p))
-    if len(free):
-        root = np.sqrt(scale[free])
-        scaled = hessian[np.ix_(free, free)] / np.outer(root, root)
-        scaled = scaled + damping * np.eye(len(free))
-        step[free] = np.linalg.solve(scaled, gradient[free] / root) / root
-    return step
+    return minimise(evaluate, start, limits, iterations=_MAX_ITERATIONS)
 
 
 def end_offset(thread: ThreadFit) -> float:

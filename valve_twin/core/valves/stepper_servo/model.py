@@ -11,6 +11,7 @@ import numpy as np
 
 from valve_twin.core.estimation.cycle.plausibility import normalised_fault
 from valve_twin.core.estimation.recursive.estimator import Adaptation, Structure, project_stable
+from valve_twin.core.estimation.solvers.least_squares import gram_condition
 from valve_twin.core.types import (
     Estimate,
     EstimateStatus,
@@ -104,7 +105,7 @@ class StepperServoModel(ValveModel):
         refusal = misfit(record, thread, options)
         if refusal:
             return tuple(_refused(self.name, name, cycle, refusal, counts) for name in names)
-        condition = _condition(thread.hessian)
+        condition = gram_condition(thread.hessian)
         lag = max(1, round(float(thread.parameters[3])))
         sigma = rest_noise(record, lag)
         done = [_accepted(self.name, MECHANICS, cycle, values, counts, (condition, lag, sigma))]
@@ -113,7 +114,7 @@ class StepperServoModel(ValveModel):
             structure = _structure(options, lag)
             settings = Settings(options.centre, end_offset(thread), _adaptation(options))
             learned, got = wiener(record, structure, _carried(earlier, structure), settings)
-            condition = _condition(got.state.gain)
+            condition = gram_condition(got.state.gain)
             numbers = (condition, lag, sigma)
             done.append(_accepted(self.name, WIENER, cycle, learned, counts, numbers))
         return tuple(done)
@@ -204,16 +205,6 @@ def _carried(earlier: Sequence[Estimate], structure: Structure) -> FloatArray | 
             same = estimate.lag == structure.nk and bool(np.isfinite(theta).all())
             return theta if same else None
     return None
-
-
-def _condition(hessian: FloatArray) -> float:
-    """Return the condition number after scaling of what is excited."""
-    scale = np.sqrt(np.diag(hessian))
-    seen = scale > 0
-    if not seen.any():
-        return float("nan")
-    scaled = hessian[np.ix_(seen, seen)] / np.outer(scale[seen], scale[seen])
-    return float(np.sqrt(np.linalg.cond(scaled)))
 
 
 def _accepted(

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from test.core.valves.press_cartridge.generator import Truth, generate_cycle, steady_gains
 from valve_twin.core.estimation.data.masks import Masks, find_masks
 from valve_twin.core.simulation import AgingRule, SimulatedValve, configure, simulate_cycles
 from valve_twin.core.simulation.block import to_frames
@@ -22,10 +23,8 @@ from valve_twin.core.valves.press_cartridge.estimation.equation_error import (
 )
 from valve_twin.core.valves.press_cartridge.estimation.regression import (
     design,
-    steady_gains,
     usable_rows,
 )
-from valve_twin.core.valves.press_cartridge.generator import Truth, generate_cycle
 from valve_twin.core.valves.press_cartridge.plant import default_simulation
 
 PERIOD_S = 0.03

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from test.core.valves.press_cartridge.generator import Truth, generate_cycle
 from valve_twin.core.estimation.data.masks import find_masks
 from valve_twin.core.estimation.data.noise import rest_noise
 from valve_twin.core.types import EstimateStatus, ParameterStatus
@@ -21,7 +22,6 @@ from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel impor
     N_LINEAR,
     accumulate,
 )
-from valve_twin.core.valves.press_cartridge.generator import Truth, generate_cycle
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray

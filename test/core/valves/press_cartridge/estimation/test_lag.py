@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from test.core.valves.press_cartridge.generator import Truth, generate_cycle
 from valve_twin.core.estimation.data.masks import find_masks
 from valve_twin.core.valves.press_cartridge.estimation.equation_error import (
     EquationErrorOptions,
     fit_equation_error,
 )
 from valve_twin.core.valves.press_cartridge.estimation.lag import scan_lag
-from valve_twin.core.valves.press_cartridge.generator import Truth, generate_cycle
 
 PERIOD_S = 0.03
 PAPER = EquationErrorOptions(extended=False)

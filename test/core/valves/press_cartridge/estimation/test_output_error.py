@@ -8,6 +8,11 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
+from test.core.valves.press_cartridge.generator import (
+    Truth,
+    generate_cycle,
+    reference_trajectory,
+)
 from valve_twin.core.estimation.data.masks import find_masks
 from valve_twin.core.types import EstimateStatus, ParameterStatus
 from valve_twin.core.valves.press_cartridge.estimation.free_run import OutputErrorOptions
@@ -18,11 +23,6 @@ from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel impor
     N_LINEAR,
     accumulate,
     solve_positive,
-)
-from valve_twin.core.valves.press_cartridge.generator import (
-    Truth,
-    generate_cycle,
-    reference_trajectory,
 )
 
 PERIOD_S = 0.03

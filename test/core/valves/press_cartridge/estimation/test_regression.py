@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from test.core.valves.press_cartridge.generator import Truth, generate_cycle, steady_gains
 from valve_twin.core.estimation.data.masks import find_masks
 from valve_twin.core.valves.press_cartridge.estimation.regression import (
     TERM_SETS,
@@ -14,10 +15,8 @@ from valve_twin.core.valves.press_cartridge.estimation.regression import (
     design,
     gram,
     mean_square_error,
-    steady_gains,
     usable_rows,
 )
-from valve_twin.core.valves.press_cartridge.generator import Truth, generate_cycle
 
 PERIOD_S = 0.03
 

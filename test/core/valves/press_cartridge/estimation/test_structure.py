@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from test.core.valves.press_cartridge.generator import Truth, generate_cycle
 from valve_twin.core.estimation.data.masks import find_masks
 from valve_twin.core.valves.press_cartridge.estimation.free_run import OutputErrorOptions
 from valve_twin.core.valves.press_cartridge.estimation.kalman import fit_kalman
@@ -17,7 +18,6 @@ from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel impor
     N_LINEAR,
 )
 from valve_twin.core.valves.press_cartridge.estimation.structure import whiten_columns
-from valve_twin.core.valves.press_cartridge.generator import Truth, generate_cycle
 
 PERIOD_S = 0.03
 SIGMA, PROCESS = 1e-3, 2e-4

@@ -31,7 +31,7 @@ from valve_twin.core.valves.press_cartridge.estimation.constraints import (
     no_inequalities,
     physical_inequalities,
 )
-from valve_twin.core.valves.press_cartridge.estimation.guards import (
+from valve_twin.core.valves.press_cartridge.estimation.excitation import (
     Excitation,
     GuardOptions,
     assess_input,

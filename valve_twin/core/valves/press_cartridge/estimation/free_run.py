@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.estimation.data.masks import held_recently
-from valve_twin.core.valves.press_cartridge.estimation.guards import GuardOptions
+from valve_twin.core.valves.press_cartridge.estimation.excitation import GuardOptions
 from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import (
     N_COLUMNS,
     N_LINEAR,

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.estimation.data.robust import NORMAL_975
+from valve_twin.core.estimation.solvers.least_squares import gram_condition
 from valve_twin.core.types import (
     BoolArray,
     EstimateStatus,
@@ -23,13 +25,7 @@ from valve_twin.core.types import (
     ParameterStatus,
     ParameterValue,
 )
-from valve_twin.core.valves.press_cartridge.estimation.checks import (
-    check_bounds,
-    check_condition,
-    check_excitation,
-    check_identifiability,
-    check_noise,
-)
+from valve_twin.core.valves.press_cartridge.estimation.excitation import assess_input
 from valve_twin.core.valves.press_cartridge.estimation.free_run import (
     OutputErrorOptions,
     Run,
@@ -43,7 +39,13 @@ from valve_twin.core.valves.press_cartridge.estimation.gain_ridges import (
     gain_identifiability,
     refuse_ridges,
 )
-from valve_twin.core.valves.press_cartridge.estimation.guards import assess_input
+from valve_twin.core.valves.press_cartridge.estimation.guards import (
+    check_bounds,
+    check_condition,
+    check_excitation,
+    check_identifiability,
+    check_noise,
+)
 from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import (
     N_LINEAR,
     POLE_MAX,
@@ -53,16 +55,13 @@ from valve_twin.core.valves.press_cartridge.estimation.regression import usable_
 if TYPE_CHECKING:
     from valve_twin.core.estimation.data.masks import Masks
     from valve_twin.core.types import Frames
-    from valve_twin.core.valves.press_cartridge.estimation.guards import Excitation
+    from valve_twin.core.valves.press_cartridge.estimation.excitation import Excitation
 
 NAMES = ("pole", "K_in", "K_in_slope", "v_in_mean", "K_out", "K_out_slope", "leak")
 """Parameters in the order in which they are published."""
 
 FOLLOWED = ("K_in", "K_out", "leak")
 """Those that a trend follows."""
-
-_NORMAL_95 = 1.959963984540054
-"""97.5 % point of the standard normal distribution."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -340,7 +339,7 @@ def _with_intervals(
 def _limited(value: ParameterValue, error: float) -> ParameterValue:
     if not (np.isfinite(value.value) and np.isfinite(error)):
         return value
-    half = _NORMAL_95 * error
+    half = NORMAL_975 * error
     lower, upper = value.value - half, value.value + half
     if value.name.endswith("_slope"):
         upper = min(upper, 0.0)
@@ -381,11 +380,7 @@ def _gain_error(
 def _condition(s: Solution) -> float:
     """Return the condition number of the column-scaled sensitivities."""
     fitted = _fitted(s)
-    if not len(fitted):
-        return float("nan")
-    scale = np.sqrt(np.diag(s.gram)[fitted])
-    values = np.linalg.eigvalsh(s.gram[np.ix_(fitted, fitted)] / np.outer(scale, scale))
-    return float(np.sqrt(values[-1] / values[0])) if values[0] > 0.0 else float("inf")
+    return gram_condition(s.gram[np.ix_(fitted, fitted)])
 
 
 def _verdict(parameters: tuple[ParameterValue, ...]) -> tuple[EstimateStatus, str]:

@@ -1,197 +1,153 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""What a cycle can tell: excitation of each direction and of each term, as values with reasons."""
+"""What is checked of a fit of gains, each as a value with a reason, whether it passed or not."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.data.kernels import choose_independent, excitation_sums
-from valve_twin.core.estimation.data.masks import contiguous
-from valve_twin.core.valves.press_cartridge.estimation.regression import TERMS, Gram
+from valve_twin.core.types import Guard, ParameterStatus
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
-    from valve_twin.core.types import Frames, IntArray
-
-
-@dataclass(frozen=True, slots=True)
-class GuardOptions:
-    """When a parameter is refused; the numbers are our assumptions.
-
-    Attributes
-    ----------
-    active_command : float
-        Command above which an input acts [1].
-    min_samples : int
-        Fewest rows in which an input has to act [1].
-    min_travel : float
-        Least travel while it acts [1].
-    noise_travel : float
-        Least travel in standard deviations of the position noise [1].
-    min_level_spread : float
-        Least spread of an input's level (standard deviation / mean while it acts) that separates
-        its square from itself [1].
-    max_condition : float
-        Largest condition number of the column-scaled regressor [1].
-    max_noise : float
-        Largest position noise at rest [1]: intervals were measured up to 4e-3.
-    max_gap : float
-        Largest relative difference of a gain between equation error and output error [1]: the
-        former is biased by noise, the latter is not.
-    max_pole_gap : float
-        Largest difference of the pole between the two [1]: it shows noise first.
-    """
-
-    active_command: float = 0.01
-    min_samples: int = 5
-    min_travel: float = 2e-3
-    noise_travel: float = 5.0
-    min_level_spread: float = 0.05
-    max_condition: float = 1e6
-    max_noise: float = 5e-3
-    max_gap: float = 0.2
-    max_pole_gap: float = 0.3
+    from valve_twin.core.estimation.solvers.identifiability import Identifiability
+    from valve_twin.core.types import ParameterValue
+    from valve_twin.core.valves.press_cartridge.estimation.excitation import (
+        Excitation,
+        GuardOptions,
+    )
 
 
-@dataclass(frozen=True, slots=True)
-class Excitation:
-    """What one input did in the rows of a fit.
-
-    Attributes
-    ----------
-    samples : int
-        Rows in which it acted.
-    travel : float
-        Sum of the position increments in those rows, absolute [1].
-    level : float
-        Mean level while acting [1]; NaN where it never acted.
-    level_spread : float
-        Standard deviation of that level relative to its mean [1]; NaN where it never acted.
-    excited, graded : bool
-        Whether its gain, and the dependence of the gain on its level, can be told.
-    reason : str
-        Why not; empty where both.
-    needed : float
-        Travel that tells the gain [1].
-    """
-
-    samples: int
-    travel: float
-    level: float
-    level_spread: float
-    excited: bool
-    graded: bool
-    reason: str = ""
-    needed: float = float("nan")
-
-
-def assess_input(
-    frames: Frames,
-    rows: IntArray,
-    lag: int,
-    column: int,
-    *,
-    noise_sigma: float = float("nan"),
-    options: GuardOptions | None = None,
-) -> Excitation:
-    """Assess what one input did in the rows of a fit.
+def check_noise(sigma: float, options: GuardOptions) -> Guard:
+    """Check the position noise measured at rest.
 
     Parameters
     ----------
-    frames : Frames
-        Samples of one cycle.
-    rows : (R,) int64 array
-        Rows of the fit, each at least max(1, lag).
-    lag : int
-        Command to position lag [samples].
-    column : int
-        Column of the input.
-    noise_sigma : float
-        Position noise [1]; NaN = unknown, then only `min_travel` counts.
-    options : GuardOptions, optional
-        Limits; defaults where omitted.
+    sigma : float
+        Standard deviation at rest [1]; NaN where the cycle has no rest.
+    options : GuardOptions
+        Limits.
     """
-    options = options or GuardOptions()
-    count, travel, mean, deviation = excitation_sums(
-        contiguous(frames.position),
-        contiguous(frames.inputs),
-        rows,
-        lag,
-        column,
-        options.active_command,
-    )
-    if count == 0:
-        return Excitation(0, 0.0, np.nan, np.nan, False, False, "the command is never on")
-    spread = deviation / mean
-    need = options.min_travel
-    if np.isfinite(noise_sigma):
-        need = max(need, options.noise_travel * noise_sigma)
-    reason, excited, graded = "", True, spread >= options.min_level_spread
-    if count < options.min_samples:
-        reason = f"the command is on in {count} rows, {options.min_samples} needed"
-        excited = False
-    elif travel < need:
-        reason = f"travel {travel:.2g} while the command is on, {need:.2g} needed"
-        excited = False
-    elif not graded:
-        reason = f"the command has one level only (spread {spread:.1%})"
-    graded = excited and graded
-    return Excitation(count, travel, mean, spread, excited, graded, reason, need)
+    limit = options.max_noise
+    if not np.isfinite(sigma):
+        return Guard("noise at rest", False, np.nan, limit, "the cycle has no rest to measure it")
+    reason = f"{sigma:.2g} of the stroke"
+    return Guard("noise at rest", bool(sigma <= limit), float(sigma), limit, reason)
 
 
-def term_reasons(inflow: Excitation, outflow: Excitation, gram: Gram) -> tuple[str, ...]:
-    """Return for theta_1 ... theta_8 why the cycle does not excite the term; empty where it does.
+def check_excitation(
+    inflow: Excitation, outflow: Excitation, options: GuardOptions
+) -> tuple[Guard, ...]:
+    """Check what each direction and its command levels excite.
 
     Parameters
     ----------
     inflow, outflow : Excitation
-        Of the two commands.
-    gram : Gram
-        Normal equations of all eight terms (for the product of the commands).
+        What each command did.
+    options : GuardOptions
+        Limits.
     """
-    motion = "" if inflow.excited or outflow.excited else "the spool does not move on command"
-
-    def gain(of: Excitation, name: str) -> str:
-        return "" if of.excited else f"{name}: {of.reason}"
-
-    def grade(of: Excitation, name: str) -> str:
-        return "" if of.graded else f"{name}: {of.reason}"
-
-    product = "" if gram.matrix[5, 5] > 0.0 else "both commands are never on together"
-    reasons = (
-        motion,
-        gain(inflow, "inflow"),
-        gain(outflow, "outflow"),
-        grade(inflow, "inflow"),
-        grade(outflow, "outflow"),
-        product or gain(inflow, "inflow") or gain(outflow, "outflow"),
-        gain(inflow, "inflow"),
-        gain(outflow, "outflow"),
-    )
-    assert len(reasons) == TERMS
-    return reasons
+    found = []
+    for name, of in (("inflow", inflow), ("outflow", outflow)):
+        moved = of.reason if not of.excited else f"travel {of.travel:.2g} in {of.samples} rows"
+        told, graded = bool(of.excited), bool(of.graded)
+        found.append(Guard(f"excitation of {name}", told, of.travel, of.needed, moved))
+        spread = f"the levels spread by {of.level_spread:.0%}"
+        if told and not graded:
+            spread = f"{of.reason}: the gain is that at {of.level:.2g}"
+        elif not told:
+            spread = of.reason
+        limit = options.min_level_spread
+        found.append(Guard(f"levels of {name}", graded, of.level_spread, limit, spread))
+    return tuple(found)
 
 
-def independent_terms(gram: Gram, terms: Sequence[int], max_condition: float) -> tuple[int, ...]:
-    """Return the terms, in their order, that are not combinations of earlier ones.
+def check_condition(condition_number: float, options: GuardOptions) -> Guard:
+    """Check the condition number after column scaling.
 
     Parameters
     ----------
-    gram : Gram
-        Normal equations of all eight terms.
-    terms : sequence of int
-        Candidates, numbered from 1.
-    max_condition : float
-        A column whose part outside the earlier ones is smaller than its length over this is left
-        out [1].
+    condition_number : float
+        Of the column-scaled sensitivities [1].
+    options : GuardOptions
+        Limits.
     """
-    columns = np.array(terms, dtype=np.int64) - 1
-    chosen = np.empty(len(columns), np.int64)
-    least = max(max_condition**-2.0, 1e-14)
-    count = choose_independent(np.array(gram.matrix, order="C"), columns, least, chosen)
-    return tuple((chosen[:count] + 1).tolist())
+    passed = bool(condition_number <= options.max_condition)
+    reason = f"{condition_number:.3g} of the column-scaled sensitivities"
+    return Guard("condition number", passed, condition_number, options.max_condition, reason)
+
+
+def check_bounds(parameters: Sequence[ParameterValue], followed: Sequence[str]) -> Guard:
+    """Check that no followed parameter rests on a bound.
+
+    Parameters
+    ----------
+    parameters : sequence of ParameterValue
+        As published.
+    followed : sequence of str
+        Those that the trend follows.
+    """
+    on = [p.name for p in parameters if p.status is ParameterStatus.AT_BOUND]
+    bad = [name for name in on if name in followed]
+    reason = f"on a bound: {', '.join(on)}" if on else "no parameter rests on a bound"
+    return Guard("bounds", not bad, float(len(bad)), 0.0, reason)
+
+
+def check_identifiability(found: Identifiability, max_error: float) -> Guard:
+    """Check that each parameter is told singly.
+
+    Parameters
+    ----------
+    found : Identifiability
+        What was found.
+    max_error : float
+        Largest relative error [1].
+    """
+    worst = float(np.max(found.errors, initial=0.0))
+    reason = found.reason or f"largest standard error {worst:.1%} of the parameter's size"
+    return Guard("identifiability", not found.reason, worst, max_error, reason)
+
+
+def check_gap(
+    own: Mapping[str, float], theta: Mapping[str, float], v_ref: float, options: GuardOptions
+) -> tuple[Guard, ...]:
+    """Check the gains against those of an equation-error fit of the same cycle.
+
+    Parameters
+    ----------
+    own : mapping
+        Values by name: `K_in` at `v_in_mean`, `K_out` at `v_ref`; NaN where not known.
+    theta : mapping
+        theta_1 ... theta_8 of paper 002 as far as they were fitted; NaN where not known.
+    v_ref : float
+        Outflow command at which K_out is published [1].
+    options : GuardOptions
+        Limits.
+    """
+
+    def term(number: int) -> float:
+        value = theta.get(f"theta_{number}", 0.0)
+        return value if np.isfinite(value) or number in (1, 2, 3) else 0.0
+
+    speed, v_mean = -term(1), own.get("v_in_mean", np.nan)
+    if not speed > 0.0:
+        return ()
+    gain_in, gain_out = (own.get(name) or np.nan for name in ("K_in", "K_out"))  # 0 = none
+    gaps = {
+        "K_in": (term(2) + term(4) * v_mean) / speed / gain_in - 1.0,
+        "K_out": -(term(3) + term(5) * v_ref) / speed / gain_out - 1.0,
+        "pole": 1.0 - speed - own.get("pole", np.nan),
+    }
+    found = []
+    for name, gap in gaps.items():
+        if not np.isfinite(gap):
+            continue
+        limit = options.max_pole_gap if name == "pole" else options.max_gap
+        apart = f"{gap:+.2f}" if name == "pole" else f"{100.0 * gap:+.1f} %"
+        title = f"equation-error gap of {name}"
+        reason = f"{name} by equation error differs by {apart}"
+        found.append(Guard(title, bool(abs(gap) <= limit), float(gap), limit, reason))
+    return tuple(found)

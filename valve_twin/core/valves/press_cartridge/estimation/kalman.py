@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.estimation.data.robust import robust_sigma
 from valve_twin.core.valves.press_cartridge.estimation.free_run import (
     OutputErrorOptions,
     Phases,
@@ -155,7 +156,7 @@ def pool_ratios(ratios: FloatArray) -> PooledRatio | None:
     if len(found) < _MIN_POOLED:
         return None
     mean = float(np.median(found))
-    spread = 1.4826 * float(np.median(np.abs(found - mean)))
+    spread = robust_sigma(found - mean)
     error = 1.2533 * spread / np.sqrt(len(found))  # of a median of normal values
     return PooledRatio(mean, max(error, _LEAST_ERROR))
 

@@ -131,25 +131,6 @@ def mean_square_error(frames: Frames, rows: IntArray, lag: int, theta: FloatArra
     return float(_residual_kernel(x, inputs, rows, lag, theta)) / len(rows)
 
 
-def steady_gains(theta: FloatArray, v_in: float, v_out: float) -> tuple[float, float]:
-    """Return (K_in(v_in), K_out(v_out)) [1/sample]; NaN without a speed term.
-
-    K_in = (theta_2 + theta_4 v)/-(theta_1 + theta_7 v), K_out = -(theta_3 + theta_5 v)/-(theta_1 +
-    theta_8 v): equations.md 2.1 with all eight terms.
-
-    Parameters
-    ----------
-    theta : (8,) array
-        theta_1 ... theta_8.
-    v_in, v_out : float
-        Command levels at which the gains hold [1].
-    """
-    speed_in, speed_out = theta[0] + theta[6] * v_in, theta[0] + theta[7] * v_out
-    k_in = (theta[1] + theta[3] * v_in) / -speed_in if speed_in < 0.0 else np.nan
-    k_out = (theta[2] + theta[4] * v_out) / speed_out if speed_out < 0.0 else np.nan
-    return float(k_in), float(k_out)
-
-
 @njit(cache=True)
 def _gram_kernel(
     x: FloatArray,

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Cycles that obey the identified model exactly, with known truth: for tests and for validation.
+"""Cycles that obey the identified model exactly, with known truth.
 
 Measurement noise on every sample, process noise on the increments in motion only, leak off the
 lower seat only, known seats and lag. The commands come from a proportional controller with a dead
@@ -84,6 +84,25 @@ class Truth:
         c[9] = self.lag
         c[11] = 1.0
         return c
+
+
+def steady_gains(theta: FloatArray, v_in: float, v_out: float) -> tuple[float, float]:
+    """Return (K_in(v_in), K_out(v_out)) [1/sample]; NaN without a speed term.
+
+    K_in = (theta_2 + theta_4 v)/-(theta_1 + theta_7 v), K_out = -(theta_3 + theta_5 v)/-(theta_1 +
+    theta_8 v): equations.md 2.1 with all eight terms.
+
+    Parameters
+    ----------
+    theta : (8,) array
+        theta_1 ... theta_8.
+    v_in, v_out : float
+        Command levels at which the gains hold [1].
+    """
+    speed_in, speed_out = theta[0] + theta[6] * v_in, theta[0] + theta[7] * v_out
+    k_in = (theta[1] + theta[3] * v_in) / -speed_in if speed_in < 0.0 else np.nan
+    k_out = (theta[2] + theta[4] * v_out) / speed_out if speed_out < 0.0 else np.nan
+    return float(k_in), float(k_out)
 
 
 def reference_trajectory(samples: int = CYCLE_SAMPLES, period_s: float = 0.03) -> FloatArray:
