@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from mcap.records import Schema
 from rosbags.typesys import Stores, get_typestore
 
 from valve_twin.io.bags.definitions import definition
@@ -23,13 +24,12 @@ from valve_twin.io.cdr.signals import (
 )
 from valve_twin.io.cdr.types import BagTypes
 from valve_twin.io.errors import ConfigError
-from valve_twin.io.mcap.format import Schema
 
 JAZZY = get_typestore(Stores.ROS2_JAZZY)
 
 
 def types_of(name):
-    return BagTypes(Schema(1, name, "ros2msg", definition(name).encode()), "a.mcap")
+    return BagTypes(Schema(1, definition(name).encode(), "ros2msg", name), "a.mcap")
 
 
 def extractor(type_name, field, **more):

@@ -19,7 +19,7 @@ from valve_twin.io.salvage.read import salvage
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from valve_twin.io.mcap.format import Channel
+    from mcap.records import Channel
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,10 +172,10 @@ def channel_types(file: McapFile, channel: Channel) -> BagTypes:
     if schema is None:
         msg = f"{place}: the file holds no definition of its type; record the topic anew"
         raise BagError(msg)
-    if channel.encoding != "cdr":
+    if channel.message_encoding != "cdr":
         msg = (
-            f"{place}: encoding '{channel.encoding}' is not read; record the topic with ROS 2 "
-            "(cdr)"
+            f"{place}: encoding '{channel.message_encoding}' is not read; record the topic with "
+            "ROS 2 (cdr)"
         )
         raise BagError(msg)
     return BagTypes(schema, place)

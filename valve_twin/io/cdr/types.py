@@ -18,10 +18,9 @@ from valve_twin.io.errors import BagError
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from mcap.records import Schema
     from rosbags.interfaces.typing import Typesdict
     from rosbags.typesys.store import Typestore
-
-    from valve_twin.io.mcap.format import Schema
 
 _UNDECODABLE = (
     SerdeError,

@@ -1,15 +1,23 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Records of the MCAP file format (mcap.dev/spec) that reader and writer share."""
+"""Records of the MCAP file format (mcap.dev/spec) that reader and writer share.
+
+The formats are those of `mcap.records`; what stands in the way of every message or chunk is packed
+here.
+"""
 
 from __future__ import annotations
 
 import struct
 from dataclasses import dataclass, field
-from enum import IntEnum
+from io import BytesIO
 from typing import TYPE_CHECKING
 
 import numpy as np
+from mcap.data_stream import ReadDataStream, RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import McapRecord
+from mcap.records import Statistics as StatisticsRecord
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -17,6 +25,7 @@ if TYPE_CHECKING:
 ByteTable = np.ndarray[tuple[int, int], np.dtype[np.uint8]]
 """One row a message, one column a byte."""
 
+Op = Opcode
 MAGIC = b"\x89MCAP0\r\n"
 MESSAGE_HEAD = struct.Struct("<BQHIQQ")
 """Opcode, length of what follows, channel, sequence, log time, publish time; then the data."""
@@ -25,45 +34,6 @@ RECORD_HEAD = struct.Struct("<BQ")
 _INDEX_HEAD, _INDEX_ENTRY = struct.Struct("<QQQQI"), struct.Struct("<HQ")
 _INDEX_MIDDLE, _INDEX_TAIL = struct.Struct("<QI"), struct.Struct("<QQ")
 FOOTER_SIZE = RECORD_HEAD.size + 20 + len(MAGIC)
-
-
-class Op(IntEnum):
-    """Record types."""
-
-    HEADER = 0x01
-    FOOTER = 0x02
-    SCHEMA = 0x03
-    CHANNEL = 0x04
-    MESSAGE = 0x05
-    CHUNK = 0x06
-    MESSAGE_INDEX = 0x07
-    CHUNK_INDEX = 0x08
-    STATISTICS = 0x0B
-    METADATA = 0x0C
-    METADATA_INDEX = 0x0D
-    SUMMARY_OFFSET = 0x0E
-    DATA_END = 0x0F
-
-
-@dataclass(frozen=True, slots=True)
-class Schema:
-    """Definition of a message type."""
-
-    id: int
-    name: str
-    encoding: str
-    data: bytes
-
-
-@dataclass(frozen=True, slots=True)
-class Channel:
-    """A topic with its type."""
-
-    id: int
-    schema_id: int
-    topic: str
-    encoding: str
-    metadata: Mapping[str, str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,98 +67,41 @@ def record(op: Op, body: bytes) -> bytes:
     return RECORD_HEAD.pack(op, len(body)) + body
 
 
-def text(value: str) -> bytes:
-    """Return a text with its length before it."""
-    data = value.encode()
-    return struct.pack("<I", len(data)) + data
-
-
-def text_map(values: Mapping[str, str]) -> bytes:
-    """Return a map of texts."""
-    data = b"".join(text(key) + text(value) for key, value in values.items())
-    return struct.pack("<I", len(data)) + data
-
-
-def schema_record(schema: Schema) -> bytes:
-    """Return the record of a schema."""
-    body = struct.pack("<H", schema.id) + text(schema.name) + text(schema.encoding)
-    return record(Op.SCHEMA, body + struct.pack("<I", len(schema.data)) + schema.data)
-
-
-def channel_record(channel: Channel) -> bytes:
-    """Return the record of a channel."""
-    body = struct.pack("<HH", channel.id, channel.schema_id) + text(channel.topic)
-    return record(Op.CHANNEL, body + text(channel.encoding) + text_map(channel.metadata))
+def packed(*records: McapRecord) -> bytes:
+    """Return records one after another."""
+    builder = RecordBuilder()
+    for one in records:
+        one.write(builder)
+    return bytes(builder.end())  # type: ignore[no-untyped-call]
 
 
 def chunk_index_record(chunk: ChunkIndex) -> bytes:
     """Return the record of a chunk index."""
-    body = struct.pack("<QQQQ", chunk.start_ns, chunk.end_ns, chunk.offset, chunk.length)
-    offsets = b"".join(struct.pack("<HQ", *item) for item in chunk.message_indexes.items())
-    body += struct.pack("<I", len(offsets)) + offsets + struct.pack("<Q", chunk.index_length)
-    body += text(chunk.compression) + struct.pack("<QQ", chunk.compressed_size, chunk.size)
-    return record(Op.CHUNK_INDEX, body)
+    offsets = b"".join(_INDEX_ENTRY.pack(*item) for item in chunk.message_indexes.items())
+    body = _INDEX_HEAD.pack(chunk.start_ns, chunk.end_ns, chunk.offset, chunk.length, len(offsets))
+    name = chunk.compression.encode()
+    body += offsets + _INDEX_MIDDLE.pack(chunk.index_length, len(name)) + name
+    return record(Op.CHUNK_INDEX, body + _INDEX_TAIL.pack(chunk.compressed_size, chunk.size))
 
 
-class Cursor:
-    """Reads the fields of a record one after another; struct.error where it ends too early."""
+class Body(ReadDataStream):
+    """Fields of the body of a record; struct.error where it ends too early."""
 
     def __init__(self, data: bytes) -> None:
-        self._data = data
-        self._at = 0
+        super().__init__(BytesIO(data))
 
-    def take(self, layout: str) -> tuple[int, ...]:
-        """Read integers."""
-        values = struct.unpack_from("<" + layout, self._data, self._at)
-        self._at += struct.calcsize("<" + layout)
-        return values
-
-    def raw(self, size: int) -> bytes:
+    def read(self, length: int) -> bytes:
         """Read bytes."""
-        if self._at + size > len(self._data):
+        data = self._stream.read(length)
+        self._count += len(data)
+        if len(data) < length:
             message = "record ends too early"
             raise struct.error(message)
-        part = self._data[self._at : self._at + size]
-        self._at += size
-        return part
+        return data
 
-    def text(self) -> str:
+    def read_prefixed_string(self) -> str:
         """Read a text."""
-        return self.raw(self.take("I")[0]).decode(errors="replace")
-
-    def text_map(self) -> dict[str, str]:
-        """Read a map of texts."""
-        end = self.take("I")[0] + self._at
-        values = {}
-        while self._at < end:
-            key = self.text()
-            values[key] = self.text()
-        return values
-
-    def int_map(self) -> dict[int, int]:
-        """Read a map of channel numbers to 64-bit numbers."""
-        end = self.take("I")[0] + self._at
-        values = {}
-        while self._at < end:
-            key, value = self.take("HQ")
-            values[key] = value
-        return values
-
-
-def read_schema(data: bytes) -> Schema:
-    """Read the body of a schema record."""
-    cursor = Cursor(data)
-    (number,) = cursor.take("H")
-    name, encoding = cursor.text(), cursor.text()
-    return Schema(number, name, encoding, cursor.raw(cursor.take("I")[0]))
-
-
-def read_channel(data: bytes) -> Channel:
-    """Read the body of a channel record."""
-    cursor = Cursor(data)
-    number, schema = cursor.take("HH")
-    topic, encoding = cursor.text(), cursor.text()
-    return Channel(number, schema, topic, encoding, cursor.text_map())
+        return self.read(self.read4()).decode(errors="replace")
 
 
 def read_chunk_index(data: bytes) -> ChunkIndex:
@@ -207,6 +120,11 @@ def read_chunk_index(data: bytes) -> ChunkIndex:
 
 def read_statistics(data: bytes) -> Statistics:
     """Read the body of a statistics record."""
-    cursor = Cursor(data)
-    messages, _, _, _, _, chunks, start, end = cursor.take("QHIIIIQQ")
-    return Statistics(messages, start, end, chunks, cursor.int_map())
+    s = StatisticsRecord.read(Body(data))
+    return Statistics(
+        s.message_count,
+        s.message_start_time,
+        s.message_end_time,
+        s.chunk_count,
+        s.channel_message_counts,
+    )

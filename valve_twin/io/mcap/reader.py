@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import zstandard
+from mcap.records import Metadata, MetadataIndex
 
 from valve_twin.io.errors import BagError
 from valve_twin.io.mcap.checksum import crc32
@@ -19,8 +20,8 @@ from valve_twin.io.mcap.format import (
     MAGIC,
     MESSAGE_HEAD,
     RECORD_HEAD,
+    Body,
     ChunkIndex,
-    Cursor,
     Op,
 )
 from valve_twin.io.mcap.summary import (
@@ -252,8 +253,8 @@ class McapFile:
             summary.statistics = counted
         for name, (offset, length) in _metadata_places(tail).items():
             body = self._map[offset + RECORD_HEAD.size : offset + length]
-            cursor = Cursor(body)
-            summary.metadata[name] = {} if cursor.text() != name else cursor.text_map()
+            found = Metadata.read(Body(body))
+            summary.metadata[name] = found.metadata if found.name == name else {}
         return summary
 
     def _scan(self) -> Summary:
@@ -263,7 +264,7 @@ class McapFile:
         for op, begin, end in records_of(data):
             body = data[begin:end]
             if op == Op.CHUNK:
-                start, last, size, _ = Cursor(body).take("QQQI")
+                start, last, size, *_ = _CHUNK_HEAD.unpack_from(body)
                 offset = len(MAGIC) + begin - RECORD_HEAD.size
                 length = len(body) + RECORD_HEAD.size
                 summary.chunks.append(ChunkIndex(start, last, offset, length, {}, 0, "", 0, size))
@@ -312,9 +313,8 @@ def _metadata_places(tail: bytes) -> dict[str, tuple[int, int]]:
     places = {}
     for op, begin, end in records_of(tail):
         if op == Op.METADATA_INDEX:
-            cursor = Cursor(tail[begin:end])
-            offset, length = cursor.take("QQ")
-            places[cursor.text()] = (offset, length)
+            found = MetadataIndex.read(Body(tail[begin:end]))
+            places[found.name] = (found.offset, found.length)
     return places
 
 

@@ -9,18 +9,16 @@ import zlib
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from mcap.records import Channel, Metadata, Schema
+
 from valve_twin.io.mcap.format import (
     MAGIC,
     RECORD_HEAD,
-    Channel,
+    Body,
     ChunkIndex,
-    Cursor,
     Op,
-    Schema,
     Statistics,
-    read_channel,
     read_chunk_index,
-    read_schema,
     read_statistics,
 )
 
@@ -44,19 +42,18 @@ class Summary:
     def add(self, op: int, body: bytes) -> None:
         """Add a definition, index, count or metadata record."""
         if op == Op.SCHEMA:
-            schema = read_schema(body)
+            schema = Schema.read(Body(body))
             self.schemas[schema.id] = schema
         elif op == Op.CHANNEL:
-            channel = read_channel(body)
+            channel = Channel.read(Body(body))
             self.channels[channel.id] = channel
         elif op == Op.CHUNK_INDEX:
             self.chunks.append(read_chunk_index(body))
         elif op == Op.STATISTICS:
             self.statistics = read_statistics(body)
         elif op == Op.METADATA:
-            cursor = Cursor(body)
-            name = cursor.text()
-            self.metadata[name] = cursor.text_map()
+            found = Metadata.read(Body(body))
+            self.metadata[found.name] = found.metadata
 
 
 def records_of(data: bytes | memoryview) -> Iterator[tuple[int, int, int]]:

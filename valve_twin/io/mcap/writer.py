@@ -15,23 +15,29 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import zstandard
+from mcap.records import (
+    Channel,
+    DataEnd,
+    Footer,
+    Header,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    SummaryOffset,
+)
+from mcap.records import Statistics as StatisticsRecord
 
 from valve_twin.io.mcap.checksum import crc32
 from valve_twin.io.mcap.format import (
     MAGIC,
     MESSAGE_HEAD,
     RECORD_HEAD,
-    Channel,
     ChunkIndex,
     Op,
-    Schema,
     Statistics,
-    channel_record,
     chunk_index_record,
+    packed,
     record,
-    schema_record,
-    text,
-    text_map,
 )
 
 if TYPE_CHECKING:
@@ -45,6 +51,7 @@ CHUNK_SIZE = 64 * 1024
 """Bytes in a chunk before compression: 0.5 s at 1 kHz are at stake, 1 MiB would be 11 s."""
 
 _NEVER = 2**63 - 1
+_CHUNK_HEAD, _SUM = struct.Struct("<QQQII"), struct.Struct("<I")
 _MESSAGE_BODY = MESSAGE_HEAD.size - RECORD_HEAD.size
 
 
@@ -71,18 +78,18 @@ class McapWriter:
         self._channels: dict[int, Channel] = {}
         self._chunks: list[ChunkIndex] = []
         self._described: dict[int, bytes] = {}
-        self._metadata: list[tuple[str, int, int]] = []
+        self._metadata: list[MetadataIndex] = []
         self.statistics = Statistics()
         self._at = 0
         self._body = bytearray()
         self._index: dict[int, array[int]] = {}
         self._first_ns, self._last_ns = _NEVER, 0
-        self._put(MAGIC + record(Op.HEADER, text("ros2") + text(f"valve_twin {_version()}")))
+        self._put(MAGIC + packed(Header("ros2", f"valve_twin {_version()}")))
 
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
         """Add a message type and return its number."""
         number = len(self._schemas) + 1
-        self._schemas[number] = Schema(number, name, encoding, data)
+        self._schemas[number] = Schema(number, data, encoding, name)
         return number
 
     def add_channel(
@@ -90,7 +97,7 @@ class McapWriter:
     ) -> int:
         """Add a topic and return its number."""
         number = len(self._channels) + 1
-        self._channels[number] = Channel(number, schema_id, topic, encoding, dict(metadata))
+        self._channels[number] = Channel(number, topic, encoding, dict(metadata), schema_id)
         self.statistics.counts[number] = 0
         return number
 
@@ -187,8 +194,8 @@ class McapWriter:
         self._index[channel] = array("Q")
         if channel not in self._described:
             described = self._channels[channel]
-            schema = schema_record(self._schemas[described.schema_id])
-            self._described[channel] = schema + channel_record(described)
+            schema = self._schemas[described.schema_id]
+            self._described[channel] = packed(schema, described)
         self._body += self._described[channel]
 
     def end_chunk(self) -> None:
@@ -196,12 +203,13 @@ class McapWriter:
         if not self._body:
             return
         body = bytes(self._body)
-        packed = self._compressor.compress(body) if self._compressed else body
+        data = self._compressor.compress(body) if self._compressed else body
         compression = "zstd" if self._compressed else ""
-        head = struct.pack("<QQQI", self._first_ns, self._last_ns, len(body), crc32(body))
+        name = compression.encode()
+        head = _CHUNK_HEAD.pack(self._first_ns, self._last_ns, len(body), crc32(body), len(name))
         offset = self._at
-        head += text(compression) + struct.pack("<Q", len(packed))
-        chunk = record(Op.CHUNK, head + packed)
+        head += name + struct.pack("<Q", len(data))
+        chunk = record(Op.CHUNK, head + data)
         tail, indexes = b"", {}
         for channel, index in self._index.items():
             indexes[channel] = offset + len(chunk) + len(tail)
@@ -218,7 +226,7 @@ class McapWriter:
                 indexes,
                 len(tail),
                 compression,
-                len(packed),
+                len(data),
                 len(body),
             )
         )
@@ -234,7 +242,7 @@ class McapWriter:
         lost = {channel: len(entries) // 2 for channel, entries in self._index.items()}
         for channel, count in lost.items():
             self.statistics.counts[channel] -= count
-        self._metadata = [m for m in self._metadata if m[1] < at]
+        self._metadata = [m for m in self._metadata if m.offset < at]
         self._at = at
         self._begin_chunk()
         return lost
@@ -243,34 +251,29 @@ class McapWriter:
         """Append a metadata record."""
         self.end_chunk()
         offset = self._at
-        self._put(record(Op.METADATA, text(name) + text_map(values)))
-        self._metadata.append((name, offset, self._at - offset))
+        self._put(packed(Metadata(name, dict(values))))
+        self._metadata.append(MetadataIndex(offset, self._at - offset, name))
 
     def finish(self) -> None:
         """Write what is left, the summary and the footer."""
         self.end_chunk()
-        self._put(record(Op.DATA_END, struct.pack("<I", 0)))
+        self._put(packed(DataEnd(0)))
         start = self._at
         groups = {
-            Op.SCHEMA: [schema_record(s) for s in self._schemas.values()],
-            Op.CHANNEL: [channel_record(c) for c in self._channels.values()],
-            Op.STATISTICS: [self._statistics_record()],
-            Op.CHUNK_INDEX: [chunk_index_record(c) for c in self._chunks],
-            Op.METADATA_INDEX: [
-                record(Op.METADATA_INDEX, struct.pack("<QQ", offset, length) + text(name))
-                for name, offset, length in self._metadata
-            ],
+            Op.SCHEMA: packed(*self._schemas.values()),
+            Op.CHANNEL: packed(*self._channels.values()),
+            Op.STATISTICS: packed(self._statistics_record()),
+            Op.CHUNK_INDEX: b"".join(map(chunk_index_record, self._chunks)),
+            Op.METADATA_INDEX: packed(*self._metadata),
         }
         summary, offsets = b"", b""
-        for op, records in groups.items():
-            part = b"".join(records)
+        for op, part in groups.items():
             if part:
-                place = struct.pack("<BQQ", op, start + len(summary), len(part))
-                offsets += record(Op.SUMMARY_OFFSET, place)
+                offsets += packed(SummaryOffset(op, start + len(summary), len(part)))
             summary += part
-        tail = summary + offsets
-        tail += RECORD_HEAD.pack(Op.FOOTER, 20) + struct.pack("<QQ", start, start + len(summary))
-        self._put(tail + struct.pack("<I", crc32(tail)) + MAGIC)
+        footer = packed(Footer(start, start + len(summary), 0))
+        tail = summary + offsets + footer[: -_SUM.size]
+        self._put(tail + _SUM.pack(crc32(tail)) + MAGIC)
 
     @property
     def size(self) -> int:
@@ -294,22 +297,19 @@ class McapWriter:
         counts.chunk_count += 1
         counts.message_count += sum(len(entries) // 2 for entries in self._index.values())
 
-    def _statistics_record(self) -> bytes:
+    def _statistics_record(self) -> StatisticsRecord:
         s = self.statistics
-        counts = b"".join(struct.pack("<HQ", *item) for item in s.counts.items())
-        body = struct.pack(
-            "<QHIIIIQQI",
-            s.message_count,
-            len(self._schemas),
-            len(self._channels),
-            0,
-            len(self._metadata),
-            s.chunk_count,
-            s.start_ns,
-            s.end_ns,
-            len(counts),
+        return StatisticsRecord(
+            attachment_count=0,
+            channel_count=len(self._channels),
+            channel_message_counts=s.counts,
+            chunk_count=s.chunk_count,
+            message_count=s.message_count,
+            message_end_time=s.end_ns,
+            message_start_time=s.start_ns,
+            metadata_count=len(self._metadata),
+            schema_count=len(self._schemas),
         )
-        return record(Op.STATISTICS, body + counts)
 
 
 def _rows(channels: IntArray, data: ByteTable, times: IntArray, sequences: IntArray) -> memoryview:

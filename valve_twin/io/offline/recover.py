@@ -23,8 +23,9 @@ from valve_twin.io.salvage.read import salvage_file, salvaged_messages
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from mcap.records import Channel, Schema
+
     from valve_twin.io.mcap.damage import Loss, Salvage
-    from valve_twin.io.mcap.format import Channel, Schema
 
 _HEAD = struct.Struct("<QQQ")
 
@@ -199,8 +200,8 @@ def _copy(part: Salvage, bag: BagWriter, written: Digests, notes: list[str]) -> 
 
 def declare(bag: BagWriter, channel: Channel, schema: Schema | None) -> str:
     """Add a topic as its file describes it; return why it cannot be, empty = it is."""
-    if channel.encoding != "cdr":
-        return f"its encoding '{channel.encoding}' is none of ROS 2"
+    if channel.message_encoding != "cdr":
+        return f"its encoding '{channel.message_encoding}' is none of ROS 2"
     if schema is None:
         return "the file holds no definition of its type"
     try:

@@ -27,7 +27,9 @@ if TYPE_CHECKING:
     from collections.abc import Generator, Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from valve_twin.io.mcap.format import Channel, ChunkIndex
+    from mcap.records import Channel
+
+    from valve_twin.io.mcap.format import ChunkIndex
     from valve_twin.io.mcap.reader import McapFile
 
 
@@ -111,13 +113,13 @@ def _type(file: McapFile, channel: Channel) -> BagType:
     schema = file.summary.schemas.get(channel.schema_id)
     told = channel.metadata.get("topic_type_hash", "")
     if schema is None:
-        return BagType("", channel.encoding, "", "", told)
+        return BagType("", channel.message_encoding, "", "", told)
     try:
         name = full_type_name(schema.name)
     except ValueError:
         name = schema.name
     text = schema.data.decode(errors="replace")
-    return BagType(name, channel.encoding, schema.encoding, text, told)
+    return BagType(name, channel.message_encoding, schema.encoding, text, told)
 
 
 def _opened(path: str | Path, stack: ExitStack) -> list[McapFile]:

@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from valve_twin.io.mcap.format import Channel, Schema
+    from mcap.records import Channel, Schema
+
     from valve_twin.io.mcap.summary import Summary
     from valve_twin.io.salvage.tail import Tail
 

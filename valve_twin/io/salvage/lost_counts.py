@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from valve_twin.io.mcap.format import Channel, Statistics
+    from mcap.records import Channel
+
+    from valve_twin.io.mcap.format import Statistics
 
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _FILE_NAME, _ROOT = "metadata.yaml", "rosbag2_bagfile_information"

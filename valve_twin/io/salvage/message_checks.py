@@ -19,11 +19,13 @@ import numpy as np
 from valve_twin.io.cdr.signals import STAMPED_TYPE, Message
 from valve_twin.io.cdr.types import BagTypes
 from valve_twin.io.errors import BagError
-from valve_twin.io.mcap.format import MESSAGE_HEAD, RECORD_HEAD, Channel, Op, Schema
+from valve_twin.io.mcap.format import MESSAGE_HEAD, RECORD_HEAD, Op
 from valve_twin.io.salvage.records import is_whole, next_record, record_end
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+    from mcap.records import Channel, Schema
 
     from valve_twin.io.salvage.records import Bytes
 
@@ -91,7 +93,7 @@ class Checks:
         known = self._channels.get(channel)
         if known is None:
             return False
-        if known.encoding != "cdr":
+        if known.message_encoding != "cdr":
             return True
         if len(data) < 4 or data[0] or data[1] > 1:
             return False

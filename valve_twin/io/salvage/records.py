@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
     Bytes = bytes | mmap.mmap
 
-ATTACHMENT, ATTACHMENT_INDEX = 0x09, 0x0A
 _SHORT, _LONG = -4, -8
 """A part of the length that stands in a 4 or 8 byte number before it."""
 
@@ -29,8 +28,8 @@ _LAYOUTS: dict[int, tuple[int, ...]] = {
     Op.CHUNK: (28, _SHORT, _LONG),
     Op.MESSAGE_INDEX: (2, _SHORT),
     Op.CHUNK_INDEX: (32, _SHORT, 8, _SHORT, 16),
-    ATTACHMENT: (16, _SHORT, _SHORT, _LONG, 4),
-    ATTACHMENT_INDEX: (40, _SHORT, _SHORT),
+    Op.ATTACHMENT: (16, _SHORT, _SHORT, _LONG, 4),
+    Op.ATTACHMENT_INDEX: (40, _SHORT, _SHORT),
     Op.STATISTICS: (42, _SHORT),
     Op.METADATA: (_SHORT, _SHORT),
     Op.METADATA_INDEX: (16, _SHORT),

@@ -29,7 +29,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from valve_twin.io.mcap.format import Channel
+    from mcap.records import Channel
+
     from valve_twin.io.salvage.records import Bytes
 
 _MAX_LOOSE = 1 << 24
@@ -39,7 +40,7 @@ _KINDS = {
     int(Op.CHANNEL): "topic",
     int(Op.MESSAGE_INDEX): "message index",
     int(Op.METADATA): "metadata",
-    0x09: "attachment",
+    int(Op.ATTACHMENT): "attachment",
     int(Op.DATA_END): "end of data",
 }
 _NO_MESSAGE = frozenset({*_KINDS, int(Op.CHUNK)})
