@@ -9,7 +9,7 @@ import sqlite3
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.serialization import deserialize_message
-from valve_twin_msgs.msg import CycleSummary, Estimate, Prediction
+from valve_twin_msgs.msg import CycleSummary, Estimate, Maintenance, Prediction
 from valve_twin_msgs.srv import BackupHistory, EstimateNow, GetHistory, MarkMaintenance
 
 from test.nodes.conftest import NS
@@ -121,6 +121,7 @@ def test_the_history_comes_in_pages(graph, twin, estimates):
 
 
 def test_maintenance_is_noted_from_the_next_cycle_on(graph, twin, estimates):
+    told = graph.record(f"{NS}/twin/maintenance", Maintenance)
     feed_cycles(graph, Feeder(graph, NS), estimates, 2)
     answer = graph.call(
         MarkMaintenance, f"{NS}/twin/mark_maintenance", note="new pilot", new_reference=True
@@ -129,6 +130,8 @@ def test_maintenance_is_noted_from_the_next_cycle_on(graph, twin, estimates):
     assert answer.cycle == 3
     events = graph.call(GetHistory, f"{NS}/twin/get_history").maintenance
     assert [(e.cycle, e.note, e.new_reference) for e in events] == [(3, "new pilot", True)]
+    graph.spin_until(lambda: told, what="the event on its topic")
+    assert told == list(events)
 
 
 def test_a_backup_can_be_read_while_the_twin_goes_on(graph, twin, estimates, tmp_path):

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""One valve of the aging monitor: the stored history in, trends and verdict out.
+"""One valve of the aging monitor: estimates and maintenance events in, trends and verdict out.
 
-The history of the twin is the only source: an estimate on the topic says that there is something
-new to ask for. A monitor that was down therefore sees exactly what one sees that was not.
+What the twin tells of is taken from its messages; its history is asked for what came before and
+for what was missed. A monitor that was down therefore sees exactly what one sees that was not.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from valve_twin_msgs import msg, srv
 
 from valve_twin.core.aging.assess import Assessment, assess
@@ -18,15 +19,17 @@ from valve_twin.core.aging.verdict import VerdictKind
 from valve_twin.core.diagnosis.features import ESTIMATOR
 from valve_twin.core.types import Maintenance
 from valve_twin.core.valves.registry import get_model
+from valve_twin.nodes.aging.intake import Intake
 from valve_twin.nodes.runtime import messages as convert
 from valve_twin.nodes.twin.inputs import seconds_now
 from valve_twin.nodes.twin.live_valve import LATCHED
 
 if TYPE_CHECKING:
-    from valve_twin.core.types import Estimate
     from valve_twin.io.config.valve import ValveConfig
     from valve_twin.nodes.runtime.node import ValveNode
     from valve_twin.nodes.runtime.worker import Outcome, WorkerThread
+
+MANY = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 ANSWER_S = 5.0
 """A request that is not answered within this time is given up: the twin went away [s]."""
@@ -54,14 +57,12 @@ class MonitoredValve:
         self.name = config.name
         model = get_model(config.model)
         self._parameters, self._trend_estimator = model.parameters, model.trend_estimator
-        self._wanted = 0
-        self._history: list[Estimate] = []
-        self._features: list[Estimate] = []
-        self._of_features = False
-        self._has_features = ESTIMATOR in getattr(config.options, "estimators", ())
-        self._maintenance: dict[tuple[int, int, str], Maintenance] = {}
+        features = ESTIMATOR in getattr(config.options, "estimators", ())
+        self._intake = Intake(self._trend_estimator, ESTIMATOR if features else "")
+        self._asking = list(self._intake.known)
         self._asked_s: float | None = None
         self._again = True
+        self._answered = self._caught_up = False
         self._changed = False
         self._busy = False
         self.assessment: Assessment | None = None
@@ -73,22 +74,27 @@ class MonitoredValve:
             msg.Verdict, f"{base}/aging_monitor/verdict", LATCHED
         )
         self._client = node.create_client(srv.GetHistory, f"{base}/twin/get_history")
-        self._subscription: Any = None
+        self._subscriptions: list[Any] = []
 
     # -- life
 
     def listen(self) -> None:
         """Follow the twin."""
-        self._again = True
-        self._subscription = self._node.create_subscription(
-            msg.Estimate, f"{self.name}/twin/estimate", self._on_estimate, LATCHED
-        )
+        self._again, self._caught_up = True, False
+        for kind, name, take in (
+            (msg.CycleSummary, "cycle", self._on_cycle),
+            (msg.Estimate, "estimate", self._on_estimate),
+            (msg.Maintenance, "maintenance", self._on_maintenance),
+        ):
+            self._subscriptions.append(
+                self._node.create_subscription(kind, f"{self.name}/twin/{name}", take, MANY)
+            )
 
     def silence(self) -> None:
         """Stop following; what is known stays."""
-        if self._subscription is not None:
-            self._node.destroy_subscription(self._subscription)
-            self._subscription = None
+        for subscription in self._subscriptions:
+            self._node.destroy_subscription(subscription)
+        self._subscriptions = []
 
     def close(self) -> None:
         """Take everything down."""
@@ -101,23 +107,45 @@ class MonitoredValve:
     @property
     def cycles(self) -> int:
         """Estimates known."""
-        return len(self._history)
+        return len(self._intake.known[self._trend_estimator])
 
     @property
     def last_cycle(self) -> int:
         """Last cycle known, 0 = none."""
-        return self._history[-1].cycle if self._history else 0
+        return self._intake.last()
 
     @property
     def twin_answers(self) -> bool:
         """Whether there is a twin to ask."""
         return bool(self._client.service_is_ready())
 
+    def look(self) -> None:
+        """Ask for what did not come by itself, and after the twin was away."""
+        answers = self.twin_answers
+        self.ask(anew=self._intake.waits or (answers and not self._answered))
+        self._answered = answers
+
+    def _on_cycle(self, message: msg.CycleSummary) -> None:
+        self._intake.tell_cycle(message)
+        self._take()
+
     def _on_estimate(self, message: msg.Estimate) -> None:
-        if not message.stored:  # comes once more when there is something to ask for
+        self._intake.tell(message)
+        self._take()
+
+    def _on_maintenance(self, message: msg.Maintenance) -> None:
+        if self._intake.note(convert.to_value(Maintenance, message)) and self._caught_up:
+            self._changed = True
+            self._assess()
+
+    def _take(self) -> None:
+        """Take over what was told of, once all that came before is known."""
+        if not self._caught_up or self._asked_s is not None:
+            self.ask()
             return
-        if message.estimator == self._trend_estimator and message.cycle > self.last_cycle:
-            self._wanted = max(self._wanted, int(message.cycle))
+        self._changed = self._intake.take() or self._changed
+        self._assess()
+        if self._intake.lacks:
             self.ask(anew=True)
 
     def ask(self, *, anew: bool = False) -> None:
@@ -127,11 +155,10 @@ class MonitoredValve:
             self._asked_s = None
         if self._asked_s is not None or not self._again or not self.twin_answers:
             return
-        self._asked_s, self._again = seconds_now(), False
-        known = self._features if self._of_features else self._history
+        self._asked_s, self._again, self._answered = seconds_now(), False, True
         request = srv.GetHistory.Request(
-            estimator=ESTIMATOR if self._of_features else "",
-            first_cycle=known[-1].cycle + 1 if known else 1,
+            estimator=self._asking[0],
+            first_cycle=self._intake.last(self._asking[0]) + 1,
             limit=self._page,
         )
         self._client.call_async(request).add_done_callback(self._on_answer)
@@ -146,22 +173,16 @@ class MonitoredValve:
         self.failure = ""
         pairs = zip(answer.estimates, answer.missed_cycles, strict=True)
         fresh = [convert.estimate_value(m, int(missed)) for m, missed in pairs]
-        known = self._features if self._of_features else self._history
-        last = known[-1].cycle if known else 0
-        known += [e for e in fresh if e.cycle > last]
         events = [convert.to_value(Maintenance, m) for m in answer.maintenance]
-        events_known = len(self._maintenance)
-        self._maintenance |= {(e.cycle, e.stamp_ns, e.note): e for e in events}
-        self._changed = self._changed or bool(fresh) or len(self._maintenance) != events_known
-        if answer.more:
+        news = [self._intake.add(self._asking[0], fresh), *map(self._intake.note, events)]
+        self._changed = self._changed or any(news)
+        if not answer.more:  # the estimators are asked for one behind the other
+            self._asking = self._asking[1:] or list(self._intake.known)
+        if answer.more or self._asking[0] != self._trend_estimator:
             self.ask(anew=True)
             return
-        if self._has_features:  # they are asked for behind the estimates of the same cycles
-            self._of_features = not self._of_features
-            if self._of_features:
-                self.ask(anew=True)
-                return
-        self._again = self._again or self.last_cycle < self._wanted  # not in the database yet
+        self._caught_up = True
+        self._changed = self._intake.take() or self._changed
         self._assess()
 
     # -- assessing
@@ -173,8 +194,8 @@ class MonitoredValve:
         self._busy, self._changed = True, False
         work = partial(
             assess,
-            (*self._history, *self._features),
-            tuple(self._maintenance.values()),
+            self._intake.estimates,
+            tuple(self._intake.maintenance.values()),
             self.config.aging,
             parameters=self._parameters,
             valve=self.name,

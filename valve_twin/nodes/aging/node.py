@@ -65,7 +65,7 @@ class AgingMonitorNode(ValveNode):
 
     def _ask(self) -> None:
         for valve in self._valves:
-            valve.ask()
+            valve.look()
 
     def _reports(self) -> Iterable[Report]:
         for valve in self._valves:

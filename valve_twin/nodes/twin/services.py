@@ -7,7 +7,8 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from valve_twin_msgs import srv
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from valve_twin_msgs import msg, srv
 
 from valve_twin.core.types import Cycle, Maintenance
 from valve_twin.nodes.runtime import messages as convert
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from valve_twin.nodes.twin.live_valve import LiveValve
 
 DEFAULT_PAGE = 1000
+EVENTS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""Maintenance events: rare, and each of them counts."""
 
 
 class TwinServices:
@@ -32,6 +35,7 @@ class TwinServices:
         self._estimate_now_service = node.create_service(
             srv.EstimateNow, f"{base}/estimate_now", self._estimate_now
         )
+        self._maintenance = node.create_publisher(msg.Maintenance, f"{base}/maintenance", EVENTS)
         self._verdicts = VerdictLog(node, valve)
         self._deferred = [
             DeferredService(node, srv.MarkMaintenance, f"{base}/mark_maintenance", self._mark),
@@ -45,6 +49,7 @@ class TwinServices:
     def destroy(self) -> None:
         """Take the services down."""
         self._node.destroy_service(self._estimate_now_service)
+        self._node.destroy_publisher(self._maintenance)
         self._verdicts.destroy()
         for service in self._deferred:
             service.destroy()
@@ -73,6 +78,8 @@ class TwinServices:
         response.cycle = cycle
 
         def answer(outcome: Outcome) -> None:
+            if not outcome.error:
+                self._maintenance.publish(convert.to_message(event))
             response.success = not outcome.error
             response.message = (
                 outcome.error or f"{valve.name}: maintenance noted from cycle {cycle} on"

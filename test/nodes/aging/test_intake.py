@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The monitor takes what it is told of and asks the history only for what it missed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from valve_twin_msgs.msg import CycleSummary, Estimate, Maintenance
+from valve_twin_msgs.srv import GetHistory
+
+from test.nodes.aging.test_node import aging_valve
+from test.nodes.conftest import NS
+from valve_twin.core.aging.assess import assess
+from valve_twin.core.aging.config import AgingConfig
+from valve_twin.core.types import Maintenance as MaintenanceValue
+from valve_twin.core.valves.registry import get_model
+from valve_twin.nodes.aging.node import AgingMonitorNode
+from valve_twin.nodes.runtime.messages import estimate_message, to_message
+
+STORED, CYCLES = 12, 30
+LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+VALVE = [replace(e, missed_cycles=e.cycle % 3 - 1) for e in aging_valve(CYCLES)]
+
+
+class Twin:
+    """What a twin says of a history that the test makes."""
+
+    def __init__(self, graph) -> None:
+        self.graph, self.calls, self.events = graph, 0, []
+        self.history = list(VALVE[:STORED])
+        make, base = graph.node.create_publisher, f"{NS}/twin"
+        self.cycles = make(CycleSummary, f"{base}/cycle", LATCHED)
+        self.estimates = make(Estimate, f"{base}/estimate", LATCHED)
+        self.maintenance = make(Maintenance, f"{base}/maintenance", LATCHED)
+        self.start()
+
+    def start(self) -> None:
+        name = f"{NS}/twin/get_history"
+        self.service = self.graph.node.create_service(GetHistory, name, self.answer)
+
+    def answer(self, request, response):
+        self.calls += 1
+        found = [e for e in self.history if e.cycle >= request.first_cycle]
+        page = found[: request.limit]
+        response.estimates = [estimate_message(NS, e, {}, stored=True) for e in page]
+        response.missed_cycles = [e.missed_cycles for e in page]
+        response.maintenance = [to_message(e) for e in self.events]
+        response.more, response.success = len(found) > len(page), True
+        return response
+
+    def close_cycle(self, number: int, *, accepted: bool = True) -> None:
+        missed = VALVE[number - 1].missed_cycles
+        self.cycles.publish(CycleSummary(cycle=number, missed_cycles=missed, accepted=accepted))
+
+    def tell(self, number: int) -> None:
+        """Store a cycle and publish all that a twin publishes of it."""
+        estimate = VALVE[number - 1]
+        self.history.append(estimate)
+        self.close_cycle(number)
+        for other in ("kalman", "output_error"):
+            message = estimate_message(NS, replace(estimate, estimator=other), {}, stored=True)
+            self.estimates.publish(message)
+
+
+@pytest.fixture
+def twin(graph):
+    return Twin(graph)
+
+
+@pytest.fixture
+def monitor(graph, twin):
+    node = graph.host(AgingMonitorNode, retry_s=0.2)
+    (valve,) = node._valves
+    graph.spin_until(lambda: valve.assessment and valve.cycles == STORED, what="the history")
+    publishers = (twin.cycles, twin.estimates, twin.maintenance)
+    graph.spin_until(lambda: all(p.get_subscription_count() for p in publishers), what="a reader")
+    return valve
+
+
+def wait(graph, monitor, cycles: int) -> None:
+    graph.spin_until(lambda: monitor.cycles == cycles, what=f"{cycles} cycles")
+
+
+def assert_says_what_the_history_says(graph, twin, monitor) -> None:
+    assert [repr(e) for e in monitor._intake.estimates] == [repr(e) for e in twin.history]
+    said = assess(
+        twin.history, twin.events, AgingConfig(),
+        parameters=get_model("press_cartridge").parameters, valve=NS,
+    )  # fmt: skip
+    graph.spin_until(lambda: repr(monitor.assessment.trends) == repr(said.trends))
+
+
+def test_without_a_loss_the_history_is_asked_once(graph, twin, monitor):
+    for number in range(STORED + 1, STORED + 6):
+        twin.tell(number)
+        wait(graph, monitor, number)
+    graph.spin(0.5)  # more than two ticks of retry_s
+    assert twin.calls == 1
+    assert_says_what_the_history_says(graph, twin, monitor)
+
+
+def test_a_lost_message_is_fetched(graph, twin, monitor):
+    twin.tell(STORED + 1)
+    wait(graph, monitor, STORED + 1)
+    twin.history.append(VALVE[STORED + 1])  # stored, but nobody was told
+    twin.tell(STORED + 3)
+    wait(graph, monitor, STORED + 3)
+    assert twin.calls == 2
+    twin.tell(STORED + 4)
+    wait(graph, monitor, STORED + 4)
+    assert twin.calls == 2
+    assert_says_what_the_history_says(graph, twin, monitor)
+
+
+def test_a_lost_summary_is_made_up_for(graph, twin, monitor):
+    estimate = VALVE[STORED]
+    twin.history.append(estimate)
+    twin.estimates.publish(estimate_message(NS, estimate, {}, stored=True))
+    wait(graph, monitor, STORED + 1)
+    assert twin.calls == 2
+    assert_says_what_the_history_says(graph, twin, monitor)
+
+
+def test_a_refused_cycle_is_no_gap(graph, twin, monitor):
+    twin.close_cycle(STORED + 1, accepted=False)
+    twin.tell(STORED + 2)
+    wait(graph, monitor, STORED + 1)
+    graph.spin(0.5)
+    assert twin.calls == 1
+    assert_says_what_the_history_says(graph, twin, monitor)
+
+
+def test_what_is_not_stored_waits_until_it_is(graph, twin, monitor):
+    twin.close_cycle(STORED + 1)
+    for stored in (False, True):
+        message = estimate_message(NS, VALVE[STORED], {}, stored=stored)
+        twin.estimates.publish(message)
+        graph.spin(0.5)
+        assert monitor.cycles == STORED + stored
+    assert twin.calls == 1
+
+
+def test_maintenance_is_told(graph, twin, monitor):
+    event = MaintenanceValue(5, 7, "new seal", new_reference=True)
+    twin.events.append(event)
+    twin.maintenance.publish(to_message(event))
+    graph.spin_until(lambda: monitor.assessment.trends[0].segments == 2, what="a new segment")
+    assert twin.calls == 1
+    assert_says_what_the_history_says(graph, twin, monitor)
+
+
+def test_a_twin_that_was_away_is_asked_again(graph, twin, monitor):
+    graph.node.destroy_service(twin.service)
+    graph.spin_until(lambda: not monitor._answered, what="the twin to be missed")
+    twin.history.append(VALVE[STORED])  # stored while it went down
+    twin.start()
+    wait(graph, monitor, STORED + 1)
+    assert_says_what_the_history_says(graph, twin, monitor)

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What a monitor knows of one valve, and whether it has to ask the history for more.
+
+An estimate that was told of as stored is taken over as it is where it follows on what is known:
+every cycle between is known to have been refused, so that the history can hold nothing more. Else
+something was lost (a message, a time in which the monitor or the twin was down) and the history is
+asked; what it answers and what was told of are the same to the last bit.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from valve_twin.nodes.runtime.messages import estimate_value
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import Estimate, Maintenance
+
+MOST_WAITING = 1000
+"""Messages kept that cannot be taken over yet; the history has what is let go of."""
+
+
+class Intake:
+    """Estimates and maintenance events of one valve, oldest first.
+
+    Parameters
+    ----------
+    trend : str
+        Estimator that feeds the trend.
+    beside : str
+        Another estimator whose estimates of the same cycles are needed; empty = none.
+
+    Attributes
+    ----------
+    known : dict
+        Estimates by estimator, by rising cycle.
+    maintenance : dict
+        Events by what makes them one: cycle, stamp [ns] and note.
+    """
+
+    def __init__(self, trend: str, beside: str = "") -> None:
+        self._trend, self._beside = trend, beside
+        self.known: dict[str, list[Estimate]] = {trend: []}
+        if beside:
+            self.known[beside] = []
+        self.maintenance: dict[tuple[int, int, str], Maintenance] = {}
+        self._told: dict[str, dict[int, Any]] = {name: {} for name in self.known}
+        self._cycles: dict[int, Any] = {}
+
+    @property
+    def estimates(self) -> tuple[Estimate, ...]:
+        """All estimates known."""
+        return tuple(e for found in self.known.values() for e in found)
+
+    def last(self, estimator: str = "") -> int:
+        """Return the last cycle known of an estimator, by default of the trend's; 0 = none."""
+        found = self.known[estimator or self._trend]
+        return found[-1].cycle if found else 0
+
+    def add(self, estimator: str, estimates: list[Estimate]) -> bool:
+        """Add what the history answered; return whether any of it is new."""
+        last = self.last(estimator)
+        fresh = [e for e in estimates if e.cycle > last]
+        self.known[estimator] += fresh
+        return bool(fresh)
+
+    def note(self, event: Maintenance) -> bool:
+        """Add a maintenance event; return whether it is new."""
+        key = event.cycle, event.stamp_ns, event.note
+        new = key not in self.maintenance
+        self.maintenance[key] = event
+        return new
+
+    def tell(self, message: Any) -> None:
+        """Keep an Estimate until it can be taken over."""
+        if message.stored and message.estimator in self._told:
+            _keep(self._told[message.estimator], message)
+
+    def tell_cycle(self, summary: Any) -> None:
+        """Keep what is told of a closed cycle."""
+        _keep(self._cycles, summary)
+
+    def take(self) -> bool:
+        """Take over all that follows on what is known; return whether anything did."""
+        begin = len(self.known[self._trend])
+        self._forget()
+        while self._told[self._trend] and not self.lacks:
+            number = min(self._told[self._trend])
+            if any(number not in told for told in (self._cycles, *self._told.values())):
+                break
+            missed = int(self._cycles[number].missed_cycles)
+            for name, told in self._told.items():
+                self.add(name, [estimate_value(told[number], missed)])
+            self._forget()
+        return len(self.known[self._trend]) > begin
+
+    @property
+    def waits(self) -> bool:
+        """Whether an estimate was told of that is not taken over."""
+        return bool(self._told[self._trend])
+
+    @property
+    def lacks(self) -> bool:
+        """Whether the history may hold cycles before the first that waits."""
+        first = min(self._told[self._trend], default=0)
+        between = range(self.last() + 1, first)
+        return any(n not in self._cycles or self._cycles[n].accepted for n in between)
+
+    def _forget(self) -> None:
+        """Let go of what was told of cycles that are known."""
+        last = self.last()
+        for told in (self._cycles, *self._told.values()):
+            for number in [n for n in told if n <= last]:
+                del told[number]
+
+
+def _keep(told: dict[int, Any], message: Any) -> None:
+    told[int(message.cycle)] = message
+    if len(told) > MOST_WAITING:
+        del told[min(told)]
