@@ -29,7 +29,8 @@ class Twin:
     """What a twin says of a history that the test makes."""
 
     def __init__(self, graph) -> None:
-        self.graph, self.calls, self.events = graph, 0, []
+        self.graph, self.calls = graph, 0
+        self.events: list[MaintenanceValue] = []
         self.history = list(VALVE[:STORED])
         make, base = graph.node.create_publisher, f"{NS}/twin"
         self.cycles = make(CycleSummary, f"{base}/cycle", LATCHED)

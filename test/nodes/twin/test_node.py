@@ -18,6 +18,7 @@ from valve_twin.core.types import Prediction as PredictionValue
 from valve_twin.io.history.store import History
 from valve_twin.nodes.runtime.messages import prediction_bytes
 from valve_twin.nodes.twin.node import TwinNode
+from valve_twin.nodes.twin.services import EVENTS
 
 TREND_ESTIMATOR = "output_error"
 
@@ -121,7 +122,7 @@ def test_the_history_comes_in_pages(graph, twin, estimates):
 
 
 def test_maintenance_is_noted_from_the_next_cycle_on(graph, twin, estimates):
-    told = graph.record(f"{NS}/twin/maintenance", Maintenance)
+    told = graph.record(f"{NS}/twin/maintenance", Maintenance, EVENTS)
     feed_cycles(graph, Feeder(graph, NS), estimates, 2)
     answer = graph.call(
         MarkMaintenance, f"{NS}/twin/mark_maintenance", note="new pilot", new_reference=True
