@@ -4,30 +4,27 @@
 
 from __future__ import annotations
 
-import json
 import math
-import sys
 from typing import TYPE_CHECKING
 
 from valve_twin.cli.common import (
     OK,
     add_config,
+    add_simulation,
     add_verb,
     chosen_config,
     fail,
     positive,
     progress_of,
     rate_number,
-    seed_number,
 )
+from valve_twin.cli.output import console, plain, print_json, table
 
 if TYPE_CHECKING:
     import argparse
 
     from valve_twin.cli.common import Verbs
     from valve_twin.core.valves.press_cartridge.budget import Budget
-
-_WIDTH = 150
 
 
 def add(verbs: Verbs) -> None:
@@ -53,16 +50,7 @@ def add(verbs: Verbs) -> None:
     parser.add_argument(
         "--realisations", type=positive, default=8, metavar="N", help="draws of every noise"
     )
-    parser.add_argument(
-        "--seed", type=seed_number, default=0, metavar="N", help="seed of all random numbers"
-    )
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="override a setting of the simulation, e.g. measurement.noise=1e-4",
-    )
+    add_simulation(parser, "a setting of the simulation, e.g. measurement.noise=1e-4")
 
 
 def _budget(arguments: argparse.Namespace) -> int:
@@ -83,7 +71,7 @@ def _budget(arguments: argparse.Namespace) -> int:
     if not budget.columns:
         return fail(f"{config.name}: no estimate of the simulated cycle: {budget.reason}")
     if arguments.json:
-        sys.stdout.write(f"{json.dumps(_plain(config.name, budget), allow_nan=False)}\n")
+        print_json(_plain(config.name, budget))
     else:
         _show(config.name, budget)
     return OK
@@ -99,7 +87,7 @@ def _plain(valve: str, budget: Budget) -> dict[str, object]:
                 "parameter": column.parameter,
                 "estimator": column.estimator,
                 "value": column.value,
-                "errors": {row.letter: _finite(row.errors[k]) for row in budget.rows},
+                "errors": {row.letter: plain(row.errors[k], None) for row in budget.rows},
                 "total": budget.total(k),
                 "root_sum_square": budget.root_sum_square(k),
                 "largest": budget.largest(k).letter,
@@ -112,43 +100,33 @@ def _plain(valve: str, budget: Budget) -> dict[str, object]:
     }
 
 
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
-
-
 def _show(valve: str, budget: Budget) -> None:
     """Print the table: relative errors in percent, the largest of each column marked."""
-    from rich.console import Console
-    from rich.table import Table
     from rich.text import Text
 
-    console = Console(file=sys.stdout)
-    if not console.is_terminal:
-        console = Console(file=sys.stdout, width=_WIDTH)
     title = f"{valve}: error of a parameter in one cycle [%]; * = its largest source"
-    table = Table(title=title, title_justify="left", pad_edge=False)
-    table.add_column("source")
-    table.add_column("size", justify="right", no_wrap=True)
+    shown = table(title)
+    shown.add_column("source")
+    shown.add_column("size", justify="right", no_wrap=True)
     for column in budget.columns:
         short = column.estimator.removeprefix("equation_error_").replace("_", " ")
-        table.add_column(f"{column.parameter}\n{short}", justify="right", no_wrap=True)
+        shown.add_column(f"{column.parameter}\n{short}", justify="right", no_wrap=True)
     most = [budget.largest(k).letter for k in range(len(budget.columns))]
     for row in budget.rows:
         cells = [
-            Text(
-                _percent(error) + (" *" if most[k] == row.letter else "  "),
-                style="bold" if most[k] == row.letter else "",
-            )
-            for k, error in enumerate(row.errors)
+            Text(f"{_percent(error)} *", "bold")
+            if letter == row.letter
+            else f"{_percent(error)}  "
+            for letter, error in zip(most, row.errors, strict=True)
         ]
-        table.add_row(f"({row.letter}) {row.text}", f"{row.size:.1e}", *cells)
-    table.add_section()
+        shown.add_row(f"({row.letter}) {row.text}", f"{row.size:.1e}", *cells)
+    shown.add_section()
     columns = range(len(budget.columns))
-    table.add_row("sum of all", "", *[_percent(budget.total(k)) + "  " for k in columns])
+    shown.add_row("sum of all", "", *[_percent(budget.total(k)) + "  " for k in columns])
     squares = [_percent(budget.root_sum_square(k)) + "  " for k in columns]
-    table.add_row("root of the sum of squares", "", *squares)
-    table.add_row("value", "", *[f"{column.value:.4g}  " for column in budget.columns])
-    console.print(table)
+    shown.add_row("root of the sum of squares", "", *squares)
+    shown.add_row("value", "", *[f"{column.value:.4g}  " for column in budget.columns])
+    console().print(shown)
 
 
 def _percent(error: float) -> str:

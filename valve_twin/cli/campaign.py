@@ -5,23 +5,22 @@
 from __future__ import annotations
 
 import json
-import math
-import sys
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from valve_twin.cli.common import OK, USAGE, add_verb, fail, positive, progress_of
+from valve_twin.cli.output import console, plain, table
 from valve_twin.io.config.campaign import load_campaign, write_severities
 
 if TYPE_CHECKING:
     import argparse
 
+    from rich.console import Console
+
     from valve_twin.cli.common import Verbs
     from valve_twin.core.diagnosis.campaign import CampaignResult
     from valve_twin.core.diagnosis.isolability import Isolability
-
-_WIDTH = 150
 
 
 def add(verbs: Verbs) -> None:
@@ -81,39 +80,26 @@ def _derive(arguments: argparse.Namespace) -> int:
 
 def _plain(result: CampaignResult, seeds: tuple[int, ...]) -> dict[str, object]:
     """Return the outcome as plain data: not a number = null."""
-    told = result.isolability
-    rows = [
-        {k: (None if isinstance(v, float) and math.isnan(v) else v) for k, v in asdict(r).items()}
-        for r in result.rows
-    ]
+    found = result.isolability
     return {
         "seeds": len(seeds),
         "healthy_cycles": result.healthy,
         "false_alarms": [
             {"seed": seed, "fault": fault, "cycle": cycle} for seed, fault, cycle in result.alarms
         ],
-        "rows": rows,
-        "classes": [list(c) for c in told.classes if len(c) > 1],
-        "faults": list(told.faults),
-        "distance": [[round(float(d), 2) for d in row] for row in told.distance],
+        "rows": [plain(asdict(row)) for row in result.rows],
+        "classes": [list(c) for c in found.classes if len(c) > 1],
+        "faults": list(found.faults),
+        "distance": [[round(float(d), 2) for d in row] for row in found.distance],
     }
 
 
 def _show(result: CampaignResult) -> None:
     """Print what was found, then which faults can be told apart."""
-    from rich.console import Console
-    from rich.table import Table
-
-    console = Console(file=sys.stdout)
-    if not console.is_terminal:
-        console = Console(file=sys.stdout, width=_WIDTH)
-    table = Table(title="Faults", title_justify="left", pad_edge=False)
-    for name in ("fault", "size"):
-        table.add_column(name, no_wrap=True)
-    for name in ("severity", "detected", "in 5 cycles", "delay median", "most", "named", "class"):
-        table.add_column(name, justify="right")
+    numbers = ("severity", "detected", "in 5 cycles", "delay median", "most", "named", "class")
+    shown = table("Faults", ("fault", "size"), numbers)
     for r in result.rows:
-        table.add_row(
+        shown.add_row(
             r.fault,
             r.size,
             f"{r.severity:.3g}",
@@ -124,31 +110,28 @@ def _show(result: CampaignResult) -> None:
             f"{r.named}/{r.cases}",
             f"{r.in_class}/{r.cases}",
         )
-    console.print(table)
-    _show_isolability(result.isolability, console.print)
-    console.print(
+    out = console()
+    out.print(shown)
+    _show_isolability(result.isolability, out)
+    out.print(
         f"{len(result.alarms)} false alarms in {result.healthy} healthy aging cycles",
         highlight=False,
     )
 
 
-def _show_isolability(told: Isolability, show: object) -> None:
-    from rich.table import Table
-
+def _show_isolability(found: Isolability, out: Console) -> None:
     title = "Distance of a fault of medium size (row) from another [standard deviations]"
-    table = Table(title=title, title_justify="left", pad_edge=False)
-    table.add_column("", no_wrap=True)
-    for name in told.faults:
-        table.add_column(name.replace("_", " "), justify="right", max_width=10)
-    for name, row in zip(told.faults, told.distance, strict=True):
-        table.add_row(
+    shown = table(title, ("",))
+    for name in found.faults:
+        shown.add_column(name.replace("_", " "), justify="right", max_width=10)
+    for name, row in zip(found.faults, found.distance, strict=True):
+        shown.add_row(
             name,
             *(
                 "-" if other == name else f"{d:.1f}"
-                for other, d in zip(told.faults, row, strict=True)
+                for other, d in zip(found.faults, row, strict=True)
             ),
         )
-    assert callable(show)
-    show(table)
-    pairs = ["; ".join(" = ".join(c) for c in told.classes if len(c) > 1) or "none"]
-    show(f"No data of this kind tell apart: {pairs[0]}")
+    out.print(shown)
+    pairs = "; ".join(" = ".join(c) for c in found.classes if len(c) > 1) or "none"
+    out.print(f"No data of this kind tell apart: {pairs}")

@@ -9,8 +9,9 @@ import errno
 import math
 import os
 import sys
+from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn, TypeAlias
+from typing import TYPE_CHECKING, NoReturn, TypeAlias, TypeVar
 
 from valve_twin.io.errors import ConfigError
 
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
     Verbs: TypeAlias = "argparse._SubParsersAction[Parser]"
 
 OK, FAILED, USAGE = 0, 1, 2
+
+N = TypeVar("N", int, float)
 
 
 class Parser(argparse.ArgumentParser):
@@ -60,11 +63,28 @@ def add_bag(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("bag", metavar="BAG", help="folder, metadata.yaml or .mcap file")
 
 
-def add_config(parser: argparse.ArgumentParser) -> None:
-    """Add --config and --valve."""
-    parser.add_argument("--config", required=True, metavar="FILE", help="YAML of the valve")
+def add_config(parser: argparse.ArgumentParser, about: str = "") -> None:
+    """Add --config and --valve; with `about`, what it is for, the file may be left out."""
+    text = about or "YAML of the valve"
+    parser.add_argument("--config", required=not about, metavar="FILE", help=text)
     parser.add_argument(
         "--valve", default="", metavar="NAME", help="which valve of the file, default the first"
+    )
+
+
+def add_url(parser: argparse.ArgumentParser, *, required: bool = True) -> None:
+    """Add --url of a history."""
+    text = "database: a file or sqlite:///, postgresql://"
+    parser.add_argument("--url", required=required, help=text)
+
+
+def add_simulation(parser: argparse.ArgumentParser, about: str) -> None:
+    """Add --seed and --set of a simulation; `about` says what may be set."""
+    parser.add_argument(
+        "--seed", type=seed_number, default=0, metavar="N", help="seed of all random numbers"
+    )
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", help=f"override {about}"
     )
 
 
@@ -128,36 +148,31 @@ def check_writable(path: str) -> None:
 
 def positive(text: str) -> int:
     """Read a whole number, 1 or more."""
-    return whole_number(text, 1)
+    return _read(int, text, lambda value: value >= 1, "a whole number, 1 or more")
 
 
 def seed_number(text: str) -> int:
     """Read a whole number, 0 or more."""
-    return whole_number(text, 0)
-
-
-def whole_number(text: str, least: int) -> int:
-    """Read a whole number of at least `least`."""
-    try:
-        value = int(text)
-    except ValueError:
-        value = least - 1
-    if value < least:
-        msg = f"'{text}' is refused: write a whole number, {least} or more"
-        raise argparse.ArgumentTypeError(msg)
-    return value
+    return _read(int, text, lambda value: value >= 0, "a whole number, 0 or more")
 
 
 def rate_number(text: str) -> float:
     """Read a finite number, 0 or more."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 <= value < math.inf:
-        msg = f"'{text}' is refused: write a number, 0 or more"
-        raise argparse.ArgumentTypeError(msg)
-    return value
+    return _read(float, text, lambda value: 0.0 <= value < math.inf, "a number, 0 or more")
+
+
+def share_number(text: str) -> float:
+    """Read a number between 0 and 1."""
+    wanted = "a number between 0 and 1, such as 0.9"
+    return _read(float, text, lambda value: 0.0 < value < 1.0, wanted)
+
+
+def _read(kind: Callable[[str], N], text: str, fits: Callable[[N], bool], wanted: str) -> N:
+    with suppress(ValueError):
+        if fits(value := kind(text)):
+            return value
+    msg = f"'{text}' is refused: write {wanted}"
+    raise argparse.ArgumentTypeError(msg)
 
 
 def fail(text: str, code: int = FAILED) -> int:

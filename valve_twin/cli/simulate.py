@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 from valve_twin.cli.common import (
     OK,
     add_config,
+    add_simulation,
     add_verb,
     chosen_config,
     positive,
     progress_of,
     say,
-    seed_number,
 )
 
 if TYPE_CHECKING:
@@ -32,16 +32,7 @@ def add(verbs: Verbs) -> None:
     parser.add_argument(
         "--cycles", type=positive, default=10, metavar="N", help="production cycles"
     )
-    parser.add_argument(
-        "--seed", type=seed_number, default=0, metavar="N", help="seed of all random numbers"
-    )
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="override a setting, e.g. aging.area_in.rate=-0.0015 or measurement.noise=1e-3",
-    )
+    add_simulation(parser, "a setting, e.g. aging.area_in.rate=-0.0015 or measurement.noise=1e-3")
 
 
 def _simulate(arguments: argparse.Namespace) -> int:

@@ -4,12 +4,10 @@
 
 from __future__ import annotations
 
-import json
-import math
-import sys
 from typing import TYPE_CHECKING
 
 from valve_twin.cli.common import FAILED, OK, USAGE, add_verb, fail, progress_of
+from valve_twin.cli.output import console, number, plain, print_json, table
 from valve_twin.io.errors import suggest
 from valve_twin.validation import Verdict, get_paper, paper_numbers
 
@@ -39,83 +37,62 @@ def add(verbs: Verbs) -> None:
 
 def _validate(arguments: argparse.Namespace) -> int:
     wanted = list(dict.fromkeys(arguments.paper)) or list(paper_numbers())
-    for number in wanted:
-        if number not in paper_numbers():
-            text = suggest(number, paper_numbers())
-            return fail(f"validate: there is no paper '{number}'; {text}", USAGE)
+    for name in wanted:
+        if name not in paper_numbers():
+            text = suggest(name, paper_numbers())
+            return fail(f"validate: there is no paper '{name}'; {text}", USAGE)
     failed = 0
-    for number in wanted:
-        paper = get_paper(number)
-        with progress_of(f"validating {number}", paper.steps) as advance:
+    for name in wanted:
+        paper = get_paper(name)
+        with progress_of(f"validating {name}", paper.steps) as advance:
             checks = paper.recompute(advance)
         failed += sum(check.verdict is Verdict.FAIL for check in checks)
         if arguments.json:
             for check in checks:
-                sys.stdout.write(f"{json.dumps(_plain(number, check), allow_nan=False)}\n")
+                print_json(_plain(name, check))
         else:
-            _show(f"Paper {number}: {paper.title}", checks)
+            _show(f"Paper {name}: {paper.title}", checks)
     return FAILED if failed else OK
 
 
-def _plain(number: str, check: Check) -> dict[str, object]:
+def _plain(paper: str, check: Check) -> dict[str, object]:
     """Return a comparison as plain data: not known or not bound = null."""
-    return {
-        "paper": number,
-        "item": check.item,
-        "quantity": check.quantity,
-        "published": check.published,
-        "obtained": _finite(check.obtained),
-        "lower": _finite(check.lower),
-        "upper": _finite(check.upper),
-        "tolerance": check.tolerance,
-        "verdict": check.verdict.name,
-        "note": check.note,
-    }
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+    names = ("item", "quantity", "published", "obtained", "lower", "upper", "tolerance")
+    values = {name: plain(getattr(check, name), None) for name in names}
+    return {"paper": paper, **values, "verdict": check.verdict.name, "note": check.note}
 
 
 def _show(title: str, checks: Sequence[Check]) -> None:
     """Print the table, then how many agree."""
-    from rich.console import Console
-    from rich.table import Table
     from rich.text import Text
 
-    console = Console(file=sys.stdout)
-    if not console.is_terminal:
-        console = Console(file=sys.stdout, width=_WIDTH)
-    table = Table(title=title, title_justify="left", pad_edge=False)
-    table.add_column("quantity", max_width=40)
+    out = console(_WIDTH)
+    shown = table(title)
+    shown.add_column("quantity", max_width=40)
     for name in ("published", "obtained", "tolerance"):
-        table.add_column(name, justify="right")
-    table.add_column("verdict", no_wrap=True)
-    table.add_column("how, or why not", max_width=60)
+        shown.add_column(name, justify="right")
+    shown.add_column("verdict", no_wrap=True)
+    shown.add_column("how, or why not", max_width=60)
     item = ""
     for check in checks:
         if check.item != item:
             item = check.item
-            table.add_section()
-            table.add_row(Text(item, style="bold"))
-        table.add_row(
+            shown.add_section()
+            shown.add_row(Text(item, style="bold"))
+        shown.add_row(
             Text(f"  {check.quantity}"),  # not a string: rich takes "[s]" for markup
-            _number(check.published),
-            _number(check.obtained),
+            *(
+                v if isinstance(v, str) else number(v, ".4g")
+                for v in (check.published, check.obtained)
+            ),
             check.tolerance,
             Text(check.verdict.value, style=_COLOURS[check.verdict]),
             Text(check.note),
         )
-    console.print(table)
+    out.print(shown)
     counts = {v: sum(c.verdict is v for c in checks) for v in Verdict}
-    console.print(
+    out.print(
         f"{counts[Verdict.PASS]} agree, {counts[Verdict.FAIL]} do not, "
         f"{counts[Verdict.CANNOT]} cannot be reproduced",
         highlight=False,
     )
-
-
-def _number(value: float | str) -> str:
-    if isinstance(value, str):
-        return value
-    return f"{value:.4g}" if math.isfinite(value) else "-"

@@ -61,7 +61,7 @@ def test_results_carry_the_fields_of_their_messages(kind, name):
     words = [line.split("#")[0].split() for line in lines]
     wanted = [w[1] for w in words if len(w) == 2 and "=" not in w[1]]
     alias = {"header": "stamp_ns", "service_date": "service_date_ns"}
-    alias["service_date_early"] = "service_date_early_ns"
+    alias |= {"service_date_early": "service_date_early_ns", "verdict": "kind"}
     assert [alias.get(w, w) for w in wanted] == [f.name for f in fields(kind)]
 
 

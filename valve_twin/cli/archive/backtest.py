@@ -4,26 +4,28 @@
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
-import json
 import math
-import sys
 from typing import TYPE_CHECKING
 
 from valve_twin.cli.common import (
     FAILED,
     OK,
     USAGE,
+    add_config,
+    add_url,
     add_verb,
     chosen_config,
     fail,
     positive,
     progress_of,
     seed_number,
+    share_number,
 )
+from valve_twin.cli.output import console, number, plain, print_json, table
 
 if TYPE_CHECKING:
+    import argparse
     from collections.abc import Sequence
 
     from valve_twin.cli.common import Verbs
@@ -31,8 +33,7 @@ if TYPE_CHECKING:
     from valve_twin.core.aging.coverage import Coverage
     from valve_twin.io.config.valve import ValveConfig
 
-_WIDTH = 150  # columns where standard output is no terminal
-_HISTORIES = 500  # of the study, unless told
+_HISTORIES = 500  # of the study, by default
 
 
 def add(verbs: Verbs) -> None:
@@ -43,16 +44,16 @@ def add(verbs: Verbs) -> None:
         "Judge forecasts of the remaining useful life (RUL) by what the history did afterwards.",
         _backtest,
     )
-    parser.add_argument("--url", help="database: a file or sqlite:///, postgresql://")
-    parser.add_argument("--config", metavar="FILE", help="YAML of the valve")
+    add_url(parser, required=False)
+    add_config(parser, "YAML of the valve, not for --study")
     parser.add_argument(
-        "--valve", default="", metavar="NAME", help="which valve of the file, default the first"
+        "--confidence", type=share_number, default=0.9, help="of the limits, default 0.9"
     )
     parser.add_argument(
-        "--confidence", type=_share, default=0.9, help="of the limits, default 0.9"
-    )
-    parser.add_argument(
-        "--alpha", type=_share, default=0.2, help="relative error that is accurate, default 0.2"
+        "--alpha",
+        type=share_number,
+        default=0.2,
+        help="relative error that is accurate, default 0.2",
     )
     parser.add_argument(
         "--forecasts", type=positive, default=100, help="most forecasts a life, default 100"
@@ -69,18 +70,6 @@ def add(verbs: Verbs) -> None:
     parser.add_argument("--seed", type=seed_number, default=0, help="of the study, default 0")
 
 
-def _share(text: str) -> float:
-    """Read a share between 0 and 1."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0.0 < value < 1.0:
-        msg = f"'{text}' is refused: write a number between 0 and 1, such as 0.9"
-        raise argparse.ArgumentTypeError(msg)
-    return value
-
-
 def _backtest(arguments: argparse.Namespace) -> int:
     from valve_twin.core.aging.backtest import BacktestConfig
 
@@ -95,7 +84,7 @@ def _backtest(arguments: argparse.Namespace) -> int:
         return fail(f"{where}: holds no estimate of {config.name} that feeds a trend")
     if arguments.json:
         for test in tests:
-            sys.stdout.write(f"{json.dumps(_plain(config.name, test, how), allow_nan=False)}\n")
+            print_json(_plain(config.name, test, how))
     else:
         _show(f"{where}: {config.name}", tests, how)
     if any(test.forecasts for test in tests):
@@ -128,73 +117,58 @@ def _plain(valve: str, test: LifeTest, how: BacktestConfig) -> dict[str, object]
     """Return a life as plain data: not known = null, unbounded = "Infinity"."""
     from valve_twin.core.aging.backtest import LAMBDAS
 
-    return {
+    errors = [(share, at.error) for share in LAMBDAS if (at := test.at(share)) is not None]
+    values: dict[str, object] = {
         "kind": "life",
         "valve": valve,
         "parameter": test.parameter,
-        "start": _number(test.start),
-        "end": _number(test.end),
-        "limit": _number(test.limit.value) if test.limit else None,
+        "start": test.start,
+        "end": test.end,
+        "limit": test.limit.value if test.limit else None,
         "limit_relative": test.limit.relative if test.limit else None,
-        "limit_value": _number(test.limit_value),
+        "limit_value": test.limit_value,
         "service_limit_reached": test.reached,
         "confidence": how.confidence,
-        "coverage": _number(test.coverage),
-        "unbounded": _number(test.unbounded),
+        "coverage": test.coverage,
+        "unbounded": test.unbounded,
         "alpha": how.alpha,
-        "accurate": _number(test.accurate(how.alpha)),
+        "accurate": test.accurate(how.alpha),
         "alpha_lambda": [
-            {"lambda": share, "error": _number(at.error), "accurate": abs(at.error) <= how.alpha}
-            for share in LAMBDAS
-            if (at := test.at(share)) is not None
+            {"lambda": share, "error": error, "accurate": abs(error) <= how.alpha}
+            for share, error in errors
         ],
         "silent": test.silent,
-        "forecasts": [
-            {k: _number(v) for k, v in dataclasses.asdict(forecast).items()}
-            for forecast in test.forecasts
-        ],
+        "forecasts": [dataclasses.asdict(forecast) for forecast in test.forecasts],
         "reason": test.reason,
     }
-
-
-def _number(value: float) -> float | str | None:
-    if math.isfinite(value):
-        return value
-    return None if math.isnan(value) else "Infinity" if value > 0.0 else "-Infinity"
+    return {name: plain(value) for name, value in values.items()}
 
 
 def _show(title: str, tests: Sequence[LifeTest], how: BacktestConfig) -> None:
     """Print one row a life, then how the columns are meant."""
-    from rich.console import Console
-    from rich.table import Table
-
     from valve_twin.core.aging.backtest import LAMBDAS
 
-    console = Console(file=sys.stdout)
-    if not console.is_terminal:
-        console = Console(file=sys.stdout, width=_WIDTH)
-    table = Table(title=title, title_justify="left", pad_edge=False)
-    table.add_column("parameter", no_wrap=True)
+    out, shown = console(), table(title, ("parameter",))
     shares = "/".join(f"{100 * share:.0f}" for share in LAMBDAS)
     columns = ("life", "limit", "told", f"in {how.confidence:.0%}", "open", f"error {shares} %")
     for name in (*columns, f"±{how.alpha:.0%}"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("note", ratio=1, min_width=30)
+        shown.add_column(name, justify="right", no_wrap=True)
+    shown.add_column("note", ratio=1, min_width=30)
     for test in tests:
         errors = [f.error if (f := test.at(share)) else math.nan for share in LAMBDAS]
-        table.add_row(
+        shown.add_row(
             test.parameter,
             f"{test.start:.4g} .. {test.end:.4g}" if test.forecasts else f"{test.start:.4g} ..",
             _limit(test),
             str(len(test.forecasts)),
-            _percent(test.coverage),
-            _percent(test.unbounded),
-            " ".join(f"{e:+.0%}" if math.isfinite(e) else "-" for e in errors),
-            _percent(test.accurate(how.alpha)),
+            number(test.coverage, ".0%"),
+            number(test.unbounded, ".0%"),
+            " ".join(number(e, "+.0%") for e in errors),
+            number(test.accurate(how.alpha), ".0%"),
             _note(test),
         )
-    console.print(table)
-    console.print(
+    out.print(shown)
+    out.print(
         f"told: forecasts judged; in {how.confidence:.0%}: share whose limits hold the end; open: "
         "share without an upper limit;\n"
         f"error: of the median, {shares} % of the way from the first forecast to the end; "
@@ -220,10 +194,6 @@ def _note(test: LifeTest) -> str:
     return what + silent
 
 
-def _percent(value: float) -> str:
-    return f"{value:.0%}" if math.isfinite(value) else "-"
-
-
 def _study(arguments: argparse.Namespace) -> int:
     """Print what the limits hold on simulated histories with known truth."""
     from valve_twin.core.aging.coverage import AUTOCORRELATIONS, SAMPLES, coverage_of_life
@@ -243,34 +213,25 @@ def _study(arguments: argparse.Namespace) -> int:
         ]
     if arguments.json:
         for row in rows:
-            plain = {"kind": "coverage", **dataclasses.asdict(row)}
-            sys.stdout.write(f"{json.dumps(plain, allow_nan=False)}\n")
+            print_json({"kind": "coverage", **dataclasses.asdict(row)})
     else:
         _show_study(rows)
     return OK
 
 
 def _show_study(rows: Sequence[Coverage]) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
     first = rows[0]
     title = (
         f"{first.histories} simulated histories each, {first.nominal:.0%} limits "
         f"(binomial standard error {first.standard_error:.1%}); unbounded above counts as holding"
     )
-    console = Console(file=sys.stdout)
-    if not console.is_terminal:
-        console = Console(file=sys.stdout, width=_WIDTH)
-    table = Table(title=title, title_justify="left", pad_edge=False)
     names = ("cycles", "autocorrelation", "truth held", "all too early", "all too late")
-    for name in (*names, "unbounded", "nothing said", "median too late"):
-        table.add_column(name, justify="right")
+    shown = table(title, (), (*names, "unbounded", "nothing said", "median too late"))
     for row in rows:
         shares = (row.covered, row.too_early, row.too_late, row.unbounded, row.silent)
-        table.add_row(
+        shown.add_row(
             str(row.samples),
             f"{row.autocorrelation:g}",
             *(f"{share:.1%}" for share in (*shares, row.median_late)),
         )
-    console.print(table)
+    console().print(shown)

@@ -7,11 +7,11 @@ from __future__ import annotations
 import csv
 import io
 import signal
-import sys
 import threading
 from typing import TYPE_CHECKING
 
 from valve_twin.cli.common import FAILED, OK, add_config, add_verb, positive, progress_of, say
+from valve_twin.cli.output import console, table
 
 if TYPE_CHECKING:
     import argparse
@@ -132,21 +132,16 @@ def _write_summary(results: Results, found: Sequence[BagResult]) -> None:
 
 
 def _show(found: Sequence[BagResult]) -> None:
-    from rich.console import Console
-    from rich.table import Table
     from rich.text import Text
 
-    console = Console(file=sys.stdout)
-    if not console.is_terminal:
-        console = Console(file=sys.stdout, width=_WIDTH)
     failed = sum(bool(result.error) for result in found)
     kept = sum(result.kept for result in found)
     title = f"{len(found)} bags: {len(found) - failed - kept} done, {kept} kept, {failed} failed"
-    table = Table(title=title, title_justify="left", pad_edge=False)
+    shown = table(title)
     for name in _COLUMNS:
         counted = name in ("valves", "cycles", "accepted", "estimates")
-        table.add_column(name, justify="right" if counted else "left")
+        shown.add_column(name, justify="right" if counted else "left")
     for result in found:
         style = "bold red" if result.error else "dim" if result.kept else ""
-        table.add_row(*(Text(cell, style=style) for cell in _cells(result)))
-    console.print(table)
+        shown.add_row(*(Text(cell, style=style) for cell in _cells(result)))
+    console(_WIDTH).print(shown)

@@ -5,13 +5,12 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
-import sys
 from datetime import datetime, timezone
 from typing import TYPE_CHECKING
 
-from valve_twin.cli.common import FAILED, OK, add_verb, fail, progress_of
+from valve_twin.cli.common import FAILED, OK, add_url, add_verb, fail, progress_of
+from valve_twin.cli.output import console, number, plain, print_json, table
 from valve_twin.core.aging.verdict import VerdictKind
 
 if TYPE_CHECKING:
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
     from valve_twin.core.aging.config import AgingConfig
     from valve_twin.io.history.fleet import FleetRow
 
-_WIDTH = 150  # columns where standard output is no terminal
 _ORDERS = ("urgency", "drift", "residual", "confidence", "name")
 _COLOURS = {VerdictKind.OK: "green", VerdictKind.NOT_ENOUGH_DATA: "dim"}
 
@@ -32,9 +30,7 @@ def add(verbs: Verbs) -> None:
     parser = add_verb(
         verbs, "fleet", "Rank the valves of a history by drift, residual and confidence.", _fleet
     )
-    parser.add_argument(
-        "--url", required=True, help="database: a file or sqlite:///, postgresql://"
-    )
+    add_url(parser)
     parser.add_argument(
         "--config",
         metavar="FILE",
@@ -65,7 +61,7 @@ def _fleet(arguments: argparse.Namespace) -> int:
         return fail(f"{where}: holds no valve; let a twin store its cycles there")
     if arguments.json:
         for place, row in enumerate(rows, 1):
-            sys.stdout.write(f"{json.dumps(_plain(place, row), allow_nan=False)}\n")
+            print_json(_plain(place, row))
     else:
         _show(rows, where)
     return FAILED if arguments.check and any(row.needs_attention for row in rows) else OK
@@ -86,39 +82,30 @@ def _plain(place: int, row: FleetRow) -> dict[str, object]:
         value = getattr(row, field.name)
         if isinstance(value, VerdictKind):
             value = value.name
-        elif isinstance(value, float) and not math.isfinite(value):
-            value = None if math.isnan(value) else "Infinity"
-        fields[field.name] = value
+        fields[field.name] = plain(value)
     fields["needs_attention"] = row.needs_attention
     return fields
 
 
 def _show(rows: Sequence[FleetRow], where: str) -> None:
     """Print the table that a maintenance engineer reads at a glance."""
-    from rich.console import Console
-    from rich.table import Table
     from rich.text import Text
 
-    console = Console(file=sys.stdout)
-    if not console.is_terminal:
-        console = Console(file=sys.stdout, width=_WIDTH)
     urgent = sum(row.needs_attention for row in rows)
     title = f"{where}: {len(rows)} valves, {urgent} need attention"
-    table = Table(title=title, title_justify="left", pad_edge=False)
-    table.add_column("valve", no_wrap=True)
-    table.add_column("verdict", no_wrap=True)
-    table.add_column("worst")
+    shown = table(title, ("valve", "verdict"))
+    shown.add_column("worst")
     for name in ("change [%]", "95 %", "to limit", "service", "residual", "trusted", "cycle"):
-        table.add_column(name, justify="right", no_wrap=name != "95 %")
-    table.add_column("why", ratio=1, min_width=30)
+        shown.add_column(name, justify="right", no_wrap=name != "95 %")
+    shown.add_column("why", ratio=1, min_width=30)
     for row in rows:
         colour = _COLOURS.get(row.verdict, "bold red")
-        table.add_row(
+        shown.add_row(
             row.valve,
             Text(row.verdict.text, style=colour),
             row.parameter or "-",
-            _number(row.drift, "+.1f"),
-            f"{_number(row.drift_lower_95, '+.1f')} .. {_number(row.drift_upper_95, '+.1f')}",
+            number(row.drift, "+.1f"),
+            f"{number(row.drift_lower_95, '+.1f')} .. {number(row.drift_upper_95, '+.1f')}",
             f"{max(row.way, 0.0):.0%}" if math.isfinite(row.way) else "-",
             _service(row),
             _residual(row),
@@ -126,11 +113,7 @@ def _show(rows: Sequence[FleetRow], where: str) -> None:
             str(row.cycle),
             Text(row.evidence if row.needs_attention or not row.parameter else ""),
         )
-    console.print(table)
-
-
-def _number(value: float, form: str) -> str:
-    return format(value, form) if math.isfinite(value) else "-"
+    console().print(shown)
 
 
 def _service(row: FleetRow) -> str:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
-from valve_twin.cli.common import OK, add_verb, say
+from valve_twin.cli.common import OK, add_url, add_verb, say
 
 if TYPE_CHECKING:
     import argparse
@@ -19,9 +19,7 @@ def add(verbs: Verbs) -> None:
     """Add the verb."""
     parser = add_verb(verbs, "history", "Back up or export the history database.", _history)
     parser.add_argument("action", choices=("backup", "export", "list"))
-    parser.add_argument(
-        "--url", required=True, help="database: a file or sqlite:///, postgresql://"
-    )
+    add_url(parser)
     parser.add_argument("--out", default="", help="file (backup) or folder (export) to write")
 
 

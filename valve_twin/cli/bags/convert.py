@@ -7,7 +7,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
-from valve_twin.cli.common import OK, add_bag, add_verb, chosen_config
+from valve_twin.cli.common import OK, add_bag, add_config, add_verb, chosen_config
 from valve_twin.io.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -27,12 +27,7 @@ def add(verbs: Verbs) -> None:
         help="file to write; several topics give X.topic.csv each",
     )
     parser.add_argument("--topics", nargs="+", default=[], metavar="TOPIC", help="only these")
-    parser.add_argument(
-        "--config", metavar="FILE", help="YAML of the valve: write its signals, one row a stamp"
-    )
-    parser.add_argument(
-        "--valve", default="", metavar="NAME", help="which valve of the file, default the first"
-    )
+    add_config(parser, "YAML of the valve: write its signals, one row a stamp")
 
 
 def _convert(arguments: argparse.Namespace) -> int:

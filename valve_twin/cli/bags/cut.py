@@ -7,7 +7,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
-from valve_twin.cli.common import OK, add_bag, add_verb, chosen_config
+from valve_twin.cli.common import OK, add_bag, add_config, add_verb, chosen_config
 from valve_twin.io.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ _TIME = "seconds after the begin of the bag, or a time such as 2026-01-31T08:00:
 
 def add(verbs: Verbs) -> None:
     """Add the verb."""
-    parser = add_verb(verbs, "cut", "Write a stretch of time of a bag into a new bag.", _cut)
+    parser = add_verb(verbs, "cut", "Write a span of time of a bag into a new bag.", _cut)
     add_bag(parser)
     parser.add_argument("--out", required=True, metavar="NEW", help="bag folder to make")
     parser.add_argument("--from", dest="begin", default="", metavar="TIME", help=_TIME)
@@ -29,10 +29,7 @@ def add(verbs: Verbs) -> None:
     parser.add_argument(
         "--cycles", default="", metavar="N..M", help="these cycles instead; needs --config"
     )
-    parser.add_argument("--config", metavar="FILE", help="YAML of the valve, for --cycles")
-    parser.add_argument(
-        "--valve", default="", metavar="NAME", help="which valve of the file, default the first"
-    )
+    add_config(parser, "YAML of the valve, for --cycles")
 
 
 def _cut(arguments: argparse.Namespace) -> int:
