@@ -34,3 +34,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def root() -> Path:
     """Return the root of the repository."""
     return ROOT
+
+
+@pytest.fixture(scope="session")
+def measured() -> Path:
+    """Return the folder of the measured records whose licence lets them stand in here."""
+    return ROOT / "samples" / "measured"

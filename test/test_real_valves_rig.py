@@ -2,8 +2,7 @@
 # Copyright 2026 valve_twin maintainers
 """A hydraulic rig without a recorded command, from its file of cycles to lag and leakage.
 
-The measured data has no licence to be copied: it is read from beside the repository, and these
-tests skip where it is not there.
+The record is CC BY 4.0 and stands whole in `samples/measured`.
 """
 
 from __future__ import annotations
@@ -29,10 +28,7 @@ LEAK_CHANGES = (22, 73)
 class Rig:
     """The estimates of all cycles beside what was switched."""
 
-    def __init__(self, root, folder):
-        data = root.parent / "shared" / "data" / "zema_hydraulic_rig"
-        if not data.is_dir():
-            pytest.skip(f"measured data is not there: {data}")
+    def __init__(self, root, data, folder):
         with gzip.open(data / "fs1_cycles_0_102.txt.gz", "rt", encoding="ascii") as file:
             values = file.read().split()
         (folder / "fs1.csv").write_text("\n".join(["flow", *values, ""]), encoding="ascii")
@@ -62,8 +58,8 @@ class Rig:
 
 
 @pytest.fixture(scope="module")
-def rig(root, tmp_path_factory):
-    return Rig(root, tmp_path_factory.mktemp("rig"))
+def rig(root, measured, tmp_path_factory):
+    return Rig(root, measured / "zema_hydraulic_rig", tmp_path_factory.mktemp("rig"))
 
 
 def say(line):

@@ -237,7 +237,7 @@ def test_a_bag_without_a_valve_gives_one_clear_line(tmp_path, capsys, make, mess
     assert str(bag) in error
 
 
-def test_bags_of_other_machines_are_refused_without_a_fault(shared):
-    for bag in sorted((shared / "rosbag2_bags").glob("*/")):
+def test_bags_of_other_machines_are_refused_without_a_fault(measured):
+    for bag in sorted((measured / "rosbag2_bags").glob("*/")):
         with pytest.raises(BagError, match=bag.name):
             propose_yaml(bag)

@@ -195,10 +195,8 @@ def test_a_report_says_what_is_damaged(bag):
 
 
 @pytest.mark.parametrize("name", ["convert_b", "multiple_files", "cdr_test", "wbag", "array_msgs"])
-def test_bags_of_real_recorders_are_rewritten_whole(shared, tmp_path, name):
-    path = shared / "rosbag2_bags" / name
-    if not path.exists():
-        pytest.skip(f"bags of real recorders are not there: {path}")
+def test_bags_of_real_recorders_are_rewritten_whole(measured, tmp_path, name):
+    path = measured / "rosbag2_bags" / name
     found = recover(path, tmp_path / "new")
     assert (found.lost_count, found.losses, found.notes) == (0, (), ())
     assert found.count == bag_info(path).message_count

@@ -27,11 +27,8 @@ UNREADABLE = {"/test_service1/_service_event", "/test_service2/_service_event"}
 
 
 @pytest.fixture
-def bags(shared):
-    folder = shared / "rosbag2_bags"
-    if not folder.is_dir():
-        pytest.skip(f"bags of real recorders are not there: {folder}")
-    return folder
+def bags(measured):
+    return measured / "rosbag2_bags"
 
 
 @pytest.mark.parametrize(("name", "count"), BAGS.items())
