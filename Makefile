@@ -13,14 +13,15 @@ help:
 	@echo "                another valve: make demo VALVE=stepper_servo, hybrid_actuator, servo_system or double_solenoid"
 	@echo "make test       lint, types, tests, short benchmark"
 	@echo "make test-long  the statistical campaigns that make test leaves out"
-	@echo "make setup      environment, messages, package, compiled kernels; the targets above call it themselves"
+	@echo "make setup      environment, messages, package, all compiled kernels; make test calls it, make demo does what it needs of it"
 	@echo "make lock       resolve the dependencies anew into requirements*.lock"
 	@echo "make clean      remove everything that was built, the environment included"
 
 setup:
 	@$(PYTHON) tools/bootstrap.py
 
-demo: setup
+demo:
+	@$(PYTHON) tools/bootstrap.py --demo $(VALVE)
 	@$(RUN) python -m valve_twin.demo $(if $(VALVE),--valve $(VALVE))
 
 test: setup

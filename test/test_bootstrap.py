@@ -199,7 +199,7 @@ def test_a_change_redoes_only_what_depends_on_it(
 def test_a_second_call_does_nothing_and_is_quick(step: Callable[[str], Any]) -> None:
     inputs = step("inputs")
     distro = os.environ.get("ROS_DISTRO", "")
-    if inputs.read_state() != inputs.fingerprints(distro):
+    if not inputs.fingerprints(distro).items() <= inputs.read_state().items():
         pytest.skip("this environment is not the one of make setup, or its inputs changed since")
     start = time.perf_counter()
     done = subprocess.run(

@@ -17,19 +17,39 @@ if not OLDEST <= sys.version_info[:2] <= NEWEST:  # an older Python could not ru
         "example make setup PYTHON=python3.12" % ((sys.executable,) + sys.version_info[:2])
     )
 
+import argparse
 import fcntl
 import os
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 from setup_steps.console import LOG, ROOT, SetupError, say
 from setup_steps.inputs import fingerprints, read_state, write_state
 from setup_steps.prefix import PYTHON, install_packages, make_environment, refuse_what_cannot_work
 from setup_steps.system import install_system_packages, missing_system_packages
-from setup_steps.workspace import check_imports, colcon_build, warm_up, write_environment
+from setup_steps.workspace import (
+    check_imports,
+    colcon_build,
+    compile_ahead,
+    forget_kernels,
+    write_environment,
+)
 
 
-def set_up() -> None:
-    """Bring every step up to date whose inputs changed since it last finished."""
+def set_up(demo: str | None) -> tuple[str, ...]:
+    """Bring every step up to date whose inputs changed since it last finished.
+
+    Parameters
+    ----------
+    demo : str or None
+        The valve whose demo is wanted, empty for the usual one: only its kernels are compiled.
+        None = everything.
+
+    Returns
+    -------
+    tuple of str
+        What is left to `make setup`.
+    """
     distro = os.environ.get("ROS_DISTRO", "")
     wanted = fingerprints(distro)
     state = read_state() if PYTHON.exists() else {}
@@ -45,28 +65,58 @@ def set_up() -> None:
         install_packages(distro)
         state["packages"] = wanted["packages"]
         write_state(state)
+    # The packages are built and the kernels compiled side by side.
+    with ThreadPoolExecutor() as pool:
+        steps = [
+            pool.submit(build_packages, state, wanted, distro),
+            pool.submit(compile_kernels, state, wanted, distro, demo),
+        ]
+    for step in steps:
+        if step.exception() is None:
+            state.update(step.result())
+            write_state(state)
+    for step in steps:
+        step.result()
+    return () if state.get("kernels") == wanted["kernels"] else ("the kernels of other valves",)
 
+
+def build_packages(state: dict[str, str], wanted: dict[str, str], distro: str) -> dict[str, str]:
+    """Build messages and package, check that all of it imports; return what is done now."""
     steps = {"messages": "valve_twin_msgs", "package": "valve_twin"}
-    built = (ROOT / "install" / name for name in steps.values())
-    if not all(folder.is_dir() for folder in built):
-        state.pop("messages", None)
-        state.pop("package", None)
-    stale = [step for step in steps if state.get(step) != wanted[step]]
+    built = all((ROOT / "install" / name).is_dir() for name in steps.values())
+    stale = [step for step in steps if not built or state.get(step) != wanted[step]]
     if stale:
         colcon_build([steps[step] for step in stale], distro)
         write_environment(distro)
         check_imports(distro)
-        state.update({step: wanted[step] for step in stale})
-        write_state(state)
+    return {step: wanted[step] for step in stale}
 
-    if state.get("kernels") != wanted["kernels"]:
-        warm_up(distro)
-        state["kernels"] = wanted["kernels"]
-        write_state(state)
+
+def compile_kernels(
+    state: dict[str, str], wanted: dict[str, str], distro: str, demo: str | None
+) -> dict[str, str]:
+    """Compile all kernels, or those of a demo; what has the same sources stays compiled."""
+    step = "kernels" if demo is None else f"kernels of demo {demo}"
+    compiled = {name for name, value in state.items() if value == wanted["kernels"]}
+    if compiled & {"kernels", step}:
+        return {}
+    if not compiled:
+        forget_kernels()
+    compile_ahead(distro, demo)
+    return {step: wanted["kernels"]}
 
 
 def main() -> int:
     """Set up, one process at a time; return the exit code."""
+    parser = argparse.ArgumentParser(prog="tools/bootstrap.py", description=__doc__)
+    parser.add_argument(
+        "--demo",
+        metavar="VALVE",
+        nargs="?",
+        const="",
+        help="only what the demo of a valve needs; the rest is left to a call without",
+    )
+    demo = parser.parse_args().demo
     os.chdir(ROOT)
     LOG.parent.mkdir(exist_ok=True)
     start = time.monotonic()
@@ -77,11 +127,13 @@ def main() -> int:
             say("waiting for another set-up in this folder to finish")
             fcntl.flock(lock, fcntl.LOCK_EX)
         try:
-            set_up()
+            left = set_up(demo)
         except SetupError as error:
             print(f"setup: {error}", file=sys.stderr)
             return 1
     say(f"ready ({time.monotonic() - start:.1f} s); tools/run COMMAND runs a command in it")
+    if left:
+        say(f"left to make setup: {', '.join(left)}; until then each is compiled at its first use")
     return 0
 
 

@@ -3,16 +3,21 @@
 """Compile every kernel once, at installation, so that no node compiles in a callback.
 
 Runs one short record of each valve through simulation, twin, estimation and aging; numba keeps
-what it compiled.
+what it compiled. `python -m valve_twin.warmup` does so for every valve, with `--demo [VALVE]` for
+what the demo of one valve needs; a node whose valve was left out compiles when it is configured.
 """
 
 from __future__ import annotations
 
+import argparse
+import time
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from importlib import import_module
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numba.core import event
 
 from valve_twin.core.alignment import SignalRange
 from valve_twin.core.cycles import CycleConfig
@@ -26,16 +31,72 @@ from valve_twin.core.valves.registry import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping, Sequence
 
     from valve_twin.core.valves.interface import Options, ValveModel
 
 
-def main() -> None:
-    """Compile everything."""
+class Compiled(event.Listener):
+    """What was compiled because no cache held it."""
+
+    def __init__(self) -> None:
+        self.kernels = 0
+        self.wall_s = 0.0
+
+    def on_start(self, _event: event.Event) -> None:
+        """Count a kernel that is compiled."""
+        self.kernels += 1
+
+    def on_end(self, _event: event.Event) -> None:
+        """Take the end of a compilation; a kernel's own ones lie inside it."""
+
+    def __str__(self) -> str:
+        return (
+            f"{self.kernels} numerical kernels were not compiled yet: compiled in "
+            f"{self.wall_s:.1f} s and kept; make setup does it ahead"
+        )
+
+
+@contextmanager
+def compiled() -> Iterator[Compiled]:
+    """Count what is compiled inside."""
+    found, begin = Compiled(), time.perf_counter()
+    with event.install_listener("numba:compile", found):
+        yield found
+    found.wall_s = time.perf_counter() - begin
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Compile everything, or what the demo of one valve needs.
+
+    Parameters
+    ----------
+    argv : sequence of str, optional
+        Arguments, default `sys.argv[1:]`.
+    """
     from valve_twin.core import aging
 
+    parser = argparse.ArgumentParser(prog="python -m valve_twin.warmup", description=__doc__)
+    parser.add_argument("--demo", metavar="VALVE", nargs="?", const="")
+    demo = parser.parse_args(argv).demo
     import_module("valve_twin.io.cdr.columns_kernel")  # compiles on import
+    if demo is not None:
+        _warm_up_demo(demo)
+    else:
+        _warm_up_all()
+    aging.warm_up()
+
+
+def _warm_up_demo(valve: str) -> None:
+    from valve_twin.demo.cases import DEFAULT, find_case
+
+    with suppress(ValueError):  # an unknown valve is told by the demo
+        case = find_case(valve or DEFAULT)
+        for rule in CycleRule:
+            run_once(case.model, rule)
+
+
+def _warm_up_all() -> None:
     for name in model_names():
         model = get_model(name)
         if model.simulation() is None:
@@ -46,7 +107,6 @@ def main() -> None:
                 run_once(name, rule)
         for changed in model.variants:
             _estimate_wave(model, changed)
-    aging.warm_up()
 
 
 def run_once(name: str, rule: CycleRule, options: Options | None = None) -> None:

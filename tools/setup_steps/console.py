@@ -24,7 +24,9 @@ def say(text: str) -> None:
     print(f"setup: {text}", flush=True)
 
 
-def run(command: Sequence[str], what: str, environment: Mapping[str, str]) -> None:
+def run(
+    command: Sequence[str], what: str, environment: Mapping[str, str], log_name: str = ""
+) -> None:
     """Run a command into the log, with a sign of life now and then.
 
     Parameters
@@ -35,6 +37,8 @@ def run(command: Sequence[str], what: str, environment: Mapping[str, str]) -> No
         What it does, for the user.
     environment : mapping
         Its whole environment.
+    log_name : str
+        Name of a log of its own, for a command that runs beside another one.
 
     Raises
     ------
@@ -42,7 +46,8 @@ def run(command: Sequence[str], what: str, environment: Mapping[str, str]) -> No
         The command failed; the end of its output is on stderr.
     """
     start = time.monotonic()
-    with LOG.open("ab") as log:
+    path = LOG.with_name(log_name) if log_name else LOG
+    with path.open("ab") as log:
         log.write(f"\n$ {shlex.join(command)}\n".encode())
         log.flush()
         begin = log.tell()
@@ -57,11 +62,11 @@ def run(command: Sequence[str], what: str, environment: Mapping[str, str]) -> No
         while (code := _wait(process)) is None:
             say(f"  ... {what}, {time.monotonic() - start:.0f} s so far")
     if code != 0:
-        lines = LOG.read_bytes()[begin:].decode(errors="replace").splitlines()
+        lines = path.read_bytes()[begin:].decode(errors="replace").splitlines()
         print("\n".join(lines[-SHOWN_LINES:]), file=sys.stderr)
-        where = LOG.relative_to(ROOT)
+        where = path.relative_to(ROOT)
         raise SetupError(f"{what} failed (exit code {code}); the whole output is in {where}")
-    say(f"  done in {time.monotonic() - start:.0f} s")
+    say(f"  done in {time.monotonic() - start:.0f} s: {what}")
 
 
 def _wait(process: subprocess.Popen[bytes]) -> int | None:

@@ -48,14 +48,22 @@ REQUIRED_MODULES = (
 
 
 def colcon_build(packages: Sequence[str], distro: str) -> None:
-    """Build some of the two packages; Python sources are linked, so that later edits are live."""
+    """Build some of the two packages; Python sources are linked, so that later edits are live.
+
+    Parameters
+    ----------
+    packages : sequence of str
+        Their names.
+    distro : str
+        Sourced ROS 2 distribution; empty for the wheels, whose only nodes are in Python.
+    """
     names = " and ".join(packages)
-    duration = " (one to two minutes)" if "valve_twin_msgs" in packages else ""
-    say(f"building {names} with colcon{duration}")
+    say(f"building {names} with colcon")
     command = [str(PYTHON), "-m", "colcon", "build", "--symlink-install"]
     command += ["--packages-select", *packages]
     command += ["--cmake-args", "-G", "Ninja", "-DCMAKE_BUILD_TYPE=Release"]
     command += [f"-DPython3_EXECUTABLE={PYTHON}", "-DBUILD_TESTING=OFF", "--no-warn-unused-cli"]
+    command += [f"-DWITHOUT_CPP={'OFF' if distro else 'ON'}"]
     run(command, f"colcon build of {names}", build_environment(distro))
 
 
@@ -109,16 +117,38 @@ def check_imports(distro: str) -> None:
     run(command, "the import check", build_environment(distro))
 
 
-def warm_up(distro: str) -> None:
-    """Compile the numerical kernels into their cache, so that no node compiles while it runs."""
+def forget_kernels() -> None:
+    """Remove what was compiled from other sources: numba looks at a kernel's own file only."""
     for cached in (ROOT / "valve_twin").rglob("__pycache__/*.nb[ci]"):
-        # numba looks at the file of a kernel only, not at those of the kernels it calls
         cached.unlink(missing_ok=True)
+
+
+def compile_ahead(distro: str, demo: str | None) -> None:
+    """Compile the numerical kernels into their cache, so that no node compiles while it runs.
+
+    Does not wait for the packages to be built: it runs from the sources, whose entry points are
+    written beside.
+
+    Parameters
+    ----------
+    distro : str
+        Sourced ROS 2 distribution; empty for the wheels.
+    demo : str or None
+        The one valve whose demo is wanted, empty for the usual one; None = all kernels.
+    """
     if not (ROOT / "valve_twin" / "warmup.py").is_file():
         return
-    say("compiling the numerical kernels")
-    command = _inside("python", "-m", "valve_twin.warmup")
-    run(command, "compiling the kernels", build_environment(distro))
+    what = "the numerical kernels" if demo is None else "the numerical kernels of the demo"
+    say(f"compiling {what}")
+    arguments = [] if demo is None else ["--demo", *filter(None, [demo])]
+    environment, names = build_environment(distro), VENV / "entry_points"
+    names.mkdir(exist_ok=True)
+    paths = [str(ROOT), str(names), *filter(None, [environment.get("PYTHONPATH")])]
+    environment["PYTHONPATH"] = os.pathsep.join(paths)
+    command = [str(PYTHON), "setup.py", "-q", "egg_info", "--egg-base", str(names)]
+    run(command, "listing the valves", environment, "setup_kernels.log")
+    command = [str(PYTHON), "-m", "valve_twin.warmup", *arguments]
+    run(command, f"compiling {what}", environment, "setup_kernels.log")
 
 
 def _inside(*command: str) -> list[str]:

@@ -8,12 +8,13 @@ lacks it, so that the data path does not pack it every cycle.
 
 from __future__ import annotations
 
+import sys
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.valves.registry import get_model
-from valve_twin.warmup import predict_once, run_once
+from valve_twin.warmup import Compiled, compiled, predict_once, run_once
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -68,13 +69,24 @@ def warm_up(valves: Iterable[tuple[str, CycleRule, Options]]) -> None:
     valves : iterable of (str, CycleRule, mapping)
         Model, cycle rule and options of every valve.
     """
-    for model, rule, options in valves:
-        with suppress(Exception):  # a user's model may come without a simulation
-            run_once(model, rule, options)
+    with compiled() as found:
+        for model, rule, options in valves:
+            with suppress(Exception):  # a user's model may come without a simulation
+                run_once(model, rule, options)
+    if found.kernels:
+        sys.stderr.write(f"estimation: {found}\n")
 
 
-def warm_up_prediction(valves: Iterable[tuple[str, CycleRule, Options]]) -> None:
-    """Load what prediction alone needs before the first sample is there; as `warm_up`."""
-    for model, rule, _ in valves:
-        with suppress(ValueError):  # a user's model may want other parameters
-            predict_once(model, rule)
+def warm_up_prediction(valves: Iterable[tuple[str, CycleRule, Options]]) -> Compiled:
+    """Load what prediction alone needs before the first sample is there; as `warm_up`.
+
+    Returns
+    -------
+    Compiled
+        What had to be compiled for it.
+    """
+    with compiled() as found:
+        for model, rule, _ in valves:
+            with suppress(ValueError):  # a user's model may want other parameters
+                predict_once(model, rule)
+    return found

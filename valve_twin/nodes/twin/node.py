@@ -73,7 +73,9 @@ class TwinNode(ValveNode):
         kinds = [(c.model, c.cycles.rule, c.options) for c in configs]
         kinds = [kind for i, kind in enumerate(kinds) if kind not in kinds[:i]]
         self._worker = WorkerProcess(partial(warm_up, kinds))
-        warm_up_prediction(kinds)
+        compiled = warm_up_prediction(kinds)
+        if compiled.kernels:
+            self.get_logger().info(f"prediction: {compiled}")
         for config in configs:
             valve = LiveValve(
                 self,
