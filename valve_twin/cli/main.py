@@ -9,7 +9,17 @@ import sys
 from typing import TYPE_CHECKING
 
 from valve_twin import __version__
-from valve_twin.cli import bench, budget, campaign, configure, estimate, report, simulate, validate
+from valve_twin.cli import (
+    bench,
+    budget,
+    campaign,
+    check_valve,
+    configure,
+    estimate,
+    report,
+    simulate,
+    validate,
+)
 from valve_twin.cli.archive import backtest, batch, fleet, history
 from valve_twin.cli.bags import convert, cut, import_, info, recover, replay
 from valve_twin.cli.common import FAILED, OK, USAGE, Parser, fail
@@ -36,6 +46,7 @@ VERBS = (
     budget,
     backtest,
     validate,
+    check_valve,
     campaign,
     bench,
 )

@@ -168,6 +168,15 @@ class SimulationConfig:
         """Return the number of samples of a production cycle."""
         return round(self.program.duration_s / self.period_s)
 
+    def aged_plant(self, cycle: int) -> Plant:
+        """Return the plant of a cycle, aged but not scattered."""
+        return changed_plant(self.plant, {r.parameter: r.factor(cycle) for r in self.aging})
+
+    def plant_numbers(self, cycle: int) -> dict[tuple[str, str], float]:
+        """Return what may age of the plant by name and unit, as it is in a cycle."""
+        known = describe(cast("DataclassInstance", self.aged_plant(cycle)))
+        return {(d.name, d.unit): cast("float", d.default) for d in known if d.ages}
+
 
 def check_parameter(plant: Plant, name: str) -> None:
     """Refuse what cannot age or scatter.

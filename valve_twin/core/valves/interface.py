@@ -74,6 +74,8 @@ class ValveModel(Protocol):
         `core.quantity`; `NoOptions()` where there are none.
     trend_estimator : str
         Name of the estimator that feeds the trend and the predictions.
+    normalised : bool
+        Whether inputs and output are parts of their full scale: percent are then recognised.
     variants : tuple of mapping
         Options under which further kernels run, which are then compiled at installation, too.
     """
@@ -84,6 +86,7 @@ class ValveModel(Protocol):
     parameters: tuple[Parameter, ...]
     options: Options
     trend_estimator: str
+    normalised: bool = False
     variants: tuple[Mapping[str, object], ...] = ()
 
     def estimate(
@@ -172,6 +175,25 @@ class ValveModel(Protocol):
     def simulation(self) -> SimulationConfig | None:
         """Return the valve's default simulation; None = it cannot be simulated."""
         return None
+
+    def truth(self, simulation: SimulationConfig, cycle: int) -> Mapping[str, float]:
+        """Return the true values of followed parameters in a cycle of the simulated valve.
+
+        Parameters
+        ----------
+        simulation : SimulationConfig
+            The simulation with its laws of aging; its scatter plays no part.
+        cycle : int
+            Number of the cycle.
+
+        Returns
+        -------
+        mapping
+            By name [unit of the parameter]; here the plant's numbers of the same name and unit.
+        """
+        numbers = simulation.plant_numbers(cycle)
+        followed = [(p.name, p.unit) for p in self.parameters if p.trend]
+        return {key[0]: numbers[key] for key in followed if key in numbers}
 
 
 def option_descriptors(model: ValveModel, prefix: str = "") -> tuple[Descriptor, ...]:

@@ -58,8 +58,9 @@ def get_model(name: str) -> ValveModel:
         return _checked(entry.load(), name)
     names = model_names()
     near = get_close_matches(name, names, n=1)
-    hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(names) or 'none'}"
-    msg = f"model: '{name}' is unknown; {hint}"
+    hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(names)}"
+    none = f"no package registers any in '{ENTRY_POINT_GROUP}': install anew (make setup)"
+    msg = f"model: '{name}' is unknown; {hint if names else none}"
     raise ValueError(msg)
 
 

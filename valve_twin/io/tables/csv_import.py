@@ -305,7 +305,7 @@ def _notices(table: Table, config: ValveConfig) -> list[str]:
     columns = table.columns[len(table.columns) - len(_streams(config)) :]
     by_topic = dict(zip((s.topic for s in _streams(config)), columns, strict=True))
     model = get_model(config.model)
-    normalised = (*model.inputs, model.output) if hasattr(model, "input_fault") else ()
+    normalised = (*model.inputs, model.output) if model.normalised else ()
     notices = []
     for source in config.signals.values():
         if not source.column or source.signal not in (*model.inputs, model.output):

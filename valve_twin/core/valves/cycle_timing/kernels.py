@@ -82,7 +82,7 @@ def predict_block(
     for n in range(len(flow)):
         flag = restart[n]
         fresh = state[1] == 0.0
-        if flag == Restart.NEW_CYCLE or (fresh and flag == Restart.GAP):
+        if flag == Restart.NEW_CYCLE or (fresh and flag != Restart.GO_ON):
             state[0], state[1] = 0.0, 1.0
         elif flag == Restart.GAP:
             state[0], state[1] = 0.0, -1.0

@@ -16,12 +16,16 @@ PARAMETERS = (
         "valve_lag",
         "s",
         "how much later than healthy_instant_s the valve switches: shift of the flow spike",
+        -1e5,
+        1e5,
         trend=True,
     ),
     Parameter(
         "pump_leakage",
         "m^3/s",
         "flow missing from healthy_flow while the flow is steady",
+        -1e3,
+        1e3,
         trend=True,
     ),
     Parameter(

@@ -77,6 +77,7 @@ class DoubleSolenoidModel(ValveModel):
     parameters: tuple[Parameter, ...] = PARAMETERS
     options: DoubleSolenoidOptions = field(default_factory=DoubleSolenoidOptions)
     trend_estimator: str = ESTIMATOR
+    normalised: bool = True
 
     def estimate(
         self, cycle: Cycle, options: DoubleSolenoidOptions, earlier: Sequence[Estimate] = ()

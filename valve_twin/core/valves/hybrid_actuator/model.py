@@ -73,6 +73,7 @@ class HybridActuatorModel(ValveModel):
     parameters: tuple[Parameter, ...] = PARAMETERS
     options: HybridActuatorOptions = field(default_factory=HybridActuatorOptions)
     trend_estimator: str = ESTIMATOR
+    normalised: bool = True
 
     def estimate(
         self, cycle: Cycle, options: HybridActuatorOptions, earlier: Sequence[Estimate] = ()

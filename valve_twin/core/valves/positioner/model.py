@@ -71,6 +71,7 @@ class PositionerModel(ValveModel):
     parameters: tuple[Parameter, ...] = PARAMETERS
     options: PositionerOptions = field(default_factory=PositionerOptions)
     trend_estimator: str = ESTIMATOR
+    normalised: bool = True
     variants: tuple[Mapping[str, object], ...] = (
         {"second_order": True, "static_curve": True, "two_delays": True},
     )

@@ -21,6 +21,8 @@ from valve_twin.core.estimation.cycle.plausibility import (
 )
 from valve_twin.core.estimation.data.masks import MaskOptions, Masks, find_masks
 from valve_twin.core.estimation.data.noise import rest_noise
+from valve_twin.core.simulation.truth import cycle_truth
+from valve_twin.core.simulation.valve import SimulatedValve
 from valve_twin.core.types import (
     ByteArray,
     Cycle,
@@ -87,6 +89,7 @@ class PressCartridgeModel(ValveModel):
     parameters: tuple[Parameter, ...] = PARAMETERS
     options: PressCartridgeOptions = field(default_factory=PressCartridgeOptions)
     trend_estimator: str = output_error.ESTIMATOR
+    normalised: bool = True
 
     def estimate(
         self, cycle: Cycle, options: PressCartridgeOptions, earlier: Sequence[Estimate] = ()
@@ -197,6 +200,11 @@ class PressCartridgeModel(ValveModel):
     def simulation(self) -> SimulationConfig:
         """Return the default simulation."""
         return default_simulation()
+
+    def truth(self, simulation: SimulationConfig, cycle: int) -> Mapping[str, float]:
+        """Return the true gains, K_out at the default v_ref, as `ValveModel.truth` says."""
+        out = SimulatedValve(simulation).steady_gain(cycle, self.options.v_ref, input_index=1)
+        return {"K_in": float(cycle_truth(simulation, cycle).gains[0]), "K_out": out}
 
     def initial_state(self) -> FloatArray:
         """Return the (22,) state before the first sample."""

@@ -59,6 +59,7 @@ class ServoSystemModel(ValveModel):
     parameters: tuple[Parameter, ...] = PARAMETERS
     options: ServoSystemOptions = field(default_factory=ServoSystemOptions)
     trend_estimator: str = ESTIMATOR
+    normalised: bool = True
 
     def estimate(
         self, cycle: Cycle, options: ServoSystemOptions, earlier: Sequence[Estimate] = ()

@@ -80,6 +80,9 @@ def take_record(cycle: Cycle) -> tuple[Record | None, str]:
             f"a gap of {missing} samples, more than {_LONGEST_GAP}: what was wanted there is "
             "not known"
         )
+    bad = len(frames) - int(np.count_nonzero(frames.valid))
+    if bad > (1.0 - _LEAST_SHARE) * len(frames):
+        return None, f"{bad} of {len(frames)} samples are not valid"
     values = np.full((int(index[-1]) + 1, len(INPUTS) + 1), np.nan)
     values[index, 0] = frames.position
     values[index, 1:] = frames.inputs

@@ -32,7 +32,11 @@ from valve_twin.core.valves.stepper_servo.parameters import (
     WIENER,
     StepperServoOptions,
 )
-from valve_twin.core.valves.stepper_servo.plant import check_period, default_simulation
+from valve_twin.core.valves.stepper_servo.plant import (
+    StepperServoPlant,
+    check_period,
+    default_simulation,
+)
 from valve_twin.core.valves.stepper_servo.predictor import (
     COEFFICIENTS,
     MAX_LAG,
@@ -69,6 +73,7 @@ class StepperServoModel(ValveModel):
     parameters: tuple[Parameter, ...] = PARAMETERS
     options: StepperServoOptions = field(default_factory=StepperServoOptions)
     trend_estimator: str = MECHANICS
+    normalised: bool = True
 
     def estimate(
         self, cycle: Cycle, options: StepperServoOptions, earlier: Sequence[Estimate] = ()
@@ -158,6 +163,17 @@ class StepperServoModel(ValveModel):
     def simulation(self) -> SimulationConfig:
         """Return the default simulation."""
         return default_simulation()
+
+    def truth(self, simulation: SimulationConfig, cycle: int) -> Mapping[str, float]:
+        """Return the true thread and flow edges over the stroke, as `ValveModel.truth` says."""
+        plant = simulation.aged_plant(cycle)
+        assert isinstance(plant, StepperServoPlant)
+        return {
+            "backlash": plant.backlash / plant.stroke,
+            "band_lower": plant.band_lower / plant.stroke,
+            "band_upper": plant.band_upper / plant.stroke,
+            "flow_full": plant.flow_full,
+        }
 
     def initial_state(self) -> FloatArray:
         """Return the state before the first sample."""

@@ -38,7 +38,7 @@ PARAMETERS = (
         -0.9,
         0.9,
     ),
-    Parameter("lost_steps", "1", "steps lost in the cycle", trend=True),
+    Parameter("lost_steps", "1", "steps lost in the cycle", -1e9, 1e9, trend=True),
     Parameter("offset", "1", "spool position minus counted motor position at the cycle's end"),
     Parameter("delay", "s", "counted step to measured position: sensor average and logging", 0.0),
     Parameter(
