@@ -31,8 +31,9 @@ def test_a_series_is_serialized_as_its_message_class_does(count):
     stamps = 5_000_000_123 + 10_000_000 * np.arange(count)
     columns = rng.normal(size=(4, count))
     validity = rng.integers(0, 6, count).astype(np.uint8)
-    measured, *others = columns
-    prediction = Prediction(7, stamps, measured, others[0], others[1], others[2], 0.25, validity)
+    x, p, s, r = columns
+    said = count % 2 == 0
+    prediction = Prediction(7, stamps, x, p, s, r, 0.25, validity, said)
     (data,) = series_bytes(prediction, PERIOD_S)
     message = deserialize_message(data, PredictionSeries)
     assert (message.header.stamp.sec, message.header.stamp.nanosec) == (5, 123)
@@ -42,6 +43,7 @@ def test_a_series_is_serialized_as_its_message_class_does(count):
     ):
         assert list(getattr(message, name)) == column.tolist()
     assert list(message.validity) == validity.tolist()
+    assert message.reproducible is said
     assert len(serialize_message(message)) - len(data) in range(4)  # the class pads its end
 
 

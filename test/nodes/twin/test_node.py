@@ -162,12 +162,13 @@ def test_the_fast_serialization_is_that_of_the_message():
     values = np.array([0.1, np.nan])
     prediction = PredictionValue(
         7, np.array([1_500_000_007, 2_000_000_000]), values, values + 1, values + 2, values + 3,
-        0.25, np.array([0, 5], dtype=np.uint8),
+        0.25, np.array([0, 5], dtype=np.uint8), False,
     )  # fmt: skip
     first, second = (deserialize_message(b, Prediction) for b in prediction_bytes(prediction))
     assert (first.header.stamp.sec, first.header.stamp.nanosec, first.cycle) == (1, 500_000_007, 7)
     assert (first.measured, first.predicted, first.simulated) == (0.1, 1.1, 2.1)
     assert (first.residual, first.residual_sigma, first.validity) == (3.1, 0.25, 0)
+    assert not first.reproducible
     assert np.isnan(second.measured)
     assert second.validity == Prediction.BAD_INPUT
 

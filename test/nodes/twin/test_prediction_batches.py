@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -63,6 +64,10 @@ def test_a_stamp_that_goes_back_ends_a_series(batches):
 def test_a_series_belongs_to_one_cycle_and_one_model(batches):
     parts = block([1, 2]), block([3], cycle=2), block([4], cycle=2, sigma=0.2)
     assert fed(batches, *parts) == [[1, 2], [3], [4]]
+
+
+def test_a_series_is_reproducible_or_not(batches):
+    assert fed(batches, block([1]), replace(block([2]), reproducible=False)) == [[1], [2]]
 
 
 def test_a_series_without_a_model_is_not_torn(batches):
@@ -177,4 +182,4 @@ def test_deactivation_loses_nothing(graph, parameters):
 
 
 def graph_inputs(node):
-    return [topic for valve in node._valves for topic in valve.inputs]
+    return [topic for valve in node._valves for topic in valve.intake.topics]

@@ -48,7 +48,12 @@ class BagPlayerNode(ValveNode):
         self._bridge: LogBridge | None = None
         self._timers_made: list[Any] = []
         self._ended_s: float | None = None
-        PlayerServices(self)
+        PlayerServices(
+            self,
+            playing=lambda: self.playing,
+            rate=lambda: float(self.parameters["rate"]),
+            stop=self.stop_playing,
+        )
 
     def start(self) -> None:
         """Start; a player that cannot play ends where it would end after playing."""

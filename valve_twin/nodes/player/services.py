@@ -11,7 +11,10 @@ from valve_twin_msgs import srv
 from valve_twin.nodes.runtime.services import DeferredService, Done
 
 if TYPE_CHECKING:
-    from valve_twin.nodes.player.node import BagPlayerNode
+    from collections.abc import Callable
+
+    from rclpy.node import Node
+
     from valve_twin.nodes.player.playing import Playing
 
 
@@ -20,12 +23,25 @@ class PlayerServices:
 
     Parameters
     ----------
-    player : BagPlayerNode
-        What they drive.
+    node : Node
+        The player.
+    playing : callable
+        Returns what they drive, None without a bag.
+    rate : callable
+        Returns the rate that a bag would be played at [1].
+    stop : callable
+        Stops playing.
     """
 
-    def __init__(self, player: BagPlayerNode) -> None:
-        self._player = player
+    def __init__(
+        self,
+        node: Node,
+        *,
+        playing: Callable[[], Playing | None],
+        rate: Callable[[], float],
+        stop: Callable[[], None],
+    ) -> None:
+        self._find, self._rate, self._stop = playing, rate, stop
         for kind, name, callback in (
             (srv.Pause, "pause", self._on_pause),
             (srv.Resume, "resume", self._on_resume),
@@ -37,13 +53,13 @@ class PlayerServices:
             (srv.Stop, "stop", self._on_stop),
             (srv.Play, "play", self._on_play),
         ):
-            player.create_service(kind, f"~/{name}", callback)
-        DeferredService(player, srv.PlayNext, "~/play_next", self._on_play_next)
-        DeferredService(player, srv.Burst, "~/burst", self._on_burst)
+            node.create_service(kind, f"~/{name}", callback)
+        DeferredService(node, srv.PlayNext, "~/play_next", self._on_play_next)
+        DeferredService(node, srv.Burst, "~/burst", self._on_burst)
 
     @property
     def _playing(self) -> Playing | None:
-        return self._player.playing
+        return self._find()
 
     def _on_pause(self, request: Any, response: Any) -> Any:
         del request
@@ -74,7 +90,7 @@ class PlayerServices:
     def _on_get_rate(self, request: Any, response: Any) -> Any:
         del request
         playing = self._playing
-        response.rate = playing.rate if playing else float(self._player.parameters["rate"])
+        response.rate = playing.rate if playing else self._rate()
         return response
 
     def _on_seek(self, request: Any, response: Any) -> Any:
@@ -84,7 +100,7 @@ class PlayerServices:
 
     def _on_stop(self, request: Any, response: Any) -> Any:
         del request
-        self._player.stop_playing()
+        self._stop()
         return response
 
     def _on_play(self, request: Any, response: Any) -> Any:

@@ -35,7 +35,7 @@ T = TypeVar("T")
 
 SECOND_NS = 1_000_000_000
 _MAX_NS = (2**31 - 1) * SECOND_NS
-_PREDICTION = struct.Struct("<4siII4xQdddddB")
+_PREDICTION = struct.Struct("<4siII4xQdddddB?")
 _LITTLE = b"\x00\x01\x00\x00"
 _SERIES = struct.Struct("<4siII4xdQI4x")
 _COUNT = struct.Struct("<I4x")
@@ -56,6 +56,7 @@ def from_time(time: Time) -> int:
 def prediction_bytes(prediction: Prediction) -> Iterator[bytes]:
     """Yield one serialized Prediction a sample, in the layout of the message."""
     sigma, cycle, pack = float(prediction.residual_sigma), prediction.cycle, _PREDICTION.pack
+    reproducible = prediction.reproducible
     columns = zip(
         prediction.stamp_ns.tolist(),
         prediction.measured.tolist(),
@@ -79,6 +80,7 @@ def prediction_bytes(prediction: Prediction) -> Iterator[bytes]:
             residual,
             sigma,
             validity,
+            reproducible,
         )
 
 
@@ -104,6 +106,7 @@ def series_bytes(prediction: Prediction, period_s: float) -> Iterator[bytes]:
                 prediction.residual[run].tobytes(),
                 _SERIES_END.pack(float(prediction.residual_sigma), count),
                 prediction.validity[run].tobytes(),
+                bytes([prediction.reproducible]),
             )
         )
 

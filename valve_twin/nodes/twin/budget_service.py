@@ -57,7 +57,7 @@ def begin_budget(valve: LiveValve, request: Any, response: Any, done: Done) -> N
     """Hand the budget to the worker; `done` gets the response when it is there."""
     sizes = (float(request.offset), float(request.command_noise))
     arguments = (valve.config, sizes, int(request.realisations), tuple(request.settings))
-    valve.in_worker(compute_budget, arguments, partial(_answer, valve.name, response, done))
+    valve.jobs.run(compute_budget, arguments, partial(_answer, valve.name, response, done))
 
 
 def _answer(valve: str, response: Any, done: Done, outcome: Outcome) -> None:

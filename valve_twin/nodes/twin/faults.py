@@ -34,7 +34,7 @@ class TwinFaults:
 
     def look(self) -> None:
         """File what has happened since the last look."""
-        for topic in self._valve.inputs:
+        for topic in self._valve.intake.topics:
             self._look_at_topic(topic)
         self._look_at_samples()
         self._look_at_estimation()
@@ -92,41 +92,38 @@ class TwinFaults:
         self._events(
             "input.gaps",
             valve.model.output,
-            valve.gaps.missing,
+            valve.outlet.gaps.missing,
             f"signal {valve.model.output}: %d samples are missing, the longest gap is "
-            f"{valve.gaps.longest_s:.3g} s",
+            f"{valve.outlet.gaps.longest_s:.3g} s",
         )
         self._events("clock.set_back", "", valve.jumps, "%d jumps back of the clock")
 
     def _look_at_estimation(self) -> None:
-        valve = self._valve
+        valve, jobs, kept = self._valve, self._valve.jobs, self._valve.kept
         pending = valve.twin.pending_jobs
         self._condition(
             "estimation.overdue",
-            f"{pending} cycles wait for their estimation, the last took {valve.estimation_s:.2f} s"
+            f"{pending} cycles wait for their estimation, the last took {jobs.wall_s:.2f} s"
             if pending > OVERDUE_CYCLES
             else "",
         )
         self._events(
-            "estimation.failed", "", valve.failed, f"%d estimations failed: {valve.failure}"
+            "estimation.failed", "", jobs.failed, f"%d estimations failed: {jobs.failure}"
         )
         self._events(
             "estimation.late",
             "",
-            valve.wait.cut,
-            f"%d waits for an estimate were cut off after {valve.wait.limit_s:g} s",
+            jobs.wait.cut,
+            f"%d waits for an estimate were cut off after {jobs.wait.limit_s:g} s",
         )
         self._condition(
             "history.not_stored",
-            f"{valve.unsaved} cycles wait for the database: {valve.store_error}"
-            if valve.store_error
+            f"{kept.waiting} cycles wait for the database: {kept.keeper.error}"
+            if kept.keeper.error
             else "",
         )
-
-        self._events("history.dropped", "", valve.kept.dropped, "%d cycles were given up unsaved")
-        self._events(
-            "history.refused", "", valve.kept.refused, "%d cycles were refused by the history"
-        )
+        self._events("history.dropped", "", kept.dropped, "%d cycles were given up unsaved")
+        self._events("history.refused", "", kept.refused, "%d cycles were refused by the history")
 
     def _condition(self, code: str, evidence: str, subject: str = "") -> None:
         self._desk.look(code, evidence, valve=self._valve.name, subject=subject)

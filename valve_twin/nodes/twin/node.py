@@ -197,21 +197,21 @@ class TwinNode(ValveNode):
         figures: dict[str, object] = {
             "model": valve.config.model,
             "cycle": valve.twin.cycle or valve.last_cycle,
-            "samples predicted": valve.predicted,
-            "cycles estimated": valve.estimated,
-            "cycles refused": valve.refused,
-            "cycles stored": valve.stored,
-            "cycles unsaved": valve.unsaved,
+            "samples predicted": valve.outlet.predicted,
+            "cycles estimated": valve.jobs.estimated,
+            "cycles refused": valve.jobs.refused,
+            "cycles stored": valve.kept.stored,
+            "cycles unsaved": valve.kept.waiting,
             "cycles dropped unsaved": valve.kept.dropped,
             "cycles refused by the history": valve.kept.refused,
             "estimations pending": valve.twin.pending_jobs,
-            "waits cut off": valve.wait.cut,
-            "last estimation [s]": f"{valve.estimation_s:.3f}",
+            "waits cut off": valve.jobs.wait.cut,
+            "last estimation [s]": f"{valve.jobs.wall_s:.3f}",
             "worst latency [ms]": f"{1e3 * worst:.2f}",
             "worker restarts": max(self._worker.restarts, 0) if self._worker is not None else 0,
         }
         counts = valve.twin.counts()
-        for topic in valve.inputs:
+        for topic in valve.intake.topics:
             figures[f"{topic.topic} received/lost/unreadable"] = (
                 f"{topic.received}/{topic.lost}/{topic.broken}"
             )

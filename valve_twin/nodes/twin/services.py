@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Services of one valve of the twin: maintenance, estimate now, history, error budget."""
+"""What one valve of the twin is asked and told: services, and verdicts that it keeps."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from valve_twin_msgs import msg, srv
 
-from valve_twin.core.types import Cycle, Maintenance
+from valve_twin.core.aging.verdict import Verdict, VerdictKind
+from valve_twin.core.types import Maintenance
 from valve_twin.nodes.runtime import messages as convert
 from valve_twin.nodes.runtime.services import DeferredService, Done
 from valve_twin.nodes.twin.budget_service import begin_budget
-from valve_twin.nodes.twin.verdict_log import VerdictLog
+from valve_twin.nodes.twin.outlet import LATCHED
 
 if TYPE_CHECKING:
     from valve_twin.nodes.runtime.node import ValveNode
@@ -56,17 +57,14 @@ class TwinServices:
 
     def _estimate_now(self, request: Any, response: Any) -> Any:
         del request
-        valve = self._valve
-        valve.work(force=True)
-        events = valve.twin.close_cycle()
-        closed = [e for e in events if isinstance(e, Cycle)]
-        valve.handle(events)
-        response.success = bool(closed)
-        response.cycle = closed[-1].number if closed else 0
+        cycle = self._valve.close_cycle()
+        response.success = cycle is not None
+        response.cycle = cycle.number if cycle is not None else 0
         response.message = (
-            f"cycle {closed[-1].number} closed: {closed[-1].reason}"
-            if closed
-            else f"{valve.name}: no cycle is running; wait for a command or look at the inputs"
+            f"cycle {cycle.number} closed: {cycle.reason}"
+            if cycle is not None
+            else f"{self._valve.name}: no cycle is running; wait for a command or look at the "
+            "inputs"
         )
         return response
 
@@ -90,7 +88,7 @@ class TwinServices:
         self._in_background(valve.kept.keeper.writer, work, answer)
 
     def _get_history(self, request: Any, response: Any, done: Done) -> None:
-        valve = self._valve
+        valve, units = self._valve, self._valve.outlet.units
         estimator = request.estimator or valve.model.trend_estimator
         first, limit = int(request.first_cycle), int(request.limit) or DEFAULT_PAGE
 
@@ -98,7 +96,7 @@ class TwinServices:
             found = valve.history.estimates(valve.name, estimator, first, limit + 1)
             page = found[:limit]
             response.estimates = [
-                convert.estimate_message(valve.name, e, valve.units, stored=True) for e in page
+                convert.estimate_message(valve.name, e, units, stored=True) for e in page
             ]
             response.missed_cycles = [e.missed_cycles for e in page]
             events = valve.history.maintenance(valve.name)
@@ -129,3 +127,33 @@ class TwinServices:
     def _in_background(self, thread: WorkerThread, work: Any, answer: Any) -> None:
         post = self._node.post
         thread.submit(work, lambda outcome: post(partial(answer, outcome)))
+
+
+class VerdictLog:
+    """Stores what the aging monitor says of one valve: the twin owns the history.
+
+    What touches the database runs on its keeper's thread.
+    """
+
+    def __init__(self, node: ValveNode, valve: LiveValve) -> None:
+        self._node, self._valve = node, valve
+        self._subscription = node.create_subscription(
+            msg.Verdict, f"{valve.name}/aging_monitor/verdict", self._on_verdict, LATCHED
+        )
+
+    def destroy(self) -> None:
+        """Stop listening."""
+        self._node.destroy_subscription(self._subscription)
+
+    def _on_verdict(self, message: Any) -> None:
+        """Store a verdict on this valve; what is not known as a verdict is left out."""
+        if message.verdict not in set(VerdictKind):
+            return
+        verdict = convert.to_value(Verdict, message)
+        work = partial(self._valve.history.add_verdict, self._valve.name, verdict)
+        self._valve.kept.keeper.writer.submit(work, self._on_stored)
+
+    def _on_stored(self, outcome: Outcome) -> None:
+        if outcome.error:
+            text = f"{self._valve.name}: verdict not stored: {outcome.error}"
+            self._node.post(partial(self._node.get_logger().warning, text))
