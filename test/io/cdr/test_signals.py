@@ -11,18 +11,16 @@ from mcap.records import Schema
 from rosbags.typesys import Stores, get_typestore
 
 from valve_twin.io.bags.definitions import definition
+from valve_twin.io.cdr.bag_types import BagTypes
 from valve_twin.io.cdr.codec import encode_series, encode_stamped
+from valve_twin.io.cdr.message_types import RosTypes, full_type_name, message_class
 from valve_twin.io.cdr.signals import (
     SERIES_TYPE,
     STAMPED_TYPE,
     Extractor,
-    RosTypes,
     SignalSource,
-    full_type_name,
-    message_class,
     parse_path,
 )
-from valve_twin.io.cdr.types import BagTypes
 from valve_twin.io.errors import ConfigError
 
 JAZZY = get_typestore(Stores.ROS2_JAZZY)

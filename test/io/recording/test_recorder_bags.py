@@ -6,8 +6,8 @@ import pytest
 from mcap.reader import make_reader
 
 from valve_twin.io.bags.read import bag_info, bag_types, read_signals, read_texts
+from valve_twin.io.cdr.bag_types import BagTypes
 from valve_twin.io.cdr.signals import SignalSource
-from valve_twin.io.cdr.types import BagTypes
 from valve_twin.io.errors import BagError
 from valve_twin.io.playback.player import read_messages
 

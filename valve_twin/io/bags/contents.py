@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from valve_twin.io.bags.folder import bag_files
-from valve_twin.io.cdr.signals import TypeSystem, full_type_name
-from valve_twin.io.cdr.types import BagTypes
+from valve_twin.io.cdr.bag_types import BagTypes
+from valve_twin.io.cdr.message_types import known_type_name
 from valve_twin.io.errors import BagError, suggest
 from valve_twin.io.mcap.reader import McapFile
 from valve_twin.io.salvage.read import salvage
@@ -98,7 +98,17 @@ def open_file(path: Path, stack: ExitStack) -> McapFile:
 
 
 def contents(path: Path, opened: Sequence[McapFile], custom: dict[str, str]) -> BagInfo:
-    """Return what open files hold."""
+    """Return what open files hold.
+
+    Parameters
+    ----------
+    path : Path
+        The bag, as given.
+    opened : sequence of McapFile
+        Its files in their order.
+    custom : dict
+        Values of the user's own.
+    """
     topics: dict[str, TopicInfo] = {}
     starts, ends, total = [], [], 0
     for file in opened:
@@ -134,20 +144,13 @@ def _add_topic(topics: dict[str, TopicInfo], file: McapFile, channel: Channel) -
         count = -1 if min(count, before.count) < 0 else count + before.count
     topics[name] = TopicInfo(
         name,
-        _full(schema.name) if schema else "",
+        known_type_name(schema.name) if schema else "",
         count,
         channel.metadata.get("offered_qos_profiles", ""),
     )
 
 
-def _full(name: str) -> str:
-    try:
-        return full_type_name(name)
-    except ValueError:
-        return name
-
-
-def bag_types(path: str | Path, topic: str) -> TypeSystem:
+def bag_types(path: str | Path, topic: str) -> BagTypes:
     """Return the types of a topic as the bag defines them.
 
     Raises
@@ -182,7 +185,19 @@ def channel_types(file: McapFile, channel: Channel) -> BagTypes:
 
 
 def missing_topic(path: str | Path, topic: str, what: str, names: Sequence[str]) -> BagError:
-    """Return the error that names a topic which is not there and the nearest that is."""
+    """Return the error that names a topic which is not there and the nearest that is.
+
+    Parameters
+    ----------
+    path : path
+        The bag.
+    topic : str
+        What is missing.
+    what : str
+        What it was wanted for, to follow its name; may be empty.
+    names : sequence of str
+        The topics that there are.
+    """
     hint = suggest(topic, names)
     there = f" there are {', '.join(names)}" if hint.startswith("did you") else ""
     return BagError(f"{path}: topic '{topic}'{what} is not in the bag; {hint}{there}")

@@ -130,7 +130,19 @@ class BagFile:
     def write(
         self, channel: int, data: bytes, *, log_ns: int, publish_ns: int, sequence: int
     ) -> None:
-        """Append a message; a chunk that is full goes to the kernel."""
+        """Append a message; a chunk that is full goes to the kernel.
+
+        Parameters
+        ----------
+        channel : int
+            Its number in the file.
+        data : bytes
+            Serialized message.
+        log_ns, publish_ns : int
+            Receive time and source time [ns].
+        sequence : int
+            Number of the message on its channel, 0 = unknown.
+        """
         if self.first_ns < 0:
             self.first_ns = log_ns
         self.mcap.write(channel, data, log_ns=log_ns, publish_ns=publish_ns, sequence=sequence)
@@ -139,7 +151,13 @@ class BagFile:
     def write_rows(
         self, channels: IntArray, data: ByteTable, times: IntArray, sequences: IntArray
     ) -> int:
-        """Append messages of one length until a chunk is full; see `McapWriter.write_rows`."""
+        """Append messages of one length until a chunk is full; see `McapWriter.write_rows`.
+
+        Parameters
+        ----------
+        channels, data, times, sequences : arrays
+            As `McapWriter.write_rows` takes them.
+        """
         if self.first_ns < 0:
             self.first_ns = int(times[0, 0])
         taken = self.mcap.write_rows(channels, data, times, sequences)

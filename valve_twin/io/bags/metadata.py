@@ -50,7 +50,17 @@ class FileEntry:
 def metadata_map(
     files: Sequence[FileEntry], topics: Sequence[TopicEntry], custom: Mapping[str, str]
 ) -> dict[str, object]:
-    """Return the content of a metadata.yaml below its root key."""
+    """Return the content of a metadata.yaml below its root key.
+
+    Parameters
+    ----------
+    files : sequence of FileEntry
+        Its files in their order.
+    topics : sequence of TopicEntry
+        Its topics.
+    custom : mapping
+        Values of the user's own.
+    """
     filled = [f for f in files if f.count]
     start = min((f.start_ns for f in filled), default=0)
     end = max((f.start_ns + f.duration_ns for f in filled), default=0)

@@ -139,6 +139,16 @@ def read_overrides(path: str | Path) -> dict[str, dict[str, Any]]:
 def override(offer: QosProfile, policies: Mapping[str, Any], where: str) -> QosProfile:
     """Return an offer with some policies replaced.
 
+    Parameters
+    ----------
+    offer : QosProfile
+        What was offered.
+    policies : mapping
+        Words, numbers or maps of seconds and nanoseconds by policy, as in YAML.
+    where : str
+        File and topic, for messages.
+
+
     Raises
     ------
     ConfigError

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
     from valve_twin.core.types import IntArray
-    from valve_twin.io.cdr.types import BagTypes
+    from valve_twin.io.cdr.bag_types import BagTypes
     from valve_twin.io.mcap.format import ChunkIndex
     from valve_twin.io.mcap.reader import McapFile
 
@@ -333,12 +333,32 @@ def _decode(
             )
 
 
-def _edges(ready: dict[int, Columns], first: int, last: int, slice_ns: int) -> IntArray:
+def cut_rounds(logs: Sequence[IntArray], slice_ns: int) -> Iterator[tuple[int, slice]]:
+    """Cut columns into rounds of equal log time: yield the place of a column and its samples.
+
+    Parameters
+    ----------
+    logs : sequence of (N,) int64 arrays
+        Log times of each column, at least one, not decreasing [ns].
+    slice_ns : int
+        Log time in one round [ns].
+    """
+    edges = _edges(logs, slice_ns)
+    cuts = [np.searchsorted(log, edges, side="left").tolist() for log in logs]
+    begins = [0] * len(logs)
+    for ends in zip(*cuts, strict=True):
+        for place, end in enumerate(ends):
+            if end > begins[place]:
+                yield place, slice(begins[place], end)
+                begins[place] = end
+
+
+def _edges(logs: Sequence[IntArray], slice_ns: int) -> IntArray:
     """Return the ends of the rounds [ns]; where a stray time is far off only those in use."""
-    samples = sum(len(c.log_ns) for c in ready.values())
-    if (last - first) // slice_ns < _MAX_EMPTY + samples:
+    first, last = min(int(log[0]) for log in logs), max(int(log[-1]) for log in logs)
+    if (last - first) // slice_ns < _MAX_EMPTY + sum(map(len, logs)):
         return np.arange(first + slice_ns, last + slice_ns + 1, slice_ns, dtype=np.int64)
-    rounds = [np.unique((c.log_ns - first) // slice_ns) for c in ready.values()]
+    rounds = [np.unique((log - first) // slice_ns) for log in logs]
     return first + (np.unique(np.concatenate(rounds)) + 1) * slice_ns
 
 
@@ -348,25 +368,17 @@ def _slices(
     """Cut the samples of a group of chunks into rounds of equal log time."""
     if not ready:
         return
-    first = min(int(c.log_ns[0]) for c in ready.values())
-    last = max(int(c.log_ns[-1]) for c in ready.values())
-    edges = _edges(ready, first, last, slice_ns)
-    cuts = {i: np.searchsorted(c.log_ns, edges, side="left").tolist() for i, c in ready.items()}
-    stamped = {i: bool(c.stamped.all()) for i, c in ready.items()}
-    begins = dict.fromkeys(ready, 0)
-    for number in range(len(edges)):
-        for i, column in ready.items():
-            begin, end = begins[i], cuts[i][number]
-            begins[i] = end
-            if end > begin:
-                part = slice(begin, end)
-                yield SignalBlock(
-                    wanted[i].signal,
-                    column.stamp_ns[part],
-                    column.values[part],
-                    stamped[i] or bool(column.stamped[part].all()),
-                    column.log_ns[part],
-                )
+    rows = list(ready)
+    stamped = [bool(c.stamped.all()) for c in ready.values()]
+    for place, part in cut_rounds([c.log_ns for c in ready.values()], slice_ns):
+        column = ready[rows[place]]
+        yield SignalBlock(
+            wanted[rows[place]].signal,
+            column.stamp_ns[part],
+            column.values[part],
+            stamped[place] or bool(column.stamped[part].all()),
+            column.log_ns[part],
+        )
 
 
 def _check_counts(bag: _Bag) -> None:

@@ -49,6 +49,16 @@ def _header(stamp_ns: int, frame_id: str) -> bytes:
 def encode_stamped(stamp_ns: int, value: float, frame_id: str = "") -> bytes:
     """Serialize a Float64Stamped.
 
+    Parameters
+    ----------
+    stamp_ns : int
+        Stamp [ns].
+    value : float
+        In the unit of the topic [any].
+    frame_id : str
+        Frame of the header.
+
+
     Raises
     ------
     ValueError
@@ -65,7 +75,7 @@ def encode_stamped_rows(stamps_ns: IntArray, values: FloatArray, frame_id: str =
     stamps_ns : (N,) int64 array
         Stamps [ns].
     values : (N,) array
-        Values.
+        Values [any].
     frame_id : str
         Frame of all headers.
 
@@ -100,7 +110,7 @@ def encode_series(stamp_ns: int, period_s: float, values: FloatArray, frame_id: 
     period_s : float
         Time between two values [s].
     values : (N,) array
-        The samples.
+        The samples [any].
     frame_id : str
         Frame of the header.
 

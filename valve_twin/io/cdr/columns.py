@@ -92,7 +92,21 @@ class ColumnStore:
     def append(
         self, row: int, log_ns: int, stamp_ns: IntArray, values: FloatArray, *, stamped: bool
     ) -> None:
-        """Add the samples of one message; the values as they stand in it."""
+        """Add the samples of one message; the values as they stand in it.
+
+        Parameters
+        ----------
+        row : int
+            Place of the signal among the wanted ones.
+        log_ns : int
+            Log time of the message [ns].
+        stamp_ns : (N,) int64 array
+            Stamps [ns].
+        values : (N,) array
+            Values before scale and offset [any].
+        stamped : bool
+            Whether the stamps come from the message.
+        """
         count = len(values)
         self.reserve(count)
         begin = int(self.counts[row, _SAMPLES])

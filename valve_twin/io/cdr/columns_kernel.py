@@ -264,7 +264,7 @@ def take(  # noqa: PLR0912, PLR0915  to hand arrays on to a call costs more than
     times : (2 R, N) int64 array
         By signal, log times and stamps [ns].
     values : (R, N) array
-        Values as they stand in the messages.
+        Values as they stand in the messages [any].
     stamped : (R, N) uint8 array
         Whether the stamp comes from the message.
 

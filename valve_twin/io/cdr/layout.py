@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.io.cdr.signals import FieldType, SignalSource, TypeSystem, parse_path, stamp_path
+from valve_twin.io.cdr.message_types import FieldType, TypeSystem
+from valve_twin.io.cdr.signals import SignalSource, parse_path, stamp_path
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -19,7 +19,8 @@ from valve_twin.core.quantity import Kind
 from valve_twin.core.types import CONDITIONS, CycleRule
 from valve_twin.core.valves.interface import NoOptions, Options, option_descriptors
 from valve_twin.core.valves.registry import complete_options, get_model
-from valve_twin.io.cdr.signals import SERIES_TYPE, STAMPED_TYPE, SignalSource, full_type_name
+from valve_twin.io.cdr.message_types import full_type_name
+from valve_twin.io.cdr.signals import SERIES_TYPE, STAMPED_TYPE, SignalSource
 from valve_twin.io.config.csv import CsvConfig
 from valve_twin.io.config.node_parameters import NODE_PARAMETERS
 from valve_twin.io.config.parameter_file import Section, read_parameter_file

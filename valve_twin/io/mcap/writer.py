@@ -87,7 +87,15 @@ class McapWriter:
         self._put(MAGIC + packed(Header("ros2", f"valve_twin {_version()}")))
 
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
-        """Add a message type and return its number."""
+        """Add a message type and return its number.
+
+        Parameters
+        ----------
+        name, encoding : str
+            Full type name and kind of the definition.
+        data : bytes
+            The definition.
+        """
         number = len(self._schemas) + 1
         self._schemas[number] = Schema(number, data, encoding, name)
         return number
@@ -95,7 +103,19 @@ class McapWriter:
     def add_channel(
         self, schema_id: int, topic: str, metadata: Mapping[str, str], *, encoding: str = "cdr"
     ) -> int:
-        """Add a topic and return its number."""
+        """Add a topic and return its number.
+
+        Parameters
+        ----------
+        schema_id : int
+            Number of its type.
+        topic : str
+            Absolute name.
+        metadata : mapping
+            What else is known of it, texts by name.
+        encoding : str
+            Of its messages.
+        """
         number = len(self._channels) + 1
         self._channels[number] = Channel(number, topic, encoding, dict(metadata), schema_id)
         self.statistics.counts[number] = 0

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from valve_twin.core.types import FloatArray, IntArray
     from valve_twin.io.bags.read import TopicInfo
-    from valve_twin.io.cdr.signals import TypeSystem
+    from valve_twin.io.cdr.message_types import TypeSystem
 
 MAX_ELEMENTS = 8
 """How many elements of an array without a fixed size are tried."""

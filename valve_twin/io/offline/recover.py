@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from valve_twin.io.bags.folder import find_files
 from valve_twin.io.bags.qos import read_profiles
 from valve_twin.io.bags.writer import BagWriter
-from valve_twin.io.cdr.signals import full_type_name
+from valve_twin.io.cdr.message_types import known_type_name
 from valve_twin.io.errors import BagError
 from valve_twin.io.mcap.reader import McapFile, messages
 from valve_twin.io.salvage.read import salvage_file, salvaged_messages
@@ -77,7 +77,17 @@ class Digests:
     _sums: dict[str, hashlib.blake2b] = field(default_factory=dict)
 
     def add(self, topic: str, log_ns: int, publish_ns: int, data: bytes) -> None:
-        """Take one message."""
+        """Take one message.
+
+        Parameters
+        ----------
+        topic : str
+            Its topic.
+        log_ns, publish_ns : int
+            Receive time and source time [ns].
+        data : bytes
+            Serialized message.
+        """
         if topic not in self._sums:
             self._sums[topic] = hashlib.blake2b(digest_size=16)
             self.counts[topic] = 0
@@ -199,19 +209,25 @@ def _copy(part: Salvage, bag: BagWriter, written: Digests, notes: list[str]) -> 
 
 
 def declare(bag: BagWriter, channel: Channel, schema: Schema | None) -> str:
-    """Add a topic as its file describes it; return why it cannot be, empty = it is."""
+    """Add a topic as its file describes it; return why it cannot be, empty = it is.
+
+    Parameters
+    ----------
+    bag : BagWriter
+        Where it is to be written.
+    channel : Channel
+        The topic in its file.
+    schema : Schema, optional
+        Its type; None where the file holds none.
+    """
     if channel.message_encoding != "cdr":
         return f"its encoding '{channel.message_encoding}' is none of ROS 2"
     if schema is None:
         return "the file holds no definition of its type"
     try:
-        type_name = full_type_name(schema.name)
-    except ValueError:
-        type_name = schema.name
-    try:
         bag.add_topic(
             channel.topic,
-            type_name,
+            known_type_name(schema.name),
             qos=read_profiles(channel.metadata.get("offered_qos_profiles", "")),
             message_definition=schema.data.decode(errors="replace"),
             definition_hash=channel.metadata.get("topic_type_hash", ""),

@@ -13,9 +13,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from valve_twin.core.types import cut_block, join_blocks
+from valve_twin.io.bags.signals import cut_rounds
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -141,14 +140,5 @@ def _short_rounds(blocks: Sequence[SignalBlock], slice_ns: int) -> Iterator[Sign
         yield from blocks
         return
     logs = [block.log_ns for block in blocks if block.log_ns is not None]
-    first = min(int(log[0]) for log in logs)
-    last = max(int(log[-1]) for log in logs)
-    edges = np.arange(first + slice_ns, last + slice_ns + 1, slice_ns, dtype=np.int64)
-    cuts = [np.searchsorted(log, edges, side="left").tolist() for log in logs]
-    begins = [0] * len(blocks)
-    for number in range(len(edges)):
-        for i, block in enumerate(blocks):
-            begin, end = begins[i], cuts[i][number]
-            begins[i] = end
-            if end > begin:
-                yield cut_block(block, slice(begin, end))
+    for place, part in cut_rounds(logs, slice_ns):
+        yield cut_block(blocks[place], part)

@@ -232,7 +232,17 @@ def run_bag(
 
 
 def describe_bad(config: ValveConfig, bag: str | Path, record: Record) -> list[str]:
-    """Return one line a signal of which samples were left out: topic, how many, what to do."""
+    """Return one line a signal of which samples were left out: topic, how many, what to do.
+
+    Parameters
+    ----------
+    config : ValveConfig
+        The valve's configuration.
+    bag : path
+        What was read, for the lines.
+    record : Record
+        What was found.
+    """
     lines = []
     for signal, counts in record.counts.items():
         source = config.signals[signal]

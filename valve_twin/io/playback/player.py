@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from valve_twin.io.bags.contents import open_file, topic_name
 from valve_twin.io.bags.folder import bag_files
 from valve_twin.io.bags.qos import QosProfile, read_offer
-from valve_twin.io.cdr.signals import full_type_name
+from valve_twin.io.cdr.message_types import known_type_name
 from valve_twin.io.errors import BagError
 from valve_twin.io.mcap.reader import messages
 from valve_twin.io.playback.choice import Choice
@@ -114,10 +114,7 @@ def _type(file: McapFile, channel: Channel) -> BagType:
     told = channel.metadata.get("topic_type_hash", "")
     if schema is None:
         return BagType("", channel.message_encoding, "", "", told)
-    try:
-        name = full_type_name(schema.name)
-    except ValueError:
-        name = schema.name
+    name = known_type_name(schema.name)
     text = schema.data.decode(errors="replace")
     return BagType(name, channel.message_encoding, schema.encoding, text, told)
 

@@ -136,7 +136,15 @@ class Recording:
     # -- what is written
 
     def add_topic(self, topic: str, kind: str, qos: tuple[QosProfile, ...]) -> None:
-        """Add a topic."""
+        """Add a topic.
+
+        Parameters
+        ----------
+        topic, kind : str
+            Absolute name and full message type.
+        qos : tuple of QosProfile
+            What its publishers offer.
+        """
         self._writer.add_topic(topic, kind, qos=qos)
         self._offered.setdefault(topic, 0)
 

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from valve_twin.io.cdr.signals import STAMPED_TYPE, Message
-from valve_twin.io.cdr.types import BagTypes
+from valve_twin.io.cdr.bag_types import BagTypes
+from valve_twin.io.cdr.signals import STAMPED_TYPE
 from valve_twin.io.errors import BagError
 from valve_twin.io.mcap.format import MESSAGE_HEAD, RECORD_HEAD, Op
 from valve_twin.io.salvage.records import is_whole, next_record, record_end
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from mcap.records import Channel, Schema
 
+    from valve_twin.io.cdr.message_types import Message
     from valve_twin.io.salvage.records import Bytes
 
 _INDEX_HEAD = struct.Struct("<HI")
@@ -52,7 +53,17 @@ class Places:
 
     @classmethod
     def read(cls, data: Bytes, index: Mapping[int, int], end: int) -> Places:
-        """Read index records by the places of their channels; leave out what is damaged."""
+        """Read index records by the places of their channels; leave out what is damaged.
+
+        Parameters
+        ----------
+        data : bytes
+            The file.
+        index : mapping
+            Where the index of each channel lies [B].
+        end : int
+            Where the bytes end [B].
+        """
         found = cls()
         for channel, at in index.items():
             if record_end(data, at, end) is None or data[at] != Op.MESSAGE_INDEX:

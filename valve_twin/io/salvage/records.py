@@ -78,7 +78,15 @@ def record_end(data: Bytes, at: int, end: int, *, op: int | None = None) -> int 
 
 
 def claimed_end(data: Bytes, at: int, end: int) -> int | None:
-    """Return where a record ends by its first length alone, None beyond the end."""
+    """Return where a record ends by its first length alone, None beyond the end.
+
+    Parameters
+    ----------
+    data : bytes
+        The file, or decompressed records.
+    at, end : int
+        Where the record begins and where the bytes end [B].
+    """
     if at + RECORD_HEAD.size > end:
         return None
     _, length = RECORD_HEAD.unpack_from(data, at)
@@ -87,7 +95,15 @@ def claimed_end(data: Bytes, at: int, end: int) -> int | None:
 
 
 def may_follow(data: Bytes, at: int, end: int) -> bool:
-    """Return whether the file may go on at a place: a record, a record that is cut, or the end."""
+    """Return whether the file may go on at a place: a record, a record that is cut, or the end.
+
+    Parameters
+    ----------
+    data : bytes
+        The file, or decompressed records.
+    at, end : int
+        The place, and where the bytes end [B].
+    """
     if at == end or record_end(data, at, end) is not None:
         return True
     if at > end:
@@ -104,6 +120,15 @@ def is_whole(data: Bytes, at: int, stop: int, end: int) -> bool:
 
     Its length is proved by nothing but what follows it. Where that is damaged, the message is
     whole if no record begins within it.
+
+    Parameters
+    ----------
+    data : bytes
+        The file, or decompressed records.
+    at, stop : int
+        Where the message begins and where it claims to end [B].
+    end : int
+        Where the bytes end [B].
     """
     if may_follow(data, stop, end):
         return True
@@ -115,6 +140,15 @@ def next_record(data: Bytes, at: int, end: int, *, kinds: Container[int] = ANCHO
     """Return the first place from `at` on where records of some kinds begin, None = nowhere.
 
     A message proves little by its length, so several must follow one another.
+
+    Parameters
+    ----------
+    data : bytes
+        The file, or decompressed records.
+    at, end : int
+        Where to begin and where the bytes end [B].
+    kinds : container of int
+        Opcodes that count.
     """
     for start in range(at, end, _WINDOW):
         stop = min(start + _WINDOW, end)

@@ -9,15 +9,13 @@ Arrays take one column an element; where arrays differ in length, what is not th
 from __future__ import annotations
 
 import csv
-from contextlib import ExitStack
 from dataclasses import dataclass, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from valve_twin.io.bags.contents import bag_info, channel_types, open_file, topic_name
-from valve_twin.io.bags.folder import bag_files
+from valve_twin.io.bags.contents import bag_info, bag_types, topic_name
 from valve_twin.io.bags.signals import read_columns
 from valve_twin.io.errors import BagError, suggest
 from valve_twin.io.playback.player import read_messages
@@ -25,8 +23,7 @@ from valve_twin.io.playback.player import read_messages
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from valve_twin.io.cdr.signals import Message
-    from valve_twin.io.cdr.types import BagTypes
+    from valve_twin.io.cdr.message_types import Message
     from valve_twin.io.config.valve import ValveConfig
 
 Cell: TypeAlias = "int | float | str | bool | bytes | None"
@@ -170,7 +167,7 @@ def topic_table(path: str | Path, topic: str) -> Table:
     BagError
         If it cannot be read or has too many columns.
     """
-    types = _types_of(path, topic)
+    types = bag_types(path, topic)
     columns: dict[str, list[Cell]] = {LOG_TIME: [], PUBLISH_TIME: []}
     for row, message in enumerate(read_messages(path, [topic])):
         cells: list[tuple[str, Cell]] = [
@@ -198,17 +195,6 @@ def _check_width(path: str | Path, topic: str, width: int) -> None:
             "leave it out with --topics"
         )
         raise BagError(msg)
-
-
-def _types_of(path: str | Path, topic: str) -> BagTypes:
-    files, _ = bag_files(path)
-    with ExitStack() as stack:
-        for file in (open_file(name, stack) for name in files):
-            for channel in file.summary.channels.values():
-                if topic_name(channel.topic) == topic:
-                    return channel_types(file, channel)
-    msg = f"{path}: there is no topic '{topic}'"
-    raise BagError(msg)
 
 
 def flatten(value: Message, name: str = "") -> Iterator[tuple[str, Cell]]:

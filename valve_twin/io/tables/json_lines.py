@@ -60,7 +60,17 @@ def _units(model: str) -> dict[str, str]:
 def json_lines(
     estimates: list[Estimate], assessment: Assessment | None, valve: str
 ) -> Iterator[str]:
-    """Yield one line of JSON an estimate, a trend and the verdict."""
+    """Yield one line of JSON an estimate, a trend and the verdict.
+
+    Parameters
+    ----------
+    estimates : list of Estimate
+        In their order.
+    assessment : Assessment, optional
+        Trends and verdict; None = neither.
+    valve : str
+        Name of the valve.
+    """
     for estimate in estimates:
         yield json.dumps(estimate_fields(estimate, valve), allow_nan=False)
     if assessment is None:

@@ -20,7 +20,7 @@ from rclpy.validate_full_topic_name import validate_full_topic_name
 
 from valve_twin.io.bags.qos import FOREVER_NS, override, read_overrides
 from valve_twin.io.bags.qos import QosProfile as OfferedQos
-from valve_twin.io.cdr.signals import message_class
+from valve_twin.io.cdr.message_types import message_class
 from valve_twin.io.config.topic_names import resolve_topic
 from valve_twin.io.errors import ConfigError
 from valve_twin.io.playback.choice import Choice, Stretch, read_remaps, stretch

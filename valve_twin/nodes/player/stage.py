@@ -10,7 +10,7 @@ from rclpy.qos import DurabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from valve_twin.io.cdr.signals import message_class
+from valve_twin.io.cdr.message_types import message_class
 from valve_twin.nodes.player.flow import Flow, are_acked
 from valve_twin.nodes.player.outlets import Gate, Outbox
 from valve_twin.nodes.player.plan import CLOCK, Plan, Route, profile

@@ -11,7 +11,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 
 from valve_twin.io.bags.qos import FOREVER_NS
 from valve_twin.io.bags.qos import QosProfile as OfferedQos
-from valve_twin.io.cdr.signals import message_class
+from valve_twin.io.cdr.message_types import message_class
 from valve_twin.io.recording.ring_buffer import RecordedMessage
 
 if TYPE_CHECKING:

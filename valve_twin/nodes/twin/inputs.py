@@ -20,7 +20,8 @@ from rclpy.qos import (
 )
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
-from valve_twin.io.cdr.signals import Extractor, RosTypes, SignalBlock, SignalSource, message_class
+from valve_twin.io.cdr.message_types import RosTypes, message_class
+from valve_twin.io.cdr.signals import Extractor, SignalBlock, SignalSource
 from valve_twin.io.errors import ConfigError, suggest
 from valve_twin.nodes.runtime.node import RCLError
 from valve_twin.nodes.runtime.safety import node_name

@@ -12,7 +12,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-from valve_twin.io.cdr.signals import FieldType, Message, full_type_name
+from valve_twin.io.cdr.message_types import FieldType, Message, known_type_name
 from valve_twin.io.errors import BagError
 
 if TYPE_CHECKING:
@@ -56,10 +56,7 @@ class BagTypes:
 
     def __init__(self, schema: Schema, where: str) -> None:
         self.where = where
-        try:
-            self.name = full_type_name(schema.name)
-        except ValueError:
-            self.name = schema.name
+        self.name = known_type_name(schema.name)
         if schema.encoding not in _READERS:
             msg = (
                 f"{where}: the definition of {schema.name} is of kind "
