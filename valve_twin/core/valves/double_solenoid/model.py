@@ -42,13 +42,13 @@ from valve_twin.core.valves.double_solenoid.predictor import (
     coefficients,
     predict_block,
 )
-from valve_twin.core.valves.interface import ValveModel
+from valve_twin.core.valves.kit.compiled import CompiledModel, at_zero, blank, verdict
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from valve_twin.core.simulation.config import SimulationConfig
-    from valve_twin.core.types import BoolArray, ByteArray, Cycle, FloatArray, Parameter
+    from valve_twin.core.types import BoolArray, Cycle, FloatArray, Parameter
 
 LONGEST_PERIOD_S = 2e-4
 """Slowest sampling that shows the force behind currents that change in 0.3 ms [s], assumed."""
@@ -68,7 +68,7 @@ _REACH_S = 0.02
 
 
 @dataclass(frozen=True, slots=True)
-class DoubleSolenoidModel(ValveModel):
+class DoubleSolenoidModel(CompiledModel):
     """Implements `ValveModel` for two coils, their voltages and currents, and one spool."""
 
     name: str = "double_solenoid"
@@ -76,6 +76,8 @@ class DoubleSolenoidModel(ValveModel):
     output: str = "position"
     parameters: tuple[Parameter, ...] = PARAMETERS
     options: DoubleSolenoidOptions = field(default_factory=DoubleSolenoidOptions)
+    kernel = predict_block
+    state_size = STATE_SIZE
     trend_estimator: str = ESTIMATOR
     normalised: bool = True
 
@@ -103,11 +105,11 @@ class DoubleSolenoidModel(ValveModel):
         valve, refusal = _valve(options)
         refusal = refusal or _refusal(cycle, known)
         if refusal or valve is None:
-            return (_estimate(cycle, _blank(NAMES, refusal), known, refused=refusal),)
+            return (_estimate(cycle, blank(NAMES, refusal), known, refused=refusal),)
         record = _record(cycle, valve, known)
         refusal = _beyond(record, valve)
         if refusal:
-            return (_estimate(cycle, _blank(NAMES, refusal), known, refused=refusal),)
+            return (_estimate(cycle, blank(NAMES, refusal), known, refused=refusal),)
         coils = _coils(cycle, valve, record)
         fit = fit_motion(record, valve.valve(), valve.tables())
         values = (*coils, *_mechanical(fit, valve, _rest_noise(record.x)))
@@ -145,26 +147,6 @@ class DoubleSolenoidModel(ValveModel):
     def simulation(self) -> SimulationConfig:
         """Return the default simulation."""
         return default_simulation()
-
-    def initial_state(self) -> FloatArray:
-        """Return the state before the first sample."""
-        return np.zeros(STATE_SIZE)
-
-    def predict(
-        self,
-        state: FloatArray,
-        coefficients: FloatArray,
-        position: FloatArray,
-        inputs: FloatArray,
-        restart: ByteArray,
-        predicted: FloatArray,
-        simulated: FloatArray,
-        validity: ByteArray,
-    ) -> None:
-        """Predict a block of samples; see `ValveModel.predict`."""
-        predict_block(
-            state, coefficients, position, inputs, restart, predicted, simulated, validity
-        )
 
 
 def _known(cycle: Cycle) -> BoolArray:
@@ -226,7 +208,7 @@ def _coils(cycle: Cycle, valve: DoubleSolenoidPlant, record: Record) -> list[Par
         bad = int(np.count_nonzero(~record.known))
         first, end = _longest_run(record.known)
         if end - first < _FEWEST:
-            return list(_blank(COILS, f"{bad} samples cannot be used, no long part is whole"))
+            return list(blank(COILS, f"{bad} samples cannot be used, no long part is whole"))
     else:
         first, end = 0, len(record.x)
     part = slice(first, end)
@@ -263,17 +245,8 @@ def _mechanical(
 ) -> tuple[ParameterValue, ...]:
     status, reason = _doubt(fit, valve, noise)
     if fit is None or reason:
-        nothing = float("nan")
-        return tuple(ParameterValue(n, nothing, status, reason) for n in MECHANICAL)
-    values = []
-    for name, value in zip(MECHANICAL, fit.values, strict=True):
-        if value <= 0.0:
-            values.append(
-                ParameterValue(name, float(value), ParameterStatus.AT_BOUND, "rests on 0")
-            )
-        else:
-            values.append(ParameterValue(name, float(value)))
-    return tuple(values)
+        return blank(MECHANICAL, reason, status)
+    return tuple(map(at_zero, MECHANICAL, fit.values))
 
 
 def _doubt(
@@ -306,11 +279,6 @@ def _rest_noise(x: FloatArray) -> float:
     return difference_sigma(np.diff(x, 2), 2)
 
 
-def _blank(names: tuple[str, ...], reason: str) -> tuple[ParameterValue, ...]:
-    nothing = float("nan")
-    return tuple(ParameterValue(n, nothing, ParameterStatus.REFUSED, reason) for n in names)
-
-
 def _estimate(
     cycle: Cycle,
     values: tuple[ParameterValue, ...],
@@ -321,8 +289,7 @@ def _estimate(
     refused: str = "",
 ) -> Estimate:
     withheld = [v.name for v in values if not np.isfinite(v.value)]
-    status = EstimateStatus.PARTIAL if withheld else EstimateStatus.ACCEPTED
-    reason = f"withheld: {', '.join(withheld)}" if withheld else "accepted"
+    status, reason = verdict(withheld, "withheld")
     if refused or len(withheld) == len(values):
         status, reason = EstimateStatus.REFUSED, refused or values[0].reason
     noise = float("nan")

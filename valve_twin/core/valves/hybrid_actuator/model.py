@@ -43,13 +43,13 @@ from valve_twin.core.valves.hybrid_actuator.predictor import (
     coefficients,
     predict_block,
 )
-from valve_twin.core.valves.interface import ValveModel
+from valve_twin.core.valves.kit.compiled import CompiledModel, at_zero, blank, verdict
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from valve_twin.core.simulation.config import SimulationConfig
-    from valve_twin.core.types import BoolArray, ByteArray, Cycle, FloatArray, Parameter
+    from valve_twin.core.types import BoolArray, Cycle, FloatArray, Parameter
 
 _MAX_CONDITION = 1e5
 _REST_SHARE = 6e-3  # of the full scale: a current below it counts as none [1], assumed
@@ -64,7 +64,7 @@ _FEWEST = 50  # fewest usable samples of a cycle, assumed
 
 
 @dataclass(frozen=True, slots=True)
-class HybridActuatorModel(ValveModel):
+class HybridActuatorModel(CompiledModel):
     """Implements `ValveModel` for two solenoids, their currents and one armature."""
 
     name: str = "hybrid_actuator"
@@ -72,6 +72,8 @@ class HybridActuatorModel(ValveModel):
     output: str = "position"
     parameters: tuple[Parameter, ...] = PARAMETERS
     options: HybridActuatorOptions = field(default_factory=HybridActuatorOptions)
+    kernel = predict_block
+    state_size = STATE_SIZE
     trend_estimator: str = ESTIMATOR
     normalised: bool = True
 
@@ -98,7 +100,7 @@ class HybridActuatorModel(ValveModel):
         known = _known(cycle)
         refusal = _refusal(cycle, options, known)
         if refusal:
-            return (_estimate(cycle, _blank(refusal), refused=refusal),)
+            return (_estimate(cycle, blank(NAMES, refusal), refused=refusal),)
         record = _record(cycle, options, known)
         values = {p.name: p for p in _electrical(cycle, options, record, known)}
         strokes = find_strokes(cycle.frames.position, known, cycle.period_s)
@@ -141,26 +143,6 @@ class HybridActuatorModel(ValveModel):
     def simulation(self) -> SimulationConfig:
         """Return the default simulation."""
         return default_simulation()
-
-    def initial_state(self) -> FloatArray:
-        """Return the state before the first sample."""
-        return np.zeros(STATE_SIZE)
-
-    def predict(
-        self,
-        state: FloatArray,
-        coefficients: FloatArray,
-        position: FloatArray,
-        inputs: FloatArray,
-        restart: ByteArray,
-        predicted: FloatArray,
-        simulated: FloatArray,
-        validity: ByteArray,
-    ) -> None:
-        """Predict a block of samples; see `ValveModel.predict`."""
-        predict_block(
-            state, coefficients, position, inputs, restart, predicted, simulated, validity
-        )
 
 
 def _known(cycle: Cycle) -> BoolArray:
@@ -236,23 +218,15 @@ def _mechanical(
 ) -> list[ParameterValue]:
     if fit is None:
         reason = "the armature did not cross from seat to seat"
-        return [
-            ParameterValue(name, float("nan"), ParameterStatus.NOT_EXCITED, reason)
-            for name in NAMES[4:]
-        ]
+        return [*blank(NAMES[4:], reason, ParameterStatus.NOT_EXCITED)]
     spring, damping, magnet = (float(value) for value in fit.values)
     mass = options.mass
-    values = []
+    values: list[ParameterValue] = []
     derived = (np.sqrt(spring / mass), damping / (2.0 * np.sqrt(max(spring * mass, 1e-300))))
     names = (*SHARED, "natural_frequency", "damping_ratio")
     status, reason = _doubt(fit, cycle, 2.0 * options.half_travel)
-    for name, value in zip(names, (spring, damping, magnet, *derived), strict=True):
-        if reason:
-            values.append(ParameterValue(name, float("nan"), status, reason))
-        elif value <= 0.0:
-            values.append(ParameterValue(name, value, ParameterStatus.AT_BOUND, "rests on 0"))
-        else:
-            values.append(ParameterValue(name, float(value)))
+    found = (spring, damping, magnet, *derived)
+    values += blank(names, reason, status) if reason else map(at_zero, names, found)
     for opening, side in ((True, "open"), (False, "closed")):
         values += _seating(fit, opening, side, cycle.period_s)
     return values
@@ -286,15 +260,8 @@ def _seating(fit: FlightFit, opening: bool, side: str, period_s: float) -> list[
                 ParameterValue(f"flight_time_{side}", lasted),
             ]
     reason = f"no stroke reached the {side} seat"
-    return [
-        ParameterValue(name, float("nan"), ParameterStatus.NOT_EXCITED, reason)
-        for name in (f"seating_speed_{side}", f"flight_time_{side}")
-    ]
-
-
-def _blank(reason: str) -> tuple[ParameterValue, ...]:
-    nothing = float("nan")
-    return tuple(ParameterValue(n, nothing, ParameterStatus.REFUSED, reason) for n in NAMES)
+    names = (f"seating_speed_{side}", f"flight_time_{side}")
+    return [*blank(names, reason, ParameterStatus.NOT_EXCITED)]
 
 
 def _estimate(
@@ -305,8 +272,7 @@ def _estimate(
     refused: str = "",
 ) -> Estimate:
     withheld = [v.name for v in values if not np.isfinite(v.value)]
-    status = EstimateStatus.PARTIAL if withheld else EstimateStatus.ACCEPTED
-    reason = f"withheld: {', '.join(withheld)}" if withheld else "accepted"
+    status, reason = verdict(withheld, "withheld")
     if refused or len(withheld) == len(values):
         status, reason = EstimateStatus.REFUSED, refused or "neither pulse nor stroke in the cycle"
     count = len(cycle.frames)

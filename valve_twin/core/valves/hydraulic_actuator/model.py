@@ -25,18 +25,18 @@ from valve_twin.core.valves.hydraulic_actuator.parameters import (
     PARAMETERS,
     HydraulicActuatorOptions,
 )
-from valve_twin.core.valves.interface import ValveModel
+from valve_twin.core.valves.kit.compiled import CompiledModel
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from valve_twin.core.types import ByteArray, Cycle, FloatArray, Parameter
+    from valve_twin.core.types import Cycle, FloatArray, Parameter
 
 _AT_BOUND = 1e-6  # distance to a bound that counts as none, in units of the interval [1]
 
 
 @dataclass(frozen=True, slots=True)
-class HydraulicActuatorModel(ValveModel):
+class HydraulicActuatorModel(CompiledModel):
     """Implements `ValveModel` for one valve opening and the load pressure."""
 
     name: str = "hydraulic_actuator"
@@ -44,6 +44,8 @@ class HydraulicActuatorModel(ValveModel):
     output: str = "pressure"
     parameters: tuple[Parameter, ...] = PARAMETERS
     options: HydraulicActuatorOptions = field(default_factory=HydraulicActuatorOptions)
+    kernel = predict_block
+    state_size = STATE_SIZE
     trend_estimator: str = ESTIMATOR
 
     def estimate(
@@ -119,26 +121,6 @@ class HydraulicActuatorModel(ValveModel):
             other = name.replace("lift", "lower") if lift else name.replace("lower", "lift")
             known.setdefault(name, values.get(other, float("nan")))
         return np.array([*(known[name] for name in NAMES), period_s])
-
-    def initial_state(self) -> FloatArray:
-        """Return the state before the first sample."""
-        return np.zeros(STATE_SIZE)
-
-    def predict(
-        self,
-        state: FloatArray,
-        coefficients: FloatArray,
-        position: FloatArray,
-        inputs: FloatArray,
-        restart: ByteArray,
-        predicted: FloatArray,
-        simulated: FloatArray,
-        validity: ByteArray,
-    ) -> None:
-        """Predict a block of samples; see `ValveModel.predict`."""
-        predict_block(
-            state, coefficients, position, inputs, restart, predicted, simulated, validity
-        )
 
 
 def _record(cycle: Cycle) -> Record:

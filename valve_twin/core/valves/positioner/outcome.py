@@ -17,6 +17,7 @@ from valve_twin.core.types import (
     ParameterStatus,
     ParameterValue,
 )
+from valve_twin.core.valves.kit.compiled import blank, verdict
 from valve_twin.core.valves.kit.intervals import half_width
 from valve_twin.core.valves.positioner.fit import shown_speeds
 from valve_twin.core.valves.positioner.parameters import DERIVED, ESTIMATOR, FITTED
@@ -44,14 +45,10 @@ def refused(model: str, cycle: Cycle, prepared: Prepared) -> Estimate:
         Why it cannot be fitted.
     """
     reason = prepared.refusal
-    blank = (
-        ParameterValue(name, np.nan, ParameterStatus.REFUSED, reason)
-        for name in (*FITTED, *DERIVED)
-    )
     return Estimate(
         model=model,
         estimator=ESTIMATOR,
-        parameters=tuple(blank),
+        parameters=blank((*FITTED, *DERIVED), reason),
         status=EstimateStatus.REFUSED,
         reason=reason,
         noise_sigma=prepared.noise_sigma,
@@ -93,12 +90,13 @@ def accepted(
         fitted = [errors.put_on(value, i) for i, value in enumerate(fitted)]
     values = (*fitted, *derived(fitted, prepared, solution.lag))
     withheld = [v.name for v in values if v.status is ParameterStatus.NOT_EXCITED]
+    status, reason = verdict(withheld, "not excited")
     return Estimate(
         model=model,
         estimator=ESTIMATOR,
         parameters=values,
-        status=EstimateStatus.PARTIAL if withheld else EstimateStatus.ACCEPTED,
-        reason=f"not excited: {', '.join(withheld)}" if withheld else "accepted",
+        status=status,
+        reason=reason,
         condition_number=gram_condition(solution.hessian),
         lag=solution.lag,
         noise_sigma=prepared.noise_sigma,

@@ -24,7 +24,6 @@ from valve_twin.core.estimation.data.noise import rest_noise
 from valve_twin.core.simulation.truth import cycle_truth
 from valve_twin.core.simulation.valve import SimulatedValve
 from valve_twin.core.types import (
-    ByteArray,
     Cycle,
     Estimate,
     EstimateStatus,
@@ -34,7 +33,7 @@ from valve_twin.core.types import (
     Parameter,
     ParameterValue,
 )
-from valve_twin.core.valves.interface import ValveModel
+from valve_twin.core.valves.kit.compiled import CompiledModel
 from valve_twin.core.valves.press_cartridge.estimation import kalman, output_error
 from valve_twin.core.valves.press_cartridge.estimation.constraints import THETA, parse_inequalities
 from valve_twin.core.valves.press_cartridge.estimation.equation_error import (
@@ -80,7 +79,7 @@ which moves K_out by 4 %.
 
 
 @dataclass(frozen=True, slots=True)
-class PressCartridgeModel(ValveModel):
+class PressCartridgeModel(CompiledModel):
     """Implements `ValveModel` for the two-stage cartridge valve of paper 002."""
 
     name: str = "press_cartridge"
@@ -88,6 +87,8 @@ class PressCartridgeModel(ValveModel):
     output: str = "spool_position"
     parameters: tuple[Parameter, ...] = PARAMETERS
     options: PressCartridgeOptions = field(default_factory=PressCartridgeOptions)
+    kernel = predict_block
+    state_size = STATE
     trend_estimator: str = output_error.ESTIMATOR
     normalised: bool = True
 
@@ -205,33 +206,6 @@ class PressCartridgeModel(ValveModel):
         """Return the true gains, K_out at the default v_ref, as `ValveModel.truth` says."""
         out = SimulatedValve(simulation).steady_gain(cycle, self.options.v_ref, input_index=1)
         return {"K_in": float(cycle_truth(simulation, cycle).gains[0]), "K_out": out}
-
-    def initial_state(self) -> FloatArray:
-        """Return the (22,) state before the first sample."""
-        return np.zeros(STATE)
-
-    def predict(
-        self,
-        state: FloatArray,
-        coefficients: FloatArray,
-        position: FloatArray,
-        inputs: FloatArray,
-        restart: ByteArray,
-        predicted: FloatArray,
-        simulated: FloatArray,
-        validity: ByteArray,
-    ) -> None:
-        """Predict a block of samples; see `ValveModel.predict`."""
-        predict_block(
-            state,
-            coefficients,
-            np.ascontiguousarray(position),
-            np.ascontiguousarray(inputs),
-            restart,
-            predicted,
-            simulated,
-            validity,
-        )
 
     def _gains(
         self,

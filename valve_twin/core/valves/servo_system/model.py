@@ -18,7 +18,7 @@ from valve_twin.core.types import (
     ParameterStatus,
     ParameterValue,
 )
-from valve_twin.core.valves.interface import ValveModel
+from valve_twin.core.valves.kit.compiled import CompiledModel, blank, verdict
 from valve_twin.core.valves.servo_system.fit import LoopFit, fit_loop
 from valve_twin.core.valves.servo_system.parameters import (
     ESTIMATOR,
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from valve_twin.core.simulation.config import SimulationConfig
-    from valve_twin.core.types import ByteArray, Cycle, FloatArray, Parameter
+    from valve_twin.core.types import Cycle, FloatArray, Parameter
 
 
 _REACH_S = 0.1
@@ -50,7 +50,7 @@ _REACH_S = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class ServoSystemModel(ValveModel):
+class ServoSystemModel(CompiledModel):
     """Implements `ValveModel` for the servosystem of paper 003."""
 
     name: str = "servo_system"
@@ -58,6 +58,8 @@ class ServoSystemModel(ValveModel):
     output: str = "piston_position"
     parameters: tuple[Parameter, ...] = PARAMETERS
     options: ServoSystemOptions = field(default_factory=ServoSystemOptions)
+    kernel = predict_block
+    state_size = STATE_SIZE
     trend_estimator: str = ESTIMATOR
     normalised: bool = True
 
@@ -127,33 +129,6 @@ class ServoSystemModel(ValveModel):
         """Return the default simulation."""
         return default_simulation()
 
-    def initial_state(self) -> FloatArray:
-        """Return the state before the first sample."""
-        return np.zeros(STATE_SIZE)
-
-    def predict(
-        self,
-        state: FloatArray,
-        coefficients: FloatArray,
-        position: FloatArray,
-        inputs: FloatArray,
-        restart: ByteArray,
-        predicted: FloatArray,
-        simulated: FloatArray,
-        validity: ByteArray,
-    ) -> None:
-        """Predict a block of samples; see `ValveModel.predict`."""
-        predict_block(
-            state,
-            coefficients,
-            np.ascontiguousarray(position),
-            np.ascontiguousarray(inputs),
-            restart,
-            predicted,
-            simulated,
-            validity,
-        )
-
 
 def _guess(earlier: Sequence[Estimate]) -> FloatArray | None:
     """Return the parameters of the last cycle that was not refused, (12,), NaN where unknown."""
@@ -191,12 +166,13 @@ def _value(fit: LoopFit, i: int, max_error: float) -> ParameterValue:
 def _accepted(cycle: Cycle, record: Record, fit: LoopFit, max_error: float) -> Estimate:
     values = tuple(_value(fit, i, max_error) for i in range(len(NAMES)))
     withheld = [v.name for v in values if not np.isfinite(v.value)]
+    status, reason = verdict(withheld, "not told")
     return Estimate(
         model="servo_system",
         estimator=ESTIMATOR,
         parameters=values,
-        status=EstimateStatus.PARTIAL if withheld else EstimateStatus.ACCEPTED,
-        reason=f"not told: {', '.join(withheld)}" if withheld else "accepted",
+        status=status,
+        reason=reason,
         condition_number=fit.condition,
         noise_sigma=float(record.sigma[0]),
         counts=MaskCounts(len(record.wanted) - record.bad, bad=record.bad),
@@ -205,16 +181,13 @@ def _accepted(cycle: Cycle, record: Record, fit: LoopFit, max_error: float) -> E
 
 
 def _refused(cycle: Cycle, reason: str, fit: LoopFit | None = None) -> Estimate:
-    nothing = float("nan")
     return Estimate(
         model="servo_system",
         estimator=ESTIMATOR,
-        parameters=tuple(
-            ParameterValue(name, nothing, ParameterStatus.REFUSED, reason) for name in NAMES
-        ),
+        parameters=blank(NAMES, reason),
         status=EstimateStatus.REFUSED,
         reason=reason,
-        condition_number=nothing if fit is None else fit.condition,
+        condition_number=np.nan if fit is None else fit.condition,
         counts=MaskCounts(0, bad=len(cycle.frames)),
         **cycle.origin,
     )

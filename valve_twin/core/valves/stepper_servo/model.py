@@ -19,7 +19,7 @@ from valve_twin.core.types import (
     ParameterStatus,
     ParameterValue,
 )
-from valve_twin.core.valves.interface import ValveModel
+from valve_twin.core.valves.kit.compiled import CompiledModel, blank, verdict
 from valve_twin.core.valves.stepper_servo.fit import end_offset
 from valve_twin.core.valves.stepper_servo.outcome import Settings, mechanics, wiener
 from valve_twin.core.valves.stepper_servo.parameters import (
@@ -40,7 +40,7 @@ from valve_twin.core.valves.stepper_servo.plant import (
 from valve_twin.core.valves.stepper_servo.predictor import (
     COEFFICIENTS,
     MAX_LAG,
-    initial_state,
+    STATE_SIZE,
     predict_block,
 )
 from valve_twin.core.valves.stepper_servo.record import (
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from valve_twin.core.simulation.config import SimulationConfig
-    from valve_twin.core.types import ByteArray, Cycle, FloatArray, Parameter
+    from valve_twin.core.types import Cycle, FloatArray, Parameter
 
 _NAMES = {MECHANICS: (*THREAD, *FLOW), WIENER: (*THETA, THREAD[3], *FITS)}
 
@@ -64,7 +64,7 @@ _REACH_S = 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class StepperServoModel(ValveModel):
+class StepperServoModel(CompiledModel):
     """Implements `ValveModel` for the stepper-driven servo-valve of paper 004."""
 
     name: str = "stepper_servo"
@@ -72,6 +72,8 @@ class StepperServoModel(ValveModel):
     output: str = "spool_position"
     parameters: tuple[Parameter, ...] = PARAMETERS
     options: StepperServoOptions = field(default_factory=StepperServoOptions)
+    kernel = predict_block
+    state_size = STATE_SIZE
     trend_estimator: str = MECHANICS
     normalised: bool = True
 
@@ -175,33 +177,6 @@ class StepperServoModel(ValveModel):
             "flow_full": plant.flow_full,
         }
 
-    def initial_state(self) -> FloatArray:
-        """Return the state before the first sample."""
-        return initial_state()
-
-    def predict(
-        self,
-        state: FloatArray,
-        coefficients: FloatArray,
-        position: FloatArray,
-        inputs: FloatArray,
-        restart: ByteArray,
-        predicted: FloatArray,
-        simulated: FloatArray,
-        validity: ByteArray,
-    ) -> None:
-        """Predict a block of samples; see `ValveModel.predict`."""
-        predict_block(
-            state,
-            coefficients,
-            np.ascontiguousarray(position),
-            np.ascontiguousarray(inputs),
-            restart,
-            predicted,
-            simulated,
-            validity,
-        )
-
 
 def _structure(options: StepperServoOptions, lag: int) -> Structure:
     return Structure(options.na, options.nb, min(lag, MAX_LAG), options.nl)
@@ -233,12 +208,13 @@ def _accepted(
 ) -> Estimate:
     withheld = [v.name for v in values if v.status is ParameterStatus.NOT_EXCITED]
     condition, lag, sigma = numbers
+    status, reason = verdict(withheld, "not excited")
     return Estimate(
         model=model,
         estimator=estimator,
         parameters=values,
-        status=EstimateStatus.PARTIAL if withheld else EstimateStatus.ACCEPTED,
-        reason=f"not excited: {', '.join(withheld)}" if withheld else "accepted",
+        status=status,
+        reason=reason,
         condition_number=condition,
         lag=lag,
         noise_sigma=sigma,
@@ -254,10 +230,7 @@ def _refused(
     return Estimate(
         model=model,
         estimator=estimator,
-        parameters=tuple(
-            ParameterValue(name, float("nan"), ParameterStatus.REFUSED, reason)
-            for name in _NAMES[estimator]
-        ),
+        parameters=blank(_NAMES[estimator], reason),
         status=EstimateStatus.REFUSED,
         reason=reason,
         counts=MaskCounts(0, bad=counts.bad),

@@ -11,6 +11,7 @@ import numpy as np
 
 from valve_twin.core.estimation.recursive.estimator import fits, identify
 from valve_twin.core.types import ParameterStatus, ParameterValue
+from valve_twin.core.valves.kit.compiled import blank
 from valve_twin.core.valves.stepper_servo.fit import (
     end_offset,
     fit_flow,
@@ -21,6 +22,8 @@ from valve_twin.core.valves.stepper_servo.kernels import BACKLASH, DELAY, LOST
 from valve_twin.core.valves.stepper_servo.parameters import FITS, FLOW, THETA, THREAD
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from valve_twin.core.estimation.recursive.estimator import Adaptation, Adapted, Structure
     from valve_twin.core.types import FloatArray
     from valve_twin.core.valves.stepper_servo.fit import FlowFit, Record, ThreadFit
@@ -84,7 +87,7 @@ def _thread(
             f"the screw pushed upwards in {fit.pushed_up} and downwards in {fit.pushed_down} "
             f"samples, fewer than {_LEAST}: no reversal shows the backlash"
         )
-        return [*(_unknown(name, reason) for name in THREAD[:4]), delay]
+        return [*_unknown(THREAD[:4], reason), delay]
     backlash = ParameterValue(THREAD[0], float(p[BACKLASH]))
     if not 0.0 < p[BACKLASH] < max_backlash:
         reason = f"rests on its bound {p[BACKLASH]:.3g}"
@@ -92,7 +95,7 @@ def _thread(
     offset = ParameterValue(THREAD[3], end_offset(fit))
     if fit.up < _LEAST_WAY * step:
         reason = f"{fit.up / step:.0f} steps upwards, fewer than {_LEAST_WAY:.0f}"
-        lost = [_unknown(name, reason) for name in THREAD[1:3]]
+        lost = [*_unknown(THREAD[1:3], reason)]
     else:
         share = float(p[LOST])
         lost = [
@@ -104,7 +107,7 @@ def _thread(
 
 def _flow(record: Record, thread: ThreadFit, period_s: float) -> list[ParameterValue]:
     if float(np.ptp(record.flow)) <= 0.0:
-        return [_unknown(name, "the flow does not change: no meter?") for name in FLOW]
+        return [*_unknown(FLOW, "the flow does not change: no meter?")]
     longest = max(1.0, 1.0 / period_s)
     fit = fit_flow(record, spool_position(record, thread), max_lag=longest)
     q = fit.parameters
@@ -114,13 +117,13 @@ def _flow(record: Record, thread: ThreadFit, period_s: float) -> list[ParameterV
     ]
     band = ParameterValue(FLOW[2], edges[1].value - edges[0].value)
     if not (edges[0].usable and edges[1].usable):
-        band = _unknown(FLOW[2], "one of its edges is not excited")
+        (band,) = _unknown(FLOW[2:3], "one of its edges is not excited")
     return [*edges, band, _full(fit), ParameterValue(FLOW[4], float(q[5]) * period_s)]
 
 
 def _edge(name: str, value: float, seen: int) -> ParameterValue:
     if seen < _LEAST:
-        return _unknown(name, f"{seen} samples on its slope, fewer than {_LEAST}")
+        return _unknown((name,), f"{seen} samples on its slope, fewer than {_LEAST}")[0]
     return ParameterValue(name, value)
 
 
@@ -128,8 +131,8 @@ def _full(fit: FlowFit) -> ParameterValue:
     return ParameterValue(FLOW[3], float(fit.parameters[4]))
 
 
-def _unknown(name: str, reason: str) -> ParameterValue:
-    return ParameterValue(name, float("nan"), ParameterStatus.NOT_EXCITED, reason)
+def _unknown(names: Iterable[str], reason: str) -> tuple[ParameterValue, ...]:
+    return blank(names, reason, ParameterStatus.NOT_EXCITED)
 
 
 def wiener(

@@ -7,7 +7,6 @@ from __future__ import annotations
 from math import nan
 from typing import TYPE_CHECKING
 
-import numpy as np
 from numba import njit
 
 from valve_twin.core.types import Restart, Validity
@@ -132,8 +131,3 @@ def predict_block(
         state[_LAST], state[_FREE] = measured, free
         simulated[n] = free if ready else nan
         state[_SEEN] += 1.0
-
-
-def initial_state() -> FloatArray:
-    """Return the (STATE_SIZE,) state before the first sample."""
-    return np.zeros(STATE_SIZE)
