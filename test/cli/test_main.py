@@ -249,7 +249,7 @@ def test_wrong_usage_is_told_with_what_to_write(refused, arguments, parts):
         (("--set", "noise"), ("--set noise", "NAME=VALUE")),
         (("--set", "measurement.nois=1"), ("measurement.nois", "'measurement.noise'")),
         (("--set", "measurement.noise=loud"), ("measurement.noise", "'loud'", "number")),
-        (("--set", "measurement.noise=-1"), ("noise", "-1", "from 0 to 1")),
+        (("--set", "measurement.noise=-1"), ("noise", "-1", "0 to 1")),
         (("--set", "measurement.noise=["), ("measurement.noise", "'['", "write a number")),
         (("--set", "aging.area_i.rate=1"), ("area_i", "did you mean 'area_in'?")),
         (("--valve", "press/valve_2"), ("/press/valve_2", VALVE)),

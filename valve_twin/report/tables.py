@@ -18,7 +18,6 @@ from valve_twin.report.text import (
     NONE,
     count,
     day,
-    describe,
     fixed,
     noted,
     number,
@@ -153,7 +152,7 @@ def _published(estimates: Sequence[Estimate]) -> list[str]:
 
 def _parameter_row(data: ReportData, name: str, last: Sequence[Estimate]) -> list[str]:
     known = data.parameter(name)
-    label = noted(name + unit(known.unit), describe(known)) if known else name
+    label = noted(name + unit(known.unit), known.description) if known else name
     found = [next((p for p in e.parameters if p.name == name), None) for e in last]
     return [label, *map(_value_cell, found)]
 

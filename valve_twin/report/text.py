@@ -10,13 +10,9 @@ from __future__ import annotations
 import math
 from datetime import datetime, timezone
 from functools import cache
-from typing import TYPE_CHECKING
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
-
-if TYPE_CHECKING:
-    from valve_twin.core.types import Parameter
 
 _CALENDAR_NS = 10**18
 """Stamps below (September 2001) are those of a clock that was not set, e.g. of a simulation."""
@@ -124,17 +120,12 @@ def day(stamp_ns: int) -> str:
     return datetime.fromtimestamp(stamp_ns / 1e9, tz=timezone.utc).strftime("%Y-%m-%d")
 
 
-def describe(parameter: Parameter) -> str:
-    """Return a parameter's description without the mark of an assumption of ours."""
-    return parameter.description.removesuffix("[A]").rstrip()
-
-
 @cache
 def _templates() -> Environment:
     made = Environment(
         loader=PackageLoader("valve_twin.report"), autoescape=True, undefined=StrictUndefined
     )
-    filters = (count, describe, number, unit, when)
+    filters = (count, number, unit, when)
     made.filters.update({f.__name__: f for f in filters})
     return made
 

@@ -37,7 +37,7 @@ PARAMETERS = (
     Parameter("steady_flow", "m^3/s", "mean flow in the steady window"),
     Parameter("rise_instant", "s", "centre of the rise that begins the spike", 0.0),
     Parameter("peak_flow", "m^3/s", "largest flow of the spike"),
-    Parameter("decay", "s", "time in which the spike falls towards the steady flow [A]", 0.0),
+    Parameter("decay", "s", "time in which the spike falls towards the steady flow, assumed", 0.0),
 )
 
 

@@ -28,20 +28,22 @@ PARAMETERS = (
     Parameter(
         "rate_rising",
         "1/s",
-        "speed per distance to the command, rising position [A]",
+        "speed per distance to the command, rising position, assumed",
         0.0,
         trend=True,
     ),
     Parameter(
         "rate_falling",
         "1/s",
-        "speed per distance to the command, falling position [A]",
+        "speed per distance to the command, falling position, assumed",
         0.0,
         trend=True,
     ),
-    Parameter("slew_rising", "1/s", "largest speed, rising position [A]", 0.0, trend=True),
-    Parameter("slew_falling", "1/s", "largest speed, falling position [A]", 0.0, trend=True),
-    Parameter("dead_band", "1", "distance to the command that moves nothing [A]", 0.0, trend=True),
+    Parameter("slew_rising", "1/s", "largest speed, rising position, assumed", 0.0, trend=True),
+    Parameter("slew_falling", "1/s", "largest speed, falling position, assumed", 0.0, trend=True),
+    Parameter(
+        "dead_band", "1", "distance to the command that moves nothing, assumed", 0.0, trend=True
+    ),
     Parameter(
         "delay",
         "s",
@@ -90,28 +92,28 @@ PARAMETERS = (
     Parameter(
         "velocity_lag",
         "s",
-        "time constant with which the speed follows what is asked of it [A]",
+        "time constant with which the speed follows what is asked of it, assumed",
         0.0,
     ),
     Parameter(
         "stiffness_rising",
         "1/s^2",
-        "acceleration per distance to the target, rising: rate / velocity_lag [A]",
+        "acceleration per distance to the target, rising: rate / velocity_lag, assumed",
         0.0,
     ),
-    Parameter("stiffness_falling", "1/s^2", "the same, falling position [A]", 0.0),
-    Parameter("damping", "1/s", "deceleration per speed: 1 / velocity_lag [A]", 0.0),
+    Parameter("stiffness_falling", "1/s^2", "the same, falling position, assumed", 0.0),
+    Parameter("damping", "1/s", "deceleration per speed: 1 / velocity_lag, assumed", 0.0),
     Parameter("delay_falling", "s", "delay of a falling command, whole samples", 0.0),
     Parameter(
         "stiction",
         "1",
-        "distance beyond the dead band that a resting spool needs to break away [A]",
+        "distance beyond the dead band that a resting spool needs to break away, assumed",
         0.0,
     ),
     Parameter(
         "backlash",
         "1",
-        "way of the spool that the position does not show when the motion turns [A]",
+        "way of the spool that the position does not show when the motion turns, assumed",
         0.0,
     ),
     Parameter(

@@ -70,7 +70,7 @@ if TYPE_CHECKING:
 _PUSH = (1.0, -1.0)
 
 _SHARP = 0.005
-"""Least relative rise of the one-step error at any other lag that settles the lag [A].
+"""Least relative rise of the one-step error at any other lag that settles the lag, assumed.
 
 Below it the one-step error cannot tell and the free run decides. The free run alone prefers one
 sample less with a slow pole in a fifth of the cycles that begin with the command (noise 1e-3),
