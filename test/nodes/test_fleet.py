@@ -18,7 +18,7 @@ from valve_twin.core.twin import Estimated
 from valve_twin.core.valves.registry import get_model, get_simulation
 from valve_twin.io.config.valve import parse_config
 from valve_twin.io.history.store import History
-from valve_twin.io.offline.assembly import make_twin
+from valve_twin.io.offline.make_twin import make_twin
 
 CYCLES = 3
 LAST = 400

@@ -9,7 +9,7 @@ from valve_twin.io.cdr.signals import SERIES_TYPE, STAMPED_TYPE
 from valve_twin.io.config.topic_names import resolve_topic
 from valve_twin.io.config.valve import load_config, parse_config
 from valve_twin.io.errors import ConfigError, ValveTwinError
-from valve_twin.io.offline.assembly import twin_config
+from valve_twin.io.offline.make_twin import twin_config
 
 MODEL = {"model": "positioner"}
 

@@ -49,6 +49,7 @@ _CHUNK_HEAD = struct.Struct("<QQQII")
 """First and last log time, decompressed size, check sum, length of the compression's name."""
 
 _LENGTH = struct.Struct("<Q")
+_RECOVER = "rewrite the file with 'valve-twin recover'"
 _BROKEN = (struct.error, ValueError, IndexError, OverflowError)
 
 
@@ -107,10 +108,7 @@ class McapFile:
     def _refusal(self, err: Exception) -> BagError:
         if isinstance(err, BagError):
             return err
-        return DamagedError(
-            f"{self.path}: the summary is damaged ({err}); rewrite the file with "
-            "'valve-twin recover'"
-        )
+        return DamagedError(f"{self.path}: the summary is damaged ({err}); {_RECOVER}")
 
     def _mend(self, err: BagError) -> Salvage:
         """Return what is intact of the file; raise the error where nothing is."""
@@ -162,26 +160,14 @@ class McapFile:
             at = begin + _CHUNK_HEAD.size + named
             (packed,) = _LENGTH.unpack_from(self._view, at)
         except _BROKEN as err:
-            msg = (
-                f"{self._place(index)}: cannot be read ({err}); rewrite the file with "
-                "'valve-twin recover'"
-            )
-            raise DamagedError(msg) from err
+            raise self._damaged(index, f"cannot be read ({err})") from err
         at += _LENGTH.size
         if op != Op.CHUNK or size > _MAX_CHUNK or at + packed > begin + length:
-            msg = (
-                f"{self._place(index)}: there is no chunk; rewrite the file with "
-                "'valve-twin recover'"
-            )
-            raise DamagedError(msg)
+            raise self._damaged(index, "there is no chunk")
         name = self._view[at - _LENGTH.size - named : at - _LENGTH.size]
         data = self._decompress(bytes(name), self._view[at : at + packed], size, index)
         if len(data) != size or (crc and crc32(data) != crc):
-            msg = (
-                f"{self._place(index)}: its check sum is wrong; rewrite the file with "
-                "'valve-twin recover'"
-            )
-            raise DamagedError(msg)
+            raise self._damaged(index, "its check sum is wrong")
         return data
 
     def _decompress(
@@ -195,21 +181,14 @@ class McapFile:
 
                 return bytes(lz4.frame.decompress(packed))
         except (zstandard.ZstdError, RuntimeError, MemoryError) as err:
-            msg = (
-                f"{self._place(index)}: cannot be unpacked ({err}); rewrite the file with "
-                "'valve-twin recover'"
-            )
-            raise DamagedError(msg) from err
+            raise self._damaged(index, f"cannot be unpacked ({err})") from err
         if compression:
-            msg = (
-                f"{self._place(index)}: compression '{compression.decode(errors='replace')}' is "
-                "unknown; record with zstd, lz4 or none"
-            )
-            raise DamagedError(msg)
+            what = f"compression '{compression.decode(errors='replace')}' is unknown"
+            raise self._damaged(index, what, "record with zstd, lz4 or none")
         return packed
 
-    def _place(self, index: ChunkIndex) -> str:
-        return f"{self.path}: chunk at byte {index.offset}"
+    def _damaged(self, index: ChunkIndex, what: str, remedy: str = _RECOVER) -> DamagedError:
+        return DamagedError(f"{self.path}: chunk at byte {index.offset}: {what}; {remedy}")
 
     def loose_messages(self) -> memoryview:
         """Return the data section of a file that has messages outside chunks."""

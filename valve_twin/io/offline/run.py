@@ -17,8 +17,8 @@ from valve_twin.core.types import Cycle, Estimate, EstimateStatus, Prediction, j
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.bags.read import SLICE_S, read_signals
 from valve_twin.io.history.tables import CycleRecord, cycle_record
-from valve_twin.io.offline.assembly import make_twin
-from valve_twin.io.offline.rounds import LARGE_S, in_large_rounds
+from valve_twin.io.offline.large_rounds import LARGE_S, in_large_rounds
+from valve_twin.io.offline.make_twin import make_twin
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence

@@ -19,7 +19,7 @@ from valve_twin.core.estimation.cycle.sequence import MEMORY_CYCLES, Memory, mem
 from valve_twin.core.twin import ClockJump, Estimated, Event
 from valve_twin.core.types import Cycle, Estimate, Prediction
 from valve_twin.core.valves.registry import get_model
-from valve_twin.io.offline.assembly import make_twin
+from valve_twin.io.offline.make_twin import make_twin
 from valve_twin.nodes.twin.inputs import InputConfig, seconds_now
 from valve_twin.nodes.twin.intake import Intake
 from valve_twin.nodes.twin.jobs import Jobs

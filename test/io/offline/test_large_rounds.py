@@ -15,8 +15,8 @@ from valve_twin.core.valves.registry import get_model, get_simulation
 from valve_twin.io.bags.read import SLICE_S, BagWriter, read_signals
 from valve_twin.io.cdr.signals import SignalBlock
 from valve_twin.io.config.valve import load_config
-from valve_twin.io.offline import rounds
-from valve_twin.io.offline.assembly import make_twin
+from valve_twin.io.offline import large_rounds
+from valve_twin.io.offline.make_twin import make_twin
 from valve_twin.io.offline.run import drive, estimate_bag, join_predictions
 
 CYCLES = 4
@@ -137,7 +137,7 @@ def streamed(config, bag):
 def test_the_events_are_those_of_the_stream(
     config, record, change, samples, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(rounds, "LARGE_SAMPLES", samples)
+    monkeypatch.setattr(large_rounds, "LARGE_SAMPLES", samples)
     bag = bag_of(change(record), tmp_path / "bag")
     cycles, estimates, predictions, counts = run(
         config, lambda twin: estimate_bag(config, bag, twin=twin)
@@ -165,7 +165,7 @@ def blocks_of(rows, *, header=True):
 
 
 def sizes(rows, **kind):
-    stream = rounds.in_large_rounds(
+    stream = large_rounds.in_large_rounds(
         blocks_of(rows, **kind), TOPICS, hold_back_s=2.0, slice_s=SLICE_S
     )
     return [len(parts) for parts in stream]
@@ -189,7 +189,7 @@ def test_stamps_that_are_receive_times_go_on_in_short_rounds(record):
 
 def test_no_sample_is_lost_or_moved_by_cutting(record):
     rows = delayed(record)
-    stream = rounds.in_large_rounds(blocks_of(rows), TOPICS, hold_back_s=2.0, slice_s=0.7)
+    stream = large_rounds.in_large_rounds(blocks_of(rows), TOPICS, hold_back_s=2.0, slice_s=0.7)
     parts = [block for blocks in stream for block in blocks]
     for whole in blocks_of(rows):
         mine = [p for p in parts if p.signal == whole.signal]
