@@ -171,6 +171,8 @@ def test_a_simulated_clock_that_goes_back_drops_the_cycle_and_keeps_what_was_lea
     feeder = Feeder(graph, NS)
     feeder.feed(3 * feeder.cycle_samples + 30)
     graph.spin_until(lambda: len(twin.estimated()) == 2, 60.0, "two estimates")
+    # a sample from before that is taken after the jump would be a leap ahead and a second jump
+    graph.spin_until(lambda: len(twin.predictions) >= feeder.sent - 2, 60.0, "all predictions")
 
     def is_back() -> bool:
         clock.publish(Clock(clock=to_time(START_NS - 5 * 10**11)))

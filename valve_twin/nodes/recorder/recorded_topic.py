@@ -13,6 +13,7 @@ from valve_twin.io.bags.qos import FOREVER_NS
 from valve_twin.io.bags.qos import QosProfile as OfferedQos
 from valve_twin.io.cdr.message_types import message_class
 from valve_twin.io.recording.ring_buffer import RecordedMessage
+from valve_twin.nodes.runtime.compat import message_and_info, take_with_info
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -158,15 +159,14 @@ class RecordedTopic:
                 incompatible_qos=self._on_refused, use_default_callbacks=False
             ),
         )
-        subscription._callback_type = subscription.CallbackType.WithMessageInfo
-        return subscription
+        return take_with_info(subscription)
 
     def _on_refused(self, event: Any) -> None:
         del event
         self._refused = True
 
     def _take(self, *arguments: Any) -> None:
-        data, info = arguments if len(arguments) == 2 else arguments[0]
+        data, info = message_and_info(arguments)
         sequence = int(info["publication_sequence_number"])
         if self.publishers <= 1 and 0 < self._last < sequence:
             self.lost_transport += sequence - self._last - 1

@@ -8,7 +8,7 @@ import gc
 import sys
 from importlib import import_module
 
-from valve_twin.nodes.runtime import termination
+from valve_twin.nodes.runtime import compat, termination
 
 _NODES = {
     "twin": ("twin", "TwinNode"),
@@ -48,24 +48,12 @@ def bag_recorder() -> int:
     return run("bag_recorder")
 
 
-def _spare_imports() -> None:
-    """Keep numba from importing what no prediction needs: 20 MB and a tenth of the start.
-
-    It imports coverage where it is installed, and all of scipy.linalg only to learn that BLAS is
-    there; the code it makes looks BLAS up by itself when it is called for the first time.
-    """
-    sys.modules.setdefault("coverage", None)  # type: ignore[arg-type]
-    linalg = vars(import_module("numba.np.linalg"))
-    if "ensure_blas" in linalg:
-        linalg["ensure_blas"] = lambda: None
-
-
 def run(name: str) -> int:
     """Run a node by its name; the signals are taken before the slow imports begin."""
     termination.install()
     gc.disable()  # until the node has started: imports make hardly any garbage
     if name in _PREDICT:
-        _spare_imports()
+        compat.spare_imports()
     if name == "bag_player":
         import_module("valve_twin.nodes.player.transport").quicken()
     room, kind = _NODES[name]

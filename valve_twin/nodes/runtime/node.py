@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import gc
-import os
 import sys
 import threading
 import traceback
@@ -26,7 +25,7 @@ from rclpy.task import Future
 
 from valve_twin.io.config.node_parameters import NODE_PARAMETERS
 from valve_twin.io.errors import ValveTwinError
-from valve_twin.nodes.runtime import termination
+from valve_twin.nodes.runtime import compat, termination
 from valve_twin.nodes.runtime.fault_desk import FaultDesk
 from valve_twin.nodes.runtime.parameters import Parameters
 
@@ -66,7 +65,7 @@ class ValveNode(LifecycleNode):
         self.exit_code: int | None = None
         self.recess: Future | None = None
         self._inbox: deque[Callable[[], None]] = deque()
-        self._answer_refused_transitions()
+        compat.answer_refused_transitions(self, self._tell_refused)
 
     # -- to be implemented
 
@@ -87,7 +86,7 @@ class ValveNode(LifecycleNode):
     @property
     def state(self) -> str:
         """Lifecycle state: unconfigured, inactive, active or finalized."""
-        return str(self._state_machine.current_state[1])
+        return compat.lifecycle_state(self)
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Configure; a failure frees what was made."""
@@ -177,21 +176,8 @@ class ValveNode(LifecycleNode):
             return True
         return False
 
-    def _answer_refused_transitions(self) -> None:
-        """Answer a transition that the state does not know; rclpy would raise and not answer."""
-        inner = self._service_change_state.callback
-
-        def change_state(request: Any, response: Any) -> Any:
-            try:
-                return inner(request, response)
-            except RCLError as err:
-                self.get_logger().warning(
-                    f"transition refused in state '{self.state}': {str(err).split(',')[0]}"
-                )
-                response.success = False
-                return response
-
-        self._service_change_state.callback = change_state
+    def _tell_refused(self, reason: str) -> None:
+        self.get_logger().warning(f"transition refused in state '{self.state}': {reason}")
 
     # -- work of other threads
 
@@ -317,7 +303,7 @@ def _leave(code: int, held: list[Any]) -> int:
     process. What weak references of libraries complain of while all goes tells nobody anything.
     """
     sys.unraisablehook = _say_nothing
-    end = threading.Timer(FAREWELL_S, os._exit, (code,))
+    end = threading.Timer(FAREWELL_S, compat.leave, (code,))
     end.daemon = True
     end.start()
     try:
@@ -327,7 +313,7 @@ def _leave(code: int, held: list[Any]) -> int:
     finally:
         sys.stdout.flush()
         sys.stderr.flush()
-        os._exit(code)
+        compat.leave(code)
 
 
 def _say_nothing(_: object) -> None:
@@ -341,6 +327,6 @@ def _destroy(held: list[Any]) -> None:
     with suppress(Exception):
         executor.remove_node(node)
         node.destroy_node()
-        node._state_machine.destroy_when_not_in_use()
+        compat.destroy_state_machine(node)
     del node, executor
     gc.collect()

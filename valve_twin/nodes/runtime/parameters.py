@@ -19,6 +19,7 @@ from rclpy.parameter import Parameter
 from valve_twin.core.quantity import Kind
 from valve_twin.io.config.node_parameters import NODE_PARAMETERS
 from valve_twin.io.errors import ConfigError, suggest
+from valve_twin.nodes.runtime.compat import overrides_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -52,9 +53,7 @@ class Parameters:
         self._is_idle = is_idle
         self._specs: dict[str, Spec] = {}
         self._errors: dict[str, str] = {}
-        self.overrides: dict[str, object] = {
-            name: p.value for name, p in node._parameter_overrides.items()
-        }
+        self.overrides: dict[str, object] = overrides_of(node)
         node.add_pre_set_parameters_callback(self._accept_integers)
         node.add_on_set_parameters_callback(self._check_set)
 

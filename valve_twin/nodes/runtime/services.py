@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from valve_twin.nodes.runtime.compat import intercept_responses
+
 if TYPE_CHECKING:
     from rclpy.node import Node
 
@@ -46,8 +48,7 @@ class DeferredService:
         self._node = node
         self._begin = begin
         self._service = node.create_service(kind, name, self._on_request)
-        self._send = self._service.send_response
-        self._service.send_response = self._on_response  # type: ignore[method-assign,assignment]
+        self._send = intercept_responses(self._service, self._on_response)
 
     def destroy(self) -> None:
         """Take the service down; answers still due are not sent."""

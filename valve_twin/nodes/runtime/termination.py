@@ -7,11 +7,12 @@ Standard library only: the handlers stand before the slow imports begin.
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
+
+from valve_twin.nodes.runtime.compat import leave
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -91,7 +92,7 @@ def _on_signal(number: int, frame: FrameType | None) -> None:
     del number, frame
     _Stop.requested = True
     if not _Stop.looping:
-        os._exit(0)  # nothing is open yet
+        leave(0)  # nothing is open yet
     if _Stop.breakable:
         _Stop.breakable = False
         raise KeyboardInterrupt

@@ -23,6 +23,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from valve_twin.io.cdr.message_types import RosTypes, message_class
 from valve_twin.io.cdr.signals import Extractor, SignalBlock, SignalSource
 from valve_twin.io.errors import ConfigError, suggest
+from valve_twin.nodes.runtime.compat import message_and_info, overrides_of, take_with_info
 from valve_twin.nodes.runtime.node import RCLError
 from valve_twin.nodes.runtime.safety import node_name
 
@@ -197,10 +198,8 @@ class TopicInput:
                 f"{self.type}: {reason}; correct signals.{self.signals[0]}.type"
             )
             raise ConfigError(msg) from err
-        # SingleThreadedExecutor passes (message, info), EventsExecutor one tuple of both
-        subscription._callback_type = subscription.CallbackType.WithMessageInfo
         self._last_sequence = 0
-        return subscription
+        return take_with_info(subscription)
 
     def _create(self, profile: QoSProfile) -> Any:
         config = self._config
@@ -222,13 +221,13 @@ class TopicInput:
         """Offer policies as parameters; reliability follows the publisher unless it is given."""
         kinds = [QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, QoSPolicyKind.DURABILITY]
         key = f"qos_overrides.{self.topic}.subscription.reliability"
-        if key in self._node._parameter_overrides:
+        if key in overrides_of(self._node):
             kinds.append(QoSPolicyKind.RELIABILITY)
         return QoSOverridingOptions(policy_kinds=kinds)
 
     def _on_message(self, *arguments: Any) -> None:
         """Keep a message: what comes together is read together."""
-        message, info = arguments if len(arguments) == 2 else arguments[0]
+        message, info = message_and_info(arguments)
         self._pending.append((message, info, self._now_ns()))
         self._on_arrival(info["received_timestamp"])
 

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import sys
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +11,7 @@ from rclpy.clock import JumpThreshold, TimeJump
 from rclpy.duration import Duration
 
 from valve_twin.io.history.store import History
+from valve_twin.nodes.runtime.compat import share_interpreter
 from valve_twin.nodes.runtime.diagnostics import ERROR, STALE, Diagnostics, Report
 from valve_twin.nodes.runtime.heap import Relief
 from valve_twin.nodes.runtime.node import SPIN_S, ValveNode
@@ -29,10 +29,6 @@ if TYPE_CHECKING:
 
 FLUSH_S = 1.0
 """Time that is given to the database at the end [s]."""
-
-SWITCH_S = 2e-4
-"""Longest time for which the threads of worker and database, when they compute, keep the
-interpreter from the data path; 5 ms by default, once or more a cycle [s]."""
 
 _BACKWARD_JUMP_S = 0.1
 
@@ -59,7 +55,7 @@ class TwinNode(ValveNode):
     def configure(self) -> None:
         """Open the histories and make the twins with what they had learnt."""
         self._left_out = {}
-        sys.setswitchinterval(SWITCH_S)
+        share_interpreter()
         configs = read_valves(self, self._left_out)
         signals = {c.name: by_topic(self, c.signals.values()) for c in configs}
         timeout = float(self.parameters["busy_timeout_s"])

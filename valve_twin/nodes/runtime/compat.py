@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Every use of what rclpy, numba and Python keep private or global, in one place.
+
+Each function says why it is needed, what is known of it upstream and when it can go. Nothing heavy
+is imported here: the first of them run before the slow imports of a node.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, NoReturn
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from rclpy.lifecycle import LifecycleNode
+    from rclpy.node import Node
+
+SWITCH_S = 2e-4
+"""Longest time for which threads that compute keep the interpreter from the data path; 5 ms by
+default, once or more a cycle [s]."""
+
+
+def spare_imports() -> None:
+    """Keep numba from importing what no prediction needs: 20 MB and a tenth of the start.
+
+    It imports coverage where it is installed, and all of scipy.linalg only to learn that BLAS is
+    there; the code it makes looks BLAS up by itself when it is called for the first time. Upstream
+    no switch is known. Goes when numba imports both where it uses them.
+    """
+    sys.modules.setdefault("coverage", None)  # type: ignore[arg-type]
+    linalg = vars(import_module("numba.np.linalg"))
+    if "ensure_blas" in linalg:
+        linalg["ensure_blas"] = lambda: None
+
+
+def share_interpreter() -> None:
+    """Let the data path have the interpreter soon while other threads of the process compute.
+
+    The setting is of the whole process. Goes with an interpreter without a global lock.
+    """
+    sys.setswitchinterval(SWITCH_S)
+
+
+def take_with_info(subscription: Any) -> Any:
+    """Make a subscription call back with message and info, whatever executor drives it.
+
+    rclpy counts the callback's parameters (ros2/rclpy#922): a callback with `*arguments`, which
+    both executors need, see `message_and_info`, counts as one without info. Goes when a
+    subscription can be asked for the info by an argument.
+    """
+    subscription._callback_type = subscription.CallbackType.WithMessageInfo
+    return subscription
+
+
+def message_and_info(arguments: tuple[Any, ...]) -> tuple[Any, Any]:
+    """Return message and info of a callback.
+
+    SingleThreadedExecutor passes two arguments, the experimental EventsExecutor of Jazzy one tuple
+    of both; no issue is known. Goes when both do the same.
+    """
+    return arguments if len(arguments) == 2 else arguments[0]
+
+
+def overrides_of(node: Node) -> dict[str, Any]:
+    """Return the values that command line and files give a node's parameters, by name.
+
+    rclpy shows an override only when its parameter is declared, so that nobody could name those
+    that no one declares (a typing error) or take 1 for 1.0. Goes with a public list of them.
+    """
+    return {name: parameter.value for name, parameter in node._parameter_overrides.items()}
+
+
+def lifecycle_state(node: LifecycleNode) -> str:
+    """Return the state: unconfigured, inactive, active, finalized or the name of a transition.
+
+    rclpy tells it by service only. Goes when a lifecycle node has it as an attribute.
+    """
+    return str(node._state_machine.current_state[1])
+
+
+def answer_refused_transitions(node: LifecycleNode, tell: Callable[[str], None]) -> None:
+    """Answer a transition that the state does not know; `tell` gets the reason.
+
+    rclpy of Jazzy raises and does not answer (ros2/rclpy#1209, mended by ros2/rclpy#1319 in later
+    releases). Goes when Jazzy has that, too, or is not supported any more.
+    """
+    service: Any = node._service_change_state
+    inner = service.callback
+    refused = import_module("rclpy.impl.implementation_singleton").rclpy_implementation.RCLError
+
+    def change_state(request: Any, response: Any) -> Any:
+        try:
+            return inner(request, response)
+        except refused as err:
+            tell(str(err).split(",", maxsplit=1)[0])
+            response.success = False
+            return response
+
+    service.callback = change_state
+
+
+def intercept_responses(service: Any, on_response: Callable[[Any, Any], None]) -> Any:
+    """Let `on_response(response, header)` decide when a service answers; return what sends.
+
+    The events executor of Jazzy knows no coroutine services (ros2/rclpy#1473, mended by
+    ros2/rclpy#1478), and rclpy has no response that is sent later. Goes when the oldest release
+    that is supported has the first: the services are coroutines then.
+    """
+    send = service.send_response
+    service.send_response = on_response
+    return send
+
+
+def destroy_state_machine(node: LifecycleNode) -> None:
+    """Free what `destroy_node` of a lifecycle node leaves, so that the participant can go.
+
+    The state machine holds the node's handle; no issue is known. Goes when `destroy_node` does it.
+    """
+    node._state_machine.destroy_when_not_in_use()
+
+
+def leave(code: int) -> NoReturn:
+    """End the process here, without the destructors of the interpreter and the middleware.
+
+    They may hang or crash after the context was shut down, and take up to a second; everything
+    that matters was closed and written before. Goes when `rclpy.shutdown` leaves no thread behind.
+    """
+    os._exit(code)
