@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def faults_section(assessment: Assessment | None) -> str:
-    """Return the section of sudden faults; empty where none could be told.
+    """Return the section of sudden faults; empty where none could be found.
 
     Parameters
     ----------

@@ -85,7 +85,7 @@ def test_each_life_of_a_stored_history_is_judged(command, capsys):
 def test_the_table_says_what_was_judged(command, capsys):
     assert main(command) == 0
     shown = capsys.readouterr().out
-    for word in ("/press/worn", "K_in", "(-20.0 %)", "in 90%", "error 25/50/75 %", "told"):
+    for word in ("/press/worn", "K_in", "(-20.0 %)", "in 90%", "error 25/50/75 %", "judged"):
         assert word in shown
 
 

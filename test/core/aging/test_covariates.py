@@ -103,7 +103,7 @@ def test_what_moves_with_time_is_not_taken_for_its_effect():
     )
     series, (effect,) = separated(estimates, covariates=("temperature",))
     assert not effect.applied
-    assert effect.reason == "temperature moves with time: not told from aging, not taken out"
+    assert effect.reason == "temperature moves with time as aging does, not taken out"
     assert trend(estimates, covariates=("temperature",)).status is TrendStatus.DRIFTING
     np.testing.assert_array_equal(series.values, falling)
 

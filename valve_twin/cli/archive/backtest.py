@@ -150,7 +150,7 @@ def _show(title: str, tests: Sequence[LifeTest], how: BacktestConfig) -> None:
 
     out, shown = console(), table(title, ("parameter",))
     shares = "/".join(f"{100 * share:.0f}" for share in LAMBDAS)
-    columns = ("life", "limit", "told", f"in {how.confidence:.0%}", "open", f"error {shares} %")
+    columns = ("life", "limit", "judged", f"in {how.confidence:.0%}", "open", f"error {shares} %")
     for name in (*columns, f"±{how.alpha:.0%}"):
         shown.add_column(name, justify="right", no_wrap=True)
     shown.add_column("note", ratio=1, min_width=30)
@@ -169,7 +169,7 @@ def _show(title: str, tests: Sequence[LifeTest], how: BacktestConfig) -> None:
         )
     out.print(shown)
     out.print(
-        f"told: forecasts judged; in {how.confidence:.0%}: share whose limits hold the end; open: "
+        f"judged: forecasts; in {how.confidence:.0%}: share whose limits hold the end; open: "
         "share without an upper limit;\n"
         f"error: of the median, {shares} % of the way from the first forecast to the end; "
         f"±{how.alpha:.0%}: share of medians that near.\n"
@@ -189,7 +189,7 @@ def _note(test: LifeTest) -> str:
     if test.reason:
         return test.reason
     cycles = "cycle" if test.silent == 1 else "cycles"
-    silent = f"; nothing told at {test.silent} {cycles}" if test.silent else ""
+    silent = f"; no forecast at {test.silent} {cycles}" if test.silent else ""
     what = "service limit reached" if test.reached else "no limit reached: the last level is one"
     return what + silent
 

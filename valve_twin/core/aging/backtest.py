@@ -252,16 +252,16 @@ def _judge(life: _Life, how: BacktestConfig, on_forecast: Callable[[], object]) 
     limit, value, end = found
     test = replace(test, end=end, limit=limit, limit_value=value, reached=crossing is not None)
     config = replace(life.config, thresholds=(limit,), default_percent=0.0)
-    told, silent = [], 0
+    forecasts, silent = [], 0
     for at in _chosen(life, detail, end, how.most):
         now, _ = life.seen(int(at) + 1, config, how.confidence)
         on_forecast()
         if now.status is TrendStatus.NOT_ENOUGH_DATA or not np.isfinite(now.threshold):
             silent += 1
             continue
-        told.append(_forecast(now, end))
-    reason = "" if told else f"nothing was told before the end at {end:.6g}"
-    return replace(test, forecasts=tuple(told), silent=silent, reason=reason)
+        forecasts.append(_forecast(now, end))
+    reason = "" if forecasts else f"nothing was forecast before the end at {end:.6g}"
+    return replace(test, forecasts=tuple(forecasts), silent=silent, reason=reason)
 
 
 def _forecast(trend: Trend, end: float) -> Forecast:

@@ -52,9 +52,9 @@ class Effect:
         Whether it was taken out.
     slope, standard_error : float
         Change of the parameter a unit of the condition [unit / unit of the condition]; NaN where
-        it was binned or cannot be told.
+        it was binned or is unknown.
     p_value : float
-        Probability of so large an effect by chance [1]; NaN where it cannot be told.
+        Probability of so large an effect by chance [1]; NaN where it is unknown.
     span : float
         Difference that the condition makes over its range [unit].
     reason : str
@@ -122,7 +122,9 @@ def without_conditions(
             values = _binned(values, width)
         if np.count_nonzero(np.isfinite(values)) < MIN_VALUES:
             seen = int(np.count_nonzero(np.isfinite(values)))
-            effects.append(_untold(name, f"{name} is known in {seen} cycles, {MIN_VALUES} needed"))
+            effects.append(
+                _unknown(name, f"{name} is known in {seen} cycles, {MIN_VALUES} needed")
+            )
         else:
             known.append((name, width, values))
     complete = np.ones(len(series.values), dtype=np.bool_)
@@ -257,15 +259,15 @@ def _judge(
     total = float(np.sum(spread**2))
     if count == 0 or total <= 1e-24 * float(np.sum(columns**2)):
         what = "is all in one bin" if condition.binned else "never changes"
-        return _untold(name, f"{name} {what}")
+        return _unknown(name, f"{name} {what}")
     own = _off(columns, nuisance)
     if float(np.sum(own**2)) < OWN_SHARE * total:
-        return _untold(name, f"{name} moves with time: not told from aging, not taken out")
+        return _unknown(name, f"{name} moves with time as aging does, not taken out")
     without, within = _off(values, nuisance), _off(values, np.column_stack([nuisance, columns]))
     before, after = float(without @ without), float(within @ within)
     freedom = len(values) - nuisance.shape[1] - count
     if freedom < 2:
-        return _untold(name, f"{name}: too few values")
+        return _unknown(name, f"{name}: too few values")
     from scipy.special import fdtrc  # slow to import
 
     variance = max(after / freedom, np.finfo(np.float64).tiny)
@@ -296,6 +298,6 @@ def _off(values: FloatArray, columns: FloatArray) -> FloatArray:
     return left
 
 
-def _untold(name: str, reason: str) -> Effect:
+def _unknown(name: str, reason: str) -> Effect:
     nothing = float("nan")
     return Effect(name, False, nothing, nothing, nothing, nothing, reason)

@@ -192,7 +192,7 @@ def with_drift(trend: Trend, line: Line, reference: Reference, resolution: float
 def _percent(
     a: float, b: float, limits: tuple[float, float], resolution: float
 ) -> tuple[float, float, float]:
-    """Return a/b - 1 and its limits in percent; NaN where b cannot be told from zero."""
+    """Return a/b - 1 and its limits in percent; NaN where b does not differ from zero."""
     low, high = limits
     if not np.isfinite(low):
         return _NAN, _NAN, _NAN

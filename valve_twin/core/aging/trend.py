@@ -207,7 +207,7 @@ def fit_line(x: FloatArray, y: FloatArray, autocorrelation: float | None = None)
 def ratio_interval(
     a: float, b: float, *, var_a: float, cov: float, var_b: float, t: float
 ) -> tuple[float, float]:
-    """Return Fieller's limits of a/b; NaN where b cannot be told from zero.
+    """Return Fieller's limits of a/b; NaN where b does not differ from zero.
 
     The set of all R with (a - R b)^2 <= t^2 (var_a - 2 R cov + R^2 var_b) is bounded
     only where b differs from zero.

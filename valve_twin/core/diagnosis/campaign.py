@@ -174,8 +174,8 @@ def run_campaign(
                     case = Case(fault, size, seed, sign * severity, 0)
                     cases.append(_run(aged, valve, before, case, table, config, detection))
         advance()
-    told = isolability(table, detection)
-    result = CampaignResult(tuple(cases), len(config.seeds) * config.cycles, tuple(alarms), told)
+    found = isolability(table, detection)
+    result = CampaignResult(tuple(cases), len(config.seeds) * config.cycles, tuple(alarms), found)
     return replace(result, rows=_rows(result))
 
 

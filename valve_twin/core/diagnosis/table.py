@@ -59,7 +59,7 @@ FAULT_TYPES = (
     FaultType("command_loss", "command", "command that does not reach the valve"),
     FaultType("supply_drop", "supply", "drop of the supply pressure"),
 )
-"""Every fault that is told apart, by the part that has it."""
+"""Every fault that is separated, by the part that has it."""
 
 BY_NAME = {f.name: f for f in FAULT_TYPES}
 

@@ -36,7 +36,7 @@ def mend(database: Database, writers: Path) -> tuple[Database, str]:
     database : Database
         SQLite database whose file met with `Trouble`; closed where another one is returned.
     writers : Path
-        The file of its writers; its lock keeps other processes from mending at the same time.
+        The file of its writers; its lock keeps other processes from repairs at the same time.
 
     Returns
     -------

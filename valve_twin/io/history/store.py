@@ -63,7 +63,7 @@ class History:
 
     Several processes may use one database; one at a time may claim a valve to write its cycles.
     Methods may be called from any thread. A SQLite file that is deleted or replaced while in use
-    is mended with the next write (`history_rescue`); `notices` says so.
+    is repaired with the next write (`history_rescue`); `notices` says so.
 
     Parameters
     ----------

@@ -100,7 +100,7 @@ class Checks:
         self.suspects = 0
 
     def accepts(self, channel: int, data: bytes) -> bool:
-        """Return whether a message decodes whole; count it where a value is no finite number."""
+        """Return whether a message decodes whole; count it where a value is not finite."""
         known = self._channels.get(channel)
         if known is None:
             return False

@@ -223,7 +223,7 @@ class LiveValve:
     def _stop(self, err: Exception) -> None:
         """Stop this valve, whose model raises; its neighbours go on."""
         self.stopped = (
-            f"stopped: {type(err).__name__}: {err}; mend the model, then configure the node anew"
+            f"stopped: {type(err).__name__}: {err}; repair the model, then configure the node anew"
         )
         self._node.get_logger().error(f"{self.name}: {self.stopped}\n{traceback.format_exc()}")
         self._awake.discard(self)
