@@ -16,7 +16,14 @@ import numpy as np
 from numba import njit
 
 from valve_twin.core.types import Cycle, FloatArray, Frames
-from valve_twin.core.valves.press_cartridge.predictor import COEFFICIENTS, step
+from valve_twin.core.valves.press_cartridge.predictor import (
+    COEFFICIENTS,
+    HIGH_SEAT,
+    LAG,
+    LEAK,
+    LOW_SEAT,
+    step,
+)
 
 CYCLE_SAMPLES = 850
 """Samples of the reference cycle: 25.5 s at 0.03 s."""
@@ -80,9 +87,9 @@ class Truth:
         c[1] = speed * self.k_in
         c[2] = -speed * (self.k_out - self.k_out_slope * self.v_ref)
         c[4] = -speed * self.k_out_slope
-        c[8] = speed * self.leak
-        c[9] = self.lag
-        c[11] = 1.0
+        c[LEAK] = speed * self.leak
+        c[LAG] = self.lag
+        c[HIGH_SEAT] = 1.0
         return c
 
 
@@ -127,8 +134,8 @@ def _closed_loop(
     Gains 6 in and 3 out, |v| <= 0.8, off inside the dead band at constant reference (equations.md
     2.3 without the integral part).
     """
-    lag = int(c[9])
-    low, high = c[10], c[11]
+    lag = int(c[LAG])
+    low, high = c[LOW_SEAT], c[HIGH_SEAT]
     x, dx = low, 0.0
     for n in range(len(reference)):
         v_in = inputs[n - lag, 0] if n >= lag else 0.0

@@ -56,6 +56,9 @@ from valve_twin.core.valves.press_cartridge.parameters import (
 from valve_twin.core.valves.press_cartridge.plant import default_simulation
 from valve_twin.core.valves.press_cartridge.predictor import (
     COEFFICIENTS,
+    LAG,
+    LEAK,
+    LOW_SEAT,
     MAX_LAG,
     STATE,
     predict_block,
@@ -187,8 +190,8 @@ class PressCartridgeModel(CompiledModel):
             c[:8] = [values.get(name, 0.0) for name in THETA]
         else:
             _set_gains(c, values, period_s, options)
-        c[9] = min(max(lag, 0), MAX_LAG)
-        c[10:] = [
+        c[LAG] = min(max(lag, 0), MAX_LAG)
+        c[LOW_SEAT:] = [
             options.lower_seat,
             options.upper_seat,
             options.seat_margin,
@@ -349,7 +352,7 @@ def _set_gains(
     c[2] = -share * (values.get("K_out", np.nan) - slope_out * at_out)
     c[3] = share * slope_in
     c[4] = -share * slope_out
-    c[8] = share * values.get("leak", 0.0) * period_s
+    c[LEAK] = share * values.get("leak", 0.0) * period_s
 
 
 def _mask_options(options: PressCartridgeOptions) -> MaskOptions:

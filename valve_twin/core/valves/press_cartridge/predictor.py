@@ -26,8 +26,13 @@ MAX_LAG = 8
 COEFFICIENTS = 16
 """theta 1 to 8, leak, lag, lower and upper seat, seat margin, offset in and out, dead command."""
 
+LEAK, LAG, LOW_SEAT, HIGH_SEAT, MARGIN, OFFSET_IN, OFFSET_OUT, DEAD_COMMAND = range(8, 16)
+
 STATE = 6 + 2 * MAX_LAG
 """x[n-1], x[n-2], samples since a gap, free-run x, free-run d, free run on, past commands."""
+
+_LAST, _BEFORE, _KNOWN, _FREE, _FREE_STEP, _RUNNING, _PAST_IN = range(7)
+_PAST_OUT = _PAST_IN + MAX_LAG  # the delay lines, newest first
 
 
 @njit(cache=True)
@@ -36,14 +41,15 @@ def increment(c: FloatArray, v_in: float, v_out: float, dx: float, off_seat: boo
     d: float = (1.0 + c[0] + c[6] * v_in + c[7] * v_out) * dx
     d += (c[1] + c[3] * v_in) * v_in + (c[2] + c[4] * v_out) * v_out + c[5] * v_in * v_out
     if off_seat:
-        d -= c[8]
+        d -= c[LEAK]
     return d
 
 
 @njit(cache=True)
 def step(c: FloatArray, v_in: float, v_out: float, x: float, dx: float) -> float:
     """Return the next position [1]: one increment from x, clipped to the seats."""
-    ahead: float = min(max(x + increment(c, v_in, v_out, dx, x > c[10]), c[10]), c[11])
+    low, high = c[LOW_SEAT], c[HIGH_SEAT]
+    ahead: float = min(max(x + increment(c, v_in, v_out, dx, x > low), low), high)
     return ahead
 
 
@@ -77,20 +83,20 @@ def predict_block(
     validity : (N,) uint8 array
         One `Validity` a sample.
     """
-    lag = int(c[9])
-    low, high, tolerance = c[10], c[11], c[12]
+    lag = int(c[LAG])
+    low, high, tolerance = c[LOW_SEAT], c[HIGH_SEAT], c[MARGIN]
     for n in range(len(position)):
         if restart[n] == Restart.GAP:
-            state[2] = 0.0
-            state[5] = 0.0
-        v_in = max(inputs[n, 0] - c[13], 0.0)
-        v_out = max(inputs[n, 1] - c[14], 0.0)
-        known = state[2]
-        # The delay line: newest first, commands up to sample n - 1.
-        acting_in = v_in if lag == 0 else state[5 + lag]
-        acting_out = v_out if lag == 0 else state[5 + MAX_LAG + lag]
+            state[_KNOWN] = 0.0
+            state[_RUNNING] = 0.0
+        v_in = max(inputs[n, 0] - c[OFFSET_IN], 0.0)
+        v_out = max(inputs[n, 1] - c[OFFSET_OUT], 0.0)
+        known = state[_KNOWN]
+        # commands up to sample n - 1
+        acting_in = v_in if lag == 0 else state[_PAST_IN + lag - 1]
+        acting_out = v_out if lag == 0 else state[_PAST_OUT + lag - 1]
         ready = known >= max(2, lag)
-        x1, x2 = state[0], state[1]
+        x1, x2 = state[_LAST], state[_BEFORE]
         hat = step(c, acting_in, acting_out, x1, x1 - x2) if ready else np.nan
         predicted[n] = hat
         bad = restart[n] == Restart.BAD or not np.isfinite(position[n])
@@ -98,23 +104,23 @@ def predict_block(
         if bad:
             x = hat if ready else x1
 
-        if not bad and (restart[n] == Restart.NEW_CYCLE or state[5] == 0.0):
-            state[3] = x
-            state[4] = 0.0
-            state[5] = 1.0
-        elif state[5] == 1.0:
-            ahead = step(c, acting_in, acting_out, state[3], state[4])
-            state[4] = ahead - state[3]
-            state[3] = ahead
-        simulated[n] = state[3] if state[5] == 1.0 else np.nan
+        if not bad and (restart[n] == Restart.NEW_CYCLE or state[_RUNNING] == 0.0):
+            state[_FREE] = x
+            state[_FREE_STEP] = 0.0
+            state[_RUNNING] = 1.0
+        elif state[_RUNNING] == 1.0:
+            ahead = step(c, acting_in, acting_out, state[_FREE], state[_FREE_STEP])
+            state[_FREE_STEP] = ahead - state[_FREE]
+            state[_FREE] = ahead
+        simulated[n] = state[_FREE] if state[_RUNNING] == 1.0 else np.nan
 
-        moving = acting_in > c[15] or acting_out > c[15]
+        moving = acting_in > c[DEAD_COMMAND] or acting_out > c[DEAD_COMMAND]
         if bad:
             validity[n] = Validity.BAD_INPUT
         elif not ready:
             validity[n] = Validity.STARTING
-        elif (x <= low + tolerance and acting_in <= c[15]) or (
-            x >= high - tolerance and acting_out <= c[15]
+        elif (x <= low + tolerance and acting_in <= c[DEAD_COMMAND]) or (
+            x >= high - tolerance and acting_out <= c[DEAD_COMMAND]
         ):
             validity[n] = Validity.AT_SEAT
         elif moving and x == x1:
@@ -123,11 +129,11 @@ def predict_block(
             validity[n] = Validity.VALID
 
         if known > 0.0 or not bad:
-            state[1] = x1 if known > 0.0 else x
-            state[0] = x
-            state[2] = min(known + 1.0, 1e6)
+            state[_BEFORE] = x1 if known > 0.0 else x
+            state[_LAST] = x
+            state[_KNOWN] = min(known + 1.0, 1e6)
         for k in range(MAX_LAG - 1, 0, -1):
-            state[6 + k] = state[5 + k]
-            state[6 + MAX_LAG + k] = state[5 + MAX_LAG + k]
-        state[6] = v_in
-        state[6 + MAX_LAG] = v_out
+            state[_PAST_IN + k] = state[_PAST_IN + k - 1]
+            state[_PAST_OUT + k] = state[_PAST_OUT + k - 1]
+        state[_PAST_IN] = v_in
+        state[_PAST_OUT] = v_out
