@@ -20,14 +20,12 @@ from valve_twin.core.valves.press_cartridge.estimation.kalman_kernel import whit
 from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import (
     N_COLUMNS,
     N_LINEAR,
+    Stretch,
     accumulate,
 )
 
 if TYPE_CHECKING:
-    from valve_twin.core.types import BoolArray, FloatArray
     from valve_twin.core.valves.press_cartridge.estimation.gains import GainFit
-
-    Stretch = tuple[FloatArray, BoolArray, BoolArray, BoolArray, BoolArray, FloatArray, FloatArray]
 
 PERIOD_S = 0.03
 
@@ -62,7 +60,7 @@ def stretch(n: int = 60, seed: int = 3) -> Stretch:
     moving = np.arange(n) % 20 < 13
     v_in = np.where(moving, rng.uniform(0.1, 0.8, n), 0.0)
     v_out = np.where(rng.random(n) > 0.7, 0.3, 0.0)
-    return y, use, free, anchor, moving, v_in, v_out
+    return Stretch(y, use, free, anchor, moving, v_in, v_out)
 
 
 @pytest.mark.parametrize(("pole", "ratio"), [(0.0, 0.3), (0.4, 0.02), (0.8, 5.0)])
@@ -72,7 +70,7 @@ def test_innovations_are_generalised_least_squares(pole, ratio):
     y, use, _, _, moving, v_in, v_out = data
     n, v_max = len(y), 0.8
     p, gram = np.zeros(N_LINEAR), np.zeros((N_COLUMNS, N_COLUMNS))
-    log_determinant, rows = whiten(*data, pole, v_max, ratio, p, gram)
+    log_determinant, rows = whiten(data, pole, v_max, ratio, p, gram)
 
     drive = np.column_stack(
         (v_in, v_in * (2 * v_max - v_in), -v_out, -v_out * (2 * v_max - v_out), -np.ones(n))
@@ -105,8 +103,8 @@ def test_without_process_noise_it_is_the_output_error():
     data = stretch()
     p = np.array([0.01, 0.0, 0.05, 0.0, 1e-5])
     ours, theirs = np.zeros((N_COLUMNS, N_COLUMNS)), np.zeros((N_COLUMNS, N_COLUMNS))
-    whiten(*data, 0.3, 0.8, 0.0, p, ours)
-    accumulate(*data, 0.3, 0.8, 0.0, p, theirs)
+    whiten(data, 0.3, 0.8, 0.0, p, ours)
+    accumulate(data, 0.3, 0.8, 0.0, p, theirs)
     assert ours == pytest.approx(theirs, rel=1e-9, abs=1e-15)
 
 

@@ -21,6 +21,7 @@ from valve_twin.core.valves.press_cartridge.estimation.output_error import fit_o
 from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import (
     N_COLUMNS,
     N_LINEAR,
+    Stretch,
     accumulate,
     solve_positive,
 )
@@ -229,9 +230,8 @@ def test_without_wander_the_equations_are_least_squares_with_a_free_level():
     block = np.column_stack([np.cumsum(speed, axis=0), y])[use]
     block -= block.mean(axis=0)
     gram = np.zeros((N_COLUMNS, N_COLUMNS))
-    rows = accumulate(
-        y, use, yes, no, yes, v_in, v_out, pole, v_max, 0.0, np.zeros(N_LINEAR), gram
-    )[1]
+    data = Stretch(y, use, yes, no, yes, v_in, v_out)
+    rows = accumulate(data, pole, v_max, 0.0, np.zeros(N_LINEAR), gram)[1]
     keep = [0, 1, 2, 3, 4, 6]
     np.testing.assert_allclose(gram[np.ix_(keep, keep)], block.T @ block, rtol=1e-9, atol=1e-9)
     assert rows == use.sum() - 1

@@ -16,6 +16,7 @@ from valve_twin.core.valves.press_cartridge.estimation.kalman_kernel import whit
 from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import (
     N_COLUMNS,
     N_LINEAR,
+    Stretch,
 )
 from valve_twin.core.valves.press_cartridge.estimation.structure import whiten_columns
 
@@ -99,9 +100,9 @@ def test_columns_are_whitened_as_those_of_every_fit():
     use, free, anchor = rng.random(n) > 0.2, np.ones(n, bool), np.arange(n) == 50
     moving = np.arange(n) % 20 < 13
     v_in, v_out = np.where(moving, 0.5, 0.0), np.where(rng.random(n) > 0.7, 0.3, 0.0)
-    data = (y, use, free, anchor, moving, v_in, v_out)
+    data = Stretch(y, use, free, anchor, moving, v_in, v_out)
     p, expected = np.zeros(N_LINEAR), np.zeros((N_COLUMNS, N_COLUMNS))
-    rows = whiten(*data, pole, v_max, ratio, p, expected)[1]
+    rows = whiten(data, pole, v_max, ratio, p, expected)[1]
     drives = np.column_stack(
         (v_in, v_in * (2 * v_max - v_in), -v_out, -v_out * (2 * v_max - v_out), -np.ones(n))
     )

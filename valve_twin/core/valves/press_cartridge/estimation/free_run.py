@@ -14,6 +14,7 @@ from valve_twin.core.valves.press_cartridge.estimation.excitation import GuardOp
 from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import (
     N_COLUMNS,
     N_LINEAR,
+    Stretch,
     search_pole,
 )
 
@@ -215,6 +216,10 @@ class Phases:
     anchor: BoolArray
     moving: BoolArray
 
+    def stretch(self, position: FloatArray, use: BoolArray) -> Stretch:
+        """Return what the kernels take, with position [1] and samples that have weight, (N,)."""
+        return Stretch(position, use, self.free, self.anchor, self.moving, self.v_in, self.v_out)
+
 
 def find_phases(run: Run, lag: int, options: OutputErrorOptions) -> Phases:
     """Tell rest on a seat, hold and motion apart."""
@@ -234,13 +239,7 @@ def fit_lag(
     phases = find_phases(run, lag, options)
     p, gram = np.zeros(N_LINEAR), np.zeros((N_COLUMNS, N_COLUMNS))
     pole, cost, log_determinant, rows = search_pole(
-        run.position,
-        run.use,
-        phases.free,
-        phases.anchor,
-        phases.moving,
-        phases.v_in,
-        phases.v_out,
+        phases.stretch(run.position, run.use),
         options.v_max,
         options.wander,
         columns,

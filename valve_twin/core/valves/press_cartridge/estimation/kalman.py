@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
     from valve_twin.core.estimation.data.masks import Masks
     from valve_twin.core.types import BoolArray, FloatArray, Frames, IntArray
-    from valve_twin.core.valves.press_cartridge.estimation.kalman_kernel import Stretch
+    from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import Stretch
 
 ESTIMATOR = "kalman"
 
@@ -215,16 +215,7 @@ class _Problem:
         return np.tensordot(weight / weight.sum(), np.array(parts), axes=1)
 
     def _data(self) -> Stretch:
-        phases = self.phases
-        return (
-            self.told.run.position,
-            self.use,
-            phases.free,
-            phases.anchor,
-            phases.moving,
-            phases.v_in,
-            phases.v_out,
-        )
+        return self.phases.stretch(self.told.run.position, self.use)
 
     def _solution(
         self, pole: float, p: FloatArray, gram: FloatArray, cost: float, rows: int

@@ -30,17 +30,12 @@ from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel impor
     N_COLUMNS,
     N_LINEAR,
     POLE_MAX,
+    Stretch,
     solve_positive,
 )
 
 if TYPE_CHECKING:
-    from typing import TypeAlias
-
     from valve_twin.core.types import BoolArray, FloatArray
-
-    Stretch: TypeAlias = tuple[
-        FloatArray, BoolArray, BoolArray, BoolArray, BoolArray, FloatArray, FloatArray
-    ]
 
 _POLES = 13
 _NEAR = 0.1  # half width of the pole search around the pole of a neighbouring ratio
@@ -56,13 +51,7 @@ _SINGULAR = 1e-12  # relative pivot below which columns count as dependent
 
 @njit(cache=True)
 def whiten(
-    y: FloatArray,
-    use: BoolArray,
-    free: BoolArray,
-    anchor: BoolArray,
-    moving: BoolArray,
-    v_in: FloatArray,
-    v_out: FloatArray,
+    data: Stretch,
     pole: float,
     v_max: float,
     ratio: float,
@@ -73,12 +62,8 @@ def whiten(
 
     Parameters
     ----------
-    y : (N,) array
-        Measured position [1].
-    use, free, anchor, moving : (N,) bool arrays
-        Sample is measured; spool is off the seats; level is unknown anew; a command acts.
-    v_in, v_out : (N,) arrays
-        Commands that act at the sample, lag included [1].
+    data : Stretch
+        N samples [1].
     pole, v_max, ratio : float
         Pole [1], greatest command [1], variance of process over measurement noise [1].
     p : (5,) array
@@ -86,6 +71,7 @@ def whiten(
     gram : (7, 7) array
         Result.
     """
+    y, use, free, anchor, moving, v_in, v_out = data
     gram[:, :] = 0.0
     # response of the free run and state of the filter, one column a parameter
     speed, level = np.zeros(N_COLUMNS), np.zeros(N_COLUMNS)
@@ -192,7 +178,7 @@ def _likelihood(
     gram: FloatArray,
 ) -> float:
     """Return minus twice the log likelihood, a constant left out, and write its minimiser `p`."""
-    log_determinant, rows = whiten(*data, pole, v_max, ratio, p, gram)
+    log_determinant, rows = whiten(data, pole, v_max, ratio, p, gram)
     cost = float(solve_positive(gram, columns, p))
     return float(rows * np.log(max(cost, 1e-300) / max(rows, 1)) + log_determinant)
 
@@ -285,7 +271,7 @@ def restricted(
     """
     pole = _best_pole(data, v_max, ratio, columns, low, high, start, p, gram)
     _likelihood(data, pole, v_max, ratio, columns, p, gram)
-    log_determinant, rows = whiten(*data, pole, v_max, ratio, p, gram)
+    log_determinant, rows = whiten(data, pole, v_max, ratio, p, gram)
     cost = float(solve_positive(gram, columns, p))
     used = np.zeros(N_LINEAR + 1, dtype=np.bool_)
     count = 0
@@ -348,8 +334,8 @@ def search_ratio(
 
     Parameters
     ----------
-    data : tuple of (N,) arrays
-        y, use, free, anchor, moving, v_in, v_out as in `whiten`.
+    data : Stretch
+        N samples [1].
     v_max : float
         Greatest command [1].
     columns : (5,) bool array

@@ -15,7 +15,7 @@ parameters.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -38,15 +38,31 @@ _GOLDEN = 0.6180339887498949
 _SINGULAR = 1e-12  # relative pivot below which columns count as dependent
 
 
+class Stretch(NamedTuple):
+    """One cycle as the kernels see it, (N,) each.
+
+    Attributes
+    ----------
+    y : (N,) array
+        Measured position [1].
+    use, free, anchor, moving : (N,) bool arrays
+        Sample has weight; spool is off the seats; level is unknown anew; a command acts.
+    v_in, v_out : (N,) arrays
+        Commands that act at the sample, lag included [1].
+    """
+
+    y: FloatArray
+    use: BoolArray
+    free: BoolArray
+    anchor: BoolArray
+    moving: BoolArray
+    v_in: FloatArray
+    v_out: FloatArray
+
+
 @njit(cache=True)
 def accumulate(
-    y: FloatArray,
-    use: BoolArray,
-    free: BoolArray,
-    anchor: BoolArray,
-    moving: BoolArray,
-    v_in: FloatArray,
-    v_out: FloatArray,
+    data: Stretch,
     pole: float,
     v_max: float,
     wander: float,
@@ -62,12 +78,8 @@ def accumulate(
 
     Parameters
     ----------
-    y : (N,) array
-        Measured position [1].
-    use, free, anchor, moving : (N,) bool arrays
-        Sample has weight; spool is off the seats; level is unknown anew; a command acts.
-    v_in, v_out : (N,) arrays
-        Commands that act at the sample, lag included [1].
+    data : Stretch
+        N samples [1].
     pole, v_max, wander : float
         Pole [1], greatest command [1], random walk [1].
     p : (5,) array
@@ -75,6 +87,7 @@ def accumulate(
     gram : (7, 7) array
         Result.
     """
+    y, use, free, anchor, moving, v_in, v_out = data
     gram[:, :] = 0.0
     speed = np.zeros(N_COLUMNS)
     level = np.zeros(N_COLUMNS)
@@ -194,13 +207,7 @@ def solve_positive(gram: FloatArray, columns: BoolArray, p: FloatArray) -> float
 
 @njit(cache=True)
 def _cost(
-    y: FloatArray,
-    use: BoolArray,
-    free: BoolArray,
-    anchor: BoolArray,
-    moving: BoolArray,
-    v_in: FloatArray,
-    v_out: FloatArray,
+    data: Stretch,
     pole: float,
     v_max: float,
     wander: float,
@@ -210,19 +217,13 @@ def _cost(
 ) -> float:
     """Return the least cost for one pole; `p` and `gram` are written."""
     p[:] = 0.0
-    accumulate(y, use, free, anchor, moving, v_in, v_out, pole, v_max, wander, p, gram)
+    accumulate(data, pole, v_max, wander, p, gram)
     return float(solve_positive(gram, columns, p))
 
 
 @njit(cache=True)
 def search_pole(
-    y: FloatArray,
-    use: BoolArray,
-    free: BoolArray,
-    anchor: BoolArray,
-    moving: BoolArray,
-    v_in: FloatArray,
-    v_out: FloatArray,
+    data: Stretch,
     v_max: float,
     wander: float,
     columns: BoolArray,
@@ -244,41 +245,21 @@ def search_pole(
         best = np.inf
         pole = 0.0
         for k in range(_GRID):
-            cost = _cost(
-                y,
-                use,
-                free,
-                anchor,
-                moving,
-                v_in,
-                v_out,
-                k * step,
-                v_max,
-                wander,
-                columns,
-                p,
-                gram,
-            )
+            cost = _cost(data, k * step, v_max, wander, columns, p, gram)
             if cost < best:
                 best, pole = cost, k * step
         low, high = max(pole - step, 0.0), min(pole + step, POLE_MAX)
         for _ in range(_REFINEMENTS if refine else 0):
             left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-            f_left = _cost(
-                y, use, free, anchor, moving, v_in, v_out, left, v_max, wander, columns, p, gram
-            )
-            f_right = _cost(
-                y, use, free, anchor, moving, v_in, v_out, right, v_max, wander, columns, p, gram
-            )
+            f_left = _cost(data, left, v_max, wander, columns, p, gram)
+            f_right = _cost(data, right, v_max, wander, columns, p, gram)
             if f_left < f_right:
                 high = right
             else:
                 low = left
             if min(f_left, f_right) < best:
                 best, pole = (f_left, left) if f_left < f_right else (f_right, right)
-    _cost(y, use, free, anchor, moving, v_in, v_out, pole, v_max, wander, columns, p, gram)
-    log_determinant, rows = accumulate(
-        y, use, free, anchor, moving, v_in, v_out, pole, v_max, wander, p, gram
-    )
+    _cost(data, pole, v_max, wander, columns, p, gram)
+    log_determinant, rows = accumulate(data, pole, v_max, wander, p, gram)
     cost = solve_positive(gram, columns, p)
     return pole, cost, log_determinant, rows
