@@ -7,7 +7,8 @@ from __future__ import annotations
 import pytest
 
 from test.core.test_cycles import PRESS, cycles_of, make_frames, press_frames, run
-from valve_twin.core.cycles import Announced, CycleConfig, Resume
+from valve_twin.core.cycles import CycleConfig
+from valve_twin.core.state import Announced, Resume
 from valve_twin.core.types import CycleRule
 
 N = 300

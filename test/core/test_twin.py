@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
+import inspect
 import itertools
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -239,3 +241,85 @@ def test_the_mean_of_a_condition_stands_in_every_estimate(record):
         assert found["load"] == pytest.approx(100.0 * estimate.cycle + 0.5, abs=0.01)
         assert found["stroke"] > 0.0
         assert "temperature" not in found
+
+
+def disturbed(record, seed):
+    """Return pushes of the record: blocks of any length, one gap, one clock that was set back."""
+    rng = np.random.default_rng(seed)
+    edges = np.unique(np.concatenate(([0, len(record)], rng.integers(1, len(record), 30))))
+    gap = int(rng.integers(SAMPLES, 4 * SAMPLES))
+    jump = int(rng.integers(1, len(edges) - 1))
+    kept = np.flatnonzero((np.arange(len(record)) < gap) | (np.arange(len(record)) > gap + 40))
+    columns = {
+        "command": record.inputs[:, 0],
+        "cycle_counter": record.cycle.astype(float),
+        "position": record.position,
+    }
+    pushes = []
+    for k, (a, b) in enumerate(itertools.pairwise(edges)):
+        rows = kept[(kept >= a) & (kept < b)]
+        back = 10**10 if k >= jump else 0
+        pushes += [(name, record.stamp_ns[rows] - back, v[rows]) for name, v in columns.items()]
+    return pushes
+
+
+def run_with_restart(pushes, patience, restart):
+    """Push all; at push `restart` another twin goes on from the snapshot of the first."""
+    twin, events, job, waited = Twin(CONFIG, MODEL), [], None, 0
+    for k, (name, stamps, values) in enumerate(pushes):
+        if k == restart:
+            state = pickle.loads(pickle.dumps(twin.snapshot()))
+            twin = Twin(CONFIG, MODEL, last_cycle=3)
+            twin.restore(state)
+            job = twin.next_job() if job is not None else None
+        events += twin.push(name, stamps, values)
+        job = job or twin.next_job()
+        waited += job is not None
+        if job is not None and waited > patience:
+            events += deliver(twin, job)
+            job, waited = None, 0
+    while (job := job or twin.next_job()) is not None:
+        events += deliver(twin, job)
+        job = None
+    return [*events, *twin.finish()], twin.counts()
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(0, 12), st.integers(0, 89))
+@settings(max_examples=15)
+def test_a_twin_goes_on_from_a_snapshot_with_the_same_bits(record, seed, patience, restart):
+    """Inside a cycle, in a gap, after a clock jump, with a job out: wherever it is taken."""
+    pushes = disturbed(record, seed)
+    whole, counted = run_with_restart(pushes, patience, restart=-1)
+    again, counted_again = run_with_restart(pushes, patience, restart % len(pushes))
+    assert bits(again) == bits(whole)
+    assert repr([e for e in again if isinstance(e, ClockJump)]) == repr(
+        [e for e in whole if isinstance(e, ClockJump)]
+    )
+    cycles, cycles_again = ([e for e in run if isinstance(e, Cycle)] for run in (whole, again))
+    assert [(c.number, c.reason, c.missed_cycles, c.reproducible) for c in cycles_again] == [
+        (c.number, c.reason, c.missed_cycles, c.reproducible) for c in cycles
+    ]
+    assert counted_again == counted
+
+
+CONFIGURED = {
+    *("_config", "_model", "predicts", "_period_s", "_columns", "_limits_ns", "_step_ns"),
+    *("_n_inputs", "_names", "_counter", "_reference", "_conditions", "_hold_back_ns", "_jump_ns"),
+}
+
+
+def test_a_restore_sets_all_that_is_not_configured():
+    """Whoever gives a part one more thing to remember gives it to its state, too."""
+    twin = Twin(CONFIG, MODEL)
+    for part in (twin, twin._segmenter, twin._aligner):
+        source = inspect.getsource(type(part).restore)
+        names = set(vars(part)) - CONFIGURED
+        assert len(names) >= 4
+        assert [name for name in names if f"self.{name}" not in source] == []
+
+
+def test_a_snapshot_of_other_signals_is_refused():
+    other = replace(CONFIG, counter=None)
+    state = Twin(other, MODEL).snapshot()
+    with pytest.raises(ValueError, match=r"of the signals position, command, not .*cycle_counter"):
+        Twin(CONFIG, MODEL).restore(state)

@@ -11,12 +11,13 @@ that is counted as late and the running cycle is marked as not reproducible.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
 
+from valve_twin.core.state import AlignerState, TrackState
 from valve_twin.core.types import CONDITIONS, BoolArray, FloatArray, Frames, IntArray
 
 if TYPE_CHECKING:
@@ -100,6 +101,42 @@ class Aligner:
         self._released_ns: int | None = None
         self.jumps = 0
         self.guessed = 0
+
+    def snapshot(self) -> AlignerState:
+        """Return the whole state; `restore` in an aligner of equal configuration goes on."""
+        tracks = tuple(
+            TrackState(
+                name=t.signal.name,
+                stamp_ns=np.concatenate([_NO_STAMPS, *t.stamps]),
+                values=np.concatenate([_NO_VALUES, *t.values]),
+                last_ns=t.last_ns,
+                held_value=t.held_value,
+                older_ns=tuple(t.older),
+                counts=astuple(t.counts),
+            )
+            for t in self._tracks
+        )
+        return AlignerState(tracks, self._released_ns, self.jumps, self.guessed)
+
+    def restore(self, state: AlignerState) -> None:
+        """Go on from a snapshot with the same bits.
+
+        Raises
+        ------
+        ValueError
+            If it was taken of other signals.
+        """
+        names = [t.name for t in state.tracks]
+        if names != list(self._names):
+            msg = f"the state is of the signals {', '.join(names)}, not {', '.join(self._names)}"
+            raise ValueError(msg)
+        for track, then in zip(self._tracks, state.tracks, strict=True):
+            some = len(then.stamp_ns) > 0
+            track.stamps = deque([then.stamp_ns] if some else [])
+            track.values = deque([then.values] if some else [])
+            track.last_ns, track.held_value = then.last_ns, then.held_value
+            track.older, track.counts = list(then.older_ns), SignalCounts(*then.counts)
+        self._released_ns, self.jumps, self.guessed = state.released_ns, state.jumps, state.guessed
 
     def counts(self) -> dict[str, SignalCounts]:
         """Return the counters of every signal by name."""

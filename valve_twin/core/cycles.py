@@ -14,42 +14,47 @@ from collections import deque
 from dataclasses import dataclass
 from enum import Enum
 from statistics import median
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
-from valve_twin.core.gaps import count_lost, extreme_steps, gap_ns
+from valve_twin.core.cycle_rules import (
+    ARMED,
+    LAST,
+    OPEN,
+    RUNNING,
+    SEEN,
+    WAS_HIGH,
+    RuleState,
+    mark_changes,
+    mark_commands,
+    mark_reference,
+)
+from valve_twin.core.gaps import PERIOD_TOLERANCE, count_lost, extreme_steps, gap_ns
+from valve_twin.core.state import Part, SegmenterState
 from valve_twin.core.types import (
     ByteArray,
     Cycle,
     CycleRule,
-    FloatArray,
     Frames,
     IntArray,
     join_frames,
 )
 
+if TYPE_CHECKING:
+    from valve_twin.core.state import Resume
+
 MIN_SAMPLES = 8
 """Fewest samples handed to estimation; a regression of paper 002, eq. (17) needs more than 4."""
 
 USUAL_SHARE = 0.9
-"""Share of the usual length that a cycle needs in which the record ends [A]."""
+"""Share of the usual length that a cycle needs in which the record ends (assumed)."""
 
 _JOINED_PARTS = 32
 """Parts of a cycle that are joined on the way: samples that come singly are not all joined at its
 end, where predictions would wait for it."""
 
-PERIOD_TOLERANCE = 0.1
-"""How far the median step of the stamps may be off the sampling time, relative [A]."""
-
 _USUAL_CYCLES = 20  # closed cycles whose median length is the usual one
-_STAY, _OPEN, _CLOSE = 0, 1, 2
-_START, _ACTIVE, _LAST = (
-    0,
-    1,
-    2,
-)  # integer state: start of the cycle, last activity, last window or counter
-_ARMED, _WAS_HIGH, _RUNNING, _SEEN = 0, 1, 2, 3  # flag state
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,128 +109,6 @@ class Closing(Enum):
     LIMIT = "no command for idle_close_s, or max_cycle_s reached"
     ASKED = "closed on request"
     END = "closed at the end of the record"
-
-
-@dataclass(frozen=True, slots=True)
-class Part:
-    """Consecutive frames of one cycle, or of none.
-
-    `ordinal` counts the cycles opened in this run (0 before the first), `number` is the published
-    cycle number (0 = between cycles), `opens` says that the first frame opens the cycle.
-    """
-
-    frames: Frames
-    ordinal: int
-    number: int
-    opens: bool
-
-
-@njit(cache=True)
-def _mark_commands(
-    stamp_ns: IntArray,
-    inputs: FloatArray,
-    columns: IntArray,
-    limits_ns: IntArray,
-    threshold: float,
-    rearm_threshold: float,
-    clock: IntArray,
-    flags: ByteArray,
-    marks: ByteArray,
-) -> None:
-    start_column, rearm_column = columns[0], columns[1]
-    for i in range(len(stamp_ns)):
-        t = stamp_ns[i]
-        high = inputs[i, start_column] > threshold
-        for j in range(inputs.shape[1]):
-            if inputs[i, j] > threshold:
-                clock[_ACTIVE] = t
-        if rearm_column >= 0:
-            if inputs[i, rearm_column] > rearm_threshold:
-                flags[_ARMED] = 1
-        elif not high:
-            flags[_ARMED] = 1
-        age = t - clock[_START]
-        if (
-            high
-            and not flags[_WAS_HIGH]
-            and flags[_ARMED]
-            and (not flags[_RUNNING] or age >= limits_ns[0])
-        ):
-            marks[i] = _OPEN
-            flags[_ARMED], flags[_RUNNING], clock[_START] = 0, 1, t
-        elif flags[_RUNNING] and (age >= limits_ns[1] or t - clock[_ACTIVE] >= limits_ns[2]):
-            marks[i] = _CLOSE
-            flags[_RUNNING], flags[_ARMED] = 0, 1
-        flags[_WAS_HIGH] = 1 if high else 0
-
-
-@njit(cache=True)
-def _mark_reference(
-    stamp_ns: IntArray,
-    reference: FloatArray,
-    limits_ns: IntArray,
-    low: float,
-    high: float,
-    clock: IntArray,
-    flags: ByteArray,
-    marks: ByteArray,
-) -> None:
-    for i in range(len(stamp_ns)):
-        t, value = stamp_ns[i], reference[i]
-        age = t - clock[_START]
-        if value < low:
-            flags[_ARMED] = 1
-        elif value >= high and flags[_ARMED] and (not flags[_RUNNING] or age >= limits_ns[0]):
-            marks[i] = _OPEN
-            flags[_ARMED], flags[_RUNNING], clock[_START] = 0, 1, t
-            continue
-        if flags[_RUNNING] and age >= limits_ns[1]:
-            marks[i] = _CLOSE
-            flags[_RUNNING] = 0
-
-
-@njit(cache=True)
-def _mark_changes(
-    keys: IntArray, known: ByteArray, clock: IntArray, flags: ByteArray, marks: ByteArray
-) -> None:
-    for i in range(len(keys)):
-        if known[i] and (not flags[_SEEN] or keys[i] != clock[_LAST]):
-            marks[i] = _OPEN
-            clock[_LAST], flags[_SEEN], flags[_RUNNING] = keys[i], 1, 1
-
-
-@dataclass(frozen=True, slots=True)
-class Announced:
-    """The last cycle that others were told of, whether it was stored or not.
-
-    Attributes
-    ----------
-    number : int
-        Its number, 0 = none.
-    start_ns : int
-        Its first stamp [ns].
-    """
-
-    number: int = 0
-    start_ns: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class Resume:
-    """Where a valve's cycles go on after a restart.
-
-    Attributes
-    ----------
-    start_ns, end_ns : int
-        First and last stamp of the last stored cycle [ns]; the last before the first =
-        none is stored.
-    announced : Announced
-        Its number is not given to a cycle that begins later, even if it was never stored.
-    """
-
-    start_ns: int = 0
-    end_ns: int = -(10**18)
-    announced: Announced = Announced()
 
 
 class Segmenter:
@@ -289,10 +172,8 @@ class Segmenter:
         self._forget()
 
     def _forget(self) -> None:
-        self._clock = np.zeros(3, dtype=np.int64)
-        self._flags = np.array([1, 0, 0, 0], dtype=np.uint8)
-        if self._config.rule is CycleRule.REFERENCE:
-            self._flags[_ARMED] = 0
+        armed = self._config.rule is not CycleRule.REFERENCE
+        self._clock, self._flags = RuleState(armed=armed).arrays()
         self._parts: list[Frames] = []
         self._loose: list[Frames] = []
         self._number = 0
@@ -303,6 +184,38 @@ class Segmenter:
     def running(self) -> int:
         """Number of the running cycle, 0 between cycles."""
         return self._number
+
+    def snapshot(self) -> SegmenterState:
+        """Return the whole state; `restore` in a segmenter of equal configuration goes on."""
+        parts = [*self._parts, *self._loose]
+        return SegmenterState(
+            rule=RuleState.of(self._clock, self._flags),
+            frames=join_frames(parts) if parts else None,
+            number=self._number,
+            missed=self._missed,
+            reproducible=self._reproducible,
+            last_number=self._last_number,
+            missed_before=self._missed_before,
+            counted_before=self._counted_before,
+            ordinal=self._ordinal,
+            lengths=tuple(self._lengths),
+            resume=self._resume,
+            first_ns=self._first_ns,
+            inside=self._inside,
+            goes_on=self._goes_on,
+        )
+
+    def restore(self, state: SegmenterState) -> None:
+        """Go on from a snapshot with the same bits."""
+        self._clock, self._flags = state.rule.arrays()
+        self._parts, self._loose = [] if state.frames is None else [state.frames], []
+        self._number, self._missed = state.number, state.missed
+        self._reproducible = state.reproducible
+        self._last_number, self._missed_before = state.last_number, state.missed_before
+        self._counted_before, self._ordinal = state.counted_before, state.ordinal
+        self._lengths = deque(state.lengths, maxlen=_USUAL_CYCLES)
+        self._resume, self._first_ns = state.resume, state.first_ns
+        self._inside, self._goes_on = state.inside, state.goes_on
 
     def reset(self) -> None:
         """Drop the running cycle (clock jump); numbering goes on, missed cycles are unknown."""
@@ -345,7 +258,7 @@ class Segmenter:
         for at in np.flatnonzero(marks).tolist():
             if at > begin:
                 out.append(self._extend(frames[begin:at], opens=opens))
-            opens = bool(marks[at] == _OPEN)
+            opens = bool(marks[at] == OPEN)
             out += self._close(Closing.NEXT if opens else Closing.LIMIT)
             if opens:
                 self._open(frames, at)
@@ -356,14 +269,14 @@ class Segmenter:
     def close(self, why: Closing) -> list[Cycle]:
         """Close the running cycle now, if there is one."""
         cycles = self._close(why)
-        self._flags[_RUNNING] = 0
+        self._flags[RUNNING] = 0
         return cycles
 
     def _mark(self, frames: Frames) -> ByteArray:
         marks = np.zeros(len(frames), dtype=np.uint8)
         config = self._config
         if config.rule is CycleRule.COMMANDS:
-            _mark_commands(
+            mark_commands(
                 frames.stamp_ns,
                 frames.inputs,
                 self._columns,
@@ -376,7 +289,7 @@ class Segmenter:
             )
         elif config.rule is CycleRule.REFERENCE:
             low = config.reference_level - config.reference_hysteresis
-            _mark_reference(
+            mark_reference(
                 frames.stamp_ns,
                 frames.reference,
                 self._limits_ns,
@@ -388,7 +301,7 @@ class Segmenter:
             )
         else:
             keys, known = self._keys(frames)
-            _mark_changes(keys, known, self._clock, self._flags, marks)
+            mark_changes(keys, known, self._clock, self._flags, marks)
         return marks
 
     def _keys(self, frames: Frames) -> tuple[IntArray, ByteArray]:
@@ -430,18 +343,18 @@ class Segmenter:
         stored = int(np.searchsorted(frames.stamp_ns, last.end_ns, side="right"))
         if stored:
             self._mark(frames[:stored])
-            self._flags[_RUNNING] = 0
+            self._flags[RUNNING] = 0
         self._inside = stored == len(frames)
         if not self._inside and self._config.rule is CycleRule.COMMANDS:
-            self._flags[_ARMED] = 1
+            self._flags[ARMED] = 1
         return stored
 
     def _start_late(self, frames: Frames) -> None:
-        self._flags[_WAS_HIGH], self._flags[_ARMED] = 1, 0
+        self._flags[WAS_HIGH], self._flags[ARMED] = 1, 0
         if self._config.rule in {CycleRule.COUNTER, CycleRule.WINDOW}:
             keys, known = self._keys(frames)
             if known.any():
-                self._clock[_LAST], self._flags[_SEEN] = keys[np.argmax(known)], 1
+                self._clock[LAST], self._flags[SEEN] = keys[np.argmax(known)], 1
 
     def _go_on(self, last: Resume, start_ns: int) -> None:
         """Take up the numbering at the first cycle after a restart."""

@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 GAP_PERIODS = 1.5
 """A step between two stamps above this many periods is a gap: at least one sample is missing."""
 
+PERIOD_TOLERANCE = 0.1
+"""How far the median step of the stamps may be off the sampling time, relative (assumed)."""
+
 
 def gap_ns(period_s: float) -> float:
     """Return the step between two stamps above which a sample is missing [ns]."""

@@ -19,15 +19,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.alignment import Aligner, SignalCounts, SignalRange
-from valve_twin.core.cycles import Closing, CycleConfig, Part, Resume, Segmenter
+from valve_twin.core.cycles import Closing, CycleConfig, Segmenter
 from valve_twin.core.estimation.cycle.sequence import InForce, Memory, model_in_force
 from valve_twin.core.prediction import residuals, restart_marks, run_model
+from valve_twin.core.state import TwinState
 from valve_twin.core.types import Cycle, Estimate, FloatArray, Frames, IntArray, Prediction
 from valve_twin.core.valves.interface import NoOptions
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
+    from valve_twin.core.state import Part, Resume
     from valve_twin.core.valves.interface import Options, ValveModel
 
 EFFECT_DELAY = 2
@@ -172,6 +174,43 @@ class Twin:
     def waits(self) -> bool:
         """Whether samples wait for the estimate that their cycle is due."""
         return bool(self._waiting)
+
+    def snapshot(self) -> TwinState:
+        """Return the whole state, at any time between two calls."""
+        running = [] if self._running is None else [(self._running.ordinal, self._running.cycle)]
+        return TwinState(
+            aligner=self._aligner.snapshot(),
+            segmenter=self._segmenter.snapshot(),
+            memory_after=tuple(self._memory_after.items()),
+            done=self._done,
+            ordinal=self._ordinal,
+            jobs=(*running, *self._jobs),
+            waiting=tuple(self._waiting),
+            early=tuple(sorted(self._early)),
+            in_force=self._in_force,
+            predictor=self._state.copy(),
+            last_ns=self._last_ns,
+        )
+
+    def restore(self, state: TwinState) -> None:
+        """Go on from the snapshot of a twin of equal configuration with the same bits.
+
+        The job that ran then is the next one.
+
+        Raises
+        ------
+        ValueError
+            If it was taken of other signals.
+        """
+        self._aligner.restore(state.aligner)
+        self._segmenter.restore(state.segmenter)
+        self._memory_after = dict(state.memory_after)
+        self._done, self._ordinal = state.done, state.ordinal
+        self._jobs, self._running = deque(state.jobs), None
+        self._waiting, self._early = deque(state.waiting), set(state.early)
+        self._in_force, self._state = state.in_force, state.predictor.copy()
+        self._last_ns = state.last_ns
+        self._jumps, self._guessed = state.aligner.jumps, state.aligner.guessed
 
     def counts(self) -> dict[str, SignalCounts]:
         """Return what happened to the samples of every signal."""

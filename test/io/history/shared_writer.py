@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from valve_twin.core.cycles import Announced
+from valve_twin.core.state import Announced
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.store import History
 

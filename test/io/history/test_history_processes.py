@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from test.io.history.test_store import bits, both
-from valve_twin.core.cycles import Announced
+from valve_twin.core.state import Announced
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.claim import LEAVE_S
 from valve_twin.io.history.store import History

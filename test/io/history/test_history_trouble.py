@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from test.io.history.test_store import VALVE, both, filled, record, store_cycles
-from valve_twin.core.cycles import Announced
+from valve_twin.core.state import Announced
 from valve_twin.core.types import Maintenance
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.store import CycleTakenError, History

@@ -20,7 +20,7 @@ import zlib
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
-from valve_twin.core.cycles import Announced
+from valve_twin.core.state import Announced
 from valve_twin.io.errors import StoreError
 
 if TYPE_CHECKING:

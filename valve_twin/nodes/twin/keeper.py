@@ -17,7 +17,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from valve_twin import __version__
-from valve_twin.core.cycles import Resume
+from valve_twin.core.state import Resume
 from valve_twin.io.history.store import CycleTakenError, History, cycle_record
 from valve_twin.nodes.runtime.node import STEADY, ValveNode
 from valve_twin.nodes.runtime.worker import WorkerThread

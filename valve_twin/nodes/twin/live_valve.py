@@ -14,8 +14,8 @@ import traceback
 from functools import partial
 from typing import TYPE_CHECKING
 
-from valve_twin.core.cycles import Announced
 from valve_twin.core.estimation.cycle.sequence import MEMORY_CYCLES, Memory, memory_from_history
+from valve_twin.core.state import Announced
 from valve_twin.core.twin import ClockJump, Estimated, Event
 from valve_twin.core.types import Cycle, Estimate, Prediction
 from valve_twin.core.valves.registry import get_model

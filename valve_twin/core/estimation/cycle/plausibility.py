@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.cycles import PERIOD_TOLERANCE
+from valve_twin.core.gaps import PERIOD_TOLERANCE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
