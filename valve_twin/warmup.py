@@ -88,10 +88,11 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 
 def _warm_up_demo(valve: str) -> None:
-    from valve_twin.demo.cases import DEFAULT, find_case
+    from valve_twin.core.valves.registry import DEFAULT_MODEL
+    from valve_twin.demo.cases import find_case
 
     with suppress(ValueError):  # an unknown valve is told by the demo
-        case = find_case(valve or DEFAULT)
+        case = find_case(valve or DEFAULT_MODEL)
         for rule in CycleRule:
             run_once(case.model, rule)
 

@@ -9,13 +9,14 @@ import sys
 
 import pytest
 
-from valve_twin.demo.cases import DEFAULT, case_names
+from valve_twin.core.valves.registry import DEFAULT_MODEL
+from valve_twin.demo.cases import case_names
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 
 @pytest.mark.timeout(600)
-@pytest.mark.parametrize("model", [name for name in case_names() if name != DEFAULT])
+@pytest.mark.parametrize("model", [name for name in case_names() if name != DEFAULT_MODEL])
 def test_the_demo_of_a_valve_finds_what_was_injected(model, tmp_path):
     command = [sys.executable, "-m", "valve_twin.demo", "--valve", model, "--out", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -11,7 +11,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
-from valve_twin.core.valves.press_cartridge.budget import Budget, BudgetColumn, BudgetRow
+from valve_twin.core.valves.error_budget import Budget, BudgetColumn, BudgetRow
 from valve_twin.report import render_report
 from valve_twin.report.budget import budget_bars, budget_section
 

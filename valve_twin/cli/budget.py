@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import argparse
 
     from valve_twin.cli.common import Verbs
-    from valve_twin.core.valves.press_cartridge.budget import Budget
+    from valve_twin.core.valves.error_budget import Budget
 
 
 def add(verbs: Verbs) -> None:
@@ -54,7 +54,8 @@ def add(verbs: Verbs) -> None:
 
 
 def _budget(arguments: argparse.Namespace) -> int:
-    from valve_twin.core.valves.press_cartridge.budget import row_count
+    from valve_twin.core.valves.error_budget import row_count
+    from valve_twin.core.valves.registry import get_model
     from valve_twin.io.offline.budget import budget_options, configured_budget
     from valve_twin.io.offline.simulated_bag import simulation_of
 
@@ -65,7 +66,7 @@ def _budget(arguments: argparse.Namespace) -> int:
         realisations=arguments.realisations,
         seed=arguments.seed,
     )
-    rows = row_count(simulation_of(config, arguments.set))
+    rows = row_count(get_model(config.model), simulation_of(config, arguments.set))
     with progress_of("estimating", rows) as advance:
         budget = configured_budget(config, options, overrides=arguments.set, advance=advance)
     if not budget.columns:

@@ -13,7 +13,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from valve_twin.demo.cases import DEFAULT, ROOT, case_names, find_case
+from valve_twin.core.valves.registry import DEFAULT_MODEL
+from valve_twin.demo.cases import ROOT, case_names, find_case
 from valve_twin.demo.measured import BOILER_DATA, run_boiler
 from valve_twin.demo.processes import fresh_folder, isolate, say
 from valve_twin.demo.simulated import run_case
@@ -38,7 +39,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     arguments = _arguments(argv)
     try:
-        case = find_case(arguments.valve or DEFAULT, cycles=arguments.cycles, rate=arguments.rate)
+        case = find_case(
+            arguments.valve or DEFAULT_MODEL, cycles=arguments.cycles, rate=arguments.rate
+        )
     except ValueError as err:
         sys.stderr.write(f"demo: {err}\n")
         return 2
@@ -46,7 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     out = fresh_folder(Path(arguments.out))
     say(f"writing to {out}")
     ok = run_case(case, out)
-    if case.model != DEFAULT:
+    if case.model != DEFAULT_MODEL:
         return 0 if ok else 1
     data = Path(arguments.data) / BOILER_DATA
     if data.is_file():
@@ -58,7 +61,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="make demo", description=__doc__)
-    parser.add_argument("--valve", default=DEFAULT, help=f"one of {', '.join(case_names())}")
+    parser.add_argument("--valve", default=DEFAULT_MODEL, help=f"one of {', '.join(case_names())}")
     parser.add_argument("--cycles", type=int, default=0, help="production cycles to wait for")
     parser.add_argument("--rate", type=float, default=0.0, help="simulated seconds a second")
     parser.add_argument("--out", default="demo_output", help="folder for reports and bags")

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING
 
 import yaml
 
-from valve_twin.core.simulation import cycle_truth
 from valve_twin.core.types import CycleRule
-from valve_twin.core.valves.registry import get_model, get_simulation, model_names
+from valve_twin.core.valves.registry import get_model, model_names
 from valve_twin.io.config.valve import load_config
 from valve_twin.io.offline.simulated_bag import simulation_of
 
@@ -25,17 +24,9 @@ if TYPE_CHECKING:
     from valve_twin.io.config.valve import ValveConfig
 
 ROOT = Path(__file__).resolve().parents[2]
-DEFAULT = "press_cartridge"
-FILES = {DEFAULT: "simulated_press.yaml"}
-"""Files in `config/` that do not bear the name of their model."""
-
 DRIFT = 0.15
 """Relative change that is injected over the demo, in the direction of the file's own law."""
 
-PACES = {"servo_system": (24, 2.0)}
-"""Cycles and rate of valves whose estimation takes longer than a cycle would: 1.2 s of a core."""
-
-CYCLES = 60
 CYCLE_S = 0.6
 """Time that a cycle takes at least [s]: shorter ones run in real time, longer ones faster."""
 
@@ -72,6 +63,8 @@ class Case:
     counts : bool
         Whether the simulated valve's counter cuts the cycles: windows of fixed length begin
         anywhere in its cycle when it starts now.
+    maps_more : bool
+        Whether its counter and reference are mapped beside the signals of the file.
     """
 
     model: str
@@ -86,6 +79,7 @@ class Case:
     cycle_s: float
     batch: int
     counts: bool = False
+    maps_more: bool = False
 
 
 def case_names() -> tuple[str, ...]:
@@ -119,14 +113,28 @@ def find_case(model: str, *, cycles: int = 0, rate: float = 0.0) -> Case:
     if cycles < 0 or not 0.0 <= rate < math.inf:
         message = f"cycles = {cycles}, rate = {rate}: must not be negative"
         raise ValueError(message)
-    case = _press() if model == DEFAULT else _derived(model, cycles)
+    case = _case(model, cycles)
     case = replace(case, cycles=cycles or case.cycles, rate=rate or case.rate)
     return replace(case, batch=_batch(case))
 
 
 def config_of(model: str) -> Path:
-    """Return the configuration file of a model."""
-    return ROOT / "config" / FILES.get(model, f"{model}.yaml")
+    """Return the file in `config/` that lets a simulated valve of a model age.
+
+    That of the model's name goes before others.
+
+    Raises
+    ------
+    ValueError
+        If there is none.
+    """
+    folder = ROOT / "config"
+    own = folder / f"{model}.yaml"
+    for file in (own, *sorted(folder.glob("*.yaml"))):
+        if file.is_file() and _ages(file, model):
+            return file
+    message = f"no file in {folder} lets a valve of the model '{model}' age"
+    raise ValueError(message)
 
 
 def injected(case: Case, simulation: SimulationConfig, numbers: Sequence[int]) -> list[float]:
@@ -141,63 +149,53 @@ def injected(case: Case, simulation: SimulationConfig, numbers: Sequence[int]) -
     numbers : sequence of int
         Numbers of the cycles.
     """
-    if case.model == DEFAULT:  # a steady gain is no number of the plant
-        return [float(cycle_truth(simulation, n).gains[0]) for n in numbers]
+    model = get_model(case.model)
+    if model.demonstration.followed:
+        return [model.truth(simulation, n)[case.followed] for n in numbers]
     (rule,) = (r for r in simulation.aging if r.parameter == case.aged)
     return [rule.factor(n) for n in numbers]
 
 
-def _press() -> Case:
-    """Return the press valve: -14 % of the filling pilot area over 70 cycles."""
-    return Case(
-        model=DEFAULT,
-        file=config_of(DEFAULT),
-        namespace="/press/valve_1",
-        label="press",
-        aged="area_in",
-        followed="K_in",
-        aging_rate=-0.002,
-        cycles=70,
-        rate=20.0,
-        cycle_s=25.5,
-        batch=1,
-    )
-
-
-def _derived(model: str, cycles: int) -> Case:
-    file = config_of(model)
+def _case(model: str, cycles: int) -> Case:
+    file, shown = config_of(model), get_model(model).demonstration
     config = load_config(file)[0]
     aged = _aged(config)
     simulation = simulation_of(config)
     (rule,) = (r for r in simulation.aging if r.parameter == aged)
     cycle_s = simulation.program.duration_s
-    own_cycles, rate = PACES.get(model, (CYCLES, max(1.0, round(cycle_s / CYCLE_S))))
+    derived = config.name if config.name.count("/") > 1 else f"/{model}/valve_1"
+    drift = math.copysign(DRIFT, rule.rate) / (cycles or shown.cycles)
+    counts = config.cycles.rule is CycleRule.WINDOW or shown.counter
     return Case(
         model=model,
         file=file,
-        namespace=config.name if config.name.count("/") > 1 else f"/{model}/valve_1",
-        label=model,
+        namespace=shown.namespace or derived,
+        label=shown.label or model,
         aged=aged,
-        followed=_followed(config, aged),
-        aging_rate=math.copysign(DRIFT, rule.rate) / (cycles or own_cycles),
-        cycles=own_cycles,
-        rate=rate,
+        followed=shown.followed or _followed(config, aged),
+        aging_rate=shown.aging_rate or drift,
+        cycles=shown.cycles,
+        rate=shown.rate or max(1.0, round(cycle_s / CYCLE_S)),
         cycle_s=cycle_s,
         batch=1,
-        counts=config.cycles.rule is CycleRule.WINDOW or model in PACES,
+        counts=counts,
+        maps_more=counts or config.cycles.rule is CycleRule.COMMANDS,
     )
 
 
 def _is_shown(model: str) -> bool:
-    file = config_of(model)
-    if not file.is_file():
-        return False
     try:
-        get_simulation(model)
+        return get_model(model).simulation() is not None and config_of(model).is_file()
     except ValueError:
         return False
+
+
+def _ages(file: Path, model: str) -> bool:
+    """Tell whether a configuration lets a simulated valve of that model age."""
     sections = yaml.safe_load(file.read_text(encoding="utf-8")).values()
-    return any(s["ros__parameters"].get("simulation", {}).get("aging") for s in sections)
+    trees = [s.get("ros__parameters", {}) for s in sections if isinstance(s, dict)]
+    models = {tree["model"] for tree in trees if "model" in tree}
+    return models == {model} and any(t.get("simulation", {}).get("aging") for t in trees)
 
 
 def _aged(config: ValveConfig) -> str:
@@ -225,7 +223,7 @@ def _followed(config: ValveConfig, aged: str) -> str:
 
 def _batch(case: Case) -> int:
     """Return the samples a message that keep the messages of a topic few."""
-    if case.model == DEFAULT:
+    if not get_model(case.model).demonstration.batched:
         return 1
     period_s = load_config(case.file)[0].period_s
     return max(1, round(case.rate / period_s / MESSAGES))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import yaml
 
-from valve_twin.demo.cases import DEFAULT, injected
+from valve_twin.demo.cases import injected
 from valve_twin.demo.processes import Processes, say, write_parameters
 from valve_twin.io.cdr.signals import SERIES_TYPE
 
@@ -69,7 +69,7 @@ def _parameters(case: Case, out: Path) -> dict[str, object]:
 def _signals(case: Case) -> dict[str, object]:
     """Map the cycle counter and the reference as well; batches change the type of all."""
     given: dict[str, dict[str, object]] = {}
-    if case.model == DEFAULT or case.counts:
+    if case.maps_more:
         given = {"cycle_counter": {"topic": "cycle"}, "reference": {"topic": "reference"}}
     if case.batch > 1:
         signals = _tree([case.file])["signals"]

@@ -14,7 +14,7 @@ from valve_twin.report.tables import Table
 from valve_twin.report.text import NONE, noted, number, render
 
 if TYPE_CHECKING:
-    from valve_twin.core.valves.press_cartridge.budget import Budget, BudgetRow
+    from valve_twin.core.valves.error_budget import Budget, BudgetRow
 
 _COLOURS = {
     "a": "#9ecae1",

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from valve_twin.core.aging import Assessment
-    from valve_twin.core.valves.press_cartridge.budget import Budget
+    from valve_twin.core.valves.error_budget import Budget
     from valve_twin.io.config.valve import ValveConfig
     from valve_twin.io.offline.run import Record
 

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from valve_twin.core.aging import Assessment
     from valve_twin.core.types import Estimate, Maintenance, Parameter, Prediction
-    from valve_twin.core.valves.press_cartridge.budget import Budget
+    from valve_twin.core.valves.error_budget import Budget
     from valve_twin.io.history.tables import CycleRecord
 
 

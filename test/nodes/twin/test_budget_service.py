@@ -8,7 +8,7 @@ from valve_twin_msgs.srv import GetErrorBudget
 
 from test.nodes.conftest import NS
 from valve_twin.core.simulation import configure
-from valve_twin.core.valves.press_cartridge.budget import BudgetOptions, error_budget
+from valve_twin.core.valves.error_budget import BudgetOptions, error_budget
 from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
 from valve_twin.nodes.twin.node import TwinNode
 

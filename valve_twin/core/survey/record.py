@@ -25,6 +25,7 @@ from valve_twin.core.survey.pairs import (
     find_driven,
     find_followed,
 )
+from valve_twin.core.valves.registry import get_model, model_names
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -137,7 +138,7 @@ def propose(signals: Mapping[str, Signal], *, position: str = "") -> Proposal | 
     period_s, evidence = _period(movers[found.position])
     taken = {r.source for r in roles}
     return Proposal(
-        model="press_cartridge" if isinstance(found, Driven) else "positioner",
+        model=_model_for("driven" if isinstance(found, Driven) else "followed"),
         roles=tuple(roles),
         period_s=period_s,
         period_evidence=evidence,
@@ -150,6 +151,11 @@ def propose(signals: Mapping[str, Signal], *, position: str = "") -> Proposal | 
         ),
         left_out=tuple(k for k in signals if k not in taken),
     )
+
+
+def _model_for(kind: str) -> str:
+    """Return the valve that is proposed for a kind of record."""
+    return next(name for name in model_names() if get_model(name).proposed_for == kind)
 
 
 def _cleaned(signal: Signal) -> Signal | None:

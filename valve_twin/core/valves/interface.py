@@ -56,6 +56,57 @@ class HasOptions(Protocol[O_co]):
         ...
 
 
+@dataclass(frozen=True, slots=True)
+class Approximation:
+    """What an approximation behind a model changes.
+
+    Attributes
+    ----------
+    letter : str
+        Its row in an error budget, "g" or later.
+    text : str
+        What is approximated.
+    error : (N,) array
+        What the real valve does beyond the approximate one under the same commands [1].
+    """
+
+    letter: str
+    text: str
+    error: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Demonstration:
+    """How a valve is shown; what is left out follows from its file in `config/`.
+
+    Attributes
+    ----------
+    namespace, label : str
+        Where its nodes live and how its files begin; empty = after the model.
+    followed : str
+        Published parameter that shows the aging; empty = that of the name of what ages.
+    aging_rate : float
+        Relative change a cycle [1]; 0 = 15 % over the demo, in the direction of the file's law.
+    cycles : int
+        Cycles to wait for.
+    rate : float
+        Simulated seconds a second [1]; 0 = one cycle in 0.6 s, at least in real time.
+    batched : bool
+        Whether messages may carry more than one sample.
+    counter : bool
+        Whether the simulated valve's counter cuts the cycles rather than the file's rule.
+    """
+
+    namespace: str = ""
+    label: str = ""
+    followed: str = ""
+    aging_rate: float = 0.0
+    cycles: int = 60
+    rate: float = 0.0
+    batched: bool = True
+    counter: bool = False
+
+
 class ValveModel(Protocol):
     """What is identified from a cycle, and how it predicts.
 
@@ -78,6 +129,14 @@ class ValveModel(Protocol):
         Whether inputs and output are parts of their full scale: percent are then recognised.
     variants : tuple of mapping
         Options under which further kernels run, which are then compiled at installation, too.
+    budget_estimator : str
+        Estimator that an error budget shows beside the trend's; empty = none.
+    approximation_rows : int
+        How many `approximations` there are.
+    proposed_for : str
+        Kind of record for which `configure` proposes the model, of `core.survey`; empty = none.
+    demonstration : Demonstration
+        How `make demo` shows the valve.
     """
 
     name: str
@@ -88,6 +147,10 @@ class ValveModel(Protocol):
     trend_estimator: str
     normalised: bool = False
     variants: tuple[Mapping[str, object], ...] = ()
+    budget_estimator: str = ""
+    approximation_rows: int = 0
+    proposed_for: str = ""
+    demonstration: Demonstration = Demonstration()
 
     def estimate(
         self, cycle: Cycle, options: Options, earlier: Sequence[Estimate] = ()
@@ -171,6 +234,23 @@ class ValveModel(Protocol):
     def signatures(self) -> SignatureTable | None:
         """Return how faults change the features; None = no fault is told from its features."""
         return None
+
+    def approximations(
+        self, simulation: SimulationConfig, commands: FloatArray, values: Mapping[str, float]
+    ) -> tuple[Approximation, ...]:
+        """Return what the approximations behind the model change in the output of a cycle.
+
+        Parameters
+        ----------
+        simulation : SimulationConfig
+            The simulated valve.
+        commands : (N, M) array
+            Recorded commands of one cycle [unit of the signals].
+        values : mapping
+            Identified parameters by name [unit of each].
+        """
+        del simulation, commands, values
+        return ()
 
     def simulation(self) -> SimulationConfig | None:
         """Return the valve's default simulation; None = it cannot be simulated."""

@@ -30,6 +30,9 @@ Given = TypeVar("Given")
 
 ENTRY_POINT_GROUP = "valve_twin.valves"
 
+DEFAULT_MODEL = "press_cartridge"
+"""Model of a configuration that names none: configurations from before there were others."""
+
 MEMBERS = tuple(m for m in (*ValveModel.__annotations__, *vars(ValveModel)) if m[0] != "_")
 """Every member of the protocol."""
 

@@ -18,7 +18,7 @@ from valve_twin.core.cycles import CycleConfig
 from valve_twin.core.quantity import Kind
 from valve_twin.core.types import CONDITIONS, CycleRule
 from valve_twin.core.valves.interface import NoOptions, Options, option_descriptors
-from valve_twin.core.valves.registry import complete_options, get_model
+from valve_twin.core.valves.registry import DEFAULT_MODEL, complete_options, get_model
 from valve_twin.io.cdr.message_types import full_type_name
 from valve_twin.io.cdr.signals import SERIES_TYPE, STAMPED_TYPE, SignalSource
 from valve_twin.io.config.csv import CsvConfig
@@ -100,10 +100,8 @@ VALVE_SPECS = (
     Spec(
         "model",
         Kind.STRING,
-        "press_cartridge",
-        "Valve model: press_cartridge, positioner, stepper_servo, "
-        "hybrid_actuator, servo_system, double_solenoid, cycle_timing, hydraulic_actuator or one "
-        "added by a package.",
+        DEFAULT_MODEL,
+        "Valve model: a name of those in the sections below or one added by a package.",
     ),
     Spec(
         "period_s", Kind.FLOAT, 0.03, "Nominal sampling time of the position.", "s", 1e-6, 3600.0

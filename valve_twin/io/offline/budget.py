@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from valve_twin.core.valves.press_cartridge.budget import Budget, BudgetOptions, error_budget
+from valve_twin.core.valves.error_budget import Budget, BudgetOptions, error_budget
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.errors import ConfigError
 from valve_twin.io.offline.simulated_bag import simulation_of

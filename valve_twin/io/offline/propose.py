@@ -234,7 +234,7 @@ def _signal_lines(role: Role, source: SignalSource, received: bool) -> list[str]
 def _option_lines(proposal: Proposal) -> list[str]:
     """Let the delay scan of the model reach well beyond the lag that was found."""
     upper = {d.name: d.upper for d in describe(get_model(proposal.model).options)}
-    if proposal.model == "positioner":
+    if "max_delay_s" in upper:
         longest = min(proposal.max_delay_s, upper["max_delay_s"])
         reach = f"max_delay_s: {_number(longest)}   # longest delay tried [s]"
     elif proposal.lag > _PRESS_LAG:

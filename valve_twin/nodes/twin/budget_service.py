@@ -8,7 +8,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from valve_twin.core.valves.press_cartridge.budget import Budget
+    from valve_twin.core.valves.error_budget import Budget
     from valve_twin.io.config.valve import ValveConfig
     from valve_twin.nodes.runtime.services import Done
     from valve_twin.nodes.runtime.worker import Outcome
@@ -40,7 +40,7 @@ def compute_budget(
         If a setting or a size cannot be used.
     """
     # a twin that is not asked needs neither the simulation nor the writing of bags
-    from valve_twin.core.valves.press_cartridge.budget import BudgetOptions
+    from valve_twin.core.valves.error_budget import BudgetOptions
     from valve_twin.io.offline.budget import budget_options, configured_budget
 
     plain = BudgetOptions()

@@ -72,6 +72,7 @@ class PositionerModel(ValveModel):
     options: PositionerOptions = field(default_factory=PositionerOptions)
     trend_estimator: str = ESTIMATOR
     normalised: bool = True
+    proposed_for: str = "followed"
     variants: tuple[Mapping[str, object], ...] = (
         {"second_order": True, "static_curve": True, "two_delays": True},
     )

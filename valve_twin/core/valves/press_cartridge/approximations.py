@@ -9,13 +9,13 @@ keeps where in the cycle the error stands, which is what an estimator answers to
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
 
 from valve_twin.core.simulation.plant import Drive
+from valve_twin.core.valves.interface import Approximation
 from valve_twin.core.valves.press_cartridge.rigid_kernel import run_rigid
 
 if TYPE_CHECKING:
@@ -26,25 +26,6 @@ if TYPE_CHECKING:
 
 V0 = 0.6
 """Command about which g is expanded (paper 002, Table 3: 0.5 to 0.7) [1] [A]."""
-
-
-@dataclass(frozen=True, slots=True)
-class Approximation:
-    """One approximation.
-
-    Attributes
-    ----------
-    letter : str
-        Its row in an error budget, "g" or later.
-    text : str
-        What is approximated.
-    error : (N,) array
-        What the real valve does beyond the approximate one under the same commands [1].
-    """
-
-    letter: str
-    text: str
-    error: FloatArray
 
 
 def press_approximations(

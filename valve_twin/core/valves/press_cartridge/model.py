@@ -33,7 +33,9 @@ from valve_twin.core.types import (
     Parameter,
     ParameterValue,
 )
+from valve_twin.core.valves.interface import Demonstration
 from valve_twin.core.valves.kit.compiled import CompiledModel
+from valve_twin.core.valves.press_cartridge.approximations import press_approximations
 from valve_twin.core.valves.press_cartridge.estimation import kalman, output_error
 from valve_twin.core.valves.press_cartridge.estimation.constraints import THETA, parse_inequalities
 from valve_twin.core.valves.press_cartridge.estimation.equation_error import (
@@ -53,7 +55,7 @@ from valve_twin.core.valves.press_cartridge.parameters import (
     PARAMETERS,
     PressCartridgeOptions,
 )
-from valve_twin.core.valves.press_cartridge.plant import default_simulation
+from valve_twin.core.valves.press_cartridge.plant import PressCartridgePlant, default_simulation
 from valve_twin.core.valves.press_cartridge.predictor import (
     COEFFICIENTS,
     LAG,
@@ -69,6 +71,7 @@ if TYPE_CHECKING:
 
     from valve_twin.core.diagnosis.table import SignatureTable
     from valve_twin.core.simulation.config import SimulationConfig
+    from valve_twin.core.valves.interface import Approximation
 
 _PUSH = (1.0, -1.0)
 
@@ -79,6 +82,17 @@ Below it the one-step error cannot tell and the free run decides. The free run a
 sample less with a slow pole in a fifth of the cycles that begin with the command (noise 1e-3),
 which moves K_out by 4 %.
 """
+
+
+_SHOWN = Demonstration(
+    namespace="/press/valve_1",
+    label="press",
+    followed="K_in",
+    aging_rate=-0.002,
+    cycles=70,
+    rate=20.0,
+    batched=False,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +108,10 @@ class PressCartridgeModel(CompiledModel):
     state_size = STATE
     trend_estimator: str = output_error.ESTIMATOR
     normalised: bool = True
+    budget_estimator: str = "equation_error_qp4"  # that of the paper
+    approximation_rows: int = 5
+    proposed_for: str = "driven"
+    demonstration: Demonstration = _SHOWN
 
     def estimate(
         self, cycle: Cycle, options: PressCartridgeOptions, earlier: Sequence[Estimate] = ()
@@ -204,6 +222,14 @@ class PressCartridgeModel(CompiledModel):
     def simulation(self) -> SimulationConfig:
         """Return the default simulation."""
         return default_simulation()
+
+    def approximations(
+        self, simulation: SimulationConfig, commands: FloatArray, values: Mapping[str, float]
+    ) -> tuple[Approximation, ...]:
+        """Return rows (g) to (k) of paper 002, Table 5, as `ValveModel.approximations` says."""
+        plant = simulation.plant
+        assert isinstance(plant, PressCartridgePlant)
+        return press_approximations(plant, commands, simulation.period_s, values)
 
     def truth(self, simulation: SimulationConfig, cycle: int) -> Mapping[str, float]:
         """Return the true gains, K_out at the default v_ref, as `ValveModel.truth` says."""

@@ -18,6 +18,7 @@ from valve_twin.core.types import (
     ParameterStatus,
     ParameterValue,
 )
+from valve_twin.core.valves.interface import Demonstration
 from valve_twin.core.valves.kit.compiled import CompiledModel, blank, verdict
 from valve_twin.core.valves.servo_system.fit import LoopFit, fit_loop
 from valve_twin.core.valves.servo_system.parameters import (
@@ -49,6 +50,9 @@ _REACH_S = 0.1
 """Longest delay between command and position that the check of the signals tries [s], assumed."""
 
 
+_SHOWN = Demonstration(cycles=24, rate=2.0, counter=True)  # an estimation takes 1.2 s
+
+
 @dataclass(frozen=True, slots=True)
 class ServoSystemModel(CompiledModel):
     """Implements `ValveModel` for the servosystem of paper 003."""
@@ -62,6 +66,7 @@ class ServoSystemModel(CompiledModel):
     state_size = STATE_SIZE
     trend_estimator: str = ESTIMATOR
     normalised: bool = True
+    demonstration: Demonstration = _SHOWN
 
     def estimate(
         self, cycle: Cycle, options: ServoSystemOptions, earlier: Sequence[Estimate] = ()

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from valve_twin.core.simulation import configure
+from valve_twin.core.valves.error_budget import BudgetOptions, error_budget, row_count
 from valve_twin.core.valves.positioner import MODEL as POSITIONER
 from valve_twin.core.valves.press_cartridge import MODEL
 from valve_twin.core.valves.press_cartridge.approximations import (
     euler_error,
     press_approximations,
 )
-from valve_twin.core.valves.press_cartridge.budget import BudgetOptions, error_budget, row_count
 from valve_twin.core.valves.press_cartridge.plant import PressCartridgePlant
 from valve_twin.core.valves.registry import complete_options, get_simulation
 
@@ -50,7 +50,7 @@ def commands():
 
 def test_it_has_the_rows_of_the_paper_for_gains_and_theta(quiet):
     assert "".join(row.letter for row in quiet.rows) == "abcdefghijk"
-    assert len(quiet.rows) == row_count(QUIET) == 11
+    assert len(quiet.rows) == row_count(MODEL, QUIET) == 11
     assert [c.parameter for c in quiet.columns] == ["K_in", "K_out", "leak", *THETA]
 
 
@@ -125,7 +125,7 @@ def test_a_valve_without_taylor_polynomials_has_the_measured_rows():
     options = complete_options(POSITIONER, {})
     budget = error_budget(POSITIONER, options, simulation, BudgetOptions(realisations=2))
     assert "".join(row.letter for row in budget.rows) == "acdf"
-    assert len(budget.rows) == row_count(simulation)
+    assert len(budget.rows) == row_count(POSITIONER, simulation)
     assert all(np.isfinite(row.errors).all() for row in budget.rows)
 
 

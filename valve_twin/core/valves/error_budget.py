@@ -22,8 +22,6 @@ from valve_twin.core.simulation.block import to_frames
 from valve_twin.core.simulation.config import StartFault
 from valve_twin.core.simulation.valve import SimulatedValve
 from valve_twin.core.types import Cycle, EstimateStatus
-from valve_twin.core.valves.press_cartridge.approximations import press_approximations
-from valve_twin.core.valves.press_cartridge.plant import PressCartridgePlant
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -31,9 +29,6 @@ if TYPE_CHECKING:
     from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.types import Estimate, FloatArray, Frames
     from valve_twin.core.valves.interface import Options, ValveModel
-
-PAPER_ESTIMATOR = "equation_error_qp4"
-"""Estimator of the paper, run as well where the model has it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +179,7 @@ def error_budget(
     """
     budget = budget or BudgetOptions()
     clean, noisy = _cycles(simulation, budget)
-    bench = _Bench(model, _with_paper(model, options), simulation.period_s)
+    bench = _Bench(model, _with_second(model, options), simulation.period_s)
     first = bench.estimates(clean[0])
     bench.columns = _columns(model, first)
     if not bench.columns:
@@ -206,10 +201,9 @@ def error_budget(
     return Budget(bench.columns, tuple(sorted(rows, key=lambda row: row.letter)))
 
 
-def row_count(simulation: SimulationConfig) -> int:
+def row_count(model: ValveModel, simulation: SimulationConfig) -> int:
     """Return about how many rows a budget has."""
-    rows = 2 * len(simulation.plant.inputs) + 2
-    return rows + 5 * isinstance(simulation.plant, PressCartridgePlant)
+    return 2 * len(simulation.plant.inputs) + 2 + model.approximation_rows
 
 
 def _cycles(
@@ -237,12 +231,13 @@ def _cycles(
     return [a for a, _ in both], [b for _, b in both]
 
 
-def _with_paper(model: ValveModel, options: Options) -> Options:
-    """Return the options with the paper's estimator beside the trend's, if the model has it."""
+def _with_second(model: ValveModel, options: Options) -> Options:
+    """Return the options with the model's second estimator beside the trend's, if it has one."""
+    second = model.budget_estimator
     known = next((d for d in describe(model.options) if d.name == "estimators"), None)
-    if known is None or PAPER_ESTIMATOR not in known.choices:
+    if known is None or second not in known.choices:
         return options
-    needed = [name for name in (model.trend_estimator, PAPER_ESTIMATOR) if name in known.choices]
+    needed = [name for name in (model.trend_estimator, second) if name in known.choices]
     return replace(options, estimators=tuple(needed))
 
 
@@ -254,7 +249,7 @@ def _with_lag(options: Options, first: tuple[Estimate, ...]) -> Options:
 
 
 def _columns(model: ValveModel, first: tuple[Estimate, ...]) -> tuple[BudgetColumn, ...]:
-    """Return what is trended, and theta of the paper; only what the cycle tells."""
+    """Return what is trended, and all of the second estimator; only what the cycle tells."""
     trended = {p.name for p in model.parameters if p.trend}
     return tuple(
         BudgetColumn(p.name, e.estimator, p.value)
@@ -262,7 +257,7 @@ def _columns(model: ValveModel, first: tuple[Estimate, ...]) -> tuple[BudgetColu
         for p in e.parameters
         if e.status is not EstimateStatus.REFUSED
         and (
-            e.estimator == PAPER_ESTIMATOR
+            e.estimator == model.budget_estimator
             or (e.estimator == model.trend_estimator and p.name in trended)
         )
         and math.isfinite(p.value)
@@ -321,14 +316,12 @@ def _approximations(
     noisy: list[Frames],
     base: list[FloatArray],
 ) -> Iterator[BudgetRow]:
-    """Rows (g) to (k), where the plant knows them: their error of position is added."""
-    plant = simulation.plant
-    if not isinstance(plant, PressCartridgePlant):
-        return
-    paper = next((e for e in first if e.estimator == PAPER_ESTIMATOR), first[0])
+    """Rows (g) to (k), where the model knows them: their error of position is added."""
+    second = bench.model.budget_estimator
+    paper = next((e for e in first if e.estimator == second), first[0])
     values = {p.name: p.value for p in paper.parameters}
     delay = simulation.measurement.delay
-    made = press_approximations(plant, noisy[0].inputs, simulation.period_s, values)
+    made = bench.model.approximations(simulation, noisy[0].inputs, values)
     for one in made:
         seen = np.concatenate([np.zeros(delay), one.error])[: len(one.error)]
         changes = [
