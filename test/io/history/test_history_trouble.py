@@ -14,12 +14,14 @@ from pathlib import Path
 import pytest
 
 from test.io.history.test_store import VALVE, both, filled, record, store_cycles
+from valve_twin.core.aging.verdict import Verdict, VerdictKind
 from valve_twin.core.state import Announced
 from valve_twin.core.types import Maintenance
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.store import CycleTakenError, History
 
 TAILS = ("", "-wal", "-shm")
+OK = Verdict(6, VALVE, VerdictKind.OK, VerdictKind.OK.text, "largest drift: K_in +0.1 %", 6)
 
 
 @pytest.fixture
@@ -127,11 +129,13 @@ class TestReplacedFile:
             history.backup(backup)
             store_cycles(history, 4, 7)
             history.add_maintenance(VALVE, Maintenance(5, 6, "seal"))
+            history.add_verdict(VALVE, OK)
             delete(file)
             backup.rename(file)
             assert history.store(VALVE, record(7), both(7))
             assert "3 cycles were added that it lacked" in history.notices[0]
             assert history.maintenance(VALVE) == [Maintenance(5, 6, "seal")]
+            assert history.verdicts(VALVE) == [OK]
         assert stored(file) == [1, 2, 3, 4, 5, 6, 7]
 
     def test_keeps_cycles_that_only_it_has(self, file: Path) -> None:

@@ -356,7 +356,7 @@ class TestErrors:
 
     def test_disk_full_leaves_no_part_of_a_cycle(self, file: Path) -> None:
         with filled(file) as history:
-            driver = history._database.direct()  # a disk with room for what is there
+            driver = history._database.driver  # a disk with room for what is there
             (pages,) = driver.execute("PRAGMA page_count").fetchone()
             driver.execute(f"PRAGMA max_page_count={pages}")
             with pytest.raises(

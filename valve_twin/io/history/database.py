@@ -14,8 +14,9 @@ import sqlite3
 import threading
 from contextlib import contextmanager
 from enum import Enum
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import sqlalchemy as sa
 from sqlalchemy.engine import URL, Connection, Engine, make_url
@@ -70,10 +71,9 @@ class Database:
         self._identity: tuple[int, int] | None = None
         self._log = f"{self.file}-wal"
         self._log_identity: tuple[int, int] | None = None
-        self._direct: sqlite3.Connection | None = None
+        self._kept: Connection | None = None
         self._turn = threading.Lock()
         self.engine = self._make_engine()
-        self._writer = self.engine.execution_options(valve_twin_write=True)
         try:
             with self.errors("opened"):
                 self._open()
@@ -86,17 +86,19 @@ class Database:
         """Whether this is a SQLite file."""
         return self.url.get_backend_name() == "sqlite"
 
-    def compile(self, statement: sa.Executable) -> str:
-        """Return the text of a statement for `exec_driver_sql`, twice as fast as `execute`."""
-        return str(cast("sa.sql.ClauseElement", statement).compile(dialect=self.engine.dialect))
+    def insert_new(self, table: sa.Table) -> Any:  # noqa: ANN401  each database has its own
+        """Return an insert that leaves rows alone whose key is taken, and counts the others."""
+        kind = "sqlite" if self.is_sqlite else "postgresql"  # that one is slow to import
+        insert = import_module(f"sqlalchemy.dialects.{kind}").insert(table)
+        return insert.on_conflict_do_nothing().execution_options(preserve_rowcount=True)
 
     def close(self) -> None:
         """Give all connections back."""
-        self.engine.dispose()
         with self._turn:
-            if self._direct is not None:
-                self._direct.close()
-                self._direct = None
+            if self._kept is not None:
+                self._kept.close()
+                self._kept = None
+        self.engine.dispose()
 
     def again(self) -> Database:
         """Open what stands under the name now, as at the first time."""
@@ -118,9 +120,22 @@ class Database:
                 msg = f"{self.where}: cannot be written: it was opened for reading only"
                 raise StoreError(msg)
             self.check_file()
-            with self._writer.begin() as connection:
+            with self.transaction() as connection:
+                self.check_file()
                 yield connection
             self.check_file()
+
+    @contextmanager
+    def transaction(self) -> Iterator[Connection]:
+        """Run one transaction in what is open, whatever stands under its name by now."""
+        if not self.is_sqlite:
+            with self.engine.begin() as connection:
+                yield connection
+            return
+        with self._turn:
+            kept = self.kept()
+            with kept.begin():
+                yield kept
 
     @contextmanager
     def read(self) -> Iterator[Connection]:
@@ -148,36 +163,18 @@ class Database:
             )
             raise StoreError(msg) from err
 
-    @contextmanager
-    def commit(self) -> Iterator[sqlite3.Connection]:
-        """Run one SQLite transaction past the layers above the driver: the daily way to store.
-
-        Raises
-        ------
-        StoreError
-            If it was not stored.
-        """
-        with self.errors("written"), self._turn:
-            self.check_file()
-            driver = self.direct()
-            driver.execute("BEGIN IMMEDIATE")
-            try:
-                yield driver
-                driver.execute("COMMIT")
-            except BaseException:
-                if driver.in_transaction:
-                    driver.execute("ROLLBACK")
-                raise
-            self.check_file()
-
-    def direct(self) -> sqlite3.Connection:
+    def kept(self) -> Connection:
         """Return the one connection that lives as long as the database is open (SQLite)."""
-        if self.read_only:
-            msg = f"{self.where}: cannot be written: it was opened for reading only"
-            raise StoreError(msg)
-        if self._direct is None:
-            self._direct = self._connect_sqlite()
-        return self._direct
+        if self._kept is None:
+            self._kept = self.engine.connect().execution_options(valve_twin_write=True)
+        return self._kept
+
+    @property
+    def driver(self) -> sqlite3.Connection:
+        """SQLite's own connection under `kept`: for copies and pragmas, outside a transaction."""
+        driver = self.kept().connection.driver_connection
+        assert isinstance(driver, sqlite3.Connection)
+        return driver
 
     def trouble(self) -> Trouble | None:
         """Return what happened to the SQLite file: its commits would be lost."""
@@ -292,9 +289,13 @@ class Database:
             self._keep_open()
 
     def _keep_open(self) -> None:
-        """Hold one connection, so that the files stay reachable whatever happens to the path."""
-        driver = self.direct()
-        driver.execute(f"SELECT count(*) FROM {SCHEMA_TABLE}").fetchone()
+        """Hold a connection, so that the files stay reachable whatever happens to the path.
+
+        Another one, for readers, stays in the pool.
+        """
+        self.driver.execute(f"SELECT count(*) FROM {SCHEMA_TABLE}").fetchone()  # takes no lock
+        with self.read() as connection:
+            self._schema_is_current(connection)
         self._log_identity = _identity(self._log)
 
     def _check_content(self, connection: Connection) -> None:
@@ -330,10 +331,8 @@ class Database:
                 )
                 raise StoreError(msg)
             return False
-        rows = (
-            connection.exec_driver_sql(f"SELECT version_num FROM {SCHEMA_TABLE}").scalars().all()
-        )
-        version = rows[0] if rows else ""
+        schema = sa.table(SCHEMA_TABLE, sa.column("version_num"))
+        version = connection.scalar(sa.select(schema.c.version_num)) or ""
         if version > SCHEMA_VERSION:
             msg = (
                 f"{self.where}: was written by a newer valve_twin (schema {version}, this one"
@@ -344,7 +343,7 @@ class Database:
         return version == SCHEMA_VERSION
 
     def _upgrade(self) -> None:
-        with self._writer.begin() as connection:
+        with self.transaction() as connection:
             if not self.is_sqlite:
                 connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({_ADVISORY_LOCK})")
             if not self._schema_is_current(connection):  # another process may have been faster

@@ -15,15 +15,16 @@ from contextlib import closing, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import sqlalchemy as sa
+from sqlalchemy.exc import DBAPIError
+
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.claim import only_one
 from valve_twin.io.history.database import Database, Trouble
-from valve_twin.io.history.tables import CYCLE, ESTIMATE, MAINTENANCE
+from valve_twin.io.history.tables import CYCLE, ESTIMATE, MAINTENANCE, VALVE, VERDICT
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    import sqlalchemy as sa
+    from sqlalchemy.engine import Connection
 
 _DAMAGED = ("malformed", "not a database")
 
@@ -81,7 +82,7 @@ def _write_again(database: Database) -> str:
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         with closing(sqlite3.connect(part)) as copy:
-            database.direct().backup(copy)
+            database.driver.backup(copy)
             copy.execute("PRAGMA journal_mode=DELETE")
             copy.execute("PRAGMA synchronous=FULL")
         for tail in ("-wal", "-shm"):  # of the deleted file: they must not meet the new one
@@ -101,7 +102,7 @@ def _write_again(database: Database) -> str:
 def _part_from_log(database: Database) -> None:
     """Complete a file that was moved away and remove its log, which must not meet a new one."""
     with suppress(sqlite3.Error):
-        database.direct().execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+        database.driver.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
     if database.log_is_own():
         for tail in ("-wal", "-shm"):
             Path(f"{database.file}{tail}").unlink(missing_ok=True)
@@ -116,7 +117,7 @@ def _sync(path: Path) -> None:
 
 
 def _empty_log(database: Database) -> None:
-    busy, _, _ = database.direct().execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+    busy, _, _ = database.driver.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
     if busy:
         msg = (
             f"{database.where}: its write-ahead log was deleted while in use and others still"
@@ -128,13 +129,11 @@ def _empty_log(database: Database) -> None:
 def _carry_over(old: Database, new: Database) -> str:
     """Store in the new file what the old one has and it lacks."""
     try:
-        valves = old.direct().execute("SELECT name, id FROM valve").fetchall()
-        with new.commit() as sink:
-            count = sum(
-                _carry_valve(old.direct(), sink, name, number, new.where)
-                for name, number in valves
-            )
-    except sqlite3.DatabaseError as err:
+        with new.transaction() as sink, old.transaction() as source:
+            valves = source.execute(sa.select(VALVE.c.name, VALVE.c.id)).all()
+            count = sum(_carry_valve(source, sink, new, *valve) for valve in valves)
+        new.check_file()
+    except (DBAPIError, sqlite3.DatabaseError) as err:
         if not any(sign in str(err) for sign in _DAMAGED):
             raise
         return ": the one in its place is used; the one before was damaged"
@@ -142,55 +141,40 @@ def _carry_over(old: Database, new: Database) -> str:
 
 
 def _carry_valve(
-    source: sqlite3.Connection, sink: sqlite3.Connection, name: str, old_id: int, where: str
+    source: Connection, sink: Connection, new: Database, name: str, old_id: int
 ) -> int:
-    sink.execute("INSERT INTO valve (name) VALUES (?) ON CONFLICT DO NOTHING", (name,))
-    new_id = sink.execute("SELECT id FROM valve WHERE name = ?", (name,)).fetchone()[0]
-    kept = {row[0]: row for row in _rows(sink, CYCLE, new_id)}
+    sink.execute(new.insert_new(VALVE), {"name": name})
+    new_id = sink.scalars(sa.select(VALVE.c.id).where(VALVE.c.name == name)).one()
+    kept = {row["cycle"]: row for row in _rows(sink, CYCLE, new_id)}
     missing = []
     for row in _rows(source, CYCLE, old_id):
-        if row[0] not in kept:
+        stored = kept.get(row["cycle"])
+        if stored is None:
             missing.append(row)
-        elif row[:-1] != kept[row[0]][:-1]:  # all but the software that stored it
+        elif stored | {"software": row["software"]} != row:
             msg = (
-                f"{where}: the file was replaced while in use by one that holds other cycles:"
-                f" cycle {row[0]} of {name} differs: put the right file in its place, or move this"
-                " one away"
+                f"{new.where}: the file was replaced while in use by one that holds other cycles:"
+                f" cycle {row['cycle']} of {name} differs: put the right file in its place, or"
+                " move this one away"
             )
             raise StoreError(msg)
-    wanted = {row[0] for row in missing}
-    estimates = [row for row in _rows(source, ESTIMATE, old_id) if row[0] in wanted]
-    known = set(_rows(sink, MAINTENANCE, new_id))
-    events = [row for row in _rows(source, MAINTENANCE, old_id) if row not in known]
-    for table, rows in ((CYCLE, missing), (ESTIMATE, estimates), (MAINTENANCE, events)):
-        _insert(sink, table, new_id, rows)
+    wanted = {row["cycle"] for row in missing}
+    rows = {CYCLE: missing}
+    rows[ESTIMATE] = [row for row in _rows(source, ESTIMATE, old_id) if row["cycle"] in wanted]
+    for table in (MAINTENANCE, VERDICT):
+        known = _rows(sink, table, new_id)
+        rows[table] = [row for row in _rows(source, table, old_id) if row not in known]
+    for table, found in rows.items():
+        if found:
+            sink.execute(table.insert(), [row | {"valve_id": new_id} for row in found])
     return len(missing)
 
 
-def _columns(table: sa.Table) -> list[str]:
-    """Return the columns that are content, the cycle first."""
-    names = [c.name for c in table.c if c.name not in {"id", "valve_id", "cycle"}]
-    return ["cycle", *names]
-
-
-def _rows(connection: sqlite3.Connection, table: sa.Table, valve_id: int) -> list[tuple[Any, ...]]:
-    columns = ", ".join(_columns(table))
-    order = "cycle, position" if table is ESTIMATE else "cycle"
-    return connection.execute(
-        f"SELECT {columns} FROM {table.name} WHERE valve_id = ? ORDER BY {order}",
-        (valve_id,),
-    ).fetchall()
-
-
-def _insert(
-    connection: sqlite3.Connection,
-    table: sa.Table,
-    valve_id: int,
-    rows: Sequence[tuple[Any, ...]],
-) -> None:
-    columns = ["valve_id", *_columns(table)]
-    names, marks = ", ".join(columns), ", ".join("?" * len(columns))
-    connection.executemany(
-        f"INSERT INTO {table.name} ({names}) VALUES ({marks})",
-        [(valve_id, *row) for row in rows],
+def _rows(connection: Connection, table: sa.Table, valve_id: int) -> list[dict[str, Any]]:
+    """Return the rows of a valve without the keys of their file."""
+    content = [c for c in table.c if c.name not in {"id", "valve_id"}]
+    order = [table.c[name] for name in ("cycle", "position", "id") if name in table.c]
+    found = connection.execute(
+        sa.select(*content).where(table.c.valve_id == valve_id).order_by(*order)
     )
+    return [dict(row) for row in found.mappings()]

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -98,11 +97,8 @@ class History:
         self._claims: dict[str, Claim] = {}
         self._mending = threading.Lock()
         self.notices: deque[str] = deque(maxlen=100)
-        kind = "sqlite" if self._database.is_sqlite else "postgresql"  # that one is slow to import
-        insert: Any = import_module(f"sqlalchemy.dialects.{kind}").insert
-        self._insert_valve = insert(VALVE).on_conflict_do_nothing()
-        self._insert_cycle = self._database.compile(insert(CYCLE).on_conflict_do_nothing())
-        self._insert_estimate = self._database.compile(ESTIMATE.insert().values(_names(ESTIMATE)))
+        self._insert_valve = self._database.insert_new(VALVE)
+        self._insert_cycle = self._database.insert_new(CYCLE)
 
     def __enter__(self) -> History:
         """Return the history itself."""
@@ -192,8 +188,7 @@ class History:
         if valve in self._claims:
             with self._database.errors("claimed"):
                 self._claims[valve].hold()
-        insert = self._insert_direct if self._database.is_sqlite else self._insert
-        if insert(valve, record, estimates):
+        if self._insert(valve, record, estimates):
             return True
         if self._is_stored(valve, record, estimates):
             return False
@@ -354,35 +349,15 @@ class History:
         with self._database.read() as connection:
             return cast("Sequence[Mapping[str, Any]]", connection.execute(query).mappings().all())
 
-    def _insert_direct(
-        self, valve: str, record: CycleRecord, estimates: Sequence[Estimate]
-    ) -> bool:
-        """Insert a cycle where its number is free, through SQLite's driver; return if it was."""
-        with self._database.commit() as driver:
-            valve_id = self._valve_ids.get(valve)
-            if valve_id is None:
-                driver.execute(
-                    "INSERT INTO valve (name) VALUES (?) ON CONFLICT DO NOTHING", (valve,)
-                )
-                found = driver.execute("SELECT id FROM valve WHERE name = ?", (valve,))
-                valve_id = int(found.fetchone()[0])
-            row = to_row(record, valve_id)
-            new = driver.execute(self._insert_cycle, row).rowcount == 1
-            if new and estimates:
-                rows = [estimate_row(valve_id, i, e) for i, e in enumerate(estimates)]
-                driver.executemany(self._insert_estimate, rows)
-        self._valve_ids[valve] = valve_id
-        return new
-
     def _insert(self, valve: str, record: CycleRecord, estimates: Sequence[Estimate]) -> bool:
-        """Insert a cycle where its number is free, in any database; return if it was."""
+        """Insert a cycle where its number is free; return if it was."""
         with self._database.write() as connection:
             valve_id = self._valve_id(connection, valve)
             row = to_row(record, valve_id)
-            new = connection.exec_driver_sql(self._insert_cycle, row).rowcount == 1
+            new = connection.execute(self._insert_cycle, row).rowcount == 1
             if new and estimates:
                 rows = [estimate_row(valve_id, i, e) for i, e in enumerate(estimates)]
-                connection.exec_driver_sql(self._insert_estimate, rows)
+                connection.execute(ESTIMATE.insert(), rows)
         self._valve_ids[valve] = valve_id
         return new
 
@@ -416,10 +391,6 @@ def _of_valve(table: sa.Table, valve: str) -> sa.Select[Any]:
     return (
         sa.select(table).join(VALVE, VALVE.c.id == table.c.valve_id).where(VALVE.c.name == valve)
     )
-
-
-def _names(table: sa.Table) -> dict[str, sa.BindParameter[Any]]:
-    return {c.name: sa.bindparam(c.name) for c in table.c if c.name != "id"}
 
 
 def _check_estimates(record: CycleRecord, estimates: Sequence[Estimate]) -> None:
