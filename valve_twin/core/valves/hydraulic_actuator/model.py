@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.gaps import find_gaps
 from valve_twin.core.types import (
     Estimate,
     EstimateStatus,
@@ -26,6 +25,7 @@ from valve_twin.core.valves.hydraulic_actuator.parameters import (
     HydraulicActuatorOptions,
 )
 from valve_twin.core.valves.kit.compiled import CompiledModel
+from valve_twin.core.valves.kit.record import longest_whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -125,14 +125,7 @@ class HydraulicActuatorModel(CompiledModel):
 
 def _record(cycle: Cycle) -> Record:
     """Return the longest stretch without a gap, from its first usable sample on."""
-    frames = cycle.frames
-    edges = np.concatenate(
-        ([0], np.flatnonzero(find_gaps(frames.stamp_ns, cycle.period_s)), [len(frames)])
-    )
-    longest = int(np.argmax(np.diff(edges)))
-    part = frames[int(edges[longest]) : int(edges[longest + 1])]
-    used = part.valid & np.isfinite(part.position) & np.isfinite(part.inputs[:, 0])
-    part, used = part[int(np.argmax(used)) :], used[int(np.argmax(used)) :]
+    part, used = longest_whole(cycle.frames, cycle.period_s)
     held = np.maximum.accumulate(np.where(used, np.arange(len(used)), 0))
     opening = np.ascontiguousarray(part.inputs[held, 0])
     pressure = np.ascontiguousarray(part.position[held])

@@ -43,6 +43,15 @@ class Record:
     counts: MaskCounts
 
 
+def longest_stretch(frames: Frames, period_s: float) -> Frames:
+    """Return the longest stretch without a gap of at least one sample, at a period [s]."""
+    edges = np.concatenate(
+        ([0], np.flatnonzero(find_gaps(frames.stamp_ns, period_s)), [len(frames)])
+    )
+    longest = int(np.argmax(np.diff(edges)))
+    return frames[int(edges[longest]) : int(edges[longest + 1])]
+
+
 def longest_whole(frames: Frames, period_s: float) -> tuple[Frames, BoolArray]:
     """Return the longest stretch without a gap, and which of its samples are usable.
 
@@ -58,11 +67,7 @@ def longest_whole(frames: Frames, period_s: float) -> tuple[Frames, BoolArray]:
     Frames, (N,) bool array
         From the first usable sample on, where there is one; valid and finite samples.
     """
-    edges = np.concatenate(
-        ([0], np.flatnonzero(find_gaps(frames.stamp_ns, period_s)), [len(frames)])
-    )
-    longest = int(np.argmax(np.diff(edges)))
-    part = frames[int(edges[longest]) : int(edges[longest + 1])]
+    part = longest_stretch(frames, period_s)
     usable = part.valid & np.isfinite(part.position) & np.isfinite(part.inputs).all(axis=1)
     first = int(np.argmax(usable))
     return part[first:], usable[first:]

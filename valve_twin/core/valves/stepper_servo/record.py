@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.gaps import find_gaps
+from valve_twin.core.valves.kit.record import longest_stretch
 from valve_twin.core.valves.stepper_servo.fit import Record
 from valve_twin.core.valves.stepper_servo.predictor import MAX_LAG
 
@@ -26,10 +26,7 @@ _BELIEVED = 1e3  # a larger value is none: positions are parts of the stroke [1]
 def take_record(cycle: Cycle) -> tuple[Record, int, int]:
     """Return the longest stretch without a gap, samples outside it, and bad ones inside."""
     frames = cycle.frames
-    gaps = find_gaps(frames.stamp_ns, cycle.period_s)
-    edges = np.concatenate(([0], np.flatnonzero(gaps), [len(frames)]))
-    longest = int(np.argmax(np.diff(edges)))
-    part = frames[int(edges[longest]) : int(edges[longest + 1])]
+    part = longest_stretch(frames, cycle.period_s)
     values = np.column_stack([part.position, part.inputs])
     used = part.valid & (np.abs(np.nan_to_num(values, nan=np.inf)) < _BELIEVED).all(axis=1)
     kept = np.maximum.accumulate(np.where(used, np.arange(len(part)), 0))
