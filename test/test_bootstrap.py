@@ -196,6 +196,25 @@ def test_a_change_redoes_only_what_depends_on_it(
     assert {step for step in before if before[step] != after[step]} == redone
 
 
+def test_the_demo_compiles_one_valve_and_a_whole_set_up_adds_the_rest(
+    step: Callable[[str], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    step("console")  # puts the folder of the set-up on the path
+    bootstrap = importlib.import_module("bootstrap")
+    monkeypatch.delitem(sys.modules, "bootstrap")
+    done: list[str | None] = []
+    monkeypatch.setattr(bootstrap, "forget_kernels", lambda: done.append("forget"))
+    monkeypatch.setattr(bootstrap, "compile_ahead", lambda _, demo: done.append(demo))
+    state, wanted = {"kernels": "old"}, {"kernels": "new"}
+    state |= bootstrap.compile_kernels(state, wanted, "", "")
+    assert done == ["forget", ""]
+    assert bootstrap.compile_kernels(state, wanted, "", "") == {}
+    state |= bootstrap.compile_kernels(state, wanted, "", "stepper_servo")
+    state |= bootstrap.compile_kernels(state, wanted, "", None)
+    assert done == ["forget", "", "stepper_servo", None]
+    assert bootstrap.compile_kernels(state, wanted, "", "servo_system") == {}
+
+
 def test_a_second_call_does_nothing_and_is_quick(step: Callable[[str], Any]) -> None:
     inputs = step("inputs")
     distro = os.environ.get("ROS_DISTRO", "")
