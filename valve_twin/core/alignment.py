@@ -152,7 +152,7 @@ class Aligner:
         stamp_ns : (N,) int64 array
             Stamps [ns].
         values : (N,) array
-            Values in the unit of the signal; anything but a finite number in range marks its
+            Values [unit of the signal]; anything but a finite number in range marks its
             frames as not valid.
 
         Returns

@@ -113,7 +113,7 @@ def run_model(
     model : ValveModel
         The valve's model.
     state : (S,) array
-        Its state, written in place.
+        Its state, written in place [unit by state].
     coefficients : (K,) array or None
         Of its `predict`; None = no model is in force: all NaN and NO_MODEL.
     frames : Frames
@@ -149,7 +149,7 @@ def fit_percent(y: FloatArray, simulated: FloatArray, *, least: int = 1) -> floa
     Parameters
     ----------
     y, simulated : (N,) arrays
-        Measured and simulated, the same unit; NaN where not known.
+        Measured and simulated [same unit]; NaN where not known.
     least : int
         Fewer known samples, or a constant y, give NaN.
     """

@@ -49,7 +49,19 @@ def current_control(g: CurrentGains, wanted: float, current: float, integral: fl
 def integrate_error(
     g: CurrentGains, wanted: float, current: float, integral: float, voltage: float
 ) -> float:
-    """Return the integral part after a sample; it stands while the voltage is limited [V]."""
+    """Return the integral part after a sample; it stands while the voltage is limited [V].
+
+    Parameters
+    ----------
+    g : CurrentGains
+        Gains and supply.
+    wanted, current : float
+        Reference and measurement [A].
+    integral : float
+        Integral part before the sample [V].
+    voltage : float
+        Voltage that the controller asks for [V].
+    """
     if abs(voltage) >= g.supply and voltage * (wanted - current) > 0.0:
         return integral
     limit = 0.5 * g.supply

@@ -100,12 +100,30 @@ def candidate(index: int, last: float) -> float:
 
 @njit(cache=True)
 def error_cost(w: TrajectoryWeights, first: float, error: float) -> float:
-    """Return the cost of an error [1] of a trajectory that started with the error `first` [1]."""
+    """Return the cost of an error [1] of a trajectory that started with the error `first` [1].
+
+    Parameters
+    ----------
+    w : TrajectoryWeights
+        Weights.
+    first, error : float
+        Error at the start and now [1].
+    """
     return error * error * (w.overshoot if error * first < 0.0 else 1.0)
 
 
 @njit(cache=True)
 def end_cost(w: TrajectoryWeights, speed: float, change: float) -> float:
-    """Return the cost of the speed at the end [1/s] and of the change of the input [1]."""
+    """Return the cost of the speed at the end [1/s] and of the change of the input [1].
+
+    Parameters
+    ----------
+    w : TrajectoryWeights
+        Weights.
+    speed : float
+        Speed at the end [1/s].
+    change : float
+        Change of the input [1].
+    """
     rest = w.speed_time * speed
     return rest * rest + w.effort * change * change

@@ -59,11 +59,29 @@ def smooth_root(drop: float, linear: float) -> tuple[float, float]:
 
 @njit(cache=True)
 def laminar(viscosity: float, length: float, bore: float) -> float:
-    """Return pressure loss over flow of a laminar line, 128 mu l/(pi d^4) [Pa s/m^3]."""
+    """Return pressure loss over flow of a laminar line, 128 mu l/(pi d^4) [Pa s/m^3].
+
+    Parameters
+    ----------
+    viscosity : float
+        Dynamic viscosity [Pa s].
+    length, bore : float
+        Of the line [m].
+    """
     return 128.0 * viscosity * length / (pi * bore**4)
 
 
 @njit(cache=True)
 def fittings(coefficient: float, density: float, area: float) -> float:
-    """Return pressure loss over flow squared of fittings, k rho/(2 A^2) [Pa s^2/m^6]."""
+    """Return pressure loss over flow squared of fittings, k rho/(2 A^2) [Pa s^2/m^6].
+
+    Parameters
+    ----------
+    coefficient : float
+        Loss coefficient k of all fittings [1].
+    density : float
+        Of the fluid [kg/m^3].
+    area : float
+        Of the line [m^2].
+    """
     return 0.5 * coefficient * density / (area * area)

@@ -30,9 +30,9 @@ def output(
     Parameters
     ----------
     u : float
-        Input, monotone since the memory was last written.
+        Input [any unit], monotone since the memory was last written.
     way : float
-        Rate of the input: its sign tells the slope of a play that stands on its edge.
+        Rate of the input [unit of u / s]: its sign tells the slope of a play on its edge.
     memory : (PLAYS,) array
         Outputs of the plays [unit of u].
     reach : float
@@ -53,7 +53,17 @@ def output(
 
 @njit(cache=True)
 def remember(u: float, memory: FloatArray, reach: float) -> None:
-    """Write the memory after the input has gone monotonically to `u`."""
+    """Write the memory after the input has gone monotonically to `u`.
+
+    Parameters
+    ----------
+    u : float
+        Input [any unit].
+    memory : (PLAYS,) array
+        Outputs of the plays, written in place [unit of u].
+    reach : float
+        Largest reach of a play [unit of u].
+    """
     count = len(memory)
     for k in range(count):
         r = reach * (k + 1) / count

@@ -118,7 +118,17 @@ def factorise(m: FloatArray, pivot: IntArray) -> bool:
 
 @njit(cache=True, inline="always")
 def solve(m: FloatArray, pivot: IntArray, b: FloatArray) -> None:
-    """Solve with what `factorise` left; `b` (S,) becomes the solution."""
+    """Solve with what `factorise` left; `b` (S,) becomes the solution.
+
+    Parameters
+    ----------
+    m : (S, S) array
+        Factors of W [1/s].
+    pivot : (S,) int64 array
+        Exchanged rows.
+    b : (S,) array
+        Right-hand side [unit by state].
+    """
     size = len(b)
     for k in range(size):
         if pivot[k] != k:
@@ -136,7 +146,17 @@ def solve(m: FloatArray, pivot: IntArray, b: FloatArray) -> None:
 
 @njit(cache=True, inline="always")
 def shift(jacobian: FloatArray, step: float, w: FloatArray) -> None:
-    """Write W = 1/(gamma h) - J of a step [s]; both (S, S)."""
+    """Write W = 1/(gamma h) - J of a step [s]; both (S, S).
+
+    Parameters
+    ----------
+    jacobian : (S, S) array
+        J [1/s in the units of the states].
+    step : float
+        Step h [s].
+    w : (S, S) array
+        Overwritten [as the Jacobian].
+    """
     size = len(w)
     for i in range(size):
         for j in range(size):
@@ -146,7 +166,19 @@ def shift(jacobian: FloatArray, step: float, w: FloatArray) -> None:
 
 @njit(cache=True, inline="always")
 def stage_point(y: FloatArray, k: FloatArray, i: int, point: FloatArray) -> None:
-    """Write where stage i (0..5) takes the right-hand side, (S,), from increments `k` (6, S)."""
+    """Write where stage i (0..5) takes the right-hand side, (S,), from increments `k` (6, S).
+
+    Parameters
+    ----------
+    y : (S,) array
+        State at the begin of the step [unit by state].
+    k : (6, S) array
+        Increments [unit by state].
+    i : int
+        Stage, 0 to 5.
+    point : (S,) array
+        Overwritten [unit by state].
+    """
     for s in range(len(y)):
         value = y[s]
         for j in range(i):
@@ -156,7 +188,17 @@ def stage_point(y: FloatArray, k: FloatArray, i: int, point: FloatArray) -> None
 
 @njit(cache=True, inline="always")
 def stage_load(k: FloatArray, i: int, step: float) -> None:
-    """Add the increments before stage i to `k[i]`, which holds f."""
+    """Add the increments before stage i to `k[i]`, which holds f.
+
+    Parameters
+    ----------
+    k : (6, S) array
+        Increments; row i holds f [unit by state].
+    i : int
+        Stage, 0 to 5.
+    step : float
+        Step [s].
+    """
     for j in range(i):
         weight = C[i, j] / step
         for s in range(k.shape[1]):
@@ -172,7 +214,7 @@ def error_norm(
     Parameters
     ----------
     y, new, error : (S,) arrays
-        State before and after the step, and its estimated error.
+        State before and after the step, and its estimated error [unit by state].
     floor : (S,) array
         Size of each state below which the error counts absolutely [its unit].
     rtol : float
@@ -215,13 +257,13 @@ def inside(y: FloatArray, new: FloatArray, k: FloatArray, theta: float, point: F
     Parameters
     ----------
     y, new : (S,) arrays
-        State before and after the step.
+        State before and after the step [unit by state].
     k : (6, S) array
-        Its increments.
+        Its increments [unit by state].
     theta : float
         Share of the step [1].
     point : (S,) array
-        Overwritten.
+        Overwritten [unit by state].
     """
     for s in range(len(y)):
         first, second = 0.0, 0.0

@@ -114,7 +114,21 @@ def _bilinear(table: FloatArray, row: float, k: int, t: float) -> float:
 
 @njit(cache=True)
 def current_at(m: MapTables, flux: float, other: float, k: int, t: float) -> float:
-    """Return `coil_current` at a column and share of `column_at` [A]."""
+    """Return `coil_current` at a column and share of `column_at` [A].
+
+    Parameters
+    ----------
+    m : MapTables
+        Tables of both coils.
+    flux : float
+        Flux linkage of the coil [Wb].
+    other : float
+        Current of the other coil [A].
+    k : int
+        Column of `column_at`.
+    t : float
+        Share of the way to the next column [1].
+    """
     own = flux - m.mutual * other
     found = _bilinear(m.current, abs(own) * m.per_flux, k, t)
     return found if own >= 0.0 else -found
@@ -122,7 +136,19 @@ def current_at(m: MapTables, flux: float, other: float, k: int, t: float) -> flo
 
 @njit(cache=True)
 def force_at(m: MapTables, current: float, k: int, t: float) -> float:
-    """Return `coil_force` at a column and share of `column_at` [N]."""
+    """Return `coil_force` at a column and share of `column_at` [N].
+
+    Parameters
+    ----------
+    m : MapTables
+        Tables of both coils.
+    current : float
+        Current of the coil [A].
+    k : int
+        Column of `column_at`.
+    t : float
+        Share of the way to the next column [1].
+    """
     return _bilinear(m.force, abs(current) * m.per_current, k, t)
 
 

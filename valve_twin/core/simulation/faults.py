@@ -87,6 +87,17 @@ class Faults:
 
         A fault replaces one of the same kind; kind "none" clears all.
 
+        Parameters
+        ----------
+        kind : str
+            Name of the fault; "none" clears all.
+        severity : float
+            Its size [unit by kind].
+        start : int
+            First sample.
+        samples : int
+            How many, 0 = for good [1].
+
         Raises
         ------
         ValueError

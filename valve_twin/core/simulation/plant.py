@@ -103,7 +103,17 @@ class Plant(Protocol):
         ...
 
     def run(self, state: FloatArray, drive: Drive, period_s: float) -> Response:
-        """Run N samples; `state` (S,) is written in place, same bits for any block length."""
+        """Run N samples; `state` (S,) is written in place, same bits for any block length.
+
+        Parameters
+        ----------
+        state : (S,) array
+            State of the plant, written in place [unit by state].
+        drive : Drive
+            What acts on it during N samples.
+        period_s : float
+            Sampling time [s].
+        """
         ...
 
     def steady_rate(self, inputs: FloatArray) -> float:

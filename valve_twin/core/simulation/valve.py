@@ -345,7 +345,17 @@ class SimulatedValve:
 def simulate_cycles(
     config: SimulationConfig, cycles: int, seed: int = 0
 ) -> Iterator[SimulationBlock]:
-    """Yield production cycles one by one, a block each."""
+    """Yield production cycles one by one, a block each.
+
+    Parameters
+    ----------
+    config : SimulationConfig
+        Plant, program, measurement, aging.
+    cycles : int
+        How many [1].
+    seed : int
+        Of all random numbers.
+    """
     valve = SimulatedValve(config, seed)
     for _ in range(cycles):
         yield valve.advance(config.cycle_samples)

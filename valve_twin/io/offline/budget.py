@@ -51,7 +51,19 @@ def configured_budget(
 def budget_options(
     *, offset: float, command_noise: float, realisations: int, seed: int
 ) -> BudgetOptions:
-    """Return the options of a budget; a value that cannot be used is a ConfigError."""
+    """Return the options of a budget; a value that cannot be used is a ConfigError.
+
+    Parameters
+    ----------
+    offset : float
+        Offset of commands and position [1].
+    command_noise : float
+        Standard deviation of the logged commands [1].
+    realisations : int
+        Draws of every noise [1].
+    seed : int
+        Of all random numbers.
+    """
     try:
         return BudgetOptions(offset, command_noise, realisations, seed)
     except ValueError as err:

@@ -29,7 +29,23 @@ def mark_samples(
     drive: FloatArray,
     x: FloatArray,
 ) -> None:
-    """Fill bad (N,), the net command (N,) and the position (N,), NaN where bad."""
+    """Fill bad (N,), the net command (N,) and the position (N,), NaN where bad.
+
+    Parameters
+    ----------
+    position : (N,) array
+        Measured position [1].
+    inputs : (N, M) array
+        Commands [1].
+    valid : (N,) bool array
+        Whether the frame is complete.
+    push : (M,) array
+        Direction into which each command drives [1].
+    bad : (N,) bool array
+        Overwritten.
+    drive, x : (N,) arrays
+        Overwritten with net command and position [1].
+    """
     for i in range(len(position)):
         good = valid[i] and np.isfinite(position[i])
         drive[i] = 0.0
@@ -44,7 +60,15 @@ def mark_samples(
 
 @njit(cache=True)
 def mark_breaks(bad: BoolArray, gap: BoolArray, breaks: BoolArray) -> None:
-    """Fill breaks (N,): the sample before this one is missing or bad, or this one is bad."""
+    """Fill breaks (N,): the sample before this one is missing or bad, or this one is bad.
+
+    Parameters
+    ----------
+    bad, gap : (N,) bool arrays
+        Bad samples, and those after a gap.
+    breaks : (N,) bool array
+        Overwritten.
+    """
     for i in range(len(bad)):
         breaks[i] = gap[i] or bad[i] or (i > 0 and bad[i - 1])
 
@@ -69,7 +93,21 @@ def mark_seat(
     reach: int,
     seat: BoolArray,
 ) -> None:
-    """Fill seat (N,): beyond a stop and pushed into it within the last `reach` samples."""
+    """Fill seat (N,): beyond a stop and pushed into it within the last `reach` samples.
+
+    Parameters
+    ----------
+    x, drive : (N,) arrays
+        Position and net command [1].
+    low, high : float
+        Where the stops begin [1].
+    active : float
+        Command that pushes [1].
+    reach : int
+        Samples that a push counts [1].
+    seat : (N,) bool array
+        Overwritten.
+    """
     down = up = _LONG_AGO
     for i in range(len(x)):
         if drive[i] < -active:
@@ -90,7 +128,23 @@ def mark_stuck(
     motion: float,
     stuck: BoolArray,
 ) -> None:
-    """Mark windows of 2 `half` samples commanded one way throughout without motion."""
+    """Mark windows of 2 `half` samples commanded one way throughout without motion.
+
+    Parameters
+    ----------
+    x, drive : (N,) arrays
+        Position and net command [1].
+    breaks : (N,) bool array
+        See `mark_breaks`.
+    half : int
+        Half a window [samples].
+    max_lag : int
+        Longest lag of the motion [samples].
+    command, motion : float
+        Least command that moves, least motion [1].
+    stuck : (N,) bool array
+        Set where it is stuck, else kept.
+    """
     n, window = len(x), 2 * half
     if n < window + max_lag:
         return
@@ -127,7 +181,21 @@ def rest_bends(
     active: float,
     settle: int,
 ) -> tuple[float, int]:
-    """Return the sum of squared second differences at rest, of fresh samples, and their number."""
+    """Return the sum of squared second differences at rest, of fresh samples, and their number.
+
+    Parameters
+    ----------
+    position : (N,) array
+        Measured position [1].
+    inputs : (N, M) array
+        Commands [1].
+    bad, gap, left_out : (N,) bool arrays
+        Bad samples, those after a gap, those not to be used.
+    active : float
+        Command that acts [1].
+    settle : int
+        Samples after a command until rest [1].
+    """
     acted, label = _LONG_AGO, 0
     count, first, second, total = 0, 0.0, 0.0, 0.0
     first_label = second_label = -1
@@ -153,7 +221,17 @@ def rest_bends(
 
 @njit(cache=True)
 def mark_rows(lost: BoolArray, bad: BoolArray, gap: BoolArray, back: int, rows: IntArray) -> int:
-    """Fill rows with the samples whose regression row is whole; returns how many."""
+    """Fill rows with the samples whose regression row is whole; returns how many.
+
+    Parameters
+    ----------
+    lost, bad, gap : (N,) bool arrays
+        Masked samples, bad ones, those after a gap.
+    back : int
+        Samples that a row reaches back [1].
+    rows : (N,) int64 array
+        Filled from its begin.
+    """
     count = 0
     last_lost = last_bad = last_gap = _LONG_AGO
     for i in range(len(lost)):
@@ -173,7 +251,23 @@ def mark_rows(lost: BoolArray, bad: BoolArray, gap: BoolArray, back: int, rows: 
 def excitation_sums(
     position: FloatArray, inputs: FloatArray, rows: IntArray, lag: int, column: int, active: float
 ) -> tuple[int, float, float, float]:
-    """Return rows with an active input, travel in them, mean and deviation of its level."""
+    """Return rows with an active input, travel in them, mean and deviation of its level.
+
+    Parameters
+    ----------
+    position : (N,) array
+        Measured position [1].
+    inputs : (N, M) array
+        Commands [1].
+    rows : (R,) int64 array
+        Samples of the regression.
+    lag : int
+        From command to position [samples].
+    column : int
+        Which command.
+    active : float
+        Level above which it acts [1].
+    """
     count, travel, total, square = 0, 0.0, 0.0, 0.0
     for n in rows:
         level = inputs[n - lag, column]
@@ -198,6 +292,17 @@ def choose_independent(
     """Fill chosen with the columns whose part outside the earlier ones is large enough.
 
     The part is a pivot of the Cholesky factor of the matrix scaled to a unit diagonal.
+
+    Parameters
+    ----------
+    matrix : (K, K) array
+        Normal matrix [1].
+    columns : (C,) int64 array
+        Candidates in their order.
+    least : float
+        Least part outside the earlier ones [1].
+    chosen : (C,) int64 array
+        Filled from its begin.
     """
     k = len(columns)
     lower, length = np.zeros((k, k)), np.empty(k)

@@ -59,6 +59,15 @@ def kkt_residual(p: QuadraticProgram, s: FloatArray, multipliers: FloatArray) ->
     """Return the largest violation of stationarity, feasibility and complementarity.
 
     Relative to the solution where that is large: nearly dependent columns.
+
+    Parameters
+    ----------
+    p : QuadraticProgram
+        The scaled problem.
+    s : (K,) array
+        Solution [1].
+    multipliers : (M,) array
+        Of the inequalities [1].
     """
     slack = p.b - p.a @ s
     stationarity = p.g @ s - p.f + p.a.T @ multipliers

@@ -29,7 +29,15 @@ _GOLDEN = 0.3819660112501051
 
 @njit(cache=True)
 def line_start(low: float, high: float, place: float, value: float) -> FloatArray:
-    """Return the (10,) state of a search in [low, high] that begins at a place with its value."""
+    """Return the (10,) state of a search in [low, high] that begins at a place with its value.
+
+    Parameters
+    ----------
+    low, high : float
+        Ends of the search [any unit].
+    place, value : float
+        Where it begins [unit of the ends], and the value there [any unit].
+    """
     state = np.zeros(_SIZE)
     state[_LOW], state[_HIGH] = low, high
     state[BEST] = state[_SECOND] = state[_THIRD] = place
@@ -73,7 +81,15 @@ def line_next(state: FloatArray, width: float) -> float:
 
 @njit(cache=True)
 def line_told(state: FloatArray, place: float, value: float) -> None:
-    """Take the value at the place that `line_next` asked for."""
+    """Take the value at the place that `line_next` asked for.
+
+    Parameters
+    ----------
+    state : (10,) array
+        State of the search, written in place; see `line_start`.
+    place, value : float
+        Place [unit of the ends] and the value there [any unit].
+    """
     x = state[BEST]
     if value <= state[BEST_VALUE]:
         state[_LOW if place >= x else _HIGH] = x

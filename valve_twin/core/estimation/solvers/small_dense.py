@@ -32,7 +32,17 @@ def factorise(h: FloatArray, lower: FloatArray) -> float:
 
 @njit(cache=True, error_model="numpy")
 def solve_lower(lower: FloatArray, x: FloatArray, n: int) -> None:
-    """Overwrite x by lower^-1 x, leading n rows."""
+    """Overwrite x by lower^-1 x, leading n rows.
+
+    Parameters
+    ----------
+    lower : (K, K) array
+        Lower triangular matrix [1].
+    x : (K,) array
+        Right-hand side, overwritten [1].
+    n : int
+        Rows that count [1].
+    """
     for i in range(n):
         rest = x[i]
         for j in range(i):
@@ -42,7 +52,17 @@ def solve_lower(lower: FloatArray, x: FloatArray, n: int) -> None:
 
 @njit(cache=True, error_model="numpy")
 def solve_upper(lower: FloatArray, x: FloatArray, n: int) -> None:
-    """Overwrite x by lower^-T x, leading n rows."""
+    """Overwrite x by lower^-T x, leading n rows.
+
+    Parameters
+    ----------
+    lower : (K, K) array
+        Lower triangular matrix [1].
+    x : (K,) array
+        Right-hand side, overwritten [1].
+    n : int
+        Rows that count [1].
+    """
     for i in range(n - 1, -1, -1):
         rest = x[i]
         for j in range(i + 1, n):
@@ -52,7 +72,19 @@ def solve_upper(lower: FloatArray, x: FloatArray, n: int) -> None:
 
 @njit(cache=True, error_model="numpy")
 def orthogonalise(a: FloatArray, chosen: IntArray, q: FloatArray, r: FloatArray) -> None:
-    """Fill the orthogonal q (K, K) and r (m, m) of the chosen rows as columns (Householder)."""
+    """Fill the orthogonal q (K, K) and r (m, m) of the chosen rows as columns (Householder).
+
+    Parameters
+    ----------
+    a : (R, K) array
+        Rows [1].
+    chosen : (m,) int64 array
+        Which of them.
+    q : (K, K) array
+        Filled with the orthogonal factor [1].
+    r : (m, m) array
+        Filled with the triangular factor [1].
+    """
     k, m = len(q), len(chosen)
     columns, mirrors = np.empty((m, k)), np.zeros((m, k))
     for c in range(m):
