@@ -20,7 +20,7 @@ import numpy as np
 from numba.core import event
 
 from valve_twin.core.alignment import SignalRange
-from valve_twin.core.cycles import CycleConfig
+from valve_twin.core.cycle_config import CycleConfig
 from valve_twin.core.twin import Twin, TwinConfig
 from valve_twin.core.types import Cycle, CycleRule, Frames
 from valve_twin.core.valves.registry import (

@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from valve_twin.core.cycles import Closing, CycleConfig, Segmenter
+from valve_twin.core.cycle_config import CycleConfig
+from valve_twin.core.cycles import Closing, Segmenter
 from valve_twin.core.state import Part
 from valve_twin.core.types import Cycle, CycleRule, Frames
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 import pytest
 
 from test.core.test_cycles import PRESS, cycles_of, make_frames, press_frames, run
-from valve_twin.core.cycles import CycleConfig
+from valve_twin.core.cycle_config import CycleConfig
 from valve_twin.core.state import Announced, Resume
 from valve_twin.core.types import CycleRule
 

@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from valve_twin.core.alignment import SignalRange
-from valve_twin.core.cycles import CycleConfig
+from valve_twin.core.cycle_config import CycleConfig
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.simulation import SimulatedValve
 from valve_twin.core.twin import ClockJump, Estimated, Job, Twin, TwinConfig

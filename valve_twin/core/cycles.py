@@ -11,7 +11,6 @@ into blocks gives the same cycles.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 from enum import Enum
 from statistics import median
 from typing import TYPE_CHECKING
@@ -42,6 +41,7 @@ from valve_twin.core.types import (
 )
 
 if TYPE_CHECKING:
+    from valve_twin.core.cycle_config import CycleConfig
     from valve_twin.core.state import Resume
 
 MIN_SAMPLES = 8
@@ -55,51 +55,6 @@ _JOINED_PARTS = 32
 end, where predictions would wait for it."""
 
 _USUAL_CYCLES = 20  # closed cycles whose median length is the usual one
-
-
-@dataclass(frozen=True, slots=True)
-class CycleConfig:
-    """How the stream is cut into cycles.
-
-    The thresholds are our assumptions; `valve-twin configure` proposes them.
-
-    Attributes
-    ----------
-    rule : CycleRule
-        commands, counter, reference or window.
-    start_signal : str
-        Command whose rise above `threshold` opens a cycle (rule commands); empty = the model's
-        first command.
-    rearm_signal : str
-        Command that must have been above `rearm_threshold` since the last opening, such as that
-        of the return stroke; empty = `start_signal` below `threshold`.
-    threshold : float
-        Command level that counts as active [1].
-    rearm_threshold : float
-        Level of `rearm_signal` that no correction in a hold reaches [1].
-    min_cycle_s, max_cycle_s : float
-        Shortest and greatest length of a cycle cut from commands or reference [s].
-    idle_close_s : float
-        A cycle closes after this long without an active command (rule commands) [s].
-    window_s, window_offset_s : float
-        Length and offset of fixed windows on the stamps (rule window) [s].
-    reference_level, reference_hysteresis : float
-        A cycle opens where the reference rises through the level; it re-arms below level -
-        hysteresis [1].
-    """
-
-    rule: CycleRule = CycleRule.COMMANDS
-    start_signal: str = ""
-    rearm_signal: str = ""
-    threshold: float = 0.02
-    rearm_threshold: float = 0.2
-    min_cycle_s: float = 1.0
-    max_cycle_s: float = 600.0
-    idle_close_s: float = 60.0
-    window_s: float = 300.0
-    window_offset_s: float = 0.0
-    reference_level: float = 0.5
-    reference_hysteresis: float = 0.05
 
 
 class Closing(Enum):

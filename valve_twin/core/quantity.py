@@ -363,8 +363,9 @@ def _check_one(name: str, value: object, meta: Descriptor) -> None:
         return
     numeric = isinstance(value, (int, float)) and not isinstance(value, bool)
     if not (numeric and meta.lower <= cast("float", value) <= meta.upper):
-        allowed = f"{meta.lower:g} to {meta.upper:g} [{meta.unit}]"
-        msg = f"{name} = {value!r}: must be a number from {allowed}"
+        both = math.isfinite(meta.lower) and math.isfinite(meta.upper)
+        allowed = f" from {meta.limits}" if both else f", {meta.limits}" if meta.limits else ""
+        msg = f"{name} = {value!r}: must be a number{allowed} [{meta.unit}]"
         raise ValueError(msg)
 
 

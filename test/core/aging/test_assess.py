@@ -406,9 +406,12 @@ def test_details_give_every_line_for_plots(history, scatter):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"min_segment": 2}, "min_segment is 2, it must be at least 4"),
-        ({"significance": 0.0}, "significance is 0.0, it must be at least 1e-09 and at most 1"),
-        ({"horizon": float("nan")}, "horizon is nan"),
+        ({"min_segment": 2}, r"AgingConfig.min_segment = 2: must be a number, 4 or more \[1\]"),
+        (
+            {"significance": 0.0},
+            r"AgingConfig.significance = 0.0: must be a number from 1e-09 to 1 \[1\]",
+        ),
+        ({"horizon": float("nan")}, "AgingConfig.horizon = nan: must be a number, 0 or more"),
         ({"commissioning": (Commissioning("K_in", float("inf")),)}, "record of K_in is inf"),
     ],
 )

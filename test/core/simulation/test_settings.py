@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from valve_twin.core.quantity import Kind
-from valve_twin.core.simulation import AgingRule, Scatter, configure, list_settings
+from valve_twin.core.quantity import Kind, describe
+from valve_twin.core.simulation import AgingRule, Scatter, configure
 from valve_twin.core.valves.press_cartridge.plant import PressCartridgePlant, default_simulation
 
 DEFAULT = default_simulation()
@@ -18,13 +18,13 @@ def press(config):
 def test_every_setting_can_be_given_back_as_it_is():
     flat = {
         s.name: list(s.default) if isinstance(s.default, tuple) else s.default
-        for s in list_settings(DEFAULT)
+        for s in describe(DEFAULT)
     }
     assert configure(DEFAULT, flat) == DEFAULT
 
 
 def test_every_setting_states_its_unit_and_meaning():
-    listed = list_settings(DEFAULT)
+    listed = describe(DEFAULT)
     assert {"plant.area_in", "plant.plc.gain_in", "measurement.noise", "program.times_s"} <= {
         s.name for s in listed
     }

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 from valve_twin.bench.measure import Ratio, Scale
 from valve_twin.bench.nodes.processes import NodeProcess, some_domain, start_node, start_peer
 from valve_twin.core.alignment import SignalRange
-from valve_twin.core.cycles import CycleConfig
+from valve_twin.core.cycle_config import CycleConfig
 from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.simulation import simulate_cycles
 from valve_twin.core.twin import Twin, TwinConfig

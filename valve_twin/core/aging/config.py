@@ -4,20 +4,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 from enum import Enum
-from typing import TypeVar
 
 import numpy as np
 
-_Number = TypeVar("_Number", int, float)
-
-
-def _limited(default: _Number, *, lower: float, upper: float = np.inf, unit: str = "1") -> _Number:
-    """Return a field with the limits that a configuration must keep and its unit."""
-    metadata: dict[str, object] = {"lower": lower, "upper": upper, "unit": unit}
-    made: _Number = field(default=default, metadata=metadata)
-    return made
+from valve_twin.core.quantity import check_quantities, needed, quantity, records, setting
 
 
 class Axis(Enum):
@@ -49,132 +41,149 @@ def parse_bin(text: str) -> tuple[str, float]:
 
 @dataclass(frozen=True, slots=True)
 class Threshold:
-    """A service limit of one parameter.
-
-    Attributes
-    ----------
-    parameter : str
-        Name of the parameter.
-    value : float
-        Change against the reference [% of it] where `relative`, else the limit itself [unit of
-        the parameter]. NaN: this parameter has no limit.
-    relative : bool
-        Whether `value` is a change against the reference.
-    """
+    """A service limit of one parameter."""
 
     parameter: str
-    value: float
-    relative: bool = True
+    value: float = needed(
+        "",
+        "Change against the reference [% of it] where `relative`, else the limit "
+        "itself [unit of the parameter]. NaN: this parameter has no limit.",
+    )
+    relative: bool = setting(
+        default=True, text="Whether `value` is a change against the reference."
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class Commissioning:
-    """A reference level that was recorded when the valve was commissioned.
-
-    Attributes
-    ----------
-    parameter : str
-        Name of the parameter.
-    value : float
-        The level when new [unit of the parameter].
-    standard_error : float
-        Its standard error, 0 = exact [unit of the parameter].
-    """
+    """A reference level that was recorded when the valve was commissioned."""
 
     parameter: str
-    value: float
-    standard_error: float = 0.0
+    value: float = needed("unit of the parameter", "The level when new.")
+    standard_error: float = quantity(
+        0.0, "unit of the parameter", "Its standard error, 0 = exact."
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class AgingConfig:
-    """Rules of the aging monitor; every default is our assumption unless a source is named.
+    """Rules of the aging monitor; every default is our assumption unless a source is named."""
 
-    Numbers are dimensionless where no unit is named.
-
-    Attributes
-    ----------
-    label : str
-        What the cycles differ in where their order is not aging, such as "by load at equal stroke,
-        not aging"; trends carry it, and no verdict is given. Empty = aging.
-    axis : Axis
-        What aging is counted in: cycles seen (and known to be missed), the cycle counter, or
-        hours of data time.
-    parameters : tuple of str
-        Parameters to follow; empty = all whose `Parameter.trend` is set.
-    thresholds : tuple of Threshold
-        Service limits; several for one parameter are allowed (say one below and one above), the
-        one expected to be reached first is reported.
-    default_percent : float
-        Limits at minus and plus this change for a parameter without an entry in `thresholds`;
-        0 = none. 20 is the limit of the remaining-life study in docs/developers/equations.md 2.5.
-    commissioning : tuple of Commissioning
-        Reference levels on record. A maintenance event with `new_reference` replaces them.
-    reference_cycles : int
-        Accepted estimates whose mean is the reference where no record is given.
-    significance : float
-        Error probability of the word "drifting" for one parameter at one time.
-    min_samples : int
-        Accepted estimates that the present segment needs before it is judged.
-    min_segment : int
-        Least number of estimates in a segment that is found (not forced). A change is
-        reported this many cycles after it happened at the earliest; fewer would let a few bad
-        estimates look like a change.
-    max_segments : int
-        Most segments between two maintenance events.
-    max_candidates : int
-        Places tried for a change between two maintenance events; up to this many estimates
-        every place is tried (exact), above it every g-th, g = ceil(samples / max_candidates), and
-        the places found are then refined.
-    penalty_scale : float
-        Factor on the calibrated penalty of a segment; larger finds fewer.
-    outlier_sigma : float
-        An estimate farther than this from its neighbours [robust standard deviations] is left
-        out.
-    window : int
-        Newest accepted estimates that are segmented; 0 = the whole history. The reference is
-        always taken from the whole history.
-    rate_cycles : int
-        Newest accepted estimates that give the cycle rate.
-    alert_fraction : float
-        Share of the way from reference to threshold that raises the verdict when it is
-        exceeded with 95 % confidence.
-    horizon : float
-        Remaining life below which the verdict is raised, if the slope is beyond doubt
-        and the drift has covered half of `alert_fraction`.
-    verdict_significance : float
-        Error probability of "beyond doubt"; stricter than `significance`, because every cycle
-        tests anew.
-    covariates : tuple of str
-        Conditions whose linear effect is taken out of every parameter before its trend is judged,
-        such as stroke, supply_pressure, load or temperature; or a parameter that the estimate
-        publishes. The effect and its doubt stand in the trend's reason.
-    binned : tuple of str
-        Conditions, each with the width of a bin behind it ("load 500"), whose effect need not be
-        linear: every bin gets a level of its own.
-    """
-
-    label: str = ""
-    axis: Axis = Axis.CYCLES
-    parameters: tuple[str, ...] = ()
-    thresholds: tuple[Threshold, ...] = ()
-    default_percent: float = _limited(20.0, lower=0.0, unit="%")
-    commissioning: tuple[Commissioning, ...] = ()
-    reference_cycles: int = _limited(10, lower=2)
-    significance: float = _limited(0.05, lower=1e-9, upper=1.0)
-    min_samples: int = _limited(10, lower=4)
-    min_segment: int = _limited(8, lower=4)
-    max_segments: int = _limited(12, lower=1, upper=100)
-    max_candidates: int = _limited(500, lower=20, upper=4000)
-    penalty_scale: float = _limited(1.0, lower=0.0)
-    outlier_sigma: float = _limited(4.5, lower=2.0)
-    window: int = _limited(0, lower=0)
-    rate_cycles: int = _limited(50, lower=2)
-    alert_fraction: float = _limited(0.5, lower=0.01, upper=1.0)
-    horizon: float = _limited(50.0, lower=0.0, unit="axis unit")
-    verdict_significance: float = _limited(0.001, lower=1e-9, upper=1.0)
-    covariates: tuple[str, ...] = ()
-    binned: tuple[str, ...] = ()
+    label: str = setting(
+        "",
+        "What the cycles differ in where their order is not aging, such as "
+        '"by load at equal stroke, not aging"; trends carry it, and no verdict is given. '
+        "Empty = aging.",
+    )
+    axis: Axis = setting(
+        Axis.CYCLES,
+        "What aging is counted in: cycles seen (and known to be missed), the cycle "
+        "counter, or hours of data time.",
+    )
+    parameters: tuple[str, ...] = setting(
+        (), "Parameters to follow; empty = all whose `Parameter.trend` is set."
+    )
+    thresholds: tuple[Threshold, ...] = records(Threshold)
+    default_percent: float = quantity(
+        20.0,
+        "%",
+        "Limits at minus and plus this change for a parameter without an entry in "
+        "`thresholds`; 0 = none. 20 is the limit of the remaining-life study in "
+        "docs/developers/equations.md 2.5.",
+        lower=0.0,
+    )
+    commissioning: tuple[Commissioning, ...] = records(Commissioning)
+    reference_cycles: int = quantity(
+        10,
+        "1",
+        "Accepted estimates whose mean is the reference where no record is given.",
+        lower=2,
+    )
+    significance: float = quantity(
+        0.05,
+        "1",
+        'Error probability of the word "drifting" for one parameter at one time.',
+        lower=1e-09,
+        upper=1.0,
+    )
+    min_samples: int = quantity(
+        10, "1", "Accepted estimates that the present segment needs before it is judged.", lower=4
+    )
+    min_segment: int = quantity(
+        8,
+        "1",
+        "Least number of estimates in a segment that is found (not forced). A change "
+        "is reported this many cycles after it happened at the earliest; fewer would "
+        "let a few bad estimates look like a change.",
+        lower=4,
+    )
+    max_segments: int = quantity(
+        12, "1", "Most segments between two maintenance events.", lower=1, upper=100
+    )
+    max_candidates: int = quantity(
+        500,
+        "1",
+        "Places tried for a change between two maintenance events; up to this many "
+        "estimates every place is tried (exact), above it every g-th, g = "
+        "ceil(samples / max_candidates), and the places found are then refined.",
+        lower=20,
+        upper=4000,
+    )
+    penalty_scale: float = quantity(
+        1.0, "1", "Factor on the calibrated penalty of a segment; larger finds fewer.", lower=0.0
+    )
+    outlier_sigma: float = quantity(
+        4.5,
+        "1",
+        "An estimate farther than this from its neighbours [robust standard "
+        "deviations] is left out.",
+        lower=2.0,
+    )
+    window: int = quantity(
+        0,
+        "1",
+        "Newest accepted estimates that are segmented; 0 = the whole history. The "
+        "reference is always taken from the whole history.",
+        lower=0,
+    )
+    rate_cycles: int = quantity(
+        50, "1", "Newest accepted estimates that give the cycle rate.", lower=2
+    )
+    alert_fraction: float = quantity(
+        0.5,
+        "1",
+        "Share of the way from reference to threshold that raises the verdict when it"
+        " is exceeded with 95 % confidence.",
+        lower=0.01,
+        upper=1.0,
+    )
+    horizon: float = quantity(
+        50.0,
+        "axis unit",
+        "Remaining life below which the verdict is raised, if the slope is beyond "
+        "doubt and the drift has covered half of `alert_fraction`.",
+        lower=0.0,
+    )
+    verdict_significance: float = quantity(
+        0.001,
+        "1",
+        'Error probability of "beyond doubt"; stricter than `significance`, because every '
+        "cycle tests anew.",
+        lower=1e-09,
+        upper=1.0,
+    )
+    covariates: tuple[str, ...] = setting(
+        (),
+        "Conditions whose linear effect is taken out of every parameter before its "
+        "trend is judged, such as stroke, supply_pressure, load or temperature; or a "
+        "parameter that the estimate publishes. The effect and its doubt stand in the"
+        " trend's reason.",
+    )
+    binned: tuple[str, ...] = setting(
+        (),
+        'Conditions, each with the width of a bin behind it ("load 500"), whose effect need '
+        "not be linear: every bin gets a level of its own.",
+    )
 
     def __post_init__(self) -> None:
         """Refuse values that cannot work.
@@ -184,13 +193,7 @@ class AgingConfig:
         ValueError
             With the name of the field, its value and what it must be.
         """
-        for item in fields(self):
-            value, lower = getattr(self, item.name), item.metadata.get("lower")
-            upper = item.metadata.get("upper", np.inf)
-            if lower is not None and not lower <= value <= upper:
-                upto = f" and at most {upper:g}" if upper < np.inf else ""
-                msg = f"{item.name} is {value}, it must be at least {lower:g}{upto}"
-                raise ValueError(msg)
+        check_quantities(self)
         for text in self.binned:
             parse_bin(text)
         for record in self.commissioning:

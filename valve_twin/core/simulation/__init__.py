@@ -14,7 +14,6 @@ from valve_twin.core.simulation.plant import Plant as Plant
 from valve_twin.core.simulation.plant import Response as Response
 from valve_twin.core.simulation.program import CycleProgram as CycleProgram
 from valve_twin.core.simulation.settings import configure as configure
-from valve_twin.core.simulation.settings import list_settings as list_settings
 from valve_twin.core.simulation.truth import GainTruth as GainTruth
 from valve_twin.core.simulation.truth import cycle_truth as cycle_truth
 from valve_twin.core.simulation.truth import (
@@ -39,7 +38,6 @@ __all__ = [
     "configure",
     "cycle_truth",
     "displacement_weighted_command",
-    "list_settings",
     "simulate_cycles",
     "to_frames",
 ]

@@ -1,25 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Every setting of a simulation by its dotted name: list them, override them."""
+"""Override every setting of a simulation by its dotted name."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
 from valve_twin.core.quantity import Descriptor, Kind, describe, nearest_hint, replaced
 from valve_twin.core.simulation.aging_laws import AgingRule
 from valve_twin.core.simulation.config import Scatter, SimulationConfig
-
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
-
-def list_settings(config: SimulationConfig) -> tuple[Descriptor, ...]:
-    """Return every setting of a simulation with its present value as the default."""
-    return describe(cast("DataclassInstance", config))
 
 
 def configure(config: SimulationConfig, given: Mapping[str, object]) -> SimulationConfig:
@@ -30,7 +22,7 @@ def configure(config: SimulationConfig, given: Mapping[str, object]) -> Simulati
     config : SimulationConfig
         Where to start from, e.g. the default of a valve.
     given : mapping
-        Values by dotted name or nested, as in `list_settings`; besides these
+        Values by dotted name or nested, as `describe` lists them; besides these
         "aging.<parameter>.law", ".rate" and ".start_cycle" add or change a rule, and
         "scatter.<parameter>" a scatter.
 
@@ -41,7 +33,7 @@ def configure(config: SimulationConfig, given: Mapping[str, object]) -> Simulati
         range.
     """
     flat = dict(_flatten(given, ""))
-    known = {s.name: s for s in list_settings(config)}
+    known = {s.name: s for s in describe(config)}
     rules = {k: flat.pop(k) for k in list(flat) if k.startswith("aging.")}
     scatter = {k: flat.pop(k) for k in list(flat) if k.startswith("scatter.")}
     for name in flat:

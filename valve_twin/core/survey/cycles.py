@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.cycles import CycleConfig
+from valve_twin.core.cycle_config import CycleConfig
 from valve_twin.core.types import CycleRule
 
 if TYPE_CHECKING:

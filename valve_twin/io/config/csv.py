@@ -4,8 +4,9 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+
+from valve_twin.core.quantity import quantity, setting
 
 BASE_STAMP = "2020-01-01T00:00:00Z"
 """Where the clock of a file without dates starts: every import gives the same bag."""
@@ -13,28 +14,31 @@ BASE_STAMP = "2020-01-01T00:00:00Z"
 
 @dataclass(frozen=True, slots=True)
 class CsvConfig:
-    """How the columns of a CSV file become stamped samples.
+    """How the columns of a CSV file become stamped samples."""
 
-    Attributes
-    ----------
-    separator : str
-        One character; empty = found from the first lines.
-    time_column : str
-        Name or number of the column with the time; empty = rows are period_s apart.
-    time_scale : float
-        Seconds in one unit of the time column, 0.001 for milliseconds [s].
-    base_stamp : str
-        Date and time (ISO 8601, UTC) of time 0, moved up to the next start of a window where
-        cycles are windows; empty = the time column counts from 1970.
-    batch : int
-        Samples in one message of a signal of type Float64Series [1].
-    gap_s : float
-        Time between the last sample of one file and the first of the next [s].
-    """
-
-    separator: str = ""
-    time_column: str = ""
-    time_scale: float = field(default=1.0, metadata={"lower": 1e-12, "upper": 1e9})
-    base_stamp: str = BASE_STAMP
-    batch: int = field(default=100, metadata={"lower": 1, "upper": 1_000_000})
-    gap_s: float = field(default=5.0, metadata={"lower": 0.0, "upper": math.inf})
+    separator: str = setting("", "One character; empty = found from the first lines.")
+    time_column: str = setting(
+        "", "Name or number of the column with the time; empty = rows are period_s apart."
+    )
+    time_scale: float = quantity(
+        1.0,
+        "s",
+        "Seconds in one unit of the time column, 0.001 for milliseconds.",
+        lower=1e-12,
+        upper=1e9,
+    )
+    base_stamp: str = setting(
+        BASE_STAMP,
+        "Date and time (ISO 8601, UTC) of time 0, moved up to the next start of a "
+        "window where cycles are windows; empty = the time column counts from 1970.",
+    )
+    batch: int = quantity(
+        100,
+        "1",
+        "Samples in one message of a signal of type Float64Series.",
+        lower=1,
+        upper=1_000_000,
+    )
+    gap_s: float = quantity(
+        5.0, "s", "Time between the last sample of one file and the first of the next.", lower=0.0
+    )

@@ -9,22 +9,29 @@ a section of a valve's name overrides the common keys for that valve.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from valve_twin.core.aging.config import AgingConfig
-from valve_twin.core.cycles import CycleConfig
-from valve_twin.core.quantity import Kind
-from valve_twin.core.types import CONDITIONS, CycleRule
-from valve_twin.core.valves.interface import NoOptions, Options, option_descriptors
-from valve_twin.core.valves.registry import DEFAULT_MODEL, complete_options, get_model
+from valve_twin.core.cycle_config import CycleConfig
+from valve_twin.core.quantity import replaced
+from valve_twin.core.types import CycleRule
+from valve_twin.core.valves.interface import NoOptions, Options
+from valve_twin.core.valves.registry import get_model
 from valve_twin.io.cdr.message_types import full_type_name
-from valve_twin.io.cdr.signals import SERIES_TYPE, STAMPED_TYPE, SignalSource
+from valve_twin.io.cdr.signals import SERIES_TYPE, SignalSource
 from valve_twin.io.config.csv import CsvConfig
+from valve_twin.io.config.keys import (
+    DEFAULT_HISTORY,
+    VALVE_KEYS,
+    SignalKeys,
+    ValveKeys,
+    default_topics,
+    valve_keys,
+)
 from valve_twin.io.config.node_parameters import NODE_PARAMETERS
 from valve_twin.io.config.parameter_file import Section, read_parameter_file
-from valve_twin.io.config.schema import Spec, build, dataclass_specs, descriptor_specs
 from valve_twin.io.config.topic_names import resolve_topic
 from valve_twin.io.config.valve_names import expand_names
 from valve_twin.io.errors import ConfigError, suggest
@@ -32,15 +39,10 @@ from valve_twin.io.errors import ConfigError, suggest
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from valve_twin.core.quantity import Descriptor
     from valve_twin.core.valves.interface import ValveModel
 
 T = TypeVar("T")
-
-DEFAULT_HISTORY = "sqlite:///valve_twin_history.sqlite"
-"""History database in the working directory."""
-
-OPTIONAL_SIGNALS = ("cycle_counter", "reference", *CONDITIONS)
-"""Signals that any valve may map beside its model's inputs and output."""
 
 _ROS_OWN = ("use_sim_time", "start_type_description_service")
 _ROS_OWN_PREFIX = "qos_overrides."
@@ -87,123 +89,6 @@ class ValveConfig:
     history_url: str = DEFAULT_HISTORY
     simulation: dict[str, object] = field(default_factory=dict)
     csv: CsvConfig = field(default_factory=CsvConfig)
-
-
-VALVE_SPECS = (
-    Spec(
-        "valves",
-        Kind.STRINGS,
-        (),
-        "Names of the valves of this process, relative to the node's namespace, "
-        "press/valve_{01..50} for fifty; empty = one valve, the namespace itself.",
-    ),
-    Spec(
-        "model",
-        Kind.STRING,
-        DEFAULT_MODEL,
-        "Valve model: a name of those in the sections below or one added by a package.",
-    ),
-    Spec(
-        "period_s", Kind.FLOAT, 0.03, "Nominal sampling time of the position.", "s", 1e-6, 3600.0
-    ),
-    Spec(
-        "hold_back_s",
-        Kind.FLOAT,
-        2.0,
-        "Longest time, on the data's clock, by which a silent signal delays the others.",
-        "s",
-        0.0,
-        3600.0,
-    ),
-    Spec(
-        "topic_prefix",
-        Kind.STRING,
-        "",
-        "Put before every signal's topic: /sim for a simulated valve, /replay for a replayed bag.",
-    ),
-    Spec(
-        "history_url",
-        Kind.STRING,
-        DEFAULT_HISTORY,
-        "Database of estimates: sqlite:///FILE or a PostgreSQL address.",
-    ),
-)
-
-
-def signal_specs(signal: str, topic: str) -> tuple[Spec, ...]:
-    """Return the parameters of one signal's mapping."""
-    prefix = f"signals.{signal}."
-    return (
-        Spec(
-            f"{prefix}topic",
-            Kind.STRING,
-            topic,
-            "Topic, relative to the valve's name unless it begins with /"
-            + ("; empty = not mapped." if not topic else "."),
-        ),
-        Spec(f"{prefix}type", Kind.STRING, STAMPED_TYPE, "Message type of the topic."),
-        Spec(
-            f"{prefix}field",
-            Kind.STRING,
-            "",
-            "Field of the message: value, position[2], pose.position.x, values[] for "
-            "batches; empty = value or values[].",
-        ),
-        Spec(
-            f"{prefix}scale",
-            Kind.FLOAT,
-            1.0,
-            "The signal is scale * field + offset.",
-            "signal/field",
-        ),
-        Spec(
-            f"{prefix}offset", Kind.FLOAT, 0.0, "The signal is scale * field + offset.", "signal"
-        ),
-        Spec(f"{prefix}lower", Kind.FLOAT, -math.inf, "Values below are not believed.", "signal"),
-        Spec(f"{prefix}upper", Kind.FLOAT, math.inf, "Values above are not believed.", "signal"),
-        Spec(
-            f"{prefix}column",
-            Kind.STRING,
-            "",
-            "Column of a CSV file: its name, or its number counted from 0.",
-        ),
-    )
-
-
-_CYCLE_LIMITS = {
-    "cycles.min_cycle_s": (0.0, math.inf),
-    "cycles.max_cycle_s": (1e-3, math.inf),
-    "cycles.idle_close_s": (1e-3, math.inf),
-    "cycles.window_s": (1e-3, math.inf),
-    "cycles.reference_hysteresis": (0.0, math.inf),
-}
-
-
-def valve_specs(model: ValveModel) -> tuple[Spec, ...]:
-    """Return every parameter of a valve of this model, in the order of the reference."""
-    signals: list[Spec] = []
-    for name in model.inputs:
-        signals += signal_specs(name, name if name == "command" else f"command/{name}")
-    signals += signal_specs(model.output, model.output)
-    for name in OPTIONAL_SIGNALS:
-        signals += signal_specs(name, "")
-    names = [p.name for p in model.parameters]
-    return (
-        *VALVE_SPECS,
-        *signals,
-        *_limited(dataclass_specs(CycleConfig, "cycles")),
-        *descriptor_specs(option_descriptors(model, "options.")),
-        *dataclass_specs(AgingConfig, "aging", names),
-        *dataclass_specs(CsvConfig, "csv"),
-    )
-
-
-def _limited(specs: Sequence[Spec]) -> list[Spec]:
-    limited = []
-    for spec in specs:
-        low, high = _CYCLE_LIMITS.get(spec.name, (spec.lower, spec.upper))
-        limited.append(replace(spec, lower=low, upper=high))
-    return limited
 
 
 def load_config(path: str | Path, *, node: str = "twin", name: str = "") -> list[ValveConfig]:
@@ -349,10 +234,14 @@ class _Reader:
         line = f":{self._lines[key]}" if key in self._lines else ""
         return ConfigError(f"{self._where}{line}: key '{key}': {problem}")
 
+    def _of(self, origin: Mapping[str, str], key: str, problem: str) -> ConfigError:
+        """Return what is wrong with a key of a valve, told by the key that was written."""
+        return self._at(origin.get(key, key), problem)
+
     def valves(self, flat: Mapping[str, object]) -> tuple[str, ...]:
-        key = VALVE_SPECS[0].name
+        key = VALVE_KEYS[0].name
         try:
-            given = VALVE_SPECS[0].check(flat.get(key, ()))
+            given = VALVE_KEYS[0].check(flat.get(key, ()))
             assert isinstance(given, tuple)
             names = expand_names(given)
         except ValueError as err:
@@ -372,7 +261,7 @@ class _Reader:
     def refuse_sections(self, flat: Mapping[str, object], valves: Sequence[str]) -> None:
         for key in flat:
             section = key.split(".", 1)[0]
-            known = {s.name.split(".", 1)[0] for s in VALVE_SPECS}
+            known = {s.name.split(".", 1)[0] for s in VALVE_KEYS}
             if "/" in section and "." in key and section not in valves and section not in known:
                 problem = f"there is no valve '{section}' in 'valves'; {suggest(section, valves)}"
                 raise self._at(key, problem)
@@ -381,43 +270,44 @@ class _Reader:
         self, name: str, values: Mapping[str, object], origin: Mapping[str, str]
     ) -> ValveConfig:
         model = self._model(values, origin)
-        specs = {s.name: s for s in valve_specs(model)}
-        checked: dict[str, object] = {s.name: s.default for s in specs.values()}
+        known = {key.name: key for key in valve_keys(model)}
+        given: dict[str, object] = {}
         simulation: dict[str, object] = {}
         for key, value in values.items():
-            if key in specs:
-                checked[key] = self._checked(specs[key], value, origin[key])
+            if key in known:
+                given[key] = self._checked(known[key], value, origin[key])
             elif key.startswith("simulation."):
                 simulation[key.removeprefix("simulation.")] = value
             elif not _of_a_node(key):
-                known = [*specs, *_node_keys()]
-                raise self._at(origin[key], f"is unknown; {suggest(key, known)}")
-        given = {k: v for k, v in checked.items() if k in values}
+                hint = suggest(key, [*known, *_node_keys()])
+                raise self._at(origin[key], f"is unknown; {hint}")
+        keys = replaced(ValveKeys(), given)
+        signals = self._signals(name, model, keys.topic_prefix, given, origin)
         return ValveConfig(
             name=name,
             model=model.name,
-            period_s=_float(checked["period_s"]),
-            hold_back_s=_float(checked["hold_back_s"]),
-            signals=self._signals(name, model, checked, origin),
-            cycles=self._cycles(given, model, checked, origin),
-            options=self._options(model, given),
-            aging=self._built(AgingConfig, "aging", given),
-            history_url=str(checked["history_url"]),
+            period_s=keys.period_s,
+            hold_back_s=keys.hold_back_s,
+            signals=signals,
+            cycles=self._cycles(given, model, signals, origin),
+            options=self._section("options", model.options, given),
+            aging=self._section("aging", AgingConfig(), given),
+            history_url=keys.history_url,
             simulation=simulation,
-            csv=self._built(CsvConfig, "csv", given),
+            csv=self._section("csv", CsvConfig(), given),
         )
 
     def _model(self, values: Mapping[str, object], origin: Mapping[str, str]) -> ValveModel:
-        key = origin.get("model", "model")
-        name = self._checked(VALVE_SPECS[1], values.get("model", VALVE_SPECS[1].default), key)
+        key, model = origin.get("model", "model"), VALVE_KEYS[1]
+        name = self._checked(model, values.get("model", model.default), key)
         try:
             return get_model(str(name))
         except ValueError as err:
             raise self._at(key, str(err).removeprefix("model: ")) from None
 
-    def _checked(self, spec: Spec, value: object, key: str) -> object:
+    def _checked(self, known: Descriptor, value: object, key: str) -> object:
         try:
-            return spec.check(value)
+            return known.check(value)
         except ValueError as err:
             raise self._at(key, str(err)) from None
 
@@ -425,113 +315,89 @@ class _Reader:
         self,
         valve: str,
         model: ValveModel,
-        checked: Mapping[str, object],
+        topic_prefix: str,
+        given: Mapping[str, object],
         origin: Mapping[str, str],
     ) -> dict[str, SignalSource]:
         sources: dict[str, SignalSource] = {}
-        for signal in (*model.inputs, model.output, *OPTIONAL_SIGNALS):
+        for signal, topic in default_topics(model).items():
             prefix = f"signals.{signal}."
-            part = {key: checked[prefix + key] for key in ("topic", "type", "field", "column")}
-            numbers = {
-                key: _float(checked[prefix + key]) for key in ("scale", "offset", "lower", "upper")
-            }
-            topic_key = origin.get(prefix + "topic", prefix + "topic")
-            if not part["topic"]:
-                if signal not in OPTIONAL_SIGNALS:
-                    raise self._at(topic_key, "is empty; write the topic that carries this signal")
+            keys = replaced(SignalKeys(topic=topic), given, prefix)
+            if not keys.topic:
+                if topic:
+                    problem = "is empty; write the topic that carries this signal"
+                    raise self._of(origin, f"{prefix}topic", problem)
                 continue
-            self._check_numbers(prefix, numbers, origin)
+            self._check_numbers(prefix, keys, origin)
             try:
-                type_name = full_type_name(str(part["type"]))
+                type_name = full_type_name(keys.type)
             except ValueError as err:
-                raise self._at(origin.get(prefix + "type", prefix + "type"), str(err)) from None
-            topic = resolve_topic(str(part["topic"]), valve, str(checked["topic_prefix"]))
+                raise self._of(origin, f"{prefix}type", str(err)) from None
             sources[signal] = SignalSource(
                 signal=signal,
-                topic=topic,
+                topic=resolve_topic(keys.topic, valve, topic_prefix),
                 type=type_name,
-                field=str(part["field"]) or _default_field(type_name),
-                column=str(part["column"]),
-                **numbers,
+                field=keys.field or _default_field(type_name),
+                column=keys.column,
+                scale=keys.scale,
+                offset=keys.offset,
+                lower=keys.lower,
+                upper=keys.upper,
             )
         return sources
 
-    def _check_numbers(
-        self, prefix: str, numbers: Mapping[str, float], origin: Mapping[str, str]
-    ) -> None:
-        for key in ("scale", "offset"):
-            if not math.isfinite(numbers[key]) or (key == "scale" and numbers[key] == 0.0):
-                full = prefix + key
-                problem = (
-                    f"value {numbers[key]!r} makes every sample useless; write a finite number"
-                )
-                raise self._at(
-                    origin.get(full, full), problem + (" other than 0" if key == "scale" else "")
-                )
-        if not numbers["lower"] < numbers["upper"]:
-            full = prefix + "lower"
-            problem = (
-                f"value {numbers['lower']!r} is not below upper = {numbers['upper']!r}; swap "
-                "or widen them"
-            )
-            raise self._at(origin.get(full, full), problem)
+    def _check_numbers(self, prefix: str, keys: SignalKeys, origin: Mapping[str, str]) -> None:
+        problem = "value {!r} makes every sample useless; write a finite number"
+        if not math.isfinite(keys.scale) or keys.scale == 0.0:
+            text = problem.format(keys.scale) + " other than 0"
+            raise self._of(origin, f"{prefix}scale", text)
+        if not math.isfinite(keys.offset):
+            raise self._of(origin, f"{prefix}offset", problem.format(keys.offset))
+        if not keys.lower < keys.upper:
+            text = f"value {keys.lower!r} is not below upper = {keys.upper!r}; swap or widen them"
+            raise self._of(origin, f"{prefix}lower", text)
 
     def _cycles(
         self,
         given: Mapping[str, object],
         model: ValveModel,
-        checked: Mapping[str, object],
+        signals: Mapping[str, SignalSource],
         origin: Mapping[str, str],
     ) -> CycleConfig:
-        cycles: CycleConfig = build(CycleConfig, "cycles", given)
+        cycles = self._section("cycles", CycleConfig(), given)
         for key in ("start_signal", "rearm_signal"):
             name = getattr(cycles, key)
             if name and name not in model.inputs:
-                full = f"cycles.{key}"
-                problem = (
-                    f"'{name}' is no command of model '{model.name}'; "
-                    f"{suggest(name, model.inputs)}"
-                )
-                raise self._at(origin.get(full, full), problem)
+                hint = suggest(name, model.inputs)
+                problem = f"'{name}' is no command of model '{model.name}'; {hint}"
+                raise self._of(origin, f"cycles.{key}", problem)
         if cycles.rule is CycleRule.COMMANDS and not model.inputs:
             problem = (
                 f"'{cycles.rule.value}' needs a command and model '{model.name}' has none; write "
                 "window, counter or reference"
             )
-            raise self._at(origin.get("cycles.rule", "cycles.rule"), problem)
+            raise self._of(origin, "cycles.rule", problem)
         if cycles.max_cycle_s <= cycles.min_cycle_s:
-            full = "cycles.max_cycle_s"
             problem = (
                 f"value {cycles.max_cycle_s!r} s is not above cycles.min_cycle_s = "
                 f"{cycles.min_cycle_s!r} s; raise it"
             )
-            raise self._at(origin.get(full, full), problem)
+            raise self._of(origin, "cycles.max_cycle_s", problem)
         needs = {CycleRule.COUNTER: "cycle_counter", CycleRule.REFERENCE: "reference"}
         signal = needs.get(cycles.rule)
-        if signal and not checked[f"signals.{signal}.topic"]:
+        if signal and signal not in signals:
             problem = (
                 f"'{cycles.rule.value}' needs the signal '{signal}'; write signals.{signal}.topic"
             )
-            raise self._at(origin.get("cycles.rule", "cycles.rule"), problem)
+            raise self._of(origin, "cycles.rule", problem)
         return cycles
 
-    def _options(self, model: ValveModel, given: Mapping[str, object]) -> Options:
-        part = {
-            k.removeprefix("options."): v for k, v in given.items() if k.startswith("options.")
-        }
+    def _section(self, section: str, default: T, given: Mapping[str, object]) -> T:
         try:
-            return complete_options(model, part)
+            return replaced(default, given, f"{section}.")
         except ValueError as err:
-            msg = f"{self._where}: {err}"
+            msg = f"{self._where}: section '{section}': {err}"
             raise ConfigError(msg) from None
-
-    def _built(self, cls: type[T], prefix: str, given: Mapping[str, object]) -> T:
-        try:
-            built: T = build(cls, prefix, given)
-        except ValueError as err:
-            msg = f"{self._where}: section '{prefix}': {err}"
-            raise ConfigError(msg) from None
-        return built
 
 
 def _default_field(type_name: str) -> str:
@@ -540,13 +406,8 @@ def _default_field(type_name: str) -> str:
     return "data" if type_name.startswith("std_msgs/") else "value"
 
 
-def _float(value: object) -> float:
-    assert isinstance(value, float)
-    return value
-
-
 def _node_keys() -> list[str]:
-    return [s.name for specs in NODE_PARAMETERS.values() for s in specs]
+    return [known.name for table in NODE_PARAMETERS.values() for known in table]
 
 
 def _of_a_node(key: str) -> bool:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
-    from valve_twin.io.config.schema import Spec
+    from valve_twin.core.quantity import Descriptor
 
 _FOREIGN = ("qos_overrides.", "use_sim_time", "start_type_description_service", "simulation.")
 _OF_VALVES = (
@@ -51,7 +51,7 @@ class Parameters:
     def __init__(self, node: Node, is_idle: Callable[[], bool]) -> None:
         self._node = node
         self._is_idle = is_idle
-        self._specs: dict[str, Spec] = {}
+        self._specs: dict[str, Descriptor] = {}
         self._errors: dict[str, str] = {}
         self.overrides: dict[str, object] = overrides_of(node)
         node.add_pre_set_parameters_callback(self._accept_integers)
@@ -64,7 +64,7 @@ class Parameters:
         except ParameterUninitializedException:
             return []
 
-    def declare(self, specs: Iterable[Spec]) -> None:
+    def declare(self, specs: Iterable[Descriptor]) -> None:
         """Declare what is not declared yet; a wrong override is kept as an error for `check`."""
         for spec in specs:
             if spec.name in self._specs:
@@ -180,7 +180,7 @@ def _python_value(value: object) -> object:
     return [] if value is None else list(value)  # type: ignore[call-overload]
 
 
-def _ros_value(spec: Spec, value: object) -> object:
+def _ros_value(spec: Descriptor, value: object) -> object:
     """Give an empty list the type it needs."""
     if spec.kind is Kind.STRINGS:
         return list(value) or [""]  # type: ignore[call-overload]
@@ -192,7 +192,7 @@ def _ros_value(spec: Spec, value: object) -> object:
     return value
 
 
-def _descriptor(spec: Spec) -> ParameterDescriptor:
+def _descriptor(spec: Descriptor) -> ParameterDescriptor:
     unit = f" [{spec.unit}]" if spec.unit else ""
     choices = f"One of {', '.join(spec.choices)}." if spec.choices else ""
     descriptor = ParameterDescriptor(

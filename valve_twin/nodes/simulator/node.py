@@ -4,15 +4,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from valve_twin.core.simulation.settings import configure, list_settings
+from valve_twin.core.quantity import describe
+from valve_twin.core.simulation.settings import configure
 from valve_twin.core.valves.registry import get_simulation
-from valve_twin.io.config.schema import descriptor_specs
-from valve_twin.io.config.valve import VALVE_SPECS, ValveConfig
+from valve_twin.io.config.keys import VALVE_KEYS
 from valve_twin.io.errors import ConfigError
 from valve_twin.nodes.player.outlets import Gate, Outbox, sending_profile
 from valve_twin.nodes.runtime.diagnostics import Diagnostics, Report
@@ -25,6 +24,8 @@ from valve_twin.nodes.twin.valve_parameters import read_valves
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+
+    from valve_twin.io.config.valve import ValveConfig
 
 TICK_S = 0.005
 """Period of the pacing timer [s]."""
@@ -112,14 +113,13 @@ class SimulatedValveNode(ValveNode):
             self._diagnostics = None
 
     def _declare_simulation(self) -> None:
-        self.parameters.declare(VALVE_SPECS)
+        self.parameters.declare(VALVE_KEYS)
         model = str(self.parameters["model"])
         try:
             plain = get_simulation(model)
         except ValueError:
             return  # told when the valve is made
-        settings = descriptor_specs(list_settings(plain))
-        self.parameters.declare(replace(s, name=f"simulation.{s.name}") for s in settings)
+        self.parameters.declare(describe(plain, "simulation."))
 
     def _simulation(self, config: ValveConfig) -> Any:
         where = self.get_fully_qualified_name()

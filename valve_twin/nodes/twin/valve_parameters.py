@@ -8,13 +8,14 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from valve_twin.core.valves.registry import get_model
-from valve_twin.io.config.valve import VALVE_SPECS, ValveConfig, parse_config, valve_specs
+from valve_twin.io.config.keys import VALVE_KEYS, valve_keys
+from valve_twin.io.config.valve import ValveConfig, parse_config
 from valve_twin.io.config.valve_names import expand_names
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from valve_twin.io.config.schema import Spec
+    from valve_twin.core.quantity import Descriptor
     from valve_twin.nodes.runtime.node import ValveNode
 
 
@@ -42,13 +43,13 @@ def read_valves(node: ValveNode, refused: dict[str, str] | None = None) -> list[
         One line that names the node, the key, the value and what to do.
     """
     parameters = node.parameters
-    parameters.declare(VALVE_SPECS)
+    parameters.declare(VALVE_KEYS)
     model = str(parameters["model"])
-    parameters.declare(_specs(model))
+    parameters.declare(_keys(model))
     names = _names(parameters["valves"])
     for valve in names:
         own = str(parameters.overrides.get(f"{valve}.model", model))
-        prefixed = (replace(s, name=f"{valve}.{s.name}") for s in _specs(own))
+        prefixed = (replace(s, name=f"{valve}.{s.name}") for s in _keys(own))
         parameters.declare(s for s in prefixed if s.name in parameters.overrides)
     parameters.warn_unknown(hosts_valves=True)
     wrong = {v: parameters.take_errors(f"{v}.") for v in names} if len(names) > 1 else {}
@@ -77,9 +78,9 @@ def _names(given: Sequence[str]) -> tuple[str, ...]:
         return ()
 
 
-def _specs(model: str) -> Iterable[Spec]:
+def _keys(model: str) -> Iterable[Descriptor]:
     """Return the table of a model; of an unknown one what all share: the reader then names it."""
     try:
-        return valve_specs(get_model(model))
+        return valve_keys(get_model(model))
     except ValueError:
-        return VALVE_SPECS
+        return VALVE_KEYS

@@ -10,7 +10,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from valve_twin.core.cycles import CycleConfig, Segmenter
+from valve_twin.core.cycle_config import CycleConfig
+from valve_twin.core.cycles import Segmenter
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle, model_in_force
 from valve_twin.core.types import (
     Cycle,

@@ -4,17 +4,21 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from valve_twin.core.simulation import list_settings
-from valve_twin.core.valves.registry import get_model, get_simulation
+from valve_twin.core.aging.config import AgingConfig
+from valve_twin.core.cycle_config import CycleConfig
+from valve_twin.core.quantity import describe, example
+from valve_twin.core.valves.interface import option_descriptors
+from valve_twin.core.valves.registry import get_model
+from valve_twin.io.config.csv import CsvConfig
+from valve_twin.io.config.keys import VALVE_KEYS, signal_keys
 from valve_twin.io.config.node_parameters import NODE_PARAMETERS
-from valve_twin.io.config.schema import Spec, descriptor_specs, example, limits
-from valve_twin.io.config.valve import VALVE_SPECS, signal_specs, valve_specs
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
+
+    from valve_twin.core.quantity import Descriptor
 
 _HEAD = """# Parameters
 
@@ -36,20 +40,16 @@ def parameter_reference(models: Sequence[str]) -> str:
     models : sequence of str
         Valve models whose options are listed, each in a section of its own.
     """
-    first = get_model(models[0])
-    names = [p.name for p in first.parameters]
-    common = [s for s in valve_specs(first) if s.name.split(".")[0] in {"cycles", "csv"}]
-    aging = [s for s in valve_specs(first) if s.name.startswith("aging.")]
     parts = [
         _HEAD,
-        _section("Valve", VALVE_SPECS),
-        _section("Signals", signal_specs(_SIGNAL, "")),
+        _section("Valve", VALVE_KEYS),
+        _section("Signals", signal_keys(_SIGNAL, "")),
         f"`{_SIGNAL}` is an input or the output of the model, `cycle_counter`, `reference`, or a "
         "condition that a trend may take out: `supply_pressure`, `load`, `temperature`.\n",
-        _section("Cycles", [s for s in common if s.name.startswith("cycles.")]),
-        _section("Aging", _once(aging, names)),
+        _section("Cycles", describe(CycleConfig, "cycles.")),
+        _section("Aging", describe(AgingConfig, "aging.", [_PARAMETER])),
         f"`{_PARAMETER}` is a parameter of the model.\n",
-        _section("CSV files", [s for s in common if s.name.startswith("csv.")]),
+        _section("CSV files", describe(CsvConfig, "csv.")),
     ]
     for name in models:
         parts += _model_sections(name)
@@ -60,14 +60,13 @@ def parameter_reference(models: Sequence[str]) -> str:
 
 def _model_sections(name: str) -> list[str]:
     model = get_model(name)
-    options = [s for s in valve_specs(model) if s.name.startswith("options.")]
+    options = option_descriptors(model, "options.")
     parts = [_section(f"Options of {name}", options), _parameters(name)]
-    try:
-        settings = list_settings(get_simulation(name))
-    except ValueError:
-        return parts
-    specs = [replace(s, name=f"simulation.{s.name}") for s in descriptor_specs(settings)]
-    return [*parts, _section(f"Simulation of {name}", specs)]
+    simulation = model.simulation()
+    if simulation is not None:
+        settings = describe(simulation, "simulation.")
+        parts.append(_section(f"Simulation of {name}", settings))
+    return parts
 
 
 def _parameters(name: str) -> str:
@@ -79,19 +78,7 @@ def _parameters(name: str) -> str:
     return head + "\n".join(rows) + "\n"
 
 
-def _once(specs: Iterable[Spec], names: Sequence[str]) -> list[Spec]:
-    """Replace the name of a parameter by its place holder, each key once."""
-    found: dict[str, Spec] = {}
-    for spec in specs:
-        parts = [_PARAMETER if part in names else part for part in spec.name.split(".")]
-        found.setdefault(".".join(parts), spec)
-    return [
-        Spec(name, s.kind, s.default, s.description, s.unit, s.lower, s.upper, s.choices)
-        for name, s in found.items()
-    ]
-
-
-def _section(title: str, specs: Iterable[Spec]) -> str:
+def _section(title: str, specs: Iterable[Descriptor]) -> str:
     rows = [
         f"| `{s.name}` | {s.kind.value} | {_default(s)} | {s.unit} | {_allowed(s)} | "
         f"{_cell(s.description)} |"
@@ -101,15 +88,15 @@ def _section(title: str, specs: Iterable[Spec]) -> str:
     return head + "|---|---|---|---|---|---|\n" + "\n".join(rows) + "\n"
 
 
-def _default(spec: Spec) -> str:
+def _default(spec: Descriptor) -> str:
     if isinstance(spec.default, (list, tuple)) and not spec.default:
         return "none"
     text = example(spec.default)
     return "not given" if text == ".nan" else f"`{text}`"
 
 
-def _allowed(spec: Spec) -> str:
-    return ", ".join(f"`{c}`" for c in spec.choices) or limits(spec)
+def _allowed(spec: Descriptor) -> str:
+    return ", ".join(f"`{c}`" for c in spec.choices) or spec.limits
 
 
 def _cell(text: str) -> str:
