@@ -23,7 +23,7 @@ from valve_twin.io.cdr.signals import SignalSource
 from valve_twin.io.playback.player import bag_topics, read_messages
 from valve_twin.nodes.player.node import BagPlayerNode
 from valve_twin.nodes.recorder.node import BagRecorderNode
-from valve_twin.nodes.runtime.messages import from_time
+from valve_twin.nodes.runtime.stamps import from_time
 from valve_twin.nodes.twin.inputs import InputConfig, TopicInput, by_topic
 
 TOPICS = [f"{NS}/{t}" for t in ("command/v_in", "command/v_out", "spool_position")]

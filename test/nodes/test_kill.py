@@ -31,7 +31,7 @@ from valve_twin.core.valves.registry import get_model, get_simulation
 from valve_twin.io.cdr.codec import encode_stamped
 from valve_twin.io.history.store import History
 from valve_twin.nodes.player.outlets import Gate
-from valve_twin.nodes.runtime.messages import from_time
+from valve_twin.nodes.runtime.stamps import from_time
 
 TOPICS = ("command/v_in", "command/v_out", "spool_position")
 LATCHED = QoSProfile(depth=100000, durability=DurabilityPolicy.TRANSIENT_LOCAL)

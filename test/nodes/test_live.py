@@ -17,7 +17,8 @@ from valve_twin_msgs.msg import CycleSummary, Estimate, Float64Stamped, Predicti
 from test.nodes.conftest import DEEP, NS, make_graph
 from test.nodes.feeding import REARM
 from valve_twin.io.history.store import History
-from valve_twin.nodes.runtime.messages import estimate_value, from_time
+from valve_twin.nodes.runtime.messages import estimate_value
+from valve_twin.nodes.runtime.stamps import from_time
 
 START_S = 1000.0
 RATE = 20.0

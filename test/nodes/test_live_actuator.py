@@ -17,7 +17,7 @@ from valve_twin.core.valves.registry import get_model
 from valve_twin.io.config.valve import load_config
 from valve_twin.io.offline.run import run_bag
 from valve_twin.io.offline.simulated_bag import simulation_of, write_simulated_bag
-from valve_twin.nodes.runtime.messages import from_time
+from valve_twin.nodes.runtime.stamps import from_time
 
 NAME = "/engine/valve_1"
 BATCH, PERIOD_NS, SAMPLES = 100, 100_000, 2000

@@ -13,7 +13,7 @@ from rosgraph_msgs.msg import Clock
 from valve_twin_msgs.msg import Float64Stamped
 
 from valve_twin.io.bags.read import BagWriter
-from valve_twin.nodes.runtime.messages import from_time
+from valve_twin.nodes.runtime.stamps import from_time
 
 START_NS = 1_600_000_000_000_000_000
 TOPIC = "/press/v1/spool_position"

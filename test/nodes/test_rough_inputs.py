@@ -17,7 +17,7 @@ from test.nodes.conftest import NS
 from test.nodes.feeding import START_NS, Feeder
 from test.nodes.rough import Watched
 from valve_twin.io.cdr.codec import encode_stamped
-from valve_twin.nodes.runtime.messages import to_time
+from valve_twin.nodes.runtime.stamps import to_time
 
 POSITION = f"{NS}/spool_position"
 BEST_EFFORT = ReliabilityPolicy.BEST_EFFORT

@@ -22,7 +22,7 @@ from valve_twin.io.bags.writer import BagWriter
 from valve_twin.io.cdr.codec import encode_stamped
 from valve_twin.io.mcap.reader import McapFile
 from valve_twin.nodes.player.node import BagPlayerNode
-from valve_twin.nodes.runtime.messages import from_time
+from valve_twin.nodes.runtime.stamps import from_time
 
 S = 10**9
 BEGIN_NS = 1_700_000_000 * S

@@ -29,7 +29,7 @@ from valve_twin.io.cdr.codec import encode_stamped
 from valve_twin.io.playback.player import bag_topics
 from valve_twin.nodes.recorder import node as bag_recorder
 from valve_twin.nodes.recorder.node import BagRecorderNode
-from valve_twin.nodes.runtime.messages import from_time, to_time
+from valve_twin.nodes.runtime.stamps import from_time, to_time
 from valve_twin.nodes.twin.node import TwinNode
 
 POSITION = f"{NS}/spool_position"

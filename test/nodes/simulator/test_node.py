@@ -16,7 +16,7 @@ from valve_twin.core.valves.hybrid_actuator.plant_kernel import FLUX_CLOSER, OPE
 from valve_twin.core.valves.registry import get_simulation
 from valve_twin.demo.cases import case_names, config_of
 from valve_twin.io.config.valve import load_config
-from valve_twin.nodes.runtime.messages import from_time
+from valve_twin.nodes.runtime.stamps import from_time
 from valve_twin.nodes.simulator.node import SimulatedValveNode
 
 POSITION = f"/sim{NS}/spool_position"

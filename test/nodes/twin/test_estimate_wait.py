@@ -12,8 +12,8 @@ from test.nodes import slow_press
 from test.nodes.conftest import NS, make_graph
 from test.nodes.feeding import REARM, Feeder
 from test.nodes.rough import Watched
-from valve_twin.nodes.runtime.messages import from_time
 from valve_twin.nodes.runtime.safety import is_replayed
+from valve_twin.nodes.runtime.stamps import from_time
 from valve_twin.nodes.twin.estimate_wait import EstimateWait
 
 RUNS = 5

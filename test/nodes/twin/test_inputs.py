@@ -16,7 +16,7 @@ from valve_twin_msgs.msg import Float64Series, Float64Stamped, Prediction, Predi
 from test.nodes.conftest import NS
 from test.nodes.feeding import START_NS, Feeder
 from valve_twin.io.cdr.codec import encode_stamped
-from valve_twin.nodes.runtime.messages import to_time
+from valve_twin.nodes.runtime.stamps import to_time
 from valve_twin.nodes.twin.inputs import OVERRUN_S
 from valve_twin.nodes.twin.node import TwinNode
 

@@ -14,7 +14,7 @@ from valve_twin_msgs.msg import CycleSummary, Prediction, PredictionSeries
 from test.nodes.conftest import NS
 from test.nodes.feeding import REARM, START_NS, Feeder
 from valve_twin.core.types import Prediction as Block
-from valve_twin.nodes.runtime.messages import from_time
+from valve_twin.nodes.runtime.stamps import from_time
 from valve_twin.nodes.twin.node import TwinNode
 from valve_twin.nodes.twin.prediction_batches import PredictionBatches, mean_period_s
 

@@ -14,8 +14,8 @@ from valve_twin.io.cdr.message_types import message_class
 from valve_twin.nodes.player.flow import Flow, are_acked
 from valve_twin.nodes.player.outlets import Gate, Outbox
 from valve_twin.nodes.player.plan import CLOCK, Plan, Route, profile
-from valve_twin.nodes.runtime.messages import to_time
 from valve_twin.nodes.runtime.safety import Guard, Outlet
+from valve_twin.nodes.runtime.stamps import to_time
 from valve_twin.nodes.twin.inputs import seconds_now
 
 if TYPE_CHECKING:

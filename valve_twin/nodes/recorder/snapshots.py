@@ -13,8 +13,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from valve_twin_msgs import msg
 
 from valve_twin.io.recording.ring_buffer import CycleSpan, RecordedMessage, RingBuffer, Snapshot
-from valve_twin.nodes.runtime.messages import from_time
 from valve_twin.nodes.runtime.node import STEADY, ValveNode
+from valve_twin.nodes.runtime.stamps import from_time
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -27,30 +27,18 @@ from valve_twin.core.types import (
     ParameterStatus,
     Prediction,
 )
+from valve_twin.nodes.runtime.stamps import SECOND_NS, from_time, to_time
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator
 
 T = TypeVar("T")
 
-SECOND_NS = 1_000_000_000
-_MAX_NS = (2**31 - 1) * SECOND_NS
 _PREDICTION = struct.Struct("<4siII4xQdddddB?")
 _LITTLE = b"\x00\x01\x00\x00"
 _SERIES = struct.Struct("<4siII4xdQI4x")
 _COUNT = struct.Struct("<I4x")
 _SERIES_END = struct.Struct("<dI")
-
-
-def to_time(stamp_ns: int) -> Time:
-    """Return a stamp as a message; what a header cannot hold becomes its nearest end."""
-    sec, nanosec = divmod(min(max(int(stamp_ns), 0), _MAX_NS), SECOND_NS)
-    return Time(sec=sec, nanosec=nanosec)
-
-
-def from_time(time: Time) -> int:
-    """Return a stamp in nanoseconds."""
-    return int(time.sec) * SECOND_NS + int(time.nanosec)
 
 
 def prediction_bytes(prediction: Prediction) -> Iterator[bytes]:

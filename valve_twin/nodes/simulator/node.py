@@ -15,9 +15,9 @@ from valve_twin.io.config.keys import VALVE_KEYS
 from valve_twin.io.errors import ConfigError
 from valve_twin.nodes.player.outlets import Gate, Outbox, sending_profile
 from valve_twin.nodes.runtime.diagnostics import Diagnostics, Report
-from valve_twin.nodes.runtime.messages import to_time
 from valve_twin.nodes.runtime.node import STEADY, ValveNode
 from valve_twin.nodes.runtime.safety import CHECK_S, Guard
+from valve_twin.nodes.runtime.stamps import to_time
 from valve_twin.nodes.simulator.topics import SimulatedTopics
 from valve_twin.nodes.twin.inputs import seconds_now
 from valve_twin.nodes.twin.valve_parameters import read_valves
