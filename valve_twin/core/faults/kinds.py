@@ -76,8 +76,8 @@ _INPUTS = (
     FaultKind(
         "input.values",
         _WARN,
-        "Values are no finite number or outside signals.NAME.min and max; they are not used.",
-        "Look at the sensor and its scaling, or correct signals.NAME.min and max.",
+        "Values are not finite or outside signals.NAME.lower and upper; they are not used.",
+        "Look at the sensor and its scaling, or correct signals.NAME.lower and upper.",
         confirm_count=3,
         heal_s=EVENT_HEAL_S,
     ),
