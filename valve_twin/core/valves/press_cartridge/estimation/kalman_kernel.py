@@ -50,6 +50,46 @@ _SINGULAR = 1e-12  # relative pivot below which columns count as dependent
 
 
 @njit(cache=True)
+def absorb(
+    level: FloatArray,
+    place: FloatArray,
+    drift: FloatArray,
+    news: FloatArray,
+    covariance: tuple[float, float, float],
+    gram: FloatArray,
+    count: int,
+) -> tuple[float, float, float]:
+    """Take one sample into filter and normal equations; return the covariance after it.
+
+    Parameters
+    ----------
+    level : (C,) array
+        Responses and measurement [1].
+    place, drift : (C,) arrays
+        State of the filter of each, written in place [1].
+    news : (C,) array
+        Overwritten [1].
+    covariance : tuple of float
+        Of place and drift: variance, covariance, variance [1].
+    gram : (C, C) array
+        Lower triangle, added to [1].
+    count : int
+        C [1].
+    """
+    p11, p12, p22 = covariance
+    total = 1.0 + p11
+    gain, turn = p11 / total, p12 / total
+    for k in range(count):
+        news[k] = level[k] - place[k]
+        place[k] += gain * news[k]
+        drift[k] += turn * news[k]
+    for i in range(count):
+        for j in range(i + 1):
+            gram[i, j] += news[i] * news[j] / total
+    return gain, p12 - gain * p12, p22 - turn * p12
+
+
+@njit(cache=True)
 def whiten(
     data: Stretch,
     pole: float,
@@ -123,17 +163,7 @@ def whiten(
             p11, p12 = 1.0, 0.0
             continue
         total = 1.0 + p11
-        gain, turn = p11 / total, p12 / total
-        for k in range(N_COLUMNS):
-            news[k] = level[k] - place[k]
-            place[k] += gain * news[k]
-            drift[k] += turn * news[k]
-        p22 -= turn * p12
-        p12 -= gain * p12
-        p11 = gain
-        for i in range(N_COLUMNS):
-            for j in range(i + 1):
-                gram[i, j] += news[i] * news[j] / total
+        p11, p12, p22 = absorb(level, place, drift, news, (p11, p12, p22), gram, N_COLUMNS)
         log_determinant += np.log(total)
         rows += 1
     for i in range(N_COLUMNS):

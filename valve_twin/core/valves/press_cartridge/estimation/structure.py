@@ -18,6 +18,7 @@ import numpy as np
 from numba import njit
 
 from valve_twin.core.types import Guard
+from valve_twin.core.valves.press_cartridge.estimation.kalman_kernel import absorb
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray
@@ -285,18 +286,7 @@ def whiten_columns(
             known = True
             p11, p12 = 1.0, 0.0
             continue
-        total = 1.0 + p11
-        gain, turn = p11 / total, p12 / total
-        for k in range(count):
-            news[k] = level[k] - place[k]
-            place[k] += gain * news[k]
-            drift[k] += turn * news[k]
-        p22 -= turn * p12
-        p12 -= gain * p12
-        p11 = gain
-        for i in range(count):
-            for j in range(i + 1):
-                gram[i, j] += news[i] * news[j] / total
+        p11, p12, p22 = absorb(level, place, drift, news, (p11, p12, p22), gram, count)
         rows += 1
     for i in range(count):
         for j in range(i + 1, count):
