@@ -10,7 +10,7 @@ RUN := tools/run
 
 help:
 	@echo "make demo       run a simulated aging press valve with its twin, aging monitor and recorder; ends with a report"
-	@echo "                another valve: make demo VALVE=stepper_servo, hybrid_actuator, servo_system or double_solenoid"
+	@echo "                another valve: make demo VALVE=NAME; tools/run python -m valve_twin.demo --help lists the names"
 	@echo "make test       lint, types, tests, short benchmark"
 	@echo "make test-long  the statistical campaigns that make test leaves out"
 	@echo "make setup      environment, messages, package, all compiled kernels; make test calls it, make demo does what it needs of it"
