@@ -8,6 +8,7 @@ import subprocess
 import sys
 from typing import Any
 
+import numpy as np
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
@@ -125,6 +126,7 @@ def test_the_clock_goes_before_every_message(graph, bag):
     assert len(times) == 300
 
 
+@pytest.mark.alone
 def test_the_rate_is_kept(graph, bag):
     found: list[Any] = []
 
@@ -134,8 +136,8 @@ def test_the_rate_is_kept(graph, bag):
     graph.node.create_subscription(Float64Stamped, f"/replay{TOPICS[0]}", take, 1000)
     graph.host(BagPlayerNode, bag=bag, rate=2.0, topics=TOPICS[:1])
     graph.spin_until(lambda: len(found) == 100, what="100 messages")
-    data, wall = ((found[-1][i] - found[0][i]) * 1e-9 for i in (0, 1))
-    assert data / wall == pytest.approx(2.0, rel=0.1)
+    data, wall = np.diff(np.array(found)[::11], axis=0).T  # nine stretches
+    assert np.median(data / wall) == pytest.approx(2.0, rel=0.1)
 
 
 def test_playing_pauses_and_goes_on(graph, bag):

@@ -3,6 +3,7 @@
 """Nodes come up, change their state and go down in good order."""
 
 import signal
+import statistics
 import time
 
 import pytest
@@ -64,16 +65,29 @@ def test_a_transition_that_the_state_does_not_know_is_answered(graph):
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 @pytest.mark.parametrize("name", NODES)
-def test_a_signal_ends_a_running_node_at_once(graph, parameters, name, number):
+def test_a_signal_ends_a_running_node(graph, parameters, name, number):
+    ended_in_s(graph, parameters, name, number)
+
+
+@pytest.mark.alone
+@pytest.mark.parametrize("name", NODES)
+def test_a_running_node_ends_within_two_seconds(graph, parameters, name):
+    took = [ended_in_s(graph, parameters, name, signal.SIGTERM) for _ in range(3)]
+    assert statistics.median(took) < LIMIT_S, took
+
+
+def ended_in_s(graph, parameters, name, number) -> float:
+    """Start a node, end it by a signal, return how long that took [s]."""
     process = graph.start(name, **parameters[name])
     graph.spin_until(
         lambda: name in graph.node.get_node_names() and process.takes_signals(), 30.0, "the node"
     )
     begin = time.monotonic()
-    code = process.end(number)
+    code = process.end(number, timeout=30.0)
+    took_s = time.monotonic() - begin
     assert code == 0, process.log
-    assert time.monotonic() - begin < LIMIT_S
     assert "Traceback" not in process.log
+    return took_s
 
 
 def test_a_second_interrupt_during_the_end_does_no_harm(graph, parameters):

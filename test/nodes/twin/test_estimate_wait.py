@@ -103,6 +103,8 @@ class Latencies:
 
     def _run(self, graph, folder, slow) -> None:
         positions = graph.record_with_info(f"/sim{NS}/spool_position", Float64Stamped)
+        for command in ("v_in", "v_out"):
+            graph.record(f"/sim{NS}/command/{command}", Float64Stamped)
         predictions = graph.record_with_info(f"{NS}/twin/prediction", Prediction)
         cycles = graph.record_with_info(f"{NS}/twin/cycle", CycleSummary)
         estimates = graph.record_with_info(f"{NS}/twin/estimate", Estimate)
@@ -111,9 +113,10 @@ class Latencies:
         graph.start("twin", **live)
         own = [f"{NS}/twin/{name}" for name in ("prediction", "cycle", "estimate")]
         graph.spin_until(lambda: graph.connected(*own), 60.0, "the twin's publishers")
+        graph.be_heard(f"{NS}/twin")
         graph.start(
             "simulated_valve", rate=RATE, start_time_s=slow_press.START_S, lossless=False,
-            wait_for_subscribers=2,
+            wait_for_subscribers=2,  # the twin and this test
         )  # fmt: skip
         graph.spin_until(
             lambda: len({m.cycle for m, _ in estimates}) >= ESTIMATIONS,
@@ -143,5 +146,9 @@ def test_an_estimation_does_not_delay_the_predictions(tmp_path_factory, tmp_path
     spans = np.concatenate([np.diff(r.busy, axis=1) for r in runs])
     assert np.all(spans >= slow_press.ESTIMATION_S * 1e9)
     said = ", ".join(f"{r.loud:.1f} ms during and {r.quiet:.1f} ms without" for r in runs)
-    assert np.median([r.loud / r.quiet for r in runs]) <= 2.0, said
+    # what waits for an estimation is late by most of it; a twentieth and twice the quiet latency
+    # are the price of a core that computes
+    bearable = [max(2.0 * r.quiet, 0.05e-6 * float(np.median(spans))) for r in runs]
+    late = [r.loud / b for r, b in zip(runs, bearable, strict=True)]
+    assert np.median(late) <= 1.0, said
     assert np.median([r.rate for r in runs]) == pytest.approx(RATE, rel=0.05)

