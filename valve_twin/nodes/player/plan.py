@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rclpy.duration import Duration
 from rclpy.exceptions import InvalidTopicNameException
@@ -21,6 +21,7 @@ from rclpy.validate_full_topic_name import validate_full_topic_name
 from valve_twin.io.bags.qos import FOREVER_NS, override, read_overrides
 from valve_twin.io.bags.qos import QosProfile as OfferedQos
 from valve_twin.io.cdr.message_types import message_class
+from valve_twin.io.config.node_parameters import BagPlayerParameters
 from valve_twin.io.config.topic_names import resolve_topic
 from valve_twin.io.errors import ConfigError
 from valve_twin.io.playback.choice import Choice, Stretch, read_remaps, stretch
@@ -126,18 +127,19 @@ def read_plan(parameters: Parameters, where: str, warn: Callable[[str], object])
     ConfigError
         If a parameter does not fit.
     """
-    bag = str(parameters["bag"])
+    p = parameters.read(BagPlayerParameters)
+    bag = p.bag
     if not bag:
         msg = f"{where}: key 'bag' is empty; write the folder of a bag"
         raise ConfigError(msg)
     choice = Choice(
-        topics=_texts(parameters, "topics"),
-        regex=str(parameters["regex"]),
-        exclude_topics=_texts(parameters, "exclude_topics"),
-        exclude_regex=str(parameters["exclude_regex"]),
+        topics=p.topics,
+        regex=p.regex,
+        exclude_topics=p.exclude_topics,
+        exclude_regex=p.exclude_regex,
     )
-    routes = _routes(parameters, [t for t in bag_topics(bag, choice) if _is_playable(t, warn)])
-    if parameters["clock"]:
+    routes = _routes(p, [t for t in bag_topics(bag, choice) if _is_playable(t, warn)])
+    if p.clock:
         routes = [r for r in routes if r.topic.name != CLOCK]
     _check_names(routes, where)
     if not routes:
@@ -145,36 +147,32 @@ def read_plan(parameters: Parameters, where: str, warn: Callable[[str], object])
         raise ConfigError(msg)
     part = stretch(
         bag,
-        offset_ns=_nanoseconds(parameters["start_offset_s"]),
-        duration_ns=_nanoseconds(parameters["duration_s"]),
-        until_ns=int(parameters["until_ns"]),
+        offset_ns=_nanoseconds(p.start_offset_s),
+        duration_ns=_nanoseconds(p.duration_s),
+        until_ns=p.until_ns,
     )
     return Plan(
         bag,
         tuple(routes),
         stretch(bag),
         part,
-        prefix=str(parameters["publish_prefix"]),
-        rate=float(parameters["rate"]),
-        clock=bool(parameters["clock"]),
-        clock_hz=float(parameters["clock_hz"]) if parameters["clock"] else 0.0,
-        window=int(parameters["window"]) if parameters["lossless"] else 0,
-        lossless=bool(parameters["lossless"]),
-        allow_live=bool(parameters["allow_live"]),
-        start_paused=bool(parameters["start_paused"]),
-        loop=bool(parameters["loop"]),
-        delay_s=float(parameters["delay_s"]),
-        start_delay_s=float(parameters["start_delay_s"]),
-        wait_for_subscribers=int(parameters["wait_for_subscribers"]),
+        prefix=p.publish_prefix,
+        rate=p.rate,
+        clock=p.clock,
+        clock_hz=p.clock_hz if p.clock else 0.0,
+        window=p.window if p.lossless else 0,
+        lossless=p.lossless,
+        allow_live=p.allow_live,
+        start_paused=p.start_paused,
+        loop=p.loop,
+        delay_s=p.delay_s,
+        start_delay_s=p.start_delay_s,
+        wait_for_subscribers=p.wait_for_subscribers,
     )
 
 
-def _texts(parameters: Parameters, name: str) -> tuple[str, ...]:
-    return tuple(str(t) for t in parameters[name] if t)
-
-
-def _nanoseconds(seconds: Any) -> int:
-    return round(float(seconds) * 1e9)
+def _nanoseconds(seconds: float) -> int:
+    return round(seconds * 1e9)
 
 
 def _is_playable(topic: BagTopic, warn: Callable[[str], object]) -> bool:
@@ -189,13 +187,13 @@ def _is_playable(topic: BagTopic, warn: Callable[[str], object]) -> bool:
     return not problem
 
 
-def _routes(parameters: Parameters, topics: list[BagTopic]) -> list[Route]:
-    prefix = str(parameters["publish_prefix"])
-    renamed = read_remaps(_texts(parameters, "remap"))
-    path = str(parameters["qos_overrides_path"])
+def _routes(p: BagPlayerParameters, topics: list[BagTopic]) -> list[Route]:
+    prefix = p.publish_prefix
+    renamed = read_remaps(p.remap)
+    path = p.qos_overrides_path
     overrides = read_overrides(path) if path else {}
-    clock_topics = _texts(parameters, "clock_topics")
-    lossless = bool(parameters["lossless"])
+    clock_topics = p.clock_topics
+    lossless = p.lossless
     found = []
     for topic in topics:
         name = resolve_topic(renamed.get(topic.name, topic.name), "", prefix)

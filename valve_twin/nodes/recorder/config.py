@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from valve_twin.io.bags.qos import read_overrides
 from valve_twin.io.bags.rolling import SplitRule
+from valve_twin.io.config.node_parameters import BagRecorderParameters
 from valve_twin.io.errors import ConfigError
 from valve_twin.io.recording.recorder import DiskRule
 from valve_twin.io.recording.topic_choice import TopicChoice
@@ -61,59 +62,53 @@ def read_config(node: ValveNode) -> RecorderConfig:
     ConfigError
         Naming the parameter, its value and what to write.
     """
-    p = node.parameters
+    p = node.parameters.read(BagRecorderParameters)
     now = datetime.now(timezone.utc).strftime("%Y%m%d_%H%M%S")
-    path = str(p["qos_profile_overrides_path"])
+    path = p.qos_profile_overrides_path
     config = RecorderConfig(
-        bag=str(p["bag"]) or f"valve_twin_{now}",
-        choice=_choice(node),
+        bag=p.bag or f"valve_twin_{now}",
+        choice=_choice(node, p),
         overrides=read_overrides(path) if path else {},
-        discovery_s=float(p["discovery_s"]),
-        flush_s=float(p["flush_s"]),
-        queue=int(p["queue"]),
-        queue_bytes=int(p["queue_bytes"]),
-        split=SplitRule(
-            int(p["max_bag_size"]), float(p["max_bag_duration"]), int(p["keep_files"])
-        ),
-        disk=DiskRule(
-            int(p["min_free_bytes"]), str(p["when_disk_low"]) == "delete_oldest", bool(p["resume"])
-        ),
-        custom=_custom(_texts(p["custom_data"])),
-        snapshot=_snapshot(node) if p["snapshot_mode"] else None,
+        discovery_s=p.discovery_s,
+        flush_s=p.flush_s,
+        queue=p.queue,
+        queue_bytes=p.queue_bytes,
+        split=SplitRule(p.max_bag_size, p.max_bag_duration, p.keep_files),
+        disk=DiskRule(p.min_free_bytes, p.when_disk_low == "delete_oldest", p.resume),
+        custom=_custom(p.custom_data),
+        snapshot=_snapshot(p) if p.snapshot_mode else None,
     )
     _check(config)
     return config
 
 
-def _choice(node: ValveNode) -> TopicChoice:
-    p = node.parameters
+def _choice(node: ValveNode, p: BagRecorderParameters) -> TopicChoice:
     choice = TopicChoice(
-        everything=bool(p["all"]),
-        topics=tuple(node.resolve_topic_name(t) for t in _texts(p["topics"])),
-        types=_texts(p["types"]),
-        regex=str(p["regex"]),
-        exclude_topics=tuple(node.resolve_topic_name(t) for t in _texts(p["exclude_topics"])),
-        exclude_types=_texts(p["exclude_types"]),
-        exclude_regex=str(p["exclude_regex"]),
-        hidden=bool(p["include_hidden_topics"]),
+        everything=p.all,
+        topics=tuple(node.resolve_topic_name(t) for t in p.topics),
+        types=p.types,
+        regex=p.regex,
+        exclude_topics=tuple(node.resolve_topic_name(t) for t in p.exclude_topics),
+        exclude_types=p.exclude_types,
+        exclude_regex=p.exclude_regex,
+        hidden=p.include_hidden_topics,
         namespace=node.get_namespace(),
     )
     choice.check()
     return choice
 
 
-def _snapshot(node: ValveNode) -> SnapshotConfig:
-    p = node.parameters
+def _snapshot(p: BagRecorderParameters) -> SnapshotConfig:
     return SnapshotConfig(
-        seconds=float(p["snapshot_s"]),
-        size=int(p["snapshot_bytes"]),
-        cycles=int(p["snapshot_cycles"]),
-        after_s=float(p["snapshot_after_s"]),
-        alarms=_texts(p["alarms"]),
-        alarm_regex=str(p["alarm_regex"]),
-        pause_s=float(p["alarm_pause_s"]),
-        cycle_topic=str(p["cycle_topic"]),
-        verdict_topic=str(p["verdict_topic"]),
+        seconds=p.snapshot_s,
+        size=p.snapshot_bytes,
+        cycles=p.snapshot_cycles,
+        after_s=p.snapshot_after_s,
+        alarms=p.alarms,
+        alarm_regex=p.alarm_regex,
+        pause_s=p.alarm_pause_s,
+        cycle_topic=p.cycle_topic,
+        verdict_topic=p.verdict_topic,
     )
 
 
@@ -132,10 +127,6 @@ def _check(config: RecorderConfig) -> None:
         text = config.snapshot.alarm_regex
         msg = f"parameter 'alarm_regex': '{text}' is no regular expression: {err}"
         raise ConfigError(msg) from err
-
-
-def _texts(values: Any) -> tuple[str, ...]:
-    return tuple(str(v) for v in values if v)
 
 
 def _custom(pairs: tuple[str, ...]) -> dict[str, str]:

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -16,7 +16,7 @@ from rcl_interfaces.msg import (
 from rclpy.exceptions import ParameterUninitializedException
 from rclpy.parameter import Parameter
 
-from valve_twin.core.quantity import Kind
+from valve_twin.core.quantity import Kind, describe, replaced
 from valve_twin.io.config.node_parameters import NODE_PARAMETERS
 from valve_twin.io.errors import ConfigError, suggest
 from valve_twin.nodes.runtime.compat import overrides_of
@@ -24,9 +24,12 @@ from valve_twin.nodes.runtime.compat import overrides_of
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
+    from _typeshed import DataclassInstance
     from rclpy.node import Node
 
     from valve_twin.core.quantity import Descriptor
+
+T = TypeVar("T")
 
 _FOREIGN = ("qos_overrides.", "use_sim_time", "start_type_description_service", "simulation.")
 _OF_VALVES = (
@@ -63,6 +66,11 @@ class Parameters:
             return self._node.get_parameter(name).value
         except ParameterUninitializedException:
             return []
+
+    def read(self, table: type[T]) -> T:
+        """Return the present values of a table of declared parameters."""
+        found = describe(cast("type[DataclassInstance]", table))
+        return replaced(table(), {d.name: d.check(_python_value(self[d.name])) for d in found})
 
     def declare(self, specs: Iterable[Descriptor]) -> None:
         """Declare what is not declared yet; a wrong override is kept as an error for `check`."""
