@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-import importlib.util
+import importlib
 import re
 import shlex
 import sys
@@ -30,15 +30,14 @@ def valve(root, tmp_path, monkeypatch):
     (tmp_path / "my_valve.yaml").write_text(config, encoding="utf-8")
     (toml,) = blocks(root, "toml")
     name, value = re.findall(r'^(\w+) = "(.*)"$', toml, flags=re.MULTILINE)[0]
-    spec = importlib.util.spec_from_file_location("my_valve", file)
-    module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, "my_valve", module)
-    spec.loader.exec_module(module)
+    monkeypatch.syspath_prepend(tmp_path)
+    module = importlib.import_module("my_valve")
     entry = EntryPoint(name, value, registry.ENTRY_POINT_GROUP)
     monkeypatch.setattr(registry, "entry_points", lambda group: [entry])
     monkeypatch.chdir(tmp_path)
     yield module.VALVE
     registry.get_model.cache_clear()
+    sys.modules.pop("my_valve")
 
 
 def test_the_valve_of_the_page_keeps_the_protocol_and_runs(root, valve, tmp_path, capsys):
