@@ -251,7 +251,17 @@ class History:
     def cycles(
         self, valve: str, first_cycle: int = 0, limit: int | None = None
     ) -> list[CycleRecord]:
-        """Return the stored cycles from `first_cycle` on, oldest first, at most `limit`."""
+        """Return stored cycles, refused ones too, oldest first.
+
+        Parameters
+        ----------
+        valve : str
+            Name of the valve.
+        first_cycle : int
+            Number of the first cycle wanted [1].
+        limit : int or None
+            At most this many cycles [1], the oldest of them; None = all.
+        """
         query = (
             _of_valve(CYCLE, valve)
             .where(CYCLE.c.cycle >= first_cycle)

@@ -24,6 +24,15 @@ def add_verdict(connection: Connection, valve_id: int, verdict: Verdict) -> bool
 
     The same word is new where it is a fault and another one is named. A verdict on an earlier
     cycle than the last stored one is old: a monitor that catches up repeats what was said.
+
+    Parameters
+    ----------
+    connection : Connection
+        To the database, in a transaction that writes.
+    valve_id : int
+        Key of the valve's row in table `valve`.
+    verdict : Verdict
+        The monitor's verdict on the last cycle it knows.
     """
     query = sa.select(VERDICT).where(VERDICT.c.valve_id == valve_id)
     last = connection.execute(query.order_by(VERDICT.c.id.desc()).limit(1)).mappings().first()

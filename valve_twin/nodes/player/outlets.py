@@ -106,7 +106,17 @@ class Gate:
         self._since_s: float | None = None
 
     def is_open(self, publishers: Iterable[Any], wanted: int, now_s: float) -> bool:
-        """Return whether to begin, at `now_s` on a steady clock [s]."""
+        """Return whether to begin.
+
+        Parameters
+        ----------
+        publishers : iterable
+            All that are to be subscribed to.
+        wanted : int
+            Subscribers that each of them must have matched [1].
+        now_s : float
+            The steady clock [s].
+        """
         if subscribers(publishers) < wanted:
             self._since_s = None
             return False

@@ -104,7 +104,22 @@ class Plan:
     wait_for_subscribers: int
 
     def part_from(self, offset_ns: int, duration_ns: int, until_ns: int) -> Stretch:
-        """Return another part of the same bag; see `stretch`."""
+        """Return another part of the same bag.
+
+        Parameters
+        ----------
+        offset_ns : int
+            Begin this long after the first message [ns].
+        duration_ns : int
+            Bag time to play [ns], 0 or less = to the end.
+        until_ns : int
+            Log time to stop at [ns], 0 or less = the end. The earlier end counts.
+
+        Raises
+        ------
+        BagError
+            If nothing lies in it.
+        """
         return stretch(self.bag, offset_ns=offset_ns, duration_ns=duration_ns, until_ns=until_ns)
 
 

@@ -251,7 +251,22 @@ class Playing:
         return True
 
     def play(self, offset_ns: int, duration_ns: int, until_ns: int) -> bool:
-        """Play a part of the bag; return False where it is being played already."""
+        """Play a part of the bag once the last one has ended or was stopped.
+
+        Parameters
+        ----------
+        offset_ns : int
+            Begin this long after the first message [ns].
+        duration_ns : int
+            Bag time to play [ns], 0 or less = to the end.
+        until_ns : int
+            Log time to stop at [ns], 0 or less = the end. The earlier end counts.
+
+        Returns
+        -------
+        bool
+            False where the bag is being played already, or nothing lies in that part.
+        """
         if self.phase not in (Phase.ENDED, Phase.STOPPED):
             return False
         try:

@@ -58,7 +58,7 @@ class FaultDesk:
         Parameters
         ----------
         code : str
-            Code of the fault, see core/fault_kinds.py.
+            Code of the fault, see core/faults/kinds.py.
         evidence : str
             One line with figures; it stands in log and diagnostics.
         valve, subject : str
@@ -70,11 +70,29 @@ class FaultDesk:
         self._tell()
 
     def passed(self, code: str, *, valve: str = "", subject: str = "") -> None:
-        """Say that a condition was looked at and is absent."""
+        """Say that a condition was looked at and is absent.
+
+        Parameters
+        ----------
+        code : str
+            Code of the fault, see core/faults/kinds.py.
+        valve, subject : str
+            Whose it would be; the topic or signal that was looked at.
+        """
         self._book.passed(code, self._now(), unit=valve, subject=subject)
 
     def look(self, code: str, evidence: str, *, valve: str = "", subject: str = "") -> None:
-        """Report a condition where there is evidence of it, else say that it is absent."""
+        """Report a condition where there is evidence of it, else say that it is absent.
+
+        Parameters
+        ----------
+        code : str
+            Code of the fault, see core/faults/kinds.py.
+        evidence : str
+            One line with figures; empty = the condition is absent.
+        valve, subject : str
+            Whose it is; the topic or signal that was looked at.
+        """
         if evidence:
             self.report(code, evidence, valve=valve, subject=subject)
         else:

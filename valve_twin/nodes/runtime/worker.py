@@ -77,7 +77,17 @@ class WorkerProcess:
         self._begun.set()
 
     def submit(self, work: Work, arguments: tuple[Any, ...], deliver: Deliver) -> None:
-        """Run `work(*arguments)` after all earlier jobs; `deliver` gets the outcome."""
+        """Run `work(*arguments)` in the process after all earlier jobs.
+
+        Parameters
+        ----------
+        work : callable
+            Function of a module, found there by its name.
+        arguments : tuple
+            What it gets, sent to the process by pickle as is its result.
+        deliver : callable
+            Gets the outcome, on the thread that waits for the process.
+        """
         self._orders.put(_Order(work, arguments, deliver))
         self._begun.set()
 

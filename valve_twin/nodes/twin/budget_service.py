@@ -54,7 +54,20 @@ def compute_budget(
 
 
 def begin_budget(valve: LiveValve, request: Any, response: Any, done: Done) -> None:
-    """Hand the budget to the worker; `done` gets the response when it is there."""
+    """Hand the budget to the worker.
+
+    Parameters
+    ----------
+    valve : LiveValve
+        The valve; the budget waits behind its estimations.
+    request : valve_twin_msgs/srv/GetErrorBudget.Request
+        Offset and noise of the commands and draws of every noise [1], 0 = default; further
+        settings as NAME=VALUE.
+    response : valve_twin_msgs/srv/GetErrorBudget.Response
+        Empty; filled when the budget is there.
+    done : callable
+        Gets the response, filled or with the reason why there is no budget.
+    """
     sizes = (float(request.offset), float(request.command_noise))
     arguments = (valve.config, sizes, int(request.realisations), tuple(request.settings))
     valve.jobs.run(compute_budget, arguments, partial(_answer, valve.name, response, done))

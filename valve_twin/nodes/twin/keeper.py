@@ -95,7 +95,17 @@ class KeptValve:
         self.waiting = self.stored = self.dropped = self.refused = 0
 
     def add(self, cycle: Cycle, estimates: tuple[Estimate, ...], wall_s: float) -> None:
-        """Store a cycle when its turn comes."""
+        """Store a cycle when its turn comes.
+
+        Parameters
+        ----------
+        cycle : Cycle
+            The cycle, also a refused one.
+        estimates : tuple of Estimate
+            One an estimator; empty for a refused cycle.
+        wall_s : float
+            Computing time of the estimation [s].
+        """
         self.waiting += 1
         self.keeper.add(Kept(self, cycle_record(cycle, __version__), estimates, wall_s))
 
@@ -130,7 +140,17 @@ class Keeper:
         self.reader = WorkerThread("history reader")
 
     def open(self, name: str, publish: Publish, number_from: Callable[[int], None]) -> KeptValve:
-        """Return the way of one valve; arguments as of `KeptValve`."""
+        """Return the way of one valve into the history.
+
+        Parameters
+        ----------
+        name : str
+            The valve.
+        publish : callable
+            Publishes a cycle's estimates, with whether they are stored.
+        number_from : callable
+            Gets the last cycle number of the history where a number turned out to be taken.
+        """
         return KeptValve(self, name, publish, number_from)
 
     def add(self, kept: Kept) -> None:
@@ -267,7 +287,24 @@ class Keeper:
 
 
 def where_to_go_on(history: History, claim: Claim, valve: str) -> tuple[int, Resume | None]:
-    """Return the number of the last stored cycle and what else is known of it."""
+    """Return the number of the last stored cycle and what else is known of it.
+
+    Parameters
+    ----------
+    history : History
+        Open for writing.
+    claim : Claim
+        On the valve's cycles; knows the last one that was announced, stored or not.
+    valve : str
+        Name of the valve.
+
+    Returns
+    -------
+    last_cycle : int
+        Number of the last stored cycle [1], 0 if there is none.
+    resume : Resume or None
+        Its begin and end [ns] and what was announced; None where nothing is known.
+    """
     last = history.last_record(valve)
     if last is not None:
         return last.cycle, Resume(last.start_ns, last.end_ns, claim.announced)
