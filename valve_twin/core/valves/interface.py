@@ -157,19 +157,38 @@ class ValveModel(Protocol):
     ) -> tuple[Estimate, ...]:
         """Estimate every configured estimator's parameters from one cycle.
 
-        `earlier` are the estimates of the cycles before, oldest first: what does not age, such as
-        a ratio of noises, may be pooled with them; what is trended comes from this cycle alone.
-
         Deterministic; never raises for bad data: a refusal is an `Estimate` with its reason.
         Leaves `mse_test`, `fit_test`, standard errors and limits that need other cycles at NaN:
         `estimation.sequence` fills them.
+
+        Parameters
+        ----------
+        cycle : Cycle
+            Samples of one cycle.
+        options : dataclass
+            The model's options.
+        earlier : sequence of Estimate
+            Estimates of the cycles before, oldest first: what does not age, such as a ratio of
+            noises, may be pooled with them; what is trended comes from this cycle alone.
         """
         ...
 
     def coefficients(
         self, values: Mapping[str, float], lag: int, period_s: float, options: Options
     ) -> FloatArray:
-        """Return the (K,) coefficients of `predict` for parameter values by name (all finite)."""
+        """Return the (K,) coefficients of `predict` for parameter values.
+
+        Parameters
+        ----------
+        values : mapping
+            Parameter values by name, all finite [unit of each].
+        lag : int
+            Input to output lag [samples].
+        period_s : float
+            Sampling time [s].
+        options : dataclass
+            The model's options.
+        """
         ...
 
     def initial_state(self) -> FloatArray:
@@ -189,12 +208,27 @@ class ValveModel(Protocol):
     ) -> None:
         """Predict N consecutive samples with one compiled kernel; same bits for any block length.
 
-        `state` (S,), `predicted`, `simulated` (N,) and `validity` (N,) are written in place.
-        `position` is (N,), `inputs` (N, M). `restart` (N,): 0 = go on, 1 = a new cycle starts here
-        (the free run starts from the measured position, the measured past stays), 2 = a gap or
-        clock jump lies before this sample (forget the past), 3 = the sample is not valid (position
-        may be NaN: hold, mark BAD_INPUT). A sample whose past is too short gets NaN and STARTING;
-        AT_SEAT and STALE as in `Validity`. `predicted[n]` may use positions before n only.
+        A sample whose past is too short gets NaN and STARTING; AT_SEAT and STALE as in `Validity`.
+        `predicted[n]` may use positions before n only.
+
+        Parameters
+        ----------
+        state : (S,) array
+            Written in place [unit by state].
+        coefficients : (K,) array
+            What `coefficients` returned [unit by coefficient].
+        position : (N,) array
+            Measured position; may be NaN where the sample is not valid [unit of the signal].
+        inputs : (N, M) array
+            Commands in the order of `inputs` [unit of the signals].
+        restart : (N,) uint8 array
+            0 = go on, 1 = a new cycle starts here (the free run starts from the measured position,
+            the measured past stays), 2 = a gap or clock jump lies before this sample (forget the
+            past), 3 = the sample is not valid (hold, mark BAD_INPUT); see `Restart`.
+        predicted, simulated : (N,) arrays
+            Overwritten with one-step prediction and free run [unit of the signal].
+        validity : (N,) uint8 array
+            Overwritten with one `Validity` a sample.
         """
         ...
 

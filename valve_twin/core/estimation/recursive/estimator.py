@@ -188,7 +188,15 @@ class Fits:
 def start(
     structure: Structure, adaptation: Adaptation, theta: FloatArray | None = None
 ) -> RecursiveState:
-    """Return the state before the first sample, from parameters (P,) or from zero."""
+    """Return the state before the first sample.
+
+    Parameters
+    ----------
+    structure, adaptation : Structure, Adaptation
+        The model and how fast it follows.
+    theta : (P,) array, optional
+        Parameters to start from [1]; zero if left out.
+    """
     size = structure.size
     memory = np.zeros(MEMORY_SIZE)
     memory[FORGETTING] = adaptation.forgetting
@@ -225,7 +233,7 @@ def adapt(
     state : RecursiveState
         Where it stands; not changed.
     y, u : (N,) arrays
-        Output and input; a sample that is not finite is a gap.
+        Output and input [1]; a sample that is not finite is a gap.
     """
     new, prior, posterior = _copies(state, y)
     adapt_block(
@@ -252,7 +260,7 @@ def adapt_corrected(
     y: FloatArray,
     u: FloatArray,
 ) -> Adapted:
-    """Learn N samples by the corrected algorithm; parameters as in `adapt`."""
+    """Learn N samples by the corrected algorithm; parameters as `adapt`."""
     new, prior, posterior = _copies(state, y)
     settings = np.array(
         [
@@ -283,7 +291,15 @@ def adapt_corrected(
 def start_corrected(
     structure: Structure, adaptation: Adaptation, literal: RecursiveState
 ) -> RecursiveState:
-    """Return the start of the corrected algorithm from where the literal one stands."""
+    """Return the start of the corrected algorithm from where the literal one stands.
+
+    Parameters
+    ----------
+    structure, adaptation : Structure, Adaptation
+        The model and how fast it follows.
+    literal : RecursiveState
+        State of the literal algorithm; not changed.
+    """
     theta = project_stable(literal.theta, structure, radius=min(0.98, adaptation.max_radius))
     state = start(structure, adaptation, theta)
     state.past_u[:] = literal.past_u
@@ -310,14 +326,14 @@ def identify(
     structure : Structure
         The model.
     y, u : (N,) arrays
-        Output and input.
+        Output and input [1].
     adaptation : Adaptation, optional
         How fast it follows.
     corrected : bool
         Whether the bias of measured outputs in the regressor is corrected.
     theta : (P,) array, optional
-        Where to start, e.g. what an earlier record gave; the corrected algorithm then starts at
-        once, without the literal one.
+        Where to start [1], e.g. what an earlier record gave; the corrected algorithm then starts
+        at once, without the literal one.
     """
     how = adaptation or Adaptation()
     first = start(structure, how, theta)
@@ -345,11 +361,11 @@ def project_stable(
     Parameters
     ----------
     theta : (P,) array
-        Parameters.
+        Parameters [1].
     structure : Structure
         The model.
     radius : float
-        Largest distance of a pole from the origin.
+        Largest distance of a pole from the origin [1].
     """
     poles = np.roots(np.concatenate([[1.0], theta[: structure.na]]))
     outside = np.abs(poles) > radius
@@ -366,11 +382,11 @@ def free_run(theta: FloatArray, structure: Structure, y: FloatArray, u: FloatArr
     Parameters
     ----------
     theta : (P,) array
-        Parameters; project them first.
+        Parameters [1]; project them first.
     structure : Structure
         The model.
     y, u : (N,) arrays
-        Output (only its first samples count) and input.
+        Output (only its first samples count) and input [1].
     """
     simulated = np.empty(len(y))
     run_free(np.ascontiguousarray(theta), structure.orders, _column(y), _column(u), simulated)
@@ -389,7 +405,7 @@ def fits(
     adapted : Adapted
         What learning the record gave.
     y, u : (N,) arrays
-        Output and input.
+        Output and input [1].
     skip : int
         First samples that do not count: those of an adaptation that started from nothing.
     """

@@ -39,13 +39,13 @@ def update_factors(
     Parameters
     ----------
     upper, diagonal : (P, P), (P,) arrays
-        Factors of the adaptation gain.
+        Factors of the adaptation gain, written in place [1].
     phi : (P,) array
-        Regressor or gradient.
+        Regressor or gradient [1].
     forgetting : float
-        Weight of the past, 1 = none is forgotten.
+        Weight of the past, 1 = none is forgotten [1].
     gain : (P,) array
-        Overwritten.
+        Overwritten [1].
     """
     n = len(phi)
     alpha = forgetting
@@ -69,7 +69,15 @@ def update_factors(
 
 @njit(cache=True)
 def bound_trace(upper: FloatArray, diagonal: FloatArray, limit: float) -> None:
-    """Scale the adaptation gain back to a trace of at most `limit`: forgetting stays bounded."""
+    """Scale the adaptation gain back to a trace of at most `limit`: forgetting stays bounded.
+
+    Parameters
+    ----------
+    upper, diagonal : (P, P), (P,) arrays
+        Factors of the adaptation gain; the diagonal is written in place [1].
+    limit : float
+        Largest trace [1].
+    """
     trace = 0.0
     for j in range(len(diagonal)):
         square = 1.0
@@ -84,10 +92,21 @@ def bound_trace(upper: FloatArray, diagonal: FloatArray, limit: float) -> None:
 def fill_regressor(
     phi: FloatArray, orders: IntArray, past_y: FloatArray, past_u: FloatArray, linear: float
 ) -> int:
-    """Write the regressor (P,) of equation (8) and return the length of its linear part.
+    """Write the regressor of equation (8) and return the length of its linear part.
 
     [-y(t-1).. -y(t-na), u(t-nk).. u(t-nk-nb+1), u(t-nk)^2.. u(t-nk)^nl, ylin^2.. ylin^nl]: the
     powers start at 2, a first one would double b_1.
+
+    Parameters
+    ----------
+    phi : (P,) array
+        Overwritten with the regressor [1].
+    orders : (4,) int64 array
+        na, nb, nk, nl.
+    past_y, past_u : (na,), (nk + nb - 1,) arrays
+        Past outputs and inputs, the newest first [1].
+    linear : float
+        Linear part of the last output, ylin [1].
     """
     na, nb, nk, nl = orders
     for i in range(na):
@@ -107,7 +126,17 @@ def fill_regressor(
 
 @njit(cache=True)
 def is_stable(theta: FloatArray, na: int, radius: float) -> bool:
-    """Tell whether all poles of 1 + a_1 z^-1 + .. lie inside `radius`, by the Schur recursion."""
+    """Tell whether all poles of 1 + a_1 z^-1 + .. lie inside `radius`, by the Schur recursion.
+
+    Parameters
+    ----------
+    theta : (P,) array
+        Parameters, a_1 .. a_na first [1].
+    na : int
+        Number of poles.
+    radius : float
+        Largest distance of a pole from the origin [1].
+    """
     a = np.empty(na + 1)
     a[0] = 1.0
     scale = 1.0
@@ -161,19 +190,19 @@ def adapt_block(
     Parameters
     ----------
     theta, upper, diagonal : (P,), (P, P), (P,) arrays
-        Parameters and factors of the adaptation gain.
+        Parameters and factors of the adaptation gain [1].
     past_y, past_u : (na,), (nk + nb - 1,) arrays
-        Measured outputs and inputs, the newest first.
+        Measured outputs and inputs, the newest first [1].
     memory : (MEMORY_SIZE,) array
         See `MEMORY_SIZE`.
     orders : (4,) int64 array
         na, nb, nk, nl.
     limit : float
-        Largest trace of F where something is forgotten.
+        Largest trace of F where something is forgotten [1].
     y, u : (N,) arrays
-        Output and input; a sample that is not finite is a gap.
+        Output and input [1]; a sample that is not finite is a gap.
     prior, posterior : (N,) arrays
-        Overwritten with the outputs before and after the sample was learned; NaN at a start.
+        Overwritten with the outputs before and after the sample was learned [1]; NaN at a start.
     """
     phi, gain = np.zeros(len(theta)), np.zeros(len(theta))
     needed = max(len(past_y), len(past_u))
@@ -238,14 +267,15 @@ def correct_block(
 
     Parameters
     ----------
-    theta, upper, diagonal, past_u, memory, orders, y, u, prior, posterior
-        As in `adapt_block`.
+    theta, upper, diagonal, past_u, memory, orders, y, u, prior, posterior : arrays
+        Same as `adapt_block` takes.
     past_y : (na,) array
-        Simulated outputs, the newest first.
+        Simulated outputs, the newest first [1].
     gradients : (na + 1, P) array
-        Gradients of these outputs; the last row that of the linear part.
+        Gradients of these outputs; the last row that of the linear part [1].
     settings : (4,) array
-        Largest trace of F, largest pole radius, forgetting that is approached, and how fast.
+        Largest trace of F, largest pole radius, forgetting that is approached, and share of the
+        way to it a sample [1].
     """
     na, nl = orders[0], orders[3]
     size = len(theta)
@@ -299,7 +329,17 @@ def correct_block(
 def run_free(
     theta: FloatArray, orders: IntArray, y: FloatArray, u: FloatArray, simulated: FloatArray
 ) -> None:
-    """Simulate from the first measured samples on; outputs (N,) overwritten, NaN at the start."""
+    """Simulate from the first measured samples on.
+
+    Parameters
+    ----------
+    theta, orders : (P,) array, (4,) int64 array
+        Parameters [1]; na, nb, nk, nl.
+    y, u : (N,) arrays
+        Output (only its first samples count) and input [1].
+    simulated : (N,) array
+        Overwritten with the outputs [1], NaN at the start.
+    """
     na, nb, nk, _ = orders
     past_y, past_u = np.zeros(na), np.zeros(nk + nb - 1)
     phi = np.zeros(len(theta))

@@ -62,17 +62,17 @@ def solve_small(
     Parameters
     ----------
     matrix : (K, K) array
-        Normal matrix G; may be singular.
+        Normal matrix G [1]; may be singular.
     vector : (K,) array
-        Right-hand side v.
+        Right-hand side v [1].
     power : float
         Sum of y^2 [1].
     rows : (M, K) array
-        Inequalities.
+        Inequalities [1].
     bound : (M,) array
-        Their right-hand sides.
+        Their right-hand sides [1].
     theta : (K,) array
-        Filled with the solution.
+        Filled with the solution [1].
     active : (M,) bool array
         Filled with the inequalities that hold with equality.
 

@@ -37,7 +37,7 @@ def profile(k: float, c: FloatArray) -> float:
     k : float
         Samples since the cycle began.
     c : (8,) array
-        rise [samples], peak, steady [flow], decay, search start and end, steady start and end
+        rise [samples], peak, steady [m^3/s], decay, search start and end, steady start and end
         [samples].
     """
     if c[4] <= k <= c[5]:
@@ -66,16 +66,16 @@ def predict_block(
     Parameters
     ----------
     state : (STATE_SIZE,) array
-        Written in place.
+        See `STATE_SIZE`; written in place.
     c : (8,) array
         See `profile`.
     flow : (N,) array
-        Measured flow; not used: a fixed cycle is known from its beginning.
+        Measured flow [m^3/s]; not used: a fixed cycle is known from its beginning.
     restart : (N,) uint8 array
         One `Restart` a sample. A record that begins is a cycle that begins; behind a later gap
         the phase is lost until the next cycle.
     predicted, simulated : (N,) arrays
-        Flow; NaN where nothing is predicted.
+        Flow [m^3/s]; NaN where nothing is predicted.
     validity : (N,) uint8 array
         One `Validity` a sample.
     """

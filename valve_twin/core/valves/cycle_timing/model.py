@@ -87,7 +87,10 @@ class CycleTimingModel(ValveModel):
     def coefficients(
         self, values: Mapping[str, float], lag: int, period_s: float, options: CycleTimingOptions
     ) -> FloatArray:
-        """Return the 8 coefficients of `predict`; NaN where a value is not known yet."""
+        """Return the (8,) coefficients, parameters as `ValveModel.coefficients`.
+
+        NaN where a value is not known yet.
+        """
         del lag
         nan = float("nan")
         return np.array(
@@ -118,7 +121,7 @@ class CycleTimingModel(ValveModel):
         simulated: FloatArray,
         validity: ByteArray,
     ) -> None:
-        """Predict a block of samples; see `ValveModel.predict`."""
+        """Predict a block of samples; parameters as `ValveModel.predict`."""
         del inputs
         predict_block(state, coefficients, position, restart, predicted, simulated, validity)
 

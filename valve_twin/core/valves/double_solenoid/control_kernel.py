@@ -71,13 +71,13 @@ def decide(
     Parameters
     ----------
     s : (STATE_SIZE,) array
-        State of the valve, not changed.
+        State of the valve, see `STATE_SIZE`; not changed.
     v, m, g, w : Valve, MapTables, CurrentGains, TrajectoryWeights
         Model of the valve with its current controllers; weights.
     wanted : float
         Wanted position [m].
     work : (STATE_SIZE,) array
-        Scratch.
+        Overwritten with states, see `STATE_SIZE`.
     """
     last = s[COMMAND]
     per_half = 1.0 / v.half_stroke
@@ -146,7 +146,7 @@ def run_valve(
     Parameters
     ----------
     s : (STATE_SIZE,) array
-        Written in place.
+        See `STATE_SIZE`; written in place.
     v, m, g, pid, weights : Valve, MapTables, CurrentGains, PidGains, TrajectoryWeights
         Numbers of valve and controllers.
     control : int
@@ -205,13 +205,13 @@ def drive_open_loop(
     Parameters
     ----------
     s : (STATE_SIZE,) array
-        Written in place.
+        See `STATE_SIZE`; written in place.
     v, m, g : Valve, MapTables, CurrentGains
         The valve and its current controllers.
     command : (N,) array
         Output of a position controller, -1..1 [1].
     out : (N, STATE_SIZE) array
-        Overwritten with the states after each sample.
+        Overwritten with the states after each sample, see `STATE_SIZE`.
     """
     for n in range(len(command)):
         control_sample(s, v, m, g, command[n], False)

@@ -201,7 +201,7 @@ def fit_dynamics(
     Parameters
     ----------
     source, answer : (M,) arrays
-        Input and output at every sub-step of 12.5 us, from rest.
+        Input and output at every sub-step of 12.5 us, from rest: both [A] or both [N].
     names : tuple of str
         Names of b1, b2, a1, a2.
     """

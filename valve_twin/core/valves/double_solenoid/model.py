@@ -136,7 +136,10 @@ class DoubleSolenoidModel(CompiledModel):
         period_s: float,
         options: DoubleSolenoidOptions,
     ) -> FloatArray:
-        """Return the coefficients of `predict`; what is not estimated comes from the options."""
+        """Return the coefficients, parameters as `ValveModel.coefficients`.
+
+        What is not estimated comes from the options.
+        """
         del lag
         finite = {n: v for n, v in values.items() if n in NAMES and np.isfinite(v)}
         try:

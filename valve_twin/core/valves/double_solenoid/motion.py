@@ -185,9 +185,9 @@ def shift_all(
     v, force, x, period : Valve, (N, SUB) array, (N,) array, float
         As in `follow`.
     firsts : (W,) array
-        First sample of each window.
+        First sample of each window, counted from 0 [samples].
     starts : (W, 2) array
-        Position and speed at each start.
+        Position [m] and speed [m/s] at each start.
     speed_step : float
         Added to every speed [m/s].
     window : int
@@ -266,7 +266,7 @@ def first_guess(record: Record, v: Valve, force: FloatArray, firsts: FloatArray)
     force : (N, SUB) array
         See `force_record` [N].
     firsts : (W,) array
-        First samples of the windows.
+        First samples of the windows, counted from 0 [samples].
     """
     places = (firsts.astype(np.int64)[:, None] + np.arange(WINDOW)).ravel()
     speed, _ = derivatives(record.x, record.period_s)

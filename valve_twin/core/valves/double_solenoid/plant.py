@@ -137,7 +137,7 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
         return state
 
     def run(self, state: FloatArray, drive: Drive, period_s: float) -> Response:
-        """Run N samples; `state` is written in place.
+        """Run N samples, parameters as `Plant.run`.
 
         With commands from outside the first column is the setpoint, the others are ignored. A leak
         has no meaning for this valve and changes nothing. Where the integration fails, positions
@@ -276,7 +276,13 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
 
 
 def check_geometry(gap: float, end_stop: float, half_stroke: float) -> str:
-    """Return why gap, end stop and stroke do not fit together, empty if they do [m]."""
+    """Return why gap, end stop and stroke do not fit together, empty if they do.
+
+    Parameters
+    ----------
+    gap, end_stop, half_stroke : float
+        Gap of a solenoid in the middle, largest position, half of the stroke [m].
+    """
     if not end_stop >= half_stroke:
         return f"end_stop = {end_stop!r}: must be half_stroke = {half_stroke!r} or more [m]"
     if not gap >= 1.1 * end_stop:

@@ -87,6 +87,13 @@ def second_order(b1: float, b2: float, a1: float, a2: float) -> Second:
 
     States z1' = z2, z2' = (u - z1 - a1 z2)/a2, output (b0 - D) z1 + (b1 - D a1) z2 + D u with
     D = b2/a2; equations.md 5.1. Coefficients in s and s^2.
+
+    Parameters
+    ----------
+    b1, b2 : float
+        Coefficients of the numerator [s], [s^2].
+    a1, a2 : float
+        Coefficients of the denominator [s], [s^2].
     """
     direct = b2 / a2
     return Second(1.0 / a2, a1 / a2, 1.0 - direct, b1 - direct * a1, direct)
@@ -124,7 +131,7 @@ def step_sample(
     Parameters
     ----------
     s : (STATE_SIZE,) array
-        Written in place.
+        See `STATE_SIZE`; written in place.
     v, m : Valve, MapTables
         Numbers of the valve, curves of a coil.
     volts : tuple of float
@@ -189,7 +196,17 @@ def step_sample(
 
 @njit(cache=True)
 def wanted_current(v: Valve, command: float, side: float) -> float:
-    """Return the reference of a coil's current for an output of -1..1 [A]; side +1 = A, -1 = B."""
+    """Return the reference of a coil's current [A].
+
+    Parameters
+    ----------
+    v : Valve
+        Numbers of the valve.
+    command : float
+        Output of the position controller, -1..1 [1].
+    side : float
+        The coil: +1 = A, -1 = B [1].
+    """
     return min(max(v.bias + side * v.span * command, 0.0), v.largest)
 
 
@@ -204,7 +221,7 @@ def drive_coil(
     Parameters
     ----------
     s : (STATE_SIZE,) array
-        Written in place.
+        See `STATE_SIZE`; written in place.
     g : CurrentGains
         Numbers of the controller.
     wanted : float
@@ -231,7 +248,7 @@ def control_sample(
     Parameters
     ----------
     s : (STATE_SIZE,) array
-        Written in place.
+        See `STATE_SIZE`; written in place.
     v, m, g : Valve, MapTables, CurrentGains
         The valve and its current controllers.
     command : float
@@ -256,7 +273,7 @@ def predict_sample(
     Parameters
     ----------
     s : (STATE_SIZE,) array
-        Written in place.
+        See `STATE_SIZE`; written in place.
     v, m, g : Valve, MapTables, CurrentGains
         The valve and its current controllers.
     command : float

@@ -67,7 +67,7 @@ def integrate(values: FloatArray, switches: BoolArray, period_s: float) -> Float
     Parameters
     ----------
     values : (N,) array
-        Samples of a curve with kinks at the switching instants only.
+        Samples of a curve with kinks at the switching instants only [unit of the curve].
     switches : (N,) bool array
         Samples at which the curve has a kink.
     period_s : float

@@ -142,7 +142,19 @@ def advance(
     closer_to: float,
     h: float,
 ) -> tuple[float, float]:
-    """Return position [m] and speed [m/s] after `h` seconds of Runge-Kutta of order 4."""
+    """Return position [m] and speed [m/s] after `h` seconds of Runge-Kutta of order 4.
+
+    Parameters
+    ----------
+    a, solenoid : Armature, Magnetics
+        Numbers of the moving parts and of either solenoid.
+    x, v : float
+        Position [m] and speed [m/s] at the beginning.
+    opener_from, opener_to, closer_from, closer_to : float
+        Currents at beginning and end, straight lines between [A].
+    h : float
+        Step [s].
+    """
     o, c = 0.5 * (opener_from + opener_to), 0.5 * (closer_from + closer_to)
     a1 = _acceleration(a, solenoid, x, v, opener_from, closer_from)
     x2, v2 = x + 0.5 * h * v, v + 0.5 * h * a1

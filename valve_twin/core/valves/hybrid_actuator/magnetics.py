@@ -121,7 +121,13 @@ def coil_current(m: Magnetics, flux: float, gap: float) -> float:
 
 @njit(cache=True)
 def flux_linkage(m: Magnetics, current: float, gap: float) -> float:
-    """Return the flux linkage of the coil, that of the magnet included [Wb]."""
+    """Return the flux linkage of the coil, that of the magnet included [Wb].
+
+    Parameters
+    ----------
+    m, current, gap : Magnetics, float, float
+        The solenoid, current in its coil, positive with the magnet [A], and physical gap [m].
+    """
     if m.kernel == LINEAR:
         return 2.0 * m.beta * current / (gap + m.kappa) + magnet_flux(m, gap)
     own = -m.saturation_flux * math.expm1(-severity(m, gap)[0] * abs(current))
@@ -130,7 +136,13 @@ def flux_linkage(m: Magnetics, current: float, gap: float) -> float:
 
 @njit(cache=True)
 def coil_force(m: Magnetics, current: float, gap: float) -> float:
-    """Return the force of the coil alone, towards the pole, even in the current [N]."""
+    """Return the force of the coil alone, towards the pole, even in the current [N].
+
+    Parameters
+    ----------
+    m, current, gap : Magnetics, float, float
+        The solenoid, current in its coil [A], and physical gap [m].
+    """
     if m.kernel == LINEAR:
         ratio = current / (gap + m.kappa)
         return m.beta * ratio * ratio
@@ -161,7 +173,14 @@ def force(m: Magnetics, current: float, gap: float) -> float:
 
 @njit(cache=True)
 def field_energy(m: Magnetics, flux: float, gap: float) -> float:
-    """Return the energy of the field and of the magnet; that of the magnet is negative [J]."""
+    """Return the energy of the field and of the magnet; that of the magnet is negative [J].
+
+    Parameters
+    ----------
+    m, flux, gap : Magnetics, float, float
+        The solenoid, flux linkage of its coil, that of the magnet included [Wb], and physical gap
+        [m].
+    """
     own = flux - magnet_flux(m, gap)
     far = MAGNET_GAP + m.magnet_length
     magnet = -m.magnet_force * far * far / (gap + m.magnet_length)

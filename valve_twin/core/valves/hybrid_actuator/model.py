@@ -128,7 +128,10 @@ class HybridActuatorModel(CompiledModel):
         period_s: float,
         options: HybridActuatorOptions,
     ) -> FloatArray:
-        """Return the coefficients of `predict`; what is not estimated comes from the options."""
+        """Return the coefficients, parameters as `ValveModel.coefficients`.
+
+        What is not estimated comes from the options.
+        """
         del lag
         if refusal_of(options):
             return np.full(N_COEFFICIENTS, np.nan)

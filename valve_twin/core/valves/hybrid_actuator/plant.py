@@ -250,7 +250,7 @@ class HybridActuatorPlant(HybridActuatorNumbers, Plant):
         return state
 
     def run(self, state: FloatArray, drive: Drive, period_s: float) -> Response:
-        """Run N samples; `state` is written in place.
+        """Run N samples, parameters as `Plant.run`.
 
         A leak has no meaning for this valve and changes nothing. Where the integration fails,
         positions are NaN from there on, and `failure` tells when and where.

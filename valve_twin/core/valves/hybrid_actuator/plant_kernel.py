@@ -81,7 +81,17 @@ def gas_force(a: Armature, x: float) -> float:
 def net_force(
     a: Armature, opener: Magnetics, closer: Magnetics, x: float, i_o: float, i_c: float
 ) -> float:
-    """Return the force on the armature at rest, opening is positive [N]."""
+    """Return the force on the armature at rest, opening is positive [N].
+
+    Parameters
+    ----------
+    a, opener, closer : Armature, Magnetics, Magnetics
+        Numbers of the actuator.
+    x : float
+        Position, 0 = middle, opening is positive [m].
+    i_o, i_c : float
+        Currents in opener and closer [A].
+    """
     towards_open = force(opener, i_o, a.travel + a.residual_gap - x)
     towards_closed = force(closer, i_c, a.travel + a.residual_gap + x)
     return towards_open - towards_closed + gas_force(a, x) - a.spring * x
@@ -217,7 +227,7 @@ def step(
     Parameters
     ----------
     state : (STATE_SIZE,) array
-        Written in place.
+        See `STATE_SIZE`; written in place.
     a, opener, closer : Armature, Magnetics, Magnetics
         Numbers of the actuator.
     volts : tuple of float
@@ -227,7 +237,7 @@ def step(
     stuck : bool
         The armature does not move.
     work : (8,) array
-        Scratch.
+        Overwritten with the states from `X` on.
     """
     if state[FAILED] > 0.0:
         return
@@ -270,7 +280,15 @@ def step(
 
 @njit(cache=True)
 def stored_energy(state: FloatArray, a: Armature, opener: Magnetics, closer: Magnetics) -> float:
-    """Return kinetic, spring, field and magnet energy [J]."""
+    """Return kinetic, spring, field and magnet energy [J].
+
+    Parameters
+    ----------
+    state : (STATE_SIZE,) array
+        See `STATE_SIZE`.
+    a, opener, closer : Armature, Magnetics, Magnetics
+        Numbers of the actuator.
+    """
     reach = a.travel + a.residual_gap
     energy = 0.5 * (a.mass * state[SPEED] ** 2 + a.spring * state[X] ** 2)
     energy += field_energy(opener, state[FLUX_OPENER], reach - state[X])
@@ -293,7 +311,7 @@ def follow(
     Parameters
     ----------
     state : (STATE_SIZE,) array
-        Written in place.
+        See `STATE_SIZE`; written in place.
     a, opener, closer : Armature, Magnetics, Magnetics
         Numbers of the actuator.
     volts : (N, 2) array
@@ -354,20 +372,20 @@ def run_actuator(
     position: FloatArray,
     inputs: FloatArray,
 ) -> None:
-    """Run N samples in place: position (N,) [1], inputs (N, 4) at the stamps.
+    """Run N samples in place.
 
     Parameters
     ----------
     state : (STATE_SIZE,) array
-        Written in place.
+        See `STATE_SIZE`; written in place.
     a, opener, closer, b : Armature, Magnetics, Magnetics, Bridge
         Numbers of actuator and drive.
     steps, h : int, float
         Steps in a sample and their length [s].
     target : (N,) array
-        Wanted position, 0 closed, 1 open.
+        Wanted position, 0 closed, 1 open [1].
     external, commands : bool, (N, 4) array
-        Whether the voltages come from outside, as shares of the supply; currents are ignored.
+        Whether the voltages come from outside, as shares of the supply [1]; currents are ignored.
     disturbance : (N,) array
         Displacement that each sample of motion adds [1].
     stuck : bool
@@ -375,7 +393,7 @@ def run_actuator(
     current_scale, current_quantum : float
         Full scale and resolution of the current sensors [A].
     position, inputs : (N,), (N, 4) arrays
-        Overwritten.
+        Overwritten: position, voltages and currents at the stamps [1].
     """
     work = state[:8].copy()
     for n in range(len(position)):

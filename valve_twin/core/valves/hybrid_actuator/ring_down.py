@@ -53,7 +53,7 @@ def fit_ring_down(time_s: FloatArray, position: FloatArray, spring_rate: float) 
     time_s : (N,) array
         Increasing times [s].
     position : (N,) array
-        Position in any unit; its neutral position is fitted.
+        Position [any unit]; its neutral position is fitted.
     spring_rate : float
         Known spring rate [N/m]: mass and damping follow from it.
 

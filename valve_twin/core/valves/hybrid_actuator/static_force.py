@@ -56,7 +56,15 @@ def _forces(m: Magnetics, gap: FloatArray, current: FloatArray, out: FloatArray)
 
 
 def forces(m: Magnetics, gap: FloatArray, current: FloatArray) -> FloatArray:
-    """Return the forces of the coil (N,) [N] for gaps [m] and currents [A], (N,) each."""
+    """Return the forces of the coil (N,) [N].
+
+    Parameters
+    ----------
+    m : Magnetics
+        The solenoid.
+    gap, current : (N,) arrays
+        Physical gaps [m] and currents [A].
+    """
     out = np.empty(len(gap))
     _forces(m, np.ascontiguousarray(gap), np.ascontiguousarray(current, dtype=np.float64), out)
     return out

@@ -122,9 +122,9 @@ def free_run(c: FloatArray, opening: FloatArray, first: float, out: FloatArray) 
     opening : (N,) array
         Valve opening [1].
     first : float
-        Pressure at the first sample.
+        Pressure at the first sample [unit of the signal].
     out : (N,) array
-        Overwritten with the pressure.
+        Overwritten with the pressure [unit of the signal].
     """
     q = np.empty(2 * _SUBSTEPS + 1)
     p, w, spool = first, 0.0, opening[0]
@@ -154,17 +154,17 @@ def predict_block(
     Parameters
     ----------
     state : (STATE_SIZE,) array
-        Written in place.
+        See `STATE_SIZE`; written in place.
     c : (10,) array
         See `free_run`.
     pressure : (N,) array
-        Measured pressure.
+        Measured pressure [unit of the signal].
     inputs : (N, 1) array
         Valve opening [1].
     restart : (N,) uint8 array
         One `Restart` a sample.
     predicted, simulated : (N,) arrays
-        One-step prediction and free run; NaN at the first sample.
+        One-step prediction and free run [unit of the signal]; NaN at the first sample.
     validity : (N,) uint8 array
         One `Validity` a sample.
     """

@@ -110,7 +110,7 @@ class HydraulicActuatorModel(CompiledModel):
         period_s: float,
         options: HydraulicActuatorOptions,
     ) -> FloatArray:
-        """Return the 10 coefficients of `predict`.
+        """Return the (10,) coefficients, parameters as `ValveModel.coefficients`.
 
         What no cycle has shown of one direction is taken from the other.
         """

@@ -166,10 +166,11 @@ class PositionerModel(ValveModel):
     def coefficients(
         self, values: Mapping[str, float], lag: int, period_s: float, options: PositionerOptions
     ) -> FloatArray:
-        """Return the coefficients of `predict`; what no cycle has shown does not limit it.
+        """Return the coefficients, parameters as `ValveModel.coefficients`.
 
-        A rate known in one direction only serves both; an unknown slew limit is one stroke a
-        sample. 9 of the plain law, 17 of the extended one.
+        9 of the plain law, 17 of the extended one. What no cycle has shown does not limit the
+        prediction: a rate known in one direction only serves both, an unknown slew limit is one
+        stroke a sample.
         """
         plain = self._plain(values, lag, period_s, options)
         structure = structure_of(options)
@@ -213,7 +214,7 @@ class PositionerModel(ValveModel):
         simulated: FloatArray,
         validity: ByteArray,
     ) -> None:
-        """Predict a block of samples; see `ValveModel.predict`."""
+        """Predict a block of samples; parameters as `ValveModel.predict`."""
         plain = len(coefficients) == N_PLAIN
         kernel = predict_block if plain else predict_extended
         kernel(state, coefficients, position, inputs, restart, predicted, simulated, validity)

@@ -177,7 +177,7 @@ class PositionerPlant(Plant):
         return np.zeros(_MOTION + MOTION_SIZE)
 
     def run(self, state: FloatArray, drive: Drive, period_s: float) -> Response:
-        """Run N samples; `state` is written in place. The command is the reference itself."""
+        """Run N samples, parameters as `Plant.run`. The command is the reference itself."""
         ticks = self.ticks_per_sample(period_s)
         samples = len(drive.disturbance)
         commands = self._commands(drive, ticks)

@@ -199,9 +199,10 @@ class PressCartridgeModel(CompiledModel):
         period_s: float,
         options: PressCartridgeOptions,
     ) -> FloatArray:
-        """Return the (16,) coefficients of `predict`, from gains or from theta.
+        """Return the (16,) coefficients, parameters as `ValveModel.coefficients`.
 
-        NaN stands where a gain that the prediction needs has never been estimated.
+        They come from gains or from theta; NaN stands where a gain that the prediction needs has
+        never been estimated.
         """
         c = np.zeros(COEFFICIENTS)
         if "theta_1" in values:

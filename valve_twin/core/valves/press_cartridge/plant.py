@@ -220,7 +220,7 @@ class PressCartridgePlant(Plant):
         return replace(self, bulk_modulus=max(stiff, 1e7))
 
     def run(self, state: FloatArray, drive: Drive, period_s: float) -> Response:
-        """Run N samples; `state` is written in place."""
+        """Run N samples, parameters as `Plant.run`."""
         samples = len(drive.disturbance)
         external = drive.commands is not None
         commands = np.zeros((0, 2)) if drive.commands is None else drive.commands

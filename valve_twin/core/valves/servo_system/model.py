@@ -124,7 +124,10 @@ class ServoSystemModel(CompiledModel):
     def coefficients(
         self, values: Mapping[str, float], lag: int, period_s: float, options: ServoSystemOptions
     ) -> FloatArray:
-        """Return the coefficients of `predict`; what is not estimated comes from the options."""
+        """Return the coefficients, parameters as `ValveModel.coefficients`.
+
+        What is not estimated comes from the options.
+        """
         del lag
         if refusal_of(options):
             return np.full(N_COEFFICIENTS, np.nan)

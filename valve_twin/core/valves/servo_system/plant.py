@@ -173,7 +173,7 @@ class ServoSystemPlant(ServoSystemNumbers, Plant):
         return state
 
     def run(self, state: FloatArray, drive: Drive, period_s: float) -> Response:
-        """Run N samples; `state` is written in place.
+        """Run N samples, parameters as `Plant.run`.
 
         Where the integration fails, positions are NaN from there on, and `failure` tells when and
         where.

@@ -143,9 +143,11 @@ class StepperServoModel(CompiledModel):
     def coefficients(
         self, values: Mapping[str, float], lag: int, period_s: float, options: StepperServoOptions
     ) -> FloatArray:
-        """Return the 14 coefficients of `predict`; NaN where the backlash was never seen.
+        """Return the (14,) coefficients, parameters as `ValveModel.coefficients`.
 
-        The Hammerstein-Wiener model is projected to a stable one: its free run would diverge.
+        NaN stands where the backlash was never seen. The Hammerstein-Wiener model is projected to
+        a
+        stable one: its free run would diverge.
         """
         c = np.zeros(COEFFICIENTS)
         c[12] = options.centre

@@ -138,7 +138,7 @@ class StepperServoPlant(Plant):
         return state
 
     def run(self, state: FloatArray, drive: Drive, period_s: float) -> Response:
-        """Run N samples; `state` is written in place. The position is the sensor's average."""
+        """Run N samples, parameters as `Plant.run`. The position is the sensor's average."""
         ticks = self.ticks_per_sample(period_s)
         samples = len(drive.disturbance)
         position, inputs = np.empty(samples), np.empty((samples, 2))
