@@ -10,6 +10,7 @@ from xml.etree import ElementTree as ET
 
 import pytest
 
+from valve_twin.core.valves.registry import DEFAULT_MODEL, get_model
 from valve_twin.report.layouts import (
     Curve,
     Plot,
@@ -26,6 +27,8 @@ from valve_twin.report.layouts import (
 if TYPE_CHECKING:
     from pathlib import Path
 
+MODEL = get_model(DEFAULT_MODEL)
+
 
 @pytest.mark.parametrize("name", ["plotjuggler.xml", "foxglove.json"])
 def test_shipped_layout_is_what_the_messages_give(name: str, root: Path, tmp_path: Path) -> None:
@@ -33,6 +36,13 @@ def test_shipped_layout_is_what_the_messages_give(name: str, root: Path, tmp_pat
     shipped = (root / "layouts" / name).read_text(encoding="utf-8")
     remedy = "python -m valve_twin.report.layouts msg_defs/msg layouts"
     assert (tmp_path / name).read_text(encoding="utf-8") == shipped, f"run: {remedy}"
+
+
+def test_the_layout_of_another_valve_shows_its_own_commands_and_trends() -> None:
+    model = get_model("positioner")
+    pages = tabs(model)
+    assert [c.topic for c in pages[0].plots[2].curves] == [f"command/{n}" for n in model.inputs]
+    assert [page.title for page in pages[2:]] == [p.name for p in model.parameters if p.trend]
 
 
 def test_a_renamed_field_stops_the_generation(root: Path, tmp_path: Path) -> None:
@@ -60,7 +70,7 @@ def test_only_single_numbers_can_be_plotted() -> None:
 
 
 def test_every_curve_is_on_a_topic_of_the_valve_in_both_viewers(root: Path) -> None:
-    pages = tabs()
+    pages = tabs(MODEL)
     wanted = [c for page in pages for p in page.plots for c in p.curves]
     wanted += [c for page in pages for c in page.states]
     xml = ET.fromstring(plotjuggler(pages, "/mill/v7"))
@@ -73,7 +83,7 @@ def test_every_curve_is_on_a_topic_of_the_valve_in_both_viewers(root: Path) -> N
 
 
 def test_foxglove_shows_every_panel_once(root: Path) -> None:
-    layout = json.loads(foxglove(tabs()))
+    layout = json.loads(foxglove(tabs(MODEL)))
 
     def leaves(node: object) -> list[str]:
         if isinstance(node, dict):

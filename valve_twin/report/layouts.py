@@ -5,7 +5,7 @@
 Every plotted field is looked up in the .msg files: a field that was renamed or is not a number
 stops the generation instead of leaving an empty plot on a user's screen.
 
-    python -m valve_twin.report.layouts msg_defs/msg layouts [/press/valve_1]
+    python -m valve_twin.report.layouts msg_defs/msg layouts [/press/valve_1 [MODEL]]
 """
 
 from __future__ import annotations
@@ -18,17 +18,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.sax.saxutils import quoteattr
 
+from valve_twin.core.valves.registry import DEFAULT_MODEL, get_model
+
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from valve_twin.core.valves.interface import ValveModel
+
 DEFAULT_VALVE = "/press/valve_1"
 """Namespace of the valve in the shipped layouts; it can be replaced in the files."""
-
-FOLLOWED = ("K_in", "K_out", "leak")
-"""Parameters of the press valve that are trended by default."""
-
-COMMANDS = ("v_in", "v_out")
-"""Commands of the press valve."""
 
 _NUMBERS = {"float32", "float64", "bool"} | {
     f"{u}int{b}" for u in ("", "u") for b in (8, 16, 32, 64)
@@ -74,11 +72,11 @@ def _curves(message: str, topic: str, *fields: str) -> tuple[Curve, ...]:
     return tuple(Curve(message, topic, field) for field in fields)
 
 
-def tabs() -> tuple[Tab, ...]:
-    """Return what is shown: the running cycle, the estimates, the aging trends."""
+def tabs(model: ValveModel) -> tuple[Tab, ...]:
+    """Return what is shown of a valve: the running cycle, the estimates, the aging trends."""
     prediction = ("Prediction", "twin/prediction")
     estimate = ("Estimate", "twin/estimate")
-    commands = tuple(Curve("Float64Stamped", f"command/{name}", "value") for name in COMMANDS)
+    commands = tuple(Curve("Float64Stamped", f"command/{name}", "value") for name in model.inputs)
     position = (
         Plot("Position [1]", _curves(*prediction, "measured", "predicted", "simulated")),
         Plot("Residual [1]", _curves(*prediction, "residual", "residual_sigma")),
@@ -102,7 +100,7 @@ def tabs() -> tuple[Tab, ...]:
     return (
         Tab("Cycle", position, _curves(*prediction, "validity")),
         Tab("Estimates", quality, _curves(*estimate, "status")),
-        *(_trend_tab(name) for name in FOLLOWED),
+        *(_trend_tab(p.name) for p in model.parameters if p.trend),
     )
 
 
@@ -286,7 +284,9 @@ def _column(ids: Sequence[str]) -> object:
     }
 
 
-def write_layouts(messages: str | Path, out: str | Path, valve: str = DEFAULT_VALVE) -> list[Path]:
+def write_layouts(
+    messages: str | Path, out: str | Path, valve: str = DEFAULT_VALVE, model: str = DEFAULT_MODEL
+) -> list[Path]:
     """Write both layouts.
 
     Parameters
@@ -297,6 +297,8 @@ def write_layouts(messages: str | Path, out: str | Path, valve: str = DEFAULT_VA
         Folder for plotjuggler.xml and foxglove.json.
     valve : str
         Namespace of the valve.
+    model : str
+        Its model, whose commands and trended parameters are shown.
 
     Returns
     -------
@@ -306,9 +308,9 @@ def write_layouts(messages: str | Path, out: str | Path, valve: str = DEFAULT_VA
     Raises
     ------
     ValueError
-        If a plotted field is not a number of its message.
+        If a plotted field is not a number of its message, or there is no such model.
     """
-    pages = tabs()
+    pages = tabs(get_model(model))
     check(pages, read_definitions(messages))
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
@@ -319,4 +321,4 @@ def write_layouts(messages: str | Path, out: str | Path, valve: str = DEFAULT_VA
 
 
 if __name__ == "__main__":
-    write_layouts(*sys.argv[1:4])
+    write_layouts(*sys.argv[1:5])

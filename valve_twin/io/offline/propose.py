@@ -39,7 +39,6 @@ _EXPLAINED = {
     "reference_hysteresis": "it must have been this far below before [1]",
     "window_s": "length of a window [s]",
 }
-_PRESS_LAG = 3  # its scan reaches farther than this by default [samples]
 _HELD_BACK = "a silent signal delays the others by at most this"
 _MOST_SAMPLES = 2_000_000  # of one column; more tells nothing new
 _NAMED = 6  # fields named in a message
@@ -233,11 +232,12 @@ def _signal_lines(role: Role, source: SignalSource, received: bool) -> list[str]
 
 def _option_lines(proposal: Proposal) -> list[str]:
     """Let the delay scan of the model reach well beyond the lag that was found."""
-    upper = {d.name: d.upper for d in describe(get_model(proposal.model).options)}
+    options = get_model(proposal.model).options
+    upper = {d.name: d.upper for d in describe(options)}
     if "max_delay_s" in upper:
         longest = min(proposal.max_delay_s, upper["max_delay_s"])
         reach = f"max_delay_s: {_number(longest)}   # longest delay tried [s]"
-    elif proposal.lag > _PRESS_LAG:
+    elif "max_lag" in upper and proposal.lag >= options.max_lag:  # the end of the default scan
         most = min(proposal.lag + 2, upper["max_lag"])
         reach = f"max_lag: {most:.0f}   # longest lag tried [samples]"
     else:
