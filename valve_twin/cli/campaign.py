@@ -67,11 +67,11 @@ def _campaign(arguments: argparse.Namespace) -> int:
 
 
 def _derive(arguments: argparse.Namespace) -> int:
-    from valve_twin.core.diagnosis.derive import GUESSES, derive
+    from valve_twin.core.diagnosis.derive import derive
     from valve_twin.core.diagnosis.source import table_source
 
     rig = load_campaign(arguments.config).rig
-    with progress_of("faults", len(GUESSES)) as advance:
+    with progress_of("faults", len(rig.model.feature_set.first_sizes)) as advance:
         table = derive(rig, advance=advance)
     Path(arguments.derive).write_text(table_source(table), encoding="utf-8")
     write_severities(arguments.config, table)

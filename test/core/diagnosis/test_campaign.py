@@ -5,14 +5,10 @@
 import json
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from valve_twin.core.diagnosis.campaign import run_campaign
-from valve_twin.core.diagnosis.derive import DETECTABLE, Effort, derive
 from valve_twin.core.diagnosis.isolability import isolability
-from valve_twin.core.diagnosis.source import table_source
-from valve_twin.core.diagnosis.table import BY_NAME, FACTORS
 from valve_twin.io.config.campaign import load_campaign
 
 
@@ -62,49 +58,6 @@ def test_the_campaign_as_committed_reaches_its_goals(committed):
             assert row["within_5"] == row["cases"], row
             assert row["in_class"] >= 0.9 * row["cases"], row
     assert share(committed["rows"], "medium", "in_class") >= 0.9
-
-
-def test_the_sizes_follow_one_rule(campaign, table):
-    for name, sizes in campaign.config.severities.items():
-        known = [s.severity for s in table.signatures if s.fault == name][:3]
-        assert sizes == pytest.approx(known, rel=5e-3)  # three digits in the file
-        assert np.allclose(np.array(sizes) / sizes[0], FACTORS, rtol=5e-3)
-
-
-def test_the_committed_signatures_are_what_the_simulation_gives(rig, table):
-    effort = Effort(seeds=(900, 901, 902), healthy=30, faulty=3)
-    found = derive(rig, ("leak",), effort=effort)
-    for one in found.signatures:
-        other = next(
-            s
-            for s in table.signatures
-            if s.fault == one.fault
-            and np.sign(s.severity) == np.sign(one.severity)
-            and 0.5 < s.severity / one.severity < 2.0
-        )
-        # 87 degrees of freedom: the scatter behind the size is known to 8 %
-        assert one.severity == pytest.approx(other.severity, rel=0.2)
-        k = table.features.index("hold_slope")
-        expected = other.change[k] * one.severity / other.severity
-        assert one.change[k] == pytest.approx(expected, rel=0.05)
-
-
-def test_a_table_becomes_a_module_and_back(table):
-    names: dict[str, object] = {}
-    exec(table_source(table), names)  # our own text
-    assert names["TABLE"] == table
-
-
-def test_small_is_what_four_deviations_are(table):
-    from valve_twin.core.diagnosis.table import whitener, with_floor
-
-    white = whitener(with_floor(np.array(table.covariance), np.array(table.floor)))
-    for name in table.faults:
-        small = next(s for s in table.signatures if s.fault == name)
-        distance = np.linalg.norm(white @ np.array(small.change))
-        # two digits of the size, and chance in faults that come and go
-        tolerance = 0.25 if BY_NAME[name].part == "command" else 0.08
-        assert distance == pytest.approx(DETECTABLE, rel=tolerance), name
 
 
 @pytest.mark.slow

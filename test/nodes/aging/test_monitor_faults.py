@@ -10,11 +10,12 @@ from valve_twin_msgs.msg import Verdict
 
 from test.nodes.aging.test_node import aging_valve, record_of
 from test.nodes.conftest import NS
-from valve_twin.core.diagnosis.features import ESTIMATOR, NAMES, RELATIVE, feature_vector
+from valve_twin.core.diagnosis.features import ESTIMATOR
 from valve_twin.core.diagnosis.table import with_floor
 from valve_twin.core.simulation import SimulatedValve, to_frames
 from valve_twin.core.types import Cycle, Estimate, EstimateStatus, ParameterValue
 from valve_twin.core.valves.press_cartridge import MODEL
+from valve_twin.core.valves.press_cartridge.diagnosis.features import NAMES, RELATIVE
 from valve_twin.core.valves.registry import complete_options
 from valve_twin.io.history.store import History
 from valve_twin.nodes.aging.node import AgingMonitorNode
@@ -29,7 +30,7 @@ def features():
     """Yield the features of 40 cycles, the sensor 1e-3 off from cycle 36 on."""
     valve = SimulatedValve(MODEL.simulation(), 3)
     cycle = Cycle(1, 0.03, to_frames(valve.advance(850)))
-    start = feature_vector(MODEL.features(cycle, complete_options(MODEL, {})))
+    start = MODEL.feature_set.vector(MODEL.features(cycle, complete_options(MODEL, {})))
     table = MODEL.signatures()
     covariance = with_floor(np.array(table.covariance), np.array(table.floor))
     random = np.random.default_rng(4)

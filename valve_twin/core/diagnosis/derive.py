@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from valve_twin.core.diagnosis.features import NAMES, feature_vector
 from valve_twin.core.diagnosis.table import (
     BY_NAME,
     FACTORS,
@@ -31,8 +30,9 @@ from valve_twin.core.simulation.valve import SimulatedValve
 from valve_twin.core.types import Cycle
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
+    from valve_twin.core.diagnosis.features import FeatureSet
     from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.types import FloatArray, ParameterValue
     from valve_twin.core.valves.interface import Options
@@ -43,26 +43,14 @@ DETECTABLE = 4.0
 _STEPS = 6
 """Secant steps to the size of a small fault."""
 
-_LARGEST = {"aeration": 0.9, "supply_drop": 0.9, "sensor_freeze": 0.9, "command_loss": 0.9}
-
-GUESSES: Mapping[str, float] = {
-    "leak": 1e-4,
-    "stiction": 0.01,
-    "preload": 1e-3,
-    "coil_resistance": 0.02,
-    "dead_band": 2e-3,
-    "aeration": 0.03,
-    "sensor_offset": 3e-4,
-    "sensor_gain": 0.02,
-    "sensor_freeze": 5e-3,
-    "command_loss": 0.02,
-    "supply_drop": 0.03,
-}
-"""Sizes at which the search begins [unit of the fault]; the result does not depend on them."""
-
 
 class Diagnosable(Protocol):
     """A model whose cycles show features and that knows how faults change them."""
+
+    @property
+    def feature_set(self) -> FeatureSet:
+        """Return which features, and how they are followed."""
+        ...
 
     def features(self, cycle: Cycle, options: Options) -> tuple[ParameterValue, ...]:
         """Return the features of a cycle."""
@@ -102,18 +90,19 @@ class Rig:
 
     def run(self, valve: SimulatedValve, cycles: int) -> FloatArray:
         """Run a valve on and return the features of its next cycles, (cycles, F)."""
-        vectors = np.empty((cycles, len(NAMES)))
+        followed = self.model.feature_set
+        vectors = np.empty((cycles, len(followed.names)))
         period_s = self.simulation.period_s
         for k in range(cycles):
             frames = to_frames(valve.advance(self.simulation.cycle_samples))
             cycle = Cycle(max(valve.cycle, 1), period_s, frames)
-            vectors[k] = feature_vector(self.model.features(cycle, self.options))
+            vectors[k] = followed.vector(self.model.features(cycle, self.options))
         return vectors
 
 
 def derive(
     rig: Rig,
-    faults: tuple[str, ...] = tuple(GUESSES),
+    faults: tuple[str, ...] = (),
     *,
     effort: Effort | None = None,
     advance: Callable[[], None] = lambda: None,
@@ -125,7 +114,7 @@ def derive(
     rig : Rig
         Valve and model; the valve should not age.
     faults : tuple of str
-        Names of the faults.
+        Names of the faults; none = all that the features tell.
     effort : Effort, optional
         How much is simulated.
     advance : callable
@@ -139,24 +128,25 @@ def derive(
     effort = effort or Effort()
     starts = [_started(rig, seed) for seed in effort.seeds]
     covariance = _scatter(rig, starts, effort.healthy)
-    floor = np.full(len(NAMES), 1e-9)
-    for name in ("repeats", "stuck"):
-        floor[NAMES.index(name)] = 1.0 / rig.simulation.cycle_samples
+    followed = rig.model.feature_set
+    floor = np.full(len(followed.names), 1e-9)
+    for name in followed.shares:
+        floor[followed.names.index(name)] = 1.0 / rig.simulation.cycle_samples
     white = whitener(with_floor(covariance, floor))
     healthy = [rig.run(deepcopy(start), effort.faulty + 1)[1:] for start in starts]
     pairs = list(zip(starts, healthy, strict=True))
     signatures: list[Signature] = []
-    for name in faults:
+    for name in faults or followed.first_sizes:
         small = _small(rig, pairs, white, name)
         signs = (1.0, -1.0) if BY_NAME[name].two_sided else (1.0,)
         for sign in signs:
             for factor in FACTORS:
-                size = sign * min(small * factor, _LARGEST.get(name, math.inf))
+                size = sign * min(small * factor, followed.largest.get(name, math.inf))
                 change, scatter = _change(rig, pairs, name, size)
                 signatures.append(Signature(name, size, _short(change, 4), _short(scatter, 2)))
         advance()
     rows = tuple(_short(row, 5) for row in covariance)
-    return SignatureTable(NAMES, rows, tuple(floor.tolist()), tuple(signatures))
+    return SignatureTable(followed.names, rows, tuple(floor.tolist()), tuple(signatures))
 
 
 def _short(values: FloatArray, digits: int) -> tuple[float, ...]:
@@ -201,11 +191,12 @@ def _small(
     name: str,
 ) -> float:
     """Return the size that makes `DETECTABLE` standard deviations, to two digits."""
-    size = GUESSES[name]
+    followed = rig.model.feature_set
+    size, most = followed.first_sizes[name], followed.largest.get(name, math.inf)
     for _ in range(_STEPS):
         distance = float(np.linalg.norm(white @ _change(rig, pairs, name, size)[0]))
         factor = min(max(DETECTABLE / max(distance, 1e-9), 0.2), 5.0)
-        size = min(size * factor, _LARGEST.get(name, math.inf) / FACTORS[-1])
+        size = min(size * factor, most / FACTORS[-1])
         if abs(factor - 1.0) < 0.02:
             break
     return float(f"{size:.2g}")

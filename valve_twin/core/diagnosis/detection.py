@@ -317,7 +317,7 @@ def _gross(
 ) -> Finding:
     """Name what takes most features away: a frozen sensor, gains fallen to less than a tenth."""
     newest = after[-1]
-    repeats = newest[table.features.index("repeats")]
+    repeats = newest[table.features.index("repeats")] if "repeats" in table.features else 0.0
     gains = [i for i, n in enumerate(table.features) if n.startswith("gain_")]
     fallen = newest[gains] - np.median(filled(before, len(before))[:, gains], axis=0)
     fallen = fallen[np.isfinite(fallen)]

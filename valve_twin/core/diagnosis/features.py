@@ -1,253 +1,57 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""What one cycle shows of faults: a few plain numbers, each from the samples that tell it best.
-
-Not estimates of a model: every number is a mean, a slope or a share over one kind of samples, so
-that a fault which breaks the model (a frozen sensor, a lost command) still leaves its mark. They
-are stored beside the estimates as those of the estimator `features`.
-"""
+"""Features of a cycle in which faults are seen: which a valve has, and how they are followed."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.data.masks import held_recently
-from valve_twin.core.estimation.data.noise import find_rest, rest_noise
-from valve_twin.core.types import Parameter, ParameterStatus, ParameterValue
-
 if TYPE_CHECKING:
-    from valve_twin.core.estimation.data.masks import Masks
-    from valve_twin.core.types import BoolArray, FloatArray, Frames
+    from collections.abc import Iterable, Mapping
+
+    from valve_twin.core.types import FloatArray, ParameterValue
 
 ESTIMATOR = "features"
 """Name under which the features of a cycle are stored and published."""
 
-_PER_COMMAND = "stroke a sample per unit command"
-
-FEATURES = (
-    Parameter("rest_level", "1", "feature: mean position at rest on the lower seat"),
-    Parameter("rest_noise", "1", "feature: position noise at rest", 0.0),
-    Parameter("hold_slope", "1/s", "feature: slope of the position in hold off the seats"),
-    Parameter("gain_in_low", "1", f"feature: {_PER_COMMAND}, runs of small inflow"),
-    Parameter("gain_in_high", "1", f"feature: {_PER_COMMAND}, runs of large inflow"),
-    Parameter("gain_out_low", "1", f"feature: {_PER_COMMAND}, runs of small outflow"),
-    Parameter("gain_out_high", "1", f"feature: {_PER_COMMAND}, runs of large outflow"),
-    Parameter("delay_in", "s", "feature: time from large inflow command to motion"),
-    Parameter("delay_out", "s", "feature: time from large outflow command to motion"),
-    Parameter("rough_low", "1", "feature: rms about the line in runs of small inflow", 0.0),
-    Parameter("shortfall", "1", "feature: most motion that a sample of large command lacks", 0.0),
-    Parameter("repeats", "1", "feature: share of samples that repeat the one before", 0.0, 1.0),
-    Parameter("stuck", "1", "feature: share of samples commanded without motion", 0.0, 1.0),
-)
-"""What the features are, in the order of `cycle_features`."""
-
-NAMES = tuple(p.name for p in FEATURES)
-
-NO_GAIN = 1e-6
-"""Gain of a command that moves nothing, or the wrong way: its logarithm must exist."""
-
-RELATIVE = frozenset(
-    n for n in NAMES if n.startswith(("rest_noise", "gain_", "rough_", "shortfall"))
-)
-"""Features whose changes count relative to themselves: their logarithm is followed."""
-
 
 @dataclass(frozen=True, slots=True)
-class FeatureOptions:
-    """Where a cycle is looked at.
+class FeatureSet:
+    """The features of a valve, and where the search for the signatures of its faults begins.
 
     Attributes
     ----------
-    lower_seat, upper_seat : float
-        Positions of the seats [1].
-    near : float
-        Distance from a seat within which the spool counts as resting on it [1].
-    active_command : float
-        Command above which an input acts [1].
-    low_command : float
-        Commands from `active_command` up to this are small [1].
-    high_command : float
-        Commands above this are large [1].
-    lag : int
-        Command to position lag [samples]; the same in all cycles, so that a later motion shows.
-    settle : int
-        Samples after the last command that do not count as rest.
-    min_run : int
-        Fewest samples of a run that gives a gain.
-    max_gaps : float
-        Gaps a sample above which nothing is said: what is lost on the way is no fault of the
-        valve.
+    names : tuple of str
+        The F features, in the order in which the valve returns them. A feature `repeats`, the
+        share of samples that repeat the one before, tells a frozen sensor; those that begin with
+        `gain_` tell by a common fall that nothing moves.
+    relative : frozenset of str
+        Features whose changes count relative to themselves: their logarithm is followed.
+    shares : tuple of str
+        Features that count samples: one sample more or less is their least deviation.
+    first_sizes : mapping of str to float
+        By fault that is told, the size at which the search for a small one begins [unit of the
+        fault]; what is found does not depend on it.
+    largest : mapping of str to float
+        Greatest size of a fault that has one [unit of the fault].
     """
 
-    lower_seat: float = 0.0
-    upper_seat: float = 1.0
-    near: float = 0.05
-    active_command: float = 0.01
-    low_command: float = 0.2
-    high_command: float = 0.25
-    lag: int = 2
-    settle: int = 15
-    min_run: int = 5
-    max_gaps: float = 0.01
+    names: tuple[str, ...] = ()
+    relative: frozenset[str] = frozenset()
+    shares: tuple[str, ...] = ()
+    first_sizes: Mapping[str, float] = field(default_factory=dict, hash=False)
+    largest: Mapping[str, float] = field(default_factory=dict, hash=False)
 
+    def vector(self, values: Iterable[ParameterValue]) -> FloatArray:
+        """Return the features as they are followed, (F,) in the order of `names`.
 
-@dataclass(frozen=True, slots=True)
-class _Line:
-    """A straight line through position over summed command, in runs of samples."""
-
-    gain: float = np.nan
-    delay: float = np.nan
-    rough: float = np.nan
-    shortfall: float = np.nan
-
-
-_NO_LINE = _Line()
-
-
-def cycle_features(
-    frames: Frames, masks: Masks, period_s: float, options: FeatureOptions
-) -> tuple[ParameterValue, ...]:
-    """Return the features of one cycle in the order of `FEATURES`.
-
-    Parameters
-    ----------
-    frames : Frames
-        Samples of one cycle, inputs (inflow, outflow).
-    masks : Masks
-        Its masks.
-    period_s : float
-        Sampling time [s].
-    options : FeatureOptions
-        Where to look.
-
-    Returns
-    -------
-    tuple of ParameterValue
-        NOT_EXCITED and NaN where the cycle does not show a feature.
-    """
-    if np.count_nonzero(masks.gap) > options.max_gaps * len(frames):
-        return tuple(_value(name, np.nan, "samples are missing") for name in NAMES)
-    x, good = frames.position, ~masks.bad & np.isfinite(frames.position)
-    good &= ~held_recently(masks.gap, options.lag)  # sums of commands do not reach over a gap
-    rest = find_rest(frames, masks, active_command=options.active_command, settle=options.settle)
-    low = rest & good & (x < options.lower_seat + options.near)
-    free = rest & good & (x > options.lower_seat + options.near)
-    hold = _runs(free & (x < options.upper_seat - options.near), 4 * options.min_run)
-    in_low, in_high = _lines(frames, good, 0, 1.0, options)
-    out_low, out_high = _lines(frames, good, 1, -1.0, options)
-    noise = rest_noise(frames, masks, active_command=options.active_command, settle=options.settle)
-    repeats = np.count_nonzero(np.diff(x) == 0.0) / max(len(x) - 1, 1)
-    values = (
-        float(x[low].mean()) if np.count_nonzero(low) >= options.min_run else np.nan,
-        noise.sigma,
-        _slope(x, hold, period_s),
-        in_low.gain,
-        in_high.gain,
-        out_low.gain,
-        out_high.gain,
-        in_high.delay * period_s,
-        out_high.delay * period_s,
-        in_low.rough,
-        np.fmax(in_high.shortfall, out_high.shortfall),
-        repeats,
-        np.count_nonzero(masks.stuck) / max(len(x), 1),
-    )
-    return tuple(_value(name, v) for name, v in zip(NAMES, values, strict=True))
-
-
-def _value(
-    name: str, value: float, reason: str = "the cycle does not show this"
-) -> ParameterValue:
-    if np.isfinite(value) and not (name in RELATIVE and value <= 0.0):
-        return ParameterValue(name, float(value))
-    return ParameterValue(name, np.nan, ParameterStatus.NOT_EXCITED, reason)
-
-
-def feature_vector(values: tuple[ParameterValue, ...]) -> FloatArray:
-    """Return the features as they are followed, (F,) in the order of `NAMES`.
-
-    Relative ones as their logarithm; NaN where the cycle does not show one.
-    """
-    known = {p.name: p.value for p in values if p.usable}
-    vector = np.array([known.get(name, np.nan) for name in NAMES], dtype=np.float64)
-    relative = np.array([name in RELATIVE for name in NAMES])
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(relative, np.log(vector), vector)
-
-
-def _runs(flag: BoolArray, fewest: int = 1) -> list[slice]:
-    """Return the runs of True of at least `fewest` samples."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], flag.astype(np.int8), [0]))))
-    pairs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
-    return [slice(a, b) for a, b in pairs if b - a >= fewest]
-
-
-def _slope(x: FloatArray, runs: list[slice], period_s: float) -> float:
-    """Return the common slope of the position in all runs [1/s]; NaN without any."""
-    above = below = 0.0
-    for part in runs:
-        y = x[part]
-        t = np.arange(len(y)) - 0.5 * (len(y) - 1)
-        above += float(t @ y)
-        below += float(t @ t)
-    return above / below / period_s if below > 0.0 else float("nan")
-
-
-def _lines(
-    frames: Frames, good: BoolArray, index: int, sign: float, options: FeatureOptions
-) -> tuple[_Line, _Line]:
-    """Return the lines of small and of large commands of one input."""
-    v = np.nan_to_num(frames.inputs[:, index])
-    x = sign * frames.position
-    low = good & (v > options.active_command) & (v < options.low_command)
-    small = _runs(low, options.min_run)
-    large = _runs(good & (v > options.high_command), options.min_run)
-    return _line(x, v, good, small, options), _line(x, v, good, large, options)
-
-
-def _line(
-    x: FloatArray, v: FloatArray, good: BoolArray, runs: list[slice], options: FeatureOptions
-) -> _Line:
-    """Fit x = level + gain (sum of commands - delay * command), a level in each run."""
-    centred, delayed = [], []
-    for part in runs:
-        first, last = part.start + options.lag, min(part.stop + options.lag, len(x))
-        known = good[first:last]
-        if np.count_nonzero(known) < options.min_run:
-            continue
-        c = np.cumsum(v[part.start : part.start + last - first])[known]
-        y = x[first:last][known]
-        centred.append((c - c.mean(), y - y.mean()))
-        before = slice(max(part.start - 10, 0), part.start + 1)
-        still = v[before][:-1] <= options.active_command
-        start = x[before]
-        if len(still) and still.all() and good[before].all():
-            delayed.append((c.mean(), y.mean() - start.mean(), float(v[part].mean())))
-    if not centred:
-        return _NO_LINE
-    dc = np.concatenate([c for c, _ in centred])
-    dy = np.concatenate([y for _, y in centred])
-    spread = float(dc @ dc)
-    gain = max(float(dc @ dy) / spread, NO_GAIN) if spread > 0.0 else float("nan")
-    rough = float(np.sqrt(np.mean((dy - gain * dc) ** 2)))
-    shortfall = max(_shortfall(c, y) for c, y in centred)
-    if not delayed or not gain > NO_GAIN:
-        return _Line(gain, rough=rough, shortfall=shortfall)
-    delay = np.mean([(c - moved / gain) / command for c, moved, command in delayed])
-    return _Line(gain, float(delay), rough, shortfall)
-
-
-def _shortfall(c: FloatArray, y: FloatArray) -> float:
-    """Return the most motion that a sample lacks against the others of its run [1].
-
-    The first sample of a run is left out: the spool is just setting off.
-    """
-    command, moved = np.diff(c)[1:], np.diff(y)[1:]
-    if len(moved) < 4:
-        return float("nan")
-    columns = np.stack((command, command**2), axis=1)
-    expected = columns @ np.linalg.lstsq(columns, moved, rcond=None)[0]
-    return float(np.max(expected - moved))
+        Relative ones as their logarithm; NaN where the cycle does not show one.
+        """
+        known = {p.name: p.value for p in values if p.usable}
+        vector = np.array([known.get(name, np.nan) for name in self.names], dtype=np.float64)
+        relative = np.array([name in self.relative for name in self.names], dtype=bool)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            return np.where(relative, np.log(vector), vector)

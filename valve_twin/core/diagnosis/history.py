@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.diagnosis.detection import NOTHING, UNKNOWN, Diagnosis, Finding, detect
-from valve_twin.core.diagnosis.features import ESTIMATOR, feature_vector
+from valve_twin.core.diagnosis.features import ESTIMATOR
 from valve_twin.core.diagnosis.table import BY_NAME
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from valve_twin.core.diagnosis.table import SignatureTable
     from valve_twin.core.types import Estimate, Maintenance
+    from valve_twin.core.valves.interface import ValveModel
 
 
 def diagnose(history: Sequence[Estimate], maintenance: Sequence[Maintenance]) -> Diagnosis:
@@ -37,20 +37,21 @@ def diagnose(history: Sequence[Estimate], maintenance: Sequence[Maintenance]) ->
     shown = {e.cycle: e for e in history if e.estimator == ESTIMATOR}
     if not shown:
         return NOTHING
-    table = _signatures(next(iter(shown.values())).model)
-    if table is None:
+    model = _model(next(iter(shown.values())).model)
+    table = model.signatures() if model else None
+    if model is None or table is None:
         return NOTHING
     cycles = np.array(sorted(shown), dtype=np.int64)
-    vectors = np.array([feature_vector(shown[int(c)].parameters) for c in cycles])
+    vectors = np.array([model.feature_set.vector(shown[int(c)].parameters) for c in cycles])
     return detect(cycles, vectors, table, restarts=[m.cycle for m in maintenance])
 
 
-def _signatures(model: str) -> SignatureTable | None:
-    """Return the signatures of a model, None where it has none or is not installed."""
+def _model(name: str) -> ValveModel | None:
+    """Return a model by its name, None where it is not installed."""
     from valve_twin.core.valves.registry import get_model  # which knows every model
 
     try:
-        return get_model(model).signatures()
+        return get_model(name)
     except ValueError:
         return None
 

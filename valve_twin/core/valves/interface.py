@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from math import isfinite
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, TypeVar
 
+from valve_twin.core.diagnosis.features import FeatureSet
 from valve_twin.core.quantity import describe
 
 if TYPE_CHECKING:
@@ -137,6 +138,8 @@ class ValveModel(Protocol):
         Kind of record for which `configure` proposes the model, of `core.survey`; empty = none.
     demonstration : Demonstration
         How `make demo` shows the valve.
+    feature_set : FeatureSet
+        What `features` returns and how it is followed; empty = no features.
     """
 
     name: str
@@ -151,6 +154,7 @@ class ValveModel(Protocol):
     approximation_rows: int = 0
     proposed_for: str = ""
     demonstration: Demonstration = Demonstration()
+    feature_set: FeatureSet = FeatureSet()
 
     def estimate(
         self, cycle: Cycle, options: Options, earlier: Sequence[Estimate] = ()

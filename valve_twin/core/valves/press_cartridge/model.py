@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.diagnosis import features
-from valve_twin.core.diagnosis.features import FeatureOptions, cycle_features
+from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
+from valve_twin.core.diagnosis.features import FeatureSet
 from valve_twin.core.estimation.cycle.plausibility import (
     LARGEST,
     drive_fault,
@@ -36,6 +36,7 @@ from valve_twin.core.types import (
 from valve_twin.core.valves.interface import Demonstration
 from valve_twin.core.valves.kit.compiled import CompiledModel
 from valve_twin.core.valves.press_cartridge.approximations import press_approximations
+from valve_twin.core.valves.press_cartridge.diagnosis import features
 from valve_twin.core.valves.press_cartridge.estimation import kalman, output_error
 from valve_twin.core.valves.press_cartridge.estimation.constraints import THETA, parse_inequalities
 from valve_twin.core.valves.press_cartridge.estimation.equation_error import (
@@ -112,6 +113,7 @@ class PressCartridgeModel(CompiledModel):
     approximation_rows: int = 5
     proposed_for: str = "driven"
     demonstration: Demonstration = _SHOWN
+    feature_set: FeatureSet = features.FEATURE_SET
 
     def estimate(
         self, cycle: Cycle, options: PressCartridgeOptions, earlier: Sequence[Estimate] = ()
@@ -140,7 +142,7 @@ class PressCartridgeModel(CompiledModel):
         names = dict.fromkeys((*always, *options.estimators))
         results = []
         for name in names:
-            if name == features.ESTIMATOR:
+            if name == FEATURES:
                 results.append(self._features(cycle, masks, sigma, options))
             elif name in EQUATION_ERROR:
                 results.append(self._equation_error(name, cycle, masks, sigma, scan, options))
@@ -152,11 +154,13 @@ class PressCartridgeModel(CompiledModel):
         """Return what the cycle shows of faults, see `diagnosis.features`."""
         mask = _mask_options(options)
         masks = find_masks(cycle.frames, cycle.period_s, push=_PUSH, options=mask)
-        return cycle_features(cycle.frames, masks, cycle.period_s, _feature_options(options))
+        return features.cycle_features(
+            cycle.frames, masks, cycle.period_s, _feature_options(options)
+        )
 
     def signatures(self) -> SignatureTable:
         """Return how faults change the features, derived by simulation."""
-        from valve_twin.core.valves.press_cartridge.signatures import TABLE
+        from valve_twin.core.valves.press_cartridge.diagnosis.signatures import TABLE
 
         return TABLE
 
@@ -271,7 +275,9 @@ class PressCartridgeModel(CompiledModel):
     def _features(
         self, cycle: Cycle, masks: Masks, sigma: float, options: PressCartridgeOptions
     ) -> Estimate:
-        shown = cycle_features(cycle.frames, masks, cycle.period_s, _feature_options(options))
+        shown = features.cycle_features(
+            cycle.frames, masks, cycle.period_s, _feature_options(options)
+        )
         count = sum(p.usable for p in shown)
         whole = count == len(shown)
         status = EstimateStatus.ACCEPTED if whole else EstimateStatus.PARTIAL
@@ -283,9 +289,7 @@ class PressCartridgeModel(CompiledModel):
             stale=int(np.count_nonzero(masks.stale)),
             bad=int(np.count_nonzero(masks.bad)),
         )
-        return self._estimate(
-            features.ESTIMATOR, cycle, shown, (status, reason), np.nan, 0, sigma, counts
-        )
+        return self._estimate(FEATURES, cycle, shown, (status, reason), np.nan, 0, sigma, counts)
 
     def _equation_error(
         self,
@@ -392,13 +396,13 @@ def _mask_options(options: PressCartridgeOptions) -> MaskOptions:
     )
 
 
-def _feature_options(options: PressCartridgeOptions) -> FeatureOptions:
+def _feature_options(options: PressCartridgeOptions) -> features.FeatureOptions:
     lag = options.lag
-    return FeatureOptions(
+    return features.FeatureOptions(
         lower_seat=options.lower_seat,
         upper_seat=options.upper_seat,
         active_command=options.active_command,
-        lag=lag if lag >= 0 else FeatureOptions().lag,
+        lag=lag if lag >= 0 else features.FeatureOptions().lag,
     )
 
 

@@ -6,9 +6,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from valve_twin.core.diagnosis import features
+from valve_twin.core.diagnosis.features import ESTIMATOR as SHOWN
 from valve_twin.core.quantity import quantity, setting
 from valve_twin.core.types import Parameter
+from valve_twin.core.valves.press_cartridge.diagnosis.features import FEATURES
 from valve_twin.core.valves.press_cartridge.estimation import kalman, output_error
 from valve_twin.core.valves.press_cartridge.estimation.equation_error import (
     ESTIMATORS as EQUATION_ERROR,
@@ -62,7 +63,7 @@ PARAMETERS = (
     Parameter("theta_6", "1", "paper 002, eq. (18): product of the commands"),
     Parameter("theta_7", "1", "paper 002, eq. (18): inflow command times speed"),
     Parameter("theta_8", "1", "paper 002, eq. (18): outflow command times speed"),
-    *features.FEATURES,
+    *FEATURES,
 )
 
 
@@ -73,7 +74,7 @@ class PressCartridgeOptions:
     estimators: tuple[str, ...] = setting(
         (output_error.ESTIMATOR, kalman.ESTIMATOR, "equation_error_qp4"),
         "estimators to run",
-        choices=(output_error.ESTIMATOR, kalman.ESTIMATOR, *EQUATION_ERROR, features.ESTIMATOR),
+        choices=(output_error.ESTIMATOR, kalman.ESTIMATOR, *EQUATION_ERROR, SHOWN),
     )
     output_error: bool = setting(
         True,

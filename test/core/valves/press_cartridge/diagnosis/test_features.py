@@ -5,11 +5,11 @@
 import numpy as np
 import pytest
 
-from valve_twin.core.diagnosis.features import FEATURES, NAMES, RELATIVE, feature_vector
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.simulation import to_frames
 from valve_twin.core.types import Cycle, EstimateStatus, ParameterStatus
 from valve_twin.core.valves.press_cartridge import MODEL
+from valve_twin.core.valves.press_cartridge.diagnosis.features import FEATURES, NAMES, RELATIVE
 from valve_twin.core.valves.registry import complete_options
 
 OPTIONS = complete_options(MODEL, {"estimators": ["output_error", "features"]})
@@ -59,7 +59,7 @@ def test_lost_samples_are_no_feature(started):
     frames = to_frames(started("lost_samples", 0.05).advance(850))
     values = MODEL.features(Cycle(2, 0.03, frames), OPTIONS)
     assert {p.reason for p in values} == {"samples are missing"}
-    assert np.isnan(feature_vector(values)).all()
+    assert np.isnan(MODEL.feature_set.vector(values)).all()
 
 
 def test_a_cycle_without_motion_says_what_it_lacks(started):
@@ -93,6 +93,6 @@ def test_they_are_an_estimate_beside_the_others_that_feeds_no_trend(started):
 def test_relative_features_are_followed_by_their_logarithm(started):
     cycle = Cycle(2, 0.03, to_frames(started().advance(850)))
     values = MODEL.features(cycle, OPTIONS)
-    vector = feature_vector(values)
+    vector = MODEL.feature_set.vector(values)
     for name, value, followed in zip(NAMES, (p.value for p in values), vector, strict=True):
         assert followed == (np.log(value) if name in RELATIVE else value)
