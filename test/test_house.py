@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING
 import pytest
 import yaml
 
-from valve_twin.core.valves.registry import DEFAULT_MODEL, model_names
+from valve_twin.core.simulation.faults import KINDS
+from valve_twin.core.valves.registry import DEFAULT_MODEL, get_model, model_names
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -69,6 +70,7 @@ FORBIDDEN = {
 LAZY = {"cvxpy"}  # seconds to import: only inside the function that uses it
 SEEDED = {"BitGenerator", "Generator", "PCG64", "Philox", "SeedSequence", "default_rng"}
 OUTPUT_AND_EXIT = {"print", "sys.exit", "exit", "quit"}
+COMMON_SIGNALS = {"command", "current", "position"}  # words of any valve
 COMMANDS = {"__main__.py", "warmup.py", "executables.py"}
 
 MOST_MODULES, MOST_LINES, MOST_PARAMETERS = 15, 450, 10
@@ -187,6 +189,10 @@ def test_nothing_outside_its_own_folder_names_a_valve() -> None:
     # a valve is known to the house by its protocol alone; validation and bench are about ours
     names = model_names()
     known = re.compile(rf"\b({'|'.join(names)})\b")
+    common = COMMON_SIGNALS.union(KINDS)
+    parameters = {p.name: name for name in names for p in get_model(name).parameters if p.trend}
+    signals = {s: n for n in names for s in (*get_model(n).inputs, get_model(n).output)}
+    followed = {s: n for s, n in (signals | parameters).items() if s not in common}
     valves = PACKAGE / "core" / "valves"
     free = {PACKAGE / "validation", PACKAGE / "bench", *(valves / name for name in names)}
     offences = []
@@ -202,6 +208,11 @@ def test_nothing_outside_its_own_folder_names_a_valve() -> None:
             if isinstance(node, ast.Constant) and id(node) not in docstrings
         ]
         offences += [f"{place(path, n)} names {text}" for n, text in texts if known.search(text)]
+        offences += [
+            f"{place(path, n)} names {text}, of {followed[text]}"
+            for n, text in texts
+            if text in followed
+        ]
     default = f"names {DEFAULT_MODEL}"  # what a configuration means that names no model
     offences = [o for o in offences if not ("valves/registry.py" in o and o.endswith(default))]
     assert not offences, "\n".join(offences)

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from valve_twin.core.types import FloatArray
+    from valve_twin.core.valves.interface import ValveModel
 
 MIN_SAMPLES = 50
 """Fewest samples of a signal that can be judged [1]."""
@@ -124,12 +125,13 @@ def propose(signals: Mapping[str, Signal], *, position: str = "") -> Proposal | 
     views = Views(movers)
     targets = [position] if position else list(movers)
     found = find_driven(views, targets) or find_followed(views, targets)
+    model = _model_for("driven" if isinstance(found, Driven) else "followed")
     if isinstance(found, Driven):
-        roles = _driven_roles(movers, found)
+        roles = _driven_roles(model, movers, found)
     elif found is not None:
-        roles = _roles(movers, found)
+        roles = _roles(model, movers, found)
     else:
-        mirrored = _find_inverted(movers, targets)
+        mirrored = _find_inverted(model, movers, targets)
         if mirrored is None:
             return None
         found, roles = mirrored
@@ -138,7 +140,7 @@ def propose(signals: Mapping[str, Signal], *, position: str = "") -> Proposal | 
     period_s, evidence = _period(movers[found.position])
     taken = {r.source for r in roles}
     return Proposal(
-        model=_model_for("driven" if isinstance(found, Driven) else "followed"),
+        model=model.name,
         roles=tuple(roles),
         period_s=period_s,
         period_evidence=evidence,
@@ -153,9 +155,9 @@ def propose(signals: Mapping[str, Signal], *, position: str = "") -> Proposal | 
     )
 
 
-def _model_for(kind: str) -> str:
+def _model_for(kind: str) -> ValveModel:
     """Return the valve that is proposed for a kind of record."""
-    return next(name for name in model_names() if get_model(name).proposed_for == kind)
+    return next(m for m in map(get_model, model_names()) if m.proposed_for == kind)
 
 
 def _cleaned(signal: Signal) -> Signal | None:
@@ -190,28 +192,30 @@ def _period(position: Signal) -> tuple[float, str]:
     return period_s, f"median step; {100 * regular:.4g} % lie within a tenth of it, {gaps} gaps"
 
 
-def _driven_roles(signals: Mapping[str, Signal], found: Driven) -> list[Role]:
+def _driven_roles(model: ValveModel, signals: Mapping[str, Signal], found: Driven) -> list[Role]:
+    """Propose position and commands: the first input opens, the second closes."""
+    opening, closing = model.inputs
     up = f"the position rises with it (correlation with its rate {found.rising:.2f})"
     down = f"the position falls with it (correlation with its rate {found.falling:.2f})"
     position = signals[found.position]
     if _negative(position.values):
         mirror = replace(position, values=-position.values)
-        role = _position_role(mirror)
+        role = _position_role(model.output, mirror)
         seen = f"values {position.values.min():.4g} .. {position.values.max():.4g}; inverted"
         return [
             replace(role, scale=-role.scale, evidence=f"{seen}: they are negative"),
-            _command_role("v_in", signals[found.down], down),
-            _command_role("v_out", signals[found.up], up),
+            _command_role(opening, signals[found.down], down),
+            _command_role(closing, signals[found.up], up),
         ]
     return [
-        _position_role(signals[found.position]),
-        _command_role("v_in", signals[found.up], up),
-        _command_role("v_out", signals[found.down], down),
+        _position_role(model.output, signals[found.position]),
+        _command_role(opening, signals[found.up], up),
+        _command_role(closing, signals[found.down], down),
     ]
 
 
 def _find_inverted(
-    signals: Mapping[str, Signal], targets: Sequence[str]
+    model: ValveModel, signals: Mapping[str, Signal], targets: Sequence[str]
 ) -> tuple[Followed, list[Role]] | None:
     """Find a position that falls as its command rises: its mirror image follows the command."""
     best: tuple[Followed, dict[str, Signal]] | None = None
@@ -228,7 +232,7 @@ def _find_inverted(
     if best is None:
         return None
     found, table = best
-    position, command = _roles(table, found)
+    position, command = _roles(model, table, found)
     column, given = signals[found.position], signals[found.command]
     total = float(column.values[0] + table[found.position].values[0])
     if found.gain == 1.0:  # both count in one unit: at rest they add up to the other end of it
@@ -244,7 +248,7 @@ def _find_inverted(
     return found, [inverted, command]
 
 
-def _position_role(column: Signal) -> Role:
+def _position_role(signal: str, column: Signal) -> Role:
     """Propose a position that is 0 where it rests at the bottom."""
     scale = _scale(column.values)
     rest = _rest(column.values)
@@ -254,7 +258,7 @@ def _position_role(column: Signal) -> Role:
         seen += (
             f"; if it counts from the other end: scale {-scale:g}, offset 1.0, commands swapped"
         )
-    return Role("spool_position", column.name, scale, _offset(-rest * scale), seen)
+    return Role(signal, column.name, scale, _offset(-rest * scale), seen)
 
 
 def _command_role(signal: str, column: Signal, evidence: str) -> Role:
@@ -265,7 +269,7 @@ def _command_role(signal: str, column: Signal, evidence: str) -> Role:
     return Role(signal, column.name, scale, _offset(-rest * scale), text)
 
 
-def _roles(signals: Mapping[str, Signal], found: Followed) -> list[Role]:
+def _roles(model: ValveModel, signals: Mapping[str, Signal], found: Followed) -> list[Role]:
     """Propose position and command of a positioner, both in the same scale."""
     column = signals[found.position].values
     scale = _scale(column)
@@ -278,8 +282,8 @@ def _roles(signals: Mapping[str, Signal], found: Followed) -> list[Role]:
     if found.gain != 1.0:
         follows += "; scale and offset from a line through both"
     return [
-        Role("position", found.position, scale, 0.0, seen),
-        Role("command", found.command, gain, level, follows),
+        Role(model.output, found.position, scale, 0.0, seen),
+        Role(model.inputs[0], found.command, gain, level, follows),
     ]
 
 

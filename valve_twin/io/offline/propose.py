@@ -214,7 +214,8 @@ def _with_reference(proposal: Proposal) -> tuple[Role, ...]:
     """Map the command again where it cuts the cycles."""
     if proposal.cycles.rule is not CycleRule.REFERENCE:
         return proposal.roles
-    command = next(r for r in proposal.roles if r.signal == "command")
+    (name,) = get_model(proposal.model).inputs
+    command = next(r for r in proposal.roles if r.signal == name)
     return (*proposal.roles, replace(command, signal="reference", evidence="cuts the cycles"))
 
 

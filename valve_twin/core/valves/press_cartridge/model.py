@@ -52,10 +52,7 @@ from valve_twin.core.valves.press_cartridge.estimation.guards import check_gap
 from valve_twin.core.valves.press_cartridge.estimation.kalman import fit_kalman, pool_ratios
 from valve_twin.core.valves.press_cartridge.estimation.lag import LagScan, scan_lag
 from valve_twin.core.valves.press_cartridge.estimation.output_error import fit_output_error
-from valve_twin.core.valves.press_cartridge.parameters import (
-    PARAMETERS,
-    PressCartridgeOptions,
-)
+from valve_twin.core.valves.press_cartridge.parameters import PARAMETERS, PressCartridgeOptions
 from valve_twin.core.valves.press_cartridge.plant import PressCartridgePlant, default_simulation
 from valve_twin.core.valves.press_cartridge.predictor import (
     COEFFICIENTS,
