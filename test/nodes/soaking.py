@@ -29,7 +29,7 @@ from valve_twin.core.simulation import simulate_cycles
 from valve_twin.core.valves.registry import get_simulation
 from valve_twin.io.history import tables as history_tables
 from valve_twin.io.history.store import History, cycle_record
-from valve_twin.nodes.player.outlets import Gate
+from valve_twin.nodes.player.outbox import SubscriberGate
 
 REARM = {"cycles.rearm_signal": "v_out"}
 TOPICS = ("command/v_in", "command/v_out", "spool_position")
@@ -314,9 +314,9 @@ def plant(valves: int, rate: float, batch: int, seconds: float) -> None:
     from valve_twin_msgs import msg
 
     from valve_twin.io.cdr.codec import encode_series, encode_stamped
-    from valve_twin.nodes.player.transport import quicken
+    from valve_twin.nodes.player.dds_profile import use_fast_heartbeat
 
-    quicken()  # else every acknowledgement takes up to 3 s
+    use_fast_heartbeat()  # else every acknowledgement takes up to 3 s
     rclpy.init(args=[])
     node = Node("plant", start_parameter_services=False)
     kind = msg.Float64Stamped if batch == 1 else msg.Float64Series
@@ -326,7 +326,7 @@ def plant(valves: int, rate: float, batch: int, seconds: float) -> None:
         for v in valve_names(valves)
     ]
     everyone = [p for group in publishers for p in group]
-    gate = Gate()
+    gate = SubscriberGate()
     while not gate.is_open(everyone, 1, time.monotonic()):
         rclpy.spin_once(node, timeout_sec=0.05)
     blocks = list(simulate_cycles(get_simulation("press_cartridge"), 60, seed=2))

@@ -30,7 +30,7 @@ from valve_twin.core.simulation.valve import SimulatedValve
 from valve_twin.core.valves.registry import get_model, get_simulation
 from valve_twin.io.cdr.codec import encode_stamped
 from valve_twin.io.history.store import History
-from valve_twin.nodes.player.outlets import Gate
+from valve_twin.nodes.player.outbox import SubscriberGate
 from valve_twin.nodes.runtime.stamps import from_time
 
 TOPICS = ("command/v_in", "command/v_out", "spool_position")
@@ -72,7 +72,7 @@ class Life:
             for t in TOPICS
         ]
         self.twin = graph.start("twin", ns=ns, history_url=f"sqlite:///{database}", **REARM)
-        gate = Gate()
+        gate = SubscriberGate()
         graph.spin_until(
             lambda: gate.is_open(self.publishers, 1, time.monotonic()), 60.0, "the twin's inputs"
         )

@@ -191,7 +191,7 @@ def test_a_monitor_that_was_off_for_ten_cycles_gives_the_identical_trend(run):
 
 
 def test_the_verdict_is_latched(run, tmp_path):
-    from valve_twin.nodes.twin.outlet import LATCHED
+    from valve_twin.nodes.twin.publishers import LATCHED
 
     assert run.verdicts
     assert LATCHED.durability.name == "TRANSIENT_LOCAL"

@@ -207,7 +207,7 @@ def test_a_valve_that_comes_while_it_plays_gets_no_command(graph, tmp_path, capf
             writer.write("/mode", b"\0\1\0\0\2\0\0\0a\0", log_ns=10**9 + i * 10**7)
     latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     node = graph.host(BagPlayerNode, bag=str(path), publish_prefix="", rate=10.0)
-    graph.spin_until(lambda: node._stage.outbox.sent > 50, what="commands to nobody")
+    graph.spin_until(lambda: node._player_publishers.outbox.sent > 50, what="commands to nobody")
     taken: list[String] = []
     valve = graph.stranger("real_valve")
     for profile in (latched, 10):

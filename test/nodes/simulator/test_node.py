@@ -66,7 +66,7 @@ def test_it_publishes_where_the_twin_of_the_same_file_listens(graph, model):
     file = config_of(model)
     (config,) = load_config(file)
     node = graph.host(SimulatedValveNode, config.name, ["--params-file", str(file)])
-    published = {o.topic for valve in node._valves for o in valve.outlets}
+    published = {o.topic for valve in node._valves for o in valve.published_topics}
     assert {s.topic for s in config.signals.values()} <= published
 
 

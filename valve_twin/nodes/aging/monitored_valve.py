@@ -22,7 +22,7 @@ from valve_twin.core.valves.registry import get_model
 from valve_twin.nodes.aging.intake import Intake
 from valve_twin.nodes.runtime import messages as convert
 from valve_twin.nodes.twin.inputs import seconds_now
-from valve_twin.nodes.twin.outlet import LATCHED
+from valve_twin.nodes.twin.publishers import LATCHED
 
 if TYPE_CHECKING:
     from valve_twin.io.config.valve import ValveConfig

@@ -12,11 +12,15 @@ from typing import TYPE_CHECKING, Any
 
 from valve_twin.io.errors import ValveTwinError
 from valve_twin.io.playback.player import bag_topics
-from valve_twin.nodes.player.plan import Plan, read_plan
-from valve_twin.nodes.player.playing import Phase, Playing
+from valve_twin.nodes.player.dds_profile import (
+    has_fast_heartbeat,
+    remove_profile_file,
+    use_fast_heartbeat,
+)
+from valve_twin.nodes.player.playback import Phase, Playback
+from valve_twin.nodes.player.publishers import PlayerPublishers
 from valve_twin.nodes.player.services import PlayerServices
-from valve_twin.nodes.player.stage import Stage
-from valve_twin.nodes.player.transport import is_quick, quicken, tidy
+from valve_twin.nodes.player.settings import PlaybackSettings, read_settings
 from valve_twin.nodes.runtime.log_bridge import LogBridge
 from valve_twin.nodes.runtime.node import STEADY, ValveNode, run
 from valve_twin.nodes.runtime.safety import CHECK_S
@@ -41,16 +45,16 @@ class BagPlayerNode(ValveNode):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("bag_player", **kwargs)
-        tidy()
-        self._plan: Plan | None = None
-        self.playing: Playing | None = None
-        self._stage: Stage | None = None
+        remove_profile_file()
+        self._settings: PlaybackSettings | None = None
+        self.playback: Playback | None = None
+        self._player_publishers: PlayerPublishers | None = None
         self._bridge: LogBridge | None = None
         self._timers_made: list[Any] = []
         self._ended_s: float | None = None
         PlayerServices(
             self,
-            playing=lambda: self.playing,
+            playback=lambda: self.playback,
             rate=lambda: float(self.parameters["rate"]),
             stop=self.stop_playing,
         )
@@ -67,23 +71,23 @@ class BagPlayerNode(ValveNode):
         self.parameters.check()
         logger = self.get_logger()
         self._bridge = LogBridge(logger)
-        plan = read_plan(self.parameters, self.get_fully_qualified_name(), logger.warning)
-        most = MOST_MESSAGES if is_quick() else MOST_SLOWLY
-        self._plan, self.playing = plan, Playing(plan, most, logger.info)
+        settings = read_settings(self.parameters, self.get_fully_qualified_name(), logger.warning)
+        most = MOST_MESSAGES if has_fast_heartbeat() else MOST_SLOWLY
+        self._settings, self.playback = settings, Playback(settings, most, logger.info)
 
     def activate(self) -> None:
         """Check that no real valve is in reach, then play."""
-        assert self._plan is not None
-        assert self.playing is not None
-        self._stage = Stage(self, self._plan)
+        assert self._settings is not None
+        assert self.playback is not None
+        self._player_publishers = PlayerPublishers(self, self._settings)
         self._ended_s = None
-        self.playing.enter(self._stage)
+        self.playback.attach(self._player_publishers)
         self._timers_made = [
             self.create_timer(TICK_S, self._tick, clock=STEADY),
             self.create_timer(CHECK_S, self._watch, clock=STEADY),
         ]
-        if self._plan.clock_hz:
-            period_s = 1.0 / self._plan.clock_hz
+        if self._settings.clock_hz:
+            period_s = 1.0 / self._settings.clock_hz
             timer = self.create_timer(period_s, self._publish_time, clock=STEADY)
             self._timers_made.append(timer)
 
@@ -92,43 +96,43 @@ class BagPlayerNode(ValveNode):
         for timer in self._timers_made:
             self.destroy_timer(timer)
         self._timers_made = []
-        if self.playing is not None:
-            self.playing.leave()
-        if self._stage is not None:
-            self._stage.close()
-        self._stage = None
+        if self.playback is not None:
+            self.playback.detach()
+        if self._player_publishers is not None:
+            self._player_publishers.close()
+        self._player_publishers = None
 
     def cleanup(self) -> None:
         """Close the bag."""
-        for part in (self.playing, self._bridge):
+        for part in (self.playback, self._bridge):
             if part is not None:
                 part.close()
-        self._plan = self.playing = self._bridge = None
+        self._settings = self.playback = self._bridge = None
 
     def stop_playing(self) -> None:
         """Stop, and end the process where that is wanted at the end."""
-        if self.playing is not None:
-            self.playing.stop()
-        if self._stage is not None and self.parameters["exit_at_end"]:
+        if self.playback is not None:
+            self.playback.stop()
+        if self._player_publishers is not None and self.parameters["exit_at_end"]:
             self.exit_code = 0
 
     def _tick(self) -> None:
         """Play on, to the end."""
-        playing = self.playing
-        if playing is None:
+        playback = self.playback
+        if playback is None:
             return
-        self._unless_refused(playing.advance)
-        if playing.phase is Phase.ENDED and self.parameters["exit_at_end"]:
+        self._unless_refused(playback.advance)
+        if playback.phase is Phase.ENDED and self.parameters["exit_at_end"]:
             self._end()
 
     def _publish_time(self) -> None:
-        if self.playing is not None:
-            self._unless_refused(self.playing.publish_time)
+        if self.playback is not None:
+            self._unless_refused(self.playback.publish_time)
 
     def _watch(self) -> None:
         """Look at the graph again."""
-        if self._stage is not None:
-            self._unless_refused(self._stage.check)
+        if self._player_publishers is not None:
+            self._unless_refused(self._player_publishers.check)
 
     def _unless_refused(self, action: Callable[[], None]) -> None:
         """Do it; a bag that cannot be read on or a real valve that came into reach ends it all."""
@@ -145,7 +149,7 @@ class BagPlayerNode(ValveNode):
         now = seconds_now()
         self._ended_s = now if self._ended_s is None else self._ended_s
         late = now - self._ended_s > float(self.parameters["acked_wait_s"])
-        if late or self._stage is None or self._stage.is_acked():
+        if late or self._player_publishers is None or self._player_publishers.is_acked():
             self.exit_code = 0
 
 
@@ -183,7 +187,7 @@ def play(
         If the bag cannot be read.
     """
     bag_topics(bag)
-    quicken()
+    use_fast_heartbeat()
     values = {"bag": bag, "rate": float(rate), "publish_prefix": prefix, "clock": clock}
     given = [f"{name}:={json.dumps(v)}" for name, v in {**values, **(more or {})}.items()]
     arguments = [a for g in (*given, "exit_at_end:=true") for a in ("-p", g)]

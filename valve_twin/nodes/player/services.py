@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from rclpy.node import Node
 
-    from valve_twin.nodes.player.playing import Playing
+    from valve_twin.nodes.player.playback import Playback
 
 
 class PlayerServices:
@@ -25,7 +25,7 @@ class PlayerServices:
     ----------
     node : Node
         The player.
-    playing : callable
+    playback : callable
         Returns what they drive, None without a bag.
     rate : callable
         Returns the rate that a bag would be played at [1].
@@ -37,11 +37,11 @@ class PlayerServices:
         self,
         node: Node,
         *,
-        playing: Callable[[], Playing | None],
+        playback: Callable[[], Playback | None],
         rate: Callable[[], float],
         stop: Callable[[], None],
     ) -> None:
-        self._find, self._rate, self._stop = playing, rate, stop
+        self._find, self._rate, self._stop = playback, rate, stop
         for kind, name, callback in (
             (srv.Pause, "pause", self._on_pause),
             (srv.Resume, "resume", self._on_resume),
@@ -58,44 +58,44 @@ class PlayerServices:
         DeferredService(node, srv.Burst, "~/burst", self._on_burst)
 
     @property
-    def _playing(self) -> Playing | None:
+    def _playback(self) -> Playback | None:
         return self._find()
 
     def _on_pause(self, request: Any, response: Any) -> Any:
         del request
-        if self._playing is not None:
-            self._playing.pause()
+        if self._playback is not None:
+            self._playback.pause()
         return response
 
     def _on_resume(self, request: Any, response: Any) -> Any:
         del request
-        if self._playing is not None:
-            self._playing.resume()
+        if self._playback is not None:
+            self._playback.resume()
         return response
 
     def _on_toggle(self, request: Any, response: Any) -> Any:
-        paused = self._playing is not None and self._playing.is_paused
+        paused = self._playback is not None and self._playback.is_paused
         return (self._on_resume if paused else self._on_pause)(request, response)
 
     def _on_is_paused(self, request: Any, response: Any) -> Any:
         del request
-        response.paused = self._playing is None or self._playing.is_paused
+        response.paused = self._playback is None or self._playback.is_paused
         return response
 
     def _on_set_rate(self, request: Any, response: Any) -> Any:
-        playing = self._playing
-        response.success = playing is not None and playing.set_rate(float(request.rate))
+        playback = self._playback
+        response.success = playback is not None and playback.set_rate(float(request.rate))
         return response
 
     def _on_get_rate(self, request: Any, response: Any) -> Any:
         del request
-        playing = self._playing
-        response.rate = playing.rate if playing else self._rate()
+        playback = self._playback
+        response.rate = playback.rate if playback else self._rate()
         return response
 
     def _on_seek(self, request: Any, response: Any) -> Any:
-        playing = self._playing
-        response.success = playing is not None and playing.seek(_nanoseconds(request.time))
+        playback = self._playback
+        response.success = playback is not None and playback.seek(_nanoseconds(request.time))
         return response
 
     def _on_stop(self, request: Any, response: Any) -> Any:
@@ -104,8 +104,8 @@ class PlayerServices:
         return response
 
     def _on_play(self, request: Any, response: Any) -> Any:
-        playing = self._playing
-        response.success = playing is not None and playing.play(
+        playback = self._playback
+        response.success = playback is not None and playback.play(
             _nanoseconds(request.start_offset),
             _nanoseconds(request.playback_duration),
             _nanoseconds(request.playback_until_timestamp),
@@ -129,10 +129,10 @@ class PlayerServices:
         self._burst(int(request.num_messages), answer)
 
     def _burst(self, messages: int, answer: Any) -> None:
-        if self._playing is None:
+        if self._playback is None:
             answer(0)
         else:
-            self._playing.burst(messages, answer)
+            self._playback.burst(messages, answer)
 
 
 def _nanoseconds(time: Any) -> int:

@@ -34,7 +34,7 @@ _REPLAYED = re.compile(r"/([A-Za-z]\w*_)?replay(ed)?\d*(_\w+)?(/|$)")
 
 
 @dataclass(frozen=True, slots=True)
-class Outlet:
+class PublishedTopic:
     """A topic that is to be published.
 
     Attributes
@@ -89,11 +89,11 @@ class Guard:
         """How long to wait before the first message [s]; known after the first check."""
         return SETTLE_S if self._real and not self._allowed else 0.0
 
-    def is_real(self, outlet: Outlet) -> bool:
+    def is_real(self, published: PublishedTopic) -> bool:
         """Return whether a topic may be published only where nobody takes it."""
-        return outlet.command and not self._allowed and not is_free(self._name(outlet))
+        return published.command and not self._allowed and not is_free(self._name(published))
 
-    def check(self, outlets: Iterable[Outlet]) -> None:
+    def check(self, topics: Iterable[PublishedTopic]) -> None:
         """Look at the graph.
 
         Raises
@@ -103,10 +103,10 @@ class Guard:
         """
         if self._allowed:
             return
-        for outlet in outlets:
-            name = self._name(outlet)
+        for published in topics:
+            name = self._name(published)
             self._refuse(name, "is already published by", self._publishers(name))
-            if self.is_real(outlet):
+            if self.is_real(published):
                 self._real = True
                 self._refuse(name, "is a command that is taken by", self._takers(name))
 
@@ -124,9 +124,9 @@ class Guard:
                 takers = self._takers(name) or ["(name not known yet)"]
                 self._refuse(name, "is a command that is taken by", takers)
 
-    def _name(self, outlet: Outlet) -> str:
+    def _name(self, published: PublishedTopic) -> str:
         """Return the name on the network, after any remapping of the node."""
-        return self._node.resolve_topic_name(outlet.topic)
+        return self._node.resolve_topic_name(published.topic)
 
     def _publishers(self, topic: str) -> list[str]:
         own = sum(p.topic_name == topic for p in self._node.publishers)

@@ -13,7 +13,7 @@ from valve_twin.core.simulation.settings import configure
 from valve_twin.core.valves.registry import get_simulation
 from valve_twin.io.config.keys import VALVE_KEYS
 from valve_twin.io.errors import ConfigError
-from valve_twin.nodes.player.outlets import Gate, Outbox, sending_profile
+from valve_twin.nodes.player.outbox import Outbox, SubscriberGate, sending_profile
 from valve_twin.nodes.runtime.diagnostics import Diagnostics, Report
 from valve_twin.nodes.runtime.node import STEADY, ValveNode
 from valve_twin.nodes.runtime.safety import CHECK_S, Guard
@@ -49,7 +49,7 @@ class SimulatedValveNode(ValveNode):
         self._clock_publisher: Any = None
         self._diagnostics: Diagnostics | None = None
         self._begin_s: float | None = None
-        self._gate = Gate()
+        self._gate = SubscriberGate()
         self._earliest_s = 0.0
         self._samples = 0
 
@@ -84,7 +84,7 @@ class SimulatedValveNode(ValveNode):
         start = float(self.parameters["start_time_s"]) or self.get_clock().now().nanoseconds * 1e-9
         for valve in self._valves:
             valve.open(profile, round(start * 1e9))
-        self._begin_s, self._samples, self._gate = None, 0, Gate()
+        self._begin_s, self._samples, self._gate = None, 0, SubscriberGate()
         self._earliest_s = seconds_now() + self._guard.settle_s
         self._timers_made = [
             self.create_timer(TICK_S, self._tick, clock=STEADY),
@@ -140,7 +140,7 @@ class SimulatedValveNode(ValveNode):
         return [Report("simulation", "simulation", figures)]
 
     def _check_safety(self) -> None:
-        self._guard.check([o for v in self._valves for o in v.outlets])
+        self._guard.check([t for v in self._valves for t in v.published_topics])
 
     def _watch(self) -> None:
         """Look at the graph again; stop where a real valve has come into reach."""

@@ -15,7 +15,7 @@ from valve_twin.core.valves.registry import get_model
 from valve_twin.io.cdr.codec import encode_series, encode_stamped
 from valve_twin.io.cdr.signals import SERIES_TYPE, STAMPED_TYPE, SignalSource
 from valve_twin.io.config.topic_names import resolve_topic
-from valve_twin.nodes.runtime.safety import Outlet
+from valve_twin.nodes.runtime.safety import PublishedTopic
 from valve_twin.nodes.twin.inputs import InputConfig, TopicInput, by_topic
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from valve_twin.core.simulation.block import SimulationBlock
     from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.io.config.valve import ValveConfig
-    from valve_twin.nodes.player.outlets import Outbox
+    from valve_twin.nodes.player.outbox import Outbox
     from valve_twin.nodes.runtime.node import ValveNode
 
 
@@ -70,7 +70,9 @@ class SimulatedTopics:
         if not self._external:
             self._topics["reference"] = topic("reference", "reference")
             self._topics |= self._command_topics
-        self.outlets = [Outlet(t, command=k in model.inputs) for k, t in self._topics.items()]
+        self.published_topics = [
+            PublishedTopic(t, command=k in model.inputs) for k, t in self._topics.items()
+        ]
         self._inputs_order = model.inputs
         self._valve = SimulatedValve(simulation, seed)
         self._publishers: dict[str, Any] = {}

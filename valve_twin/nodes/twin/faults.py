@@ -92,14 +92,14 @@ class TwinFaults:
         self._events(
             "input.gaps",
             valve.model.output,
-            valve.outlet.gaps.missing,
+            valve.publishers.gaps.missing,
             f"signal {valve.model.output}: %d samples are missing, the longest gap is "
-            f"{valve.outlet.gaps.longest_s:.3g} s",
+            f"{valve.publishers.gaps.longest_s:.3g} s",
         )
         self._events("clock.set_back", "", valve.jumps, "%d jumps back of the clock")
 
     def _look_at_estimation(self) -> None:
-        valve, jobs, kept = self._valve, self._valve.jobs, self._valve.kept
+        valve, jobs, queue = self._valve, self._valve.jobs, self._valve.cycle_queue
         pending = valve.twin.pending_jobs
         self._condition(
             "estimation.overdue",
@@ -118,12 +118,12 @@ class TwinFaults:
         )
         self._condition(
             "history.not_stored",
-            f"{kept.waiting} cycles wait for the database: {kept.keeper.error}"
-            if kept.keeper.error
+            f"{queue.waiting} cycles wait for the database: {queue.writer.error}"
+            if queue.writer.error
             else "",
         )
-        self._events("history.dropped", "", kept.dropped, "%d cycles were given up unsaved")
-        self._events("history.refused", "", kept.refused, "%d cycles were refused by the history")
+        self._events("history.dropped", "", queue.dropped, "%d cycles were given up unsaved")
+        self._events("history.refused", "", queue.refused, "%d cycles were refused by the history")
 
     def _condition(self, code: str, evidence: str, subject: str = "") -> None:
         self._desk.look(code, evidence, valve=self._valve.name, subject=subject)

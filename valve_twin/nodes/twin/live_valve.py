@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""One valve of the twin node: its intake to the core, what the core says to outlet and history.
+"""One valve of the twin node: its intake to the core, what the core says to its subscribers.
 
 A sample goes one way: `Intake` (subscription, decode, gather) -> `Twin` (align, cut, predict) ->
-`Outlet`. A closed cycle becomes a job (`Jobs`); its estimates go back through the `Twin` to the
-history and, once stored, to the `Outlet`.
+`ValvePublishers`. A closed cycle becomes a job (`Jobs`); its estimates go back through the `Twin`
+to the history (`HistoryWriter`) and, once stored, to the `ValvePublishers`.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from valve_twin.core.twin import ClockJump, Estimated, Event
 from valve_twin.core.types import Cycle, Estimate, Prediction
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.offline.make_twin import make_twin
+from valve_twin.nodes.twin.history_writer import find_resume_point
 from valve_twin.nodes.twin.inputs import InputConfig, seconds_now
 from valve_twin.nodes.twin.intake import Intake
 from valve_twin.nodes.twin.jobs import Jobs
-from valve_twin.nodes.twin.keeper import where_to_go_on
-from valve_twin.nodes.twin.outlet import Outlet
+from valve_twin.nodes.twin.publishers import ValvePublishers
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from valve_twin.io.config.valve import ValveConfig
     from valve_twin.nodes.runtime.node import ValveNode
     from valve_twin.nodes.runtime.worker import WorkerProcess
-    from valve_twin.nodes.twin.keeper import Keeper
+    from valve_twin.nodes.twin.history_writer import HistoryWriter
 
 
 class LiveValve:
@@ -47,7 +47,7 @@ class LiveValve:
         The valve.
     signals : list of list of Extractor
         The signals by topic.
-    keeper : Keeper
+    history_writer : HistoryWriter
         The way into its history.
     worker : WorkerProcess
         Runs the estimations.
@@ -56,7 +56,7 @@ class LiveValve:
 
     Attributes
     ----------
-    intake, outlet, jobs, kept
+    intake, publishers, jobs, cycle_queue
         Its parts: signals, publishers, estimations, and the way into the history.
     twin : Twin
         The core.
@@ -76,26 +76,28 @@ class LiveValve:
         config: ValveConfig,
         signals: list[list[Extractor]],
         *,
-        keeper: Keeper,
+        history_writer: HistoryWriter,
         worker: WorkerProcess,
         awake: set[LiveValve],
     ) -> None:
         self._node, self.config, self._awake = node, config, awake
-        self.name, self.history = config.name, keeper.history
+        self.name, self.history = config.name, history_writer.history
         self.model = get_model(config.model)
         self._claim = self.history.claim(self.name)
         memory = memory_from_history(self.history.recent_estimates(self.name, MEMORY_CYCLES))
-        self.last_cycle, resume = where_to_go_on(self.history, self._claim, self.name)
+        self.last_cycle, resume = find_resume_point(self.history, self._claim, self.name)
         self.twin = make_twin(config, memory=memory, last_cycle=self.last_cycle, resume=resume)
-        self.outlet = Outlet(node, config, self.model)
-        self.kept = keeper.open(self.name, self.outlet.estimate, self.twin.number_from)
+        self.publishers = ValvePublishers(node, config, self.model)
+        self.cycle_queue = history_writer.open(
+            self.name, self.publishers.estimate, self.twin.number_from
+        )
         self.jobs = Jobs(node, config, worker=worker, deliver=self._estimated)
         self.intake = Intake(
             node,
             config,
             signals,
             output=self.model.output,
-            gather_s=self.outlet.gather_s,
+            gather_s=self.publishers.gather_s,
             on_ready=self._on_ready,
         )
         self.last_stamp_ns = self.jumps = 0
@@ -111,12 +113,12 @@ class LiveValve:
     def silence(self) -> None:
         """Take the subscriptions down; what was learnt stays."""
         self.work(force=True)
-        self.outlet.flush()
+        self.publishers.flush()
         self.intake.silence()
 
     def close(self) -> None:
         """Take the publishers down."""
-        self.outlet.close()
+        self.publishers.close()
 
     # -- data path
 
@@ -127,16 +129,16 @@ class LiveValve:
             self._step(self.twin.go_on)
         if now_s < self.intake.due_s and not force:
             return
-        before = self.outlet.predicted
+        before = self.publishers.predicted
         blocks = self.intake.take(now_s, everything=force)
         oldest_ns = self.intake.oldest_ns
         for parts in blocks:
             self._push(parts)
-        if now_s >= self.outlet.due_s:
-            self.outlet.flush()
-        if not (self.intake or self.outlet or self.jobs.wait.is_bounded):
+        if now_s >= self.publishers.due_s:
+            self.publishers.flush()
+        if not (self.intake or self.publishers or self.jobs.wait.is_bounded):
             self._awake.discard(self)
-        if self.outlet.predicted != before:
+        if self.publishers.predicted != before:
             self.intake.answered()
             late_s = 1e-9 * (time.time_ns() - oldest_ns)
             self.worst_latency_s = max(self.worst_latency_s, late_s)
@@ -193,28 +195,28 @@ class LiveValve:
             self._handle(event, wall_s)
         self.jobs.start(self.twin)
         self.jobs.wait.note(self.twin.waits, seconds_now())
-        if (self.outlet or self.jobs.wait.is_bounded) and self not in self._awake:
+        if (self.publishers or self.jobs.wait.is_bounded) and self not in self._awake:
             self._wake()
         return events
 
     def _handle(self, event: Event, wall_s: float) -> None:
         """Publish and store what the core says."""
         if isinstance(event, Prediction):
-            self.outlet.predict(event)
+            self.publishers.predict(event)
             return
-        self.outlet.flush()
+        self.publishers.flush()
         if isinstance(event, Cycle):
             self.last_cycle = event.number
             self._claim.announce(Announced(event.number, event.start_ns))
-            self.outlet.close_cycle(event)
+            self.publishers.close_cycle(event)
         elif isinstance(event, Estimated):
-            self.kept.add(event.cycle, event.estimates, wall_s)
+            self.cycle_queue.add(event.cycle, event.estimates, wall_s)
         elif isinstance(event, ClockJump):
             self._tell_jump(event.dropped_cycle)
 
     def _tell_jump(self, number: int) -> None:
         self.jumps += 1
-        self.outlet.gaps.restart()
+        self.publishers.gaps.restart()
         dropped = f"cycle {number} is dropped" if number else "no cycle was running"
         self._node.get_logger().warning(
             f"{self.name}: the clock of the data was set back: {dropped}, what was learnt is kept"

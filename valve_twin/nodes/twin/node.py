@@ -13,13 +13,13 @@ from rclpy.duration import Duration
 from valve_twin.io.history.store import History
 from valve_twin.nodes.runtime.compat import share_interpreter
 from valve_twin.nodes.runtime.diagnostics import ERROR, STALE, Diagnostics, Report
-from valve_twin.nodes.runtime.heap import Relief
+from valve_twin.nodes.runtime.memory_trim import MemoryTrimmer
 from valve_twin.nodes.runtime.node import SPIN_S, ValveNode
 from valve_twin.nodes.runtime.worker import WorkerProcess
 from valve_twin.nodes.twin.estimation_job import warm_up, warm_up_prediction
 from valve_twin.nodes.twin.faults import TwinFaults
+from valve_twin.nodes.twin.history_writer import HistoryWriter
 from valve_twin.nodes.twin.inputs import InputConfig, by_topic, seconds_now
-from valve_twin.nodes.twin.keeper import Keeper
 from valve_twin.nodes.twin.live_valve import LiveValve
 from valve_twin.nodes.twin.services import TwinServices
 from valve_twin.nodes.twin.valve_parameters import read_valves
@@ -43,14 +43,14 @@ class TwinNode(ValveNode):
         self._valves: list[LiveValve] = []
         self._awake: set[LiveValve] = set()
         self._valve_services: list[TwinServices] = []
-        self._keepers: dict[str, Keeper] = {}
+        self._history_writers: dict[str, HistoryWriter] = {}
         self._worker: WorkerProcess | None = None
         self._diagnostics: Diagnostics | None = None
         self._jump: Any = None
         self._faults: dict[str, TwinFaults] = {}
         self._restarts = 0
         self._left_out: dict[str, str] = {}
-        self._relief = Relief(0)
+        self._memory_trimmer = MemoryTrimmer(0)
 
     def configure(self) -> None:
         """Open the histories and make the twins with what they had learnt."""
@@ -60,7 +60,7 @@ class TwinNode(ValveNode):
         signals = {c.name: by_topic(self, c.signals.values()) for c in configs}
         timeout = float(self.parameters["busy_timeout_s"])
         for url in dict.fromkeys(c.history_url for c in configs):
-            self._keepers[url] = Keeper(
+            self._history_writers[url] = HistoryWriter(
                 self,
                 History(url, busy_timeout_s=timeout),
                 retry_s=float(self.parameters["retry_s"]),
@@ -77,7 +77,7 @@ class TwinNode(ValveNode):
                 self,
                 config,
                 signals[config.name],
-                keeper=self._keepers[config.history_url],
+                history_writer=self._history_writers[config.history_url],
                 worker=self._worker,
                 awake=self._awake,
             )
@@ -88,7 +88,7 @@ class TwinNode(ValveNode):
                 f"{valve.name}: {config.model}, cycles go on from {valve.last_cycle}, "
                 f"history {valve.history.where}"
             )
-        self._relief = Relief(len(self._valves))
+        self._memory_trimmer = MemoryTrimmer(len(self._valves))
         self._diagnostics = Diagnostics(self, self._reports)
 
     def activate(self) -> None:
@@ -120,8 +120,8 @@ class TwinNode(ValveNode):
     def cleanup(self) -> None:
         """Write what waits, then let go of everything."""
         end_s = seconds_now() + FLUSH_S
-        keepers = self._keepers.values()
-        unsaved = sum(keeper.close(max(end_s - seconds_now(), 0.05)) for keeper in keepers)
+        writers = self._history_writers.values()
+        unsaved = sum(writer.close(max(end_s - seconds_now(), 0.05)) for writer in writers)
         if unsaved:
             self.get_logger().error(
                 f"the database did not take all cycles in time; {unsaved} unsaved ones are lost"
@@ -134,7 +134,7 @@ class TwinNode(ValveNode):
             valve.close()
         if self._diagnostics is not None:
             self._diagnostics.destroy()
-        self._valves, self._valve_services, self._keepers = [], [], {}
+        self._valves, self._valve_services, self._history_writers = [], [], {}
         self._awake.clear()
         self._worker = self._diagnostics = None
         self._faults = {}
@@ -157,7 +157,7 @@ class TwinNode(ValveNode):
         self._look_at_node()
         waiting = sum(v.twin.pending_jobs for v in self._valves)
         late_s = max((v.worst_latency_s for v in self._valves), default=0.0)
-        self._relief.look(waiting, late_s, seconds_now())
+        self._memory_trimmer.look(waiting, late_s, seconds_now())
         for name, why in self._left_out.items():
             yield Report(f"valve {name}", name, level=ERROR, message=why)
         for valve in self._valves:
@@ -193,13 +193,13 @@ class TwinNode(ValveNode):
         figures: dict[str, object] = {
             "model": valve.config.model,
             "cycle": valve.twin.cycle or valve.last_cycle,
-            "samples predicted": valve.outlet.predicted,
+            "samples predicted": valve.publishers.predicted,
             "cycles estimated": valve.jobs.estimated,
             "cycles refused": valve.jobs.refused,
-            "cycles stored": valve.kept.stored,
-            "cycles unsaved": valve.kept.waiting,
-            "cycles dropped unsaved": valve.kept.dropped,
-            "cycles refused by the history": valve.kept.refused,
+            "cycles stored": valve.cycle_queue.stored,
+            "cycles unsaved": valve.cycle_queue.waiting,
+            "cycles dropped unsaved": valve.cycle_queue.dropped,
+            "cycles refused by the history": valve.cycle_queue.refused,
             "estimations pending": valve.twin.pending_jobs,
             "waits cut off": valve.jobs.wait.cut,
             "last estimation [s]": f"{valve.jobs.wall_s:.3f}",

@@ -15,7 +15,7 @@ from valve_twin.core.types import Maintenance
 from valve_twin.nodes.runtime import messages as convert
 from valve_twin.nodes.runtime.services import DeferredService, Done
 from valve_twin.nodes.twin.budget_service import begin_budget
-from valve_twin.nodes.twin.outlet import LATCHED
+from valve_twin.nodes.twin.publishers import LATCHED
 
 if TYPE_CHECKING:
     from valve_twin.nodes.runtime.node import ValveNode
@@ -28,7 +28,7 @@ EVENTS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 class TwinServices:
-    """The services of one valve; what touches the database runs on its keeper's threads."""
+    """The services of one valve; what touches the database runs on the history's threads."""
 
     def __init__(self, node: ValveNode, valve: LiveValve) -> None:
         self._node, self._valve = node, valve
@@ -85,10 +85,10 @@ class TwinServices:
             done(response)
 
         work = partial(valve.history.add_maintenance, valve.name, event)
-        self._in_background(valve.kept.keeper.writer, work, answer)
+        self._in_background(valve.cycle_queue.writer.write_thread, work, answer)
 
     def _get_history(self, request: Any, response: Any, done: Done) -> None:
-        valve, units = self._valve, self._valve.outlet.units
+        valve, units = self._valve, self._valve.publishers.units
         estimator = request.estimator or valve.model.trend_estimator
         first, limit = int(request.first_cycle), int(request.limit) or DEFAULT_PAGE
 
@@ -110,7 +110,7 @@ class TwinServices:
                 response.success, response.message = False, outcome.error
             done(response)
 
-        self._in_background(valve.kept.keeper.reader, read, answer)
+        self._in_background(valve.cycle_queue.writer.read_thread, read, answer)
 
     def _backup(self, request: Any, response: Any, done: Done) -> None:
         valve = self._valve
@@ -122,7 +122,7 @@ class TwinServices:
             done(response)
 
         work = partial(valve.history.backup, request.path)
-        self._in_background(valve.kept.keeper.reader, work, answer)
+        self._in_background(valve.cycle_queue.writer.read_thread, work, answer)
 
     def _in_background(self, thread: WorkerThread, work: Any, answer: Any) -> None:
         post = self._node.post
@@ -132,7 +132,7 @@ class TwinServices:
 class VerdictLog:
     """Stores what the aging monitor says of one valve: the twin owns the history.
 
-    What touches the database runs on its keeper's thread.
+    What touches the database runs on the history writer's thread.
     """
 
     def __init__(self, node: ValveNode, valve: LiveValve) -> None:
@@ -151,7 +151,7 @@ class VerdictLog:
             return
         verdict = convert.to_value(Verdict, message)
         work = partial(self._valve.history.add_verdict, self._valve.name, verdict)
-        self._valve.kept.keeper.writer.submit(work, self._on_stored)
+        self._valve.cycle_queue.writer.write_thread.submit(work, self._on_stored)
 
     def _on_stored(self, outcome: Outcome) -> None:
         if outcome.error:

@@ -26,7 +26,7 @@ from valve_twin.io.config.topic_names import resolve_topic
 from valve_twin.io.errors import ConfigError
 from valve_twin.io.playback.choice import Choice, Stretch, read_remaps, stretch
 from valve_twin.io.playback.player import BagTopic, bag_topics
-from valve_twin.nodes.player.outlets import DEPTH
+from valve_twin.nodes.player.outbox import DEPTH
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -59,8 +59,8 @@ class Route:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
-    """What is played.
+class PlaybackSettings:
+    """What is played, and how.
 
     Attributes
     ----------
@@ -123,7 +123,9 @@ class Plan:
         return stretch(self.bag, offset_ns=offset_ns, duration_ns=duration_ns, until_ns=until_ns)
 
 
-def read_plan(parameters: Parameters, where: str, warn: Callable[[str], object]) -> Plan:
+def read_settings(
+    parameters: Parameters, where: str, warn: Callable[[str], object]
+) -> PlaybackSettings:
     """Return what the parameters ask for.
 
     Parameters
@@ -166,7 +168,7 @@ def read_plan(parameters: Parameters, where: str, warn: Callable[[str], object])
         duration_ns=_nanoseconds(p.duration_s),
         until_ns=p.until_ns,
     )
-    return Plan(
+    return PlaybackSettings(
         bag,
         tuple(routes),
         stretch(bag),
@@ -242,7 +244,7 @@ def _check_names(routes: list[Route], where: str) -> None:
             raise ConfigError(msg)
 
 
-def profile(offer: OfferedQos, *, latched: bool) -> QoSProfile:
+def publisher_profile(offer: OfferedQos, *, latched: bool) -> QoSProfile:
     """Return the profile of a publisher.
 
     Parameters

@@ -2,7 +2,7 @@
 # Copyright 2026 valve_twin maintainers
 """The way of cycles into the history, in good times and bad.
 
-One keeper serves all valves of one history. Cycles are stored one at a time, in the order in which
+One writer serves all valves of one history. Cycles are stored one at a time, in the order in which
 they were estimated, on a thread of their own: the data path never waits for the database. While
 it refuses, estimates are published as not stored and kept in memory, up to a limit; when it takes
 them again, they are published once more, as stored.
@@ -32,17 +32,17 @@ if TYPE_CHECKING:
 WATCH_S = 5.0
 """How often the database's file is looked at while nothing is stored [s]."""
 
-Publish = Callable[["Kept", bool], None]
+Publish = Callable[["QueuedCycle", bool], None]
 """Publish the estimates of a cycle; whether they are stored."""
 
 
 @dataclass(slots=True)
-class Kept:
+class QueuedCycle:
     """One cycle on its way to the history.
 
     Attributes
     ----------
-    valve : KeptValve
+    valve : CycleQueue
         Whose it is.
     record : CycleRecord
         The cycle.
@@ -50,23 +50,23 @@ class Kept:
         One an estimator.
     wall_s : float
         Computing time [s].
-    told : bool
+    was_published : bool
         Whether it was published as not stored.
     """
 
-    valve: KeptValve
+    valve: CycleQueue
     record: CycleRecord
     estimates: tuple[Estimate, ...]
     wall_s: float
-    told: bool = False
+    was_published: bool = False
 
 
-class KeptValve:
-    """One valve whose cycles are kept.
+class CycleQueue:
+    """The cycles of one valve on their way to its history.
 
     Parameters
     ----------
-    keeper : Keeper
+    writer : HistoryWriter
         Of its history.
     name : str
         The valve.
@@ -85,12 +85,12 @@ class KeptValve:
 
     def __init__(
         self,
-        keeper: Keeper,
+        writer: HistoryWriter,
         name: str,
         publish: Publish,
         number_from: Callable[[int], None],
     ) -> None:
-        self.keeper, self.name = keeper, name
+        self.writer, self.name = writer, name
         self.publish, self.number_from = publish, number_from
         self.waiting = self.stored = self.dropped = self.refused = 0
 
@@ -107,11 +107,11 @@ class KeptValve:
             Computing time of the estimation [s].
         """
         self.waiting += 1
-        self.keeper.add(Kept(self, cycle_record(cycle, __version__), estimates, wall_s))
+        self.writer.add(QueuedCycle(self, cycle_record(cycle, __version__), estimates, wall_s))
 
 
-class Keeper:
-    """The way into one history.
+class HistoryWriter:
+    """Writes the cycles of all valves of one history.
 
     Parameters
     ----------
@@ -128,19 +128,19 @@ class Keeper:
     def __init__(self, node: ValveNode, history: History, *, retry_s: float, limit: int) -> None:
         self._node, self.history = node, history
         self._retry_s, self._limit = retry_s, limit
-        self._waiting: deque[Kept] = deque()
-        self._storing: Kept | None = None
+        self._waiting: deque[QueuedCycle] = deque()
+        self._storing: QueuedCycle | None = None
         self._busy = False
         self._timer: Any = None
-        self._watch = node.create_timer(WATCH_S, self._look, clock=STEADY)
+        self._watch = node.create_timer(WATCH_S, self._check_database, clock=STEADY)
         self._closed = False
         self.error = ""
         self.since_s = 0.0
-        self.writer = WorkerThread("history")
-        self.reader = WorkerThread("history reader")
+        self.write_thread = WorkerThread("history")
+        self.read_thread = WorkerThread("history reader")
 
-    def open(self, name: str, publish: Publish, number_from: Callable[[int], None]) -> KeptValve:
-        """Return the way of one valve into the history.
+    def open(self, name: str, publish: Publish, number_from: Callable[[int], None]) -> CycleQueue:
+        """Return the queue of one valve.
 
         Parameters
         ----------
@@ -151,14 +151,14 @@ class Keeper:
         number_from : callable
             Gets the last cycle number of the history where a number turned out to be taken.
         """
-        return KeptValve(self, name, publish, number_from)
+        return CycleQueue(self, name, publish, number_from)
 
-    def add(self, kept: Kept) -> None:
+    def add(self, queued: QueuedCycle) -> None:
         """Store a cycle after all earlier ones."""
-        self._waiting.append(kept)
+        self._waiting.append(queued)
         if self.error:
-            self._tell(kept)
-        self._bound()
+            self._publish_unstored(queued)
+        self._drop_excess()
         self._next()
 
     def close(self, timeout_s: float) -> int:
@@ -172,16 +172,16 @@ class Keeper:
         rest, end_s = tuple(self._waiting), seconds_now() + timeout_s
 
         def store_rest() -> None:
-            for kept in rest:
+            for queued in rest:
                 if seconds_now() > end_s:
                     return
-                _store(self.history, kept)
+                _store(self.history, queued)
                 self._waiting.popleft()
 
-        self.reader.close(0.0)
-        self.writer.submit(store_rest, lambda _: None)
-        self.writer.submit(self.history.close, lambda _: None)  # never while it is in use
-        self.writer.close(timeout_s)
+        self.read_thread.close(0.0)
+        self.write_thread.submit(store_rest, lambda _: None)
+        self.write_thread.submit(self.history.close, lambda _: None)  # never while it is in use
+        self.write_thread.close(timeout_s)
         return len(self._waiting)
 
     def _next(self) -> None:
@@ -189,19 +189,19 @@ class Keeper:
         if self._busy or self._timer is not None or self._closed:
             return
         if self._waiting:
-            self._storing = kept = self._waiting.popleft()
-            self._submit(partial(_store, self.history, kept), partial(self._on_stored, kept))
+            self._storing = queued = self._waiting.popleft()
+            self._submit(partial(_store, self.history, queued), partial(self._on_stored, queued))
         elif self.error:
-            self._look()
+            self._check_database()
 
-    def _look(self) -> None:
+    def _check_database(self) -> None:
         """See whether the database's file is still there, without a cycle to store."""
         if not self._busy and self._timer is None:
-            self._submit(self.history.mend, self._on_looked)
+            self._submit(self.history.mend, self._on_checked)
 
     def _submit(self, work: Callable[[], object], done: Callable[[Outcome], None]) -> None:
         self._busy = True
-        self.writer.submit(
+        self.write_thread.submit(
             work, lambda outcome: self._node.post(partial(self._take, done, outcome))
         )
 
@@ -214,25 +214,25 @@ class Keeper:
             self._node.get_logger().warning(self.history.notices.popleft())
         self._next()
 
-    def _on_looked(self, outcome: Outcome) -> None:
+    def _on_checked(self, outcome: Outcome) -> None:
         if outcome.error:
             self._refuse(outcome.error)
         else:
             self._recover()
 
-    def _on_stored(self, kept: Kept, outcome: Outcome) -> None:
+    def _on_stored(self, queued: QueuedCycle, outcome: Outcome) -> None:
         taken: _Taken | None = outcome.result
         if outcome.error:
-            self._waiting.appendleft(kept)
-            self._bound()
+            self._waiting.appendleft(queued)
+            self._drop_excess()
             self._refuse(outcome.error)
             return
-        kept.valve.waiting -= 1
+        queued.valve.waiting -= 1
         if taken is not None:
-            self._give_up(kept, taken)
+            self._give_up(queued, taken)
         else:
-            kept.valve.stored += 1
-            kept.valve.publish(kept, True)
+            queued.valve.stored += 1
+            queued.valve.publish(queued, True)
         self._recover()
 
     def _refuse(self, error: str) -> None:
@@ -241,8 +241,8 @@ class Keeper:
             self.since_s = seconds_now()
             self._node.get_logger().error(f"not stored, kept and tried again: {error}")
         self.error = error
-        for kept in self._waiting:
-            self._tell(kept)
+        for queued in self._waiting:
+            self._publish_unstored(queued)
         self._timer = self._node.create_timer(self._retry_s, self._retry, clock=STEADY)
 
     def _retry(self) -> None:
@@ -255,38 +255,38 @@ class Keeper:
             self.error = ""
             self._node.get_logger().info("all cycles are stored again")
 
-    def _give_up(self, kept: Kept, taken: _Taken) -> None:
+    def _give_up(self, queued: QueuedCycle, taken: _Taken) -> None:
         """Go on without a cycle whose number another one has."""
-        kept.valve.refused += 1
-        self._tell(kept)
-        kept.valve.number_from(taken.last_cycle)
+        queued.valve.refused += 1
+        self._publish_unstored(queued)
+        queued.valve.number_from(taken.last_cycle)
         self._node.get_logger().error(
-            f"{kept.valve.name}: cycle {kept.record.cycle} is not stored: {taken.error}"
+            f"{queued.valve.name}: cycle {queued.record.cycle} is not stored: {taken.error}"
         )
 
-    def _bound(self) -> None:
+    def _drop_excess(self) -> None:
         """Let go of the oldest cycles beyond the limit."""
         while len(self._waiting) > self._limit:
             self._drop(self._waiting.popleft())
 
-    def _drop(self, kept: Kept) -> None:
-        kept.valve.waiting -= 1
-        kept.valve.dropped += 1
-        self._tell(kept)
-        if kept.valve.dropped == 1:
+    def _drop(self, queued: QueuedCycle) -> None:
+        queued.valve.waiting -= 1
+        queued.valve.dropped += 1
+        self._publish_unstored(queued)
+        if queued.valve.dropped == 1:
             self._node.get_logger().error(
-                f"{kept.valve.name}: {self._limit} cycles wait for the history, more are not kept:"
-                f" cycle {kept.record.cycle} and older ones are lost"
+                f"{queued.valve.name}: {self._limit} cycles wait for the history, more are not "
+                f"kept: cycle {queued.record.cycle} and older ones are lost"
             )
 
-    def _tell(self, kept: Kept) -> None:
-        """Publish once what is not stored."""
-        if not kept.told:
-            kept.told = True
-            kept.valve.publish(kept, False)
+    def _publish_unstored(self, queued: QueuedCycle) -> None:
+        """Publish once, as not stored, what is not stored."""
+        if not queued.was_published:
+            queued.was_published = True
+            queued.valve.publish(queued, False)
 
 
-def where_to_go_on(history: History, claim: Claim, valve: str) -> tuple[int, Resume | None]:
+def find_resume_point(history: History, claim: Claim, valve: str) -> tuple[int, Resume | None]:
     """Return the number of the last stored cycle and what else is known of it.
 
     Parameters
@@ -317,7 +317,7 @@ class _Taken:
     last_cycle: int
 
 
-def _store(history: History, kept: Kept) -> _Taken | None:
+def _store(history: History, queued: QueuedCycle) -> _Taken | None:
     """Store a cycle on the writer's thread.
 
     Raises
@@ -326,7 +326,7 @@ def _store(history: History, kept: Kept) -> _Taken | None:
         If it is worth trying again.
     """
     try:
-        history.store(kept.valve.name, kept.record, kept.estimates)
+        history.store(queued.valve.name, queued.record, queued.estimates)
     except CycleTakenError as err:
-        return _Taken(str(err), history.last_cycle(kept.valve.name))
+        return _Taken(str(err), history.last_cycle(queued.valve.name))
     return None

@@ -39,8 +39,8 @@ def are_acked(publishers: Iterable[Any]) -> bool:
     return all(p.wait_for_all_acked(_NOW) for p in publishers)
 
 
-class Flow:
-    """Lets a window of messages pass at a time.
+class FlowControl:
+    """Lets a window of messages pass at a time, until the subscribers have followed.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ class Flow:
         self._clients.clear()
         self._calls = None
 
-    def meet(self) -> None:
+    def find_subscribers(self) -> None:
         """Look up the nodes that subscribe and make a client for each that can be asked."""
         own = self._node.get_fully_qualified_name()
         names = {
@@ -137,7 +137,7 @@ class Flow:
 
     def _ask(self) -> dict[str, Any]:
         """Call every node that can be asked; None where its server is not in sight yet."""
-        self.meet()
+        self.find_subscribers()
         return dict.fromkeys(self._clients)
 
     def _is_answered(self, name: str, *, late: bool) -> bool:

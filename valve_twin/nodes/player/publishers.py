@@ -11,10 +11,10 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from valve_twin.io.cdr.message_types import message_class
-from valve_twin.nodes.player.flow import Flow, are_acked
-from valve_twin.nodes.player.outlets import Gate, Outbox
-from valve_twin.nodes.player.plan import CLOCK, Plan, Route, profile
-from valve_twin.nodes.runtime.safety import Guard, Outlet
+from valve_twin.nodes.player.flow_control import FlowControl, are_acked
+from valve_twin.nodes.player.outbox import Outbox, SubscriberGate
+from valve_twin.nodes.player.settings import CLOCK, PlaybackSettings, Route, publisher_profile
+from valve_twin.nodes.runtime.safety import Guard, PublishedTopic
 from valve_twin.nodes.runtime.stamps import to_time
 from valve_twin.nodes.twin.inputs import seconds_now
 
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
     from valve_twin.nodes.runtime.node import ValveNode
 
 
-class Stage:
+class PlayerPublishers:
     """The publishers of an active player.
 
     Parameters
     ----------
     node : ValveNode
         The player.
-    plan : Plan
+    settings : PlaybackSettings
         What is played.
 
     Raises
@@ -39,36 +39,36 @@ class Stage:
         If a real valve is in reach; nothing is made then.
     """
 
-    def __init__(self, node: ValveNode, plan: Plan) -> None:
+    def __init__(self, node: ValveNode, settings: PlaybackSettings) -> None:
         self._node = node
-        self._guard = Guard(node, prefix=plan.prefix, allow_live=plan.allow_live)
-        self._outlets = [Outlet(r.name, command=True) for r in plan.routes]
+        self._guard = Guard(node, prefix=settings.prefix, allow_live=settings.allow_live)
+        self._topics = [PublishedTopic(r.name, command=True) for r in settings.routes]
         self.check()
-        self._lossless, self._clock_hz = plan.lossless, plan.clock_hz
+        self._lossless, self._clock_hz = settings.lossless, settings.clock_hz
         self._routes: dict[str, tuple[Route, Any]] = {}
         self._real: list[Any] = []
-        self._gate = Gate()
+        self._gate = SubscriberGate()
         self.outbox = Outbox()
-        for route, outlet in zip(plan.routes, self._outlets, strict=True):
-            self._open(route, outlet)
+        for route, topic in zip(settings.routes, self._topics, strict=True):
+            self._open(route, topic)
         self._publishers = [p for _, p in self._routes.values()]
-        self._flow = Flow(node, self._publishers, plan.window, seconds_now)
+        self._flow_control = FlowControl(node, self._publishers, settings.window, seconds_now)
         self._clock: Any = None
-        if plan.clock:
+        if settings.clock:
             self._clock = node.create_publisher(ClockMessage, CLOCK, 1000)
 
     def close(self) -> None:
         """Take everything down."""
         self.outbox.release()
-        self._flow.destroy()
+        self._flow_control.destroy()
         for publisher in (*self._publishers, self._clock):
             if publisher is not None:
                 self._node.destroy_publisher(publisher)
 
-    def _open(self, route: Route, outlet: Outlet) -> None:
+    def _open(self, route: Route, topic: PublishedTopic) -> None:
         """Make the publisher of a topic; a real command is kept for nobody who comes later."""
-        real = self._guard.is_real(outlet)
-        offered = profile(route.offer, latched=not real)
+        real = self._guard.is_real(topic)
+        offered = publisher_profile(route.offer, latched=not real)
         publisher = self._node.create_publisher(
             message_class(route.topic.type),
             route.name,
@@ -90,22 +90,22 @@ class Stage:
 
     def check(self) -> None:
         """Look at the whole graph; raise where a real valve is in reach."""
-        self._guard.check(self._outlets)
+        self._guard.check(self._topics)
 
-    def is_attended(self, wanted: int) -> bool:
+    def has_subscribers(self, wanted: int) -> bool:
         """Return whether every topic has had so many subscribers for a while; at least one."""
         return self._gate.is_open(self._publishers, max(wanted, 1), seconds_now())
 
-    def is_met(self) -> bool:
+    def has_matched_all(self) -> bool:
         """Return whether every subscriber that the graph knows of has been matched."""
         return all(
             p.get_subscription_count() >= self._node.count_subscribers(p.topic_name)
             for p in self._publishers
         )
 
-    def meet(self) -> None:
+    def find_subscribers(self) -> None:
         """Look up who subscribes, so that they can be asked whether they follow."""
-        self._flow.meet()
+        self._flow_control.find_subscribers()
 
     def is_acked(self) -> bool:
         """Return whether reliable subscribers have all that was sent."""
@@ -119,7 +119,7 @@ class Stage:
         if ticks and route.ticks and not self._clock_hz:
             self.put_time(message.log_ns)
         self.outbox.put(publisher, message.data)
-        self._flow.count()
+        self._flow_control.count()
 
     def put_time(self, at_ns: int) -> None:
         """Append a bag time [ns]."""
@@ -141,4 +141,4 @@ class Stage:
         """
         if self._real:
             self._guard.check_taken(self._real)
-        return self.outbox.send() and self._flow.is_open(strict=strict)
+        return self.outbox.send() and self._flow_control.is_open(strict=strict)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from valve_twin.core.valves.interface import ValveModel
     from valve_twin.io.config.valve import ValveConfig
     from valve_twin.nodes.runtime.node import ValveNode
-    from valve_twin.nodes.twin.keeper import Kept
+    from valve_twin.nodes.twin.history_writer import QueuedCycle
 
 LONGEST_GATHER_S = 0.25
 """Where predictions are collected, inputs are worked on this often at least: one round costs
@@ -40,7 +40,7 @@ _DEEP = QoSProfile(depth=5000, reliability=ReliabilityPolicy.RELIABLE)
 _DEEP_SERIES = QoSProfile(depth=300, reliability=ReliabilityPolicy.RELIABLE)
 
 
-class Outlet:
+class ValvePublishers:
     """The publishers of one valve.
 
     Parameters
@@ -120,13 +120,13 @@ class Outlet:
         """Publish the summary of a closed cycle."""
         self._cycle.publish(convert.cycle_message(self._valve, cycle))
 
-    def estimate(self, kept: Kept, stored: bool) -> None:
+    def estimate(self, queued: QueuedCycle, stored: bool) -> None:
         """Publish a cycle's estimates; the one that feeds the trend last, to be latched."""
         trend = self._model.trend_estimator
-        for estimate in sorted(kept.estimates, key=lambda e: e.estimator == trend):
+        for estimate in sorted(queued.estimates, key=lambda e: e.estimator == trend):
             self._estimate.publish(
                 convert.estimate_message(
-                    self._valve, estimate, self.units, stored=stored, wall_s=kept.wall_s
+                    self._valve, estimate, self.units, stored=stored, wall_s=queued.wall_s
                 )
             )
 

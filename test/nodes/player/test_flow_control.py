@@ -19,7 +19,7 @@ from test.nodes.conftest import NS
 from test.nodes.feeding import REARM, START_NS
 from valve_twin.io.bags.qos import QosProfile
 from valve_twin.io.bags.writer import BagWriter
-from valve_twin.nodes.player import flow
+from valve_twin.nodes.player import flow_control
 from valve_twin.nodes.player.node import BagPlayerNode
 
 TOPICS = [f"{NS}/{t}" for t in ("command/v_in", "command/v_out", "spool_position")]
@@ -119,7 +119,7 @@ def test_a_state_of_depth_one_is_not_overwritten(graph, tmp_path):
 
 
 def test_a_node_that_never_answers_is_named_and_left_behind(graph, tmp_path, monkeypatch, capfd):
-    monkeypatch.setattr(flow, "PATIENCE_S", 1.0)
+    monkeypatch.setattr(flow_control, "PATIENCE_S", 1.0)
     context = Context()
     rclpy.init(args=[], context=context, domain_id=graph.domain)
     stuck = Node("stuck", context=context, namespace="/plant")  # nobody runs its callbacks
@@ -128,7 +128,7 @@ def test_a_node_that_never_answers_is_named_and_left_behind(graph, tmp_path, mon
         stuck.create_subscription(Float64Stamped, f"/replay{topic}", lambda _: None, 10)
     bag = write_bag(tmp_path / "bag", 30)
     player = graph.host(BagPlayerNode, bag=bag, rate=0.0, window=10, wait_for_subscribers=1)
-    sent = player._stage.outbox
+    sent = player._player_publishers.outbox
     graph.spin_until(lambda: sent.sent >= 20, what="the first window")
     assert sent.sent == 20  # with /clock
     graph.spin_until(lambda: sent.sent == 180, what="the rest")

@@ -22,13 +22,13 @@ PAUSE_S = 10.0
 """Least time between two attempts: one takes about 0.1 ms a MB that is free [s]."""
 
 
-def give_back() -> bool:
+def trim_memory() -> bool:
     """Return free pages to the system; whether there were any, False without glibc."""
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     return trim is not None and bool(trim(0))
 
 
-class Relief:
+class MemoryTrimmer:
     """Gives memory back once, when a backlog has passed.
 
     Parameters
@@ -39,7 +39,7 @@ class Relief:
         Gives the memory back.
     """
 
-    def __init__(self, most: int, act: Callable[[], object] = give_back) -> None:
+    def __init__(self, most: int, act: Callable[[], object] = trim_memory) -> None:
         self._most, self._act = most, act
         self._owed = False
         self._last_s = -PAUSE_S

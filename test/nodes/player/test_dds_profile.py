@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from valve_twin.nodes.player import transport
+from valve_twin.nodes.player import dds_profile
 
 VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 
@@ -18,27 +18,27 @@ def fresh(monkeypatch):
     """No profile is set before and none is left behind."""
     for name in (VARIABLE, "FASTDDS_DEFAULT_PROFILES_FILE"):
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(transport, "_made", [])
+    monkeypatch.setattr(dds_profile, "_made", [])
     yield
-    transport.tidy()
+    dds_profile.remove_profile_file()
 
 
 def test_the_profile_stands_until_the_first_node_has_read_it():
-    transport.quicken()
+    dds_profile.use_fast_heartbeat()
     path = Path(os.environ[VARIABLE])
     (period,) = ElementTree.parse(path).findall(".//{*}heartbeatPeriod")
     assert [part.text for part in period] == ["0", "10000000"]
-    assert transport.is_quick()
-    transport.tidy()
+    assert dds_profile.has_fast_heartbeat()
+    dds_profile.remove_profile_file()
     assert not path.exists()
     assert VARIABLE not in os.environ
-    assert transport.is_quick()
+    assert dds_profile.has_fast_heartbeat()
 
 
 @pytest.mark.parametrize("name", [VARIABLE, "FASTDDS_DEFAULT_PROFILES_FILE"])
 def test_a_user_s_profile_is_left_alone(monkeypatch, tmp_path, name):
     monkeypatch.setenv(name, str(tmp_path / "mine.xml"))
-    transport.quicken()
-    transport.tidy()
+    dds_profile.use_fast_heartbeat()
+    dds_profile.remove_profile_file()
     assert os.environ[name] == str(tmp_path / "mine.xml")
-    assert not transport.is_quick()
+    assert not dds_profile.has_fast_heartbeat()

@@ -96,7 +96,7 @@ def subscribers(publishers: Iterable[Any]) -> int:
     return min((p.get_subscription_count() for p in publishers), default=0)
 
 
-class Gate:
+class SubscriberGate:
     """Opens when every publisher has had enough subscribers for a while.
 
     One side of a match knows of it before the other; what is sent in between may be lost.

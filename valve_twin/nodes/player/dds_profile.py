@@ -33,7 +33,7 @@ _PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
 """
 
 
-def quicken() -> None:
+def use_fast_heartbeat() -> None:
     """Give the middleware of this process its profile; to be called before it is initialised.
 
     A profile of the user's own is left alone, and so is any other middleware.
@@ -48,14 +48,14 @@ def quicken() -> None:
     _made.append(path)
 
 
-def tidy() -> None:
-    """Remove what `quicken` wrote; the middleware reads it when the first node is made."""
+def remove_profile_file() -> None:
+    """Remove the file of the profile; the middleware reads it when the first node is made."""
     while _files:
         Path(_files.pop()).unlink(missing_ok=True)
         os.environ.pop(_VARIABLES[0], None)
 
 
-def is_quick() -> bool:
+def has_fast_heartbeat() -> bool:
     """Return whether this process has the profile."""
     return bool(_made)
 

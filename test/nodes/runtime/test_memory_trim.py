@@ -4,32 +4,32 @@
 
 from __future__ import annotations
 
-from valve_twin.nodes.runtime.heap import BEHIND_S, PAUSE_S, Relief
+from valve_twin.nodes.runtime.memory_trim import BEHIND_S, PAUSE_S, MemoryTrimmer
 
 
-def _relief(most: int) -> tuple[Relief, list[int]]:
+def _trimmer(most: int) -> tuple[MemoryTrimmer, list[int]]:
     done: list[int] = []
-    return Relief(most, lambda: done.append(1)), done
+    return MemoryTrimmer(most, lambda: done.append(1)), done
 
 
 def test_nothing_is_given_back_without_a_backlog():
-    relief, done = _relief(5)
+    trimmer, done = _trimmer(5)
     for now in range(100):
-        relief.look(5, BEHIND_S, float(now))
+        trimmer.look(5, BEHIND_S, float(now))
     assert not done
 
 
 def test_memory_is_given_back_once_when_the_estimations_have_caught_up():
-    relief, done = _relief(5)
-    relief.look(6, 0.0, 0.0)
+    trimmer, done = _trimmer(5)
+    trimmer.look(6, 0.0, 0.0)
     assert not done
     for now in range(1, 50):
-        relief.look(0, 0.0, float(now))
+        trimmer.look(0, 0.0, float(now))
     assert len(done) == 1
 
 
 def test_late_samples_are_a_backlog_and_attempts_keep_their_distance():
-    relief, done = _relief(5)
+    trimmer, done = _trimmer(5)
     for now in range(int(PAUSE_S) + 2):
-        relief.look(0, 2.0 * BEHIND_S * ((now + 1) % 2), float(now))
+        trimmer.look(0, 2.0 * BEHIND_S * ((now + 1) % 2), float(now))
     assert len(done) == 2

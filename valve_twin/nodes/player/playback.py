@@ -17,8 +17,8 @@ from valve_twin.nodes.twin.inputs import seconds_now
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from valve_twin.nodes.player.plan import Plan
-    from valve_twin.nodes.player.stage import Stage
+    from valve_twin.nodes.player.publishers import PlayerPublishers
+    from valve_twin.nodes.player.settings import PlaybackSettings
 
 JUMP_S = 1.0
 """How long what was sent before a jump may take to arrive before the jump is published [s]."""
@@ -39,12 +39,12 @@ class Phase(Enum):
     STOPPED = "was stopped"
 
 
-class Playing:
+class Playback:
     """Plays the part of a bag that is wanted.
 
     Parameters
     ----------
-    plan : Plan
+    settings : PlaybackSettings
         What is played, and how.
     most : int
         Messages published at a time.
@@ -52,39 +52,41 @@ class Playing:
         Gets a line for the log.
     """
 
-    def __init__(self, plan: Plan, most: int, say: Callable[[str], object]) -> None:
-        self._plan = plan
+    def __init__(
+        self, settings: PlaybackSettings, most: int, say: Callable[[str], object]
+    ) -> None:
+        self._settings = settings
         self._most = most
         self._say = say
-        self._reel = Reel(plan.bag, [r.topic for r in plan.routes], plan.part)
-        self._time = PlaybackClock(plan.rate)
-        self._time.jump(plan.part.begin_ns, 0.0)
-        self._stage: Stage | None = None
+        self._reel = Reel(settings.bag, [r.topic for r in settings.routes], settings.part)
+        self._time = PlaybackClock(settings.rate)
+        self._time.jump(settings.part.begin_ns, 0.0)
+        self._publishers: PlayerPublishers | None = None
         self._earliest_s = self._latest_s = self._jumped_s = 0.0
         self._bursts: list[tuple[int, Callable[[int], None], int]] = []
         self._played = self._round_began = 0
         self.phase = Phase.CLOSED
-        self.is_paused = plan.start_paused
+        self.is_paused = settings.start_paused
 
     @property
     def rate(self) -> float:
         """Bag seconds a second [1], 0 = as fast as the subscribers follow."""
         return self._time.rate
 
-    def enter(self, stage: Stage) -> None:
-        """Play on a stage from where it was left."""
+    def attach(self, publishers: PlayerPublishers) -> None:
+        """Play on through these publishers from where it was left."""
         now = seconds_now()
-        self._stage = stage
-        self._earliest_s = now + stage.settle_s
-        self._latest_s = now + self._plan.start_delay_s
+        self._publishers = publishers
+        self._earliest_s = now + publishers.settle_s
+        self._latest_s = now + self._settings.start_delay_s
         self._wait()
 
-    def leave(self) -> None:
+    def detach(self) -> None:
         """Stop; a message that could not leave yet is the next when it goes on."""
-        stage = self._stage
-        if stage is not None and stage.outbox and self.phase is Phase.PLAYING:
+        publishers = self._publishers
+        if publishers is not None and publishers.outbox and self.phase is Phase.PLAYING:
             self._reel.put_back()
-        self._stage, self.phase = None, Phase.CLOSED
+        self._publishers, self.phase = None, Phase.CLOSED
         self._time.hold(seconds_now())
         self._answer_bursts()
 
@@ -102,38 +104,42 @@ class Playing:
         ValveTwinError
             If the bag cannot be read on or a real valve has come into reach.
         """
-        stage = self._stage
-        if stage is None or not stage.send(strict=self.rate == 0.0):
+        publishers = self._publishers
+        if publishers is None or not publishers.send(strict=self.rate == 0.0):
             return
-        if self.phase is Phase.WAITING and self._is_released(stage):
-            self._jump(stage)
-        if self.phase is Phase.JUMPING and self._has_arrived(stage):
-            self._begin(stage)
+        if self.phase is Phase.WAITING and self._is_released(publishers):
+            self._jump(publishers)
+        if self.phase is Phase.JUMPING and self._has_arrived(publishers):
+            self._begin(publishers)
         if self.phase is Phase.PLAYING:
-            (self._play_bursts if self.is_paused else self._play_due)(stage)
+            (self._play_bursts if self.is_paused else self._play_due)(publishers)
 
     def publish_time(self) -> None:
         """Publish /clock by the hertz; never ahead of a message that is still to come."""
-        stage = self._stage
-        if stage is None or stage.outbox or self.phase not in (Phase.PLAYING, Phase.ENDED):
+        publishers = self._publishers
+        if (
+            publishers is None
+            or publishers.outbox
+            or self.phase not in (Phase.PLAYING, Phase.ENDED)
+        ):
             return
         at_ns = self._time.now_ns(seconds_now())
         if self._reel.next is not None:
             at_ns = min(at_ns, self._reel.next.log_ns)
-        stage.put_time(at_ns)
-        stage.send(strict=False)
+        publishers.put_time(at_ns)
+        publishers.send(strict=False)
 
-    def _play_due(self, stage: Stage) -> None:
+    def _play_due(self, publishers: PlayerPublishers) -> None:
         for _ in range(self._most):
             if self._reel.next is None:
                 self._reach_end()
                 return
             if not self._time.is_due(self._reel.next.log_ns, seconds_now()):
                 return
-            if not self._play_one(stage):
+            if not self._play_one(publishers):
                 return
 
-    def _play_bursts(self, stage: Stage) -> None:
+    def _play_bursts(self, publishers: PlayerPublishers) -> None:
         """Play what was asked for while paused."""
         for _ in range(self._most):
             if not self._bursts:
@@ -144,25 +150,25 @@ class Playing:
                 done(played)
                 continue
             self._bursts[0] = (wanted, done, played + 1)
-            if not self._play_one(stage):
+            if not self._play_one(publishers):
                 return
 
-    def _play_one(self, stage: Stage) -> bool:
+    def _play_one(self, publishers: PlayerPublishers) -> bool:
         """Publish the next message; return whether another may follow now."""
         message = self._reel.take()
         if message is None:
             return False
         if self.is_paused or self.rate == 0.0:
             self._time.jump(message.log_ns, seconds_now())
-        stage.put(message)
+        publishers.put(message)
         self._played += 1
-        return stage.send(strict=self.rate == 0.0)
+        return publishers.send(strict=self.rate == 0.0)
 
     def _reach_end(self) -> None:
         self._say(f"end of the bag: {self._played} messages played")
-        if self._plan.loop and self._played > self._round_began:
+        if self._settings.loop and self._played > self._round_began:
             self._round_began = self._played
-            self._reel.go(self._plan.part)
+            self._reel.go(self._settings.part)
             self._wait()
         else:
             self.phase = Phase.ENDED
@@ -174,29 +180,29 @@ class Playing:
         """Let everything be ready before the reel goes on."""
         self.phase = Phase.WAITING
         self._time.hold(seconds_now())
-        self._earliest_s = max(self._earliest_s, seconds_now() + self._plan.delay_s)
+        self._earliest_s = max(self._earliest_s, seconds_now() + self._settings.delay_s)
 
-    def _is_released(self, stage: Stage) -> bool:
+    def _is_released(self, publishers: PlayerPublishers) -> bool:
         """Begin when the graph is settled and enough subscribers are there."""
-        now, wanted = seconds_now(), self._plan.wait_for_subscribers
-        attended = stage.is_attended(wanted)
-        met = stage.is_met() or now > self._latest_s + MEET_S
+        now, wanted = seconds_now(), self._settings.wait_for_subscribers
+        attended = publishers.has_subscribers(wanted)
+        met = publishers.has_matched_all() or now > self._latest_s + MEET_S
         given_up = not wanted and now > self._latest_s and met
         if now < self._earliest_s or not (attended or given_up):
             return False
-        stage.check()
-        stage.meet()
+        publishers.check()
+        publishers.find_subscribers()
         return True
 
-    def _jump(self, stage: Stage) -> None:
+    def _jump(self, publishers: PlayerPublishers) -> None:
         """Go to where the reel stands once everything sent before has arrived."""
-        stage.outbox.clear()
+        publishers.outbox.clear()
         self.phase, self._jumped_s = Phase.JUMPING, seconds_now()
 
-    def _has_arrived(self, stage: Stage) -> bool:
-        return stage.is_acked() or seconds_now() - self._jumped_s > JUMP_S
+    def _has_arrived(self, publishers: PlayerPublishers) -> bool:
+        return publishers.is_acked() or seconds_now() - self._jumped_s > JUMP_S
 
-    def _begin(self, stage: Stage) -> None:
+    def _begin(self, publishers: PlayerPublishers) -> None:
         """Publish the time and the state at the place where playing goes on."""
         now, coming = seconds_now(), self._reel.next
         if coming is not None:
@@ -206,9 +212,9 @@ class Playing:
             self._time.jump(at_ns, now)
             state = self._reel.state_before(at_ns)
             if state or self.is_paused or at_ns < coming.log_ns:
-                stage.put_time(at_ns)  # else it goes before the first message anyway
+                publishers.put_time(at_ns)  # else it goes before the first message anyway
             for message in state:
-                stage.put(message, ticks=False)
+                publishers.put(message, ticks=False)
         if not self.is_paused:
             self._time.run(now)
         self.phase = Phase.PLAYING
@@ -244,7 +250,7 @@ class Playing:
     def seek(self, at_ns: int) -> bool:
         """Go on from a log time [ns]; return whether it lies in the bag."""
         end_ns = self._reel.part.end_ns
-        is_inside = self._plan.whole.begin_ns <= at_ns <= end_ns
+        is_inside = self._settings.whole.begin_ns <= at_ns <= end_ns
         if self.phase in (Phase.CLOSED, Phase.STOPPED) or not is_inside:
             return False
         self._go(Stretch(at_ns, end_ns))
@@ -270,7 +276,7 @@ class Playing:
         if self.phase not in (Phase.ENDED, Phase.STOPPED):
             return False
         try:
-            part = self._plan.part_from(offset_ns, duration_ns, until_ns)
+            part = self._settings.part_from(offset_ns, duration_ns, until_ns)
         except BagError as err:
             self._say(f"not played: {err}")
             return False
@@ -281,19 +287,19 @@ class Playing:
 
     def stop(self) -> None:
         """Stop; `play` begins again."""
-        if self._stage is None:
+        if self._publishers is None:
             return
         self.phase = Phase.STOPPED
         self._time.hold(seconds_now())
-        self._stage.outbox.clear()
+        self._publishers.outbox.clear()
         self._answer_bursts()
 
     def _go(self, part: Stretch) -> None:
         self._reel.go(part)
         self._time.jump(part.begin_ns, seconds_now())
-        if self.phase is not Phase.WAITING and self._stage is not None:
+        if self.phase is not Phase.WAITING and self._publishers is not None:
             self._time.hold(seconds_now())
-            self._jump(self._stage)
+            self._jump(self._publishers)
 
     def _answer_bursts(self) -> None:
         """Tell those who asked for more than they get."""
