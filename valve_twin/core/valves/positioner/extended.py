@@ -78,7 +78,18 @@ def _linear(rate: float, lag: float, h: float, out: FloatArray) -> None:
 
 @njit(cache=True)
 def transition(p: FloatArray, h: float, out: FloatArray) -> None:
-    """Prepare a sub-step of `h` [s] for parameters `p` (12,): fill `out` (9,)."""
+    """Prepare a sub-step.
+
+    Parameters
+    ----------
+    p : (N_EXTENDED,) array
+        Parameters, see `N_EXTENDED`.
+    h : float
+        Sub-step [s].
+    out : (N_TRANSITION,) array
+        Overwritten where there is a lag: rising and falling matrix of position and speed, row by
+        row [1], [s], [1/s], [1], and decay of the speed [1].
+    """
     if p[LAG] > _LEAST_LAG:
         _linear(p[0], p[LAG], h, out[0:4])
         _linear(p[1], p[LAG], h, out[4:8])
@@ -172,7 +183,14 @@ def rest_at(z: FloatArray, position: float) -> None:
 def delayed(line: FloatArray, n: int, rising: int, falling: int) -> float:
     """Return the command in force at sample n; a rise and a fall have delays of their own.
 
-    `line` (L,) is read as a ring, so a whole record serves as well as a delay line.
+    Parameters
+    ----------
+    line : (L,) array
+        Commands, read as a ring, so a whole record serves as well as a delay line [1].
+    n : int
+        Index of the sample in it.
+    rising, falling : int
+        Delays of a rise and of a fall [samples].
     """
     size = len(line)
     u = line[(n - rising) % size]
@@ -261,7 +279,7 @@ def predict_extended(
     Parameters
     ----------
     state : (STATE_SIZE,) array
-        Written in place.
+        See `STATE_SIZE`; written in place.
     c : (17,) array
         The 12 parameters, period [s], delay of a rise and of a fall [samples], stops [1].
     position : (N,) array

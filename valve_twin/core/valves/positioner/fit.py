@@ -119,7 +119,17 @@ def fit_free_run(record: Record, *, max_lag: int, limits: Limits) -> Solution:
 
 
 def normal(record: Record, parameters: FloatArray, lag: int) -> tuple[FloatArray, FloatArray]:
-    """Return J^T r (5,), J^T J (5, 5) of the used samples at parameters (5,) and a delay."""
+    """Return J^T r (5,), J^T J (5, 5) of the used samples.
+
+    Parameters
+    ----------
+    record : Record
+        N samples.
+    parameters : (5,) array
+        See `kernels.N_PARAMETERS`.
+    lag : int
+        Delay [samples].
+    """
     return _evaluate(record, parameters, lag)[1:3]
 
 

@@ -131,7 +131,17 @@ class _Task:
 
 
 def simulate(p: FloatArray, record: Record, lags: tuple[int, int]) -> FloatArray:
-    """Return the (N,) free run of a record for parameters (12,) and two delays [samples]."""
+    """Return the (N,) free run of a record [1].
+
+    Parameters
+    ----------
+    p : (12,) array
+        Parameters, see `extended.N_EXTENDED`.
+    record : Record
+        N samples.
+    lags : tuple of int
+        Delays of a rise and of a fall [samples].
+    """
     out = np.empty(len(record.position))
     in_force = delay_record(record.command, *lags)
     free_run(p, record.position, in_force, record.period_s, max(lags), record.stops, out)

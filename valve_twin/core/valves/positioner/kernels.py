@@ -80,7 +80,17 @@ def motion(
 
 @njit(cache=True)
 def advance(x: float, command: float, p: FloatArray, duration: float) -> float:
-    """Return the position [1] after `duration` [s] under a held command; `p` (5,) or longer."""
+    """Return the position after a time under a held command [1].
+
+    Parameters
+    ----------
+    x, command : float
+        Position at the beginning and command [1].
+    p : (5,) or longer array
+        Parameters, see `N_PARAMETERS`.
+    duration : float
+        How long the command is held [s].
+    """
     e = command - x
     if e > p[4]:
         return float(x + motion(e - p[4], p[0], p[2], duration)[0])
@@ -110,7 +120,7 @@ def predict_block(
     Parameters
     ----------
     state : (STATE_SIZE,) array
-        Written in place.
+        See `STATE_SIZE`; written in place.
     c : (9,) array
         The 5 parameters, period [s], lag [samples], lower and upper stop [1].
     position : (N,) array
@@ -226,7 +236,7 @@ def normal_equations(
     period, lag, stops : float, int, (2,) array
         Sampling time [s], delay [samples], mechanical stops [1].
     gradient, hessian : (5,), (5, 5) arrays
-        Overwritten with J^T r and J^T J of r = measured - simulated.
+        Overwritten with J^T r and J^T J of r = measured - simulated [1 over units of `p`].
     active : (5,) array
         Overwritten with how long each parameter drove the spool [samples].
 

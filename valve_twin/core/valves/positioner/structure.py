@@ -120,7 +120,7 @@ def extend(plain: FloatArray, values: Mapping[str, float], structure: Structure)
     Parameters
     ----------
     plain : (9,) array
-        Coefficients of the plain law.
+        Coefficients of the plain law, see `kernels.predict_block`.
     values : mapping
         Parameter values by name; what is not known acts as if it were not there.
     structure : Structure

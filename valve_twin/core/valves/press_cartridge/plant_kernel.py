@@ -130,7 +130,31 @@ def run_press(
     position: FloatArray,
     inputs: FloatArray,
 ) -> None:
-    """Run N samples; writes `state`, `position` (N,) and `inputs` (N, 2) in place."""
+    """Run N samples of K controller ticks each.
+
+    Parameters
+    ----------
+    state : (10,) array
+        See `PressCartridgePlant.initial_state`; written in place.
+    c, plc : PressCoefficients, PlcSettings
+        Numbers of valve and controller.
+    steps_per_tick, ticks_per_sample : int
+        Steps of `c.step_s` in a tick; K.
+    reference, hold : (N * K,) array, (N * K,) bool array
+        Wanted position at every tick [1], and whether it stands still there.
+    external, commands : bool, (N, 2) array
+        Whether the commands come from outside, and these: v_in, v_out [1].
+    noise_flow : (N,) array
+        Flow that process noise adds in motion [m^3/s].
+    extra_leak : float
+        Added to the leak of `c` [m^3/s/sqrt(Pa)].
+    stuck : bool
+        The spindle does not move.
+    frozen, lost : (N,) bool arrays
+        The controller keeps the position it has read; the commands do not reach the pilots.
+    position, inputs : (N,), (N, 2) arrays
+        Overwritten: position at the stamps, v_in and v_out [1].
+    """
     for n in range(len(position)):
         for k in range(ticks_per_sample):
             if not frozen[n]:

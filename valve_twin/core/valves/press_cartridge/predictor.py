@@ -37,7 +37,17 @@ _PAST_OUT = _PAST_IN + MAX_LAG  # the delay lines, newest first
 
 @njit(cache=True)
 def increment(c: FloatArray, v_in: float, v_out: float, dx: float, off_seat: bool) -> float:
-    """Return d[n] [1] for the lagged commands and the last increment dx [1]; `c` is (16,)."""
+    """Return d[n], the increment of the position [1].
+
+    Parameters
+    ----------
+    c : (16,) array
+        See `COEFFICIENTS`.
+    v_in, v_out, dx : float
+        Lagged commands and last increment [1].
+    off_seat : bool
+        Whether the leak acts.
+    """
     d: float = (1.0 + c[0] + c[6] * v_in + c[7] * v_out) * dx
     d += (c[1] + c[3] * v_in) * v_in + (c[2] + c[4] * v_out) * v_out + c[5] * v_in * v_out
     if off_seat:
@@ -47,7 +57,15 @@ def increment(c: FloatArray, v_in: float, v_out: float, dx: float, off_seat: boo
 
 @njit(cache=True)
 def step(c: FloatArray, v_in: float, v_out: float, x: float, dx: float) -> float:
-    """Return the next position [1]: one increment from x, clipped to the seats."""
+    """Return the next position: one increment from x, clipped to the seats [1].
+
+    Parameters
+    ----------
+    c : (16,) array
+        See `COEFFICIENTS`.
+    v_in, v_out, x, dx : float
+        Lagged commands, position and last increment [1].
+    """
     low, high = c[LOW_SEAT], c[HIGH_SEAT]
     ahead: float = min(max(x + increment(c, v_in, v_out, dx, x > low), low), high)
     return ahead

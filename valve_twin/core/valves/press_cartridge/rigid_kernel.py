@@ -89,7 +89,7 @@ def run_rigid(
     v0 : float
         Command about which g is expanded [1].
     position : (N,) array
-        Result.
+        Result [1].
     """
     balance = c.top_force / c.piston_area
     slope_in = 0.5 / np.sqrt(c.supply_pressure - balance)

@@ -74,7 +74,7 @@ def areas(
     u_s, u_r : float
         Underlap of supply and return orifices [m].
     area, slope : (ORIFICES,) arrays
-        Overwritten.
+        Overwritten: areas [m^2], slopes [m].
     """
     strip1, lens1, strip1_x, lens1_x = _supply(x, r, c, u_s)
     strip2, lens2, strip2_x, lens2_x = _supply(-x, r, c, u_s)

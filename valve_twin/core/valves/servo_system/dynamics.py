@@ -114,7 +114,15 @@ _VALVE_ONSET, _PISTON_ONSET = 2e-6, 2e-4
 
 @njit(cache=True, inline="always")
 def motor(current: float, rate: float, p: FloatArray, memory: FloatArray) -> tuple[float, float]:
-    """Return the motor's force [N] with hysteresis and saturation, and its slope [N/A]."""
+    """Return the motor's force [N] with hysteresis and saturation, and its slope [N/A].
+
+    Parameters
+    ----------
+    current, rate : float
+        Motor current [A] and its derivative [A/s].
+    p, memory : (COUNT,), (PLAYS,) arrays
+        Same as `evaluate` takes.
+    """
     effective, slope = hysteresis.output(current, rate, memory, p[REACH], p[SHARE])
     turn = tanh(p[B] * effective / p[SATURATION])
     return p[SATURATION] * turn, p[B] * slope * (1.0 - turn * turn)
@@ -127,11 +135,12 @@ def flows(y: FloatArray, p: FloatArray, w: FloatArray) -> None:
     Parameters
     ----------
     y : (13,) array
-        State.
+        State, see `STATES`.
     p : (COUNT,) array
-        Numbers.
+        Numbers, see `numbers`.
     w : (WORK,) array
-        Overwritten: q1, q2, q3, q4, qL; slopes over x_v; slopes over the pressure drop.
+        Overwritten: q1, q2, q3, q4, qL [m^3/s]; slopes over x_v [m^2/s]; slopes over the
+        pressure drop [m^3/s/Pa].
     """
     area, slope = w[ORIFICES : 2 * ORIFICES], w[2 * ORIFICES :]
     areas(y[XV], p[RADIUS], p[CLEARANCE], p[U_S], p[U_R], area, slope)
@@ -156,9 +165,16 @@ def flows(y: FloatArray, p: FloatArray, w: FloatArray) -> None:
 
 @njit(cache=True, inline="always")
 def command(y: FloatArray, p: FloatArray, u: FloatArray, force: float) -> tuple[float, bool]:
-    """Return the desired current of the three loops, eq. (12), and whether it is not limited.
+    """Return the desired current of the three loops, eq. (12) [A], and whether it is not limited.
 
     Paper 003 adds the number 1 to a gain in A/N; here k_f F_nominal / i_limit stands beside it.
+
+    Parameters
+    ----------
+    y, p, u : (13,), (COUNT,), (CONTROLS,) arrays
+        Same as `evaluate` takes.
+    force : float
+        Force that is fed back [N].
     """
     position = y[XP] if np.isnan(u[FED_BACK]) else u[FED_BACK]
     outer = p[KP] * (u[WANTED] - position) - p[KVEL] * y[VP]
@@ -320,13 +336,13 @@ def evaluate(
     p : (COUNT,) array
         Numbers; see `numbers`.
     memory : (PLAYS,) array
-        Of the motor's hysteresis, since when the current has been monotone.
+        Of the motor's hysteresis, since when the current has been monotone [A].
     u : (CONTROLS,) array
-        What acts from outside.
+        What acts from outside, see `CONTROLS`.
     w : (WORK,) array
-        Overwritten with the flows.
+        Overwritten with the flows, see `flows`.
     dy : (13,) array
-        Overwritten.
+        Overwritten [unit of each state / s].
     jac : (13, 13) array
         Overwritten if `want`.
     want : bool

@@ -124,7 +124,7 @@ def run_loop(
     Parameters
     ----------
     p : (COUNT,) array
-        Numbers, derived ones renewed.
+        Numbers, see `numbers`, derived ones renewed.
     sensors : Sensors
         Full scales.
     wanted : (N,) array
@@ -135,7 +135,7 @@ def run_loop(
     period, rtol : float
         Sampling time [s] and relative error of a step [1].
     out : (N, 9) array
-        Overwritten.
+        Overwritten [1].
     """
     count = len(wanted)
     y, memory = np.zeros(STATES), np.full(PLAYS, remembered * p[REACH])
@@ -222,7 +222,7 @@ def fit_loop(
     record : Record
         N samples of nine signals.
     p : (COUNT,) array
-        Numbers to start from and to keep.
+        Numbers to start from and to keep, see `numbers`.
     sensors : Sensors
         Full scales.
     max_error : float
@@ -262,7 +262,7 @@ def _misfit(r: FloatArray) -> float:
 
 
 def rank(jacobian: FloatArray, x: FloatArray, max_error: float) -> BoolArray:
-    """Return which unknowns the record tells, (UNKNOWNS,), most sensitive first.
+    """Return which unknowns the record determines, (UNKNOWNS,), taken most sensitive first.
 
     An unknown is taken if its standard error, given all unknowns taken before it, stays below
     `max_error`; start and memory always are.
@@ -270,9 +270,9 @@ def rank(jacobian: FloatArray, x: FloatArray, max_error: float) -> BoolArray:
     Parameters
     ----------
     jacobian : (M, UNKNOWNS) array
-        Sensitivities of the weighted residual.
+        Sensitivities of the weighted residual [1].
     x : (UNKNOWNS,) array
-        Where they were taken.
+        Where they were taken, parameters in parts of the values started from [1].
     max_error : float
         Largest relative standard error [1].
     """

@@ -89,19 +89,19 @@ def span(
     Parameters
     ----------
     y : (13,) array
-        State, written in place.
+        State, see `STATES`, written in place.
     memory : (PLAYS,) array
-        Of the hysteresis, written in place.
+        Of the hysteresis, written in place [A].
     p : (COUNT,) array
-        Numbers.
+        Numbers, see `numbers`.
     u : (CONTROLS,) array
-        What acts from outside.
+        What acts from outside, see `CONTROLS`.
     period, step : float
         Sampling time and step to try first [s].
     rtol : float
         Allowed relative error of a step [1].
     out : (N, 13) array
-        Overwritten with the states at the samples after the first, period apart.
+        Overwritten with the states, see `STATES`, at the samples after the first, period apart.
 
     Returns
     -------
@@ -152,7 +152,7 @@ def advance(
     y: FloatArray, memory: FloatArray, p: FloatArray, u: FloatArray, duration: float, step: float,
     rtol: float,
 ) -> tuple[float, float, int]:  # fmt: skip
-    """Integrate over one interval; see `span`."""
+    """Integrate over one interval of `duration` [s]; other parameters and results as `span`."""
     return span(y, memory, p, u, duration, step, rtol, np.empty((1, STATES)))
 
 
@@ -166,15 +166,17 @@ def simulate(
     Parameters
     ----------
     y, memory : (13,), (PLAYS,) arrays
-        State at the first sample, written in place.
+        State, see `STATES`, and memory of the hysteresis [A] at the first sample, written in
+        place.
     p : (COUNT,) array
-        Numbers.
+        Numbers, see `numbers`.
     wanted : (N,) array
         Desired position, held from each sample to the next [m].
     period, rtol : float
         Sampling time [s] and allowed relative error of a step [1].
     out : (N, 13) array
-        Overwritten with the state at every sample; NaN from where the integration failed.
+        Overwritten with the state, see `STATES`, at every sample; NaN from where the integration
+        failed.
     """
     count = len(wanted)
     u = np.zeros(CONTROLS)
@@ -198,10 +200,20 @@ def simulate(
 
 @njit(cache=True)
 def rest(position: float, p: FloatArray, y: FloatArray, memory: FloatArray) -> bool:
-    """Write the state at rest about a position of the piston [m]; False if it does not settle.
+    """Write the state at rest about a position of the piston; False if it does not settle.
 
-    The loops are left to settle there; `memory` (PLAYS,) is what the motor remembers before, and
-    is written in place.
+    The loops are left to settle there.
+
+    Parameters
+    ----------
+    position : float
+        Position of the piston, from the middle of the stroke [m].
+    p : (COUNT,) array
+        Numbers, see `numbers`.
+    y : (13,) array
+        Overwritten with the state, see `STATES`.
+    memory : (PLAYS,) array
+        What the motor remembers before, written in place [A].
     """
     y[:] = 0.0
     ratio = p[AREA_2] / (p[AREA_1] + p[AREA_2])

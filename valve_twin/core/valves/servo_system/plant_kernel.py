@@ -89,7 +89,19 @@ def _normal(seed: int, index: int) -> float:
 
 @njit(cache=True)
 def scaled(y: FloatArray, p: FloatArray, s: Sensors, out: FloatArray) -> None:
-    """Write what ideal sensors give of a state (13,): `INPUTS` but the desired position, (8,)."""
+    """Write what ideal sensors give of a state: `INPUTS` but the desired position.
+
+    Parameters
+    ----------
+    y : (13,) array
+        State, see `STATES`.
+    p : (COUNT,) array
+        Numbers, see `numbers`.
+    s : Sensors
+        Full scales.
+    out : (8,) array
+        Overwritten [1].
+    """
     sine, cosine = sin(y[TH]), cos(y[TH])
     out[0] = y[IS] / s.current
     out[1] = y[XV] / s.valve
@@ -126,7 +138,7 @@ def run_plant(
     state : (STATE_SIZE,) array
         See `STATE_SIZE`.
     p : (COUNT,) array
-        Numbers.
+        Numbers, see `numbers`.
     sensors : Sensors
         What the sensors make of the state.
     rtol, period : float

@@ -88,7 +88,7 @@ def predict_block(
     Parameters
     ----------
     state : (STATE_SIZE,) array
-        Written in place.
+        See `STATE_SIZE`; written in place.
     c : (N_COEFFICIENTS,) array
         See `N_COEFFICIENTS`.
     position : (N,) array

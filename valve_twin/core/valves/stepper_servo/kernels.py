@@ -30,7 +30,17 @@ N_PARAMETERS = 4
 
 @njit(cache=True)
 def delayed(motor: FloatArray, n: int, delay: float) -> tuple[float, float]:
-    """Return the motor position `delay` samples before n, and its derivative to the delay."""
+    """Return the motor position some samples before n [1], and its derivative to the delay.
+
+    Parameters
+    ----------
+    motor : (N,) array
+        Counted motor position [1].
+    n : int
+        Index of the sample.
+    delay : float
+        Delay, not necessarily whole [samples].
+    """
     whole = int(delay)
     part = delay - whole
     late, later = motor[max(n - whole, 0)], motor[max(n - whole - 1, 0)]
@@ -52,7 +62,7 @@ def run_play(
     start : float
         Spool position at the first sample [1].
     simulated, jacobian : (N,), (N, 4) arrays
-        Overwritten with the position and its derivatives.
+        Overwritten with the position [1] and its derivatives [1 over units of `p`].
 
     Returns
     -------
@@ -96,7 +106,19 @@ def normal_equations(
     gradient: FloatArray,
     hessian: FloatArray,
 ) -> float:
-    """Overwrite `gradient` (P,) and `hessian` (P, P) with J^T r and J^T J; return r^T r."""
+    """Accumulate the Gauss-Newton equations of a residual; return r^T r [1].
+
+    Parameters
+    ----------
+    residual : (N,) array
+        Measured minus simulated, r [1].
+    used : (N,) bool array
+        Samples that carry weight.
+    jacobian : (N, P) array
+        Derivatives J of what was simulated [1 over units of the parameters].
+    gradient, hessian : (P,), (P, P) arrays
+        Overwritten with J^T r and J^T J [1 over units of the parameters].
+    """
     gradient[:] = 0.0
     hessian[:] = 0.0
     cost = 0.0
@@ -114,7 +136,7 @@ def normal_equations(
 
 @njit(cache=True)
 def run_flow(q: FloatArray, position: FloatArray, start: float, metered: FloatArray) -> None:
-    """Simulate the metered flow (N,) of a spool at known positions (N,).
+    """Simulate the metered flow of a spool at known positions.
 
     Parameters
     ----------
@@ -126,7 +148,7 @@ def run_flow(q: FloatArray, position: FloatArray, start: float, metered: FloatAr
     start : float
         Metered flow at the first sample [1].
     metered : (N,) array
-        Overwritten.
+        Overwritten with the flow [1].
     """
     kept = exp(-1.0 / max(q[5], 1e-3))
     f, before = start, nan
@@ -140,5 +162,13 @@ def run_flow(q: FloatArray, position: FloatArray, start: float, metered: FloatAr
 
 @njit(cache=True)
 def play_step(last: float, m: float, backlash: float, offset: float) -> float:
-    """Return where the thread leaves a spool that stood at `last` [1]."""
+    """Return where the thread leaves a spool [1].
+
+    Parameters
+    ----------
+    last : float
+        Spool position before [1].
+    m, backlash, offset : float
+        Counted motor position, play of the thread, spool minus motor position [1].
+    """
     return float(play(last, m + offset, backlash))

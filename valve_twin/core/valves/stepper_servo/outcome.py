@@ -147,8 +147,8 @@ def wiener(
     structure : Structure
         Orders.
     theta : (P,) array or None
-        Where to start: what the cycle before gave. The adaptation gain starts anew in each cycle,
-        so that the parameters can follow for months.
+        Where to start: what the cycle before gave [1]. The adaptation gain starts anew in each
+        cycle, so that the parameters can follow for months.
     settings : Settings
         Centre, offset and adaptation.
     """

@@ -49,6 +49,15 @@ def flow_opening(
 
     Paper 004, Fig. 5: closed from 0.45 to 1.70 mm, saturated from 0.2 and 1.9 mm on. The straight
     line between is our assumption.
+
+    Parameters
+    ----------
+    x : float
+        Spool position [1].
+    band_lower, band_upper : float
+        Edges of the dead band [1].
+    full_lower, full_upper : float
+        Positions from which the flow is saturated [1].
     """
     if x < band_lower:
         return float(min((band_lower - x) / (band_lower - full_lower), 1.0))
@@ -59,7 +68,17 @@ def flow_opening(
 
 @njit(cache=True)
 def play(x: float, middle: float, backlash: float) -> float:
-    """Return the spool behind a thread with backlash: it moves only where a flank pushes it."""
+    """Return the spool behind a thread with backlash: it moves only where a flank pushes it [1].
+
+    Parameters
+    ----------
+    x : float
+        Spool position before [1].
+    middle : float
+        Middle of the play [1].
+    backlash : float
+        Width of the play [1].
+    """
     return float(min(max(x, middle - 0.5 * backlash), middle + 0.5 * backlash))
 
 

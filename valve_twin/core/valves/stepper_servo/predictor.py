@@ -79,7 +79,7 @@ def predict_block(
     Parameters
     ----------
     state : (STATE_SIZE,) array
-        Written in place.
+        See `STATE_SIZE`; written in place.
     c : (COEFFICIENTS,) array
         See `COEFFICIENTS`.
     position, inputs : (N,), (N, 2) arrays

@@ -53,7 +53,17 @@ def refusal_of(record: Record, options: StepperServoOptions) -> str:
 
 
 def misfit(record: Record, thread: ThreadFit, options: StepperServoOptions) -> str:
-    """Return why a fitted thread is not believed, empty if it is."""
+    """Return why a fitted thread is not believed, empty if it is.
+
+    Parameters
+    ----------
+    record : Record
+        N samples without a gap.
+    thread : ThreadFit
+        What was fitted to it.
+    options : StepperServoOptions
+        The least fit.
+    """
     y = record.position[record.used]
     fit = 100.0 * (1.0 - float(np.sqrt(thread.cost / np.sum((y - y.mean()) ** 2))))
     least = options.min_fit

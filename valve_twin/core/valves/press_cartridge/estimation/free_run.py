@@ -152,7 +152,19 @@ def lay_out(
     noise_sigma: float,
     options: OutputErrorOptions,
 ) -> Run:
-    """Put the samples on a grid of whole periods; missing ones have no weight, commands hold."""
+    """Put the samples on a grid of whole periods; missing ones have no weight, commands hold.
+
+    Parameters
+    ----------
+    frames, masks : Frames, Masks
+        Samples of one cycle and their masks.
+    period_s : float
+        Sampling time [s].
+    noise_sigma : float
+        Standard deviation of the measured position; NaN = not known [1].
+    options : OutputErrorOptions
+        Offsets of the commands, width of a seat.
+    """
     steps = np.maximum(np.rint(np.diff(frames.stamp_ns) / (period_s * 1e9)), 1.0)
     steps = np.minimum(steps, 1e6).astype(np.int64)
     long = steps > _LONG_GAP
@@ -222,7 +234,17 @@ class Phases:
 
 
 def find_phases(run: Run, lag: int, options: OutputErrorOptions) -> Phases:
-    """Tell rest on a seat, hold and motion apart."""
+    """Tell rest on a seat, hold and motion apart.
+
+    Parameters
+    ----------
+    run : Run
+        The cycle.
+    lag : int
+        Command to position lag [samples].
+    options : OutputErrorOptions
+        Where the seats are, and which command acts.
+    """
     v_in, v_out = _acting(run.v_in, lag), _acting(run.v_out, lag)
     seated = _seated(run, v_in, v_out, options)
     anchor = run.broken | run.stuck
@@ -235,7 +257,21 @@ def find_phases(run: Run, lag: int, options: OutputErrorOptions) -> Phases:
 def fit_lag(
     run: Run, lag: int, columns: BoolArray, options: OutputErrorOptions, *, refine: bool
 ) -> Solution:
-    """Fit for one lag."""
+    """Fit for one lag.
+
+    Parameters
+    ----------
+    run : Run
+        The cycle.
+    lag : int
+        Command to position lag [samples].
+    columns : (5,) bool array
+        Parameters that are fitted.
+    options : OutputErrorOptions
+        How the free run is fitted.
+    refine : bool
+        Whether the pole is searched between the points of the grid.
+    """
     phases = find_phases(run, lag, options)
     p, gram = np.zeros(N_LINEAR), np.zeros((N_COLUMNS, N_COLUMNS))
     pole, cost, log_determinant, rows = search_pole(
@@ -268,9 +304,20 @@ def _seated(
 def mean_command(position: FloatArray, v_in: FloatArray, free: BoolArray, active: float) -> float:
     """Return the inflow command, averaged with the displacement during it as weight [1].
 
-    Only commands above `active` [1] count: an offset or noise of the logged command is no inflow,
-    and would take the return stroke for one. The noise of the increments stays in the sum: it has
-    mean zero there, but not in its positive part.
+    The noise of the increments stays in the sum: it has mean zero there, but not in its positive
+    part.
+
+    Parameters
+    ----------
+    position : (N,) array
+        Measured position [1].
+    v_in : (N,) array
+        Inflow command that acts at the sample [1].
+    free : (N,) bool array
+        Whether the spool is off the seats.
+    active : float
+        Only commands above it count: an offset or noise of the logged command is no inflow, and
+        would take the return stroke for one [1].
     """
     moved = np.diff(position, prepend=position[:1])
     on = free & (v_in > active)
@@ -279,7 +326,13 @@ def mean_command(position: FloatArray, v_in: FloatArray, free: BoolArray, active
 
 
 def find_lag(run: Run, columns: BoolArray, options: OutputErrorOptions) -> int:
-    """Return the lag of greatest likelihood; the smallest of equal ones."""
+    """Return the lag of greatest likelihood; the smallest of equal ones.
+
+    Parameters
+    ----------
+    run, columns, options : Run, (5,) bool array, OutputErrorOptions
+        Same as `fit_lag` takes.
+    """
     fits = [
         fit_lag(run, lag, columns, options, refine=False) for lag in range(options.max_lag + 1)
     ]
@@ -287,7 +340,13 @@ def find_lag(run: Run, columns: BoolArray, options: OutputErrorOptions) -> int:
 
 
 def hold_samples(run: Run, lag: int, options: OutputErrorOptions) -> int:
-    """Count usable samples at rest off the seats."""
+    """Count usable samples at rest off the seats.
+
+    Parameters
+    ----------
+    run, lag, options : Run, int, OutputErrorOptions
+        Same as `find_phases` takes.
+    """
     phases = find_phases(run, lag, options)
     rest = ~held_recently(phases.moving, _SETTLE) & phases.free & run.use
     return int(np.count_nonzero(rest))

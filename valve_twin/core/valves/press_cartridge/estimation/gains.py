@@ -137,7 +137,19 @@ def find_told(
     noise_sigma: float,
     options: OutputErrorOptions,
 ) -> Told | str:
-    """Return what a cycle can tell, or why it tells nothing."""
+    """Return what a cycle can show, or why it shows nothing.
+
+    Parameters
+    ----------
+    frames, masks : Frames, Masks
+        Samples of one cycle and their masks.
+    period_s : float
+        Sampling time [s].
+    noise_sigma : float
+        Standard deviation of the measured position; NaN = not known [1].
+    options : OutputErrorOptions
+        How the free run is fitted, and when a gain is refused.
+    """
     run = lay_out(frames, masks, period_s, noise_sigma, options)
     reason = _unusable(run, options)
     if reason:
@@ -183,7 +195,7 @@ def gain_fit(
     Parameters
     ----------
     told : Told
-        What the cycle can tell.
+        What the cycle can show.
     solution : Solution
         The estimator's minimum.
     masks : Masks
@@ -193,7 +205,7 @@ def gain_fit(
     noise_ratio : float
         As published [1].
     covariance : (6, 6) array, optional
-        Of the linear parameters and the pole, infinite where nothing is known, if it is to be
+        Of the linear parameters and the pole, infinite where nothing is known [1], if it is to be
         believed: standard errors and 95 % limits are then published from this cycle alone.
     """
     mse = solution.cost / solution.rows
@@ -223,7 +235,7 @@ def gain_fit(
 
 
 def refused_fit(reason: str, masks: Masks) -> GainFit:
-    """Return the fit of a cycle that tells nothing."""
+    """Return the fit of a cycle that shows nothing."""
     nothing = float("nan")
     parameters = tuple(
         ParameterValue(name, nothing, ParameterStatus.REFUSED, reason) for name in NAMES
@@ -355,7 +367,17 @@ def _fitted(s: Solution) -> IntArray:
 
 
 def fit_covariance(s: Solution, mse: float, fitted: IntArray) -> FloatArray:
-    """Return the (6, 6) covariance of the fitted columns; infinite where there is none."""
+    """Return the (6, 6) covariance of the fitted columns [1]; infinite where there is none.
+
+    Parameters
+    ----------
+    s : Solution
+        The estimator's minimum.
+    mse : float
+        Variance of the residual [1].
+    fitted : (F,) int array
+        Columns that were fitted, the pole as column 5.
+    """
     covariance = np.full((N_LINEAR + 1, N_LINEAR + 1), np.inf)
     fitted = fitted[np.diag(s.gram)[fitted] > 0.0]
     if len(fitted):

@@ -68,7 +68,7 @@ def absorb(
     place, drift : (C,) arrays
         State of the filter of each, written in place [1].
     news : (C,) array
-        Overwritten [1].
+        Innovations, overwritten [1].
     covariance : tuple of float
         Of place and drift: variance, covariance, variance [1].
     gram : (C, C) array
@@ -107,9 +107,9 @@ def whiten(
     pole, v_max, ratio : float
         Pole [1], greatest command [1], variance of process over measurement noise [1].
     p : (5,) array
-        Parameters at which the sensitivity to the pole is taken.
+        Parameters at which the sensitivity to the pole is taken [1].
     gram : (7, 7) array
-        Result.
+        Result [1].
     """
     y, use, free, anchor, moving, v_in, v_out = data
     gram[:, :] = 0.0
@@ -295,9 +295,22 @@ def restricted(
     """Return minus twice the log restricted likelihood of a ratio, its pole, cost and rows.
 
     The pole is that of greatest likelihood between `low` and `high`, searched near `start`, on
-    the whole interval where that is negative. `prior` (2,) is what other cycles say of the
-    logarithm of the ratio: mean, and inverse variance, 0 = nothing. `p` (5,) and `gram` (7, 7),
-    with the sensitivity to the pole, are written there.
+    the whole interval where that is negative.
+
+    Parameters
+    ----------
+    data : Stretch
+        N samples [1].
+    v_max, ratio : float
+        Greatest command [1], variance of process over measurement noise [1].
+    columns : (5,) bool array
+        Parameters that are fitted.
+    prior : (2,) array
+        Mean and inverse variance of the logarithm of the ratio from other cycles; 0 = nothing [1].
+    low, high, start : float
+        Interval of the pole, and where its search starts [1].
+    p, gram : (5,), (7, 7) arrays
+        Overwritten with parameters and normal equations, with the sensitivity to the pole [1].
     """
     pole = _best_pole(data, v_max, ratio, columns, low, high, start, p, gram)
     _likelihood(data, pole, v_max, ratio, columns, p, gram)
@@ -371,16 +384,16 @@ def search_ratio(
     columns : (5,) bool array
         Parameters that are fitted.
     prior : (2,) array
-        Mean and inverse variance of the logarithm of the ratio from other cycles; 0 = nothing.
+        Mean and inverse variance of the logarithm of the ratio from other cycles; 0 = nothing [1].
     fixed_pole, fixed_ratio : float
-        Taken as they are where not negative.
+        Taken as they are where not negative [1].
     p, gram : (5,), (7, 7) arrays
-        Results, with the sensitivity to the pole.
+        Results, with the sensitivity to the pole [1].
 
     Returns
     -------
     tuple
-        The ratio that this cycle alone tells, the ratio with the prior, then pole, cost and rows.
+        The ratio found from this cycle alone, the ratio with the prior, then pole, cost and rows.
     """
     low, high = (0.0, POLE_MAX) if fixed_pole < 0.0 else (fixed_pole, fixed_pole)
     nothing = np.zeros(2)

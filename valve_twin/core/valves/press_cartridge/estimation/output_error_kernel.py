@@ -83,9 +83,9 @@ def accumulate(
     pole, v_max, wander : float
         Pole [1], greatest command [1], random walk [1].
     p : (5,) array
-        Parameters at which the sensitivity to the pole is taken.
+        Parameters at which the sensitivity to the pole is taken [1].
     gram : (7, 7) array
-        Result.
+        Result [1].
     """
     y, use, free, anchor, moving, v_in, v_out = data
     gram[:, :] = 0.0
@@ -177,10 +177,20 @@ def _solve_subset(
 
 @njit(cache=True)
 def solve_positive(gram: FloatArray, columns: BoolArray, p: FloatArray) -> float:
-    """Write the exact minimiser p >= 0 (5,) over the chosen columns; return its cost.
+    """Write the exact minimiser p >= 0 over the chosen columns; return its cost [1].
 
     Every subset of columns is solved by Cholesky; the best whose solution is positive is the
-    constrained minimum. Dependent columns drop out: of two that cannot be told apart, one stays.
+    constrained minimum. Dependent columns drop out: of two that cannot be distinguished, one
+    stays.
+
+    Parameters
+    ----------
+    gram : (7, 7) array
+        Normal equations, see `accumulate`.
+    columns : (5,) bool array
+        Columns that may be used.
+    p : (5,) array
+        Overwritten with the parameters [1].
     """
     best = float(gram[N_COLUMNS - 1, N_COLUMNS - 1])
     p[:] = 0.0
@@ -234,10 +244,23 @@ def search_pole(
 ) -> tuple[float, float, float, int]:
     """Minimise over the pole and the rest; return pole, cost, log determinant, rows.
 
-    `p` (5,) and `gram` (7, 7), with the sensitivity to the pole, are written at the minimum. The
-    pole is searched on a grid, then by golden section; without `refine` the best grid point is
-    enough, and a `fixed` one that is not negative is taken as it is. Other arguments as in
-    `accumulate`.
+    The pole is searched on a grid, then by golden section.
+
+    Parameters
+    ----------
+    data : Stretch
+        N samples [1].
+    v_max, wander : float
+        Greatest command [1], random walk, see `accumulate` [1].
+    columns : (5,) bool array
+        Parameters that are fitted.
+    fixed : float
+        Pole that is taken as it is where not negative [1].
+    refine : bool
+        Whether the golden section follows; else the best point of the grid is enough.
+    p, gram : (5,), (7, 7) arrays
+        Overwritten with parameters and normal equations at the minimum, with the sensitivity to
+        the pole [1].
     """
     pole = fixed
     if fixed < 0.0:

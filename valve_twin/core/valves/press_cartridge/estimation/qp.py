@@ -151,7 +151,7 @@ def solve_qp_cvxpy(u: FloatArray, y: FloatArray, inequalities: Inequalities) -> 
     Parameters
     ----------
     u : (R, K) array
-        Regressor.
+        Regressor [1].
     y : (R,) array
         Right-hand side [1].
     inequalities : Inequalities

@@ -87,12 +87,30 @@ def usable_rows(frames: Frames, masks: Masks, lag: int, *, keep_stale: bool = Fa
 def common_rows(
     frames: Frames, masks: Masks, max_lag: int, *, keep_stale: bool = False
 ) -> IntArray:
-    """Return the rows usable at every lag from 0 to `max_lag`: (R,) int64."""
+    """Return the rows usable at every lag from 0 on: (R,) int64.
+
+    Parameters
+    ----------
+    frames, masks, keep_stale : Frames, Masks, bool
+        Same as `usable_rows` takes.
+    max_lag : int
+        Longest lag [samples].
+    """
     return usable_rows(frames, masks, max(2, max_lag), keep_stale=keep_stale)
 
 
 def design(frames: Frames, rows: IntArray, lag: int) -> tuple[FloatArray, FloatArray]:
-    """Return the regressor (R, 8) and the right-hand side (R,) of paper 002, eq. (17) and (19)."""
+    """Return regressor (R, 8) and right-hand side (R,) of paper 002, eq. (17) and (19) [1].
+
+    Parameters
+    ----------
+    frames : Frames
+        Samples of one cycle.
+    rows : (R,) int array
+        Samples n that are used.
+    lag : int
+        Command to position lag [samples].
+    """
     x, n = frames.position, rows
     dx = x[n - 1] - x[n - 2]
     vi, vo = frames.inputs[n - lag, 0], frames.inputs[n - lag, 1]
@@ -123,6 +141,13 @@ def mean_square_error(frames: Frames, rows: IntArray, lag: int, theta: FloatArra
 
     Paper 002, eq. (24), formed sample by sample: the same from the normal equations would cancel
     on precise data.
+
+    Parameters
+    ----------
+    frames, rows, lag : Frames, (R,) int array, int
+        Same as `design` takes.
+    theta : (8,) array
+        Parameters [1].
     """
     if len(rows) == 0:
         return float("nan")

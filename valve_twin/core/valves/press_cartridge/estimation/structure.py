@@ -226,7 +226,19 @@ def _judged(split: _Split, apart: float, error: float, options: StructureOptions
 
 @njit(cache=True)
 def propagate(free: BoolArray, drive: FloatArray, pole: float, speed: FloatArray) -> None:
-    """Write the speeds (N, C) of drives (N, C): zero on the seats."""
+    """Write the speeds of C drives: zero on the seats.
+
+    Parameters
+    ----------
+    free : (N,) bool array
+        Whether the spool is off the seats.
+    drive : (N, C) array
+        What drives the spool [1].
+    pole : float
+        Pole of the speed [1].
+    speed : (N, C) array
+        Overwritten where the spool is off the seats [1].
+    """
     for n in range(1 if len(free) else 0, len(free)):
         for k in range(drive.shape[1]):
             if free[n]:
@@ -245,10 +257,22 @@ def whiten_columns(
     ratio: float,
     gram: FloatArray,
 ) -> int:
-    """Write the normal equations of the innovations of any drives (N, C); return their rows.
+    """Write the normal equations of the innovations of any drives; return their rows.
 
-    `gram` is (C + 1, C + 1), the measurement last. As `kalman_kernel.whiten`, which is faster for
-    the columns that every fit has.
+    As `kalman_kernel.whiten`, which is faster for the columns that every fit has.
+
+    Parameters
+    ----------
+    y : (N,) array
+        Measured position [1].
+    use, free, anchor, moving : (N,) bool arrays
+        See `Stretch`.
+    drives : (N, C) array
+        What drives the spool, a column a parameter [1].
+    pole, ratio : float
+        Pole, variance of process over measurement noise [1].
+    gram : (C + 1, C + 1) array
+        Overwritten, the measurement last [1].
     """
     count = drives.shape[1] + 1
     last = count - 1
