@@ -83,7 +83,7 @@ def test_every_curve_is_on_a_topic_of_the_valve_in_both_viewers(root: Path) -> N
 
 
 def test_foxglove_shows_every_panel_once(root: Path) -> None:
-    layout = json.loads(foxglove(tabs(MODEL)))
+    layout = json.loads(foxglove(tabs(MODEL), "/mill/v7"))
 
     def leaves(node: object) -> list[str]:
         if isinstance(node, dict):

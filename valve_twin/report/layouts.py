@@ -25,9 +25,6 @@ if TYPE_CHECKING:
 
     from valve_twin.core.valves.interface import ValveModel
 
-DEFAULT_VALVE = "/press/valve_1"
-"""Namespace of the valve in the shipped layouts; it can be replaced in the files."""
-
 _NUMBERS = {"float32", "float64", "bool"} | {
     f"{u}int{b}" for u in ("", "u") for b in (8, 16, 32, 64)
 }
@@ -172,7 +169,7 @@ def check(pages: Sequence[Tab], definitions: Mapping[str, frozenset[str]]) -> No
                 raise ValueError(msg)
 
 
-def plotjuggler(pages: Sequence[Tab], valve: str = DEFAULT_VALVE) -> str:
+def plotjuggler(pages: Sequence[Tab], valve: str) -> str:
     """Return the layout for PlotJuggler (XML)."""
     lines = [
         "<?xml version='1.0' encoding='UTF-8'?>",
@@ -207,7 +204,7 @@ def plotjuggler(pages: Sequence[Tab], valve: str = DEFAULT_VALVE) -> str:
     return "\n".join(lines) + "\n"
 
 
-def foxglove(pages: Sequence[Tab], valve: str = DEFAULT_VALVE) -> str:
+def foxglove(pages: Sequence[Tab], valve: str) -> str:
     """Return the layout for Foxglove (JSON)."""
     panels: dict[str, object] = {}
     tab_list = []
@@ -285,7 +282,7 @@ def _column(ids: Sequence[str]) -> object:
 
 
 def write_layouts(
-    messages: str | Path, out: str | Path, valve: str = DEFAULT_VALVE, model: str = DEFAULT_MODEL
+    messages: str | Path, out: str | Path, valve: str = "", model: str = DEFAULT_MODEL
 ) -> list[Path]:
     """Write both layouts.
 
@@ -296,7 +293,7 @@ def write_layouts(
     out : str or Path
         Folder for plotjuggler.xml and foxglove.json.
     valve : str
-        Namespace of the valve.
+        Namespace of the valve; empty = that of its demonstration. It can be replaced in the files.
     model : str
         Its model, whose commands and trended parameters are shown.
 
@@ -310,7 +307,8 @@ def write_layouts(
     ValueError
         If a plotted field is not a number of its message, or there is no such model.
     """
-    pages = tabs(get_model(model))
+    shown = get_model(model)
+    pages, valve = tabs(shown), valve or shown.demonstration.namespace or f"/{model}"
     check(pages, read_definitions(messages))
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
