@@ -308,7 +308,7 @@ def write_layouts(
         If a plotted field is not a number of its message, or there is no such model.
     """
     shown = get_model(model)
-    pages, valve = tabs(shown), valve or shown.demonstration.namespace or f"/{model}"
+    pages, valve = tabs(shown), valve or shown.demonstration.namespace or f"/{model}/valve_1"
     check(pages, read_definitions(messages))
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
