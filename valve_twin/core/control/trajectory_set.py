@@ -3,7 +3,7 @@
 """Model predictive trajectory set control: a few constant inputs, each predicted, the best taken.
 
 Paper 000, section 2.2, names it and says: sub-optimal, 10 kHz, three parameters, all states. How
-the set is built is not in the text. Read here from the name [A]: every candidate is one input held
+the set is built is not in the text. Assumed here from the name: every candidate is one input held
 over the horizon; the set is the input of the last sample, small and large changes of it, and both
 limits. With 7 candidates, 32 samples of horizon and 4 model steps a sample a decision takes 896
 model steps.
@@ -19,13 +19,13 @@ from numba import njit
 from valve_twin.core.quantity import check_quantities, quantity
 
 HORIZON = 32
-"""Control samples that a candidate is predicted [A]."""
+"""Control samples that a candidate is predicted, assumed."""
 
 MODEL_STEPS = 4
-"""Model steps a control sample: 25 us, well below the limit of 160 us [A]."""
+"""Model steps a control sample: 25 us, well below the limit of 160 us, assumed."""
 
 CANDIDATES = 7
-"""Candidates: the last input, two small and two large changes, two limits [A]."""
+"""Candidates: the last input, two small and two large changes, two limits, assumed."""
 
 _SMALL, _LARGE = 0.02, 0.2
 

@@ -27,7 +27,7 @@ VACUUM = 4e-7 * np.pi
 """Permeability of vacuum [V s/(A m)]."""
 
 SATURATION_EXPONENT = 9
-"""Of the saturating part of the current, (psi / psi_s)^9 A; equations.md 5.2 [A]."""
+"""Of the saturating part of the current, (psi / psi_s)^9 A, assumed; equations.md 5.2."""
 
 FLUX_NODES, CURRENT_NODES = 97, 97
 POSITION_NODES = 65

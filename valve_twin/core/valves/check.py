@@ -46,7 +46,7 @@ _REPEATS = 5  # of a measured time; the shortest counts
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One check: its name, whether it was passed (None = cannot be told), and what was seen."""
+    """One check: its name, whether it was passed (None = not decidable), and what was seen."""
 
     check: str
     passed: bool | None

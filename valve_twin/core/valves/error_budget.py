@@ -249,7 +249,7 @@ def _with_lag(options: Options, first: tuple[Estimate, ...]) -> Options:
 
 
 def _columns(model: ValveModel, first: tuple[Estimate, ...]) -> tuple[BudgetColumn, ...]:
-    """Return what is trended, and all of the second estimator; only what the cycle tells."""
+    """Return what is trended, and all of the second estimator; only what the cycle shows."""
     trended = {p.name for p in model.parameters if p.trend}
     return tuple(
         BudgetColumn(p.name, e.estimator, p.value)

@@ -270,7 +270,7 @@ class ValveModel(Protocol):
         return ()
 
     def signatures(self) -> SignatureTable | None:
-        """Return how faults change the features; None = no fault is told from its features."""
+        """Return how faults change the features; None = no fault is recognised by them."""
         return None
 
     def approximations(

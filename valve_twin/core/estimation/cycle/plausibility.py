@@ -24,11 +24,11 @@ LARGEST = 1.5
 """A signal that is 0..1 does not go beyond this, overshoot and offset included [1], assumed."""
 
 _FAR = 3.0  # speeds and pressures may exceed their full scale more than positions [1]
-_FEWEST_STEPS = 20  # between samples, to tell their distance
+_FEWEST_STEPS = 20  # between samples, to know their distance
 _FEWEST_BEYOND = 3  # samples: fewer are outliers, not a unit
 _GAP, _BUNCH = 1.5, 10.0  # median steps, periods; a step longer than both is a gap
-_SURE = 6.0  # standard errors by which a direction is told
-_EXPLAINED = 0.2  # least share of the motion that the commands explain, to tell its direction
+_SURE = 6.0  # standard errors that decide a direction
+_EXPLAINED = 0.2  # least share of the motion that the commands explain, to decide its direction
 _AT_SEAT = 0.05  # distance from a seat that counts as resting there [1]
 _AGAINST = -0.5  # correlation at which a position runs against its command ...
 _WEAKER = 0.5  # ... if none at another delay is stronger than this share of it

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Which parameters a record tells singly, and which only in combination (a ridge).
+"""Which parameters a record determines singly, and which only in combination (a ridge).
 
 A fit whose parameters run away together (stiffness and damping of a valve whose record shows
 their ratio only) still ends somewhere, with values that mean nothing. The sensitivities at that
-place tell: in units of the noise and of the size of each parameter, a singular value s says that
+place show: in units of the noise and of the size of each parameter, a singular value s says that
 the data know its direction within 1/s. What a weak direction carries is refused; what is
-orthogonal to it is the combination that the data do tell.
+orthogonal to it is the combination that the data do determine.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class IdentifiabilityOptions:
 
 @dataclass(frozen=True, slots=True)
 class Combination:
-    """What the data tell of the parameters of a ridge.
+    """What the data determine of the parameters of a ridge.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class Combination:
 
 @dataclass(frozen=True, slots=True)
 class Identifiability:
-    """What a record tells of P parameters.
+    """What a record determines of P parameters.
 
     Attributes
     ----------
@@ -97,7 +97,7 @@ class Identifiability:
     condition_number : float
         Of the column-scaled sensitivities of the parameters with an effect [1].
     ridges : tuple of tuple of str
-        Parameters that are not told apart from each other, ridge by ridge.
+        Parameters that cannot be distinguished, ridge by ridge.
     """
 
     errors: FloatArray
@@ -109,7 +109,7 @@ class Identifiability:
 
     @property
     def reason(self) -> str:
-        """Say in one line what is refused and what is known instead; empty where all is told."""
+        """Say in one line what is refused and what is known instead; empty where nothing is."""
         return "; ".join(dict.fromkeys(r for r in self.reasons if r))
 
 
@@ -208,7 +208,7 @@ class _Fit:
     def split(self, members: IntArray) -> tuple[FloatArray, FloatArray]:
         """Return the (R, G) root of the information of G members, all others unknown, too.
 
-        And their (W, G) weak directions, which the data do not tell.
+        And their (W, G) weak directions, which the data do not determine.
         """
         others = np.setdiff1d(self.excited, members)
         ordered = self.scaled[:, np.concatenate([others, members])]
@@ -272,7 +272,7 @@ def _ridges(fit: _Fit, refused: IntArray) -> list[IntArray]:
 
 
 def _known(root: FloatArray, weak: FloatArray, limit: float) -> list[FloatArray]:
-    """Return exponents (G,) of independent combinations that the data tell, easy to read.
+    """Return exponents (G,) of independent combinations that the data determine, easy to read.
 
     Each has a parameter of its own with exponent 1 and as many further ones as there are weak
     directions; where such a one is too uncertain, the directions of the information itself.

@@ -9,7 +9,7 @@ search and the spike's rise nothing flows; what follows decays exponentially to 
          = steady + (peak - steady) exp(-(t - rise) / decay)    rise <= t < search end
          = steady                                      steady start <= t < steady end
 
-Elsewhere in the cycle nothing is predicted. The structure is our assumption [A].
+Elsewhere in the cycle nothing is predicted. The structure is assumed.
 """
 
 from __future__ import annotations

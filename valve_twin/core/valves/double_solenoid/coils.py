@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
 
 _HALVINGS = 40
-_MISFIT = 0.1  # of the largest flux that the balance may leave [1] [A]
+_MISFIT = 0.1  # of the largest flux that the balance may leave [1], assumed
 _MIN_CHARGE = 3.0
-"""Least product of resistance and charge over the largest flux that tells a resistance [1] [A]."""
+"""Least resistance times charge over the largest flux that shows a resistance [1], assumed."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,7 +38,7 @@ BIAS_A = 1.0
 
 _LONGER = 1.25
 _TRIES = 20
-_LEAD_S = 1e-3  # rest before the first flank [s] [A]
+_LEAD_S = 1e-3  # rest before the first flank [s], assumed
 _MS = 1e-3
 
 

@@ -54,7 +54,7 @@ LONGEST_PERIOD_S = 2e-4
 """Slowest sampling that shows the force behind currents that change in 0.3 ms [s], assumed."""
 
 _FEWEST = 500  # fewest usable samples of a cycle, assumed
-_MIN_TRAVEL = 0.02  # of half the stroke: less motion tells no friction [1], assumed
+_MIN_TRAVEL = 0.02  # of half the stroke: less motion shows no friction [1], assumed
 _MAX_CONDITION = 300.0
 _MISFIT = 3.0
 """Residual of the motion over the noise at rest above which it is another valve, assumed."""

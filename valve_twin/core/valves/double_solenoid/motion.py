@@ -34,15 +34,15 @@ SUB = 8
 """Steps of the integration in a sample of 0.1 ms."""
 
 WINDOW = 100
-"""Samples of a window [A]."""
+"""Samples of a window, assumed."""
 
-_SETTLING = 40  # samples at the start of a cycle until the force filter has forgotten [A]
+_SETTLING = 40  # samples at the start of a cycle until the force filter has forgotten, assumed
 _ROUNDS = 12
 _CONVERGED = 1e-7
-_STOP_MARGIN = 1e-5  # nearer to an end stop a window is left out [m] [A]
+_STOP_MARGIN = 1e-5  # nearer to an end stop a window is left out [m], assumed
 _SPEED_STEP = 1e-4  # for derivatives [m/s]
 _FEWEST_WINDOWS = 3
-_HALF = 6  # samples on either side of a local parabola [A]
+_HALF = 6  # samples on either side of a local parabola, assumed
 
 
 @dataclass(frozen=True, slots=True)

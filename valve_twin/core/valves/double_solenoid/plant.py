@@ -141,7 +141,7 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
 
         With commands from outside the first column is the setpoint, the others are ignored. A leak
         has no meaning for this valve and changes nothing. Where the integration fails, positions
-        are NaN from there on, and `failure` tells when and where.
+        are NaN from there on, and `failure` says when and where.
         """
         count = len(drive.disturbance)
         position, inputs = np.empty(count), np.empty((count, N_INPUTS))

@@ -46,7 +46,7 @@ _CURRENT_TABLE = FLUX_NODES * POSITION_NODES
 _FORCE_TABLE = CURRENT_NODES * POSITION_NODES
 N_COEFFICIENTS = _SCALARS + _CURRENT_TABLE + _FORCE_TABLE
 
-_POSITION_GAIN, _SPEED_GAIN = 0.5, 0.15  # of the observer, per sample [1] [A]
+_POSITION_GAIN, _SPEED_GAIN = 0.5, 0.15  # of the observer, per sample [1], assumed
 
 
 def coefficients(valve: DoubleSolenoidPlant, period_s: float) -> FloatArray:

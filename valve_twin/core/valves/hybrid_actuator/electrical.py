@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray
     from valve_twin.core.valves.hybrid_actuator.magnetics import Magnetics
 
-_FEWEST = 12  # fewest samples with current [A]
+_FEWEST = 12  # fewest samples with current, assumed
 _LONGEST_S = 0.03  # longest transient that is used [s]
-_MIN_EXCITATION = 0.02  # of the resistance's column that the others leave [1] [A]
+_MIN_EXCITATION = 0.02  # of the resistance's column that the others leave [1], assumed
 
 
 @dataclass(frozen=True, slots=True)

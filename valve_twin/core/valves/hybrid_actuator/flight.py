@@ -23,12 +23,12 @@ if TYPE_CHECKING:
     from valve_twin.core.valves.hybrid_actuator.magnetics import Magnetics
 
 SEAT_BAND = 0.01
-"""Distance to a seat that counts as seated [1]: well above noise, well below a stroke [A]."""
+"""Distance to a seat that counts as seated [1]: well above noise, well below a stroke, assumed."""
 
 SHARED = ("spring_rate", "damping", "magnet_force")
 
 _LONGEST_S = 0.03  # longest part of a flight that is fitted, for one that does not land [s]
-_FEWEST = 12  # fewest samples of a flight [A]
+_FEWEST = 12  # fewest samples of a flight, assumed
 _MOST_STROKES = 6  # fitted of a cycle, which has two: noise may look like many
 _SUBSTEPS = 2
 _STEPS_TO_SEAT = 20  # how far the fitted flight is followed to its seat, in half samples

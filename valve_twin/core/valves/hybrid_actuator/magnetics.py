@@ -13,7 +13,8 @@ the paper's forces and has a pole at g = C2.
 
 The permanent magnet is absent from the paper's equations: without current they give no force. It
 enters here as a force F_pm(g) = F_0 ((g_0 + b)/(g + b))^2 through the two forces that the paper
-measured, and as a flux linkage M(g) of the coil, so that an inverse current weakens it [A]:
+measured, and as a flux linkage M(g) of the coil, so that an inverse current weakens it
+(assumed):
 
     force = force of the coil + F_pm(g) - M'(g) i,    flux = flux of the coil + M(g)
     -M'(g) = coupling 2 sqrt(beta F_pm)/(g + kappa)

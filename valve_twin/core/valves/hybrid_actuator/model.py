@@ -59,7 +59,7 @@ _MISFIT = 1.3
 _MISFIT_FLOOR = 6e-5
 """Residual that counts as none, of the stroke [1]: currents between samples are straight lines."""
 
-_FEWEST_AT_REST = 12  # fewest samples on a seat that tell the noise, assumed
+_FEWEST_AT_REST = 12  # fewest samples on a seat that show the noise, assumed
 _FEWEST = 50  # fewest usable samples of a cycle, assumed
 
 

@@ -253,7 +253,7 @@ class HybridActuatorPlant(HybridActuatorNumbers, Plant):
         """Run N samples, parameters as `Plant.run`.
 
         A leak has no meaning for this valve and changes nothing. Where the integration fails,
-        positions are NaN from there on, and `failure` tells when and where.
+        positions are NaN from there on, and `failure` says when and where.
         """
         samples = len(drive.disturbance)
         position, inputs = np.empty(samples), np.empty((samples, len(INPUTS)))

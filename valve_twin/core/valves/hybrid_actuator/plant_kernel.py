@@ -38,8 +38,8 @@ target of the sequencer, time since it changed [s]; 1 after a value that is not 
 
 _MAX_IMPACTS = 16  # impacts in one step, then the armature rests
 _BISECTIONS = 60
-_REST_SPEED = 1e-4  # slower than this after an impact is rest [m/s] [A]
-_NO_CURRENT = 1e-3  # below this a bridge that is off blocks [A] [A]
+_REST_SPEED = 1e-4  # slower than this after an impact is rest [m/s], assumed
+_NO_CURRENT = 1e-3  # below this a bridge that is off blocks [A], assumed
 
 
 class Armature(NamedTuple):
@@ -306,7 +306,7 @@ def follow(
     stuck: bool,
     out: FloatArray,
 ) -> None:
-    """Follow N steps under given voltages and keep the books of the energy.
+    """Follow N steps under given voltages and check the balance of the energy.
 
     Parameters
     ----------

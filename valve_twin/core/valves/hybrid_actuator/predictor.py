@@ -29,8 +29,8 @@ STATE_SIZE = 7
 N_COEFFICIENTS = 20
 
 _SUBSTEPS = 4
-_POSITION_GAIN, _SPEED_GAIN = 0.5, 0.15  # of the observer, per sample [1] [A]
-_REST_SPEED = 1e-2  # slower than this after an impact is rest [m/s] [A]
+_POSITION_GAIN, _SPEED_GAIN = 0.5, 0.15  # of the observer, per sample [1], assumed
+_REST_SPEED = 1e-2  # slower than this after an impact is rest [m/s], assumed
 
 
 def coefficients(

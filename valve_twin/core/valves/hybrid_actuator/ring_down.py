@@ -23,7 +23,7 @@ _FEWEST_PER_PERIOD = 6.0  # samples of an oscillation that is not aliased, assum
 
 @dataclass(frozen=True, slots=True)
 class RingDown:
-    """What a free oscillation tells.
+    """What a free oscillation shows.
 
     Attributes
     ----------

@@ -15,7 +15,7 @@ the throttling of its own flow leaves::
 
 w is the flow that the load takes up, in the unit of dp/dt, so that compressibility, area and mass
 appear only in `resonance`. Throttling has one value for w > 0 (lifting) and one for w < 0. A
-positive opening lifts and raises the pressure. The structure is our assumption [A].
+positive opening lifts and raises the pressure. The structure is assumed.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ N_PARAMETERS = 9
 _LIFT, _LOWER, _HALF_LIFT, _HALF_LOWER, _PROGRESSIVITY = 0, 1, 2, 3, 4
 _RESONANCE, _THROTTLING_LIFT, _THROTTLING_LOWER, _LAG, _PERIOD = 5, 6, 7, 8, 9
 
-_SUBSTEPS = 2  # of a sample: resonance up to 1 / period is integrated to 1e-3 [A]
+_SUBSTEPS = 2  # of a sample: resonance up to 1 / period is integrated to 1e-3, assumed
 _LARGEST = 1e6  # a run that diverges stays a number
 
 _PRESSURE, _FLOW, _FREE_PRESSURE, _FREE_FLOW, _SPOOL, _OPENING, _SEEN = range(7)
 STATE_SIZE = 7
 """Pressure and load flow as observed and of the free run, spool, last opening, samples seen."""
 
-_CORRECTION = 0.5  # share of a pressure error that is charged to the load flow of the sample [A]
+_CORRECTION = 0.5  # share of a pressure error put down to the sample's load flow, assumed
 
 
 @njit(cache=True)

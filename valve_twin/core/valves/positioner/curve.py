@@ -27,7 +27,7 @@ _MEDIANS = (
     "delay",
     "delay_falling",
 )
-_LEAST_SPREAD = 0.1  # levels that tell a line apart from a gain, in the greatest one [1], assumed
+_LEAST_SPREAD = 0.1  # levels that distinguish a line from a gain, in the greatest one [1], assumed
 
 
 def shows_several_levels(record: Record) -> bool:

@@ -15,7 +15,7 @@ hold the spool or play may hide its motion::
 With the lag, x'' = stiffness (target - x) - damping x' where nothing saturates: damping = 1 / lag
 and stiffness = rate / lag, so the rate of the plain law is their ratio. The region (rising,
 falling, limited, at rest) is judged at the start of each sub-step, and inside it the solution is
-the closed one [A].
+the closed one (assumed).
 """
 
 from __future__ import annotations
@@ -50,9 +50,9 @@ MOTION_SIZE = 4
 """Spool position [1] and speed [1/s], whether it moves, position behind the play [1]."""
 
 N_TRANSITION = 9
-_SUB_STEPS = 4  # sub-steps a sample in which the region is judged anew, with a lag [1] [A]
-_STICKS = 0.1  # share of the stiction at which a moving spool comes to rest [1] [A]
-_LONG_LAG = 8.0  # lag in sampling times from which one sub-step will do [1] [A]
+_SUB_STEPS = 4  # sub-steps a sample in which the region is judged again, with a lag [1], assumed
+_STICKS = 0.1  # share of the stiction at which a moving spool comes to rest [1], assumed
+_LONG_LAG = 8.0  # lag in sampling times from which one sub-step will do [1], assumed
 _LEAST_LAG = 1e-9  # below this the lag is none [s]
 
 

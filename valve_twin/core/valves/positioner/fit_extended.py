@@ -301,7 +301,7 @@ def _curve(record: Record, dead_command: float | None) -> tuple[float, float, fl
 def correlated_sigma(residual: FloatArray) -> float:
     """Return the residual's standard deviation [1], widened by how long it hangs together.
 
-    As many white samples of this size tell as little: sigma sqrt((1 + r) / (1 - r)) with the
+    As many white samples of this size show as little: sigma sqrt((1 + r) / (1 - r)) with the
     correlation r of neighbours.
     """
     spread = float(np.mean(residual**2))

@@ -12,8 +12,8 @@ limit, each direction with its own rate and limit, and not at all inside the dea
 
 The command is held over a sampling period, so the equation has a closed solution over it, and
 `motion` is that solution: the parameters are those of continuous time and do not depend on how
-often the position is sampled. The delay is a whole number of samples. The structure is our
-assumption [A]; on the boiler valve a symmetric linear model fits 51, this one about 70 on data it
+often the position is sampled. The delay is a whole number of samples. The structure is
+assumed; on the boiler valve a symmetric linear model fits 51, this one about 70 on data it
 was not trained on.
 """
 

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Stiffness and damping of the second order, or only their ratio where a record tells no more.
+"""Stiffness and damping of the second order, or only their ratio where a record shows no more.
 
 With stiffness = rate / lag and damping = 1 / lag both run to infinity together as the lag goes to
-zero, and their ratio, the rate, stays: a ridge. The record tells them apart if its sensitivities
+zero, and their ratio, the rate, stays: a ridge. The record separates them if its sensitivities
 do, and if the lag is longer than the time that passes between two values of the command: what
 happens in between was not recorded.
 """
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from valve_twin.core.valves.positioner.fit import Record
     from valve_twin.core.valves.positioner.fit_extended import Extended
 
-_LEAST_CHANGES = 20  # changes of the command that tell how often it is refreshed [1], assumed
+_LEAST_CHANGES = 20  # changes of the command that show how often it is refreshed [1], assumed
 
 
 def column(fit: Extended, i: int) -> FloatArray:
@@ -37,7 +37,7 @@ def column(fit: Extended, i: int) -> FloatArray:
 def refresh_s(record: Record) -> float:
     """Return the usual time between two values of the command [s], at least a sampling time.
 
-    A command that steps now and then is held, not refreshed slowly: it needs many changes to tell.
+    A command that steps now and then is held, not refreshed slowly: it takes many changes to see.
     """
     changes = np.flatnonzero(np.diff(record.command) != 0.0)
     if len(changes) < _LEAST_CHANGES:
@@ -77,7 +77,7 @@ def _or_refused(value: ParameterValue, reason: str) -> ParameterValue:
 
 
 def _too_short(fit: Extended, lag_s: float, refresh: float) -> str:
-    """Return why a lag cannot be told from none, empty where it can."""
+    """Return why a lag cannot be distinguished from none, empty where it can."""
     if lag_s > refresh:
         return ""
     rising, falling = fit.parameters[:2]

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from valve_twin.core.valves.positioner.parameters import PositionerOptions
 
 LEAST_LAG = 0.05
-"""Least velocity lag tried, in sampling times: shorter is not told from none [1], assumed."""
+"""Least velocity lag tried, in sampling times: shorter counts as none [1], assumed."""
 
 _WIDEST_GAIN, _WIDEST_REST = 1e3, 2.0  # bounds of the static curve [1], assumed
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from valve_twin.core.valves.press_cartridge.plant import PressCartridgePlant
 
 V0 = 0.6
-"""Command about which g is expanded (paper 002, Table 3: 0.5 to 0.7) [1] [A]."""
+"""Command about which g is expanded (paper 002, Table 3: 0.5 to 0.7) [1], assumed."""
 
 
 def press_approximations(

@@ -76,7 +76,7 @@ _PUSH = (1.0, -1.0)
 _SHARP = 0.005
 """Least relative rise of the one-step error at any other lag that settles the lag, assumed.
 
-Below it the one-step error cannot tell and the free run decides. The free run alone prefers one
+Below it the one-step error cannot decide and the free run decides. The free run alone prefers one
 sample less with a slow pole in a fifth of the cycles that begin with the command (noise 1e-3),
 which moves K_out by 4 %.
 """

@@ -3,8 +3,8 @@
 """Output error of the closed loop: parameters that make its simulation follow nine signals.
 
 The loop is simulated from the desired position alone, which carries no noise, so that noise in the
-signals does not bias the parameters. Sensitivities are ranked first: what the cycle does not tell,
-given all that it tells better, is held; while the residual is large, so is what else is held.
+signals does not bias the parameters. Sensitivities are ranked first: what the cycle does not show,
+given all that it shows better, is held; while the residual is large, so is what else is held.
 Where the piston starts and what the motor remembers from the cycle before are found with them.
 """
 
@@ -61,7 +61,7 @@ _HIDDEN = 50.0  # gain that the integration's error can hide [1]
 _LONGEST = 0.5  # largest change of an unknown in a step [1]
 _START_SIGMA, _MEMORY_SIGMA = 2e-3, 0.5
 """What start and memory are taken to scatter by beforehand [stroke], [reach]: a motor with a small
-hysteresis does not tell its memory."""
+hysteresis does not show its memory."""
 
 _ERROR_FLOOR = 1e-3
 """Relative error that a parameter is given at least: the integration's in simulation and fit."""

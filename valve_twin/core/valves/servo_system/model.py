@@ -71,7 +71,7 @@ class ServoSystemModel(CompiledModel):
     def estimate(
         self, cycle: Cycle, options: ServoSystemOptions, earlier: Sequence[Estimate] = ()
     ) -> tuple[Estimate, ...]:
-        """Estimate what one cycle tells of the parameters.
+        """Estimate what one cycle shows of the parameters.
 
         Parameters
         ----------

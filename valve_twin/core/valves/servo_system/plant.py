@@ -175,7 +175,7 @@ class ServoSystemPlant(ServoSystemNumbers, Plant):
     def run(self, state: FloatArray, drive: Drive, period_s: float) -> Response:
         """Run N samples, parameters as `Plant.run`.
 
-        Where the integration fails, positions are NaN from there on, and `failure` tells when and
+        Where the integration fails, positions are NaN from there on, and `failure` says when and
         where.
         """
         samples = len(drive.disturbance)

@@ -41,7 +41,7 @@ STATE_SIZE = _FREE + _RUN
 """Whether started, desired position [1]; of the observed and of the free loop the states, the
 motor's memory and the next step."""
 
-_GAIN = 0.1  # share of the distance to a measured position that is made good [1] [A]
+_GAIN = 0.1  # share of the distance to a measured position that is corrected [1], assumed
 _RTOL = 1e-4
 
 

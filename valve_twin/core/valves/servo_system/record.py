@@ -104,7 +104,7 @@ def take_record(cycle: Cycle) -> tuple[Record | None, str]:
 
 
 def excitation_of(record: Record, options: ServoSystemOptions) -> str:
-    """Return why a record tells nothing, empty if it moves enough."""
+    """Return why a record shows nothing, empty if it moves enough."""
     y = record.measured[record.weight[:, 0] > 0.0, 0]
     span, wanted = float(np.ptp(y)), options.min_motion
     if span < wanted:

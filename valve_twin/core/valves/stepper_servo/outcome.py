@@ -32,7 +32,7 @@ _LEAST = 5
 """Samples that must show a parameter, assumed."""
 
 _LEAST_WAY = 5.0
-"""Steps upwards that tell whether steps are lost, assumed."""
+"""Steps upwards that show whether steps are lost, assumed."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,7 +48,7 @@ def flow_opening(
     """Return the flow over its greatest [1]: 0 in the dead band, straight outside, saturated.
 
     Paper 004, Fig. 5: closed from 0.45 to 1.70 mm, saturated from 0.2 and 1.9 mm on. The straight
-    line between is our assumption.
+    line between is assumed.
 
     Parameters
     ----------

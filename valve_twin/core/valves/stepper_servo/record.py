@@ -53,7 +53,7 @@ def refusal_of(record: Record, options: StepperServoOptions) -> str:
 
 
 def misfit(record: Record, thread: ThreadFit, options: StepperServoOptions) -> str:
-    """Return why a fitted thread is not believed, empty if it is.
+    """Return why a fitted thread is not trusted, empty if it is.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""What one cycle shows of faults: a few plain numbers, each from the samples that tell it best.
+"""What one cycle shows of faults: a few plain numbers, each from the samples that show it best.
 
 Not estimates of a model: every number is a mean, a slope or a share over one kind of samples, so
 that a fault which breaks the model (a frozen sensor, a lost command) still leaves its mark. They
@@ -71,7 +71,7 @@ FEATURE_SET = FeatureSet(
     },
     largest={"aeration": 0.9, "supply_drop": 0.9, "sensor_freeze": 0.9, "command_loss": 0.9},
 )
-"""How they are followed, and the faults that they tell."""
+"""How they are followed, and the faults that they show."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""What a cycle can tell: excitation of each direction and of each term, as values with reasons."""
+"""What a cycle can show: excitation of each direction and of each term, as values with reasons."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class GuardOptions:
-    """When a parameter is refused; the numbers are our assumptions.
+    """When a parameter is refused; the numbers are assumed.
 
     Attributes
     ----------
@@ -73,11 +73,11 @@ class Excitation:
     level_spread : float
         Standard deviation of that level relative to its mean [1]; NaN where it never acted.
     excited, graded : bool
-        Whether its gain, and the dependence of the gain on its level, can be told.
+        Whether its gain, and the dependence of the gain on its level, can be estimated.
     reason : str
         Why not; empty where both.
     needed : float
-        Travel that tells the gain [1].
+        Travel needed to estimate the gain [1].
     """
 
     samples: int

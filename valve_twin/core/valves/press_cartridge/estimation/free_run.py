@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray, Frames
 
 _LONG_GAP = 10
-"""A gap above this many samples is not bridged: the run starts anew behind it."""
+"""A gap above this many samples is not bridged: the run starts again after it."""
 
 _NOISE_MARGIN = 4.0
 """A seat is as wide as this many standard deviations of the noise."""
@@ -57,7 +57,7 @@ class OutputErrorOptions:
     offset_in, offset_out : float
         Commands below which the pilots stay shut [1].
     min_hold : int
-        Fewest samples of hold off the seats that tell a leak.
+        Fewest samples of hold off the seats from which a leak is estimated.
     guard : GuardOptions
         When a gain is refused.
     max_relative_error : float
@@ -234,7 +234,7 @@ class Phases:
 
 
 def find_phases(run: Run, lag: int, options: OutputErrorOptions) -> Phases:
-    """Tell rest on a seat, hold and motion apart.
+    """Distinguish rest on a seat, hold and motion.
 
     Parameters
     ----------

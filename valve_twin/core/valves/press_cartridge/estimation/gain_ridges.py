@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Which gains, slopes, leak and pole a fit tells singly."""
+"""Which gains, slopes, leak and pole a fit determines singly."""
 
 from __future__ import annotations
 

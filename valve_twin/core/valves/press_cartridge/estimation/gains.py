@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Gains, pole and leak of a cycle: what can be told at all, and the named values with their flags.
+"""Gains, pole and leak of a cycle: what can be estimated, and the named values with their flags.
 
 Shared by the estimators that solve for a pole and five positive parameters (`output_error`,
 `kalman`).
@@ -103,7 +103,7 @@ class GainFit:
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """What a cycle can tell.
+    """What a cycle can show.
 
     Attributes
     ----------

@@ -97,7 +97,7 @@ def check_bounds(parameters: Sequence[ParameterValue], followed: Sequence[str]) 
 
 
 def check_identifiability(found: Identifiability, max_error: float) -> Guard:
-    """Check that each parameter is told singly.
+    """Check that each parameter is determined singly.
 
     Parameters
     ----------

@@ -67,7 +67,7 @@ _ROOT_TWO_PI = 2.5066282746310002
 _NEAR = 0.15
 
 _REST = 40
-"""Samples of rest on a seat before it is left that count [samples]: they tell the level. A spool
+"""Samples of rest on a seat before it is left that count [samples]: they show the level. A spool
 within the seat's margin may still sink, which earlier ones would take for noise."""
 
 
@@ -144,7 +144,7 @@ class PooledRatio:
 def pool_ratios(ratios: FloatArray) -> PooledRatio | None:
     """Pool the noise ratios that single cycles found; None where they are too few.
 
-    One cycle tells the ratio within a factor of 1.6 only (sigma 1e-3), and where it finds too
+    One cycle shows the ratio within a factor of 1.6 only (sigma 1e-3), and where it finds too
     little its intervals are too narrow. The median does not mind cycles that find none at all.
 
     Parameters

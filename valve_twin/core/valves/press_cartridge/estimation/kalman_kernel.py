@@ -42,7 +42,7 @@ _NEAR = 0.1  # half width of the pole search around the pole of a neighbouring r
 _EXTENSIONS = 10
 _POLE_WIDTH = 1e-3
 LOG_LOW = -14.0
-"""Logarithm of the smallest noise ratio that is told from none."""
+"""Logarithm of the smallest noise ratio that is distinguished from none."""
 
 _LOG_HIGH, _LOG_STEP = 10.0, 2.0
 _LOG_WIDTH = 0.02

@@ -53,7 +53,7 @@ class LagScan:
     Attributes
     ----------
     lag : int
-        The lag with the least mean squared error [samples]; -1 where the cycle cannot tell.
+        The lag with the least mean squared error [samples]; -1 where the cycle does not show it.
     mse : (L,) array
         Mean squared error at lags 0, 1, ... on the same rows [1]; NaN where not computed.
     sharpness : float

@@ -2,7 +2,7 @@
 # Copyright 2026 valve_twin maintainers
 """Is one parameter enough? A cycle split by direction, command level or operating point.
 
-Where the model is too simple its parameters are precise and wrong, and residuals do not tell: they
+Where the model is too simple its parameters are precise and wrong, and residuals hide it: they
 are never white. So each split gives one parameter a second value on one side of the split; a Wald
 test says whether the two differ (Chow 1960, for whitened innovations of a common pole and noise
 ratio), and their relative difference whether that matters. On real valves nearly every difference
@@ -32,14 +32,14 @@ class StructureOptions:
     Attributes
     ----------
     max_difference : float
-        Largest difference of a gain on both sides of a split, relative to the gain [1] [A].
+        Largest difference of a gain on both sides of a split, relative to the gain [1], assumed.
     max_pole_difference : float
-        Largest difference of the poles of both directions, to first order [1] [A]; a part of a
-        sample in the lag makes 0.4 on the simulated press, whose pole is thus not one parameter.
+        Largest difference of the poles of both directions, to first order [1], assumed; a part of
+        a sample in the lag makes 0.4 on the simulated press, whose pole is thus not one parameter.
     standard_errors : float
-        How many of them a difference must have to count [1] [A].
+        How many of them a difference must have to count [1], assumed.
     min_share : float
-        Least share of the motion on each side of a split [1] [A].
+        Least share of the motion on each side of a split [1], assumed.
     """
 
     max_difference: float = 0.1
@@ -90,7 +90,7 @@ def check_structure(
     -------
     tuple of Guard
         `value` is the difference relative to the gain (of the poles: itself), NaN where the cycle
-        does not tell.
+        does not show it.
     """
     options = options or StructureOptions()
     drives = _drives(phases, v_max)
