@@ -33,7 +33,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Announced:
-    """The last cycle that others were told of, whether it was stored or not.
+    """The last cycle that was announced, whether it was stored or not.
 
     Attributes
     ----------

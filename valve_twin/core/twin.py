@@ -113,7 +113,7 @@ class Twin:
     last_cycle : int
         Number of the last stored cycle, 0 for a new valve.
     resume : Resume, optional
-        What is known of it and of the cycles told of since.
+        What is known of it and of the cycles announced since.
     """
 
     def __init__(

@@ -67,7 +67,7 @@ class Commissioning:
 
 @dataclass(frozen=True, slots=True)
 class AgingConfig:
-    """Rules of the aging monitor; every default is our assumption unless a source is named."""
+    """Rules of the aging monitor; every default is assumed unless a source is named."""
 
     label: str = setting(
         "",

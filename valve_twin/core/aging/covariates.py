@@ -4,7 +4,7 @@
 
 A gain that falls because the valve works against more load is not aging. The effect of a condition
 is fitted together with the straight pieces of the trend, so that neither takes what belongs to the
-other; where a condition moves with time the two cannot be told apart, and nothing is taken out.
+other; where a condition moves with time the two cannot be separated, and nothing is taken out.
 """
 
 from __future__ import annotations

@@ -114,7 +114,7 @@ def derive(
     rig : Rig
         Valve and model; the valve should not age.
     faults : tuple of str
-        Names of the faults; none = all that the features tell.
+        Names of the faults; none = all that the features show.
     effort : Effort, optional
         How much is simulated.
     advance : callable

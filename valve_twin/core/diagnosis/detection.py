@@ -70,7 +70,7 @@ class Finding:
 
 
 RIVAL = 6.0
-"""Difference of twice the log likelihood below which two faults are not told apart [1]."""
+"""Difference of twice the log likelihood below which two faults are not distinguished [1]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +84,7 @@ class Diagnosis:
     cycles : int
         Cycles looked at.
     ready : bool
-        Whether there are enough cycles since start or maintenance to tell a fault.
+        Whether there are enough cycles since start or maintenance to name a fault.
     """
 
     findings: tuple[Finding, ...]

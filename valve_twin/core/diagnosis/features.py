@@ -26,14 +26,14 @@ class FeatureSet:
     ----------
     names : tuple of str
         The F features, in the order in which the valve returns them. A feature `repeats`, the
-        share of samples that repeat the one before, tells a frozen sensor; those that begin with
-        `gain_` tell by a common fall that nothing moves.
+        share of samples that repeat the one before, shows a frozen sensor; those that begin with
+        `gain_` show by a common fall that nothing moves.
     relative : frozenset of str
         Features whose changes count relative to themselves: their logarithm is followed.
     shares : tuple of str
         Features that count samples: one sample more or less is their least deviation.
     first_sizes : mapping of str to float
-        By fault that is told, the size at which the search for a small one begins [unit of the
+        By fault that is named, the size at which the search for a small one begins [unit of the
         fault]; what is found does not depend on it.
     largest : mapping of str to float
         Greatest size of a fault that has one [unit of the fault].

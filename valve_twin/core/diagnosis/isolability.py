@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Which faults the features of a cycle can tell apart, from their signatures alone."""
+"""Which faults the features of a cycle can distinguish, from their signatures alone."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Isolability:
     distance : (K, K) array
         Standard deviations by which fault k (row) differs from the nearest size of fault j [1].
     classes : tuple of tuple of str
-        Faults that no data of this kind tell apart stand together.
+        Faults that no data of this kind distinguish stand together.
     """
 
     faults: tuple[str, ...]
@@ -116,7 +116,7 @@ def _cycles_that_count(config: DetectionConfig) -> float:
 
 
 def _classes(faults: tuple[str, ...], distance: FloatArray) -> tuple[tuple[str, ...], ...]:
-    """Return the groups that are linked by pairs too near to be told apart."""
+    """Return the groups that are linked by pairs too near to be distinguished."""
     near = np.minimum(distance, distance.T) < CONFUSED
     label = np.arange(len(faults))
     for _ in faults:

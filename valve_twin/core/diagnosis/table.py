@@ -17,7 +17,7 @@ PARTS = ("valve", "command", "sensor", "supply")
 
 SIZES = ("small", "medium", "large")
 FACTORS = (1.0, 3.0, 10.0)
-"""Sizes of a fault over the size that four standard deviations of one cycle tell."""
+"""Sizes of a fault over the size that four standard deviations of one cycle show."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -32,7 +32,7 @@ def output(
     u : float
         Input [any unit], monotone since the memory was last written.
     way : float
-        Rate of the input [unit of u / s]: its sign tells the slope of a play on its edge.
+        Rate of the input [unit of u / s]: its sign decides the slope of a play on its edge.
     memory : (PLAYS,) array
         Outputs of the plays [unit of u].
     reach : float

@@ -32,7 +32,7 @@ _ONE_SIDED = 0.02  # share of its span that a one-sided command may lie below ze
 _ACTIVE = 0.1  # share of its largest value above which a command is given
 _OVERLAP = 0.3  # share of the wider range that two columns of the same unit have in common
 _MIRROR, _MIRROR_LAG = 0.02, 3  # closer than this share of the range, and samples, is no command
-_TIE = 0.01  # correlations closer than this tell nothing
+_TIE = 0.01  # correlations closer than this decide nothing
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,7 +277,7 @@ def _match(u: FloatArray, y: FloatArray, max_lag: int, *, causal: bool = False) 
     """Return the best match, None where none is beyond chance; `causal`: u comes first.
 
     A slow valve answers a step over many samples: increments over more samples show it, but fewer
-    of them are independent. The shortest that show it well tell the lag best.
+    of them are independent. The shortest that show it well give the lag best.
     """
     best: _Match | None = None
     for over in _OVER:

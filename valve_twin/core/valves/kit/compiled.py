@@ -72,7 +72,7 @@ def blank(
 
 
 def at_zero(name: str, value: float) -> ParameterValue:
-    """Return a parameter that cannot be negative, told where it rests on 0."""
+    """Return a parameter that cannot be negative, marked where it rests on 0."""
     if value <= 0.0:
         return ParameterValue(name, float(value), ParameterStatus.AT_BOUND, "rests on 0")
     return ParameterValue(name, float(value))

@@ -206,7 +206,7 @@ def gain_fit(
         As published [1].
     covariance : (6, 6) array, optional
         Of the linear parameters and the pole, infinite where nothing is known [1], if it is to be
-        believed: standard errors and 95 % limits are then published from this cycle alone.
+        trusted: standard errors and 95 % limits are then published from this cycle alone.
     """
     mse = solution.cost / solution.rows
     parameters = _parameters(told, solution, mse, options)
