@@ -84,7 +84,8 @@ def test_colcon_test_finds_pytest() -> None:
 
 @pytest.mark.ros
 def test_every_executable_is_installed_and_leads_to_a_function() -> None:
-    points = {p.name: p for p in metadata.distribution("valve_twin").entry_points}
+    registered = metadata.distribution("valve_twin").entry_points
+    points = {p.name: p for p in registered.select(group="console_scripts")}
     assert set(points) == EXECUTABLES | {"valve-twin"}
     for name, point in points.items():
         assert os.access(INSTALLED / "lib" / "valve_twin" / name, os.X_OK)
