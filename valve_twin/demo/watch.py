@@ -107,7 +107,7 @@ def watch(
     console = Console()
     live = Live(console=console, auto_refresh=False) if console.is_terminal else nullcontext()
     end = time.monotonic() + limit_s
-    told = 0
+    shown = 0
     try:
         with live as table:
             while len(node.cycles) < cycles and time.monotonic() < end and alive():
@@ -115,8 +115,8 @@ def watch(
                 node.follow_trends()
                 if table is not None:
                     table.update(render(node, cycles, first, console.width), refresh=True)
-                elif len(node.cycles) >= told + EVERY:
-                    told = len(node.cycles)
+                elif len(node.cycles) >= shown + EVERY:
+                    shown = len(node.cycles)
                     console.print(_line(node, cycles, first, console.width), highlight=False)
         if table is None:
             console.print(render(node, cycles, first, console.width))

@@ -43,7 +43,7 @@ class Peer(Node):
                 take = self._echo(self.create_publisher(message, f"{topic}/echo", _DEEP))
             self.create_subscription(message, topic, take, _DEEP)
         if role == "count":
-            self._told = self.create_publisher(Int64, "/taken", 10)
+            self._taken_publisher = self.create_publisher(Int64, "/taken", 10)
             self.create_timer(_TELL_S, self._tell)
 
     def _echo(self, publisher: Publisher) -> Callable[[Sample], None]:
@@ -57,7 +57,7 @@ class Peer(Node):
         self._taken += 1
 
     def _tell(self) -> None:
-        self._told.publish(Int64(data=self._taken))
+        self._taken_publisher.publish(Int64(data=self._taken))
 
 
 def main() -> None:

@@ -24,7 +24,7 @@ from valve_twin.core.diagnosis.lines import (
     filled,
     lines_through,
     whitened_rays,
-    without_wild,
+    without_outliers,
 )
 from valve_twin.core.diagnosis.table import BY_NAME, SignatureTable
 
@@ -161,7 +161,7 @@ def _search(
         y -= y[:known].mean(axis=0)
         rays = whitened_rays(y[:known], np.isfinite(vectors[start:]), table, config)
         w = y @ rays.white.T
-        base = without_wild(w, config)
+        base = without_outliers(w, config)
         alarm = _first_alarm(w, base, rays, config)
         if alarm is None:
             return findings, True

@@ -127,7 +127,7 @@ def lines_through(w: FloatArray, last: IntArray, window: int) -> Lines:
     return Lines(level, above / (count * (count**2 - 1.0) / 12.0)[:, None], centre, count)
 
 
-def without_wild(w: FloatArray, config: DetectionConfig) -> FloatArray:
+def without_outliers(w: FloatArray, config: DetectionConfig) -> FloatArray:
     """Return the rows with single outliers replaced by the median of the five before.
 
     A row is an outlier where the next one is back; so a row is never judged by more than the next.

@@ -175,7 +175,7 @@ class FaultBook:
             If the code is unknown.
         """
         if code not in self._kinds:
-            msg = f"fault code '{code}' is unknown; add it to fault_kinds.py"
+            msg = f"fault code '{code}' is unknown; add it to core/faults/kinds.py"
             raise ValueError(msg)
         kind, key = self._kinds[code], (unit, code, subject)
         run = self._runs.get(key)

@@ -250,11 +250,11 @@ def _codes(subject: _Subject) -> Iterator[Finding]:
     text = "the free run starts anew" if anew else "the free run before a cycle acts inside it"
     yield Finding("restart NEW_CYCLE", passed=anew, text=text)
     bad = _run(subject, _restart(subject, {b: Restart.BAD}))
-    told = bad.validity[b] == Validity.BAD_INPUT and not np.any(
+    marked = bad.validity[b] == Validity.BAD_INPUT and not np.any(
         np.delete(bad.validity, b) == Validity.BAD_INPUT
     )
-    text = "a bad sample is marked, no other" if told else "BAD_INPUT is not where BAD is"
-    yield Finding("restart BAD", passed=bool(told), text=text)
+    text = "a bad sample is marked, no other" if marked else "BAD_INPUT is not where BAD is"
+    yield Finding("restart BAD", passed=bool(marked), text=text)
 
 
 def _not_a_number(subject: _Subject) -> Finding:
@@ -346,7 +346,7 @@ def _recovers(subject: _Subject, seeds: int) -> Finding:
             check, passed=False, text="no followed parameter is known of the simulation"
         )
     inside = dict.fromkeys(truth, 0)
-    told = dict.fromkeys(truth, 0)
+    estimated = dict.fromkeys(truth, 0)
     for seed in range(seeds):
         memory = Memory.empty()
         for i, block in enumerate(simulate_cycles(simulation, MOST_CYCLES, seed)):
@@ -356,9 +356,9 @@ def _recovers(subject: _Subject, seeds: int) -> Finding:
             if len(limits) == len(truth):
                 break
         for name, (low, high) in limits.items():
-            told[name] += 1
+            estimated[name] += 1
             inside[name] += int(low <= truth[name] <= high)
-    return _covered(check, inside, told, seeds)
+    return _covered(check, inside, estimated, seeds)
 
 
 def _limits(
@@ -374,11 +374,11 @@ def _limits(
 
 
 def _covered(
-    check: str, inside: Mapping[str, int], told: Mapping[str, int], seeds: int
+    check: str, inside: Mapping[str, int], estimated: Mapping[str, int], seeds: int
 ) -> Finding:
-    rows = ", ".join(f"{name} {inside[name]} of {told[name]}" for name in inside)
-    missing = [name for name, count in told.items() if count < COVERED * seeds]
-    share = sum(inside.values()) / max(sum(told.values()), 1)
+    rows = ", ".join(f"{name} {inside[name]} of {estimated[name]}" for name in inside)
+    missing = [name for name, count in estimated.items() if count < COVERED * seeds]
+    share = sum(inside.values()) / max(sum(estimated.values()), 1)
     text = f"{100.0 * share:.0f} % of the 95 % intervals hold the true value ({rows})"
     if missing:
         text += f"; without an interval in most records: {', '.join(missing)}"

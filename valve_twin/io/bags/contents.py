@@ -92,7 +92,7 @@ def bag_info(path: str | Path) -> BagInfo:
 
 def open_file(path: Path, stack: ExitStack) -> McapFile:
     """Open a file until the stack is left; of a damaged one what is intact is read."""
-    file = McapFile(path, mend=salvage)
+    file = McapFile(path, salvage=salvage)
     stack.callback(file.close)
     return file
 

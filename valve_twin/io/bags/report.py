@@ -85,7 +85,7 @@ def bag_report(path: str | Path, *, verify: bool = False) -> BagReport:
         for name in folder.files:
             if name in folder.missing:
                 continue
-            file = McapFile(name, mend=salvage, salvaged=salvage_file(name) if verify else None)
+            file = McapFile(name, salvage=salvage, salvaged=salvage_file(name) if verify else None)
             stack.callback(file.close)
             opened.append(file)
             custom |= file.summary.metadata.get("valve_twin", {})

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 _DAMAGED = ("malformed", "not a database")
 
 
-def mend(database: Database, writers: Path) -> tuple[Database, str]:
+def repair(database: Database, writers: Path) -> tuple[Database, str]:
     """Make an open history usable again.
 
     Parameters

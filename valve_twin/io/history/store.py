@@ -95,7 +95,7 @@ class History:
         self._software = software
         self._valve_ids: dict[str, int] = {}
         self._claims: dict[str, Claim] = {}
-        self._mending = threading.Lock()
+        self._repairing = threading.Lock()
         self.notices: deque[str] = deque(maxlen=100)
         self._insert_valve = self._database.insert_new(VALVE)
         self._insert_cycle = self._database.insert_new(CYCLE)
@@ -137,7 +137,7 @@ class History:
             self._claims[valve] = claim = make_claim(self._database, valve)
         return claim
 
-    def mend(self) -> None:
+    def repair(self) -> None:
         """Make a SQLite file that was deleted or replaced while in use usable again.
 
         Raises
@@ -147,10 +147,10 @@ class History:
         """
         if self._database.trouble() is None or self._database.read_only:
             return
-        from valve_twin.io.history.rescue import mend
+        from valve_twin.io.history.rescue import repair
 
-        with self._mending:
-            self._database, note = mend(self._database, writers_file(self._database))
+        with self._repairing:
+            self._database, note = repair(self._database, writers_file(self._database))
             self._valve_ids.clear()
         if note:
             self.notices.append(note)
@@ -184,7 +184,7 @@ class History:
         """
         record = cycle_record(cycle, self._software) if isinstance(cycle, Cycle) else cycle
         _check_estimates(record, estimates)
-        self.mend()
+        self.repair()
         if valve in self._claims:
             with self._database.errors("claimed"):
                 self._claims[valve].hold()
@@ -207,7 +207,7 @@ class History:
         bool
             False if exactly this event was stored before.
         """
-        self.mend()
+        self.repair()
         with self._database.write() as connection:
             row = to_row(event, self._valve_id(connection, valve))
             same = sa.and_(*(MAINTENANCE.c[name] == value for name, value in row.items()))
@@ -224,7 +224,7 @@ class History:
         bool
             False if it says nothing new.
         """
-        self.mend()
+        self.repair()
         with self._database.write() as connection:
             return add_verdict(connection, self._valve_id(connection, valve), verdict)
 

@@ -36,7 +36,7 @@ def add_verdict(connection: Connection, valve_id: int, verdict: Verdict) -> bool
     """
     query = sa.select(VERDICT).where(VERDICT.c.valve_id == valve_id)
     last = connection.execute(query.order_by(VERDICT.c.id.desc()).limit(1)).mappings().first()
-    if last is not None and not _is_news(verdict, dict(last)):
+    if last is not None and not _is_new(verdict, dict(last)):
         return False
     connection.execute(VERDICT.insert(), to_row(verdict, valve_id))
     return True
@@ -48,7 +48,7 @@ def row_verdict(valve: str, row: Mapping[str, Any]) -> Verdict:
     return from_row(Verdict, row, valve=valve, text=kind.text)
 
 
-def _is_news(verdict: Verdict, last: Mapping[str, Any]) -> bool:
+def _is_new(verdict: Verdict, last: Mapping[str, Any]) -> bool:
     if verdict.cycle <= last["cycle"]:
         return False
     if int(verdict.kind) != last["verdict"]:

@@ -74,7 +74,7 @@ class McapFile:
     ----------
     path : path
         The file.
-    mend : callable, optional
+    salvage : callable, optional
         Gives what is intact of a damaged file; `damage` then says what is lost. Without it a
         damaged file is refused.
     salvaged : Salvage, optional
@@ -90,27 +90,27 @@ class McapFile:
         self,
         path: Path,
         *,
-        mend: Callable[[Path], Salvage] | None = None,
+        salvage: Callable[[Path], Salvage] | None = None,
         salvaged: Salvage | None = None,
     ) -> None:
         self.path = path
         self.damage = salvaged
-        self._salvage = mend
+        self._salvage = salvage
         self._map = _open(path)
         self._view = memoryview(self._map)
         self._unpacker = zstandard.ZstdDecompressor()
         try:
             self.summary = self._read_summary() if salvaged is None else salvaged.summary
         except (*_BROKEN, DamagedError) as err:
-            self.summary = self._mend(self._refusal(err)).summary
-        self._mended = self.damage is not None
+            self.summary = self._salvaged(self._refusal(err)).summary
+        self._is_salvaged = self.damage is not None
 
     def _refusal(self, err: Exception) -> BagError:
         if isinstance(err, BagError):
             return err
         return DamagedError(f"{self.path}: the summary is damaged ({err}); {_RECOVER}")
 
-    def _mend(self, err: BagError) -> Salvage:
+    def _salvaged(self, err: BagError) -> Salvage:
         """Return what is intact of the file; raise the error where nothing is."""
         found = None if self._salvage is None else self._salvage(self.path)
         if found is None or (not found.rescued and not found.summary.chunks):
@@ -149,7 +149,7 @@ class McapFile:
         try:
             return self._unpacked(index)
         except DamagedError as err:
-            return self._mend(err).rescued.get(index.offset, b"")
+            return self._salvaged(err).rescued.get(index.offset, b"")
 
     def _unpacked(self, index: ChunkIndex) -> bytes | memoryview:
         """Return the records of a chunk as it stands in the file."""
@@ -192,7 +192,7 @@ class McapFile:
 
     def loose_messages(self) -> memoryview:
         """Return the data section of a file that has messages outside chunks."""
-        if self._mended:
+        if self._is_salvaged:
             return memoryview(b"")
         return self._view[len(MAGIC) :]
 

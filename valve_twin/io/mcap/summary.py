@@ -73,8 +73,8 @@ def contradiction(data: mmap.mmap, summary: Summary) -> str:
 
     Only the heads of the records are read.
     """
-    told = summary.statistics
-    if told is not None and told.counts and sum(told.counts.values()) != told.message_count:
+    stats = summary.statistics
+    if stats is not None and stats.counts and sum(stats.counts.values()) != stats.message_count:
         return "its counts do not add up"
     chunks = {c.offset: c.length for c in summary.chunks}
     at, end = len(MAGIC), len(data) - len(MAGIC)
@@ -92,8 +92,8 @@ def contradiction(data: mmap.mmap, summary: Summary) -> str:
         at = stop
     if chunks:
         return f"there is no chunk at byte {min(chunks)}"
-    if told is not None and not summary.chunks and messages != told.message_count:
-        return f"it counts {told.message_count} messages, the file holds {messages}"
+    if stats is not None and not summary.chunks and messages != stats.message_count:
+        return f"it counts {stats.message_count} messages, the file holds {messages}"
     return ""
 
 

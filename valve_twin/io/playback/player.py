@@ -111,12 +111,12 @@ def _topic(name: str, entries: list[tuple[BagType, str]]) -> BagTopic:
 
 def _type(file: McapFile, channel: Channel) -> BagType:
     schema = file.summary.schemas.get(channel.schema_id)
-    told = channel.metadata.get("topic_type_hash", "")
+    stated_hash = channel.metadata.get("topic_type_hash", "")
     if schema is None:
-        return BagType("", channel.message_encoding, "", "", told)
+        return BagType("", channel.message_encoding, "", "", stated_hash)
     name = known_type_name(schema.name)
     text = schema.data.decode(errors="replace")
-    return BagType(name, channel.message_encoding, schema.encoding, text, told)
+    return BagType(name, channel.message_encoding, schema.encoding, text, stated_hash)
 
 
 def _opened(path: str | Path, stack: ExitStack) -> list[McapFile]:

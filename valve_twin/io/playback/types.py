@@ -54,10 +54,10 @@ def problem(found: BagType) -> str:
     defined = _hash_of(found)
     if not found.text.strip() and defined not in known:
         defined = ""  # no definition rather than that of a type without fields
-    told = [h for h in (found.type_hash, defined) if h.startswith(_HASH)]
-    if not told:
+    stated = [h for h in (found.type_hash, defined) if h.startswith(_HASH)]
+    if not stated:
         return f"the bag holds no readable definition of {found.name}; record the topic anew"
-    for one in told:
+    for one in stated:
         if one not in known:
             return (
                 f"the bag's {found.name} ({one[:15]}...) is not the installed one "

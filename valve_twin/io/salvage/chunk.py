@@ -76,10 +76,10 @@ class ChunkHead:
 
     def lengths(self, end: int, hint: ChunkIndex | None) -> list[int]:
         """Return how many compressed bytes there may be before the end of the file [B]."""
-        told = [self.packed, self.end - self.packed_at]
+        given = [self.packed, self.end - self.packed_at]
         if hint is not None:
-            told += [hint.compressed_size, hint.length - (self.packed_at - self.offset)]
-        return [n for n in dict.fromkeys(told) if 0 <= n <= end - self.packed_at]
+            given += [hint.compressed_size, hint.length - (self.packed_at - self.offset)]
+        return [n for n in dict.fromkeys(given) if 0 <= n <= end - self.packed_at]
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,9 +121,9 @@ def read_heads(data: Bytes, at: int, end: int) -> list[ChunkHead]:
     if fixed_at + _FIXED.size > end:
         return []
     _, length = RECORD_HEAD.unpack_from(data, at)
-    start_ns, end_ns, size, crc, told = _FIXED.unpack_from(data, fixed_at)
+    start_ns, end_ns, size, crc, given = _FIXED.unpack_from(data, fixed_at)
     heads = []
-    for named in dict.fromkeys((told, 4, 3, 0)):
+    for named in dict.fromkeys((given, 4, 3, 0)):
         name_at = fixed_at + _FIXED.size
         packed_at = name_at + named + _PACKED.size
         if named not in _NAMES or packed_at > end:
@@ -133,7 +133,7 @@ def read_heads(data: Bytes, at: int, end: int) -> list[ChunkHead]:
         stop = fixed_at + length
         heads.append(
             ChunkHead(
-                at, stop, start_ns, end_ns, size, crc, name, packed_at, int(packed), named == told
+                at, stop, start_ns, end_ns, size, crc, name, packed_at, int(packed), named == given
             )
         )
     heads.sort(key=lambda head: not head.agrees)
@@ -229,8 +229,8 @@ def _unverified(
     for one in _attempts(data, head, lengths, hint):
         if not cut and one.used is not None and len(one.records) == head.size:
             plain = head.is_sound(data) and one.compression == head.compression
-            told = "" if plain else "its head is damaged and it has no check sum"
-            return Unpacked(one.records, head.packed_at + one.used, told, plain=plain)
+            problem = "" if plain else "its head is damaged and it has no check sum"
+            return Unpacked(one.records, head.packed_at + one.used, problem, plain=plain)
         if len(one.records) > len(best.records):
             stop = None if cut else head.packed_at + one.length
             best = Unpacked(one.records, stop, reason)

@@ -102,19 +102,19 @@ def _expected(
     chunks: int,
 ) -> _Expected:
     """Return what a file held according to its summary, else to the metadata beside it."""
-    told = tail.summary.statistics
-    if told is not None:
-        agrees = sum(told.counts.values()) == told.message_count and set(told.counts) <= set(
+    stated = tail.summary.statistics
+    if stated is not None:
+        agrees = sum(stated.counts.values()) == stated.message_count and set(stated.counts) <= set(
             channels
         )
         topics: Counter[str] = Counter()
-        for i, n in told.counts.items():
+        for i, n in stated.counts.items():
             topics[channels[i].topic if i in channels else ""] += n
         believed = agrees and present <= topics
-        if tail.trust is Trust.VERIFIED or (believed and told.chunk_count in {0, chunks}):
-            return _Expected(told.message_count, topics if agrees else None, told.end_ns)
+        if tail.trust is Trust.VERIFIED or (believed and stated.chunk_count in {0, chunks}):
+            return _Expected(stated.message_count, topics if agrees else None, stated.end_ns)
         if believed and tail.trust is Trust.UNCHECKED:
-            return _Expected(told.message_count, topics, told.end_ns)
+            return _Expected(stated.message_count, topics, stated.end_ns)
     return _by_metadata(path, found.message_count, present)
 
 

@@ -92,7 +92,7 @@ def salvage_file(path: Path) -> Salvage:
 def salvaged_messages(path: Path, found: Salvage) -> Iterator[tuple[RawMessage, bool]]:
     """Yield every message of a salvaged file in its order, and whether it is verified."""
     channels = set(found.summary.channels)
-    file = McapFile(path, mend=salvage, salvaged=found)
+    file = McapFile(path, salvage=salvage, salvaged=found)
     try:
         for chunk in found.summary.chunks:
             verified = chunk.offset not in found.unverified

@@ -85,18 +85,18 @@ class Piece:
     @property
     def claimed(self) -> tuple[int | None, int | None]:
         """First and last log time by the summary, else by its head [ns]; None = not believed."""
-        told = self.hint or self.head
-        if told is None or (told is self.head and told.start_ns > told.end_ns):
+        stated = self.hint or self.head
+        if stated is None or (stated is self.head and stated.start_ns > stated.end_ns):
             return None, None
-        return told.start_ns, told.end_ns
+        return stated.start_ns, stated.end_ns
 
     @property
     def span(self) -> tuple[int, int] | None:
         """The wider of the spans that head and summary claim, unverified [ns]."""
-        told = [t for t in (self.head, self.hint) if t is not None]
-        if not told:
+        stated = [t for t in (self.head, self.hint) if t is not None]
+        if not stated:
             return None
-        return min(t.start_ns for t in told), max(t.end_ns for t in told)
+        return min(t.start_ns for t in stated), max(t.end_ns for t in stated)
 
 
 class Scan:
@@ -229,8 +229,8 @@ class Scan:
         got = unpack(self._data, at, self._end, hint)
         stop = got.end
         if stop is None:
-            told = [head.end for head in heads] + [h.packed_at + h.packed for h in heads]
-            stop = self._chunk_end(at, told if hint is None else [at + hint.length, *told])
+            stated = [head.end for head in heads] + [h.packed_at + h.packed for h in heads]
+            stop = self._chunk_end(at, stated if hint is None else [at + hint.length, *stated])
         found = walk(got.records)
         kept = None if got.plain and (got.verified or found.whole) else got.records
         piece = Piece(at, stop - at, got.verified, kept, found, len(got.records))
@@ -243,9 +243,9 @@ class Scan:
             piece.loss.start_ns, piece.loss.end_ns = piece.claimed
         return stop
 
-    def _chunk_end(self, at: int, told: list[int]) -> int:
-        """Return where a chunk that cannot be unpacked ends, as is told, else by what follows."""
-        for stop in told:
+    def _chunk_end(self, at: int, stated: list[int]) -> int:
+        """Return where a chunk that cannot be unpacked ends, as stated, else by what follows."""
+        for stop in stated:
             if at + RECORD_HEAD.size < stop <= self._end and may_follow(
                 self._data, stop, self._end
             ):

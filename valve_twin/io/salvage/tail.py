@@ -122,10 +122,10 @@ def _goes_on(data: Bytes, start: int) -> bool:
     return data[start] in (*_SUMMARY_KINDS, Op.FOOTER) or len(data) - start < FOOTER_SIZE
 
 
-def _sum(data: Bytes, start: int, foot: int, told: int) -> int:
+def _sum(data: Bytes, start: int, foot: int, stated: int) -> int:
     """Return the check sum that a footer with sound fields would carry."""
     offsets = _FIELDS.unpack_from(data, foot + RECORD_HEAD.size)[1]
-    head = _FOOTER + struct.pack("<QQ", told, offsets)
+    head = _FOOTER + struct.pack("<QQ", stated, offsets)
     return zlib.crc32(head, zlib.crc32(data[start:foot]))
 
 

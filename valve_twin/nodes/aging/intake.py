@@ -45,7 +45,7 @@ class Intake:
         if beside:
             self.known[beside] = []
         self.maintenance: dict[tuple[int, int, str], Maintenance] = {}
-        self._told: dict[str, dict[int, Any]] = {name: {} for name in self.known}
+        self._received: dict[str, dict[int, Any]] = {name: {} for name in self.known}
         self._cycles: dict[int, Any] = {}
 
     @property
@@ -74,8 +74,8 @@ class Intake:
 
     def tell(self, message: Any) -> None:
         """Keep an Estimate until it can be taken over."""
-        if message.stored and message.estimator in self._told:
-            _keep(self._told[message.estimator], message)
+        if message.stored and message.estimator in self._received:
+            _keep(self._received[message.estimator], message)
 
     def tell_cycle(self, summary: Any) -> None:
         """Keep what is told of a closed cycle."""
@@ -85,37 +85,37 @@ class Intake:
         """Take over all that follows on what is known; return whether anything did."""
         begin = len(self.known[self._trend])
         self._forget()
-        while self._told[self._trend] and not self.lacks:
-            number = min(self._told[self._trend])
-            if any(number not in told for told in (self._cycles, *self._told.values())):
+        while self._received[self._trend] and not self.lacks:
+            number = min(self._received[self._trend])
+            if any(number not in m for m in (self._cycles, *self._received.values())):
                 break
             missed = int(self._cycles[number].missed_cycles)
-            for name, told in self._told.items():
-                self.add(name, [estimate_value(told[number], missed)])
+            for name, messages in self._received.items():
+                self.add(name, [estimate_value(messages[number], missed)])
             self._forget()
         return len(self.known[self._trend]) > begin
 
     @property
     def waits(self) -> bool:
         """Whether an estimate was told of that is not taken over."""
-        return bool(self._told[self._trend])
+        return bool(self._received[self._trend])
 
     @property
     def lacks(self) -> bool:
         """Whether the history may hold cycles before the first that waits."""
-        first = min(self._told[self._trend], default=0)
+        first = min(self._received[self._trend], default=0)
         between = range(self.last() + 1, first)
         return any(n not in self._cycles or self._cycles[n].accepted for n in between)
 
     def _forget(self) -> None:
         """Let go of what was told of cycles that are known."""
         last = self.last()
-        for told in (self._cycles, *self._told.values()):
-            for number in [n for n in told if n <= last]:
-                del told[number]
+        for messages in (self._cycles, *self._received.values()):
+            for number in [n for n in messages if n <= last]:
+                del messages[number]
 
 
-def _keep(told: dict[int, Any], message: Any) -> None:
-    told[int(message.cycle)] = message
-    if len(told) > MOST_WAITING:
-        del told[min(told)]
+def _keep(messages: dict[int, Any], message: Any) -> None:
+    messages[int(message.cycle)] = message
+    if len(messages) > MOST_WAITING:
+        del messages[min(messages)]

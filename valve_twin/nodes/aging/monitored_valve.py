@@ -174,8 +174,8 @@ class MonitoredValve:
         pairs = zip(answer.estimates, answer.missed_cycles, strict=True)
         fresh = [convert.estimate_value(m, int(missed)) for m, missed in pairs]
         events = [convert.to_value(Maintenance, m) for m in answer.maintenance]
-        news = [self._intake.add(self._asking[0], fresh), *map(self._intake.note, events)]
-        self._changed = self._changed or any(news)
+        changes = [self._intake.add(self._asking[0], fresh), *map(self._intake.note, events)]
+        self._changed = self._changed or any(changes)
         if not answer.more:  # the estimators are asked for one behind the other
             self._asking = self._asking[1:] or list(self._intake.known)
         if answer.more or self._asking[0] != self._trend_estimator:

@@ -56,8 +56,8 @@ class BagRecorderNode(ValveNode):
         self._refused: set[str] = set()
         self._discover_until = 0.0
         self._active_s = 0.0
-        self._told_trouble = ""
-        self._told_lost = 0
+        self._reported_trouble = ""
+        self._reported_lost = 0
         for kind, name, callback in (
             (srv.Pause, "pause", self._on_pause),
             (srv.Resume, "resume", self._on_resume),
@@ -75,7 +75,7 @@ class BagRecorderNode(ValveNode):
         self.parameters.check()
         config = self._config = read_config(self)
         self._topics, self._refused = {}, set()
-        self._told_trouble, self._told_lost = "", 0
+        self._reported_trouble, self._reported_lost = "", 0
         self._paused = bool(self.parameters["start_paused"])
         self._recording = Recording(
             config.bag,
@@ -143,7 +143,7 @@ class BagRecorderNode(ValveNode):
         """Hand what was received to the disk's thread."""
         if self._disk is not None and self._recording is not None:
             self._disk.work()
-            if self._recording.trouble != self._told_trouble:
+            if self._recording.trouble != self._reported_trouble:
                 self._tell_trouble(self._recording)
 
     def due_s(self) -> float:
@@ -304,7 +304,7 @@ class BagRecorderNode(ValveNode):
         self._status.publish(message)
 
     def _tell_trouble(self, recording: Recording) -> None:
-        before, self._told_trouble = self._told_trouble, recording.trouble
+        before, self._reported_trouble = self._reported_trouble, recording.trouble
         if recording.trouble:
             self.faults.report("recorder.disk", f"recording stops: {recording.trouble}")
         elif before:
@@ -319,13 +319,13 @@ class BagRecorderNode(ValveNode):
         total = sum(
             t.lost_transport + t.lost_recorder + lost.get(t.name, 0) for t in self._topics.values()
         )
-        if total > self._told_lost:
+        if total > self._reported_lost:
             self.faults.report(
                 "recorder.loss",
                 f"{total} messages are missing in {recording.path}",
-                events=total - self._told_lost,
+                events=total - self._reported_lost,
             )
-        self._told_lost = total
+        self._reported_lost = total
         report = Report(
             "bag",
             "",
@@ -342,8 +342,8 @@ class BagRecorderNode(ValveNode):
         )
         if self.state != "active":
             report.raise_to(STALE, f"the node is {self.state}")
-        elif told := self._silence():
-            report.raise_to(WARN, told)
+        elif silence := self._silence():
+            report.raise_to(WARN, silence)
         yield report
 
     def _silence(self) -> str:

@@ -46,7 +46,7 @@ class FaultDesk:
         self._node = node
         self._book = FaultBook(FAULT_KINDS)
         self._moment = Moment(-1.0, 0)
-        self._told = 0
+        self._published_events = 0
         self._publisher = node.create_publisher(msg.Faults, "~/faults", _LATCHED)
         node.create_service(srv.ClearFaults, "~/clear_faults", self._clear)
 
@@ -102,7 +102,7 @@ class FaultDesk:
         """Let time pass; called once a second."""
         self._book.step(self._now())
         self._tell()
-        if self._events() != self._told:
+        if self._events() != self._published_events:
             self._publish()
 
     def faults(self, valve: str | None = None) -> list[Fault]:
@@ -139,7 +139,7 @@ class FaultDesk:
         message.header.stamp = self._node.get_clock().now().to_msg()
         message.faults = [_message(f) for f in self._book.faults()]
         self._publisher.publish(message)
-        self._told = self._events()
+        self._published_events = self._events()
 
     def _events(self) -> int:
         """Return how many events all faults had: those of a lasting fault count, too."""

@@ -197,7 +197,7 @@ class HistoryWriter:
     def _check_database(self) -> None:
         """See whether the database's file is still there, without a cycle to store."""
         if not self._busy and self._timer is None:
-            self._submit(self.history.mend, self._on_checked)
+            self._submit(self.history.repair, self._on_checked)
 
     def _submit(self, work: Callable[[], object], done: Callable[[Outcome], None]) -> None:
         self._busy = True

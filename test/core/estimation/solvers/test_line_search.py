@@ -10,7 +10,7 @@ from valve_twin.core.estimation.solvers.line_search import (
     BEST_VALUE,
     line_next,
     line_start,
-    line_told,
+    line_update,
 )
 
 
@@ -19,7 +19,7 @@ def search(function, low, high, start, width=1e-3):
     state = line_start(low, high, start, function(start))
     tried = [start]
     while not np.isnan(at := line_next(state, width)):
-        line_told(state, at, function(at))
+        line_update(state, at, function(at))
         tried.append(at)
         assert low <= at <= high
         assert len(tried) < 60

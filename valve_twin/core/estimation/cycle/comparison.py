@@ -97,9 +97,9 @@ def _trend_reason(
             name: _relative_scatter(earlier, name, parameter)
             for name in (trend_estimator, *others)
         }
-        told = {name: s for name, s in spread.items() if math.isfinite(s)}
-        if len(told) > 1 and trend_estimator in told:
-            rest = ", ".join(f"{name} {s:.2g} %" for name, s in told.items())
+        finite = {name: s for name, s in spread.items() if math.isfinite(s)}
+        if len(finite) > 1 and trend_estimator in finite:
+            rest = ", ".join(f"{name} {s:.2g} %" for name, s in finite.items())
             parts.append(f"{parameter} {rest}")
     return f"{rule}; scatter between cycles: {'; '.join(parts)}" if parts else rule
 

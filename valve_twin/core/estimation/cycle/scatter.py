@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 MIN_CYCLES = 10
 """Fewest earlier cycles that calibrate an interval."""
 
-_WILD = 4.0
+_OUTLIER_SIGMAS = 4.0
 """A residual above this many robust standard deviations is left out."""
 
 
@@ -75,7 +75,7 @@ def scatter_between_cycles(values: FloatArray) -> Scatter:
     slope = float(np.median((values[j] - values[i]) / (x[j] - x[i])))
     off = values - slope * x
     off = off - np.median(off)
-    limit = _WILD * robust_sigma(off)
+    limit = _OUTLIER_SIGMAS * robust_sigma(off)
     keep = np.abs(off) <= limit if limit > 0.0 else np.ones(n, dtype=np.bool_)
     x, y = x[keep] - x[keep].mean(), values[keep] - values[keep].mean()
     squares = float((y * y).sum() - (x * y).sum() ** 2 / (x * x).sum())

@@ -336,8 +336,8 @@ def _usable(before: tuple[Estimate, ...], estimate: Estimate) -> tuple[Estimate,
 
 def _lean(estimate: Estimate) -> Estimate:
     """Leave out what no later cycle asks for: a worker process is sent the memory."""
-    told = (estimate.trend_reason, estimate.disagreements, estimate.guards, estimate.conditions)
-    if not any(told):
+    extra = (estimate.trend_reason, estimate.disagreements, estimate.guards, estimate.conditions)
+    if not any(extra):
         return estimate
     return replace(estimate, trend_reason="", disagreements=(), guards=(), conditions=())
 

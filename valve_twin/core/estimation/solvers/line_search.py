@@ -3,7 +3,7 @@
 """Compiled search of a minimum on an interval: parabolas kept safe by golden section (Brent 1973).
 
 The loop belongs to the caller, who knows how to evaluate: `line_start`, then `line_next` until it
-says NaN, each answered by `line_told`. The best place is `state[BEST]`.
+says NaN, each answered by `line_update`. The best place is `state[BEST]`.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ def line_next(state: FloatArray, width: float) -> float:
 
 
 @njit(cache=True)
-def line_told(state: FloatArray, place: float, value: float) -> None:
+def line_update(state: FloatArray, place: float, value: float) -> None:
     """Take the value at the place that `line_next` asked for.
 
     Parameters

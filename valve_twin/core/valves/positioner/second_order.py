@@ -60,11 +60,11 @@ def second_order(lag: ParameterValue, fit: Extended, record: Record) -> list[Par
     lag_s = float(fit.parameters[LAG])
     damping = 1.0 / lag_s
     values = np.array([*(fit.parameters[:2] * damping), damping])
-    told = assess_identifiability(
+    identifiability = assess_identifiability(
         SECOND_ORDER[1:], values, _sensitivity(fit), correlated_sigma(fit.residual)
     )
     short = _too_short(fit, lag_s, refresh_s(record))
-    reasons = [short or reason for reason in told.reasons]
+    reasons = [short or reason for reason in identifiability.reasons]
     first = _or_refused(lag, reasons[-1])
     published = map(_at_zero, SECOND_ORDER[1:], values)
     return [first, *(_or_refused(v, r) for v, r in zip(published, reasons, strict=True))]

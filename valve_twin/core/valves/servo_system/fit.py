@@ -81,7 +81,7 @@ class LoopFit:
         Parameters in the order of `NAMES` [their units].
     errors : (12,) array
         Their standard errors; of what was held, the error that it would have.
-    told : (12,) bool array
+    estimated : (12,) bool array
         Which were estimated; the others kept their values.
     at_bound : (12,) bool array
         Which rest on a bound.
@@ -99,7 +99,7 @@ class LoopFit:
 
     values: FloatArray
     errors: FloatArray
-    told: BoolArray
+    estimated: BoolArray
     at_bound: BoolArray
     misfit: float
     worst: str
@@ -391,7 +391,7 @@ def _result(
     return LoopFit(
         values=problem.base * x[:names],
         errors=problem.base * np.hypot(errors * max(misfit, 1.0), _ERROR_FLOOR * x[:names]),
-        told=free[:names],
+        estimated=free[:names],
         at_bound=at_bound[:names],
         misfit=misfit,
         worst=SIGNALS[int(np.argmax(each))],

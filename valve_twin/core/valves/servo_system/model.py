@@ -159,9 +159,9 @@ def _misfit(fit: LoopFit, options: ServoSystemOptions) -> str:
 
 def _value(fit: LoopFit, i: int, max_error: float) -> ParameterValue:
     name, value, error = NAMES[i], float(fit.values[i]), float(fit.errors[i])
-    if not fit.told[i] or error > max_error * value:
-        told = f"{100.0 * error / value:.0f} %" if np.isfinite(error) and value > 0.0 else "none"
-        reason = f"not told by this cycle: standard error {told} of {value:.3g}"
+    if not fit.estimated[i] or error > max_error * value:
+        share = f"{100.0 * error / value:.0f} %" if np.isfinite(error) and value > 0.0 else "none"
+        reason = f"not told by this cycle: standard error {share} of {value:.3g}"
         return ParameterValue(name, float("nan"), ParameterStatus.NOT_EXCITED, reason)
     if fit.at_bound[i]:
         reason = f"rests on its bound {value:.3g}"

@@ -102,8 +102,8 @@ class GainFit:
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
-    """What a cycle can show.
+class PreparedCycle:
+    """A cycle on its grid, and what of it can be identified.
 
     Attributes
     ----------
@@ -130,14 +130,14 @@ class Told:
     noise_sigma: float
 
 
-def find_told(
+def prepare_cycle(
     frames: Frames,
     masks: Masks,
     period_s: float,
     noise_sigma: float,
     options: OutputErrorOptions,
-) -> Told | str:
-    """Return what a cycle can show, or why it shows nothing.
+) -> PreparedCycle | str:
+    """Lay a cycle out and find what of it can be identified, or why nothing can.
 
     Parameters
     ----------
@@ -167,7 +167,7 @@ def find_told(
     columns = np.array(
         [inflow.excited, inflow.graded, outflow.excited, outflow.graded, hold >= options.min_hold]
     )
-    return Told(run, lag, inflow, outflow, hold, columns, noise_sigma)
+    return PreparedCycle(run, lag, inflow, outflow, hold, columns, noise_sigma)
 
 
 def _unusable(run: Run, options: OutputErrorOptions) -> str:
@@ -182,7 +182,7 @@ def _unusable(run: Run, options: OutputErrorOptions) -> str:
 
 
 def gain_fit(
-    told: Told,
+    prepared: PreparedCycle,
     solution: Solution,
     masks: Masks,
     options: OutputErrorOptions,
@@ -194,8 +194,8 @@ def gain_fit(
 
     Parameters
     ----------
-    told : Told
-        What the cycle can show.
+    prepared : PreparedCycle
+        The cycle, and what of it can be identified.
     solution : Solution
         The estimator's minimum.
     masks : Masks
@@ -209,24 +209,24 @@ def gain_fit(
         trusted: standard errors and 95 % limits are then published from this cycle alone.
     """
     mse = solution.cost / solution.rows
-    parameters = _parameters(told, solution, mse, options)
+    parameters = _parameters(prepared, solution, mse, options)
     if covariance is not None:
-        parameters = _with_intervals(parameters, told, solution, covariance, options)
+        parameters = _with_intervals(parameters, prepared, solution, covariance, options)
         parameters += (ParameterValue("noise_ratio", noise_ratio),)
-    found = gain_identifiability(solution, _fitted(solution), mse, told.run.period_s, options)
+    found = gain_identifiability(solution, _fitted(solution), mse, prepared.run.period_s, options)
     parameters = refuse_ridges(parameters, found)
     condition, guard = _condition(solution), options.guard
     return GainFit(
         parameters,
         *_verdict(parameters),
-        told.lag,
+        prepared.lag,
         mse,
         condition,
         _mask_counts(masks, solution.rows),
         noise_ratio,
         (
-            check_noise(told.noise_sigma, guard),
-            *check_excitation(told.inflow, told.outflow, guard),
+            check_noise(prepared.noise_sigma, guard),
+            *check_excitation(prepared.inflow, prepared.outflow, guard),
             check_condition(condition, guard),
             check_bounds(parameters, FOLLOWED),
             check_identifiability(found, RIDGE.max_error),
@@ -257,23 +257,23 @@ def _mask_counts(masks: Masks, used: int) -> MaskCounts:
 
 
 def _parameters(
-    told: Told, s: Solution, mse: float, options: OutputErrorOptions
+    prepared: PreparedCycle, s: Solution, mse: float, options: OutputErrorOptions
 ) -> tuple[ParameterValue, ...]:
     covariance = fit_covariance(s, mse, _fitted(s))
     errors = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    no_hold = f"{told.hold} samples of hold off the seats, {options.min_hold} needed"
+    no_hold = f"{prepared.hold} samples of hold off the seats, {options.min_hold} needed"
     leak = (
-        _bounded("leak", float(s.linear[4]) / told.run.period_s, on_bound=s.linear[4] <= 0.0)
+        _bounded("leak", float(s.linear[4]) / prepared.run.period_s, on_bound=s.linear[4] <= 0.0)
         if s.columns[4]
         else _missing("leak", no_hold)
     )
     return (
         _pole(s, float(errors[N_LINEAR]), options),
-        *_gain("K_in", s, 0, s.v_in_mean, told.inflow, covariance, options),
+        *_gain("K_in", s, 0, s.v_in_mean, prepared.inflow, covariance, options),
         ParameterValue("v_in_mean", s.v_in_mean)
         if s.columns[0]
-        else _missing("v_in_mean", told.inflow.reason),
-        *_gain("K_out", s, 2, options.v_ref, told.outflow, covariance, options),
+        else _missing("v_in_mean", prepared.inflow.reason),
+        *_gain("K_out", s, 2, options.v_ref, prepared.outflow, covariance, options),
         leak,
     )
 
@@ -330,7 +330,7 @@ def _missing(name: str, reason: str) -> ParameterValue:
 
 def _with_intervals(
     parameters: tuple[ParameterValue, ...],
-    told: Told,
+    prepared: PreparedCycle,
     s: Solution,
     covariance: FloatArray,
     options: OutputErrorOptions,
@@ -343,7 +343,7 @@ def _with_intervals(
         "K_in_slope": float(np.sqrt(variance[1])),
         "K_out": _gain_error(covariance, 2, options.v_ref, options),
         "K_out_slope": float(np.sqrt(variance[3])),
-        "leak": float(np.sqrt(variance[4])) / told.run.period_s,
+        "leak": float(np.sqrt(variance[4])) / prepared.run.period_s,
     }
     return tuple(_limited(p, errors.get(p.name, float("nan"))) for p in parameters)
 

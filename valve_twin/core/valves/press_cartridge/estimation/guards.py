@@ -53,12 +53,12 @@ def check_excitation(
     found = []
     for name, of in (("inflow", inflow), ("outflow", outflow)):
         moved = of.reason if not of.excited else f"travel {of.travel:.2g} in {of.samples} rows"
-        told, graded = bool(of.excited), bool(of.graded)
-        found.append(Guard(f"excitation of {name}", told, of.travel, of.needed, moved))
+        excited, graded = bool(of.excited), bool(of.graded)
+        found.append(Guard(f"excitation of {name}", excited, of.travel, of.needed, moved))
         spread = f"the levels spread by {of.level_spread:.0%}"
-        if told and not graded:
+        if excited and not graded:
             spread = f"{of.reason}: the gain is that at {of.level:.2g}"
-        elif not told:
+        elif not excited:
             spread = of.reason
         limit = options.min_level_spread
         found.append(Guard(f"levels of {name}", graded, of.level_spread, limit, spread))

@@ -26,10 +26,10 @@ from valve_twin.core.valves.press_cartridge.estimation.free_run import (
 )
 from valve_twin.core.valves.press_cartridge.estimation.gains import (
     GainFit,
-    Told,
-    find_told,
+    PreparedCycle,
     fit_covariance,
     gain_fit,
+    prepare_cycle,
     refused_fit,
 )
 from valve_twin.core.valves.press_cartridge.estimation.kalman_kernel import (
@@ -107,11 +107,11 @@ def fit_kalman(
         a value with its reason, never an exception.
     """
     options = options or OutputErrorOptions()
-    told = find_told(frames, masks, period_s, noise_sigma, options)
-    if isinstance(told, str):
-        return refused_fit(told, masks)
-    phases = find_phases(told.run, told.lag, options)
-    problem = _Problem(told, phases, told.run.use & ~_long_rest(phases), options)
+    prepared = prepare_cycle(frames, masks, period_s, noise_sigma, options)
+    if isinstance(prepared, str):
+        return refused_fit(prepared, masks)
+    phases = find_phases(prepared.run, prepared.lag, options)
+    problem = _Problem(prepared, phases, prepared.run.use & ~_long_rest(phases), options)
     prior = np.zeros(2)
     if pooled is not None and noise_ratio < 0.0:
         prior[:] = pooled.mean, pooled.standard_error**-2.0
@@ -122,8 +122,8 @@ def fit_kalman(
         return refused_fit(reason, masks)
     spread = _SPREAD if noise_ratio < 0.0 else (0.0,)
     covariance = problem.covariance(ratio, solution, prior, spread)
-    fit = gain_fit(told, solution, masks, options, noise_ratio=alone, covariance=covariance)
-    structure = check_structure(told.run, phases, problem.use, solution, ratio, options.v_max)
+    fit = gain_fit(prepared, solution, masks, options, noise_ratio=alone, covariance=covariance)
+    structure = check_structure(prepared.run, phases, problem.use, solution, ratio, options.v_max)
     return replace(fit, guards=(*fit.guards, *structure))
 
 
@@ -165,7 +165,7 @@ def pool_ratios(ratios: FloatArray) -> PooledRatio | None:
 class _Problem:
     """One cycle, whose likelihood is asked for at several noise ratios."""
 
-    told: Told
+    cycle: PreparedCycle
     phases: Phases
     use: BoolArray
     options: OutputErrorOptions
@@ -178,7 +178,7 @@ class _Problem:
         p, gram = np.zeros(N_LINEAR), np.zeros((N_COLUMNS, N_COLUMNS))
         options = self.options
         alone, found, pole, cost, rows = search_ratio(
-            self._data(), options.v_max, self.told.columns, prior, options.pole, ratio, p, gram
+            self._data(), options.v_max, self.cycle.columns, prior, options.pole, ratio, p, gram
         )
         return alone, found, self._solution(pole, p, gram, cost, rows)
 
@@ -192,7 +192,7 @@ class _Problem:
         covered 91-92 % at sigma 1e-3, and 87 % where too small a ratio was found.
         """
         searched = self.options.pole < 0.0
-        known = np.append(self.told.columns, searched and mode.pole > 0.0)
+        known = np.append(self.cycle.columns, searched and mode.pole > 0.0)
         fitted = np.flatnonzero(known & (np.diag(mode.gram)[:-1] > 0.0))
         low, high = (
             (max(mode.pole - _NEAR, 0.0), min(mode.pole + _NEAR, POLE_MAX))
@@ -205,7 +205,7 @@ class _Problem:
             p, gram = np.zeros(N_LINEAR), np.zeros((N_COLUMNS, N_COLUMNS))
             at = max(ratio, np.exp(LOG_LOW)) * np.exp(step)
             value, pole, cost, rows = restricted(
-                self._data(), v_max, at, self.told.columns, prior, low, high, mode.pole, p, gram
+                self._data(), v_max, at, self.cycle.columns, prior, low, high, mode.pole, p, gram
             )
             s = self._solution(pole, p, gram, cost, rows)
             off = np.append(p, pole) - center
@@ -215,7 +215,7 @@ class _Problem:
         return np.tensordot(weight / weight.sum(), np.array(parts), axes=1)
 
     def _data(self) -> Stretch:
-        return self.phases.stretch(self.told.run.position, self.use)
+        return self.phases.stretch(self.cycle.run.position, self.use)
 
     def _solution(
         self, pole: float, p: FloatArray, gram: FloatArray, cost: float, rows: int
@@ -224,9 +224,9 @@ class _Problem:
         fitted = int(np.count_nonzero(p)) + (self.options.pole < 0.0)
         unbiased = cost * rows / max(rows - fitted, 1)
         active = self.options.guard.active_command
-        mean = mean_command(self.told.run.position, self.phases.v_in, self.phases.free, active)
+        mean = mean_command(self.cycle.run.position, self.phases.v_in, self.phases.free, active)
         return Solution(
-            pole, p, gram, self.told.columns, unbiased, max(rows, 1), float("nan"), mean
+            pole, p, gram, self.cycle.columns, unbiased, max(rows, 1), float("nan"), mean
         )
 
 

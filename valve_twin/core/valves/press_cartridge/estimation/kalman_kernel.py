@@ -24,7 +24,7 @@ from valve_twin.core.estimation.solvers.line_search import (
     BEST_VALUE,
     line_next,
     line_start,
-    line_told,
+    line_update,
 )
 from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import (
     N_COLUMNS,
@@ -54,7 +54,7 @@ def absorb(
     level: FloatArray,
     place: FloatArray,
     drift: FloatArray,
-    news: FloatArray,
+    innovation: FloatArray,
     covariance: tuple[float, float, float],
     gram: FloatArray,
     count: int,
@@ -67,7 +67,7 @@ def absorb(
         Responses and measurement [1].
     place, drift : (C,) arrays
         State of the filter of each, written in place [1].
-    news : (C,) array
+    innovation : (C,) array
         Innovations, overwritten [1].
     covariance : tuple of float
         Of place and drift: variance, covariance, variance [1].
@@ -80,12 +80,12 @@ def absorb(
     total = 1.0 + p11
     gain, turn = p11 / total, p12 / total
     for k in range(count):
-        news[k] = level[k] - place[k]
-        place[k] += gain * news[k]
-        drift[k] += turn * news[k]
+        innovation[k] = level[k] - place[k]
+        place[k] += gain * innovation[k]
+        drift[k] += turn * innovation[k]
     for i in range(count):
         for j in range(i + 1):
-            gram[i, j] += news[i] * news[j] / total
+            gram[i, j] += innovation[i] * innovation[j] / total
     return gain, p12 - gain * p12, p22 - turn * p12
 
 
@@ -115,7 +115,7 @@ def whiten(
     gram[:, :] = 0.0
     # response of the free run and state of the filter, one column a parameter
     speed, level = np.zeros(N_COLUMNS), np.zeros(N_COLUMNS)
-    place, drift, news = np.zeros(N_COLUMNS), np.zeros(N_COLUMNS), np.zeros(N_COLUMNS)
+    place, drift, innovation = np.zeros(N_COLUMNS), np.zeros(N_COLUMNS), np.zeros(N_COLUMNS)
     drive = np.zeros(N_LINEAR)
     share = 1.0 - pole
     known = False
@@ -163,7 +163,7 @@ def whiten(
             p11, p12 = 1.0, 0.0
             continue
         total = 1.0 + p11
-        p11, p12, p22 = absorb(level, place, drift, news, (p11, p12, p22), gram, N_COLUMNS)
+        p11, p12, p22 = absorb(level, place, drift, innovation, (p11, p12, p22), gram, N_COLUMNS)
         log_determinant += np.log(total)
         rows += 1
     for i in range(N_COLUMNS):
@@ -236,7 +236,7 @@ def _pole_between(
         state = line_start(left, right, pole, best)
         at = line_next(state, _POLE_WIDTH)
         while not np.isnan(at):
-            line_told(state, at, _likelihood(data, at, v_max, ratio, columns, p, gram))
+            line_update(state, at, _likelihood(data, at, v_max, ratio, columns, p, gram))
             at = line_next(state, _POLE_WIDTH)
         pole, best = state[BEST], state[BEST_VALUE]
         inner = (left <= low or pole > left + 3.0 * _POLE_WIDTH) and (
@@ -352,7 +352,7 @@ def _ratio_between(
         f, z, _, _ = restricted(data, v_max, np.exp(at), columns, prior, low, high, pole, p, gram)
         if f <= state[BEST_VALUE]:
             pole = z
-        line_told(state, at, f)
+        line_update(state, at, f)
         at = line_next(state, _LOG_WIDTH)
     return state[BEST], pole
 

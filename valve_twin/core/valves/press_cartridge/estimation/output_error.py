@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING
 from valve_twin.core.valves.press_cartridge.estimation.free_run import OutputErrorOptions, fit_lag
 from valve_twin.core.valves.press_cartridge.estimation.gains import (
     GainFit,
-    find_told,
     gain_fit,
+    prepare_cycle,
     refused_fit,
 )
 
@@ -66,8 +66,8 @@ def fit_output_error(
         reason, never an exception.
     """
     options = options or OutputErrorOptions()
-    told = find_told(frames, masks, period_s, noise_sigma, options)
-    if isinstance(told, str):
-        return refused_fit(told, masks)
-    solution = fit_lag(told.run, told.lag, told.columns, options, refine=True)
-    return gain_fit(told, solution, masks, options)
+    prepared = prepare_cycle(frames, masks, period_s, noise_sigma, options)
+    if isinstance(prepared, str):
+        return refused_fit(prepared, masks)
+    solution = fit_lag(prepared.run, prepared.lag, prepared.columns, options, refine=True)
+    return gain_fit(prepared, solution, masks, options)

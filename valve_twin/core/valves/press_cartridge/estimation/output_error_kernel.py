@@ -92,7 +92,7 @@ def accumulate(
     speed = np.zeros(N_COLUMNS)
     level = np.zeros(N_COLUMNS)
     known = np.zeros(N_COLUMNS)
-    news = np.zeros(N_COLUMNS)
+    innovation = np.zeros(N_COLUMNS)
     drive = np.zeros(N_LINEAR)
     share = 1.0 - pole
     variance = -1.0  # of the level, in units of the noise; negative = unknown
@@ -131,12 +131,12 @@ def accumulate(
         weight = 1.0 / (1.0 + variance)
         gain = variance * weight
         for k in range(N_COLUMNS):
-            news[k] = level[k] - known[k]
-            known[k] += gain * news[k]
+            innovation[k] = level[k] - known[k]
+            known[k] += gain * innovation[k]
         variance = gain
         for i in range(N_COLUMNS):
             for j in range(i + 1):
-                gram[i, j] += weight * news[i] * news[j]
+                gram[i, j] += weight * innovation[i] * innovation[j]
         log_determinant -= np.log(weight)
         rows += 1
     for i in range(N_COLUMNS):

@@ -95,9 +95,9 @@ def check_structure(
     options = options or StructureOptions()
     drives = _drives(phases, v_max)
     poles = _pole_drives(phases, drives, solution)
-    splits, untold = _splits(run, phases, solution, poles, v_max, options)
+    splits, undecided = _splits(run, phases, solution, poles, v_max, options)
     if not splits:
-        return tuple(untold)
+        return tuple(undecided)
     base = np.flatnonzero(solution.linear > 0.0)
     columns = [*drives[:, base].T, *([poles.sum(axis=1)] if solution.pole > 0.0 else [])]
     matrix = np.column_stack([*columns, *(s.drive for s in splits)])
@@ -117,7 +117,7 @@ def check_structure(
         _judged(s, *_second_value(gram, len(columns), len(columns) + k, rows), options)
         for k, s in enumerate(splits)
     ]
-    return (*found, *untold)
+    return (*found, *undecided)
 
 
 def _drives(phases: Phases, v_max: float) -> FloatArray:
@@ -151,7 +151,7 @@ def _splits(
     options: StructureOptions,
 ) -> tuple[list[_Split], list[Guard]]:
     splits: list[_Split] = []
-    untold: list[Guard] = []
+    undecided: list[Guard] = []
     moved = np.abs(np.diff(run.position, prepend=run.position[:1]))
     before = np.concatenate([run.position[:1], run.position[:-1]])
     for name, command, first, sign in (
@@ -174,7 +174,7 @@ def _splits(
             if not options.min_share <= share <= 1.0 - options.min_share or size <= 0.0:
                 lies = f"{share:.0%} of the motion lies {text} {at:.2g}"
                 why = f"cannot be told: {lies if weight.any() else 'no motion this way'}"
-                untold.append(Guard(title, True, np.nan, options.max_difference, why))
+                undecided.append(Guard(title, True, np.nan, options.max_difference, why))
                 continue
             said = f"{name} {{}} {text} {at:.2g}"
             drive = np.where(upper, sign * command, 0.0)
@@ -182,7 +182,7 @@ def _splits(
     if solution.pole > 0.0 and (solution.linear[[0, 2]] > 0.0).all():
         title, limit = "structure: pole by direction", options.max_pole_difference
         splits.append(_Split(title, poles[:, 1], 1.0, limit, "the pole {} in outflow"))
-    return splits, untold
+    return splits, undecided
 
 
 def _median(values: FloatArray, weight: FloatArray) -> float:
@@ -277,7 +277,7 @@ def whiten_columns(
     count = drives.shape[1] + 1
     last = count - 1
     speed, level = np.zeros(count), np.zeros(count)
-    place, drift, news = np.zeros(count), np.zeros(count), np.zeros(count)
+    place, drift, innovation = np.zeros(count), np.zeros(count), np.zeros(count)
     known = False
     p11 = p12 = p22 = 0.0
     rows = 0
@@ -310,7 +310,7 @@ def whiten_columns(
             known = True
             p11, p12 = 1.0, 0.0
             continue
-        p11, p12, p22 = absorb(level, place, drift, news, (p11, p12, p22), gram, count)
+        p11, p12, p22 = absorb(level, place, drift, innovation, (p11, p12, p22), gram, count)
         rows += 1
     for i in range(count):
         for j in range(i + 1, count):
