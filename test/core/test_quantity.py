@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
 import math
+import pickle
 from dataclasses import dataclass, field, make_dataclass
 from enum import Enum
 
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 from valve_twin.core.quantity import (
     Descriptor,
     Kind,
+    QuantityError,
     check_quantities,
     describe,
     example,
@@ -37,6 +39,14 @@ def test_refuses_a_value_with_its_name_value_and_range(value):
     with pytest.raises(ValueError, match=r"Tank\.volume = .*from 0\.1 to 5 \[m\^3\]") as caught:
         Tank(volume=value)
     assert repr(value) in str(caught.value)
+
+
+def test_a_refusal_holds_its_reason_apart_from_the_owner():
+    with pytest.raises(QuantityError) as caught:
+        Tank(volume=9.0)
+    for error in (caught.value, pickle.loads(pickle.dumps(caught.value))):
+        assert error.reason == "volume = 9.0: must be a number from 0.1 to 5 [m^3]"
+        assert str(error) == f"Tank.{error.reason}"
 
 
 def test_takes_the_ends_of_the_range_and_integers():

@@ -28,6 +28,26 @@ T = TypeVar("T")
 _KEY = "valve_twin"  # of a field's metadata
 
 
+class QuantityError(ValueError):
+    """A value that its owner refuses.
+
+    Parameters
+    ----------
+    owner : str
+        Name of the record that has it.
+    reason : str
+        Which field, its value and what it must be.
+    """
+
+    def __init__(self, owner: str, reason: str) -> None:
+        super().__init__(owner, reason)  # both are `args`: such an error can be pickled
+        self.reason = reason
+
+    def __str__(self) -> str:
+        """Return one line: `owner.field = value: what it must be`."""
+        return ".".join(self.args)
+
+
 class Kind(Enum):
     """Type of a parameter; the value is what a user reads."""
 
@@ -342,7 +362,7 @@ def check_quantities(config: DataclassInstance) -> None:
 
     Raises
     ------
-    ValueError
+    QuantityError
         Names the quantity, its value and the allowed range.
     """
     for item in fields(config):
@@ -351,22 +371,22 @@ def check_quantities(config: DataclassInstance) -> None:
             continue
         value = getattr(config, item.name)
         for one in value if isinstance(value, tuple) else (value,):
-            _check_one(f"{type(config).__name__}.{item.name}", one, meta)
+            refusal = _refusal(one, meta)
+            if refusal:
+                raise QuantityError(type(config).__name__, f"{item.name} = {one!r}: {refusal}")
 
 
-def _check_one(name: str, value: object, meta: Descriptor) -> None:
-    """Refuse what is not a number inside its range, or not one of the choices."""
+def _refusal(value: object, meta: Descriptor) -> str:
+    """Return what a value must be where it is no number inside its range or no choice."""
     if meta.kind in {Kind.STRING, Kind.STRINGS}:
-        if meta.choices and _plain(value) not in meta.choices:
-            msg = f"{name} = {value!r}: must be one of {', '.join(meta.choices)}"
-            raise ValueError(msg)
-        return
+        known = not meta.choices or _plain(value) in meta.choices
+        return "" if known else f"must be one of {', '.join(meta.choices)}"
     numeric = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not (numeric and meta.lower <= cast("float", value) <= meta.upper):
-        both = math.isfinite(meta.lower) and math.isfinite(meta.upper)
-        allowed = f" from {meta.limits}" if both else f", {meta.limits}" if meta.limits else ""
-        msg = f"{name} = {value!r}: must be a number{allowed} [{meta.unit}]"
-        raise ValueError(msg)
+    if numeric and meta.lower <= cast("float", value) <= meta.upper:
+        return ""
+    both = math.isfinite(meta.lower) and math.isfinite(meta.upper)
+    allowed = f" from {meta.limits}" if both else f", {meta.limits}" if meta.limits else ""
+    return f"must be a number{allowed} [{meta.unit}]"
 
 
 def example(value: object) -> str:

@@ -13,6 +13,7 @@ from valve_twin.core.estimation.cycle.plausibility import normalised_fault
 from valve_twin.core.estimation.data.robust import difference_sigma
 from valve_twin.core.gaps import find_gaps
 from valve_twin.core.physics.solenoid_map import CURRENT_NODES
+from valve_twin.core.quantity import QuantityError
 from valve_twin.core.types import (
     Estimate,
     EstimateStatus,
@@ -163,8 +164,10 @@ def _valve(options: DoubleSolenoidOptions) -> tuple[DoubleSolenoidPlant | None, 
     """Return the valve of the options, or why there is none."""
     try:
         return known_valve(options, {}), ""
-    except ValueError as error:
-        return None, str(error).removeprefix("DoubleSolenoidPlant.")
+    except QuantityError as error:
+        return None, error.reason
+    except ValueError as error:  # of the curves
+        return None, str(error)
 
 
 def _refusal(cycle: Cycle, known: BoolArray) -> str:

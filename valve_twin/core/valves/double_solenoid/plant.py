@@ -24,7 +24,7 @@ from valve_twin.core.physics.solenoid_map import (
     map_from_curves,
     pole_curves,
 )
-from valve_twin.core.quantity import check_quantities, quantity, setting
+from valve_twin.core.quantity import QuantityError, check_quantities, quantity, setting
 from valve_twin.core.simulation.config import SimulationConfig
 from valve_twin.core.simulation.measurement import MeasurementConfig
 from valve_twin.core.simulation.plant import Drive, Plant, Response
@@ -113,8 +113,7 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
         check_quantities(self)
         refusal = check_geometry(self.gap, self.end_stop, self.half_stroke)
         if refusal:
-            message = f"DoubleSolenoidPlant.{refusal}"
-            raise ValueError(message)
+            raise QuantityError(type(self).__name__, refusal)
         self._check_dynamics()
         self.tables()
 
@@ -248,20 +247,19 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
             fastest = fastest_time(a1, a2)
             if fastest < SAMPLE_S / 4.0:
                 first, second = ("a1", "a2") if name == "current" else ("d1", "d2")
-                message = (
-                    f"DoubleSolenoidPlant.{name}_{first} = {a1!r}, {name}_{second} = {a2!r}: the "
-                    f"fastest time is {fastest:.3g} s; must be {SAMPLE_S / 4.0:g} s or longer for "
-                    "steps of 12.5 us"
+                refusal = (
+                    f"{name}_{first} = {a1!r}, {name}_{second} = {a2!r}: the fastest time is "
+                    f"{fastest:.3g} s; must be {SAMPLE_S / 4.0:g} s or longer for steps of 12.5 us"
                 )
-                raise ValueError(message)
+                raise QuantityError(type(self).__name__, refusal)
         direct = self.current_b2 / self.current_a2
         if direct * self.coupling >= 1.0:
-            message = (
-                f"DoubleSolenoidPlant.coupling = {self.coupling!r}: must be below "
-                f"current_a2/current_b2 = {1.0 / direct:g} [1], the currents of the two coils "
-                "drive each other up otherwise"
+            refusal = (
+                f"coupling = {self.coupling!r}: must be below current_a2/current_b2 = "
+                f"{1.0 / direct:g} [1], the currents of the two coils drive each other up "
+                "otherwise"
             )
-            raise ValueError(message)
+            raise QuantityError(type(self).__name__, refusal)
 
     def _samples(self, period_s: float) -> int:
         """Return how many control samples a sample takes."""
