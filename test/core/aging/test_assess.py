@@ -81,6 +81,7 @@ def test_aging_valve_is_called_by_name_with_numbers(history, scatter):
     assert trend.status is TrendStatus.DRIFTING
     assert trend.drift_reference_lower_95 < -14.4 < trend.drift_reference_upper_95
     assert result.verdict.text == "valve"
+    assert result.verdict.fault == "K_in"
     words = result.verdict.evidence
     assert words.startswith(f"K_in {trend.drift_reference:+.1f} % of new (95 %: ")
     assert f"{trend.remaining_median:.0f} cycles left" in words

@@ -49,26 +49,52 @@ def assess_fault(healthy, kind, severity, cycles=4, **options):
 def test_a_healthy_valve_is_ok(healthy):
     said = assess(healthy[1], (), AgingConfig(), parameters=MODEL.parameters)
     assert said.verdict.kind is VerdictKind.OK
+    assert not said.verdict.fault
     assert said.diagnosis.ready
     assert said.diagnosis.present is None
 
 
 @pytest.mark.parametrize(
-    ("kind", "severity", "verdict", "evidence"),
+    ("kind", "severity", "verdict", "fault", "evidence"),
     [
-        ("leak", 3e-4, VerdictKind.VALVE, "leak of the chamber, size 0.0003"),
-        ("dead_band", 0.01, VerdictKind.VALVE, "grown dead band, size 0.0"),
-        ("sensor_offset", -1e-3, VerdictKind.SENSOR, "offset of the position sensor, size -0.00"),
-        ("sensor_freeze", 0.0, VerdictKind.SENSOR, "freezing position sensor, size 1"),
-        ("command_loss", 0.1, VerdictKind.COMMAND, "command that does not reach the valve"),
-        ("command_loss", 1.0, VerdictKind.VALVE, "no command reaches it"),
-        ("stuck", 0.0, VerdictKind.VALVE, "the spool is stuck"),
-        ("supply_drop", 0.1, VerdictKind.SUPPLY, "the data fit as well: gain of the position"),
+        ("leak", 3e-4, VerdictKind.VALVE, "leak", "leak of the chamber, size 0.0003"),
+        ("dead_band", 0.01, VerdictKind.VALVE, "dead_band", "grown dead band, size 0.0"),
+        (
+            "sensor_offset",
+            -1e-3,
+            VerdictKind.SENSOR,
+            "sensor_offset",
+            "offset of the position sensor, size -0.00",
+        ),
+        (
+            "sensor_freeze",
+            0.0,
+            VerdictKind.SENSOR,
+            "sensor_freeze",
+            "freezing position sensor, size 1",
+        ),
+        (
+            "command_loss",
+            0.1,
+            VerdictKind.COMMAND,
+            "command_loss",
+            "command that does not reach the valve",
+        ),
+        ("command_loss", 1.0, VerdictKind.VALVE, "no_motion", "no command reaches it"),
+        ("stuck", 0.0, VerdictKind.VALVE, "no_motion", "the spool is stuck"),
+        (
+            "supply_drop",
+            0.1,
+            VerdictKind.SUPPLY,
+            "supply_drop",
+            "the data fit as well: gain of the position",
+        ),
     ],
 )
-def test_the_part_with_the_fault_is_named(healthy, kind, severity, verdict, evidence):
+def test_the_part_with_the_fault_is_named(healthy, kind, severity, verdict, fault, evidence):
     said = assess_fault(healthy, kind, severity).verdict
     assert said.kind is verdict, said.evidence
+    assert said.fault == fault
     assert evidence in said.evidence
     assert f"since cycle {BEFORE + 1}" in said.evidence or kind in {"stuck", "command_loss"}
     assert "\n" not in said.evidence

@@ -23,6 +23,7 @@ import numpy as np
 import pytest
 import sqlalchemy as sa
 
+from valve_twin.core.aging.verdict import Verdict, VerdictKind
 from valve_twin.core.types import (
     Condition,
     Cycle,
@@ -37,8 +38,10 @@ from valve_twin.core.types import (
     ParameterValue,
 )
 from valve_twin.io.errors import StoreError
+from valve_twin.io.history.database import migrate
 from valve_twin.io.history.store import CycleRecord, History, cycle_record
 from valve_twin.io.history.tables import METADATA, SCHEMA_TABLE, SCHEMA_VERSION
+from valve_twin.io.history.tables import VALVE as VALVE_TABLE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -449,6 +452,10 @@ class TestSchema:
             assert history.store(VALVE, record(43), both(43))
         assert version(file) == SCHEMA_VERSION
 
+    def test_before_verdicts_named_their_fault_is_upgraded(self, file: Path) -> None:
+        check_upgrade_of_verdicts(f"sqlite:///{file}", f"sqlite:///{file}")
+        assert version(file) == SCHEMA_VERSION
+
     def test_of_the_first_version_is_not_touched_by_a_reader(self, file: Path) -> None:
         with closing(sqlite3.connect(file)) as old:
             old.executescript((HERE / "data" / "history_0001.sql").read_text(encoding="utf-8"))
@@ -687,6 +694,14 @@ class TestPostgresql:
             second.claim("/claimed")
             assert second.store("/claimed", record(2), both(2))
 
+    def test_before_verdicts_named_their_fault_is_upgraded(self, server: str) -> None:
+        engine = sa.create_engine(server.replace("postgresql:", "postgresql+psycopg:"))
+        with engine.begin() as connection:
+            connection.exec_driver_sql("CREATE SCHEMA before")
+        engine.dispose()
+        url = f"{server}&options=-csearch_path%3Dbefore"
+        check_upgrade_of_verdicts(url, url.replace("postgresql:", "postgresql+psycopg:"))
+
     def test_locked_table_is_named(self, server: str) -> None:
         with History(server, busy_timeout_s=0.05) as history:
             history.store("/locked", record(1), both(1))
@@ -697,6 +712,28 @@ class TestPostgresql:
                     history.store("/locked", record(2), both(2))
             engine.dispose()
             assert history.store("/locked", record(2), both(2))
+
+
+def check_upgrade_of_verdicts(url: str, driver_url: str) -> None:
+    """Upgrade a database of revision 0004 that holds a verdict, and go on with it."""
+    evidence = "offset of the position sensor, since cycle 41"
+    engine = sa.create_engine(driver_url)
+    with engine.begin() as connection:
+        migrate(connection, "0004")
+        connection.execute(VALVE_TABLE.insert(), {"id": 1, "name": VALVE})
+        connection.exec_driver_sql(
+            "INSERT INTO verdict (valve_id, stamp_ns, verdict, evidence, cycle)"
+            f" VALUES (1, 5, 4, '{evidence}', 41)"
+        )
+    engine.dispose()
+    kind = VerdictKind.SENSOR
+    old = Verdict(5, VALVE, kind, kind.text, evidence, 41)
+    new = dataclasses.replace(old, cycle=42, fault="sensor_offset")
+    with History(url) as history:
+        assert history.verdicts(VALVE) == [old]
+        assert history.add_verdict(VALVE, new)
+        assert not history.add_verdict(VALVE, dataclasses.replace(new, cycle=43))
+        assert history.verdicts(VALVE) == [old, new]
 
 
 def version(file: Path) -> str:

@@ -10,8 +10,8 @@ from valve_twin.io.history.store import History
 VALVE = "/press/valve_1"
 
 
-def verdict(cycle, kind=VerdictKind.OK, evidence="largest drift: K_in +0.1 % of new"):
-    return Verdict(cycle * 10**9, VALVE, kind, kind.text, evidence, cycle)
+def verdict(cycle, kind=VerdictKind.OK, evidence="largest drift: K_in +0.1 % of new", fault=""):
+    return Verdict(cycle * 10**9, VALVE, kind, kind.text, evidence, cycle, fault)
 
 
 @pytest.fixture
@@ -21,7 +21,8 @@ def history(tmp_path):
 
 
 def test_what_is_stored_comes_back(history, tmp_path):
-    leak = verdict(41, VerdictKind.VALVE, "leak of the chamber, size 0.0003 1/s, since cycle 40")
+    evidence = "leak of the chamber, size 0.0003 1/s, since cycle 40"
+    leak = verdict(41, VerdictKind.VALVE, evidence, "leak")
     assert history.add_verdict(VALVE, verdict(12))
     assert history.add_verdict(VALVE, leak)
     with History(tmp_path / "history.sqlite", read_only=True) as again:
@@ -42,10 +43,22 @@ def test_another_fault_under_the_same_word_is_news(history):
     more = "offset of the position sensor, size 0.0012, since cycle 41"
     freeze = "freezing position sensor, size 1, since cycle 60"
     told = [
-        history.add_verdict(VALVE, verdict(cycle, kind, text))
-        for cycle, text in ((41, offset), (42, more), (60, freeze))
+        history.add_verdict(VALVE, verdict(cycle, kind, text, fault))
+        for cycle, text, fault in (
+            (41, offset, "sensor_offset"),
+            (42, more, "sensor_offset"),
+            (60, freeze, "sensor_freeze"),
+        )
     ]
     assert told == [True, False, True]
+
+
+def test_the_fault_counts_and_not_the_words_of_the_evidence(history):
+    kind, words = VerdictKind.VALVE, "K_in -13.9 % of new, 40 cycles left"
+    assert history.add_verdict(VALVE, verdict(41, kind, words, "K_in"))
+    other = "K_in in other words, beyond its threshold"
+    assert not history.add_verdict(VALVE, verdict(42, kind, other, "K_in"))
+    assert history.add_verdict(VALVE, verdict(43, kind, words, "leak"))
 
 
 def test_a_monitor_that_repeats_an_old_verdict_changes_nothing(history):

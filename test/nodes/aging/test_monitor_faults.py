@@ -70,6 +70,7 @@ def test_a_sensor_fault_is_told_stored_and_in_the_diagnostics(graph, history):
     graph.spin_until(lambda: verdicts, what="a verdict")
     assert verdicts[-1].text == "sensor"
     assert verdicts[-1].verdict == Verdict.SENSOR
+    assert verdicts[-1].fault == "sensor_offset"
     assert "offset of the position sensor, size 0.001" in verdicts[-1].evidence
     assert f"since cycle {ONSET}" in verdicts[-1].evidence
 
@@ -91,4 +92,5 @@ def test_a_sensor_fault_is_told_stored_and_in_the_diagnostics(graph, history):
 
     graph.spin_until(stored, what="the stored verdict")
     assert stored()[-1].evidence == verdicts[-1].evidence
+    assert stored()[-1].fault == verdicts[-1].fault
     assert stored()[-1].cycle == CYCLES

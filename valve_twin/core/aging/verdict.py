@@ -110,7 +110,11 @@ class Trend:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """One word with its evidence; fields as in Verdict.msg."""
+    """One word with its evidence; fields as in Verdict.msg.
+
+    `fault` is the name of the sudden fault (`core.diagnosis.table`, or `UNKNOWN`), else the
+    parameter whose drift gives the verdict; empty where there is neither.
+    """
 
     stamp_ns: int
     valve: str
@@ -118,6 +122,7 @@ class Verdict:
     text: str
     evidence: str
     cycle: int
+    fault: str = ""
 
 
 def way_to_threshold(trend: Trend) -> float:
@@ -175,21 +180,23 @@ def decide(
     judged = [t for t in trends if t.status is not TrendStatus.NOT_ENOUGH_DATA]
     graves = [(concern(t, config), -t.remaining_median, t) for t in judged]
     worst = max(graves, key=lambda g: g[:2], default=None)
+    named = ""
     if config.label:
         kind = VerdictKind.NOT_ENOUGH_DATA
         evidence = f"the cycles differ ({config.label}): what changes is not taken for wear"
     elif fault is not None:
         kind, evidence = VerdictKind[fault.part.upper()], describe_finding(fault)
+        named = fault.fault
     elif worst is None:
         kind = VerdictKind.NOT_ENOUGH_DATA
         why = "; ".join(f"{t.parameter}: {t.reason}" for t in trends)
         evidence = why or "no parameter is followed"
     elif worst[0]:
-        kind, evidence = VerdictKind.VALVE, describe(worst[2])
+        kind, evidence, named = VerdictKind.VALVE, describe(worst[2]), worst[2].parameter
     else:
         kind = VerdictKind.OK
         evidence = f"largest drift: {describe(max(judged, key=_share))}"
-    return Verdict(stamp_ns, valve, kind, kind.text, evidence, cycle)
+    return Verdict(stamp_ns, valve, kind, kind.text, evidence, cycle, named)
 
 
 def _share(trend: Trend) -> float:

@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from valve_twin.core.records import Column as RecordColumn
     from valve_twin.core.records import Field
 
-SCHEMA_VERSION = "0004"
+SCHEMA_VERSION = "0005"
 """Revision of the schema of this code: the newest file in `migrations/versions`."""
 
 SCHEMA_TABLE = "valve_twin_schema"
@@ -200,7 +200,14 @@ ESTIMATE = Table(
     Index("ix_estimate_estimator", "valve_id", "estimator", "cycle"),
 )
 MAINTENANCE = Table("maintenance", METADATA, _id(), _valve(index=True), *_columns(Maintenance))
-VERDICT = Table("verdict", METADATA, _id(), _valve(index=True), *_columns(Verdict))
+VERDICT = Table(
+    "verdict",
+    METADATA,
+    _id(),
+    _valve(index=True),
+    *_columns(Verdict, "fault"),
+    Column("fault", Text, nullable=False, server_default=""),
+)
 
 
 def to_row(value: object, valve_id: int) -> dict[str, Any]:

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
 
     from sqlalchemy.engine import Connection
 
-_QUIET = (VerdictKind.OK, VerdictKind.NOT_ENOUGH_DATA)
-
 
 def add_verdict(connection: Connection, valve_id: int, verdict: Verdict) -> bool:
     """Store a verdict if it says something new; return whether it does.
@@ -51,13 +49,4 @@ def row_verdict(valve: str, row: Mapping[str, Any]) -> Verdict:
 def _is_new(verdict: Verdict, last: Mapping[str, Any]) -> bool:
     if verdict.cycle <= last["cycle"]:
         return False
-    if int(verdict.kind) != last["verdict"]:
-        return True
-    return verdict.kind not in _QUIET and _fault(verdict.evidence) != _fault(last["evidence"])
-
-
-def _fault(evidence: str) -> str:
-    """Return what is named: the words before the first number or comma."""
-    words = evidence.split(",", maxsplit=1)[0].split()
-    named = [w for w in words if not any(c.isdigit() for c in w)]
-    return " ".join(named)
+    return (int(verdict.kind), verdict.fault) != (last["verdict"], last["fault"])
