@@ -49,7 +49,7 @@ _LOG_WIDTH = 0.02
 _SINGULAR = 1e-12  # relative pivot below which columns count as dependent
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def absorb(
     level: FloatArray,
     place: FloatArray,
