@@ -8,7 +8,6 @@ import os
 import subprocess
 import sys
 import time
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,15 +29,6 @@ def some_domain() -> int:
 def cpu_s(pid: int) -> float:
     """Return the CPU time that a process has used, all its threads, user and system [s]."""
     return time.clock_gettime((~pid << 3) | 2)  # CPUCLOCK_SCHED of clock_getcpuclockid(3)
-
-
-def children(pid: int) -> tuple[int, ...]:
-    """Return the living children of a process."""
-    found: list[int] = []
-    for task in Path(f"/proc/{pid}/task").iterdir():
-        with suppress(OSError):
-            found += [int(n) for n in (task / "children").read_text().split()]
-    return tuple(found)
 
 
 class NodeProcess:
@@ -86,10 +76,6 @@ class NodeProcess:
     def cpu_s(self) -> float:
         """CPU time of the process itself [s]."""
         return cpu_s(self.pid)
-
-    def worker_cpu_s(self) -> float:
-        """CPU time of its children [s]."""
-        return sum(cpu_s(child) for child in children(self.pid))
 
     def memory(self) -> tuple[float, float]:
         """Resident memory and the share that is its own alone (RSS, USS) [MB]."""
