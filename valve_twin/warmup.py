@@ -9,7 +9,6 @@ what the demo of one valve needs; a node whose valve was left out compiles when 
 
 from __future__ import annotations
 
-import argparse
 import time
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -74,6 +73,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     argv : sequence of str, optional
         Arguments, default `sys.argv[1:]`.
     """
+    import argparse  # a twin runs what stands here, too, and needs a megabyte less without it
+
     from valve_twin.core import aging
 
     parser = argparse.ArgumentParser(prog="python -m valve_twin.warmup", description=__doc__)

@@ -78,7 +78,11 @@ def test_an_incompatible_quality_is_named_with_policy_and_remedy_and_heals(graph
     twin = Watched(graph, tmp_path, deadline_s=0.5, **given)
     plant = graph.stranger("plc")
     bad = plant.create_publisher(Float64Stamped, POSITION, QoSProfile(depth=10))
-    fault = twin.wait_for("input.qos", POSITION)
+    twin.wait_for("input.qos", POSITION)
+    fault = graph.spin_until(  # the network tells of a publisher first, then of its node
+        lambda: (f := twin.faults()[("input.qos", POSITION)]) and "/plant/plc" in f.evidence and f,
+        what="the publisher's name",
+    )
     assert "its publisher /plant/plc offers an incompatible DEADLINE" in fault.evidence
     assert "set deadline_s here" in fault.evidence
     assert fault.severity == Fault.ERROR
