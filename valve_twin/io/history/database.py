@@ -14,7 +14,6 @@ import sqlite3
 import threading
 from contextlib import contextmanager
 from enum import Enum
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -85,12 +84,6 @@ class Database:
     def is_sqlite(self) -> bool:
         """Whether this is a SQLite file."""
         return self.url.get_backend_name() == "sqlite"
-
-    def insert_new(self, table: sa.Table) -> Any:  # noqa: ANN401  each database has its own
-        """Return an insert that leaves rows alone whose key is taken, and counts the others."""
-        kind = "sqlite" if self.is_sqlite else "postgresql"  # that one is slow to import
-        insert = import_module(f"sqlalchemy.dialects.{kind}").insert(table)
-        return insert.on_conflict_do_nothing().execution_options(preserve_rowcount=True)
 
     def close(self) -> None:
         """Give all connections back."""

@@ -21,6 +21,7 @@ from sqlalchemy.exc import DBAPIError
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.claim import only_one
 from valve_twin.io.history.database import Database, Trouble
+from valve_twin.io.history.insert import Insert
 from valve_twin.io.history.tables import CYCLE, ESTIMATE, MAINTENANCE, VALVE, VERDICT
 
 if TYPE_CHECKING:
@@ -143,7 +144,7 @@ def _carry_over(old: Database, new: Database) -> str:
 def _carry_valve(
     source: Connection, sink: Connection, new: Database, name: str, old_id: int
 ) -> int:
-    sink.execute(new.insert_new(VALVE), {"name": name})
+    Insert(new, VALVE, skip_taken=True)(sink, [{"name": name}])
     new_id = sink.scalars(sa.select(VALVE.c.id).where(VALVE.c.name == name)).one()
     kept = {row["cycle"]: row for row in _rows(sink, CYCLE, new_id)}
     missing = []

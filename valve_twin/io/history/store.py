@@ -26,6 +26,7 @@ from valve_twin.io.history.export import (
     default_backup_path,
     export_files,
 )
+from valve_twin.io.history.insert import Insert
 from valve_twin.io.history.tables import (
     CYCLE,
     ESTIMATE,
@@ -97,8 +98,9 @@ class History:
         self._claims: dict[str, Claim] = {}
         self._repairing = threading.Lock()
         self.notices: deque[str] = deque(maxlen=100)
-        self._insert_valve = self._database.insert_new(VALVE)
-        self._insert_cycle = self._database.insert_new(CYCLE)
+        self._insert_valve = Insert(self._database, VALVE, skip_taken=True)
+        self._insert_cycle = Insert(self._database, CYCLE, skip_taken=True)
+        self._insert_estimates = Insert(self._database, ESTIMATE)
 
     def __enter__(self) -> History:
         """Return the history itself."""
@@ -363,11 +365,10 @@ class History:
         """Insert a cycle where its number is free; return if it was."""
         with self._database.write() as connection:
             valve_id = self._valve_id(connection, valve)
-            row = to_row(record, valve_id)
-            new = connection.execute(self._insert_cycle, row).rowcount == 1
+            new = self._insert_cycle(connection, [to_row(record, valve_id)]) == 1
             if new and estimates:
                 rows = [estimate_row(valve_id, i, e) for i, e in enumerate(estimates)]
-                connection.execute(ESTIMATE.insert(), rows)
+                self._insert_estimates(connection, rows)
         self._valve_ids[valve] = valve_id
         return new
 
@@ -375,7 +376,7 @@ class History:
         known = self._valve_ids.get(valve)
         if known is not None:
             return known
-        connection.execute(self._insert_valve, {"name": valve})
+        self._insert_valve(connection, [{"name": valve}])
         return int(
             connection.execute(sa.select(VALVE.c.id).where(VALVE.c.name == valve)).scalar_one()
         )
