@@ -43,6 +43,8 @@ class Drive:
         Samples at which alone the sensor freezes; None = none.
     lost_commands : (N,) bool array or None
         Samples whose command does not reach the valve; None = none.
+    seed : int
+        Seed of the simulation, for the noise of sensors inside the plant.
     """
 
     reference: FloatArray
@@ -56,6 +58,7 @@ class Drive:
     sensor_offset: float = 0.0
     freezes: BoolArray | None = None
     lost_commands: BoolArray | None = None
+    seed: int = 0
 
 
 @dataclass(frozen=True, slots=True)

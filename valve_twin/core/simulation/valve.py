@@ -297,6 +297,7 @@ class SimulatedValve:
             sensor_offset=offset,
             freezes=freezes,
             lost_commands=self._draw_lost_commands(count),
+            seed=self._seed,
         )
         response = plant.run(self._state, drive, self.config.period_s)
         noise = self._sensor_noise.standard_normal(count)

@@ -66,6 +66,12 @@ def test_sensors_have_the_stated_noise_and_steps(clean):
     np.testing.assert_allclose(stepped, np.round(stepped / 0.01) * 0.01, atol=1e-12)
 
 
+def test_every_seed_of_the_simulation_gives_every_sensor_its_own_noise(clean):
+    one, other = (cycle({"plant.sensor_quantum": 0.0}, seed=s).inputs[:, 1:] for s in (1, 2))
+    off = np.hstack([one, other]) - np.tile(clean.inputs[:, 1:], 2)
+    assert np.abs(np.corrcoef(off.T) - np.eye(16)).max() < 0.08
+
+
 def test_a_held_valve_does_not_move():
     valve = SimulatedValve(configure(default_simulation(), CLEAN), 1)
     valve.set_fault("stuck")

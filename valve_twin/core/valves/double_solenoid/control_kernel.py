@@ -23,6 +23,10 @@ from valve_twin.core.control.trajectory_set import (
 from valve_twin.core.valves.double_solenoid.plant_kernel import (
     COMMAND,
     FAILED,
+    LOG_A,
+    LOG_B,
+    LOG_VOLTS_A,
+    LOG_VOLTS_B,
     MEAN_A,
     PID_INTEGRAL,
     POSITION,
@@ -30,7 +34,6 @@ from valve_twin.core.valves.double_solenoid.plant_kernel import (
     SAMPLE_S,
     SPEED,
     VOLTS_A,
-    VOLTS_B,
     Valve,
     X,
     control_sample,
@@ -162,19 +165,20 @@ def run_valve(
     samples : int
         Control samples in a sample.
     position, inputs : (N,), (N, N_INPUTS) arrays
-        Overwritten: position [1]; setpoint, means of voltages and currents over the last control
-        sample [1].
+        Overwritten: position [1]; setpoint, means of voltages and currents over the sample before
+        [1].
     """
     work = s.copy()
     for n in range(len(position)):
         position[n] = s[POSITION] if s[FAILED] == 0.0 else math.nan
         inputs[n, 0] = wanted[n]
-        inputs[n, 1], inputs[n, 2] = s[VOLTS_A] / sensing.supply, s[VOLTS_B] / sensing.supply
         for j in range(2):
-            shown = s[MEAN_A + j]
+            inputs[n, 1 + j] = s[LOG_VOLTS_A + j] / sensing.supply
+            shown = s[LOG_A + j]
             if sensing.quantum > 0.0:
                 shown = round(shown / sensing.quantum) * sensing.quantum
             inputs[n, 3 + j] = shown / sensing.scale
+        s[LOG_VOLTS_A] = s[LOG_VOLTS_B] = s[LOG_A] = s[LOG_B] = 0.0
         if disturbance[n] != 0.0 and s[SPEED] != 0.0 and not stuck:
             moved = s[X] + 2.0 * v.half_stroke * disturbance[n]
             s[X] = min(max(moved, -v.stop), v.stop)
@@ -194,6 +198,9 @@ def run_valve(
                 command, s[PID_INTEGRAL] = pid_output(pid, error, speed, s[PID_INTEGRAL], SAMPLE_S)
             s[READ] = read
             control_sample(s, v, m, g, command, stuck)
+            for j in range(2):
+                s[LOG_VOLTS_A + j] += s[VOLTS_A + j] / samples
+                s[LOG_A + j] += s[MEAN_A + j] / samples
 
 
 @njit(cache=True)

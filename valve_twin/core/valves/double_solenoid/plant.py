@@ -44,6 +44,8 @@ from valve_twin.core.valves.double_solenoid.plant_kernel import (
     I_B,
     LEVEL_A,
     LEVEL_B,
+    LOG_A,
+    LOG_B,
     MEAN_A,
     MEAN_B,
     POSITION,
@@ -131,7 +133,7 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
         state = np.zeros(STATE_SIZE)
         state[POSITION] = 0.5
         state[[PSI_A, PSI_B]] = flux
-        state[[GA_1, GB_1, I_A, I_B, MEAN_A, MEAN_B]] = bias
+        state[[GA_1, GB_1, I_A, I_B, MEAN_A, MEAN_B, LOG_A, LOG_B]] = bias
         state[[LEVEL_A, LEVEL_B]] = 1.0
         return state
 

@@ -36,12 +36,14 @@ GA_1, GA_2, GB_1, GB_2, GF_1, GF_2 = 5, 6, 7, 8, 9, 10
 I_A, I_B, MEAN_A, MEAN_B, VOLTS_A, VOLTS_B = 11, 12, 13, 14, 15, 16
 LEVEL_A, LEVEL_B, CARRY_A, CARRY_B, INTEGRAL_A, INTEGRAL_B = 17, 18, 19, 20, 21, 22
 COMMAND, PID_INTEGRAL, READ, FORCE, FAILED, TIME = 23, 24, 25, 26, 27, 28
-STATE_SIZE = 29
+LOG_VOLTS_A, LOG_VOLTS_B, LOG_A, LOG_B = 29, 30, 31, 32
+STATE_SIZE = 33
 """Position [1]; x [m], speed [m/s], flux linkages [Wb]; states of G_A, G_B, G_F; currents of the
 last sub-step, their means over the last sample [A]; mean voltages of the last sample [V]; levels
 of the bridges [1], voltage not yet delivered and integral parts of the current controllers [V];
 output of the position controller and its integral part [1], last position read [m]; force [N]; 1
-after a value that is not finite; time [s]."""
+after a value that is not finite; time [s]; what is logged: mean voltages [V] and currents [A] of the
+last logged sample."""
 
 STEP_S = 1.25e-5
 """Step of the integration: an eighth of a control sample [s]; paper 000, section 2.2."""

@@ -42,6 +42,8 @@ if TYPE_CHECKING:
 SLOWEST_PERIOD_S = 4e-3
 """Slowest sampling that shows the modes of structure and fluid, about 100 Hz [s], assumed."""
 
+_SEEDS = 2**30  # of simulations, above the bits of `sensor_seed`
+
 
 def _q(
     default: float, unit: str, text: str, lower: float, upper: float, *, ages: bool = True
@@ -139,7 +141,9 @@ class ServoSystemPlant(ServoSystemNumbers, Plant):
         0.1,
         ages=False,
     )
-    sensor_seed: int = quantity(0, "1", "Seed of the sensors' noise", lower=0, upper=2**31)
+    sensor_seed: int = quantity(
+        0, "1", "Seed of the sensors' noise, beside that of the simulation", lower=0, upper=2**31
+    )
     tolerance: float = _q(
         1e-5, "1", "Allowed relative error of an integration step", 1e-10, 1e-2, ages=False
     )
@@ -184,7 +188,7 @@ class ServoSystemPlant(ServoSystemNumbers, Plant):
         run_plant(
             state,
             self.numbers(),
-            self.sensors(),
+            self.sensors(drive.seed),
             float(self.tolerance),
             float(period_s),
             np.ascontiguousarray(wanted),
@@ -226,8 +230,8 @@ class ServoSystemPlant(ServoSystemNumbers, Plant):
         derive(p)
         return p
 
-    def sensors(self) -> Sensors:
-        """Return the numbers of the sensors for the compiled functions."""
+    def sensors(self, seed: int = 0) -> Sensors:
+        """Return the numbers of the sensors; their noise differs with the simulation's `seed`."""
         return Sensors(
             current=float(self.current_scale),
             valve=float(self.valve_scale),
@@ -236,7 +240,7 @@ class ServoSystemPlant(ServoSystemNumbers, Plant):
             speed=float(self.speed_scale),
             noise=float(self.sensor_noise),
             quantum=float(self.sensor_quantum),
-            seed=int(self.sensor_seed),
+            seed=int(self.sensor_seed) + (seed % _SEEDS << 32),
         )
 
 
