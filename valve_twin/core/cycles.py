@@ -30,6 +30,7 @@ from valve_twin.core.cycle_rules import (
     mark_reference,
 )
 from valve_twin.core.gaps import PERIOD_TOLERANCE, count_lost, extreme_steps, gap_ns
+from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.state import Part, SegmenterState
 from valve_twin.core.types import (
     ByteArray,
@@ -354,36 +355,40 @@ class Segmenter:
             lost=lost,
             missed_cycles=self._missed,
             accepted=not problem,
-            reason=f"{problem}; {why.value}" if problem else why.value,
+            reason=Refusal(problem.code, f"{problem}; {why.value}") if problem else why.value,
             reproducible=self._reproducible and lost == 0,
         )
         self._parts, self._loose, self._number, self._reproducible = [], [], 0, True
         return [cycle]
 
-    def _off_period(self, stamp_ns: IntArray) -> str:
-        """Say that the sampling time is not the configured one, empty if it is."""
+    def _off_period(self, stamp_ns: IntArray) -> Refusal | None:
+        """Say that the sampling time is not the configured one, None if it is."""
         tolerance = PERIOD_TOLERANCE * self._period_s
         least, most = extreme_steps(stamp_ns)
         if len(stamp_ns) > 1 and (
             max(self._period_s - 1e-9 * least, 1e-9 * most - self._period_s) <= tolerance
         ):
-            return ""  # where no step is off, neither is the median, which costs more
+            return None  # where no step is off, neither is the median, which costs more
         step_s = 1e-9 * float(np.median(np.diff(stamp_ns)))
         if abs(step_s - self._period_s) <= tolerance:
-            return ""
-        return (
+            return None
+        text = (
             f"the stamps are {step_s:.4g} s apart (median) but period_s is "
             f"{self._period_s:g} s: correct period_s"
         )
+        return Refusal(RefusalCode.WRONG_PERIOD, text)
 
-    def _too_short(self, samples: int, why: Closing) -> str:
-        """Say why a cycle of that many samples cannot be estimated, empty if it can."""
+    def _too_short(self, samples: int, why: Closing) -> Refusal | None:
+        """Say why a cycle of that many samples cannot be estimated, None if it can."""
         usual = float(median(self._lengths)) if self._lengths else 0.0
         if why is not Closing.END:
             self._lengths.append(samples)
         elif samples < USUAL_SHARE * usual:
-            return f"cut off: {samples} samples of the usual {usual:.0f}"
-        return f"{samples} samples, fewer than {MIN_SAMPLES}" if samples < MIN_SAMPLES else ""
+            text = f"cut off: {samples} samples of the usual {usual:.0f}"
+            return Refusal(RefusalCode.CYCLE_TOO_SHORT, text)
+        if samples >= MIN_SAMPLES:
+            return None
+        return Refusal(RefusalCode.CYCLE_TOO_SHORT, f"{samples} samples, fewer than {MIN_SAMPLES}")
 
 
 def _column(name: str, inputs: tuple[str, ...], key: str) -> int:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.refusal import Refusal
 from valve_twin.core.types import (
     Estimate,
     EstimateStatus,
@@ -77,7 +78,7 @@ class CycleTimingModel(ValveModel):
                 estimator=ESTIMATOR,
                 parameters=_values(timing, options),
                 status=status,
-                reason="; ".join(reasons) or "accepted",
+                reason=Refusal(reasons[0].code, "; ".join(reasons)) if reasons else "accepted",
                 noise_sigma=timing.noise,
                 counts=MaskCounts(timing.used, bad=bad),
                 **cycle.origin,

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.refusal import Refusal, RefusalCode
+
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, Cycle, FloatArray
     from valve_twin.core.valves.cycle_timing.parameters import CycleTimingOptions
@@ -38,8 +40,8 @@ class Timing:
         Standard deviation of the steady flow [unit of the flow].
     used : int
         Samples that carried weight.
-    spike_refusal, steady_refusal : str
-        Why there is no instant, or no steady flow; empty where there is.
+    spike_refusal, steady_refusal : Refusal, optional
+        Why there is no instant, or no steady flow.
     """
 
     instant: float = np.nan
@@ -49,8 +51,8 @@ class Timing:
     steady: float = np.nan
     noise: float = np.nan
     used: int = 0
-    spike_refusal: str = ""
-    steady_refusal: str = ""
+    spike_refusal: Refusal | None = None
+    steady_refusal: Refusal | None = None
 
 
 def find_timing(cycle: Cycle, options: CycleTimingOptions) -> Timing:
@@ -75,7 +77,7 @@ def find_timing(cycle: Cycle, options: CycleTimingOptions) -> Timing:
     if not steady_refusal:
         steady, noise = float(flow[rests].mean()), float(flow[rests].std())
     found = _spike(t, flow, known, steady, period, options)
-    if isinstance(found, str):
+    if isinstance(found, Refusal):
         return Timing(
             steady=steady,
             noise=noise,
@@ -92,7 +94,7 @@ def find_timing(cycle: Cycle, options: CycleTimingOptions) -> Timing:
         steady,
         noise,
         n_spike + n_steady * (not steady_refusal),
-        "",
+        None,
         steady_refusal,
     )
 
@@ -129,24 +131,27 @@ def _spike(
     steady: float,
     period: float,
     options: CycleTimingOptions,
-) -> tuple[float, float, float, float, int] | str:
+) -> tuple[float, float, float, float, int] | Refusal:
     """Return instant, rise [s], peak [flow], decay [s] and samples used, or why there is none."""
     start, end = options.spike_start_s, options.spike_end_s
     half = options.spike_half_width_s
     near = (t >= start - half) & (t <= end + half)
     wanted = round((end - start + 2.0 * half) / period)
     if int(np.count_nonzero(near & known)) < wanted or not known[near].all():
-        return f"the flow is not whole from {start - half:g} to {end + half:g} s of the cycle"
+        text = f"the flow is not whole from {start - half:g} to {end + half:g} s of the cycle"
+        return Refusal(RefusalCode.GAPS, text)
     at, q = t[near], flow[near]
     searched = (at >= start) & (at <= end)
     top = int(np.argmax(np.where(searched, q, -np.inf)))
     peak, least = float(q[top]), options.min_spike_ratio
     floor = steady if np.isfinite(steady) else float(np.median(q))
     if not peak > least * max(floor, 0.0):
-        return f"no spike from {start:g} to {end:g} s: peak {peak:.4g}, steady flow {floor:.4g}"
+        text = f"no spike from {start:g} to {end:g} s: peak {peak:.4g}, steady flow {floor:.4g}"
+        return Refusal(RefusalCode.NO_MOTION, text)
     instant = self_centred(at, np.maximum(q, 0.0), float(at[top]), half)
     if not start <= instant <= end:
-        return f"the spike lies at {instant:.3f} s, outside {start:g} to {end:g} s"
+        text = f"the spike lies at {instant:.3f} s, outside {start:g} to {end:g} s"
+        return Refusal(RefusalCode.NOT_EXCITED, text)
     return instant, *_shape(at, q, top, floor, period), len(q)
 
 
@@ -163,8 +168,9 @@ def _shape(
     return rise, peak, decay
 
 
-def _few(count: int, start: float, end: float, period: float) -> str:
+def _few(count: int, start: float, end: float, period: float) -> Refusal | None:
     wanted = max(_LEAST_STEADY, round(0.5 * (end - start) / period))
     if count >= wanted:
-        return ""
-    return f"{count} samples of flow from {start:g} to {end:g} s, fewer than {wanted}"
+        return None
+    text = f"{count} samples of flow from {start:g} to {end:g} s, fewer than {wanted}"
+    return Refusal(RefusalCode.FEW_SAMPLES, text)

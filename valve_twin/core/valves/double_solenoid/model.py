@@ -14,6 +14,7 @@ from valve_twin.core.estimation.data.robust import difference_sigma
 from valve_twin.core.gaps import find_gaps
 from valve_twin.core.physics.solenoid_map import CURRENT_NODES
 from valve_twin.core.quantity import QuantityError
+from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import (
     Estimate,
     EstimateStatus,
@@ -165,23 +166,25 @@ def _valve(options: DoubleSolenoidOptions) -> tuple[DoubleSolenoidPlant | None, 
     try:
         return known_valve(options, {}), ""
     except QuantityError as error:
-        return None, error.reason
+        return None, Refusal(RefusalCode.OPTIONS, error.reason)
     except ValueError as error:  # of the curves
-        return None, str(error)
+        return None, Refusal(RefusalCode.OPTIONS, str(error))
 
 
 def _refusal(cycle: Cycle, known: BoolArray) -> str:
     if cycle.period_s > LONGEST_PERIOD_S:
-        return (
+        text = (
             f"sampled every {cycle.period_s:g} s: currents that change in 0.3 ms need "
             f"{LONGEST_PERIOD_S:g} s or faster"
         )
+        return Refusal(RefusalCode.WRONG_PERIOD, text)
     count = int(np.count_nonzero(known))
     if count < _FEWEST:
-        return f"{count} usable samples, fewer than {_FEWEST}"
+        return Refusal(RefusalCode.FEW_SAMPLES, f"{count} usable samples, fewer than {_FEWEST}")
     gaps = int(np.count_nonzero(find_gaps(cycle.frames.stamp_ns, cycle.period_s)))
     if gaps:
-        return f"{gaps} gaps: voltages and currents are summed up over the samples"
+        text = f"{gaps} gaps: voltages and currents are summed up over the samples"
+        return Refusal(RefusalCode.GAPS, text)
     return ""
 
 
@@ -191,7 +194,8 @@ def _beyond(record: Record, valve: DoubleSolenoidPlant) -> str:
     largest = float(max(np.abs(record.current_a).max(), np.abs(record.current_b).max()))
     if largest <= end:
         return ""
-    return f"a current of {largest:.3g} A lies beyond the curves, which end at {end:g} A"
+    text = f"a current of {largest:.3g} A lies beyond the curves, which end at {end:g} A"
+    return Refusal(RefusalCode.IMPLAUSIBLE, text)
 
 
 def _record(cycle: Cycle, valve: DoubleSolenoidPlant, known: BoolArray) -> Record:
@@ -297,7 +301,8 @@ def _estimate(
     withheld = [v.name for v in values if not np.isfinite(v.value)]
     status, reason = verdict(withheld, "withheld")
     if refused or len(withheld) == len(values):
-        status, reason = EstimateStatus.REFUSED, refused or values[0].reason
+        hidden = Refusal(RefusalCode.NOT_EXCITED, values[0].reason)
+        status, reason = EstimateStatus.REFUSED, refused or hidden
     noise = float("nan")
     if valve is not None:
         noise = _rest_noise(np.nan_to_num(cycle.frames.position[known]))

@@ -12,6 +12,7 @@ import numpy as np
 from valve_twin.core.estimation.cycle.plausibility import normalised_fault
 from valve_twin.core.estimation.data.robust import difference_sigma
 from valve_twin.core.gaps import find_gaps
+from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import (
     Estimate,
     EstimateStatus,
@@ -156,16 +157,17 @@ def _known(cycle: Cycle) -> BoolArray:
 
 
 def _refusal(cycle: Cycle, options: HybridActuatorOptions, known: BoolArray) -> str:
-    if refusal_of(options):
-        return refusal_of(options)
-    if check_period(cycle.period_s):
-        return check_period(cycle.period_s)
+    if conflict := refusal_of(options):
+        return Refusal(RefusalCode.OPTIONS, conflict)
+    if slow := check_period(cycle.period_s):
+        return Refusal(RefusalCode.WRONG_PERIOD, slow)
     count = int(np.count_nonzero(known))
     if count < _FEWEST:
-        return f"{count} usable samples, fewer than {_FEWEST}"
+        return Refusal(RefusalCode.FEW_SAMPLES, f"{count} usable samples, fewer than {_FEWEST}")
     gaps = int(np.count_nonzero(find_gaps(cycle.frames.stamp_ns, cycle.period_s)))
     if gaps:
-        return f"{gaps} gaps: pulses and flights are timed by counting samples"
+        text = f"{gaps} gaps: pulses and flights are timed by counting samples"
+        return Refusal(RefusalCode.GAPS, text)
     return ""
 
 
@@ -277,7 +279,8 @@ def _estimate(
     withheld = [v.name for v in values if not np.isfinite(v.value)]
     status, reason = verdict(withheld, "withheld")
     if refused or len(withheld) == len(values):
-        status, reason = EstimateStatus.REFUSED, refused or "neither pulse nor stroke in the cycle"
+        still = Refusal(RefusalCode.NOT_EXCITED, "neither pulse nor stroke in the cycle")
+        status, reason = EstimateStatus.REFUSED, refused or still
     count = len(cycle.frames)
     known = int(np.count_nonzero(_known(cycle)))
     return Estimate(

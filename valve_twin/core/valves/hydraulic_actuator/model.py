@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import (
     Estimate,
     EstimateStatus,
@@ -141,12 +142,15 @@ def _shown(record: Record, options: HydraulicActuatorOptions) -> tuple[bool, boo
 def _refusal(record: Record, options: HydraulicActuatorOptions) -> str:
     used, wanted = int(np.count_nonzero(record.used)), options.min_samples
     if used < wanted:
-        return f"{used} usable samples without a gap, fewer than min_samples {wanted}"
+        text = f"{used} usable samples without a gap, fewer than min_samples {wanted}"
+        return Refusal(RefusalCode.FEW_SAMPLES, text)
     if float(np.ptp(record.pressure[record.used])) == 0.0:
-        return f"the pressure stayed at {record.pressure[0]:.4g}: the cycle shows nothing"
+        text = f"the pressure stayed at {record.pressure[0]:.4g}: the cycle shows nothing"
+        return Refusal(RefusalCode.NO_MOTION, text)
     if not any(_shown(record, options)):
         least = options.min_opening
-        return f"the valve opened by less than min_opening {least:g}: the cycle excites nothing"
+        text = f"the valve opened by less than min_opening {least:g}: the cycle excites nothing"
+        return Refusal(RefusalCode.NOT_EXCITED, text)
     return ""
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from valve_twin.core.estimation.cycle.plausibility import normalised_fault
 from valve_twin.core.quantity import quantity, setting
+from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import Estimate, EstimateStatus, ParameterStatus, ParameterValue
 from valve_twin.core.valves.interface import ValveModel
 from valve_twin.core.valves.kit.fit import fit_free_run
@@ -169,13 +170,16 @@ def _refusal(record: Record, max_lag: int, options: LawOptions) -> str:
     n = int(np.count_nonzero(record.used))
     wanted = max(options.min_samples, 2 * max_lag)
     if n < wanted:
-        return f"{n} usable samples without a gap, fewer than {wanted} (min_samples)"
+        text = f"{n} usable samples without a gap, fewer than {wanted} (min_samples)"
+        return Refusal(RefusalCode.FEW_SAMPLES, text)
     output = record.output[record.used]
     span, least = float(np.ptp(output)), options.min_motion
     if span < least or span == 0.0:
-        return f"the output moved by {span:.3g}, less than min_motion {least:g}"
+        text = f"the output moved by {span:.3g}, less than min_motion {least:g}"
+        return Refusal(RefusalCode.NO_MOTION, text)
     if not np.ptp(record.inputs, axis=0).any():
-        return f"the inputs stayed at {record.inputs[0]}: the cycle excites nothing"
+        text = f"the inputs stayed at {record.inputs[0]}: the cycle excites nothing"
+        return Refusal(RefusalCode.NOT_EXCITED, text)
     return ""
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from valve_twin.core.estimation.data.masks import MaskOptions, find_masks
 from valve_twin.core.estimation.data.noise import rest_noise
 from valve_twin.core.gaps import find_gaps
+from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import MaskCounts
 from valve_twin.core.valves.positioner.fit import Record
 from valve_twin.core.valves.positioner.kernels import MAX_LAG
@@ -139,11 +140,14 @@ def _refusal(record: Record, max_lag: int, options: PositionerOptions) -> str:
     n = int(np.count_nonzero(record.used))
     least = max_lag + _LEAST_BEYOND_LAG
     if n < least:
-        return f"{n} usable samples without a gap, fewer than the {least} a fit needs"
+        text = f"{n} usable samples without a gap, fewer than the {least} a fit needs"
+        return Refusal(RefusalCode.FEW_SAMPLES, text)
     span = float(np.ptp(record.position[record.used]))
     wanted = options.min_motion
     if span < wanted:
-        return f"the position moved by {span:.3g} of the stroke, less than min_motion {wanted:g}"
+        text = f"the position moved by {span:.3g} of the stroke, less than min_motion {wanted:g}"
+        return Refusal(RefusalCode.NO_MOTION, text)
     if float(np.ptp(record.command)) == 0.0:
-        return f"the command stayed at {record.command[0]:.3g}: the cycle excites nothing"
+        text = f"the command stayed at {record.command[0]:.3g}: the cycle excites nothing"
+        return Refusal(RefusalCode.NOT_EXCITED, text)
     return ""

@@ -23,6 +23,7 @@ from valve_twin.core.estimation.solvers.least_squares import (
     unit_diagonal,
 )
 from valve_twin.core.physics.hysteresis import PLAYS
+from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.valves.servo_system.dynamics import STATES, TH, XP
 from valve_twin.core.valves.servo_system.integrate import rest, simulate
 from valve_twin.core.valves.servo_system.numbers import ARM, REACH, STROKE, derive
@@ -404,4 +405,5 @@ def _failure(problem: _Problem, reason: str) -> LoopFit:
     nothing = np.full(len(NAMES), np.nan)
     none = np.zeros(len(NAMES), dtype=np.bool_)
     nan = float("nan")
-    return LoopFit(nothing, nothing, none, none, nan, "", nan, nan, reason)
+    failed = Refusal(RefusalCode.NO_CONVERGENCE, reason)
+    return LoopFit(nothing, nothing, none, none, nan, "", nan, nan, failed)

@@ -11,6 +11,7 @@ import numpy as np
 
 from valve_twin.core.estimation.cycle.plausibility import normalised_fault
 from valve_twin.core.estimation.data.robust import NORMAL_975
+from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import (
     Estimate,
     EstimateStatus,
@@ -150,11 +151,12 @@ def _misfit(fit: LoopFit, options: ServoSystemOptions) -> str:
     limit = options.max_misfit
     if fit.misfit <= limit:
         return ""
-    return (
+    text = (
         f"the loop leaves {fit.misfit:.2g} times the noise of the signals, more than max_misfit "
         f"{limit:g}, most in {fit.worst} ({fit.worst_misfit:.2g}): the cycle does not begin at "
         "rest, an option is wrong or a fault is not in the equations"
     )
+    return Refusal(RefusalCode.MISFIT, text)
 
 
 def _value(fit: LoopFit, i: int, max_error: float) -> ParameterValue:

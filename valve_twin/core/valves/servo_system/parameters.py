@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.quantity import describe, quantity, setting
+from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import Parameter
 from valve_twin.core.valves.servo_system.numbers import COUNT, PHYSICAL, derive
 from valve_twin.core.valves.servo_system.plant import ServoSystemNumbers, check_numbers
@@ -78,7 +79,8 @@ class ServoSystemOptions(ServoSystemNumbers):
 
 def refusal_of(options: ServoSystemOptions) -> str:
     """Return which option contradicts another, empty if none."""
-    return check_numbers({name: getattr(options, name) for name in PHYSICAL})
+    conflict = check_numbers({name: getattr(options, name) for name in PHYSICAL})
+    return Refusal(RefusalCode.OPTIONS, conflict) if conflict else ""
 
 
 def numbers(options: ServoSystemOptions, values: Mapping[str, float]) -> FloatArray:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.estimation.data.robust import difference_sigma
+from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.valves.servo_system.plant_kernel import INPUTS
 
 if TYPE_CHECKING:
@@ -67,22 +68,25 @@ def take_record(cycle: Cycle) -> tuple[Record | None, str]:
         One cycle that begins at rest.
     """
     if cycle.period_s > SLOWEST_PERIOD_S:
-        return None, (
+        text = (
             f"sampled every {cycle.period_s:g} s: the modes of structure and fluid need a "
             f"period_s from 0 to {SLOWEST_PERIOD_S:g} s"
         )
+        return None, Refusal(RefusalCode.WRONG_PERIOD, text)
     frames = cycle.frames
     index = np.round((frames.stamp_ns - frames.stamp_ns[0]) / (1e9 * cycle.period_s))
     index = index.astype(np.int64)
     missing = int(np.diff(index).max(initial=1)) - 1
     if missing > _LONGEST_GAP:
-        return None, (
+        text = (
             f"a gap of {missing} samples, more than {_LONGEST_GAP}: what was wanted there is "
             "not known"
         )
+        return None, Refusal(RefusalCode.GAPS, text)
     bad = len(frames) - int(np.count_nonzero(frames.valid))
     if bad > (1.0 - _LEAST_SHARE) * len(frames):
-        return None, f"{bad} of {len(frames)} samples are not valid"
+        text = f"{bad} of {len(frames)} samples are not valid"
+        return None, Refusal(RefusalCode.FEW_SAMPLES, text)
     values = np.full((int(index[-1]) + 1, len(INPUTS) + 1), np.nan)
     values[index, 0] = frames.position
     values[index, 1:] = frames.inputs
@@ -108,23 +112,25 @@ def excitation_of(record: Record, options: ServoSystemOptions) -> str:
     y = record.measured[record.weight[:, 0] > 0.0, 0]
     span, wanted = float(np.ptp(y)), options.min_motion
     if span < wanted:
-        return f"the piston moved by {span:.3g} of the stroke, less than min_motion {wanted:g}"
+        text = f"the piston moved by {span:.3g} of the stroke, less than min_motion {wanted:g}"
+        return Refusal(RefusalCode.NO_MOTION, text)
     return ""
 
 
 def _refusal(usable: BoolArray, wanted: BoolArray) -> str:
     count = len(usable)
     if count < _FEWEST:
-        return f"{count} samples, fewer than {_FEWEST}"
+        return Refusal(RefusalCode.FEW_SAMPLES, f"{count} samples, fewer than {_FEWEST}")
     shares = dict(zip(SIGNALS, usable.mean(axis=0), strict=True))
     shares[INPUTS[0]] = wanted.mean()
     for name, share in shares.items():
         if share < _LEAST_SHARE:
             bad = round((1.0 - share) * count)
-            return (
+            text = (
                 f"{name}: {bad} of {count} values are missing, no numbers or beyond "
                 f"{_BELIEVED:g}; {_LEAST_SHARE:g} of them must be usable"
             )
+            return Refusal(RefusalCode.FEW_SAMPLES, text)
     return ""
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from valve_twin.core.estimation.cycle.plausibility import normalised_fault
 from valve_twin.core.estimation.recursive.estimator import Adaptation, Structure, project_stable
 from valve_twin.core.estimation.solvers.least_squares import gram_condition
+from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import (
     Estimate,
     EstimateStatus,
@@ -99,7 +100,8 @@ class StepperServoModel(CompiledModel):
         record, lost, bad = take_record(cycle)
         names = dict.fromkeys((MECHANICS, *options.estimators))
         counts = MaskCounts(int(record.used.sum()), bad=bad + lost)
-        refusal = check_period(cycle.period_s) or refusal_of(record, options)
+        slow = check_period(cycle.period_s)
+        refusal = Refusal(RefusalCode.WRONG_PERIOD, slow) if slow else refusal_of(record, options)
         if refusal:
             return tuple(_refused(self.name, name, cycle, refusal, counts) for name in names)
         values, thread = mechanics(

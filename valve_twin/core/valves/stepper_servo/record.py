@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.valves.kit.record import longest_stretch
 from valve_twin.core.valves.stepper_servo.fit import Record
 from valve_twin.core.valves.stepper_servo.predictor import MAX_LAG
@@ -42,13 +43,16 @@ def refusal_of(record: Record, options: StepperServoOptions) -> str:
     """Return why a record cannot be fitted, empty if it can."""
     usable = int(record.used.sum())
     if usable < _LEAST_SAMPLES:
-        return f"{usable} usable samples without a gap, fewer than the {_LEAST_SAMPLES} needed"
+        text = f"{usable} usable samples without a gap, fewer than the {_LEAST_SAMPLES} needed"
+        return Refusal(RefusalCode.FEW_SAMPLES, text)
     span = float(np.ptp(record.position[record.used]))
     wanted = options.min_motion
     if span < wanted:
-        return f"the position moved by {span:.3g} of the stroke, less than min_motion {wanted:g}"
+        text = f"the position moved by {span:.3g} of the stroke, less than min_motion {wanted:g}"
+        return Refusal(RefusalCode.NO_MOTION, text)
     if float(np.ptp(record.motor)) == 0.0:
-        return f"motor_position stayed at {record.motor[0]:.3g}: the cycle excites nothing"
+        text = f"motor_position stayed at {record.motor[0]:.3g}: the cycle excites nothing"
+        return Refusal(RefusalCode.NOT_EXCITED, text)
     return ""
 
 
@@ -69,10 +73,11 @@ def misfit(record: Record, thread: ThreadFit, options: StepperServoOptions) -> s
     least = options.min_fit
     if fit >= least:
         return ""
-    return (
+    text = (
         f"the screw explains {fit:.0f} % of the position, less than min_fit {least:g}: "
         "are motor_position and spool_position swapped, inverted or in another unit?"
     )
+    return Refusal(RefusalCode.MISFIT, text)
 
 
 def longest_delay(options: StepperServoOptions, period_s: float) -> float:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import (
     EstimateStatus,
     FloatArray,
@@ -194,11 +195,13 @@ def fit_equation_error(
         msg = f"solver {options.solver!r} is not known; choose exact or cvxpy"
         raise ValueError(msg)
     if lag < 0:
-        return _refused(estimator, terms, lag, _counts(masks, 0), "the lag is not known")
+        unknown = Refusal(RefusalCode.LAG_UNKNOWN, "the lag is not known")
+        return _refused(estimator, terms, lag, _counts(masks, 0), unknown)
     rows = usable_rows(frames, masks, lag, keep_stale=options.keep_stale)
     need = MIN_ROWS_PER_TERM * len(terms)
     if len(rows) < need:
-        reason = f"{len(rows)} usable rows of {len(frames)} samples, {need} needed"
+        text = f"{len(rows)} usable rows of {len(frames)} samples, {need} needed"
+        reason = Refusal(RefusalCode.FEW_SAMPLES, text)
         return _refused(estimator, terms, lag, _counts(masks, len(rows)), reason)
     inflow, outflow = (
         assess_input(frames, rows, lag, k, noise_sigma=noise_sigma, options=options.guard)
@@ -283,7 +286,8 @@ def _physical_part(
 def _solve(frames: Frames, rows: IntArray, lag: int, problem: _Problem, solver: str) -> QpSolution:
     """Solve with the chosen solver; unsolved without a moving spool."""
     if 1 not in problem.fitted or len(problem.fitted) < 2:
-        return unsolved(problem.limits, problem.reasons[0] or "only one term is excited")
+        text = problem.reasons[0] or "only one term is excited"
+        return unsolved(problem.limits, Refusal(RefusalCode.NOT_EXCITED, text))
     if solver == "cvxpy":
         u, y = design(frames, rows, lag)
         return solve_qp_cvxpy(u[:, np.asarray(problem.fitted) - 1], y, problem.limits)

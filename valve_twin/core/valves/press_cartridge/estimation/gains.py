@@ -15,6 +15,7 @@ import numpy as np
 
 from valve_twin.core.estimation.data.robust import NORMAL_975
 from valve_twin.core.estimation.solvers.least_squares import gram_condition
+from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import (
     BoolArray,
     EstimateStatus,
@@ -162,7 +163,8 @@ def prepare_cycle(
         for k in (0, 1)
     )
     if not (inflow.excited or outflow.excited):
-        return f"inflow: {inflow.reason}; outflow: {outflow.reason}"
+        text = f"inflow: {inflow.reason}; outflow: {outflow.reason}"
+        return Refusal(RefusalCode.NOT_EXCITED, text)
     hold = hold_samples(run, lag, options)
     columns = np.array(
         [inflow.excited, inflow.graded, outflow.excited, outflow.graded, hold >= options.min_hold]
@@ -175,9 +177,10 @@ def _unusable(run: Run, options: OutputErrorOptions) -> str:
     used = int(np.count_nonzero(run.use))
     least = options.max_lag + 3 * N_LINEAR
     if used < least:
-        return f"{used} usable samples, {least} needed"
+        return Refusal(RefusalCode.FEW_SAMPLES, f"{used} usable samples, {least} needed")
     if float(np.ptp(run.position[run.use])) == 0.0:
-        return f"the position stays at {run.position[run.use][0]:.3g}"
+        text = f"the position stays at {run.position[run.use][0]:.3g}"
+        return Refusal(RefusalCode.NO_MOTION, text)
     return ""
 
 

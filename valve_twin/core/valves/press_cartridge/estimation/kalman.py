@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.estimation.data.robust import robust_sigma
+from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.valves.press_cartridge.estimation.free_run import (
     OutputErrorOptions,
     Phases,
@@ -118,8 +119,8 @@ def fit_kalman(
     alone, ratio, solution = problem.search(noise_ratio, prior)
     fitted = int(np.count_nonzero(solution.linear)) + (options.pole < 0.0)
     if solution.rows <= fitted + N_LINEAR:
-        reason = f"{solution.rows} usable samples off the seats, {fitted + N_LINEAR + 1} needed"
-        return refused_fit(reason, masks)
+        text = f"{solution.rows} usable samples off the seats, {fitted + N_LINEAR + 1} needed"
+        return refused_fit(Refusal(RefusalCode.FEW_SAMPLES, text), masks)
     spread = _SPREAD if noise_ratio < 0.0 else (0.0,)
     covariance = problem.covariance(ratio, solution, prior, spread)
     fit = gain_fit(prepared, solution, masks, options, noise_ratio=alone, covariance=covariance)

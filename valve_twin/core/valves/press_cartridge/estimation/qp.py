@@ -24,6 +24,7 @@ from valve_twin.core.estimation.solvers.active_set import (
     minimise,
 )
 from valve_twin.core.estimation.solvers.small_qp import SOLVED, solve_small
+from valve_twin.core.refusal import Refusal, RefusalCode
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray
@@ -141,7 +142,8 @@ def solve_qp_general(gram: Gram, inequalities: Inequalities) -> QpSolution:
     shut = (np.diag(problem.g) == 0.0) & (np.abs(s) <= ACTIVE)
     theta = _exact_bounds(np.where(shut, 0.0, s / unit), active, inequalities)
     solved = kkt <= KKT_TOLERANCE
-    reason = "" if solved else f"the solver stopped at a residual of {kkt:.1e}"
+    text = f"the solver stopped at a residual of {kkt:.1e}"
+    reason = "" if solved else Refusal(RefusalCode.NO_CONVERGENCE, text)
     return QpSolution(theta, active, quadratic_cost(gram, theta), kkt, solved, reason)
 
 

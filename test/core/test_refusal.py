@@ -1,0 +1,23 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Codes of refusals: they travel with their line."""
+
+import copy
+import pickle
+
+import pytest
+
+from valve_twin.core.refusal import Refusal, RefusalCode, code_of
+
+
+@pytest.mark.parametrize(
+    "carry", [copy.copy, copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))]
+)
+def test_a_refusal_keeps_line_and_code_in_a_copy_and_in_another_process(carry):
+    carried = carry(Refusal(RefusalCode.GAPS, "3 gaps"))
+    assert carried == "3 gaps"
+    assert code_of(carried) == "gaps"
+
+
+def test_a_line_without_a_code_is_other():
+    assert code_of("the seal is blue") == "other"
