@@ -18,6 +18,7 @@ from valve_twin.io.history.store import History
 from valve_twin.io.offline.run import join_predictions
 from valve_twin.report.data import ReportData
 from valve_twin.report.page import write_report
+from valve_twin.report.signals import signals_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -78,6 +79,8 @@ def report_bag(
         written_ns=time.time_ns(),
         notes=trivial_note(record),
         budget=budget,
+        cycle=record.last,
+        signals=signals_of(record.last, model, config.options) if record.last else (),
     )
     return write_report(data, out)
 

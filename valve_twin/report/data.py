@@ -11,9 +11,10 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from valve_twin.core.aging import Assessment
-    from valve_twin.core.types import Estimate, Maintenance, Parameter, Prediction
+    from valve_twin.core.types import Cycle, Estimate, Maintenance, Parameter, Prediction
     from valve_twin.core.valves.error_budget import Budget
     from valve_twin.io.history.tables import CycleRecord
+    from valve_twin.report.signals import Signal
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +52,10 @@ class ReportData:
         Further sentences for the reader, e.g. what a trivial model reaches.
     budget : Budget or None
         What each source of error does to each parameter; None = not asked for.
+    cycle : Cycle or None
+        The samples of the last estimated cycle, all signals; None = not kept.
+    signals : tuple of Signal
+        Those signals in their units.
     """
 
     valve: str
@@ -68,6 +73,8 @@ class ReportData:
     written_ns: int = 0
     notes: tuple[str, ...] = ()
     budget: Budget | None = None
+    cycle: Cycle | None = None
+    signals: tuple[Signal, ...] = ()
 
     @property
     def aging(self) -> bool:

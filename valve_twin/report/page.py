@@ -15,6 +15,7 @@ from valve_twin.io.errors import ValveTwinError
 from valve_twin.report.budget import budget_section
 from valve_twin.report.faults import faults_section
 from valve_twin.report.plots import Marks, has_line, plot_cycle, plot_parameter
+from valve_twin.report.signals import plot_signals
 from valve_twin.report.tables import (
     STATUS_WORDS,
     estimates_table,
@@ -107,6 +108,7 @@ def render_report(data: ReportData) -> str:
         light=_light(data),
         facts=_facts(data),
         cycle_plot=plot_cycle(prediction) if prediction is not None and seen else "",
+        signal_plot=_signal_plot(data),
         figures=_figures(data, pairs),
         legend_keys=_legend_keys(data, pairs),
         life=life_table([trend for trend, _ in pairs.values()]),
@@ -118,6 +120,13 @@ def render_report(data: ReportData) -> str:
         quality=quality(data),
         versions=sorted({c.software for c in data.cycles if c.software}),
     )
+
+
+def _signal_plot(data: ReportData) -> Markup | str:
+    """Draw all signals of the last estimated cycle; empty without its samples."""
+    if data.cycle is None or len(data.cycle.frames) < 2:
+        return ""
+    return plot_signals(data.cycle.frames.stamp_ns, data.signals)
 
 
 def _trends(data: ReportData) -> dict[str, tuple[Trend, TrendDetail]]:

@@ -77,6 +77,28 @@ class Approximation:
 
 
 @dataclass(frozen=True, slots=True)
+class Scale:
+    """How a signal is shown to people.
+
+    Attributes
+    ----------
+    unit : str
+        Unit of what is shown, such as "mm".
+    size : float
+        What a change of the signal by 1 is [unit].
+    zero : float
+        What the signal's 0 is [unit].
+    ends : str
+        What its ends are, such as "0 = closed seat, 8 = open seat".
+    """
+
+    unit: str
+    size: float = 1.0
+    zero: float = 0.0
+    ends: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class Demonstration:
     """How a valve is shown; what is left out follows from its file in `config/`.
 
@@ -248,6 +270,11 @@ class ValveModel(Protocol):
         """
         del cycle, options
         return ""
+
+    def scales(self, options: Options) -> Mapping[str, Scale]:
+        """Return how signals are shown to people, by name; others are shown as they are."""
+        del options
+        return {}
 
     def judges(self, options: Options) -> bool:
         """Return whether estimates are judged by the cycles before and feed predictions."""

@@ -50,6 +50,8 @@ class Record:
         By cycle, the fit [%] of the trivial model "position = command" where there is one command.
     counts : dict
         What happened to the samples, by signal.
+    last : Cycle or None
+        The last cycle that was handed to estimation, with its samples.
     """
 
     cycles: list[CycleRecord] = field(default_factory=list)
@@ -57,6 +59,7 @@ class Record:
     predictions: list[Prediction] = field(default_factory=list)
     trivial_fits: dict[int, float] = field(default_factory=dict)
     counts: dict[str, SignalCounts] = field(default_factory=dict)
+    last: Cycle | None = None
     _running: dict[int, list[Prediction]] = field(default_factory=dict)
 
     def add(self, event: Event) -> None:
@@ -68,6 +71,7 @@ class Record:
             self.cycles.append(cycle_record(event))
         elif isinstance(event, Estimated):
             self.estimates += event.estimates
+            self.last = event.cycle
             self.trivial_fits[event.cycle.number] = trivial_fit(event.cycle.frames)
             self._keep_last()
 

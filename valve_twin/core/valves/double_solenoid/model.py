@@ -44,6 +44,7 @@ from valve_twin.core.valves.double_solenoid.predictor import (
     coefficients,
     predict_block,
 )
+from valve_twin.core.valves.interface import Scale
 from valve_twin.core.valves.kit.compiled import CompiledModel, at_zero, blank, verdict
 
 if TYPE_CHECKING:
@@ -130,6 +131,14 @@ class DoubleSolenoidModel(CompiledModel):
         del options
         names = (self.output, *self.inputs)
         return normalised_fault(names, cycle, follows="setpoint", reach_s=_REACH_S)
+
+    def scales(self, options: DoubleSolenoidOptions) -> dict[str, Scale]:
+        """Return millimetres, volts and amperes, as `ValveModel.scales`."""
+        half = 1e3 * options.half_stroke
+        place = Scale("mm", 2.0 * half, -half, "port B opens below 0, port A above")
+        volts, amperes = Scale("V", options.supply_voltage), Scale("A", options.current_scale)
+        return dict(zip((*self.inputs, self.output), (place, *2 * (volts,), *2 * (amperes,), place),
+                        strict=True))  # fmt: skip
 
     def coefficients(
         self,

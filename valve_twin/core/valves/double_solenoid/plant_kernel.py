@@ -42,8 +42,8 @@ STATE_SIZE = 33
 last sub-step, their means over the last sample [A]; mean voltages of the last sample [V]; levels
 of the bridges [1], voltage not yet delivered and integral parts of the current controllers [V];
 output of the position controller and its integral part [1], last position read [m]; force [N]; 1
-after a value that is not finite; time [s]; what is logged: mean voltages [V] and currents [A] of the
-last logged sample."""
+after a value that is not finite; time [s]; what is logged: mean voltages [V] and
+currents [A] of the last logged sample."""
 
 STEP_S = 1.25e-5
 """Step of the integration: an eighth of a control sample [s]; paper 000, section 2.2."""

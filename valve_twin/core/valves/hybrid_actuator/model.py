@@ -44,6 +44,7 @@ from valve_twin.core.valves.hybrid_actuator.predictor import (
     coefficients,
     predict_block,
 )
+from valve_twin.core.valves.interface import Scale
 from valve_twin.core.valves.kit.compiled import CompiledModel, at_zero, blank, verdict
 
 if TYPE_CHECKING:
@@ -121,6 +122,14 @@ class HybridActuatorModel(CompiledModel):
         """
         del options
         return normalised_fault((self.output, *self.inputs), cycle)
+
+    def scales(self, options: HybridActuatorOptions) -> dict[str, Scale]:
+        """Return millimetres, volts and amperes, as `ValveModel.scales`."""
+        travel = 2e3 * options.half_travel
+        place = Scale("mm", travel, 0.0, f"0 = closed seat, {travel:g} = open seat")
+        volts, amperes = Scale("V", options.supply_voltage), Scale("A", options.current_scale)
+        return dict(zip((*self.inputs, self.output), (*2 * (volts,), *2 * (amperes,), place),
+                        strict=True))  # fmt: skip
 
     def coefficients(
         self,

@@ -19,7 +19,7 @@ from valve_twin.core.types import (
     ParameterStatus,
     ParameterValue,
 )
-from valve_twin.core.valves.interface import Demonstration
+from valve_twin.core.valves.interface import Demonstration, Scale
 from valve_twin.core.valves.kit.compiled import CompiledModel, blank, verdict
 from valve_twin.core.valves.servo_system.fit import LoopFit, fit_loop
 from valve_twin.core.valves.servo_system.parameters import (
@@ -121,6 +121,24 @@ class ServoSystemModel(CompiledModel):
         del options
         names = (self.output, *self.inputs)
         return normalised_fault(names, cycle, follows="desired_position", reach_s=_REACH_S)
+
+    def scales(self, options: ServoSystemOptions) -> dict[str, Scale]:
+        """Return units of measured signals, as `ValveModel.scales`."""
+        stroke = 1e3 * options.stroke
+        place = Scale("mm", stroke, 0.0, f"0 = piston in, {stroke:g} = out")
+        pressure = Scale("MPa", 1e-6 * options.pressure_scale)
+        return {
+            self.output: place,
+            "desired_position": place,
+            "load_position": place,
+            "current": Scale("mA", 1e3 * options.current_scale),
+            "valve_position": Scale("µm", 1e6 * options.valve_scale, 0.0, "0 = centre"),
+            "supply_line_pressure": pressure,
+            "pressure_1": pressure,
+            "pressure_2": pressure,
+            "return_line_pressure": Scale("MPa", 1e-6 * options.return_scale),
+            "load_speed": Scale("m/s", options.speed_scale),
+        }
 
     def coefficients(
         self, values: Mapping[str, float], lag: int, period_s: float, options: ServoSystemOptions
