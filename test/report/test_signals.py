@@ -66,9 +66,8 @@ def test_signals_of_one_unit_and_scale_share_their_axes(name, axes):
 def test_a_signal_that_was_never_known_is_drawn_empty():
     signals = list(shown("hydraulic_actuator").values())
     signals[0].values[:] = np.nan
-    assert 'class="signal ' in plot_signals(
-        cycle_of("hydraulic_actuator").frames.stamp_ns, signals
-    )
+    stamps = cycle_of("hydraulic_actuator").frames.stamp_ns
+    assert plot_signals(stamps, signals).count('class="signal ') == 1
 
 
 def test_the_page_shows_them_and_lacks_them_without_samples():

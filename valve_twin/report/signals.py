@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from markupsafe import Markup
 
-    from valve_twin.core.types import Cycle, FloatArray
+    from valve_twin.core.types import Cycle, FloatArray, IntArray
     from valve_twin.core.valves.interface import Options, ValveModel
 
 _BINS = 400
@@ -56,7 +56,7 @@ def signals_of(cycle: Cycle, model: ValveModel, options: Options) -> tuple[Signa
     return tuple(found)
 
 
-def plot_signals(stamp_ns: FloatArray, signals: Sequence[Signal]) -> Markup:
+def plot_signals(stamp_ns: IntArray, signals: Sequence[Signal]) -> Markup:
     """Draw signals over time, one pair of axes for each unit and full scale.
 
     Parameters

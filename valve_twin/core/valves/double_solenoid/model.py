@@ -137,8 +137,8 @@ class DoubleSolenoidModel(CompiledModel):
         half = 1e3 * options.half_stroke
         place = Scale("mm", 2.0 * half, -half, "port B opens below 0, port A above")
         volts, amperes = Scale("V", options.supply_voltage), Scale("A", options.current_scale)
-        return dict(zip((*self.inputs, self.output), (place, *2 * (volts,), *2 * (amperes,), place),
-                        strict=True))  # fmt: skip
+        scales = (place, volts, volts, amperes, amperes, place)
+        return dict(zip((*self.inputs, self.output), scales, strict=True))
 
     def coefficients(
         self,

@@ -128,8 +128,8 @@ class HybridActuatorModel(CompiledModel):
         travel = 2e3 * options.half_travel
         place = Scale("mm", travel, 0.0, f"0 = closed seat, {travel:g} = open seat")
         volts, amperes = Scale("V", options.supply_voltage), Scale("A", options.current_scale)
-        return dict(zip((*self.inputs, self.output), (*2 * (volts,), *2 * (amperes,), place),
-                        strict=True))  # fmt: skip
+        scales = (volts, volts, amperes, amperes, place)
+        return dict(zip((*self.inputs, self.output), scales, strict=True))
 
     def coefficients(
         self,
