@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from valve_twin.cli.common import OK, USAGE, add_verb, fail, positive, progress_of
 from valve_twin.cli.output import console, plain, table
+from valve_twin.cli.strangers import add_strangers, run_strangers
 from valve_twin.io.config.campaign import load_campaign, write_severities
 
 if TYPE_CHECKING:
@@ -27,7 +28,9 @@ def add(verbs: Verbs) -> None:
     """Add the verb."""
     text = "Inject faults into a simulated valve and count what is detected and named right."
     parser = add_verb(verbs, "campaign", text, _campaign)
-    parser.add_argument("--config", required=True, metavar="FILE", help="YAML of the campaign")
+    parser.add_argument(
+        "--config", metavar="FILE", help="YAML of the campaign; of the valve with --strangers"
+    )
     parser.add_argument("--seeds", type=positive, metavar="N", help="records, default as in FILE")
     parser.add_argument(
         "--fault", action="append", metavar="NAME", help="only this fault; may be repeated"
@@ -39,9 +42,14 @@ def add(verbs: Verbs) -> None:
         help="instead derive signatures and sizes by simulation: write them to this Python module "
         "and into FILE",
     )
+    add_strangers(parser)
 
 
 def _campaign(arguments: argparse.Namespace) -> int:
+    if arguments.strangers:
+        return run_strangers(arguments)
+    if not arguments.config:
+        return fail("campaign: give --config FILE, or --strangers", USAGE)
     campaign = load_campaign(arguments.config)
     if arguments.derive:
         return _derive(arguments)

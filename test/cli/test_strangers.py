@@ -1,0 +1,31 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""`valve-twin campaign --strangers` on two presses, and that it meets them as shipped."""
+
+import json
+
+from valve_twin.cli.main import main
+from valve_twin.cli.strangers import setup_of
+
+
+def test_it_prints_every_share_and_writes_all_figures(tmp_path, capsys):
+    out = tmp_path / "strangers.json"
+    asked = ["campaign", "--strangers", "--seed-base", "0", "--count", "2", "--json", str(out)]
+    assert main(asked) == 0
+    said = capsys.readouterr().out
+    figures = json.loads(out.read_text(encoding="utf-8"))
+    assert figures["seeds"] == [0, 1]
+    for name in ("false alarm", "not enough data", "cycle interval: kalman K_in at 1e-3"):
+        assert name in said
+        assert figures["shares"][name][1] > 50
+    assert [len(s["verdicts"]) for s in figures["strangers"]] == [44, 54]
+
+
+def test_the_twin_that_meets_them_is_configured_as_shipped(root):
+    built, shipped = setup_of(None), setup_of(str(root / "config" / "press_cartridge.yaml"))
+    assert built == shipped
+
+
+def test_without_a_file_and_without_strangers_it_says_what_to_give(capsys):
+    assert main(["campaign"]) == 2
+    assert "give --config FILE, or --strangers" in capsys.readouterr().err

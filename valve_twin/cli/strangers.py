@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""`valve-twin campaign --strangers`: presses of another hand, shown to the twin and scored."""
+
+from __future__ import annotations
+
+import json
+import statistics
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from valve_twin.cli.common import OK, positive, progress_of, seed_number
+from valve_twin.cli.output import console, plain, table
+from valve_twin.core.valves.registry import get_model
+from valve_twin.io.config.valve import load_config, parse_config
+from valve_twin.io.offline.make_twin import twin_config
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Sequence
+
+    from valve_twin.validation.strangers.campaign import Met
+    from valve_twin.validation.strangers.score import Score
+    from valve_twin.validation.strangers.watch import Setup
+
+
+def add_strangers(parser: argparse.ArgumentParser) -> None:
+    """Add the arguments."""
+    parser.add_argument(
+        "--strangers",
+        action="store_true",
+        help="instead show random presses of another program to the twin and score what it says",
+    )
+    parser.add_argument(
+        "--seed-base",
+        type=seed_number,
+        metavar="N",
+        help="first seed of the strangers; default the frozen ones, on which nothing is tuned",
+    )
+    parser.add_argument(
+        "--count", type=positive, metavar="K", help="how many strangers, default 200"
+    )
+
+
+def setup_of(path: str | None) -> Setup:
+    """Return how the twin is configured: as shipped, or by the file of a valve.
+
+    Raises
+    ------
+    ConfigError
+        If the file cannot be used.
+    """
+    from valve_twin.validation.strangers.watch import AS_SHIPPED, Setup
+
+    config = load_config(path)[0] if path else parse_config(AS_SHIPPED, "as shipped")[0]
+    return Setup(twin_config(config, get_model(config.model)), config.aging)
+
+
+def run_strangers(arguments: argparse.Namespace) -> int:
+    """Meet the strangers, print the table and write the figures."""
+    from valve_twin.validation.strangers.campaign import (
+        SCORED_BASE,
+        SCORED_COUNT,
+        meet,
+        pooled,
+        seeds,
+    )
+
+    base = SCORED_BASE if arguments.seed_base is None else arguments.seed_base
+    chosen = seeds(base, arguments.count or SCORED_COUNT)
+    setup = setup_of(arguments.config)
+    with progress_of("strangers", len(chosen)) as advance:
+        met = list(meet(chosen, setup, advance=advance))
+    whole = pooled(met)
+    if arguments.json:
+        text = json.dumps(_plain(met, whole), indent=1, allow_nan=False)
+        Path(arguments.json).write_text(f"{text}\n", encoding="utf-8")
+    _show(whole)
+    return OK
+
+
+def _plain(met: Sequence[Met], whole: Score) -> dict[str, object]:
+    """Return the outcome as plain data."""
+    return {
+        "seeds": [m.stranger.seed for m in met],
+        "shares": whole.shares,
+        "delays": whole.delays,
+        "strangers": [
+            plain(
+                {
+                    "seed": m.stranger.seed,
+                    "verdicts": m.score.words,
+                    "aging": asdict(m.stranger.aging),
+                    "logger": asdict(m.stranger.logger),
+                    "recipes": "".join(map(str, m.stranger.recipe_of)),
+                    "troubles": [asdict(t) for t in m.stranger.troubles],
+                    "shares": m.score.shares,
+                }
+            )
+            for m in met
+        ],
+    }
+
+
+def _show(whole: Score) -> None:
+    """Print every share."""
+    shown = table("Strangers", ("figure",), ("hits", "cases", "share"))
+    for name, (hits, cases) in sorted(whole.shares.items()):
+        shown.add_row(name, f"{hits:.0f}", f"{cases:.0f}", f"{100.0 * hits / cases:.1f} %")
+    out = console()
+    out.print(shown)
+    found = [d for d in whole.delays if d]
+    median = f"{statistics.median(found):.1f}" if found else "-"
+    out.print(
+        f"{len(found)} of {len(whole.delays)} medium and large faults found, "
+        f"median delay {median} cycles",
+        highlight=False,
+    )
