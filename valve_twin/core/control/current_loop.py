@@ -29,6 +29,21 @@ class CurrentGains(NamedTuple):
     resistance: float
 
 
+class CurrentSensor(NamedTuple):
+    """Full scale and resolution [A]."""
+
+    scale: float
+    quantum: float
+
+
+@njit(cache=True, inline="always")
+def shown_current(sensor: CurrentSensor, current: float) -> float:
+    """Return what a sensor shows of a current [A], in parts of its full scale [1]."""
+    if sensor.quantum > 0.0:
+        current = round(current / sensor.quantum) * sensor.quantum
+    return current / sensor.scale
+
+
 @njit(cache=True)
 def current_control(g: CurrentGains, wanted: float, current: float, integral: float) -> float:
     """Return the voltage of a PI controller with feed-forward, not yet limited [V].

@@ -10,7 +10,9 @@ place.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Protocol
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, Protocol
+
+import numpy as np
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray
@@ -60,9 +62,44 @@ class Drive:
     lost_commands: BoolArray | None = None
     seed: int = 0
 
+    def forcing(self, inputs: int) -> Forcing:
+        """Return what acts on a plant of M `inputs`, for its compiled functions."""
+        samples = len(self.disturbance)
+        never = np.zeros(samples, dtype=np.bool_)
+        commands = np.zeros((0, inputs)) if self.commands is None else self.commands
+        return Forcing(
+            reference=np.ascontiguousarray(self.reference),
+            hold=np.ascontiguousarray(self.hold),
+            external=self.commands is not None,
+            commands=np.ascontiguousarray(commands, dtype=np.float64),
+            disturbance=np.ascontiguousarray(self.disturbance),
+            leak_rate=float(self.leak_rate),
+            stuck=bool(self.stuck),
+            frozen=bool(self.frozen),
+            freezes=never if self.freezes is None else self.freezes,
+            lost=never if self.lost_commands is None else self.lost_commands,
+        )
 
-@dataclass(frozen=True, slots=True)
-class Response:
+
+class Forcing(NamedTuple):
+    """A `Drive` as compiled functions take it: same names, nothing left out.
+
+    `external` says whether `commands`, then (N, M), are from outside; `lost` are `lost_commands`.
+    """
+
+    reference: FloatArray
+    hold: BoolArray
+    external: bool
+    commands: FloatArray
+    disturbance: FloatArray
+    leak_rate: float
+    stuck: bool
+    frozen: bool
+    freezes: BoolArray
+    lost: BoolArray
+
+
+class Response(NamedTuple):
     """What the plant did during a block of N samples.
 
     Attributes
@@ -75,6 +112,11 @@ class Response:
 
     position: FloatArray
     inputs: FloatArray
+
+    @classmethod
+    def empty(cls, samples: int, inputs: int) -> Response:
+        """Return room for N samples of M inputs, for a compiled function to fill."""
+        return cls(np.empty(samples), np.empty((samples, inputs)))
 
 
 class Plant(Protocol):
@@ -99,7 +141,8 @@ class Plant(Protocol):
 
     def ticks_per_sample(self, period_s: float) -> int:
         """Return how often the controller runs in a sample; ValueError if periods do not fit."""
-        ...
+        del period_s
+        return 1
 
     def initial_state(self) -> FloatArray:
         """Return the (S,) state at rest."""
@@ -120,8 +163,12 @@ class Plant(Protocol):
         ...
 
     def steady_rate(self, inputs: FloatArray) -> float:
-        """Return the speed in mid-stroke under constant commands (M,), leak included [1/s]."""
-        ...
+        """Return the speed in mid-stroke under constant commands (M,), leak included [1/s].
+
+        0 where the valve holds a position: no constant command keeps it moving.
+        """
+        del inputs
+        return 0.0
 
     def failure(self, state: FloatArray) -> str:
         """Return when and in what state (S,) the integration failed, empty if it did not."""
@@ -132,3 +179,40 @@ class Plant(Protocol):
         """Return the plant with a fault that is other numbers of it; `kind` in `fault_kinds`."""
         del kind, severity
         return self
+
+
+def whole_ratio(whole: float, part: float, whole_name: str, part_name: str) -> int:
+    """Return how many parts a whole takes, or refuse where it is no whole number of them.
+
+    Parameters
+    ----------
+    whole, part : float
+        Both times [s].
+    whole_name, part_name : str
+        Their names in the configuration.
+
+    Raises
+    ------
+    ValueError
+        If the whole is no multiple of the part.
+    """
+    count = round(whole / part)
+    if count < 1 or abs(count * part - whole) > 1e-9 * whole:
+        message = (
+            f"{whole_name} = {whole!r}: must be a whole multiple of {part_name} = {part!r} [s]"
+        )
+        raise ValueError(message)
+    return count
+
+
+def failure_text(failed: float, time_s: float, where: str) -> str:
+    """Return when and in what state an integration failed, empty if it did not.
+
+    Parameters
+    ----------
+    failed, time_s : float
+        Whether it did, 0 = no [1]; when [s].
+    where : str
+        The state, in words.
+    """
+    return f"integration failed at {time_s:.6f} s: {where}" if failed else ""

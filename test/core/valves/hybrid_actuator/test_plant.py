@@ -254,7 +254,7 @@ def test_refuses_what_is_not_physical(changes, message):
 
 
 def test_refuses_a_period_that_is_no_multiple_of_the_step():
-    with pytest.raises(ValueError, match="must be a multiple of step"):
+    with pytest.raises(ValueError, match="must be a whole multiple of step"):
         HybridActuatorPlant().ticks_per_sample(1.25e-5)
 
 

@@ -10,7 +10,7 @@ steps from state to state: the same bits for any length of block.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +19,7 @@ from valve_twin.core.estimation.recursive.kernel import (
     FORGETTING,
     MEMORY_SIZE,
     SEEN,
+    RecursiveState,
     adapt_block,
     correct_block,
     run_free,
@@ -125,39 +126,6 @@ class Adaptation:
 
 
 @dataclass(frozen=True, slots=True)
-class RecursiveState:
-    """Where an adaptation stands; io can store it.
-
-    Attributes
-    ----------
-    theta : (P,) array
-        Parameters.
-    upper, diagonal : (P, P), (P,) arrays
-        Adaptation gain F = U D U^T.
-    past_y, past_u : (na,), (nk + nb - 1,) arrays
-        Past outputs (measured, or simulated by the corrected algorithm) and inputs, newest first.
-    gradients : (na + 1, P) array
-        Gradients of the simulated outputs; zero in the literal algorithm.
-    memory : (4,) array
-        See `recursive_kernel.MEMORY_SIZE`.
-    """
-
-    theta: FloatArray
-    upper: FloatArray
-    diagonal: FloatArray
-    past_y: FloatArray
-    past_u: FloatArray
-    gradients: FloatArray
-    memory: FloatArray
-
-    @property
-    def gain(self) -> FloatArray:
-        """The adaptation gain F (P, P)."""
-        scaled: FloatArray = self.upper * self.diagonal
-        return scaled @ self.upper.T
-
-
-@dataclass(frozen=True, slots=True)
 class Adapted:
     """What a block of N samples gave: the state behind it and the outputs (N,), NaN at a start."""
 
@@ -214,7 +182,7 @@ def start(
 def reset_gain(state: RecursiveState, gain: float) -> RecursiveState:
     """Return the state with F = gain * identity: the parameters stay, what they may do is new."""
     size = len(state.theta)
-    return replace(state, upper=np.eye(size), diagonal=np.full(size, float(gain)))
+    return state._replace(upper=np.eye(size), diagonal=np.full(size, float(gain)))
 
 
 def adapt(
@@ -237,12 +205,7 @@ def adapt(
     """
     new, prior, posterior = _copies(state, y)
     adapt_block(
-        new.theta,
-        new.upper,
-        new.diagonal,
-        new.past_y,
-        new.past_u,
-        new.memory,
+        new,
         structure.orders,
         float(adaptation.max_trace),
         _column(y),
@@ -271,13 +234,7 @@ def adapt_corrected(
         ]
     )
     correct_block(
-        new.theta,
-        new.upper,
-        new.diagonal,
-        new.past_y,
-        new.past_u,
-        new.gradients,
-        new.memory,
+        new,
         structure.orders,
         settings,
         _column(y),
@@ -422,13 +379,5 @@ def _column(values: FloatArray) -> FloatArray:
 
 
 def _copies(state: RecursiveState, y: FloatArray) -> tuple[RecursiveState, FloatArray, FloatArray]:
-    new = RecursiveState(
-        state.theta.copy(),
-        state.upper.copy(),
-        state.diagonal.copy(),
-        state.past_y.copy(),
-        state.past_u.copy(),
-        state.gradients.copy(),
-        state.memory.copy(),
-    )
+    new = RecursiveState(*(part.copy() for part in state))
     return new, np.empty(len(y)), np.empty(len(y))

@@ -10,7 +10,7 @@ promise.
 from __future__ import annotations
 
 from math import isfinite, nan
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -28,6 +28,38 @@ _DIVERGED = 1e9
 
 _RUNAWAY = 10.0
 """A simulated output this many times the largest measured one starts again from it."""
+
+
+class RecursiveState(NamedTuple):
+    """Where an adaptation stands; io can store it.
+
+    Attributes
+    ----------
+    theta : (P,) array
+        Parameters.
+    upper, diagonal : (P, P), (P,) arrays
+        Adaptation gain F = U D U^T.
+    past_y, past_u : (na,), (nk + nb - 1,) arrays
+        Past outputs (measured, or simulated by the corrected algorithm) and inputs, newest first.
+    gradients : (na + 1, P) array
+        Gradients of the simulated outputs; zero in the literal algorithm.
+    memory : (4,) array
+        See `MEMORY_SIZE`.
+    """
+
+    theta: FloatArray
+    upper: FloatArray
+    diagonal: FloatArray
+    past_y: FloatArray
+    past_u: FloatArray
+    gradients: FloatArray
+    memory: FloatArray
+
+    @property
+    def gain(self) -> FloatArray:
+        """The adaptation gain F (P, P)."""
+        scaled: FloatArray = self.upper * self.diagonal
+        return scaled @ self.upper.T
 
 
 @njit(cache=True)
@@ -172,12 +204,7 @@ def _dot(a: FloatArray, b: FloatArray, n: int) -> float:
 
 @njit(cache=True)
 def adapt_block(
-    theta: FloatArray,
-    upper: FloatArray,
-    diagonal: FloatArray,
-    past_y: FloatArray,
-    past_u: FloatArray,
-    memory: FloatArray,
+    state: RecursiveState,
     orders: IntArray,
     limit: float,
     y: FloatArray,
@@ -189,12 +216,8 @@ def adapt_block(
 
     Parameters
     ----------
-    theta, upper, diagonal : (P,), (P, P), (P,) arrays
-        Parameters and factors of the adaptation gain [1].
-    past_y, past_u : (na,), (nk + nb - 1,) arrays
-        Measured outputs and inputs, the newest first [1].
-    memory : (MEMORY_SIZE,) array
-        See `MEMORY_SIZE`.
+    state : RecursiveState
+        Parameters, adaptation gain and past; the gradients are not used.
     orders : (4,) int64 array
         na, nb, nk, nl.
     limit : float
@@ -204,6 +227,8 @@ def adapt_block(
     prior, posterior : (N,) arrays
         Overwritten with the outputs before and after the sample was learned [1]; NaN at a start.
     """
+    theta, upper, diagonal = state.theta, state.upper, state.diagonal
+    past_y, past_u, memory = state.past_y, state.past_u, state.memory
     phi, gain = np.zeros(len(theta)), np.zeros(len(theta))
     needed = max(len(past_y), len(past_u))
     for n in range(len(y)):
@@ -246,13 +271,7 @@ def _learn(
 
 @njit(cache=True)
 def correct_block(
-    theta: FloatArray,
-    upper: FloatArray,
-    diagonal: FloatArray,
-    past_y: FloatArray,
-    past_u: FloatArray,
-    gradients: FloatArray,
-    memory: FloatArray,
+    state: RecursiveState,
     orders: IntArray,
     settings: FloatArray,
     y: FloatArray,
@@ -267,16 +286,15 @@ def correct_block(
 
     Parameters
     ----------
-    theta, upper, diagonal, past_u, memory, orders, y, u, prior, posterior : arrays
+    state : RecursiveState
+        As `adapt_block` takes, but the past outputs are simulated ones, and the gradients theirs.
+    orders, y, u, prior, posterior : arrays
         Same as `adapt_block` takes.
-    past_y : (na,) array
-        Simulated outputs, the newest first [1].
-    gradients : (na + 1, P) array
-        Gradients of these outputs; the last row that of the linear part [1].
     settings : (4,) array
         Largest trace of F, largest pole radius, forgetting that is approached, and share of the
         way to it a sample [1].
     """
+    theta, upper, diagonal, past_y, past_u, gradients, memory = state
     na, nl = orders[0], orders[3]
     size = len(theta)
     phi, gain, psi, trial = np.zeros(size), np.zeros(size), np.zeros(size), np.zeros(size)

@@ -9,7 +9,12 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from numba import njit
 
-from valve_twin.core.control.current_loop import SUB_STEPS, CurrentGains
+from valve_twin.core.control.current_loop import (
+    SUB_STEPS,
+    CurrentGains,
+    CurrentSensor,
+    shown_current,
+)
 from valve_twin.core.control.nonlinear_pid import PidGains, pid_output
 from valve_twin.core.control.trajectory_set import (
     CANDIDATES,
@@ -42,6 +47,7 @@ from valve_twin.core.valves.double_solenoid.plant_kernel import (
 
 if TYPE_CHECKING:
     from valve_twin.core.physics.solenoid_map import MapTables
+    from valve_twin.core.simulation.plant import Forcing, Response
     from valve_twin.core.types import FloatArray
 
 PID, TRAJECTORY_SET = 0, 1
@@ -51,12 +57,12 @@ N_INPUTS = 5
 """Setpoint, voltages of A and B, currents of A and B."""
 
 
-class Sensing(NamedTuple):
-    """What 1 means in the voltages [V] and in the currents [A]; step of the currents [A]."""
+class Controller(NamedTuple):
+    """Position controller: PID or TRAJECTORY_SET, and the numbers of both."""
 
-    supply: float
-    scale: float
-    quantum: float
+    kind: int
+    pid: PidGains
+    weights: TrajectoryWeights
 
 
 @njit(cache=True)
@@ -132,17 +138,11 @@ def run_valve(
     v: Valve,
     m: MapTables,
     g: CurrentGains,
-    pid: PidGains,
-    weights: TrajectoryWeights,
-    control: int,
-    wanted: FloatArray,
-    disturbance: FloatArray,
-    stuck: bool,
-    frozen: bool,
-    sensing: Sensing,
+    controller: Controller,
+    forcing: Forcing,
+    sensor: CurrentSensor,
     samples: int,
-    position: FloatArray,
-    inputs: FloatArray,
+    out: Response,
 ) -> None:
     """Run N samples of `samples` control samples each, in place.
 
@@ -150,52 +150,49 @@ def run_valve(
     ----------
     s : (STATE_SIZE,) array
         See `STATE_SIZE`; written in place.
-    v, m, g, pid, weights : Valve, MapTables, CurrentGains, PidGains, TrajectoryWeights
+    v, m, g, controller : Valve, MapTables, CurrentGains, Controller
         Numbers of valve and controllers.
-    control : int
-        PID or TRAJECTORY_SET.
-    wanted : (N,) array
-        Setpoint, 0..1 [1].
-    disturbance : (N,) array
-        Displacement that each sample of motion adds [1].
-    stuck, frozen : bool
-        The spool does not move; the controller goes on with the last position it has read.
-    sensing : Sensing
-        Numbers of the sensors.
+    forcing : Forcing
+        What acts on it; the reference, or the first command from outside, is the setpoint [1].
+        Where the sensor freezes, the controller goes on with the last position it has read.
+    sensor : CurrentSensor
+        Of either coil.
     samples : int
         Control samples in a sample.
-    position, inputs : (N,), (N, N_INPUTS) arrays
-        Overwritten: position [1]; setpoint, means of voltages and currents over the sample before
-        [1].
+    out : Response
+        Overwritten: position (N,) [1]; setpoint, means of voltages and currents over the sample
+        before (N, N_INPUTS) [1].
     """
     work = s.copy()
+    reference, _, external, commands, disturbance, _, stuck, frozen, _, _ = forcing
+    position, inputs = out
     for n in range(len(position)):
+        wanted = commands[n, 0] if external else reference[n]
         position[n] = s[POSITION] if s[FAILED] == 0.0 else math.nan
-        inputs[n, 0] = wanted[n]
+        inputs[n, 0] = wanted
         for j in range(2):
-            inputs[n, 1 + j] = s[LOG_VOLTS_A + j] / sensing.supply
-            shown = s[LOG_A + j]
-            if sensing.quantum > 0.0:
-                shown = round(shown / sensing.quantum) * sensing.quantum
-            inputs[n, 3 + j] = shown / sensing.scale
+            inputs[n, 1 + j] = s[LOG_VOLTS_A + j] / g.supply
+            inputs[n, 3 + j] = shown_current(sensor, s[LOG_A + j])
         s[LOG_VOLTS_A] = s[LOG_VOLTS_B] = s[LOG_A] = s[LOG_B] = 0.0
         if disturbance[n] != 0.0 and s[SPEED] != 0.0 and not stuck:
             moved = s[X] + 2.0 * v.half_stroke * disturbance[n]
             s[X] = min(max(moved, -v.stop), v.stop)
-        target = (2.0 * wanted[n] - 1.0) * v.half_stroke
+        target = (2.0 * wanted - 1.0) * v.half_stroke
         for _ in range(samples):
             if s[FAILED] != 0.0:
                 break
             read = s[READ] if frozen else s[X]
-            if control == TRAJECTORY_SET:
+            if controller.kind == TRAJECTORY_SET:
                 held = s[X]
                 s[X] = read
-                command = decide(s, v, m, g, weights, target, work)
+                command = decide(s, v, m, g, controller.weights, target, work)
                 s[X] = held
             else:
                 speed = (read - s[READ]) / (v.half_stroke * SAMPLE_S)
                 error = (target - read) / v.half_stroke
-                command, s[PID_INTEGRAL] = pid_output(pid, error, speed, s[PID_INTEGRAL], SAMPLE_S)
+                command, s[PID_INTEGRAL] = pid_output(
+                    controller.pid, error, speed, s[PID_INTEGRAL], SAMPLE_S
+                )
             s[READ] = read
             control_sample(s, v, m, g, command, stuck)
             for j in range(2):

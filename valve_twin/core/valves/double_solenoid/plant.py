@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from valve_twin.core.control.current_loop import CurrentGains
+from valve_twin.core.control.current_loop import CurrentGains, CurrentSensor
 from valve_twin.core.control.nonlinear_pid import PidConfig
 from valve_twin.core.control.trajectory_set import TrajectorySetConfig
 from valve_twin.core.physics.solenoid_map import (
@@ -27,12 +27,18 @@ from valve_twin.core.physics.solenoid_map import (
 from valve_twin.core.quantity import QuantityError, check_quantities, quantity, setting
 from valve_twin.core.simulation.config import SimulationConfig
 from valve_twin.core.simulation.measurement import MeasurementConfig
-from valve_twin.core.simulation.plant import Drive, Plant, Response
+from valve_twin.core.simulation.plant import (
+    Drive,
+    Plant,
+    Response,
+    failure_text,
+    whole_ratio,
+)
 from valve_twin.core.simulation.program import CycleProgram
 from valve_twin.core.valves.double_solenoid.control_kernel import (
     CONTROLS,
     N_INPUTS,
-    Sensing,
+    Controller,
     run_valve,
 )
 from valve_twin.core.valves.double_solenoid.numbers import DoubleSolenoidNumbers
@@ -121,7 +127,7 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
 
     def ticks_per_sample(self, period_s: float) -> int:
         """Return 1: the setpoint is taken once a sample."""
-        self._samples(period_s)
+        _samples(period_s)
         return 1
 
     def initial_state(self) -> FloatArray:
@@ -144,29 +150,19 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
         has no meaning for this valve and changes nothing. Where the integration fails, positions
         are NaN from there on, and `failure` says when and where.
         """
-        count = len(drive.disturbance)
-        position, inputs = np.empty(count), np.empty((count, N_INPUTS))
-        wanted = drive.reference if drive.commands is None else drive.commands[:, 0]
+        out = Response.empty(len(drive.disturbance), N_INPUTS)
         run_valve(
             state,
             self.valve(),
             self.tables(),
             self.current_gains(),
-            self.pid.gains(),
-            self.trajectory_set.weights(),
-            CONTROLS.index(self.control),
-            np.ascontiguousarray(wanted),
-            np.ascontiguousarray(drive.disturbance),
-            bool(drive.stuck),
-            bool(drive.frozen),
-            Sensing(
-                float(self.supply_voltage), float(self.current_scale), float(self.current_quantum)
-            ),
-            self._samples(period_s),
-            position,
-            inputs,
+            self._controller(),
+            drive.forcing(N_INPUTS),
+            CurrentSensor(float(self.current_scale), float(self.current_quantum)),
+            _samples(period_s),
+            out,
         )
-        return Response(position, inputs)
+        return out
 
     def failure(self, state: FloatArray) -> str:
         """Return when and in what state the integration failed, empty if it did not.
@@ -176,18 +172,12 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
         state : (STATE_SIZE,) array
             The state that `run` has written.
         """
-        if state[FAILED] == 0.0:
-            return ""
-        return (
-            f"integration failed at {state[TIME]:.6f} s: x = {state[X]:g} m, speed = "
-            f"{state[SPEED]:g} m/s, flux linkages {state[PSI_A]:g} and {state[PSI_B]:g} Wb, "
-            f"currents {state[I_A]:g} and {state[I_B]:g} A"
+        return failure_text(
+            state[FAILED],
+            state[TIME],
+            f"x = {state[X]:g} m, speed = {state[SPEED]:g} m/s, flux linkages {state[PSI_A]:g} "
+            f"and {state[PSI_B]:g} Wb, currents {state[I_A]:g} and {state[I_B]:g} A",
         )
-
-    def steady_rate(self, inputs: FloatArray) -> float:
-        """Return 0: the valve holds its setpoint, no constant command keeps it moving."""
-        del inputs
-        return 0.0
 
     def valve(self) -> Valve:
         """Return the numbers of coils and mechanics for the compiled functions."""
@@ -210,6 +200,11 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
             bias=float(self.bias_current),
             span=float(self.span_current),
             largest=float(self.largest_current),
+        )
+
+    def _controller(self) -> Controller:
+        return Controller(
+            CONTROLS.index(self.control), self.pid.gains(), self.trajectory_set.weights()
         )
 
     def current_dynamics(self) -> Second:
@@ -263,16 +258,10 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
             )
             raise QuantityError(type(self).__name__, refusal)
 
-    def _samples(self, period_s: float) -> int:
-        """Return how many control samples a sample takes."""
-        count = round(period_s / SAMPLE_S)
-        if count < 1 or abs(count * SAMPLE_S - period_s) > 1e-9 * period_s:
-            message = (
-                f"period_s = {period_s!r}: must be a multiple of {SAMPLE_S:g} [s], the sample of "
-                "the valve's controllers"
-            )
-            raise ValueError(message)
-        return count
+
+def _samples(period_s: float) -> int:
+    """Return how many control samples of the valve a sample takes."""
+    return whole_ratio(period_s, SAMPLE_S, "period_s", "the controllers' sample")
 
 
 def check_geometry(gap: float, end_stop: float, half_stroke: float) -> str:

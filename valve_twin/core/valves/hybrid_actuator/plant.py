@@ -15,10 +15,17 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
+from valve_twin.core.control.current_loop import CurrentSensor
 from valve_twin.core.quantity import check_quantities, quantity, setting
 from valve_twin.core.simulation.config import SimulationConfig
 from valve_twin.core.simulation.measurement import MeasurementConfig
-from valve_twin.core.simulation.plant import Drive, Plant, Response
+from valve_twin.core.simulation.plant import (
+    Drive,
+    Plant,
+    Response,
+    failure_text,
+    whole_ratio,
+)
 from valve_twin.core.simulation.program import CycleProgram
 from valve_twin.core.valves.hybrid_actuator.magnetics import (
     FIT,
@@ -39,6 +46,7 @@ from valve_twin.core.valves.hybrid_actuator.plant_kernel import (
     TIME,
     Armature,
     Bridge,
+    Clock,
     X,
     run_actuator,
 )
@@ -255,29 +263,19 @@ class HybridActuatorPlant(HybridActuatorNumbers, Plant):
         A leak has no meaning for this valve and changes nothing. Where the integration fails,
         positions are NaN from there on, and `failure` says when and where.
         """
-        samples = len(drive.disturbance)
-        position, inputs = np.empty(samples), np.empty((samples, len(INPUTS)))
-        external = drive.commands is not None
-        none = np.zeros((0, len(INPUTS)))
+        out = Response.empty(len(drive.disturbance), len(INPUTS))
         run_actuator(
             state,
             self.armature(),
             self.magnetics(),
             self.magnetics(),
             self._bridge(),
-            self._steps(period_s),
-            float(self.step),
-            np.ascontiguousarray(drive.reference),
-            external,
-            none if drive.commands is None else np.ascontiguousarray(drive.commands),
-            np.ascontiguousarray(drive.disturbance),
-            bool(drive.stuck),
-            float(self.current_scale),
-            float(self.current_quantum),
-            position,
-            inputs,
+            Clock(self._steps(period_s), float(self.step)),
+            drive.forcing(len(INPUTS)),
+            CurrentSensor(float(self.current_scale), float(self.current_quantum)),
+            out,
         )
-        return Response(position, inputs)
+        return out
 
     def failure(self, state: FloatArray) -> str:
         """Return when and in what state the integration failed, empty if it did not.
@@ -287,18 +285,13 @@ class HybridActuatorPlant(HybridActuatorNumbers, Plant):
         state : (STATE_SIZE,) array
             The state that `run` has written.
         """
-        if state[FAILED] == 0.0:
-            return ""
-        return (
-            f"integration failed at {state[TIME]:.6f} s: x = {state[X]:g} m, speed = "
-            f"{state[SPEED]:g} m/s, flux linkages {state[FLUX_OPENER]:g} and "
-            f"{state[FLUX_CLOSER]:g} Wb; take a smaller step than {self.step:g} s"
+        return failure_text(
+            state[FAILED],
+            state[TIME],
+            f"x = {state[X]:g} m, speed = {state[SPEED]:g} m/s, flux linkages "
+            f"{state[FLUX_OPENER]:g} and {state[FLUX_CLOSER]:g} Wb; take a smaller step than "
+            f"{self.step:g} s",
         )
-
-    def steady_rate(self, inputs: FloatArray) -> float:
-        """Return 0: springs and stops hold the armature, no constant command keeps it moving."""
-        del inputs
-        return 0.0
 
     def armature(self) -> Armature:
         """Return the numbers of the moving parts for the compiled functions."""
@@ -346,11 +339,7 @@ class HybridActuatorPlant(HybridActuatorNumbers, Plant):
         refusal = check_period(period_s)
         if refusal:
             raise ValueError(refusal)
-        count = round(period_s / self.step)
-        if count < 1 or abs(count * self.step - period_s) > 1e-9 * period_s:
-            message = f"period_s = {period_s!r}: must be a multiple of step = {self.step!r} [s]"
-            raise ValueError(message)
-        return count
+        return whole_ratio(period_s, self.step, "period_s", "step")
 
 
 def default_simulation() -> SimulationConfig:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from numba import njit
 
+from valve_twin.core.control.current_loop import CurrentSensor, shown_current
 from valve_twin.core.valves.hybrid_actuator.magnetics import (
     Magnetics,
     coil_current,
@@ -25,6 +26,7 @@ from valve_twin.core.valves.hybrid_actuator.magnetics import (
 )
 
 if TYPE_CHECKING:
+    from valve_twin.core.simulation.plant import Forcing, Response
     from valve_twin.core.types import FloatArray
 
 POSITION, X, SPEED, FLUX_OPENER, FLUX_CLOSER = 0, 1, 2, 3, 4
@@ -56,6 +58,13 @@ class Armature(NamedTuple):
     resistance_opener: float
     resistance_closer: float
     blocks: bool
+
+
+class Clock(NamedTuple):
+    """Steps in a sample and their length [s]."""
+
+    steps: int
+    step_s: float
 
 
 class Bridge(NamedTuple):
@@ -360,17 +369,10 @@ def run_actuator(
     opener: Magnetics,
     closer: Magnetics,
     b: Bridge,
-    steps: int,
-    h: float,
-    target: FloatArray,
-    external: bool,
-    commands: FloatArray,
-    disturbance: FloatArray,
-    stuck: bool,
-    current_scale: float,
-    current_quantum: float,
-    position: FloatArray,
-    inputs: FloatArray,
+    clock: Clock,
+    forcing: Forcing,
+    sensor: CurrentSensor,
+    out: Response,
 ) -> None:
     """Run N samples in place.
 
@@ -380,22 +382,20 @@ def run_actuator(
         See `STATE_SIZE`; written in place.
     a, opener, closer, b : Armature, Magnetics, Magnetics, Bridge
         Numbers of actuator and drive.
-    steps, h : int, float
-        Steps in a sample and their length [s].
-    target : (N,) array
-        Wanted position, 0 closed, 1 open [1].
-    external, commands : bool, (N, 4) array
-        Whether the voltages come from outside, as shares of the supply [1]; currents are ignored.
-    disturbance : (N,) array
-        Displacement that each sample of motion adds [1].
-    stuck : bool
-        The armature does not move.
-    current_scale, current_quantum : float
-        Full scale and resolution of the current sensors [A].
-    position, inputs : (N,), (N, 4) arrays
-        Overwritten: position, voltages and currents at the stamps [1].
+    clock : Clock
+        Steps of the integration.
+    sensor : CurrentSensor
+        Of either coil.
+    forcing : Forcing
+        What acts on it; the reference is 0 closed, 1 open, the commands from outside are the
+        voltages as shares of the supply [1], and currents, which are ignored.
+    out : Response
+        Overwritten: position (N,), voltages and currents (N, 4) at the stamps [1].
     """
     work = state[:8].copy()
+    steps, h = clock
+    target, _, external, commands, disturbance, _, stuck, _, _, _ = forcing
+    position, inputs = out
     for n in range(len(position)):
         if external:
             volts = (commands[n, 0] * b.supply, commands[n, 1] * b.supply)
@@ -404,11 +404,8 @@ def run_actuator(
         position[n] = state[POSITION] if state[FAILED] == 0.0 else math.nan
         currents = _currents(a, opener, closer, state)
         for j in range(2):
-            shown = currents[j]
-            if current_quantum > 0.0:
-                shown = round(shown / current_quantum) * current_quantum
             inputs[n, j] = volts[j] / b.supply
-            inputs[n, 2 + j] = shown / current_scale
+            inputs[n, 2 + j] = shown_current(sensor, currents[j])
         if disturbance[n] != 0.0 and state[SPEED] != 0.0 and not stuck:
             moved = state[X] + 2.0 * a.travel * disturbance[n]
             state[X] = min(max(moved, -a.travel), a.travel)

@@ -18,7 +18,8 @@ from numba import njit
 from valve_twin.core.types import Restart, Validity
 
 if TYPE_CHECKING:
-    from valve_twin.core.types import BoolArray, ByteArray, FloatArray
+    from valve_twin.core.simulation.plant import Forcing, Response
+    from valve_twin.core.types import ByteArray, FloatArray
 
 STATES = 1
 MAX_LAG = 128
@@ -142,12 +143,8 @@ def simulate(
     x: FloatArray,
     p: FloatArray,
     period_s: float,
-    inputs: FloatArray,
-    lost: BoolArray,
-    disturbance: FloatArray,
-    leak_rate: float,
-    stuck: bool,
-    out: FloatArray,
+    forcing: Forcing,
+    out: Response,
 ) -> None:
     """Simulate N samples of the valve, faults included.
 
@@ -160,20 +157,21 @@ def simulate(
         Parameters [unit of each].
     period_s : float
         Sampling time [s].
-    inputs : (N, M) array
-        Inputs, held from their stamps on [unit of the signals].
-    lost : (N,) bool array
-        Samples whose inputs do not reach the valve: those before stay.
-    disturbance : (N,) array
-        Change of the output that is added while it moves [unit of the output].
-    leak_rate, stuck : float, bool
-        Faults: loss of output [1/s]; the output does not move.
-    out : (N,) array
-        Overwritten with the output at the stamps [unit of the output].
+    forcing : Forcing
+        What acts on it: the commands, or the reference as every command, are held from their
+        stamps on; those before stay where one is lost. Process noise is added while it moves.
+    out : Response
+        Overwritten with the output at the stamps (N,) [unit of the output], and the inputs (N, M).
     """
+    reference, _, external, commands, disturbance, leak_rate, stuck, _, _, lost = forcing
+    position, inputs = out
     before = np.empty(STATES)
-    for n in range(len(out)):
-        out[n] = x[0]
+    for n in range(len(position)):
+        position[n] = x[0]
+        if external:
+            inputs[n] = commands[n]
+        else:
+            inputs[n] = reference[n]
         if not lost[n]:
             x[STATES:] = inputs[n]
         before[:] = x[:STATES]

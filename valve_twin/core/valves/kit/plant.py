@@ -85,35 +85,17 @@ class LawPlant(Plant):
         """The (P,) parameters in the order of the law."""
         return np.array([getattr(self, p.name) for p in self.law.parameters])
 
-    def ticks_per_sample(self, period_s: float) -> int:
-        """Return 1: the law itself is exact over a sample."""
-        del period_s
-        return 1
-
     def initial_state(self) -> FloatArray:
         """Return the (S + M,) state at rest, all 0: the law's, then the inputs before it."""
         return np.zeros(self.law.states + len(self.inputs))
 
     def run(self, state: FloatArray, drive: Drive, period_s: float) -> Response:
         """Run N samples as `Plant.run` says. The commands are the reference itself."""
-        samples, width = len(drive.disturbance), len(self.inputs)
-        sent = drive.commands
-        if sent is None:
-            sent = np.repeat(drive.reference[:, None], width, axis=1)
-        lost = drive.lost_commands
-        position = np.empty(samples)
+        out = Response.empty(len(drive.disturbance), len(self.inputs))
         self.law.simulate(
-            state,
-            self.values,
-            float(period_s),
-            np.ascontiguousarray(sent),
-            np.zeros(samples, dtype=np.bool_) if lost is None else lost,
-            np.ascontiguousarray(drive.disturbance),
-            float(drive.leak_rate),
-            bool(drive.stuck),
-            position,
+            state, self.values, float(period_s), drive.forcing(len(self.inputs)), out
         )
-        return Response(position, np.ascontiguousarray(sent))
+        return out
 
     def steady_rate(self, inputs: FloatArray) -> float:
         """Return the speed at mid-stroke under constant inputs (M,) [1/s]."""

@@ -5,14 +5,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
 from numba import njit
 
 from valve_twin.core.quantity import check_quantities, quantity
 from valve_twin.core.simulation.config import SimulationConfig
-from valve_twin.core.simulation.plant import Drive, Plant, Response
+from valve_twin.core.simulation.plant import Drive, Forcing, Plant, Response, whole_ratio
 from valve_twin.core.simulation.program import CycleProgram
 from valve_twin.core.valves.positioner.extended import (
     BACKLASH,
@@ -34,24 +34,33 @@ _MOTION = _LINE + _MAX_DELAY_TICKS
 _X, _Y = 0, MOTION_SIZE - 1
 
 
+class _Clock(NamedTuple):
+    """Length of a step [s], steps in a sample, delay of a rise and of a fall in steps."""
+
+    tick_s: float
+    ticks: int
+    rising: int
+    falling: int
+
+
 @njit(cache=True)
 def _run(
     state: FloatArray,
     p: FloatArray,
-    tick_s: float,
-    delay: int,
-    ticks: int,
-    commands: FloatArray,
-    disturbance: FloatArray,
-    leak_rate: float,
-    stuck: bool,
-    position: FloatArray,
+    clock: _Clock,
+    forcing: Forcing,
+    out: Response,
 ) -> None:
+    reference, _, external, commands, disturbance, leak_rate, stuck, _, _, _ = forcing
+    tick_s, ticks, delay, _ = clock
+    position, inputs = out
     for n in range(len(position)):
+        sent = commands[n, 0] if external else reference[n * ticks]
         position[n] = state[_POSITION]
-        for k in range(ticks):
+        inputs[n, 0] = sent
+        for _ in range(ticks):
             head = int(state[_HEAD])
-            state[_LINE + head] = commands[n * ticks + k]
+            state[_LINE + head] = sent
             state[_HEAD] = (head + 1) % _MAX_DELAY_TICKS
             command = state[_LINE + (head - delay) % _MAX_DELAY_TICKS]
             x = state[_POSITION]
@@ -67,32 +76,31 @@ def _run(
 def _run_extended(
     state: FloatArray,
     p: FloatArray,
-    tick_s: float,
-    rising: int,
-    falling: int,
-    ticks: int,
-    commands: FloatArray,
-    disturbance: FloatArray,
-    leak_rate: float,
-    stuck: bool,
-    position: FloatArray,
+    clock: _Clock,
+    forcing: Forcing,
+    out: Response,
 ) -> None:
     z = state[_MOTION : _MOTION + MOTION_SIZE]
     line = state[_LINE : _LINE + _MAX_DELAY_TICKS]
     m = np.zeros(N_TRANSITION)
+    reference, _, external, commands, disturbance, leak_rate, stuck, _, _, _ = forcing
+    tick_s, ticks, rising, falling = clock
+    position, inputs = out
     transition(p, tick_s, m)
     play = 0.5 * p[BACKLASH]
     for n in range(len(position)):
+        sent = commands[n, 0] if external else reference[n * ticks]
         position[n] = z[_Y]
-        for k in range(ticks):
+        inputs[n, 0] = sent
+        for _ in range(ticks):
             head = int(state[_HEAD])
-            line[head] = commands[n * ticks + k]
+            line[head] = sent
             state[_HEAD] = (head + 1) % _MAX_DELAY_TICKS
             if stuck:
                 continue
             x = z[_X]
-            target = target_of(delayed(line, head + _MAX_DELAY_TICKS, rising, falling), p)
-            move(z, target, p, tick_s, 1, m, 0.0, 1.0)
+            command = delayed(line, head + _MAX_DELAY_TICKS, rising, falling)
+            move(z, target_of(command, p), p, tick_s, 1, m, 0.0, 1.0)
             if z[_X] != x:
                 z[_X] += disturbance[n] / ticks
             z[_X] = min(max(z[_X] - leak_rate * tick_s, 0.0), 1.0)
@@ -166,11 +174,7 @@ class PositionerPlant(Plant):
 
     def ticks_per_sample(self, period_s: float) -> int:
         """Return how many steps a sample takes."""
-        count = round(period_s / self.step)
-        if count < 1 or abs(count * self.step - period_s) > 1e-9 * period_s:
-            message = f"period_s = {period_s!r}: must be a multiple of step = {self.step!r} [s]"
-            raise ValueError(message)
-        return count
+        return whole_ratio(period_s, self.step, "period_s", "step")
 
     def initial_state(self) -> FloatArray:
         """Return the state at rest: position, head and content of the delay line."""
@@ -178,42 +182,18 @@ class PositionerPlant(Plant):
 
     def run(self, state: FloatArray, drive: Drive, period_s: float) -> Response:
         """Run N samples, parameters as `Plant.run`. The command is the reference itself."""
-        ticks = self.ticks_per_sample(period_s)
-        samples = len(drive.disturbance)
-        commands = self._commands(drive, ticks)
-        position = np.empty(samples)
-        disturbance = np.ascontiguousarray(drive.disturbance)
-        leak, stuck, tick_s = float(drive.leak_rate), bool(drive.stuck), float(self.step)
-        rising = round(self.delay / self.step)
+        clock = _Clock(
+            tick_s=float(self.step),
+            ticks=self.ticks_per_sample(period_s),
+            rising=round(self.delay / self.step),
+            falling=round((self.delay + self.delay_change) / self.step),
+        )
+        forcing, out = drive.forcing(1), Response.empty(len(drive.disturbance), 1)
         if self._extended:
-            falling = round((self.delay + self.delay_change) / self.step)
-            _run_extended(
-                state,
-                self._all_parameters(),
-                tick_s,
-                rising,
-                falling,
-                ticks,
-                commands,
-                disturbance,
-                leak,
-                stuck,
-                position,
-            )
+            _run_extended(state, self._all_parameters(), clock, forcing, out)
         else:
-            _run(
-                state,
-                self._parameters(),
-                tick_s,
-                rising,
-                ticks,
-                commands,
-                disturbance,
-                leak,
-                stuck,
-                position,
-            )
-        return Response(position, np.ascontiguousarray(commands[::ticks].reshape(-1, 1)))
+            _run(state, self._parameters(), clock, forcing, out)
+        return out
 
     def steady_rate(self, inputs: FloatArray) -> float:
         """Return the speed at mid-stroke under a constant command (1,) [1/s]."""
@@ -239,12 +219,6 @@ class PositionerPlant(Plant):
         curved = float(self.dead_command != 0.0 or self.static_gain != 1.0)
         curve = (self.dead_command, self.static_gain, 0.0, curved)
         return np.array([*self._parameters(), *friction, *curve])
-
-    @staticmethod
-    def _commands(drive: Drive, ticks: int) -> FloatArray:
-        """Return the command of every step: it is sent once a sample and held."""
-        sent = drive.reference[::ticks] if drive.commands is None else drive.commands[:, 0]
-        return np.ascontiguousarray(np.repeat(sent, ticks))
 
 
 def default_simulation() -> SimulationConfig:

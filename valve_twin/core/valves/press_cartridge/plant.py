@@ -29,8 +29,12 @@ from valve_twin.core.physics.orifice import signed_root
 from valve_twin.core.quantity import check_quantities, quantity
 from valve_twin.core.simulation.config import Scatter, SimulationConfig
 from valve_twin.core.simulation.faults import PLANT_KINDS
-from valve_twin.core.simulation.plant import Drive, Plant, Response
-from valve_twin.core.valves.press_cartridge.plant_kernel import PressCoefficients, run_press
+from valve_twin.core.simulation.plant import Drive, Plant, Response, whole_ratio
+from valve_twin.core.valves.press_cartridge.plant_kernel import (
+    PressCoefficients,
+    opening,
+    run_press,
+)
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
@@ -175,11 +179,11 @@ class PressCartridgePlant(Plant):
     def __post_init__(self) -> None:
         """Refuse values outside their range and periods that do not divide."""
         check_quantities(self)
-        _ratio(self.plc.period_s, self.step, "plc.period_s", "step")
+        whole_ratio(self.plc.period_s, self.step, "plc.period_s", "step")
 
     def ticks_per_sample(self, period_s: float) -> int:
         """Return how often the controller runs in one sample of `period_s`."""
-        return _ratio(period_s, self.plc.period_s, "period_s", "plc.period_s")
+        return whole_ratio(period_s, self.plc.period_s, "period_s", "plc.period_s")
 
     def initial_state(self) -> FloatArray:
         """Return the (10,) state: spindle on its closed seat, chamber drained, pilots shut.
@@ -221,34 +225,23 @@ class PressCartridgePlant(Plant):
 
     def run(self, state: FloatArray, drive: Drive, period_s: float) -> Response:
         """Run N samples, parameters as `Plant.run`."""
-        samples = len(drive.disturbance)
-        external = drive.commands is not None
-        commands = np.zeros((0, 2)) if drive.commands is None else drive.commands
-        nothing = np.zeros(samples, dtype=np.bool_)
-        frozen = nothing if drive.freezes is None else drive.freezes
-        position = np.empty(samples)
-        inputs = np.empty((samples, 2))
+        out = Response.empty(len(drive.disturbance), len(self.inputs))
+        forcing = drive.forcing(len(self.inputs))
         run_press(
             state,
             self.coefficients()._replace(
                 sensor_gain=float(drive.sensor_gain), sensor_offset=float(drive.sensor_offset)
             ),
             self.plc.settings(),
-            _ratio(self.plc.period_s, self.step, "plc.period_s", "step"),
+            whole_ratio(self.plc.period_s, self.step, "plc.period_s", "step"),
             self.ticks_per_sample(period_s),
-            np.ascontiguousarray(drive.reference),
-            np.ascontiguousarray(drive.hold),
-            external,
-            np.ascontiguousarray(commands, dtype=np.float64),
-            drive.disturbance * (self.piston_area * self.stroke / period_s),
-            self._leak_coefficient(drive.leak_rate),
-            drive.stuck,
-            frozen | drive.frozen,
-            nothing if drive.lost_commands is None else drive.lost_commands,
-            position,
-            inputs,
+            forcing._replace(
+                disturbance=forcing.disturbance * (self.piston_area * self.stroke / period_s),
+                leak_rate=self._leak_coefficient(drive.leak_rate),
+            ),
+            out,
         )
-        return Response(position, inputs)
+        return out
 
     def steady_rate(self, inputs: FloatArray) -> float:
         """Return the speed in mid-stroke under constant commands, leak included [1/s].
@@ -263,8 +256,8 @@ class PressCartridgePlant(Plant):
         """
         root = math.sqrt(2.0 / self.density)
         command_in = float(inputs[0]) / self.resistance_in
-        opening_in = _opening(command_in, self.offset_in, self.saturation_in)
-        opening_out = _opening(float(inputs[1]), self.offset_out, self.saturation_out)
+        opening_in = opening(command_in, self.offset_in, self.saturation_in)
+        opening_out = opening(float(inputs[1]), self.offset_out, self.saturation_out)
 
         def imbalance(speed: float) -> float:
             pressure = self.area_ratio * self.supply_pressure
@@ -309,23 +302,6 @@ class PressCartridgePlant(Plant):
             resistance_in=float(self.resistance_in),
             stick=float(self.stiction),
         )
-
-
-def _opening(command: float, offset: float, saturation: float) -> float:
-    """Return the pilot opening for a command [1]."""
-    effective = min(max(command - offset, 0.0), 1.0)
-    return effective * (1.0 - saturation * effective)
-
-
-def _ratio(whole: float, part: float, whole_name: str, part_name: str) -> int:
-    """Return whole/part as an integer, or refuse."""
-    count = round(whole / part)
-    if count < 1 or abs(count * part - whole) > 1e-9 * whole:
-        message = (
-            f"{whole_name} = {whole!r}: must be a whole multiple of {part_name} = {part!r} [s]"
-        )
-        raise ValueError(message)
-    return count
 
 
 def default_simulation() -> SimulationConfig:

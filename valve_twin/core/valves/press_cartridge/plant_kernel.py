@@ -12,7 +12,8 @@ from valve_twin.core.control.plc import PlcSettings, plc_step
 from valve_twin.core.physics.orifice import root_slope, signed_root
 
 if TYPE_CHECKING:
-    from valve_twin.core.types import BoolArray, FloatArray
+    from valve_twin.core.simulation.plant import Forcing, Response
+    from valve_twin.core.types import FloatArray
 
 SHUT = 1e-30
 """Pilot opening that counts as shut: keeps the decay out of slow denormal numbers [1]."""
@@ -52,8 +53,16 @@ class PressCoefficients(NamedTuple):
 
 
 @njit(cache=True)
-def _opening(command: float, offset: float, saturation: float) -> float:
-    """Return the pilot opening that a command asks for [1]."""
+def opening(command: float, offset: float, saturation: float) -> float:
+    """Return the pilot opening that a command asks for [1].
+
+    Parameters
+    ----------
+    command, offset : float
+        Command, and the part of it that opens nothing [1].
+    saturation : float
+        What is missing at the whole command [1].
+    """
     effective = min(max(command - offset, 0.0), 1.0)
     return effective * (1.0 - saturation * effective)
 
@@ -118,17 +127,8 @@ def run_press(
     plc: PlcSettings,
     steps_per_tick: int,
     ticks_per_sample: int,
-    reference: FloatArray,
-    hold: BoolArray,
-    external: bool,
-    commands: FloatArray,
-    noise_flow: FloatArray,
-    extra_leak: float,
-    stuck: bool,
-    frozen: BoolArray,
-    lost: BoolArray,
-    position: FloatArray,
-    inputs: FloatArray,
+    forcing: Forcing,
+    out: Response,
 ) -> None:
     """Run N samples of K controller ticks each.
 
@@ -140,24 +140,17 @@ def run_press(
         Numbers of valve and controller.
     steps_per_tick, ticks_per_sample : int
         Steps of `c.step_s` in a tick; K.
-    reference, hold : (N * K,) array, (N * K,) bool array
-        Wanted position at every tick [1], and whether it stands still there.
-    external, commands : bool, (N, 2) array
-        Whether the commands come from outside, and these: v_in, v_out [1].
-    noise_flow : (N,) array
-        Flow that process noise adds in motion [m^3/s].
-    extra_leak : float
-        Added to the leak of `c` [m^3/s/sqrt(Pa)].
-    stuck : bool
-        The spindle does not move.
-    frozen, lost : (N,) bool arrays
-        The controller keeps the position it has read; the commands do not reach the pilots.
-    position, inputs : (N,), (N, 2) arrays
-        Overwritten: position at the stamps, v_in and v_out [1].
+    forcing : Forcing
+        What acts on it; the disturbance is here the flow that process noise adds in motion
+        [m^3/s], the leak is added to that of `c` [m^3/s/sqrt(Pa)].
+    out : Response
+        Overwritten: position at the stamps (N,), v_in and v_out (N, 2) [1].
     """
+    reference, hold, external, commands, noise_flow, leak, stuck, frozen, freezes, lost = forcing
+    position, inputs = out
     for n in range(len(position)):
         for k in range(ticks_per_sample):
-            if not frozen[n]:
+            if not (frozen or freezes[n]):
                 state[5] = c.sensor_gain * state[0] + c.sensor_offset
             if external:
                 v_in = commands[n, 0]
@@ -179,9 +172,9 @@ def run_press(
             _advance(
                 state,
                 c,
-                _opening(state[8] / c.resistance_in, c.offset_in, c.saturation_in),
-                _opening(state[9], c.offset_out, c.saturation_out),
-                c.leak + extra_leak,
+                opening(state[8] / c.resistance_in, c.offset_in, c.saturation_in),
+                opening(state[9], c.offset_out, c.saturation_out),
+                c.leak + leak,
                 noise_flow[n],
                 stuck,
                 steps_per_tick,

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
-from valve_twin.core.valves.press_cartridge.plant_kernel import SHUT, PressCoefficients, _opening
+from valve_twin.core.valves.press_cartridge.plant_kernel import SHUT, PressCoefficients, opening
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
@@ -94,17 +94,17 @@ def run_rigid(
     balance = c.top_force / c.piston_area
     slope_in = 0.5 / np.sqrt(c.supply_pressure - balance)
     slope_out = 0.5 / np.sqrt(balance)
-    middle = slope_in * c.conductance_in * _opening(v0 + c.offset_in, c.offset_in, c.saturation_in)
+    middle = slope_in * c.conductance_in * opening(v0 + c.offset_in, c.offset_in, c.saturation_in)
     middle += slope_out * (
-        c.conductance_out * _opening(v0 + c.offset_out, c.offset_out, c.saturation_out) + c.leak
+        c.conductance_out * opening(v0 + c.offset_out, c.offset_out, c.saturation_out) + c.leak
     )
     inertia = 1.0 + c.step_s * c.damping / c.mass
     pull = c.step_s * c.piston_area / (c.mass * inertia)
     travel, speed, p, y_in, y_out = 0.0, 0.0, 0.0, 0.0, 0.0
     for n in range(len(position)):
         position[n] = travel / c.stroke
-        target_in = _opening(commands[n, 0], c.offset_in, c.saturation_in)
-        target_out = _opening(commands[n, 1], c.offset_out, c.saturation_out)
+        target_in = opening(commands[n, 0], c.offset_in, c.saturation_in)
+        target_out = opening(commands[n, 1], c.offset_out, c.saturation_out)
         for _ in range(steps_per_sample):
             y_in += c.pilot_share * (target_in - y_in)
             y_out += c.pilot_share * (target_out - y_out)

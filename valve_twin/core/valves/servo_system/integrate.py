@@ -9,7 +9,7 @@ as monotone.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -53,16 +53,33 @@ _SETTLE_S = 1.5  # time that the loops get to settle [s]
 _SETTLE_RTOL = 1e-4
 
 
-@njit(cache=True)
+class Room(NamedTuple):
+    """Where a step is computed: increments; Jacobian, matrix, its pivots; two states; work."""
+
+    k: FloatArray
+    jac: FloatArray
+    matrix: FloatArray
+    pivot: IntArray
+    ends: FloatArray
+    work: FloatArray
+
+
+@njit(cache=True, inline="always")
 def _step(
-    y: FloatArray, memory: FloatArray, p: FloatArray, u: FloatArray, h: float, rtol: float,
-    fresh: bool, k: FloatArray, jac: FloatArray, matrix: FloatArray, pivot: IntArray,
-    ends: FloatArray, work: FloatArray,
-) -> float:  # fmt: skip
+    y: FloatArray,
+    memory: FloatArray,
+    p: FloatArray,
+    u: FloatArray,
+    h: float,
+    rtol: float,
+    fresh: bool,
+    room: Room,
+) -> float:
     """Try one step: increments in `k`, the new state in `ends[1]`; return its error [1].
 
     `jac` is renewed if `fresh`, else it is that of the same state from the try before.
     """
+    k, jac, matrix, pivot, ends, work = room
     point, new = ends[0], ends[1]
     evaluate(y, p, memory, u, work, k[0], jac, fresh)
     rodas.shift(jac, h, matrix)
@@ -112,7 +129,8 @@ def span(
     k = np.empty((rodas.STAGES, STATES))
     jac, matrix = np.empty((STATES, STATES)), np.empty((STATES, STATES))
     pivot = np.empty(STATES, dtype=np.int64)
-    ends, work = np.empty((2, STATES)), np.empty(WORK)
+    ends = np.empty((2, STATES))
+    room = Room(k, jac, matrix, pivot, ends, np.empty(WORK))
     duration = len(out) * period
     t, count, fresh, sample = 0.0, 0, True, 0
     h, before, error_before = step, 0.0, 1.0
@@ -122,9 +140,7 @@ def span(
             return h, t, count
         last = t + h * 1.000001 >= duration
         used = duration - t if last else h
-        error = _step(
-            y, memory, p, u, used, rtol, fresh, k, jac, matrix, pivot, ends, work
-        )  # fmt: skip
+        error = _step(y, memory, p, u, used, rtol, fresh, room)
         refused = not fresh
         fresh = False
         proposed = rodas.next_step(used, error, before, error_before)

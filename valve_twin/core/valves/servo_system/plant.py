@@ -17,7 +17,7 @@ from valve_twin.core.physics.hysteresis import mean_reach
 from valve_twin.core.quantity import check_quantities, quantity
 from valve_twin.core.simulation.config import SimulationConfig
 from valve_twin.core.simulation.measurement import MeasurementConfig
-from valve_twin.core.simulation.plant import Drive, Plant, Response
+from valve_twin.core.simulation.plant import Drive, Plant, Response, failure_text
 from valve_twin.core.simulation.program import CycleProgram
 from valve_twin.core.valves.servo_system.dynamics import P1, P2, VP, XP, XV
 from valve_twin.core.valves.servo_system.integrate import FIRST_STEP, rest
@@ -182,24 +182,17 @@ class ServoSystemPlant(ServoSystemNumbers, Plant):
         Where the integration fails, positions are NaN from there on, and `failure` says when and
         where.
         """
-        samples = len(drive.disturbance)
-        position, inputs = np.empty(samples), np.empty((samples, len(INPUTS)))
-        wanted = drive.reference if drive.commands is None else drive.commands[:, 0]
+        out = Response.empty(len(drive.disturbance), len(INPUTS))
         run_plant(
             state,
             self.numbers(),
             self.sensors(drive.seed),
             float(self.tolerance),
             float(period_s),
-            np.ascontiguousarray(wanted),
-            np.ascontiguousarray(drive.disturbance),
-            float(drive.leak_rate),
-            bool(drive.stuck),
-            bool(drive.frozen),
-            position,
-            inputs,
+            drive.forcing(len(INPUTS)),
+            out,
         )
-        return Response(position, inputs)
+        return out
 
     def failure(self, state: FloatArray) -> str:
         """Return when and in what state the integration failed, empty if it did not.
@@ -209,19 +202,13 @@ class ServoSystemPlant(ServoSystemNumbers, Plant):
         state : (STATE_SIZE,) array
             The state that `run` has written.
         """
-        if state[FAILED] == 0.0:
-            return ""
         y = state[FIRST:MEMORY]
-        return (
-            f"integration failed at {state[TIME]:.6f} s: x_p = {y[XP]:g} m, v_p = {y[VP]:g} m/s, "
-            f"x_v = {y[XV]:g} m, P_f1 = {y[P1]:g} Pa, P_f2 = {y[P2]:g} Pa, "
-            f"step {state[STEP]:g} s"
+        return failure_text(
+            state[FAILED],
+            state[TIME],
+            f"x_p = {y[XP]:g} m, v_p = {y[VP]:g} m/s, x_v = {y[XV]:g} m, P_f1 = {y[P1]:g} Pa, "
+            f"P_f2 = {y[P2]:g} Pa, step {state[STEP]:g} s",
         )
-
-    def steady_rate(self, inputs: FloatArray) -> float:
-        """Return 0: the position loop holds the piston wherever it is wanted."""
-        del inputs
-        return 0.0
 
     def numbers(self) -> FloatArray:
         """Return the numbers for the compiled functions, (COUNT,)."""

@@ -33,6 +33,7 @@ from valve_twin.core.valves.servo_system.integrate import FIRST_STEP, advance
 from valve_twin.core.valves.servo_system.numbers import AREA_1, ARM, PR, PS, STROKE
 
 if TYPE_CHECKING:
+    from valve_twin.core.simulation.plant import Forcing, Response
     from valve_twin.core.types import FloatArray
 
 INPUTS = (
@@ -127,40 +128,43 @@ def _read(state: FloatArray, p: FloatArray, s: Sensors, out: FloatArray) -> None
 
 @njit(cache=True)
 def run_plant(
-    state: FloatArray, p: FloatArray, sensors: Sensors, rtol: float, period: float,
-    wanted: FloatArray, disturbance: FloatArray, leak_rate: float, stuck: bool, frozen: bool,
-    position: FloatArray, inputs: FloatArray,
-) -> None:  # fmt: skip
-    """Run N samples; `state`, `position` (N,) and `inputs` (N, 9) are written.
+    state: FloatArray,
+    p: FloatArray,
+    sensors: Sensors,
+    rtol: float,
+    period: float,
+    forcing: Forcing,
+    out: Response,
+) -> None:
+    """Run N samples in place.
 
     Parameters
     ----------
     state : (STATE_SIZE,) array
-        See `STATE_SIZE`.
+        See `STATE_SIZE`; written in place.
     p : (COUNT,) array
         Numbers, see `numbers`.
     sensors : Sensors
         What the sensors make of the state.
     rtol, period : float
         Allowed relative error of a step [1], sampling time [s].
-    wanted : (N,) array
-        Desired position [1].
-    disturbance : (N,) array
-        Displacement that process noise adds over each sample to piston and load [1].
-    leak_rate : float
-        Leak from chamber 1 to return: stroke a second at the whole pressure drop [1/s].
-    stuck, frozen : bool
-        The valve pipe does not move; the controller keeps the position it has read.
-    position, inputs : (N,), (N, 9) arrays
-        Position of the piston; desired position and sensors [1].
+    forcing : Forcing
+        What acts on it: the reference, or the first command from outside, is the desired position
+        [1], process noise moves piston and load, the leak goes from chamber 1 to return, stroke a
+        second at the whole pressure drop [1/s], and the valve pipe sticks.
+    out : Response
+        Overwritten: position of the piston (N,), desired position and sensors (N, 9) [1].
     """
     y, memory = state[FIRST:MEMORY], state[MEMORY:STEP]
+    reference, _, external, commands, disturbance, leak_rate, stuck, frozen, _, _ = forcing
+    position, inputs = out
     u = np.zeros(CONTROLS)
     u[HELD] = 1.0 if stuck else 0.0
     u[LEAK] = leak_rate * p[STROKE] * p[AREA_1] / sqrt(p[PS] - p[PR])
     stroke = p[STROKE]
     for n in range(len(position)):
-        position[n], inputs[n, 0] = nan, wanted[n]
+        wanted = commands[n, 0] if external else reference[n]
+        position[n], inputs[n, 0] = nan, wanted
         inputs[n, 1:] = nan
         if state[FAILED] > 0.0:
             continue
@@ -169,7 +173,7 @@ def run_plant(
         if not frozen:
             state[READ] = y[XP]
         u[FED_BACK] = state[READ] if frozen else nan
-        u[WANTED] = (wanted[n] - 0.5) * stroke
+        u[WANTED] = (wanted - 0.5) * stroke
         if stuck:
             y[VV] = 0.0
         h, reached, _ = advance(y, memory, p, u, period, max(state[STEP], FIRST_STEP), rtol)

@@ -14,7 +14,7 @@ import numpy as np
 from valve_twin.core.control.stepper import StepperConfig
 from valve_twin.core.quantity import check_quantities, quantity
 from valve_twin.core.simulation.config import SimulationConfig
-from valve_twin.core.simulation.plant import Drive, Plant, Response
+from valve_twin.core.simulation.plant import Drive, Plant, Response, whole_ratio
 from valve_twin.core.simulation.program import CycleProgram
 from valve_twin.core.valves.stepper_servo.plant_kernel import (
     COUNT,
@@ -114,18 +114,10 @@ class StepperServoPlant(Plant):
 
     def ticks_per_sample(self, period_s: float) -> int:
         """Return how many base samples of the controller a sample takes."""
-        tick = self.controller.period_s
         refusal = check_period(period_s)
         if refusal:
             raise ValueError(refusal)
-        count = round(period_s / tick)
-        if count < 1 or abs(count * tick - period_s) > 1e-9 * period_s:
-            message = (
-                f"period_s = {period_s!r}: "
-                f"must be a multiple of controller.period_s = {tick!r} [s]"
-            )
-            raise ValueError(message)
-        return count
+        return whole_ratio(period_s, self.controller.period_s, "period_s", "controller.period_s")
 
     def initial_state(self) -> FloatArray:
         """Return the state at rest in the middle of the dead band, counter and rotor agreeing."""
@@ -139,26 +131,17 @@ class StepperServoPlant(Plant):
 
     def run(self, state: FloatArray, drive: Drive, period_s: float) -> Response:
         """Run N samples, parameters as `Plant.run`. The position is the sensor's average."""
-        ticks = self.ticks_per_sample(period_s)
-        samples = len(drive.disturbance)
-        position, inputs = np.empty(samples), np.empty((samples, 2))
-        target = np.empty(0) if drive.commands is None else drive.commands[:, 0]
+        out = Response.empty(len(drive.disturbance), len(self.inputs))
         run_plant(
             state,
             self._numbers(),
             self.controller.settings(),
             float(self.controller.period_s),
-            ticks,
-            np.ascontiguousarray(drive.reference),
-            np.ascontiguousarray(target),
-            np.ascontiguousarray(drive.disturbance),
-            float(drive.leak_rate),
-            bool(drive.stuck),
-            bool(drive.frozen),
-            position,
-            inputs,
+            self.ticks_per_sample(period_s),
+            drive.forcing(len(self.inputs)),
+            out,
         )
-        return Response(position, inputs)
+        return out
 
     def steady_rate(self, inputs: FloatArray) -> float:
         """Return the speed at mid-stroke towards a motor position from outside [1/s]."""

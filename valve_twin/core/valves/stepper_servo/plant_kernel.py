@@ -13,6 +13,7 @@ from valve_twin.core.control.stepper import stepper_step
 
 if TYPE_CHECKING:
     from valve_twin.core.control.stepper import StepperSettings
+    from valve_twin.core.simulation.plant import Forcing, Response
     from valve_twin.core.types import FloatArray
 
 MAX_WINDOW = 256
@@ -121,46 +122,34 @@ def run_plant(
     controller: StepperSettings,
     tick_s: float,
     ticks: int,
-    reference: FloatArray,
-    target: FloatArray,
-    disturbance: FloatArray,
-    leak_rate: float,
-    stuck: bool,
-    frozen: bool,
-    position: FloatArray,
-    inputs: FloatArray,
+    forcing: Forcing,
+    out: Response,
 ) -> None:
-    """Run N samples of `ticks` ticks; `state`, `position` (N,) and `inputs` (N, 2) are written.
+    """Run N samples of `ticks` ticks, in place.
 
     Parameters
     ----------
     state : (STATE_SIZE,) array
-        See `STATE_SIZE`.
+        See `STATE_SIZE`; written in place.
     v, controller : Valve, StepperSettings
         Numbers of the plant and of its controller.
     tick_s, ticks : float, int
         Base sample [s], base samples a sample.
-    reference : (N * ticks,) array
-        Position reference [1], for the plant's own controller.
-    target : (N,) or (0,) array
-        Commanded motor position from outside [1]; empty = the plant's own controller runs.
-    disturbance : (N,) array
-        Displacement of a moving spool inside the backlash, a sample [1].
-    leak_rate : float
-        Push towards the lower end inside the backlash [1/s].
-    stuck, frozen : bool
-        The spool does not move; the sensor keeps its value.
-    position, inputs : (N,), (N, 2) arrays
-        Sensed position [1]; counted motor position and metered flow [1].
+    forcing : Forcing
+        What acts on it: the reference of the position, or as the first command from outside that
+        of the motor [1]; process noise and leak move the spool inside the backlash.
+    out : Response
+        Overwritten: sensed position (N,) [1]; counted motor position, metered flow (N, 2) [1].
     """
-    outside = len(target) > 0
+    reference, _, outside, commands, disturbance, leak_rate, stuck, frozen, _, _ = forcing
+    position, inputs = out
     for n in range(len(position)):
         position[n] = state[SENSED]
         inputs[n, 0] = state[COUNT] * v.step
         inputs[n, 1] = state[FLOW]
         for k in range(ticks):
             if outside:
-                missing = target[n] - state[COUNT] * v.step
+                missing = commands[n, 0] - state[COUNT] * v.step
                 steps = int(np.sign(missing)) if abs(missing) > 0.5 * v.step else 0
             else:
                 error = v.volts * (reference[n * ticks + k] - state[SENSED])
