@@ -237,9 +237,7 @@ def test_numbers_that_no_valve_has_are_refused_by_name_value_and_range(numbers, 
 
 @pytest.mark.parametrize("period_s", [3e-5, 1.5e-4])
 def test_a_sampling_time_that_does_not_fit_the_controllers_is_refused(period_s):
-    with pytest.raises(
-        ValueError, match=r"multiple of the controllers' sample = 0.0001 \[s\]"
-    ):
+    with pytest.raises(ValueError, match=r"multiple of the controllers' sample = 0.0001 \[s\]"):
         PLANT.ticks_per_sample(period_s)
 
 

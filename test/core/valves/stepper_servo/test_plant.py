@@ -184,7 +184,5 @@ def test_refuses_a_sampling_that_shows_no_thread():
 
 
 def test_refuses_a_sampling_that_the_controller_does_not_meet():
-    with pytest.raises(
-        ValueError, match=r"period_s = 0\.0105: must be a whole multiple of c"
-    ):
+    with pytest.raises(ValueError, match=r"period_s = 0\.0105: must be a whole multiple of c"):
         PLANT.ticks_per_sample(0.0105)
