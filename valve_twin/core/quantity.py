@@ -186,9 +186,9 @@ def quantity(
     default: T,
     unit: str,
     text: str,
-    *,
     lower: float = -math.inf,
     upper: float = math.inf,
+    *,
     assumed: bool = False,
     ages: bool = True,
 ) -> T:
@@ -214,6 +214,13 @@ def quantity(
     ages = ages and kind is Kind.FLOAT
     meta = Descriptor("", kind, default, unit, text, lower, upper, (), assumed, ages)
     return field(default=default, metadata={_KEY: meta})
+
+
+def assumed(
+    default: T, unit: str, text: str, lower: float, upper: float, *, ages: bool = True
+) -> T:
+    """Declare a `quantity` that no source gives; parameters as there."""
+    return quantity(default, unit, text, lower, upper, assumed=True, ages=ages)
 
 
 def setting(default: T, text: str, *, choices: tuple[str, ...] = (), assumed: bool = False) -> T:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from numba import njit
 
-from valve_twin.core.quantity import check_quantities, quantity
+from valve_twin.core.quantity import assumed, check_quantities
 
 
 class PidGains(NamedTuple):
@@ -31,30 +31,12 @@ class PidGains(NamedTuple):
 class PidConfig:
     """Numbers of the nonlinear PID; errors are shares of half the stroke."""
 
-    gain_near: float = quantity(
-        10.0, "1", "Proportional gain at no error", lower=0.0, upper=1e3, assumed=True, ages=False
-    )
-    gain_far: float = quantity(
-        1.0, "1", "Proportional gain far away", lower=0.0, upper=1e3, assumed=True, ages=False
-    )
-    integral_near: float = quantity(
-        200.0, "1/s", "Integral gain at no error", lower=0.0, upper=1e6, assumed=True, ages=False
-    )
-    integral_far: float = quantity(
-        0.0, "1/s", "Integral gain far away", lower=0.0, upper=1e6, assumed=True, ages=False
-    )
-    rate: float = quantity(
-        2e-3, "s", "Gain on the speed", lower=0.0, upper=1.0, assumed=True, ages=False
-    )
-    knee: float = quantity(
-        0.03,
-        "1",
-        "Error at which gains are half way",
-        lower=1e-4,
-        upper=2.0,
-        assumed=True,
-        ages=False,
-    )
+    gain_near: float = assumed(10.0, "1", "Proportional gain at no error", 0.0, 1e3, ages=False)
+    gain_far: float = assumed(1.0, "1", "Proportional gain far away", 0.0, 1e3, ages=False)
+    integral_near: float = assumed(200.0, "1/s", "Integral gain at no error", 0.0, 1e6, ages=False)
+    integral_far: float = assumed(0.0, "1/s", "Integral gain far away", 0.0, 1e6, ages=False)
+    rate: float = assumed(2e-3, "s", "Gain on the speed", 0.0, 1.0, ages=False)
+    knee: float = assumed(0.03, "1", "Error at which gains are half way", 1e-4, 2.0, ages=False)
 
     def __post_init__(self) -> None:
         """Refuse values outside their range."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numba import njit
 
-from valve_twin.core.quantity import check_quantities, quantity
+from valve_twin.core.quantity import assumed, check_quantities
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
@@ -36,49 +36,21 @@ class PlcSettings(NamedTuple):
 class PlcConfig:
     """Numbers of the position controller; every field carries its unit, range and description."""
 
-    period_s: float = quantity(
-        0.01, "s", "Task period of the controller", lower=1e-4, upper=1.0, assumed=True
+    period_s: float = assumed(0.01, "s", "Task period of the controller", 1e-4, 1.0)
+    gain_in: float = assumed(6.0, "1", "Command per position error, opening", 0.0, 1e3)
+    integral_in: float = assumed(
+        2.0, "1/s", "Command per integral of the error, opening", 0.0, 1e3
     )
-    gain_in: float = quantity(
-        6.0, "1", "Command per position error, opening", lower=0.0, upper=1e3, assumed=True
+    gain_out: float = assumed(3.0, "1", "Command per position error, closing", 0.0, 1e3)
+    integral_out: float = assumed(
+        0.5, "1/s", "Command per integral of the error, closing", 0.0, 1e3
     )
-    integral_in: float = quantity(
-        2.0,
-        "1/s",
-        "Command per integral of the error, opening",
-        lower=0.0,
-        upper=1e3,
-        assumed=True,
+    limit: float = assumed(0.8, "1", "Largest command in either direction", 0.0, 1.0)
+    band_off: float = assumed(
+        0.002, "1", "Error below which the output goes off in hold", 0.0, 1.0
     )
-    gain_out: float = quantity(
-        3.0, "1", "Command per position error, closing", lower=0.0, upper=1e3, assumed=True
-    )
-    integral_out: float = quantity(
-        0.5,
-        "1/s",
-        "Command per integral of the error, closing",
-        lower=0.0,
-        upper=1e3,
-        assumed=True,
-    )
-    limit: float = quantity(
-        0.8, "1", "Largest command in either direction", lower=0.0, upper=1.0, assumed=True
-    )
-    band_off: float = quantity(
-        0.002,
-        "1",
-        "Error below which the output goes off in hold",
-        lower=0.0,
-        upper=1.0,
-        assumed=True,
-    )
-    band_on: float = quantity(
-        0.02,
-        "1",
-        "Error above which the output comes on again in hold",
-        lower=0.0,
-        upper=1.0,
-        assumed=True,
+    band_on: float = assumed(
+        0.02, "1", "Error above which the output comes on again in hold", 0.0, 1.0
     )
 
     def __post_init__(self) -> None:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numba import njit
 
-from valve_twin.core.quantity import check_quantities, quantity
+from valve_twin.core.quantity import assumed, check_quantities, quantity
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
@@ -64,26 +64,13 @@ class StepperSettings(NamedTuple):
 class StepperConfig:
     """Numbers of the position controller; every field carries its unit, range and description."""
 
-    period_s: float = quantity(
-        0.001, "s", "Base sample of the controller", lower=1e-4, upper=0.1, assumed=True
-    )
-    gain: float = quantity(0.35, "1", "Output per error of 1 V (paper 004)", lower=0.0, upper=1e3)
-    integral_time: float = quantity(
-        0.02, "s", "Integral time T_i (paper 004)", lower=1e-4, upper=1e6
-    )
-    derivative_time: float = quantity(
-        0.004, "s", "Derivative time T_d (paper 004)", lower=0.0, upper=10.0
-    )
-    volts_per_metre: float = quantity(
-        1000.0, "V/m", "Scale of the position sensor", lower=1.0, upper=1e6, assumed=True
-    )
-    dead_zone: float = quantity(
-        6e-6,
-        "m",
-        "Error that makes no step: half a step or more",
-        lower=0.0,
-        upper=1e-3,
-        assumed=True,
+    period_s: float = assumed(0.001, "s", "Base sample of the controller", 1e-4, 0.1)
+    gain: float = quantity(0.35, "1", "Output per error of 1 V (paper 004)", 0.0, 1e3)
+    integral_time: float = quantity(0.02, "s", "Integral time T_i (paper 004)", 1e-4, 1e6)
+    derivative_time: float = quantity(0.004, "s", "Derivative time T_d (paper 004)", 0.0, 10.0)
+    volts_per_metre: float = assumed(1000.0, "V/m", "Scale of the position sensor", 1.0, 1e6)
+    dead_zone: float = assumed(
+        6e-6, "m", "Error that makes no step: half a step or more", 0.0, 1e-3
     )
 
     def __post_init__(self) -> None:

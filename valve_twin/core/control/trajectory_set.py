@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from numba import njit
 
-from valve_twin.core.quantity import check_quantities, quantity
+from valve_twin.core.quantity import assumed, check_quantities
 
 HORIZON = 32
 """Control samples that a candidate is predicted, assumed."""
@@ -42,32 +42,24 @@ class TrajectoryWeights(NamedTuple):
 class TrajectorySetConfig:
     """The three parameters of the controller."""
 
-    overshoot: float = quantity(
+    overshoot: float = assumed(
         5.0,
         "1",
         "Weight of squared errors beyond the target over those before it",
-        lower=1.0,
-        upper=1e4,
-        assumed=True,
+        1.0,
+        1e4,
         ages=False,
     )
-    speed_time: float = quantity(
+    speed_time: float = assumed(
         5e-4,
         "s",
         "Time by which the speed at the end of the horizon counts as error",
-        lower=0.0,
-        upper=1.0,
-        assumed=True,
+        0.0,
+        1.0,
         ages=False,
     )
-    effort: float = quantity(
-        1e-6,
-        "1",
-        "Weight of a squared change of the input",
-        lower=0.0,
-        upper=1.0,
-        assumed=True,
-        ages=False,
+    effort: float = assumed(
+        1e-6, "1", "Weight of a squared change of the input", 0.0, 1.0, ages=False
     )
 
     def __post_init__(self) -> None:

@@ -7,7 +7,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, TypeVar, cast
 
-from valve_twin.core.quantity import check_quantities, describe, nearest_hint, quantity, setting
+from valve_twin.core.quantity import (
+    assumed,
+    check_quantities,
+    describe,
+    nearest_hint,
+    quantity,
+    setting,
+)
 from valve_twin.core.simulation.faults import Faults
 from valve_twin.core.simulation.measurement import MeasurementConfig
 from valve_twin.core.simulation.program import CycleProgram
@@ -62,13 +69,11 @@ class StartFault:
         0.0,
         "1",
         "leak: loss of stroke [1/s]; lost_samples: probability; else as in docs/diagnosis.md [1]",
-        lower=-1.0,
-        upper=10.0,
+        -1.0,
+        10.0,
     )
-    start_s: float = quantity(0.0, "s", "Simulated time of its start", lower=0.0, upper=1e9)
-    duration_s: float = quantity(
-        0.0, "s", "How long it stays, 0 = until cleared", lower=0.0, upper=1e9
-    )
+    start_s: float = quantity(0.0, "s", "Simulated time of its start", 0.0, 1e9)
+    duration_s: float = quantity(0.0, "s", "How long it stays, 0 = until cleared", 0.0, 1e9)
 
     def __post_init__(self) -> None:
         """Refuse an unknown kind and values outside their range."""
@@ -110,28 +115,20 @@ class SimulationConfig:
     plant: Plant
     program: CycleProgram = field(default_factory=CycleProgram)
     measurement: MeasurementConfig = field(default_factory=MeasurementConfig)
-    period_s: float = quantity(
-        0.03, "s", "Sampling time of position and commands", lower=1e-4, upper=10.0, assumed=True
-    )
+    period_s: float = assumed(0.03, "s", "Sampling time of position and commands", 1e-4, 10.0)
     controller: str = setting(
         "cycles",
         "cycles = run production cycles; external = take the command topics",
         choices=CONTROLLERS,
     )
-    first_cycle: int = quantity(1, "1", "Number of the first cycle", lower=0, upper=2**53)
+    first_cycle: int = quantity(1, "1", "Number of the first cycle", 0, 2**53)
     start_command: int = quantity(
-        0, "1", "External: index of the command that starts a cycle", lower=0, upper=31
+        0, "1", "External: index of the command that starts a cycle", 0, 31
     )
     rearm_command: int = quantity(
-        -1,
-        "1",
-        "External: index of the command needed since the last start, -1 = none",
-        lower=-1,
-        upper=31,
+        -1, "1", "External: index of the command needed since the last start, -1 = none", -1, 31
     )
-    threshold: float = quantity(
-        0.02, "1", "External: command that counts as active", lower=0.0, upper=1.0
-    )
+    threshold: float = quantity(0.02, "1", "External: command that counts as active", 0.0, 1.0)
     aging: tuple[AgingRule, ...] = ()
     scatter: tuple[Scatter, ...] = ()
     fault: StartFault = field(default_factory=StartFault)

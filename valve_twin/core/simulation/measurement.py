@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.quantity import check_quantities, quantity
+from valve_twin.core.quantity import assumed, check_quantities, quantity
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray
@@ -21,58 +21,29 @@ RANDOM_PHASE = -1
 class MeasurementConfig:
     """Numbers of the measurement layer; every field carries its unit, range and description."""
 
-    delay: int = quantity(
-        1, "samples", "Delay of the position sensor", lower=0, upper=1000, assumed=True
-    )
-    refresh: int = quantity(
-        1,
-        "samples",
-        "The sensor gives a new value every that many samples",
-        lower=1,
-        upper=1000,
-        assumed=True,
+    delay: int = assumed(1, "samples", "Delay of the position sensor", 0, 1000)
+    refresh: int = assumed(
+        1, "samples", "The sensor gives a new value every that many samples", 1, 1000
     )
     refresh_phase: int = quantity(
         RANDOM_PHASE,
         "samples",
         "Sample of a cycle that gets the first new value, -1 = drawn at random for each cycle",
-        lower=RANDOM_PHASE,
-        upper=999,
+        RANDOM_PHASE,
+        999,
     )
-    noise: float = quantity(
-        1e-3,
-        "1",
-        "Standard deviation of the white position noise",
-        lower=0.0,
-        upper=1.0,
-        assumed=True,
+    noise: float = assumed(1e-3, "1", "Standard deviation of the white position noise", 0.0, 1.0)
+    quantum: float = assumed(0.0, "1", "Step of the position's quantisation, 0 = none", 0.0, 1.0)
+    position_offset: float = assumed(0.0, "1", "Offset of the measured position", -1.0, 1.0)
+    command_offsets: tuple[float, ...] = assumed(
+        (), "1", "Offset of each logged command, in input order", -1.0, 1.0
     )
-    quantum: float = quantity(
-        0.0,
-        "1",
-        "Step of the position's quantisation, 0 = none",
-        lower=0.0,
-        upper=1.0,
-        assumed=True,
-    )
-    position_offset: float = quantity(
-        0.0, "1", "Offset of the measured position", lower=-1.0, upper=1.0, assumed=True
-    )
-    command_offsets: tuple[float, ...] = quantity(
-        (),
-        "1",
-        "Offset of each logged command, in input order",
-        lower=-1.0,
-        upper=1.0,
-        assumed=True,
-    )
-    process_noise: float = quantity(
+    process_noise: float = assumed(
         0.0,
         "1",
         "Standard deviation of the displacement that the process adds in one sample of motion",
-        lower=0.0,
-        upper=0.1,
-        assumed=True,
+        0.0,
+        0.1,
     )
 
     def __post_init__(self) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.quantity import check_quantities, quantity, setting
+from valve_twin.core.quantity import assumed, check_quantities, setting
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray
@@ -45,31 +45,17 @@ class CycleProgram:
         Rise time of a step [s].
     """
 
-    times_s: tuple[float, ...] = quantity(
-        (0.0, 1.0, 7.5, 9.0, 18.0),
-        "s",
-        "Start of each move of the cycle",
-        lower=0.0,
-        upper=3600.0,
-        assumed=True,
+    times_s: tuple[float, ...] = assumed(
+        (0.0, 1.0, 7.5, 9.0, 18.0), "s", "Start of each move of the cycle", 0.0, 3600.0
     )
     kinds: tuple[str, ...] = setting(
         ("hold", "step", "ramp", "hold", "step"), "Kind of each move: hold, step or ramp"
     )
-    targets: tuple[float, ...] = quantity(
-        (0.0, 0.2, 0.28, 0.28, 0.0),
-        "1",
-        "Target position of each move",
-        lower=0.0,
-        upper=1.0,
-        assumed=True,
+    targets: tuple[float, ...] = assumed(
+        (0.0, 0.2, 0.28, 0.28, 0.0), "1", "Target position of each move", 0.0, 1.0
     )
-    duration_s: float = quantity(
-        25.5, "s", "Length of the cycle", lower=0.1, upper=3600.0, assumed=True
-    )
-    step_time_s: float = quantity(
-        0.03, "s", "Rise time of a step of the reference", lower=0.0, upper=10.0, assumed=True
-    )
+    duration_s: float = assumed(25.5, "s", "Length of the cycle", 0.1, 3600.0)
+    step_time_s: float = assumed(0.03, "s", "Rise time of a step of the reference", 0.0, 10.0)
 
     def __post_init__(self) -> None:
         """Refuse a program that is not a cycle."""

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from valve_twin.core.quantity import quantity, setting
+from valve_twin.core.quantity import assumed, quantity, setting
 from valve_twin.core.types import Parameter
 
 ESTIMATOR = "centroid"
@@ -45,29 +45,18 @@ PARAMETERS = (
 class CycleTimingOptions:
     """Options of the model."""
 
-    spike_start_s: float = quantity(
-        9.0, "s", "the spike is looked for from here on", lower=0.0, upper=1e5
-    )
-    spike_end_s: float = quantity(10.5, "s", "and up to here", lower=0.0, upper=1e5)
+    spike_start_s: float = quantity(9.0, "s", "the spike is looked for from here on", 0.0, 1e5)
+    spike_end_s: float = quantity(10.5, "s", "and up to here", 0.0, 1e5)
     spike_half_width_s: float = quantity(
-        0.35, "s", "the centroid is taken this far to both sides of itself", lower=1e-4, upper=1e4
+        0.35, "s", "the centroid is taken this far to both sides of itself", 1e-4, 1e4
     )
-    min_spike_ratio: float = quantity(
-        1.3,
-        "1",
-        "peak over steady flow below which there is no spike",
-        lower=1.0,
-        upper=1e3,
-        assumed=True,
+    min_spike_ratio: float = assumed(
+        1.3, "1", "peak over steady flow below which there is no spike", 1.0, 1e3
     )
-    steady_start_s: float = quantity(
-        25.0, "s", "the flow is steady from here on", lower=0.0, upper=1e5
-    )
-    steady_end_s: float = quantity(59.0, "s", "and up to here", lower=0.0, upper=1e5)
+    steady_start_s: float = quantity(25.0, "s", "the flow is steady from here on", 0.0, 1e5)
+    steady_end_s: float = quantity(59.0, "s", "and up to here", 0.0, 1e5)
     healthy_instant_s: float = quantity(
-        0.0, "s", "switching_instant of the healthy valve", lower=0.0, upper=1e5
+        0.0, "s", "switching_instant of the healthy valve", 0.0, 1e5
     )
-    healthy_flow: float = quantity(
-        0.0, "m^3/s", "steady_flow of the healthy pump", lower=0.0, upper=1e3
-    )
+    healthy_flow: float = quantity(0.0, "m^3/s", "steady_flow of the healthy pump", 0.0, 1e3)
     estimators: tuple[str, ...] = setting((ESTIMATOR,), "estimators to run", choices=(ESTIMATOR,))

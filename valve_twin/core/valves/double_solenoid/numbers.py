@@ -6,108 +6,55 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from valve_twin.core.quantity import quantity
+from valve_twin.core.quantity import assumed, quantity
 
 
 @dataclass(frozen=True, slots=True)
 class DoubleSolenoidNumbers:
     """Numbers of the data sheet, which plant and model share."""
 
-    mass: float = quantity(0.075, "kg", "Armature and spool", lower=1e-3, upper=10.0, assumed=True)
-    spring_1: float = quantity(
-        5e3, "N/m", "Rate of the spring that pushes towards A", lower=1.0, upper=1e6, assumed=True
+    mass: float = assumed(0.075, "kg", "Armature and spool", 1e-3, 10.0)
+    spring_1: float = assumed(5e3, "N/m", "Rate of the spring that pushes towards A", 1.0, 1e6)
+    spring_2: float = assumed(5e3, "N/m", "Rate of the spring that pushes towards B", 1.0, 1e6)
+    preload_1: float = assumed(20.0, "N", "Spring 1 with the spool in the middle", 0.0, 1e3)
+    preload_2: float = assumed(20.0, "N", "Spring 2 with the spool in the middle", 0.0, 1e3)
+    friction: float = assumed(
+        6.0, "N", "Coulomb friction peak to peak (F_h): half of it on each side", 0.0, 500.0
     )
-    spring_2: float = quantity(
-        5e3, "N/m", "Rate of the spring that pushes towards B", lower=1.0, upper=1e6, assumed=True
-    )
-    preload_1: float = quantity(
-        20.0, "N", "Spring 1 with the spool in the middle", lower=0.0, upper=1e3, assumed=True
-    )
-    preload_2: float = quantity(
-        20.0, "N", "Spring 2 with the spool in the middle", lower=0.0, upper=1e3, assumed=True
-    )
-    friction: float = quantity(
-        6.0,
-        "N",
-        "Coulomb friction peak to peak (F_h): half of it on each side",
-        lower=0.0,
-        upper=500.0,
-        assumed=True,
-    )
-    alpha: float = quantity(
-        800.0, "s/m", "Steepness of the smoothed friction", lower=1.0, upper=5e3, assumed=True
-    )
-    beta: float = quantity(18.0, "N s/m", "Viscous damping", lower=0.0, upper=1e4, assumed=True)
+    alpha: float = assumed(800.0, "s/m", "Steepness of the smoothed friction", 1.0, 5e3)
+    beta: float = assumed(18.0, "N s/m", "Viscous damping", 0.0, 1e4)
     force_gain: float = quantity(
-        1.0, "1", "Force over that of the characteristic curves", lower=0.05, upper=5.0
+        1.0, "1", "Force over that of the characteristic curves", 0.05, 5.0
     )
-    resistance_a: float = quantity(2.6, "ohm", "Coil A", lower=0.01, upper=1e3, assumed=True)
-    resistance_b: float = quantity(2.6, "ohm", "Coil B", lower=0.01, upper=1e3, assumed=True)
-    half_stroke: float = quantity(
-        0.8e-3, "m", "From the middle to a fully open port", lower=1e-4, upper=0.02, assumed=True
+    resistance_a: float = assumed(2.6, "ohm", "Coil A", 0.01, 1e3)
+    resistance_b: float = assumed(2.6, "ohm", "Coil B", 0.01, 1e3)
+    half_stroke: float = assumed(0.8e-3, "m", "From the middle to a fully open port", 1e-4, 0.02)
+    end_stop: float = assumed(0.9e-3, "m", "From the middle to an end stop", 1e-4, 0.03)
+    turns: float = assumed(350.0, "1", "Turns of a coil", 1.0, 1e5)
+    pole_area: float = assumed(1.2e-4, "m^2", "Area of a pole", 1e-6, 0.1)
+    gap: float = assumed(
+        1.7e-3, "m", "Gap in the middle: 1.4 mm and a residual 0.3 mm", 1e-4, 0.05
     )
-    end_stop: float = quantity(
-        0.9e-3, "m", "From the middle to an end stop", lower=1e-4, upper=0.03, assumed=True
+    saturation_flux: float = assumed(
+        0.040, "Wb", "Flux linkage at which the iron takes 1 A", 1e-4, 10.0
     )
-    turns: float = quantity(350.0, "1", "Turns of a coil", lower=1.0, upper=1e5, assumed=True)
-    pole_area: float = quantity(
-        1.2e-4, "m^2", "Area of a pole", lower=1e-6, upper=0.1, assumed=True
+    coupling: float = assumed(
+        0.06, "1", "Mutual inductance over a coil's own in the middle", 0.0, 0.4
     )
-    gap: float = quantity(
-        1.7e-3,
-        "m",
-        "Gap in the middle: 1.4 mm and a residual 0.3 mm",
-        lower=1e-4,
-        upper=0.05,
-        assumed=True,
-    )
-    saturation_flux: float = quantity(
-        0.040,
-        "Wb",
-        "Flux linkage at which the iron takes 1 A",
-        lower=1e-4,
-        upper=10.0,
-        assumed=True,
-    )
-    coupling: float = quantity(
-        0.06,
-        "1",
-        "Mutual inductance over a coil's own in the middle",
-        lower=0.0,
-        upper=0.4,
-        assumed=True,
-    )
-    current_b1: float = quantity(
-        0.55e-3, "s", "b1 of G_A and G_B", lower=0.0, upper=0.1, assumed=True, ages=False
-    )
-    current_b2: float = quantity(
-        0.045e-6, "s^2", "b2 of G_A and G_B", lower=0.0, upper=1e-2, assumed=True, ages=False
-    )
-    current_a1: float = quantity(
-        0.43e-3, "s", "a1 of G_A and G_B", lower=2e-5, upper=0.1, assumed=True, ages=False
-    )
-    current_a2: float = quantity(
-        0.028e-6, "s^2", "a2 of G_A and G_B", lower=1e-9, upper=1e-2, assumed=True, ages=False
-    )
-    force_f1: float = quantity(
-        0.25e-3, "s", "f1 of G_F", lower=0.0, upper=0.1, assumed=True, ages=False
-    )
-    force_f2: float = quantity(
-        0.010e-6, "s^2", "f2 of G_F", lower=0.0, upper=1e-2, assumed=True, ages=False
-    )
-    force_d1: float = quantity(
-        0.75e-3, "s", "d1 of G_F", lower=2e-5, upper=0.1, assumed=True, ages=False
-    )
-    force_d2: float = quantity(
-        0.090e-6, "s^2", "d2 of G_F", lower=1e-9, upper=1e-2, assumed=True, ages=False
-    )
+    current_b1: float = assumed(0.55e-3, "s", "b1 of G_A and G_B", 0.0, 0.1, ages=False)
+    current_b2: float = assumed(0.045e-6, "s^2", "b2 of G_A and G_B", 0.0, 1e-2, ages=False)
+    current_a1: float = assumed(0.43e-3, "s", "a1 of G_A and G_B", 2e-5, 0.1, ages=False)
+    current_a2: float = assumed(0.028e-6, "s^2", "a2 of G_A and G_B", 1e-9, 1e-2, ages=False)
+    force_f1: float = assumed(0.25e-3, "s", "f1 of G_F", 0.0, 0.1, ages=False)
+    force_f2: float = assumed(0.010e-6, "s^2", "f2 of G_F", 0.0, 1e-2, ages=False)
+    force_d1: float = assumed(0.75e-3, "s", "d1 of G_F", 2e-5, 0.1, ages=False)
+    force_d2: float = assumed(0.090e-6, "s^2", "d2 of G_F", 1e-9, 1e-2, ages=False)
     supply_voltage: float = quantity(
-        24.0, "V", "Levels of the bridges, + and -", lower=1.0, upper=100.0, ages=False
+        24.0, "V", "Levels of the bridges, + and -", 1.0, 100.0, ages=False
     )
-    current_scale: float = quantity(
-        5.0, "A", "Full scale of the current sensors", lower=0.1, upper=100.0, assumed=True,
-        ages=False,
-    )  # fmt: skip
+    current_scale: float = assumed(
+        5.0, "A", "Full scale of the current sensors", 0.1, 100.0, ages=False
+    )
     map_current: tuple[float, ...] = quantity(
         (),
         "A",
@@ -118,5 +65,5 @@ class DoubleSolenoidNumbers:
         (), "Wb", "Flux linkages, the positions of a current together"
     )
     map_mutual: float = quantity(
-        6.52e-4, "H", "Mutual inductance with a computed field", lower=0.0, upper=1.0, ages=False
+        6.52e-4, "H", "Mutual inductance with a computed field", 0.0, 1.0, ages=False
     )

@@ -24,7 +24,7 @@ from valve_twin.core.physics.solenoid_map import (
     map_from_curves,
     pole_curves,
 )
-from valve_twin.core.quantity import QuantityError, check_quantities, quantity, setting
+from valve_twin.core.quantity import QuantityError, assumed, check_quantities, setting
 from valve_twin.core.simulation.config import SimulationConfig
 from valve_twin.core.simulation.measurement import MeasurementConfig
 from valve_twin.core.simulation.plant import (
@@ -89,29 +89,13 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
         "predictive, knows this plant exactly)",
         choices=CONTROLS,
     )
-    bias_current: float = quantity(
-        1.0, "A", "Of both coils at no output", lower=0.0, upper=10.0, assumed=True, ages=False
-    )
-    span_current: float = quantity(
-        1.6, "A", "Change at full output", lower=0.01, upper=20.0, assumed=True, ages=False
-    )
-    largest_current: float = quantity(
-        2.6, "A", "Limit of the references", lower=0.1, upper=30.0, assumed=True, ages=False
-    )
-    current_gain: float = quantity(
-        20.0, "V/A", "Current controller", lower=0.0, upper=1e3, assumed=True, ages=False
-    )
-    current_integral: float = quantity(
-        2e4, "V/(A s)", "Current controller", lower=0.0, upper=1e7, assumed=True, ages=False
-    )
-    current_quantum: float = quantity(
-        1.25e-3,
-        "A",
-        "Resolution of current sensors",
-        lower=0.0,
-        upper=1.0,
-        assumed=True,
-        ages=False,
+    bias_current: float = assumed(1.0, "A", "Of both coils at no output", 0.0, 10.0, ages=False)
+    span_current: float = assumed(1.6, "A", "Change at full output", 0.01, 20.0, ages=False)
+    largest_current: float = assumed(2.6, "A", "Limit of the references", 0.1, 30.0, ages=False)
+    current_gain: float = assumed(20.0, "V/A", "Current controller", 0.0, 1e3, ages=False)
+    current_integral: float = assumed(2e4, "V/(A s)", "Current controller", 0.0, 1e7, ages=False)
+    current_quantum: float = assumed(
+        1.25e-3, "A", "Resolution of current sensors", 0.0, 1.0, ages=False
     )
     pid: PidConfig = field(default_factory=PidConfig)
     trajectory_set: TrajectorySetConfig = field(default_factory=TrajectorySetConfig)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from valve_twin.core.control.current_loop import CurrentSensor
-from valve_twin.core.quantity import check_quantities, quantity, setting
+from valve_twin.core.quantity import assumed, check_quantities, quantity, setting
 from valve_twin.core.simulation.config import SimulationConfig
 from valve_twin.core.simulation.measurement import MeasurementConfig
 from valve_twin.core.simulation.plant import (
@@ -108,76 +108,49 @@ class HybridActuatorNumbers:
         choices=KERNELS,
     )
     mass: float = quantity(
-        0.12983, "kg", "Moving mass, from the printed c = xi sqrt(m k)", lower=1e-3, upper=10.0
+        0.12983, "kg", "Moving mass, from the printed c = xi sqrt(m k)", 1e-3, 10.0
     )
-    spring_rate: float = quantity(
-        18820.0, "N/m", "Both springs together (k)", lower=10.0, upper=1e7
-    )
-    damping: float = quantity(3.559, "N s/m", "Viscous damping (c)", lower=0.0, upper=1e4)
+    spring_rate: float = quantity(18820.0, "N/m", "Both springs together (k)", 10.0, 1e7)
+    damping: float = quantity(3.559, "N s/m", "Viscous damping (c)", 0.0, 1e4)
     half_travel: float = quantity(
-        4e-3, "m", "Travel from the neutral position to a seat", lower=1e-4, upper=0.05
+        4e-3, "m", "Travel from the neutral position to a seat", 1e-4, 0.05
     )
-    residual_gap: float = quantity(
-        0.5e-3, "m", "Gap that is left when seated", lower=1e-6, upper=5e-3, assumed=True
-    )
-    restitution: float = quantity(
-        0.3, "1", "Speed after over speed before an impact", lower=0.0, upper=0.99, assumed=True
-    )
-    resistance_opener: float = quantity(
-        0.34, "ohm", "Coil of the opening solenoid", lower=1e-3, upper=100.0
-    )
-    resistance_closer: float = quantity(
-        0.37, "ohm", "Coil of the closing solenoid", lower=1e-3, upper=100.0
-    )
-    beta: float = quantity(
-        2.8e-7, "N m^2/A^2", "Force constant of the linear kernel", lower=1e-10, upper=1e-3
-    )
-    kappa: float = quantity(1.04e-6, "m", "Gap offset of the linear kernel", lower=0.0, upper=1e-4)
+    residual_gap: float = assumed(0.5e-3, "m", "Gap that is left when seated", 1e-6, 5e-3)
+    restitution: float = assumed(0.3, "1", "Speed after over speed before an impact", 0.0, 0.99)
+    resistance_opener: float = quantity(0.34, "ohm", "Coil of the opening solenoid", 1e-3, 100.0)
+    resistance_closer: float = quantity(0.37, "ohm", "Coil of the closing solenoid", 1e-3, 100.0)
+    beta: float = quantity(2.8e-7, "N m^2/A^2", "Force constant of the linear kernel", 1e-10, 1e-3)
+    kappa: float = quantity(1.04e-6, "m", "Gap offset of the linear kernel", 0.0, 1e-4)
     saturation_flux: float = quantity(
-        0.046, "Wb", "Flux linkage of the saturated circuit (lambda_s)", lower=1e-4, upper=10.0
+        0.046, "Wb", "Flux linkage of the saturated circuit (lambda_s)", 1e-4, 10.0
     )
-    c1: float = quantity(7.0e-6, "m/A", "C1 of the saturating kernel", lower=1e-9, upper=1e-2)
-    c2: float = quantity(6.04e-5, "m", "C2 of the saturating kernel", lower=0.0, upper=1e-3)
-    c3: float = quantity(2.18e-4, "1/A", "C3 of the saturating kernel", lower=0.0, upper=0.1)
+    c1: float = quantity(7.0e-6, "m/A", "C1 of the saturating kernel", 1e-9, 1e-2)
+    c2: float = quantity(6.04e-5, "m", "C2 of the saturating kernel", 0.0, 1e-3)
+    c3: float = quantity(2.18e-4, "1/A", "C3 of the saturating kernel", 0.0, 0.1)
     magnet_force: float = quantity(
-        128.0, "N", "Force of a permanent magnet at a gap of 0.5 mm", lower=0.0, upper=1e4
+        128.0, "N", "Force of a permanent magnet at a gap of 0.5 mm", 0.0, 1e4
     )
     magnet_length: float = quantity(
         7.34e-4,
         "m",
         "How fast the magnet's force falls with the gap: 8.7 N are left at 4 mm",
-        lower=1e-4,
-        upper=0.05,
+        1e-4,
+        0.05,
     )
-    magnet_coupling: float = quantity(
+    magnet_coupling: float = assumed(
         0.8,
         "1",
         "How far the coil weakens the magnet: 0 = not at all, 1 = forces add as fluxes",
-        lower=0.0,
-        upper=1.0,
-        assumed=True,
-    )
-    gas_force: float = quantity(
         0.0,
-        "N",
-        "Force of the gas on the closed valve, against opening",
-        lower=-2e3,
-        upper=2e3,
-        assumed=True,
+        1.0,
     )
-    gas_length: float = quantity(
-        1e-3,
-        "m",
-        "Lift over which the gas force falls to 1/e",
-        lower=1e-5,
-        upper=1.0,
-        assumed=True,
+    gas_force: float = assumed(
+        0.0, "N", "Force of the gas on the closed valve, against opening", -2e3, 2e3
     )
-    supply_voltage: float = quantity(
-        24.0, "V", "Supply of the bridges", lower=1.0, upper=100.0, ages=False
-    )
+    gas_length: float = assumed(1e-3, "m", "Lift over which the gas force falls to 1/e", 1e-5, 1.0)
+    supply_voltage: float = quantity(24.0, "V", "Supply of the bridges", 1.0, 100.0, ages=False)
     current_scale: float = quantity(
-        50.0, "A", "Full scale of the current sensors", lower=1.0, upper=1e4, ages=False
+        50.0, "A", "Full scale of the current sensors", 1.0, 1e4, ages=False
     )
 
 
@@ -188,50 +161,21 @@ class HybridActuatorPlant(HybridActuatorNumbers, Plant):
     inputs: ClassVar[tuple[str, ...]] = INPUTS
     command_range: ClassVar[tuple[float, float]] = (-1.0, 1.0)
 
-    release_share: float = quantity(
-        1.0,
-        "1",
-        "Inverse voltage of the release over the supply",
-        lower=0.0,
-        upper=1.0,
-        assumed=True,
-        ages=False,
+    release_share: float = assumed(
+        1.0, "1", "Inverse voltage of the release over the supply", 0.0, 1.0, ages=False
     )
-    release_s: float = quantity(
-        6e-4, "s", "Length of the release pulse", lower=0.0, upper=0.1, assumed=True, ages=False
+    release_s: float = assumed(6e-4, "s", "Length of the release pulse", 0.0, 0.1, ages=False)
+    catch_share: float = assumed(
+        0.2, "1", "Voltage of the catching pulse over the supply", 0.0, 1.0, ages=False
     )
-    catch_share: float = quantity(
-        0.2,
-        "1",
-        "Voltage of the catching pulse over the supply",
-        lower=0.0,
-        upper=1.0,
-        assumed=True,
-        ages=False,
+    catch_start_s: float = assumed(
+        6e-3, "s", "Start of the catching pulse after the command", 0.0, 1.0, ages=False
     )
-    catch_start_s: float = quantity(
-        6e-3,
-        "s",
-        "Start of the catching pulse after the command",
-        lower=0.0,
-        upper=1.0,
-        assumed=True,
-        ages=False,
-    )
-    catch_s: float = quantity(
-        8e-3, "s", "Length of the catching pulse", lower=0.0, upper=1.0, assumed=True, ages=False
-    )
+    catch_s: float = assumed(8e-3, "s", "Length of the catching pulse", 0.0, 1.0, ages=False)
     current_quantum: float = quantity(
-        0.256,
-        "A",
-        "Resolution of the current sensors: 168.67 A/V, 1.52 mV",
-        lower=0.0,
-        upper=10.0,
-        ages=False,
+        0.256, "A", "Resolution of the current sensors: 168.67 A/V, 1.52 mV", 0.0, 10.0, ages=False
     )
-    step: float = quantity(
-        1e-5, "s", "Step of the integration", lower=1e-7, upper=1e-4, assumed=True, ages=False
-    )
+    step: float = assumed(1e-5, "s", "Step of the integration", 1e-7, 1e-4, ages=False)
 
     def __post_init__(self) -> None:
         """Refuse values outside their range, and a gap at the pole of the kernel."""

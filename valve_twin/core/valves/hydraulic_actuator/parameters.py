@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from valve_twin.core.quantity import quantity, setting
+from valve_twin.core.quantity import assumed, setting
 from valve_twin.core.types import Parameter
 
 ESTIMATOR = "output_error"
@@ -65,15 +65,12 @@ NAMES = tuple(p.name for p in PARAMETERS)
 class HydraulicActuatorOptions:
     """Options of the model."""
 
-    min_opening: float = quantity(
+    min_opening: float = assumed(
         0.1,
         "1",
         "largest opening of a direction below which that direction is not estimated",
-        lower=0.0,
-        upper=1e3,
-        assumed=True,
+        0.0,
+        1e3,
     )
-    min_samples: int = quantity(
-        100, "1", "a cycle of fewer usable samples is refused", lower=20, upper=1e6, assumed=True
-    )
+    min_samples: int = assumed(100, "1", "a cycle of fewer usable samples is refused", 20, 1e6)
     estimators: tuple[str, ...] = setting((ESTIMATOR,), "estimators to run", choices=(ESTIMATOR,))

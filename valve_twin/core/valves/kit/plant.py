@@ -144,7 +144,7 @@ def plant_of(name: str, inputs: tuple[str, ...], law: Law) -> LawPlant:
     numbers = []
     for p in law.parameters:
         one = p.published
-        number = quantity(p.value, one.unit, one.description, lower=one.lower, upper=one.upper)
+        number = quantity(p.value, one.unit, one.description, one.lower, one.upper)
         numbers.append((p.name, float, number))
     kind = make_dataclass(
         f"{name.title().replace('_', '')}Plant",

@@ -37,14 +37,10 @@ class LawOptions:
     """Options of a valve that is a law plus data."""
 
     max_lag: int = quantity(
-        8, "samples", "longest command to output lag that is tried", lower=1, upper=MAX_LAG
+        8, "samples", "longest command to output lag that is tried", 1, MAX_LAG
     )
-    min_samples: int = quantity(
-        100, "1", "a cycle of fewer usable samples is refused", lower=20, upper=1e6
-    )
-    min_motion: float = quantity(
-        0.02, "1", "a cycle whose output moves less is refused", lower=0.0, upper=1e6
-    )
+    min_samples: int = quantity(100, "1", "a cycle of fewer usable samples is refused", 20, 1e6)
+    min_motion: float = quantity(0.02, "1", "a cycle whose output moves less is refused", 0.0, 1e6)
     estimators: tuple[str, ...] = setting((ESTIMATOR,), "estimators to run", choices=(ESTIMATOR,))
 
 

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from valve_twin.core.quantity import quantity, setting
+from valve_twin.core.quantity import assumed, quantity, setting
 from valve_twin.core.types import Parameter
 
 ESTIMATOR = "output_error"
@@ -133,47 +133,28 @@ PARAMETERS = (
 class PositionerOptions:
     """Options of the model."""
 
-    max_delay_s: float = quantity(
-        0.5, "s", "longest delay tried", lower=0.0, upper=60.0, assumed=True
-    )
-    max_dead_band: float = quantity(
-        0.05, "1", "upper bound of the dead band", lower=0.0, upper=1.0, assumed=True
-    )
-    min_slew: float = quantity(
-        0.0, "1/s", "speed that the valve reaches for certain", lower=0.0, upper=1e3
-    )
-    min_motion: float = quantity(
-        0.02, "1", "a cycle that moves less is refused", lower=0.0, upper=1.0, assumed=True
-    )
-    lower_stop: float = quantity(
-        -0.1, "1", "mechanical stop of falling position", lower=-10.0, upper=10.0
-    )
-    upper_stop: float = quantity(
-        1.1, "1", "mechanical stop of rising position", lower=-10.0, upper=10.0
-    )
+    max_delay_s: float = assumed(0.5, "s", "longest delay tried", 0.0, 60.0)
+    max_dead_band: float = assumed(0.05, "1", "upper bound of the dead band", 0.0, 1.0)
+    min_slew: float = quantity(0.0, "1/s", "speed that the valve reaches for certain", 0.0, 1e3)
+    min_motion: float = assumed(0.02, "1", "a cycle that moves less is refused", 0.0, 1.0)
+    lower_stop: float = quantity(-0.1, "1", "mechanical stop of falling position", -10.0, 10.0)
+    upper_stop: float = quantity(1.1, "1", "mechanical stop of rising position", -10.0, 10.0)
     second_order: bool = setting(
         False, "the speed follows what is asked with a lag: overshoot", assumed=True
     )
-    max_velocity_lag: float = quantity(
-        1.0, "s", "longest lag of the speed", lower=1e-4, upper=60.0, assumed=True
-    )
+    max_velocity_lag: float = assumed(1.0, "s", "longest lag of the speed", 1e-4, 60.0)
     static_curve: bool = setting(
         False, "the command acts through a dead command and a gain", assumed=True
     )
     two_delays: bool = setting(False, "a falling command has a delay of its own", assumed=True)
     slew_limits: bool = setting(True, "the speed is limited", assumed=True)
-    max_stiction: float = quantity(
-        0.0, "1", "upper bound of the stiction, 0 = none", lower=0.0, upper=1.0, assumed=True
-    )
-    max_backlash: float = quantity(
-        0.0, "1", "upper bound of the backlash, 0 = none", lower=0.0, upper=1.0, assumed=True
-    )
-    interval_blocks: int = quantity(
+    max_stiction: float = assumed(0.0, "1", "upper bound of the stiction, 0 = none", 0.0, 1.0)
+    max_backlash: float = assumed(0.0, "1", "upper bound of the backlash, 0 = none", 0.0, 1.0)
+    interval_blocks: int = assumed(
         0,
         "1",
         "blocks of a cycle whose scatter gives the intervals, 0 = from cycle to cycle",
-        lower=0,
-        upper=1000,
-        assumed=True,
+        0,
+        1000,
     )
     estimators: tuple[str, ...] = setting((ESTIMATOR,), "estimators to run", choices=(ESTIMATOR,))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 import numpy as np
 from numba import njit
 
-from valve_twin.core.quantity import check_quantities, quantity
+from valve_twin.core.quantity import assumed, check_quantities
 from valve_twin.core.simulation.config import SimulationConfig
 from valve_twin.core.simulation.plant import Drive, Forcing, Plant, Response, whole_ratio
 from valve_twin.core.simulation.program import CycleProgram
@@ -114,50 +114,21 @@ class PositionerPlant(Plant):
 
     inputs: ClassVar[tuple[str, ...]] = ("command",)
 
-    rate_rising: float = quantity(
-        4.0, "1/s", "Speed per distance, rising", lower=1e-4, upper=1e3, assumed=True
+    rate_rising: float = assumed(4.0, "1/s", "Speed per distance, rising", 1e-4, 1e3)
+    rate_falling: float = assumed(3.0, "1/s", "Speed per distance, falling", 1e-4, 1e3)
+    slew_rising: float = assumed(0.6, "1/s", "Largest speed, rising", 1e-5, 1e3)
+    slew_falling: float = assumed(0.4, "1/s", "Largest speed, falling", 1e-5, 1e3)
+    dead_band: float = assumed(0.005, "1", "Distance that moves nothing", 0.0, 0.5)
+    delay: float = assumed(0.05, "s", "Command to motion delay", 0.0, 10.0)
+    delay_change: float = assumed(
+        0.0, "s", "Delay of a falling command beyond that of a rising one", -10.0, 10.0
     )
-    rate_falling: float = quantity(
-        3.0, "1/s", "Speed per distance, falling", lower=1e-4, upper=1e3, assumed=True
-    )
-    slew_rising: float = quantity(
-        0.6, "1/s", "Largest speed, rising", lower=1e-5, upper=1e3, assumed=True
-    )
-    slew_falling: float = quantity(
-        0.4, "1/s", "Largest speed, falling", lower=1e-5, upper=1e3, assumed=True
-    )
-    dead_band: float = quantity(
-        0.005, "1", "Distance that moves nothing", lower=0.0, upper=0.5, assumed=True
-    )
-    delay: float = quantity(
-        0.05, "s", "Command to motion delay", lower=0.0, upper=10.0, assumed=True
-    )
-    delay_change: float = quantity(
-        0.0,
-        "s",
-        "Delay of a falling command beyond that of a rising one",
-        lower=-10.0,
-        upper=10.0,
-        assumed=True,
-    )
-    velocity_lag: float = quantity(
-        0.0, "s", "Lag of the speed, 0 = none", lower=0.0, upper=10.0, assumed=True
-    )
-    stiction: float = quantity(
-        0.0, "1", "Distance beyond the dead band to break away", lower=0.0, upper=0.5, assumed=True
-    )
-    backlash: float = quantity(
-        0.0, "1", "Play between spool and position", lower=0.0, upper=0.5, assumed=True
-    )
-    dead_command: float = quantity(
-        0.0, "1", "Command that moves nothing", lower=0.0, upper=0.9, assumed=True
-    )
-    static_gain: float = quantity(
-        1.0, "1", "Position per command beyond that", lower=1e-3, upper=1e3, assumed=True
-    )
-    step: float = quantity(
-        0.01, "s", "Step of the recursion", lower=1e-4, upper=1.0, assumed=True, ages=False
-    )
+    velocity_lag: float = assumed(0.0, "s", "Lag of the speed, 0 = none", 0.0, 10.0)
+    stiction: float = assumed(0.0, "1", "Distance beyond the dead band to break away", 0.0, 0.5)
+    backlash: float = assumed(0.0, "1", "Play between spool and position", 0.0, 0.5)
+    dead_command: float = assumed(0.0, "1", "Command that moves nothing", 0.0, 0.9)
+    static_gain: float = assumed(1.0, "1", "Position per command beyond that", 1e-3, 1e3)
+    step: float = assumed(0.01, "s", "Step of the recursion", 1e-4, 1.0, ages=False)
 
     def __post_init__(self) -> None:
         """Refuse values outside their range, and a delay that the line cannot hold."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.quantity import describe, quantity, setting
+from valve_twin.core.quantity import assumed, describe, setting
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import Parameter
 from valve_twin.core.valves.servo_system.numbers import COUNT, PHYSICAL, derive
@@ -55,26 +55,22 @@ class ServoSystemOptions(ServoSystemNumbers):
     """The numbers of the data sheet, and what a cycle must show."""
 
     estimators: tuple[str, ...] = setting((ESTIMATOR,), "estimators to run", choices=(ESTIMATOR,))
-    max_error: float = quantity(
+    max_error: float = assumed(
         0.15,
         "1",
         "a parameter that the cycle tells less well keeps its option and is not published: "
         "relative standard error",
-        lower=1e-4,
-        upper=1.0,
-        assumed=True,
+        1e-4,
+        1.0,
     )
-    max_misfit: float = quantity(
+    max_misfit: float = assumed(
         1.5,
         "1",
         "residual over the noise of the signals above which the cycle is refused",
-        lower=1.0,
-        upper=100.0,
-        assumed=True,
+        1.0,
+        100.0,
     )
-    min_motion: float = quantity(
-        0.02, "1", "a cycle that moves less is refused", lower=0.0, upper=1.0, assumed=True
-    )
+    min_motion: float = assumed(0.02, "1", "a cycle that moves less is refused", 0.0, 1.0)
 
 
 def refusal_of(options: ServoSystemOptions) -> str:

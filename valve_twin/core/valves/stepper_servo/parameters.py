@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from valve_twin.core.quantity import quantity, setting
+from valve_twin.core.quantity import assumed, quantity, setting
 from valve_twin.core.types import Parameter
 from valve_twin.core.valves.stepper_servo.predictor import MAX_LAG, ORDER
 
@@ -87,37 +87,24 @@ class StepperServoOptions:
         choices=(MECHANICS, WIENER),
     )
     step_size: float = quantity(
-        0.01 / 2.1, "1", "travel of a full step over the stroke", lower=1e-6, upper=0.5
+        0.01 / 2.1, "1", "travel of a full step over the stroke", 1e-6, 0.5
     )
-    max_backlash: float = quantity(
-        0.3, "1", "upper bound of the backlash", lower=1e-4, upper=1.0, assumed=True
-    )
-    max_delay_s: float = quantity(
-        0.1, "s", "longest delay tried", lower=0.0, upper=10.0, assumed=True
-    )
-    min_motion: float = quantity(
-        0.02, "1", "a cycle that moves less is refused", lower=0.0, upper=1.0, assumed=True
-    )
-    min_fit: float = quantity(
+    max_backlash: float = assumed(0.3, "1", "upper bound of the backlash", 1e-4, 1.0)
+    max_delay_s: float = assumed(0.1, "s", "longest delay tried", 0.0, 10.0)
+    min_motion: float = assumed(0.02, "1", "a cycle that moves less is refused", 0.0, 1.0)
+    min_fit: float = assumed(
         50.0,
         "%",
         "a cycle whose position the screw explains worse, free run, is refused: "
         "swapped, inverted or wrongly scaled signals",
-        lower=-1000.0,
-        upper=100.0,
-        assumed=True,
+        -1000.0,
+        100.0,
     )
     centre: float = quantity(
-        0.5, "1", "position about which the Hammerstein-Wiener model counts", lower=-10, upper=10
+        0.5, "1", "position about which the Hammerstein-Wiener model counts", -10, 10
     )
-    na: int = quantity(
-        2, "1", "past outputs of the Hammerstein-Wiener model", lower=1, upper=ORDER
-    )
-    nb: int = quantity(2, "1", "past inputs", lower=1, upper=ORDER)
-    nk: int = quantity(
-        0, "samples", "delay of its input, 0 = the one found", lower=0, upper=MAX_LAG
-    )
-    nl: int = quantity(
-        3, "1", "highest power of its static parts, 1 = linear", lower=1, upper=ORDER
-    )
-    forgetting: float = quantity(1.0, "1", "weight of the past a sample", lower=0.5, upper=1.0)
+    na: int = quantity(2, "1", "past outputs of the Hammerstein-Wiener model", 1, ORDER)
+    nb: int = quantity(2, "1", "past inputs", 1, ORDER)
+    nk: int = quantity(0, "samples", "delay of its input, 0 = the one found", 0, MAX_LAG)
+    nl: int = quantity(3, "1", "highest power of its static parts, 1 = linear", 1, ORDER)
+    forgetting: float = quantity(1.0, "1", "weight of the past a sample", 0.5, 1.0)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from valve_twin.core.control.stepper import StepperConfig
-from valve_twin.core.quantity import check_quantities, quantity
+from valve_twin.core.quantity import assumed, check_quantities, quantity
 from valve_twin.core.simulation.config import SimulationConfig
 from valve_twin.core.simulation.plant import Drive, Plant, Response, whole_ratio
 from valve_twin.core.simulation.program import CycleProgram
@@ -54,39 +54,24 @@ class StepperServoPlant(Plant):
 
     inputs: ClassVar[tuple[str, ...]] = ("motor_position", "flow")
 
-    stroke: float = quantity(
-        2.1e-3, "m", "Spool travel that stands for 1", lower=1e-5, upper=1.0, assumed=True
-    )
-    steps_per_turn: int = quantity(20, "1", "Full steps a turn: 18 degrees", lower=2, upper=10000)
-    lead: float = quantity(0.2e-3, "m", "Travel a turn of the screw", lower=1e-6, upper=0.1)
-    backlash: float = quantity(
-        0.1e-3, "m", "Backlash of screw and cylinder: 10 steps", lower=0.0, upper=1e-2
-    )
-    lost_share: float = quantity(
-        0.0, "1", "Share of the upward steps that slip", lower=0.0, upper=0.9, assumed=True
-    )
-    band_lower: float = quantity(0.45e-3, "m", "Lower edge of the dead band", lower=0.0, upper=1.0)
-    band_upper: float = quantity(1.70e-3, "m", "Upper edge of the dead band", lower=0.0, upper=1.0)
+    stroke: float = assumed(2.1e-3, "m", "Spool travel that stands for 1", 1e-5, 1.0)
+    steps_per_turn: int = quantity(20, "1", "Full steps a turn: 18 degrees", 2, 10000)
+    lead: float = quantity(0.2e-3, "m", "Travel a turn of the screw", 1e-6, 0.1)
+    backlash: float = quantity(0.1e-3, "m", "Backlash of screw and cylinder: 10 steps", 0.0, 1e-2)
+    lost_share: float = assumed(0.0, "1", "Share of the upward steps that slip", 0.0, 0.9)
+    band_lower: float = quantity(0.45e-3, "m", "Lower edge of the dead band", 0.0, 1.0)
+    band_upper: float = quantity(1.70e-3, "m", "Upper edge of the dead band", 0.0, 1.0)
     full_lower: float = quantity(
-        0.2e-3, "m", "Below this the flow is saturated", lower=0.0, upper=1.0, ages=False
+        0.2e-3, "m", "Below this the flow is saturated", 0.0, 1.0, ages=False
     )
     full_upper: float = quantity(
-        1.9e-3, "m", "Above this the flow is saturated", lower=0.0, upper=1.0, ages=False
+        1.9e-3, "m", "Above this the flow is saturated", 0.0, 1.0, ages=False
     )
     flow_full: float = quantity(
-        1.0, "1", "Saturated flow in parts of the meter's range", lower=0.0, upper=10.0
+        1.0, "1", "Saturated flow in parts of the meter's range", 0.0, 10.0
     )
-    flow_lag: float = quantity(
-        0.05, "s", "Time constant of the flow meter", lower=0.0, upper=10.0, assumed=True
-    )
-    window: int = quantity(
-        8,
-        "ticks",
-        "Moving average of the position sensor",
-        lower=1,
-        upper=MAX_WINDOW,
-        assumed=True,
-    )
+    flow_lag: float = assumed(0.05, "s", "Time constant of the flow meter", 0.0, 10.0)
+    window: int = assumed(8, "ticks", "Moving average of the position sensor", 1, MAX_WINDOW)
     controller: StepperConfig = field(default_factory=StepperConfig)
 
     def __post_init__(self) -> None:
