@@ -198,7 +198,7 @@ def test_what_our_own_queue_overwrote_is_told_apart_from_a_loss_on_the_way(
 ):
     """Before a message that waited long for us others were overwritten."""
     node = graph.host(TwinNode, **history)
-    topic = next(t for t in node._valves[0].intake.topics if t.topic.endswith("position"))
+    topic = next(t for t in node._valves[0].inputs.topics if t.topic.endswith("position"))
     received_ns = time.time_ns() - round(waited_s * 1e9)
     for sequence in (1, 2, 10):
         data = encode_stamped(START_NS + sequence * 30_000_000, 0.1)

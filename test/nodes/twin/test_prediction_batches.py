@@ -179,4 +179,4 @@ def test_deactivation_loses_nothing(graph, parameters):
 
 
 def graph_inputs(node):
-    return [topic for valve in node._valves for topic in valve.intake.topics]
+    return [topic for valve in node._valves for topic in valve.inputs.topics]

@@ -6,58 +6,63 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from valve_twin.core.quantity import check_quantities, quantity
+
 
 @dataclass(frozen=True, slots=True)
 class DetectionConfig:
-    """When a change is a fault; lengths in cycles.
+    """When a change is a fault; lengths in cycles, distances in standard deviations."""
 
-    Attributes
-    ----------
-    learn : int
-        Cycles whose scatter is the valve's own, without the newest that are judged.
-    least : int
-        Fewest cycles of a line.
-    window : int
-        Most cycles of a line.
-    recent : int
-        Most cycles that are compared with the line at a time.
-    confirm : int
-        Cycles of those compared that must each show the change.
-    threshold : float
-        Ratio above which it is a fault: squared standard deviations [1].
-    each : float
-        Standard deviations by which each of the `confirm` cycles must show it [1].
-    isolate : int
-        Cycles behind that of the onset that name the fault.
-    heal : int
-        Cycles without it after which it is over.
-    extrapolate : int
-        Cycles since the alarm for which the line before it is a measure; what lasts longer lasts
-        until maintenance.
-    outlier : float
-        Distance from the five cycles before at which a single cycle is left out of the lines [1].
-    trust : float
-        Cycles that the table's correlations count as.
-    margin : float
-        Factor on the own standard deviations: they come from few cycles [1].
-    like : float
-        Share of the change that its signature explains, below which it is unknown [1], if also
-    excess : float
-        chi-square over its expectation is above this [1].
-    """
+    learn: int = quantity(
+        40, "1", "Cycles whose scatter is the valve's own, without the newest judged.", lower=1
+    )
+    least: int = quantity(20, "1", "Fewest cycles of a line.", lower=2)
+    window: int = quantity(40, "1", "Most cycles of a line.", lower=2)
+    recent: int = quantity(
+        8, "1", "Most cycles that are compared with the line at a time.", lower=1
+    )
+    confirm: int = quantity(
+        2, "1", "Cycles of those compared that must each show the change.", lower=1
+    )
+    threshold: float = quantity(
+        32.0, "1", "Ratio above which it is a fault: squared standard deviations.", lower=0.0
+    )
+    each: float = quantity(
+        2.5, "1", "Distance by which each of the `confirm` cycles must show it.", lower=0.0
+    )
+    isolate: int = quantity(
+        5, "1", "Cycles behind that of the onset that name the fault.", lower=1
+    )
+    heal: int = quantity(5, "1", "Cycles without it after which it is over.", lower=1)
+    extrapolate: int = quantity(
+        100,
+        "1",
+        "Cycles since the alarm for which the line before it is a measure; what lasts longer "
+        "lasts until maintenance.",
+        lower=1,
+    )
+    outlier: float = quantity(
+        8.0,
+        "1",
+        "Distance from the five cycles before at which a cycle is left out of the lines.",
+        lower=0.0,
+    )
+    trust: float = quantity(60.0, "1", "Cycles that the table's correlations count as.", lower=0.0)
+    margin: float = quantity(
+        1.1, "1", "Factor on the own standard deviations: they come from few cycles.", lower=1.0
+    )
+    like: float = quantity(
+        0.4,
+        "1",
+        "Share of the change that its signature explains, below which it is unknown if also "
+        "`excess` is passed.",
+        lower=0.0,
+        upper=1.0,
+    )
+    excess: float = quantity(
+        3.0, "1", "chi-square over its expectation above which it is unknown.", lower=0.0
+    )
 
-    learn: int = 40
-    least: int = 20
-    window: int = 40
-    recent: int = 8
-    confirm: int = 2
-    threshold: float = 32.0
-    each: float = 2.5
-    isolate: int = 5
-    heal: int = 5
-    extrapolate: int = 100
-    outlier: float = 8.0
-    trust: float = 60.0
-    margin: float = 1.1
-    like: float = 0.4
-    excess: float = 3.0
+    def __post_init__(self) -> None:
+        """Refuse a number outside its range."""
+        check_quantities(self)

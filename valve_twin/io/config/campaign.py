@@ -14,6 +14,7 @@ import yaml
 from valve_twin.core.diagnosis.campaign import CampaignConfig
 from valve_twin.core.diagnosis.derive import Rig
 from valve_twin.core.diagnosis.table import BY_NAME, SIZES
+from valve_twin.core.quantity import describe, quantity, replaced, setting
 from valve_twin.core.simulation.aging_laws import AgingRule
 from valve_twin.core.simulation.faults import Faults
 from valve_twin.core.simulation.settings import configure
@@ -26,7 +27,18 @@ if TYPE_CHECKING:
     from valve_twin.core.diagnosis.derive import Diagnosable
     from valve_twin.core.diagnosis.table import SignatureTable
 
-_KEYS = ("model", "seeds", "cycles", "onset", "after", "simulation", "aging", "severities")
+_SECTIONS = ("simulation", "aging", "severities")
+
+
+@dataclass(frozen=True, slots=True)
+class CampaignKeys:
+    """Keys of the file beside its sections."""
+
+    model: str = setting("", "Valve and model; to be written.")
+    seeds: int = quantity(20, "1", "Records.", lower=1)
+    cycles: int = quantity(200, "1", "Healthy cycles of a record.", lower=27)
+    onset: int = quantity(100, "1", "First cycle with the fault.", lower=26)
+    after: int = quantity(10, "1", "Cycles simulated with the fault.", lower=1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,52 +70,60 @@ def load_campaign(path: str | Path) -> Campaign:
     """
     try:
         given = yaml.safe_load(Path(path).read_text(encoding="utf-8")) or {}
-        for key in given:
-            if key not in _KEYS:
-                msg = f"{path}: unknown key '{key}'; {suggest(str(key), _KEYS)}"
-                raise ConfigError(msg)
-        model = get_model(given["model"])
+        keys = _keys(given)
+        model = get_model(keys.model)
         if model.signatures() is None:
-            msg = f"{path}: model: '{given['model']}' shows no features of faults"
+            msg = f"{path}: model: '{model.name}' shows no features of faults"
             raise ConfigError(msg)
         simulation = configure(get_simulation(model.name), given.get("simulation") or {})
         rig = Rig(cast("Diagnosable", model), complete_options(model, {}), simulation)
-        config = _config(path, given)
+        config = _config(given, keys)
         replace(simulation, aging=config.aging)  # refuses what does not age
         return Campaign(model.name, rig, config)
     except yaml.YAMLError as err:
         msg = f"{path}: not valid YAML: {' '.join(str(err).split())}"
         raise ConfigError(msg) from err
-    except (KeyError, TypeError, ValueError, AttributeError) as err:
-        what = f"key {err} is missing" if isinstance(err, KeyError) else str(err)
-        msg = f"{path}: {what}"
+    except (TypeError, ValueError, AttributeError) as err:
+        msg = f"{path}: {err}"
         raise ConfigError(msg) from err
 
 
-def _config(path: str | Path, given: Mapping[str, Any]) -> CampaignConfig:
+def _keys(given: Mapping[str, Any]) -> CampaignKeys:
+    """Check and return the keys of the file."""
+    known = {d.name: d for d in describe(CampaignKeys)}
+    values = {}
+    for key, value in given.items():
+        if key not in known and key not in _SECTIONS:
+            msg = f"unknown key '{key}'; {suggest(str(key), (*known, *_SECTIONS))}"
+            raise ValueError(msg)
+        try:
+            values[key] = known[key].check(value) if key in known else value
+        except ValueError as err:
+            msg = f"key '{key}': {err}"
+            raise ValueError(msg) from None
+    keys = replaced(CampaignKeys(), values)
+    if keys.onset >= keys.cycles:
+        msg = f"key 'onset': value {keys.onset} is not below cycles = {keys.cycles}; lower it"
+        raise ValueError(msg)
+    return keys
+
+
+def _config(given: Mapping[str, Any], keys: CampaignKeys) -> CampaignConfig:
     severities = {}
     for name, sizes in (given.get("severities") or {}).items():
         if name not in BY_NAME:
-            msg = f"{path}: severities: unknown fault '{name}'; {suggest(name, list(BY_NAME))}"
-            raise ConfigError(msg)
+            msg = f"severities: unknown fault '{name}'; {suggest(name, list(BY_NAME))}"
+            raise ValueError(msg)
         small, medium, large = (float(s) for s in sizes)
         for severity in (small, medium, large):
             Faults().with_fault(name, severity, 0, 0)  # refuses what is out of range
         severities[name] = (small, medium, large)
-    cycles, onset = int(given.get("cycles", 200)), int(given.get("onset", 100))
-    seeds = int(given.get("seeds", 20))
-    if not (seeds > 0 and 25 < onset < cycles):
-        msg = (
-            f"{path}: seeds = {seeds}, onset = {onset}, cycles = {cycles}: "
-            "seeds must be above 0, the onset between cycle 25 and the last"
-        )
-        raise ConfigError(msg)
     return CampaignConfig(
         severities,
-        seeds=tuple(range(1, seeds + 1)),
-        cycles=cycles,
-        onset=onset,
-        after=int(given.get("after", 10)),
+        seeds=tuple(range(1, keys.seeds + 1)),
+        cycles=keys.cycles,
+        onset=keys.onset,
+        after=keys.after,
         aging=tuple(
             AgingRule(name, "linear", float(rate))
             for name, rate in (given.get("aging") or {}).items()

@@ -83,7 +83,7 @@ def make_twin(
     last_cycle : int
         Number of the last stored cycle, 0 = none.
     resume : Resume, optional
-        What is known of it and of the cycles told of since.
+        What is known of it and of the cycles announced since.
 
     Raises
     ------

@@ -2,8 +2,8 @@
 # Copyright 2026 valve_twin maintainers
 """One valve of the aging monitor: estimates and maintenance events in, trends and verdict out.
 
-What the twin tells of is taken from its messages; its history is asked for what came before and
-for what was missed. A monitor that was down therefore sees exactly what one sees that was not.
+Estimates come from the messages of the twin; its history is asked for what came before and for
+what was missed. A monitor that was down therefore sees exactly what one sees that was not.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from valve_twin.core.aging.verdict import VerdictKind
 from valve_twin.core.diagnosis.features import ESTIMATOR
 from valve_twin.core.types import Maintenance
 from valve_twin.core.valves.registry import get_model
-from valve_twin.nodes.aging.intake import Intake
+from valve_twin.nodes.aging.estimate_buffer import EstimateBuffer
 from valve_twin.nodes.runtime import messages as convert
 from valve_twin.nodes.twin.inputs import seconds_now
 from valve_twin.nodes.twin.publishers import LATCHED
@@ -58,8 +58,8 @@ class MonitoredValve:
         model = get_model(config.model)
         self._parameters, self._trend_estimator = model.parameters, model.trend_estimator
         features = ESTIMATOR in getattr(config.options, "estimators", ())
-        self._intake = Intake(self._trend_estimator, ESTIMATOR if features else "")
-        self._asking = list(self._intake.known)
+        self._buffer = EstimateBuffer(self._trend_estimator, ESTIMATOR if features else "")
+        self._asking = list(self._buffer.known)
         self._asked_s: float | None = None
         self._again = True
         self._answered = self._caught_up = False
@@ -107,12 +107,12 @@ class MonitoredValve:
     @property
     def cycles(self) -> int:
         """Estimates known."""
-        return len(self._intake.known[self._trend_estimator])
+        return len(self._buffer.known[self._trend_estimator])
 
     @property
     def last_cycle(self) -> int:
         """Last cycle known, 0 = none."""
-        return self._intake.last()
+        return self._buffer.last()
 
     @property
     def twin_answers(self) -> bool:
@@ -122,30 +122,30 @@ class MonitoredValve:
     def look(self) -> None:
         """Ask for what did not come by itself, and after the twin was away."""
         answers = self.twin_answers
-        self.ask(anew=self._intake.waits or (answers and not self._answered))
+        self.ask(anew=self._buffer.waits or (answers and not self._answered))
         self._answered = answers
 
     def _on_cycle(self, message: msg.CycleSummary) -> None:
-        self._intake.tell_cycle(message)
+        self._buffer.receive_cycle(message)
         self._take()
 
     def _on_estimate(self, message: msg.Estimate) -> None:
-        self._intake.tell(message)
+        self._buffer.receive(message)
         self._take()
 
     def _on_maintenance(self, message: msg.Maintenance) -> None:
-        if self._intake.note(convert.to_value(Maintenance, message)) and self._caught_up:
+        if self._buffer.note(convert.to_value(Maintenance, message)) and self._caught_up:
             self._changed = True
             self._assess()
 
     def _take(self) -> None:
-        """Take over what was told of, once all that came before is known."""
+        """Take over what was received, once all that came before is known."""
         if not self._caught_up or self._asked_s is not None:
             self.ask()
             return
-        self._changed = self._intake.take() or self._changed
+        self._changed = self._buffer.take() or self._changed
         self._assess()
-        if self._intake.lacks:
+        if self._buffer.lacks:
             self.ask(anew=True)
 
     def ask(self, *, anew: bool = False) -> None:
@@ -158,7 +158,7 @@ class MonitoredValve:
         self._asked_s, self._again, self._answered = seconds_now(), False, True
         request = srv.GetHistory.Request(
             estimator=self._asking[0],
-            first_cycle=self._intake.last(self._asking[0]) + 1,
+            first_cycle=self._buffer.last(self._asking[0]) + 1,
             limit=self._page,
         )
         self._client.call_async(request).add_done_callback(self._on_answer)
@@ -174,15 +174,15 @@ class MonitoredValve:
         pairs = zip(answer.estimates, answer.missed_cycles, strict=True)
         fresh = [convert.estimate_value(m, int(missed)) for m, missed in pairs]
         events = [convert.to_value(Maintenance, m) for m in answer.maintenance]
-        changes = [self._intake.add(self._asking[0], fresh), *map(self._intake.note, events)]
+        changes = [self._buffer.add(self._asking[0], fresh), *map(self._buffer.note, events)]
         self._changed = self._changed or any(changes)
         if not answer.more:  # the estimators are asked for one behind the other
-            self._asking = self._asking[1:] or list(self._intake.known)
+            self._asking = self._asking[1:] or list(self._buffer.known)
         if answer.more or self._asking[0] != self._trend_estimator:
             self.ask(anew=True)
             return
         self._caught_up = True
-        self._changed = self._intake.take() or self._changed
+        self._changed = self._buffer.take() or self._changed
         self._assess()
 
     # -- assessing
@@ -194,8 +194,8 @@ class MonitoredValve:
         self._busy, self._changed = True, False
         work = partial(
             assess,
-            self._intake.estimates,
-            tuple(self._intake.maintenance.values()),
+            self._buffer.estimates,
+            tuple(self._buffer.maintenance.values()),
             self.config.aging,
             parameters=self._parameters,
             valve=self.name,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from valve_twin.core.aging.verdict import TrendStatus, VerdictKind
 from valve_twin.core.diagnosis.history import describe_finding
 from valve_twin.core.diagnosis.table import PARTS
+from valve_twin.io.config.node_parameters import AgingMonitorParameters
 from valve_twin.nodes.aging.monitored_valve import MonitoredValve
 from valve_twin.nodes.runtime.diagnostics import ERROR, WARN, Diagnostics, Report
 from valve_twin.nodes.runtime.node import STEADY, ValveNode
@@ -35,7 +36,7 @@ class AgingMonitorNode(ValveNode):
         """Read the parameters."""
         configs = read_valves(self)
         self._worker = WorkerThread("assessment")
-        page = int(self.parameters["page"])
+        page = self.parameters.read(AgingMonitorParameters).page
         self._valves = [MonitoredValve(self, c, worker=self._worker, page=page) for c in configs]
         self._diagnostics = Diagnostics(self, self._reports)
 
@@ -43,7 +44,8 @@ class AgingMonitorNode(ValveNode):
         """Follow the twins; what was missed is asked for first."""
         for valve in self._valves:
             valve.listen()
-        self._timer = self.create_timer(float(self.parameters["retry_s"]), self._ask, clock=STEADY)
+        retry_s = self.parameters.read(AgingMonitorParameters).retry_s
+        self._timer = self.create_timer(retry_s, self._ask, clock=STEADY)
 
     def deactivate(self) -> None:
         """Stop following."""

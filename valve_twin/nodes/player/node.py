@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
+from valve_twin.io.config.node_parameters import BagPlayerParameters
 from valve_twin.io.errors import ValveTwinError
 from valve_twin.io.playback.player import bag_topics
 from valve_twin.nodes.player.dds_profile import (
@@ -55,14 +56,19 @@ class BagPlayerNode(ValveNode):
         PlayerServices(
             self,
             playback=lambda: self.playback,
-            rate=lambda: float(self.parameters["rate"]),
+            rate=lambda: self._given.rate,
             stop=self.stop_playing,
         )
+
+    @property
+    def _given(self) -> BagPlayerParameters:
+        """The parameters as they are now."""
+        return self.parameters.read(BagPlayerParameters)
 
     def start(self) -> None:
         """Start; a player that cannot play ends where it would end after playing."""
         super().start()
-        if self.parameters["exit_at_end"] and self.state != "active":
+        if self._given.exit_at_end and self.state != "active":
             self.exit_code = 1
 
     def configure(self) -> None:
@@ -86,8 +92,8 @@ class BagPlayerNode(ValveNode):
             self.create_timer(TICK_S, self._tick, clock=STEADY),
             self.create_timer(CHECK_S, self._watch, clock=STEADY),
         ]
-        if self._settings.clock_hz:
-            period_s = 1.0 / self._settings.clock_hz
+        if self._settings.given.clock_hz:
+            period_s = 1.0 / self._settings.given.clock_hz
             timer = self.create_timer(period_s, self._publish_time, clock=STEADY)
             self._timers_made.append(timer)
 
@@ -113,7 +119,7 @@ class BagPlayerNode(ValveNode):
         """Stop, and end the process where that is wanted at the end."""
         if self.playback is not None:
             self.playback.stop()
-        if self._player_publishers is not None and self.parameters["exit_at_end"]:
+        if self._player_publishers is not None and self._given.exit_at_end:
             self.exit_code = 0
 
     def _tick(self) -> None:
@@ -122,7 +128,7 @@ class BagPlayerNode(ValveNode):
         if playback is None:
             return
         self._unless_refused(playback.advance)
-        if playback.phase is Phase.ENDED and self.parameters["exit_at_end"]:
+        if playback.phase is Phase.ENDED and self._given.exit_at_end:
             self._end()
 
     def _publish_time(self) -> None:
@@ -141,14 +147,14 @@ class BagPlayerNode(ValveNode):
         except ValveTwinError as err:
             self.get_logger().error(f"stopped: {err}")
             self.trigger_deactivate()
-            if self.parameters["exit_at_end"]:
+            if self._given.exit_at_end:
                 self.exit_code = 1
 
     def _end(self) -> None:
         """End the process when all subscribers have what was played."""
         now = seconds_now()
         self._ended_s = now if self._ended_s is None else self._ended_s
-        late = now - self._ended_s > float(self.parameters["acked_wait_s"])
+        late = now - self._ended_s > self._given.acked_wait_s
         if late or self._player_publishers is None or self._player_publishers.is_acked():
             self.exit_code = 0
 

@@ -58,15 +58,15 @@ class Playback:
         self._settings = settings
         self._most = most
         self._say = say
-        self._reel = Reel(settings.bag, [r.topic for r in settings.routes], settings.part)
-        self._time = PlaybackClock(settings.rate)
+        self._reel = Reel(settings.given.bag, [r.topic for r in settings.topics], settings.part)
+        self._time = PlaybackClock(settings.given.rate)
         self._time.jump(settings.part.begin_ns, 0.0)
         self._publishers: PlayerPublishers | None = None
         self._earliest_s = self._latest_s = self._jumped_s = 0.0
         self._bursts: list[tuple[int, Callable[[int], None], int]] = []
         self._played = self._round_began = 0
         self.phase = Phase.CLOSED
-        self.is_paused = settings.start_paused
+        self.is_paused = settings.given.start_paused
 
     @property
     def rate(self) -> float:
@@ -78,7 +78,7 @@ class Playback:
         now = seconds_now()
         self._publishers = publishers
         self._earliest_s = now + publishers.settle_s
-        self._latest_s = now + self._settings.start_delay_s
+        self._latest_s = now + self._settings.given.start_delay_s
         self._wait()
 
     def detach(self) -> None:
@@ -166,7 +166,7 @@ class Playback:
 
     def _reach_end(self) -> None:
         self._say(f"end of the bag: {self._played} messages played")
-        if self._settings.loop and self._played > self._round_began:
+        if self._settings.given.loop and self._played > self._round_began:
             self._round_began = self._played
             self._reel.go(self._settings.part)
             self._wait()
@@ -180,11 +180,11 @@ class Playback:
         """Let everything be ready before the reel goes on."""
         self.phase = Phase.WAITING
         self._time.hold(seconds_now())
-        self._earliest_s = max(self._earliest_s, seconds_now() + self._settings.delay_s)
+        self._earliest_s = max(self._earliest_s, seconds_now() + self._settings.given.delay_s)
 
     def _is_released(self, publishers: PlayerPublishers) -> bool:
         """Begin when the graph is settled and enough subscribers are there."""
-        now, wanted = seconds_now(), self._settings.wait_for_subscribers
+        now, wanted = seconds_now(), self._settings.given.wait_for_subscribers
         attended = publishers.has_subscribers(wanted)
         met = publishers.has_matched_all() or now > self._latest_s + MEET_S
         given_up = not wanted and now > self._latest_s and met

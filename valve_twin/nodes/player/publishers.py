@@ -13,7 +13,12 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from valve_twin.io.cdr.message_types import message_class
 from valve_twin.nodes.player.flow_control import FlowControl, are_acked
 from valve_twin.nodes.player.outbox import Outbox, SubscriberGate
-from valve_twin.nodes.player.settings import CLOCK, PlaybackSettings, Route, publisher_profile
+from valve_twin.nodes.player.settings import (
+    CLOCK,
+    PlaybackSettings,
+    PlayedTopic,
+    publisher_profile,
+)
 from valve_twin.nodes.runtime.safety import Guard, PublishedTopic
 from valve_twin.nodes.runtime.stamps import to_time
 from valve_twin.nodes.twin.inputs import seconds_now
@@ -40,21 +45,21 @@ class PlayerPublishers:
     """
 
     def __init__(self, node: ValveNode, settings: PlaybackSettings) -> None:
-        self._node = node
-        self._guard = Guard(node, prefix=settings.prefix, allow_live=settings.allow_live)
-        self._topics = [PublishedTopic(r.name, command=True) for r in settings.routes]
+        self._node, given = node, settings.given
+        self._guard = Guard(node, prefix=given.publish_prefix, allow_live=given.allow_live)
+        self._published = [PublishedTopic(r.name, command=True) for r in settings.topics]
         self.check()
-        self._lossless, self._clock_hz = settings.lossless, settings.clock_hz
-        self._routes: dict[str, tuple[Route, Any]] = {}
+        self._lossless, self._clock_hz = given.lossless, given.clock_hz
+        self._publisher_of: dict[str, tuple[PlayedTopic, Any]] = {}
         self._real: list[Any] = []
         self._gate = SubscriberGate()
         self.outbox = Outbox()
-        for route, topic in zip(settings.routes, self._topics, strict=True):
-            self._open(route, topic)
-        self._publishers = [p for _, p in self._routes.values()]
-        self._flow_control = FlowControl(node, self._publishers, settings.window, seconds_now)
+        for played, topic in zip(settings.topics, self._published, strict=True):
+            self._open(played, topic)
+        self._publishers = [p for _, p in self._publisher_of.values()]
+        self._flow_control = FlowControl(node, self._publishers, given.window, seconds_now)
         self._clock: Any = None
-        if settings.clock:
+        if given.clock:
             self._clock = node.create_publisher(ClockMessage, CLOCK, 1000)
 
     def close(self) -> None:
@@ -65,17 +70,17 @@ class PlayerPublishers:
             if publisher is not None:
                 self._node.destroy_publisher(publisher)
 
-    def _open(self, route: Route, topic: PublishedTopic) -> None:
+    def _open(self, played: PlayedTopic, topic: PublishedTopic) -> None:
         """Make the publisher of a topic; a real command is kept for nobody who comes later."""
         real = self._guard.is_real(topic)
-        offered = publisher_profile(route.offer, latched=not real)
+        offered = publisher_profile(played.offer, latched=not real)
         publisher = self._node.create_publisher(
-            message_class(route.topic.type),
-            route.name,
+            message_class(played.topic.type),
+            played.name,
             offered,
             qos_overriding_options=None if real else QoSOverridingOptions.with_default_policies(),
         )
-        self._routes[route.topic.name] = (route, publisher)
+        self._publisher_of[played.topic.name] = (played, publisher)
         if real:
             self._real.append(publisher)
         if self._lossless and offered.durability == DurabilityPolicy.TRANSIENT_LOCAL:
@@ -90,7 +95,7 @@ class PlayerPublishers:
 
     def check(self) -> None:
         """Look at the whole graph; raise where a real valve is in reach."""
-        self._guard.check(self._topics)
+        self._guard.check(self._published)
 
     def has_subscribers(self, wanted: int) -> bool:
         """Return whether every topic has had so many subscribers for a while; at least one."""
@@ -115,8 +120,8 @@ class PlayerPublishers:
 
     def put(self, message: BagMessage, *, ticks: bool = True) -> None:
         """Append a message, with the time before it where that is wanted."""
-        route, publisher = self._routes[message.topic]
-        if ticks and route.ticks and not self._clock_hz:
+        played, publisher = self._publisher_of[message.topic]
+        if ticks and played.ticks and not self._clock_hz:
             self.put_time(message.log_ns)
         self.outbox.put(publisher, message.data)
         self._flow_control.count()

@@ -37,7 +37,7 @@ CLOCK = "/clock"
 
 
 @dataclass(frozen=True, slots=True)
-class Route:
+class PlayedTopic:
     """One topic on its way from the bag to the network.
 
     Attributes
@@ -64,44 +64,18 @@ class PlaybackSettings:
 
     Attributes
     ----------
-    bag : str
-        Its folder.
-    routes : tuple of Route
+    topics : tuple of PlayedTopic
         By topic.
     whole, part : Stretch
         The bag, and what of it is wanted.
-    prefix : str
-        Before every topic.
-    rate : float
-        Bag seconds a second, 0 = as fast as the subscribers follow [1].
-    clock, clock_hz : bool, float
-        Whether /clock is published, and how often [1/s], 0 = before every message.
-    window : int
-        Messages between two answers of the subscribers [1], 0 = they are not asked.
-    lossless, allow_live, start_paused, loop : bool
-        As the parameters of these names.
-    delay_s, start_delay_s : float
-        As the parameters of these names [s].
-    wait_for_subscribers : int
-        As the parameter of this name [1].
+    given : BagPlayerParameters
+        The parameters, without what has no effect beside others.
     """
 
-    bag: str
-    routes: tuple[Route, ...]
+    topics: tuple[PlayedTopic, ...]
     whole: Stretch
     part: Stretch
-    prefix: str
-    rate: float
-    clock: bool
-    clock_hz: float
-    window: int
-    lossless: bool
-    allow_live: bool
-    start_paused: bool
-    loop: bool
-    delay_s: float
-    start_delay_s: float
-    wait_for_subscribers: int
+    given: BagPlayerParameters
 
     def part_from(self, offset_ns: int, duration_ns: int, until_ns: int) -> Stretch:
         """Return another part of the same bag.
@@ -120,7 +94,9 @@ class PlaybackSettings:
         BagError
             If nothing lies in it.
         """
-        return stretch(self.bag, offset_ns=offset_ns, duration_ns=duration_ns, until_ns=until_ns)
+        return stretch(
+            self.given.bag, offset_ns=offset_ns, duration_ns=duration_ns, until_ns=until_ns
+        )
 
 
 def read_settings(
@@ -155,11 +131,11 @@ def read_settings(
         exclude_topics=p.exclude_topics,
         exclude_regex=p.exclude_regex,
     )
-    routes = _routes(p, [t for t in bag_topics(bag, choice) if _is_playable(t, warn)])
+    topics = _topics(p, [t for t in bag_topics(bag, choice) if _is_playable(t, warn)])
     if p.clock:
-        routes = [r for r in routes if r.topic.name != CLOCK]
-    _check_names(routes, where)
-    if not routes:
+        topics = [r for r in topics if r.topic.name != CLOCK]
+    _check_names(topics, where)
+    if not topics:
         msg = f"{bag}: none of its topics can be played here; see the lines above"
         raise ConfigError(msg)
     part = stretch(
@@ -168,24 +144,10 @@ def read_settings(
         duration_ns=_nanoseconds(p.duration_s),
         until_ns=p.until_ns,
     )
-    return PlaybackSettings(
-        bag,
-        tuple(routes),
-        stretch(bag),
-        part,
-        prefix=p.publish_prefix,
-        rate=p.rate,
-        clock=p.clock,
-        clock_hz=p.clock_hz if p.clock else 0.0,
-        window=p.window if p.lossless else 0,
-        lossless=p.lossless,
-        allow_live=p.allow_live,
-        start_paused=p.start_paused,
-        loop=p.loop,
-        delay_s=p.delay_s,
-        start_delay_s=p.start_delay_s,
-        wait_for_subscribers=p.wait_for_subscribers,
+    given = replace(
+        p, clock_hz=p.clock_hz if p.clock else 0.0, window=p.window if p.lossless else 0
     )
+    return PlaybackSettings(tuple(topics), stretch(bag), part, given)
 
 
 def _nanoseconds(seconds: float) -> int:
@@ -204,7 +166,7 @@ def _is_playable(topic: BagTopic, warn: Callable[[str], object]) -> bool:
     return not problem
 
 
-def _routes(p: BagPlayerParameters, topics: list[BagTopic]) -> list[Route]:
+def _topics(p: BagPlayerParameters, topics: list[BagTopic]) -> list[PlayedTopic]:
     prefix = p.publish_prefix
     renamed = read_remaps(p.remap)
     path = p.qos_overrides_path
@@ -217,7 +179,7 @@ def _routes(p: BagPlayerParameters, topics: list[BagTopic]) -> list[Route]:
         offer = _lossless(topic.qos) if lossless else topic.qos
         offer = override(offer, overrides.get(topic.name, {}), f"{path}: topic '{topic.name}'")
         ticks = not clock_topics or topic.name in clock_topics
-        found.append(Route(topic, name, offer, ticks))
+        found.append(PlayedTopic(topic, name, offer, ticks))
     return found
 
 
@@ -227,19 +189,19 @@ def _lossless(offer: OfferedQos) -> OfferedQos:
     return replace(offer, reliability="reliable", history=history)
 
 
-def _check_names(routes: list[Route], where: str) -> None:
+def _check_names(topics: list[PlayedTopic], where: str) -> None:
     types: dict[str, str] = {}
-    for route in routes:
+    for played in topics:
         try:
-            validate_full_topic_name(route.name)
+            validate_full_topic_name(played.name)
         except InvalidTopicNameException as err:
             reason = str(err).splitlines()[0]
-            msg = f"{where}: '{route.name}' is no topic name ({reason}); correct publish_prefix"
+            msg = f"{where}: '{played.name}' is no topic name ({reason}); correct publish_prefix"
             raise ConfigError(msg) from err
-        if types.setdefault(route.name, route.topic.type) != route.topic.type:
+        if types.setdefault(played.name, played.topic.type) != played.topic.type:
             msg = (
-                f"{where}: '{route.name}' would carry {types[route.name]} and "
-                f"{route.topic.type}; correct key 'remap'"
+                f"{where}: '{played.name}' would carry {types[played.name]} and "
+                f"{played.topic.type}; correct key 'remap'"
             )
             raise ConfigError(msg)
 

@@ -23,35 +23,16 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class SnapshotConfig:
-    """What the buffer holds and what takes a snapshot by itself."""
-
-    seconds: float
-    size: int
-    cycles: int
-    after_s: float
-    alarms: tuple[str, ...]
-    alarm_regex: str
-    pause_s: float
-    cycle_topic: str
-    verdict_topic: str
-
-
-@dataclass(frozen=True, slots=True)
 class RecorderConfig:
-    """Configuration of the recorder; `snapshot` is None where everything is written."""
+    """What follows from the parameters, and the parameters themselves."""
 
     bag: str
     choice: TopicChoice
     overrides: Mapping[str, Mapping[str, Any]]
-    discovery_s: float
-    flush_s: float
-    queue: int
-    queue_bytes: int
     split: SplitRule
     disk: DiskRule
     custom: Mapping[str, str]
-    snapshot: SnapshotConfig | None
+    given: BagRecorderParameters
 
 
 def read_config(node: ValveNode) -> RecorderConfig:
@@ -69,14 +50,10 @@ def read_config(node: ValveNode) -> RecorderConfig:
         bag=p.bag or f"valve_twin_{now}",
         choice=_choice(node, p),
         overrides=read_overrides(path) if path else {},
-        discovery_s=p.discovery_s,
-        flush_s=p.flush_s,
-        queue=p.queue,
-        queue_bytes=p.queue_bytes,
         split=SplitRule(p.max_bag_size, p.max_bag_duration, p.keep_files),
         disk=DiskRule(p.min_free_bytes, p.when_disk_low == "delete_oldest", p.resume),
         custom=_custom(p.custom_data),
-        snapshot=_snapshot(p) if p.snapshot_mode else None,
+        given=p,
     )
     _check(config)
     return config
@@ -98,20 +75,6 @@ def _choice(node: ValveNode, p: BagRecorderParameters) -> TopicChoice:
     return choice
 
 
-def _snapshot(p: BagRecorderParameters) -> SnapshotConfig:
-    return SnapshotConfig(
-        seconds=p.snapshot_s,
-        size=p.snapshot_bytes,
-        cycles=p.snapshot_cycles,
-        after_s=p.snapshot_after_s,
-        alarms=p.alarms,
-        alarm_regex=p.alarm_regex,
-        pause_s=p.alarm_pause_s,
-        cycle_topic=p.cycle_topic,
-        verdict_topic=p.verdict_topic,
-    )
-
-
 def _check(config: RecorderConfig) -> None:
     if config.disk.delete_oldest and not (config.split.size or config.split.duration_s):
         msg = (
@@ -119,12 +82,12 @@ def _check(config: RecorderConfig) -> None:
             "set max_bag_size or max_bag_duration too"
         )
         raise ConfigError(msg)
-    if config.snapshot is None:
+    if not config.given.snapshot_mode:
         return
     try:
-        re.compile(config.snapshot.alarm_regex)
+        re.compile(config.given.alarm_regex)
     except re.error as err:
-        text = config.snapshot.alarm_regex
+        text = config.given.alarm_regex
         msg = f"parameter 'alarm_regex': '{text}' is no regular expression: {err}"
         raise ConfigError(msg) from err
 

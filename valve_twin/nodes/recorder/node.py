@@ -76,13 +76,13 @@ class BagRecorderNode(ValveNode):
         config = self._config = read_config(self)
         self._topics, self._refused = {}, set()
         self._reported_trouble, self._reported_lost = "", 0
-        self._paused = bool(self.parameters["start_paused"])
+        self._paused = config.given.start_paused
         self._recording = Recording(
             config.bag,
-            flush_s=config.flush_s,
+            flush_s=config.given.flush_s,
             split=config.split,
             disk=config.disk,
-            by_snapshot=config.snapshot is not None,
+            by_snapshot=config.given.snapshot_mode,
             events=FileEvents(
                 noted=partial(self._losses, self._topics),
                 on_split=lambda *names: self.post(partial(self._on_split, *names)),
@@ -91,10 +91,10 @@ class BagRecorderNode(ValveNode):
         )
         self._recording.note(config.custom)
         self._disk = DiskQueue(
-            self, self._recording, limit=config.queue, limit_bytes=config.queue_bytes
+            self, self._recording, limit=config.given.queue, limit_bytes=config.given.queue_bytes
         )
-        if config.snapshot is not None:
-            self._snapshots = Snapshots(self, config.snapshot, self._save)
+        if config.given.snapshot_mode:
+            self._snapshots = Snapshots(self, config.given, self._save)
         self._status = self.create_publisher(msg.RecorderStatus, "~/status", 10)
         self._splits = self.create_publisher(msg.WriteSplitEvent, "~/events/write_split", 10)
         self._diagnostics = Diagnostics(self, self._reports)
@@ -106,7 +106,7 @@ class BagRecorderNode(ValveNode):
             self._snapshots.open()
         for topic in self._topics.values():
             topic.listen()
-        lasts_s, self._active_s = self._config.discovery_s, time.monotonic()
+        lasts_s, self._active_s = self._config.given.discovery_s, time.monotonic()
         self._discover_until = self._active_s + lasts_s if lasts_s else float("inf")
         self._discover()
         self._timers_made = [

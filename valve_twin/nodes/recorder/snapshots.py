@@ -19,7 +19,7 @@ from valve_twin.nodes.runtime.stamps import from_time
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from valve_twin.nodes.recorder.config import SnapshotConfig
+    from valve_twin.io.config.node_parameters import BagRecorderParameters
     from valve_twin.nodes.recorder.recorded_topic import RecordedTopic
 
 _DEPTH = 100
@@ -39,7 +39,7 @@ class Snapshots:
     ----------
     node : ValveNode
         The recorder.
-    config : SnapshotConfig
+    config : BagRecorderParameters
         What is kept and what alarms.
     save : callable
         Gets what was taken and why, when an alarm asks for it.
@@ -48,11 +48,13 @@ class Snapshots:
     def __init__(
         self,
         node: ValveNode,
-        config: SnapshotConfig,
+        config: BagRecorderParameters,
         save: Callable[[Snapshot, dict[str, str]], None],
     ) -> None:
         self._node, self._config, self._save = node, config, save
-        self.ring = RingBuffer(seconds=config.seconds, size=config.size, cycles=config.cycles)
+        self.ring = RingBuffer(
+            seconds=config.snapshot_s, size=config.snapshot_bytes, cycles=config.snapshot_cycles
+        )
         self._levels: dict[str, bytes] = {}
         self._verdicts: dict[str, int] = {}
         self._quiet_until = 0.0
@@ -64,7 +66,7 @@ class Snapshots:
     def open(self) -> None:
         """Listen to cycles and alarms."""
         c, make = self._config, self._node.create_subscription
-        if c.cycles:
+        if c.snapshot_cycles:
             found = make(msg.CycleSummary, c.cycle_topic, self._on_cycle, _DEPTH)
             self._subscriptions.append(found)
         if "diagnostics" in c.alarms:
@@ -94,7 +96,7 @@ class Snapshots:
         taken = self.ring.take()
         if taken.cycles:
             cause["cycles"] = f"{taken.cycles[0].number}..{taken.cycles[-1].number}"
-        elif self._config.cycles:
+        elif self._config.snapshot_cycles:
             cause["cycles"] = "none seen whole"
         return taken, cause
 
@@ -137,7 +139,7 @@ class Snapshots:
         now = time.monotonic()
         if now < self._quiet_until or self._timer is not None:
             return
-        self._quiet_until = now + self._config.pause_s
+        self._quiet_until = now + self._config.alarm_pause_s
         self._cause = {
             "trigger": "alarm",
             "source": source,
@@ -146,7 +148,7 @@ class Snapshots:
             "alarms": str(self._alarms),
         }
         self._timer = self._node.create_timer(
-            max(self._config.after_s, 1e-3), self._on_time, clock=STEADY
+            max(self._config.snapshot_after_s, 1e-3), self._on_time, clock=STEADY
         )
 
     def _on_time(self) -> None:

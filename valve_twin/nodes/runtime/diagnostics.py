@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from valve_twin.core.faults.lifetime import Severity
-from valve_twin.nodes.runtime.fault_desk import key_values
+from valve_twin.nodes.runtime.fault_reporter import key_values
 from valve_twin.nodes.runtime.node import STEADY, ValveNode
 
 if TYPE_CHECKING:

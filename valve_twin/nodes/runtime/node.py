@@ -23,10 +23,10 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from valve_twin.io.config.node_parameters import NODE_PARAMETERS
+from valve_twin.io.config.node_parameters import NODE_PARAMETERS, NodeParameters
 from valve_twin.io.errors import ValveTwinError
 from valve_twin.nodes.runtime import compat, termination
-from valve_twin.nodes.runtime.fault_desk import FaultDesk
+from valve_twin.nodes.runtime.fault_reporter import FaultReporter
 from valve_twin.nodes.runtime.parameters import Parameters
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ class ValveNode(LifecycleNode):
 
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
-        self.faults = FaultDesk(self)
+        self.faults = FaultReporter(self)
         self.parameters = Parameters(self, is_idle=self._is_idle)
         self.parameters.declare(NODE_PARAMETERS[name])
         self.exit_code: int | None = None
@@ -132,7 +132,7 @@ class ValveNode(LifecycleNode):
 
     def start(self) -> None:
         """Configure and activate where `autostart` says so."""
-        if not self.parameters["autostart"]:
+        if not self.parameters.read(NodeParameters).autostart:
             return
         try:
             with termination.breaking_off():
@@ -280,7 +280,7 @@ def run(make: Callable[[], ValveNode], args: list[str] | None = None) -> int:
         except Exception as err:
             rclpy.logging.get_logger("valve_twin").error(f"cannot start: {err}")
             return _leave(1, [])
-        executor = make_executor(str(node.parameters["executor"]))
+        executor = make_executor(node.parameters.read(NodeParameters).executor)
         executor.add_node(node)
         node.post(node.start)
         node.post(_collect_garbage)

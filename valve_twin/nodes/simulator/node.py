@@ -12,6 +12,7 @@ from valve_twin.core.quantity import describe
 from valve_twin.core.simulation.settings import configure
 from valve_twin.core.valves.registry import get_simulation
 from valve_twin.io.config.keys import VALVE_KEYS
+from valve_twin.io.config.node_parameters import SimulatedValveParameters
 from valve_twin.io.errors import ConfigError
 from valve_twin.nodes.player.outbox import Outbox, SubscriberGate, sending_profile
 from valve_twin.nodes.runtime.diagnostics import Diagnostics, Report
@@ -52,36 +53,36 @@ class SimulatedValveNode(ValveNode):
         self._gate = SubscriberGate()
         self._earliest_s = 0.0
         self._samples = 0
+        self._given = SimulatedValveParameters()
 
     def configure(self) -> None:
         """Read the parameters and build the valves."""
         self._declare_simulation()
         configs = read_valves(self)
-        prefix = str(self.parameters["publish_prefix"])
+        given = self._given = self.parameters.read(SimulatedValveParameters)
         for i, config in enumerate(configs):
-            seed = int(self.parameters["seed"]) + i
             self._valves.append(
                 SimulatedTopics(
                     self,
                     config,
                     self._simulation(config),
-                    seed=seed,
-                    prefix=prefix,
-                    batch=int(self.parameters["batch"]),
+                    seed=given.seed + i,
+                    prefix=given.publish_prefix,
+                    batch=given.batch,
                 )
             )
-        self._guard = Guard(self, prefix=prefix, allow_live=bool(self.parameters["allow_live"]))
-        self._rate = float(self.parameters["rate"])
+        self._guard = Guard(self, prefix=given.publish_prefix, allow_live=given.allow_live)
+        self._rate = given.rate
         self._diagnostics = Diagnostics(self, self._reports)
 
     def activate(self) -> None:
         """Check that no real valve is in reach, then run."""
         self._check_safety()
-        lossless = bool(self.parameters["lossless"]) and self._rate != 1.0
+        lossless = self._given.lossless and self._rate != 1.0
         profile = sending_profile(lossless=lossless)
-        if self._rate != 1.0 or self.parameters["clock"]:
+        if self._rate != 1.0 or self._given.clock:
             self._clock_publisher = self.create_publisher(ClockMessage, "/clock", 10)
-        start = float(self.parameters["start_time_s"]) or self.get_clock().now().nanoseconds * 1e-9
+        start = self._given.start_time_s or self.get_clock().now().nanoseconds * 1e-9
         for valve in self._valves:
             valve.open(profile, round(start * 1e9))
         self._begin_s, self._samples, self._gate = None, 0, SubscriberGate()
@@ -166,7 +167,7 @@ class SimulatedValveNode(ValveNode):
         if self._begin_s is not None:
             return True
         now = seconds_now()
-        wanted = int(self.parameters["wait_for_subscribers"])
+        wanted = self._given.wait_for_subscribers
         awaited = [p for v in self._valves for p in v.awaited]
         if now < self._earliest_s:
             return False
@@ -196,6 +197,6 @@ class SimulatedValveNode(ValveNode):
         """Advance every valve by one message and queue what it gives."""
         self._samples += 1
         for i, valve in enumerate(self._valves):
-            stamp_ns = valve.advance(self._outbox, int(self.parameters["stop_after_cycles"]))
+            stamp_ns = valve.advance(self._outbox, self._given.stop_after_cycles)
             if i == 0 and stamp_ns and self._clock_publisher is not None:
                 self._clock_publisher.publish(ClockMessage(clock=to_time(stamp_ns)))

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from valve_twin.io.config.node_parameters import TwinParameters
 from valve_twin.nodes.runtime.safety import is_replayed
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ def longest_wait_s(node: ValveNode, topics: Iterable[str]) -> float:
         Infinite where the parameter is 0, where the clock is simulated, and where every topic
         lies below a name of a replay.
     """
-    limit_s = float(node.parameters["estimate_wait_s"])
+    limit_s = node.parameters.read(TwinParameters).estimate_wait_s
     simulated = bool(node.get_parameter("use_sim_time").value)
     replayed = all(is_replayed(node.resolve_topic_name(topic)) for topic in topics)
     return math.inf if limit_s == 0.0 or simulated or replayed else limit_s

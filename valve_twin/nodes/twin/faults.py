@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from valve_twin.nodes.twin.inputs import INPUT_CODES
 
 if TYPE_CHECKING:
-    from valve_twin.nodes.runtime.fault_desk import FaultDesk
+    from valve_twin.nodes.runtime.fault_reporter import FaultReporter
     from valve_twin.nodes.twin.inputs import TopicInput
     from valve_twin.nodes.twin.live_valve import LiveValve
 
@@ -22,19 +22,19 @@ class TwinFaults:
 
     Parameters
     ----------
-    desk : FaultDesk
+    desk : FaultReporter
         Where faults are filed.
     valve : LiveValve
         The valve.
     """
 
-    def __init__(self, desk: FaultDesk, valve: LiveValve) -> None:
+    def __init__(self, desk: FaultReporter, valve: LiveValve) -> None:
         self._desk, self._valve = desk, valve
         self._seen: dict[tuple[str, str], int] = {}
 
     def look(self) -> None:
         """File what has happened since the last look."""
-        for topic in self._valve.intake.topics:
+        for topic in self._valve.inputs.topics:
             self._look_at_topic(topic)
         self._look_at_samples()
         self._look_at_estimation()

@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""One valve of the twin node: its intake to the core, what the core says to its subscribers.
+"""One valve of the twin node: its inputs to the core, what the core says to its subscribers.
 
-A sample goes one way: `Intake` (subscription, decode, gather) -> `Twin` (align, cut, predict) ->
-`ValvePublishers`. A closed cycle becomes a job (`Jobs`); its estimates go back through the `Twin`
-to the history (`HistoryWriter`) and, once stored, to the `ValvePublishers`.
+A sample goes one way: `ValveInputs` (subscription, decode, gather) -> `Twin` (align, cut,
+predict) -> `ValvePublishers`. A closed cycle becomes a job (`Jobs`); its estimates go back through
+the `Twin` to the history (`HistoryWriter`) and, once stored, to the `ValvePublishers`.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from valve_twin.core.valves.registry import get_model
 from valve_twin.io.offline.make_twin import make_twin
 from valve_twin.nodes.twin.history_writer import find_resume_point
 from valve_twin.nodes.twin.inputs import InputConfig, seconds_now
-from valve_twin.nodes.twin.intake import Intake
 from valve_twin.nodes.twin.jobs import Jobs
 from valve_twin.nodes.twin.publishers import ValvePublishers
+from valve_twin.nodes.twin.valve_inputs import ValveInputs
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -56,7 +56,7 @@ class LiveValve:
 
     Attributes
     ----------
-    intake, publishers, jobs, cycle_queue
+    inputs, publishers, jobs, cycle_queue
         Its parts: signals, publishers, estimations, and the way into the history.
     twin : Twin
         The core.
@@ -92,7 +92,7 @@ class LiveValve:
             self.name, self.publishers.estimate, self.twin.number_from
         )
         self.jobs = Jobs(node, config, worker=worker, deliver=self._estimated)
-        self.intake = Intake(
+        self.inputs = ValveInputs(
             node,
             config,
             signals,
@@ -108,13 +108,13 @@ class LiveValve:
 
     def listen(self, config: InputConfig) -> None:
         """Subscribe to all signals."""
-        self.intake.listen(config)
+        self.inputs.listen(config)
 
     def silence(self) -> None:
         """Take the subscriptions down; what was learnt stays."""
         self.work(force=True)
         self.publishers.flush()
-        self.intake.silence()
+        self.inputs.silence()
 
     def close(self) -> None:
         """Take the publishers down."""
@@ -127,25 +127,25 @@ class LiveValve:
         now_s = seconds_now()
         if self.jobs.wait.is_over(now_s):
             self._step(self.twin.go_on)
-        if now_s < self.intake.due_s and not force:
+        if now_s < self.inputs.due_s and not force:
             return
         before = self.publishers.predicted
-        blocks = self.intake.take(now_s, everything=force)
-        oldest_ns = self.intake.oldest_ns
+        blocks = self.inputs.take(now_s, everything=force)
+        oldest_ns = self.inputs.oldest_ns
         for parts in blocks:
             self._push(parts)
         if now_s >= self.publishers.due_s:
             self.publishers.flush()
-        if not (self.intake or self.publishers or self.jobs.wait.is_bounded):
+        if not (self.inputs or self.publishers or self.jobs.wait.is_bounded):
             self._awake.discard(self)
         if self.publishers.predicted != before:
-            self.intake.answered()
+            self.inputs.answered()
             late_s = 1e-9 * (time.time_ns() - oldest_ns)
             self.worst_latency_s = max(self.worst_latency_s, late_s)
 
     def due_s(self) -> float:
         """Return when `work` is worth its while, after something came [s]."""
-        return max(self.intake.due_s - seconds_now(), 0.0)
+        return max(self.inputs.due_s - seconds_now(), 0.0)
 
     def clock_jumped(self) -> None:
         """Drop the running cycle after the node's clock was set back."""
@@ -159,16 +159,16 @@ class LiveValve:
         return closed[-1] if closed else None
 
     def _on_ready(self, now: bool) -> None:
-        """Wake up; work where the intake says that it is time."""
+        """Wake up; work where the inputs say that it is time."""
         if now:
-            self.intake.due_s = 0.0
+            self.inputs.due_s = 0.0
             self.work()
         elif self not in self._awake:
             self._wake()
 
     def _wake(self) -> None:
         self._awake.add(self)
-        self.intake.put_off(seconds_now())
+        self.inputs.put_off(seconds_now())
 
     def _push(self, blocks: list[SignalBlock]) -> None:
         for block in blocks:

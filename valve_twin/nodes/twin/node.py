@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from rclpy.clock import JumpThreshold, TimeJump
 from rclpy.duration import Duration
 
+from valve_twin.io.config.node_parameters import TwinParameters
 from valve_twin.io.history.store import History
 from valve_twin.nodes.runtime.compat import share_interpreter
 from valve_twin.nodes.runtime.diagnostics import ERROR, STALE, Diagnostics, Report
@@ -58,13 +59,13 @@ class TwinNode(ValveNode):
         share_interpreter()
         configs = read_valves(self, self._left_out)
         signals = {c.name: by_topic(self, c.signals.values()) for c in configs}
-        timeout = float(self.parameters["busy_timeout_s"])
+        given = self.parameters.read(TwinParameters)
         for url in dict.fromkeys(c.history_url for c in configs):
             self._history_writers[url] = HistoryWriter(
                 self,
-                History(url, busy_timeout_s=timeout),
-                retry_s=float(self.parameters["retry_s"]),
-                limit=int(self.parameters["unsaved_limit"]),
+                History(url, busy_timeout_s=given.busy_timeout_s),
+                retry_s=given.retry_s,
+                limit=given.unsaved_limit,
             )
         kinds = [(c.model, c.cycles.rule, c.options) for c in configs]
         kinds = [kind for i, kind in enumerate(kinds) if kind not in kinds[:i]]
@@ -93,11 +94,8 @@ class TwinNode(ValveNode):
 
     def activate(self) -> None:
         """Listen to the signals."""
-        config = InputConfig(
-            depth=int(self.parameters["input_queue"]),
-            deadline_s=float(self.parameters["deadline_s"]),
-            silence_s=float(self.parameters["silence_s"]),
-        )
+        given = self.parameters.read(TwinParameters)
+        config = InputConfig(given.input_queue, given.deadline_s, given.silence_s)
         threshold = JumpThreshold(
             min_forward=None,
             min_backward=Duration(nanoseconds=-round(_BACKWARD_JUMP_S * 1e9)),
@@ -207,7 +205,7 @@ class TwinNode(ValveNode):
             "worker restarts": max(self._worker.restarts, 0) if self._worker is not None else 0,
         }
         counts = valve.twin.counts()
-        for topic in valve.intake.topics:
+        for topic in valve.inputs.topics:
             figures[f"{topic.topic} received/lost/unreadable"] = (
                 f"{topic.received}/{topic.lost}/{topic.broken}"
             )

@@ -11,6 +11,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from valve_twin_msgs import msg
 
 from valve_twin.core.gaps import GapCounter
+from valve_twin.io.config.node_parameters import TwinParameters
 from valve_twin.nodes.runtime import messages as convert
 from valve_twin.nodes.twin.inputs import seconds_now
 from valve_twin.nodes.twin.prediction_batches import PredictionBatches, mean_period_s
@@ -68,7 +69,7 @@ class ValvePublishers:
         self.units = convert.units_of(model.parameters)
         self.predicted = 0
         self.gaps = GapCounter(config.period_s)
-        batch_s = float(node.parameters["prediction_batch_s"])
+        batch_s = node.parameters.read(TwinParameters).prediction_batch_s
         self.gather_s = min(batch_s, LONGEST_GATHER_S)
         self._batches: PredictionBatches | None = None
         if batch_s > 0.0:

@@ -2,10 +2,10 @@
 # Copyright 2026 valve_twin maintainers
 """What a monitor knows of one valve, and whether it has to ask the history for more.
 
-An estimate that was told of as stored is taken over as it is where it follows on what is known:
+An estimate that was published as stored is taken over where it follows on what is known:
 every cycle between is known to have been refused, so that the history can hold nothing more. Else
 something was lost (a message, a time in which the monitor or the twin was down) and the history is
-asked; what it answers and what was told of are the same to the last bit.
+asked; what it answers and what was published are the same to the last bit.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ MOST_WAITING = 1000
 """Messages kept that cannot be taken over yet; the history has what is let go of."""
 
 
-class Intake:
+class EstimateBuffer:
     """Estimates and maintenance events of one valve, oldest first.
 
     Parameters
@@ -72,13 +72,13 @@ class Intake:
         self.maintenance[key] = event
         return new
 
-    def tell(self, message: Any) -> None:
+    def receive(self, message: Any) -> None:
         """Keep an Estimate until it can be taken over."""
         if message.stored and message.estimator in self._received:
             _keep(self._received[message.estimator], message)
 
-    def tell_cycle(self, summary: Any) -> None:
-        """Keep what is told of a closed cycle."""
+    def receive_cycle(self, summary: Any) -> None:
+        """Keep the summary of a closed cycle."""
         _keep(self._cycles, summary)
 
     def take(self) -> bool:
@@ -97,7 +97,7 @@ class Intake:
 
     @property
     def waits(self) -> bool:
-        """Whether an estimate was told of that is not taken over."""
+        """Whether an estimate was received that is not taken over."""
         return bool(self._received[self._trend])
 
     @property
@@ -108,7 +108,7 @@ class Intake:
         return any(n not in self._cycles or self._cycles[n].accepted for n in between)
 
     def _forget(self) -> None:
-        """Let go of what was told of cycles that are known."""
+        """Let go of what was received of cycles that are known."""
         last = self.last()
         for messages in (self._cycles, *self._received.values()):
             for number in [n for n in messages if n <= last]:

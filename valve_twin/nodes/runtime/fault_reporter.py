@@ -33,7 +33,7 @@ _STATUS = {
 }
 
 
-class FaultDesk:
+class FaultReporter:
     """Takes the fault reports of a node, on the node's own thread.
 
     Parameters

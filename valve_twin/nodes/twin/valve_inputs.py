@@ -29,7 +29,7 @@ SLICE_SHARE = 0.5
 """Data time handed on at once, as a share of the time by which the core waits for a signal [1]."""
 
 
-class Intake:
+class ValveInputs:
     """Topics in, rounds of blocks out.
 
     Parameters

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""The monitor takes what it is told of and asks the history only for what it missed."""
+"""The monitor takes what is published and asks the history only for what it missed."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Twin:
         missed = VALVE[number - 1].missed_cycles
         self.cycles.publish(CycleSummary(cycle=number, missed_cycles=missed, accepted=accepted))
 
-    def tell(self, number: int) -> None:
+    def publish_cycle(self, number: int) -> None:
         """Store a cycle and publish all that a twin publishes of it."""
         estimate = VALVE[number - 1]
         self.history.append(estimate)
@@ -86,7 +86,7 @@ def wait(graph, monitor, cycles: int) -> None:
 
 
 def assert_says_what_the_history_says(graph, twin, monitor) -> None:
-    assert [repr(e) for e in monitor._intake.estimates] == [repr(e) for e in twin.history]
+    assert [repr(e) for e in monitor._buffer.estimates] == [repr(e) for e in twin.history]
     said = assess(
         twin.history, twin.events, AgingConfig(),
         parameters=get_model("press_cartridge").parameters, valve=NS,
@@ -96,7 +96,7 @@ def assert_says_what_the_history_says(graph, twin, monitor) -> None:
 
 def test_without_a_loss_the_history_is_asked_once(graph, twin, monitor):
     for number in range(STORED + 1, STORED + 6):
-        twin.tell(number)
+        twin.publish_cycle(number)
         wait(graph, monitor, number)
     graph.spin(0.5)  # more than two ticks of retry_s
     assert twin.calls == 1
@@ -104,13 +104,13 @@ def test_without_a_loss_the_history_is_asked_once(graph, twin, monitor):
 
 
 def test_a_lost_message_is_fetched(graph, twin, monitor):
-    twin.tell(STORED + 1)
+    twin.publish_cycle(STORED + 1)
     wait(graph, monitor, STORED + 1)
-    twin.history.append(VALVE[STORED + 1])  # stored, but nobody was told
-    twin.tell(STORED + 3)
+    twin.history.append(VALVE[STORED + 1])  # stored, but not published
+    twin.publish_cycle(STORED + 3)
     wait(graph, monitor, STORED + 3)
     assert twin.calls == 2
-    twin.tell(STORED + 4)
+    twin.publish_cycle(STORED + 4)
     wait(graph, monitor, STORED + 4)
     assert twin.calls == 2
     assert_says_what_the_history_says(graph, twin, monitor)
@@ -127,7 +127,7 @@ def test_a_lost_summary_is_made_up_for(graph, twin, monitor):
 
 def test_a_refused_cycle_is_no_gap(graph, twin, monitor):
     twin.close_cycle(STORED + 1, accepted=False)
-    twin.tell(STORED + 2)
+    twin.publish_cycle(STORED + 2)
     wait(graph, monitor, STORED + 1)
     graph.spin(0.5)
     assert twin.calls == 1
