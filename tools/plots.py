@@ -22,9 +22,18 @@ from valve_twin.core.valves.double_solenoid.step_response import step_response
 from valve_twin.core.valves.hybrid_actuator.magnetics import KERNELS, coil_force, magnet_force
 from valve_twin.core.valves.hybrid_actuator.plant import HybridActuatorPlant
 from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
+from valve_twin.core.valves.servo_system.dynamics import IS, P1, P2, PLR, PLS, VP, XP, XV
 from valve_twin.core.valves.servo_system.loops import FREQUENCIES_HZ, valve_loop
 from valve_twin.core.valves.servo_system.plant import ServoSystemPlant
+from valve_twin.core.valves.stepper_servo.plant import StepperServoPlant
 from valve_twin.report.svg import Panel, drawing, thin
+from valve_twin.validation.bench_004 import track_square, velocity_sweep
+from valve_twin.validation.layers_002 import FREQUENCIES, fit_layer
+from valve_twin.validation.paper_002 import REFRESH_3, REFRESH_4, SEED
+from valve_twin.validation.paper_003 import STEP_M
+from valve_twin.validation.paper_003 import step_response as servo_step
+from valve_twin.validation.paper_004 import WORKING_MM, bode
+from valve_twin.validation.theory_002 import PERIOD_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -33,6 +42,7 @@ if TYPE_CHECKING:
 
 IMAGES = Path(__file__).resolve().parents[1] / "docs" / "images"
 CYCLES = 40
+TOP, ROW = 26.0, 230.0
 STYLE = """<style>
 svg { font: 11px sans-serif; fill: #1b2026; } path { fill: none; }
 .tick, .label { fill: #545d68; } .end { text-anchor: end; } .mid { text-anchor: middle; }
@@ -53,17 +63,23 @@ def main(names: Sequence[str]) -> None:
     for name in names or FIGURES:
         panels = FIGURES[name]()
         path = IMAGES / f"{name}.svg"
-        svg = drawing(960, 230, panels, name.replace("_", " "))
+        rows = 1 + round((max(p.top for p in panels) - TOP) / ROW)
+        parts = [part for p in panels for part in p.parts]
+        svg = str(drawing(960, ROW * rows, parts, name.replace("_", " ")))
         svg = svg.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1)
         path.write_text(svg.replace(">\n", f">\n{STYLE}\n", 1) + "\n", encoding="utf-8")
         print(f"{path} written")
 
 
 def panel(
-    column: int, x: tuple[float, float], y: tuple[float, float], labels: tuple[str, str]
+    column: int,
+    x: tuple[float, float],
+    y: tuple[float, float],
+    labels: tuple[str, str],
+    row: int = 0,
 ) -> Panel:
-    """Return one of three pairs of axes, drawn."""
-    made = Panel(48.0 + 320.0 * column, 26.0, 258.0, 160.0, x, y)
+    """Return one of three pairs of axes in a row, drawn."""
+    made = Panel(48.0 + 320.0 * column, TOP + ROW * row, 258.0, 160.0, x, y)
     made.axes(x_label=labels[0], y_label=labels[1], x_ticks=5)
     return made
 
@@ -226,12 +242,89 @@ def draw_servo() -> list[Panel]:
     return [move, pressure, course(discharge, 0.62, 0.15, "discharge C_d [1]", (0.61, 0.72))]
 
 
+def draw_paper_002_spectrum() -> list[Panel]:
+    """Return the mean spectrum of the residuals of the QP in both layers of paper 002."""
+    labels = ("frequency [Hz]", "share of the power in a band [1]")
+    made = panel(0, (0.0, 0.5 / PERIOD_S), (0.0, 0.16), labels)
+    for line, (layer, style) in enumerate(((REFRESH_3, "a"), (REFRESH_4, "b"))):
+        spectrum = fit_layer(layer, 105, SEED, lambda: None).spectrum
+        hz = (np.arange(FREQUENCIES) + 0.5) / (2.0 * FREQUENCIES * PERIOD_S)
+        made.line(hz, spectrum, style)
+        made.text(60, 45 + 15 * line, layer.name, f"ink-{style}")
+    made.mark(1.0 / 0.09, "truth dash")
+    made.text(60, 75, "dashed: a period of 0.09 s", "label")
+    return [made]
+
+
+def draw_paper_003_step() -> list[Panel]:
+    """Return figures 8 to 18 of paper 003 for our servosystem and a step of 10 mm."""
+    step = servo_step(ServoSystemPlant(), STEP_M)
+    y, ms = step.states, 1e3 * step.time_s
+    shown: tuple[tuple[str, tuple[float, float], tuple[tuple[FloatArray, str, str], ...]], ...] = (
+        ("Fig. 8: current [mA]", (-10, 60), ((1e3 * y[:, IS], "a", ""),)),
+        ("Fig. 9: valve position [µm]", (-40, 250), ((1e6 * y[:, XV], "a", ""),)),
+        ("Figs. 10, 12: position [mm]", (-1, 12),
+         ((1e3 * y[:, XP], "a", "piston"), (1e3 * step.load, "b dash", "load"))),
+        ("Figs. 11, 13: speed [m/s]", (-0.08, 0.25),
+         ((step.load_speed, "b", "load"), (y[:, VP], "a", "piston"))),
+        ("Fig. 14: force in the member [N]", (-600, 600), ((step.force, "a", ""),)),
+        ("Figs. 15, 16: chambers [MPa]", (0, 6),
+         ((1e-6 * y[:, P1], "a", "chamber 1"), (1e-6 * y[:, P2], "b", "chamber 2"))),
+        ("Fig. 17: supply line [MPa]", (19, 23), ((1e-6 * y[:, PLS], "a", ""),)),
+        ("Fig. 18: return line [MPa]", (0, 1), ((1e-6 * y[:, PLR], "a", ""),)),
+    )  # fmt: skip
+    panels = []
+    for place, (label, limits, curves) in enumerate(shown):
+        made = panel(place % 3, (0.0, 300.0), limits, ("time [ms]", label), place // 3)
+        for line, (values, style, name) in enumerate(curves):
+            keep = ms <= 300.0
+            made.line(ms[keep], values[keep], style)
+            made.text(
+                made.left + 190,
+                made.top + (40 if "speed" in label else 110) + 15 * line,
+                name,
+                f"ink-{style[0]}",
+            )
+        panels.append(made)
+    return panels
+
+
+def draw_paper_004_tracking() -> list[Panel]:
+    """Return velocity sweep, steps over the working range and magnitude of G(z), paper 004."""
+    plant = StepperServoPlant()
+    time_s, spool, speed = velocity_sweep(plant)
+    sweep = panel(0, (0.0, 280.0), (0.8, 1.6), ("time [ms]", "Fig. 10: position [mm]"))
+    sweep.line(1e3 * time_s, spool, "a")
+    fast = panel(
+        1, (0.0, 280.0), (-12.0, 12.0), ("time [ms]", "Fig. 10: speed of the motor [mm/s]")
+    )
+    fast.line(1e3 * time_s, speed, "c")
+    gain = panel(2, (-1.0, 1.7), (-30.0, 40.0),
+                 ("log10 of frequency [Hz]", "Fig. 8: printed G(z) [dB]"))  # fmt: skip
+    log_hz = np.linspace(-1.0, np.log10(50.0), 200)
+    gain.line(log_hz, bode(10.0**log_hz), "a")
+    panels = [sweep, fast, gain]
+    for column, frequency in enumerate((1.0, 3.0)):
+        reference, spool = track_square(plant, frequency, WORKING_MM)
+        made = panel(column, (0.0, 1.2), (0.0, 2.1),
+                     ("time [s]", f"Fig. 11: steps at {frequency:g} Hz [mm]"), 1)  # fmt: skip
+        shown = np.arange(2000, 3200)
+        second = 1e-3 * (shown - 2000.0)
+        made.line(second, reference[shown], "c")
+        made.line(second, spool[shown], "a")
+        panels.append(made)
+    return panels
+
+
 FIGURES: dict[str, Callable[[], list[Panel]]] = {
     "stepper_servo": draw_stepper,
     "hybrid_actuator": draw_actuator,
     "double_solenoid": draw_double_solenoid,
     "servo_system": draw_servo,
     "servo_system_loops": draw_servo_loops,
+    "paper_002_spectrum": draw_paper_002_spectrum,
+    "paper_003_step": draw_paper_003_step,
+    "paper_004_tracking": draw_paper_004_tracking,
 }
 
 if __name__ == "__main__":

@@ -27,7 +27,8 @@ def test_what_cannot_be_reproduced_is_shown_with_its_reason_and_does_not_fail(ch
     shown = capsys.readouterr().out
     assert "the box does not reach it" in shown
     assert "theta_2 [s]" in shown
-    assert "1 agree, 0 do not, 1 cannot be reproduced" in shown
+    assert "published: 1 agree, 0 do not; derived: 0 agree, 0 do not;" in shown
+    assert "; 1 cannot be reproduced" in shown
 
 
 def test_a_number_that_does_not_agree_ends_with_1(checks, capsys):
@@ -40,6 +41,7 @@ def test_json_has_one_object_a_comparison(checks, capsys):
     assert main(["validate", "002", "--json"]) == 0
     rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert [row["verdict"] for row in rows] == ["PASS", "CANNOT"]
+    assert rows[0]["kind"] == "published"
     assert rows[0]["obtained"] == -0.16
     assert rows[1]["obtained"] is None
     assert rows[1]["lower"] is None

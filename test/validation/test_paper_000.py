@@ -8,6 +8,7 @@ import pytest
 
 from valve_twin.core.valves.double_solenoid.step_response import STEPS
 from valve_twin.validation import Verdict, get_paper
+from valve_twin.validation.paper_000 import similarity
 
 
 @pytest.fixture(scope="module")
@@ -21,12 +22,12 @@ def checks():
 
 def test_nothing_that_can_be_recomputed_fails(checks):
     assert [c.quantity for c in checks.values() if c.verdict is Verdict.FAIL] == []
-    assert sum(c.verdict is Verdict.PASS for c in checks.values()) == 23
+    assert sum(c.verdict is Verdict.PASS for c in checks.values()) == 15
 
 
 def test_what_cannot_be_reproduced_says_why(checks):
     missing = [c for c in checks.values() if c.verdict is Verdict.CANNOT]
-    assert len(missing) == 6
+    assert len(missing) == 7
     assert all(c.note for c in missing)
 
 
@@ -38,8 +39,18 @@ def test_the_flux_is_met_within_its_published_kind(checks):
 
 @pytest.mark.parametrize("share", STEPS)
 def test_steps_of_both_controllers_show_rise_and_overshoot(checks, share):
-    for name in ("MPTSC", "nonlinear PID"):
-        of = checks[f"{name}: {100.0 * share:g} % step settled [ms]"]
-        assert of.obtained < 40.0
-        assert "rise" in of.note
-        assert "overshoot" in of.note
+    of = checks[f"{100.0 * share:g} % step: MPTSC settled [ms], PID beside it"]
+    assert of.obtained < 10.0
+    assert "PID: " in of.note
+    assert "rise" in of.note
+    assert "overshoot" in of.note
+
+
+def test_g_a_from_the_switched_flux_leads_and_is_near_its_own(checks):
+    """Measured 1.79, true 1.61; fitted the other way round, ripple in the input, 0.50."""
+    lead = checks["gain of G_A at high frequency, from switched flux [1]"].obtained
+    assert 1.0 < lead == pytest.approx(1.607, rel=0.15)
+
+
+def test_controllers_that_differ_are_not_called_similar():
+    assert similarity([0.4] * len(STEPS)).verdict is Verdict.FAIL

@@ -11,7 +11,15 @@ import numpy as np
 import pytest
 
 from valve_twin.validation import Check, Verdict, get_paper, paper_numbers
-from valve_twin.validation.layers_002 import FIRST_CYCLE, Layer, fit_layer, line_share
+from valve_twin.validation.layers_002 import (
+    FIRST_CYCLE,
+    FREQUENCIES,
+    Layer,
+    fit_layer,
+    line_share,
+    power_spectrum,
+    strongest,
+)
 from valve_twin.validation.paper_002 import fig_5, pole_checks, table_1, table_4, table_5
 from valve_twin.validation.theory_002 import corner_theta, pole_frequency_hz
 
@@ -104,6 +112,12 @@ def test_white_noise_has_its_share_and_a_line_all_of_the_power():
     noise = np.random.default_rng(3).standard_normal(60000)
     assert line_share(noise) == pytest.approx(0.047, abs=0.006)  # 3 sd: 0.047/sqrt(1410) * 3
     assert line_share(np.cos(2.0 * np.pi * np.arange(900) / 3.0)) == pytest.approx(1.0)
+
+
+def test_the_spectrum_shows_a_line_where_it_is():
+    assert power_spectrum(np.random.default_rng(1).standard_normal(999)).sum() == pytest.approx(1)
+    line = power_spectrum(np.cos(2.0 * np.pi * 0.2 * np.arange(900)))
+    assert strongest(line) == pytest.approx(0.2, abs=0.5 / FREQUENCIES)
 
 
 def test_a_stale_sensor_drives_least_squares_below_its_bound(fits):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from valve_twin.cli.common import FAILED, OK, USAGE, add_verb, fail, progress_of
 from valve_twin.cli.output import console, number, plain, print_json, table
 from valve_twin.io.errors import suggest
-from valve_twin.validation import Verdict, get_paper, paper_numbers
+from valve_twin.validation import Verdict, counted, get_paper, paper_numbers
 
 if TYPE_CHECKING:
     import argparse
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from valve_twin.cli.common import Verbs
     from valve_twin.validation import Check
 
-_WIDTH = 160
+_WIDTH = 172
 _COLOURS = {Verdict.PASS: "green", Verdict.FAIL: "bold red", Verdict.CANNOT: "yellow"}
 
 
@@ -59,7 +59,8 @@ def _plain(paper: str, check: Check) -> dict[str, object]:
     """Return a comparison as plain data: not known or not bound = null."""
     names = ("item", "quantity", "published", "obtained", "lower", "upper", "tolerance")
     values = {name: plain(getattr(check, name), None) for name in names}
-    return {"paper": paper, **values, "verdict": check.verdict.name, "note": check.note}
+    words = {"kind": check.kind.value, "verdict": check.verdict.name, "note": check.note}
+    return {"paper": paper, **values, **words}
 
 
 def _show(title: str, checks: Sequence[Check]) -> None:
@@ -71,6 +72,7 @@ def _show(title: str, checks: Sequence[Check]) -> None:
     shown.add_column("quantity", max_width=40)
     for name in ("published", "obtained", "tolerance"):
         shown.add_column(name, justify="right")
+    shown.add_column("kind", no_wrap=True)
     shown.add_column("verdict", no_wrap=True)
     shown.add_column("how, or why not", max_width=60)
     item = ""
@@ -86,13 +88,9 @@ def _show(title: str, checks: Sequence[Check]) -> None:
                 for v in (check.published, check.obtained)
             ),
             check.tolerance,
+            check.kind.value,
             Text(check.verdict.value, style=_COLOURS[check.verdict]),
             Text(check.note),
         )
     out.print(shown)
-    counts = {v: sum(c.verdict is v for c in checks) for v in Verdict}
-    out.print(
-        f"{counts[Verdict.PASS]} agree, {counts[Verdict.FAIL]} do not, "
-        f"{counts[Verdict.CANNOT]} cannot be reproduced",
-        highlight=False,
-    )
+    out.print(counted(checks), highlight=False)

@@ -3,9 +3,11 @@
 """The papers' published numbers, recomputed: what agrees, what does not, and what cannot."""
 
 from valve_twin.validation.check import Check as Check
+from valve_twin.validation.check import Kind as Kind
 from valve_twin.validation.check import Verdict as Verdict
+from valve_twin.validation.check import counted as counted
 from valve_twin.validation.registry import Paper as Paper
 from valve_twin.validation.registry import get_paper as get_paper
 from valve_twin.validation.registry import paper_numbers as paper_numbers
 
-__all__ = ["Check", "Paper", "Verdict", "get_paper", "paper_numbers"]
+__all__ = ["Check", "Kind", "Paper", "Verdict", "counted", "get_paper", "paper_numbers"]

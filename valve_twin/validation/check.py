@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""One published number beside the number that we obtain."""
+"""One published number beside the number that we obtain, and what that is evidence of."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from enum import Enum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
 
 
 class Verdict(Enum):
@@ -15,6 +19,17 @@ class Verdict(Enum):
     PASS = "pass"
     FAIL = "FAIL"
     CANNOT = "cannot be reproduced"
+
+
+class Kind(Enum):
+    """What a comparison is evidence of."""
+
+    PUBLISHED = "published"
+    """A printed number or statement beside what our model computes."""
+    DERIVED = "derived"
+    """What follows from the paper's own numbers and equations: its consistency, not our model."""
+    REGRESSION = "regression"
+    """Our number beside an earlier or independent one of ours: says nothing about the paper."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +52,8 @@ class Check:
         Where the limits come from, in words.
     note : str
         The reading or the regime; why it cannot be reproduced.
+    kind : Kind
+        What it is evidence of.
     """
 
     item: str
@@ -47,6 +64,7 @@ class Check:
     upper: float = math.nan
     tolerance: str = "-"
     note: str = ""
+    kind: Kind = Kind.PUBLISHED
 
     @property
     def verdict(self) -> Verdict:
@@ -57,7 +75,7 @@ class Check:
 
 
 def within_share(item: str, quantity: str, published: float, obtained: float, share: float,
-                 note: str = "") -> Check:  # fmt: skip
+                 note: str = "", kind: Kind = Kind.PUBLISHED) -> Check:  # fmt: skip
     """Agree within a relative tolerance `share` [1] of the published value.
 
     Parameters
@@ -70,6 +88,8 @@ def within_share(item: str, quantity: str, published: float, obtained: float, sh
         Relative tolerance [1].
     note : str
         Remark.
+    kind : Kind
+        What it is evidence of.
     """
     half = abs(published) * share
     return Check(
@@ -81,11 +101,12 @@ def within_share(item: str, quantity: str, published: float, obtained: float, sh
         published + half,
         f"{100.0 * share:g} %" if share > 1e-6 else "exact",
         note,
+        kind,
     )
 
 
 def within_factor(item: str, quantity: str, published: float, obtained: float, factor: float,
-                  note: str = "") -> Check:  # fmt: skip
+                  note: str = "", kind: Kind = Kind.PUBLISHED) -> Check:  # fmt: skip
     """Agree within a factor [1], the sign included.
 
     Parameters
@@ -98,9 +119,12 @@ def within_factor(item: str, quantity: str, published: float, obtained: float, f
         Largest ratio of both [1].
     note : str
         Remark.
+    kind : Kind
+        What it is evidence of.
     """
     ends = sorted((published / factor, published * factor))
-    return Check(item, quantity, published, obtained, ends[0], ends[1], f"factor {factor:g}", note)
+    tolerance = f"factor {factor:g}"
+    return Check(item, quantity, published, obtained, ends[0], ends[1], tolerance, note, kind)
 
 
 def within_range(
@@ -112,6 +136,7 @@ def within_range(
     lower: float = -math.inf,
     upper: float = math.inf,
     note: str = "",
+    kind: Kind = Kind.PUBLISHED,
 ) -> Check:
     """Agree between two limits; an infinite one does not bind.
 
@@ -127,6 +152,8 @@ def within_range(
         Limits [unit in `quantity`].
     note : str
         Remark.
+    kind : Kind
+        What it is evidence of.
     """
     if math.isinf(lower):
         words = f"at most {upper:.3g}"
@@ -134,7 +161,7 @@ def within_range(
         words = f"at least {lower:.3g}"
     else:
         words = f"{lower:.3g} .. {upper:.3g}"
-    return Check(item, quantity, published, obtained, lower, upper, words, note)
+    return Check(item, quantity, published, obtained, lower, upper, words, note, kind)
 
 
 def cannot(item: str, quantity: str, published: float | str, obtained: float, why: str) -> Check:
@@ -152,3 +179,14 @@ def cannot(item: str, quantity: str, published: float | str, obtained: float, wh
         Reason.
     """
     return Check(item, quantity, published, obtained, note=why)
+
+
+def counted(checks: Sequence[Check]) -> str:
+    """Return in one line how many comparisons of each kind agree, fail, and cannot be made."""
+    parts = []
+    for kind in Kind:
+        found = [c.verdict for c in checks if c.kind is kind and c.verdict is not Verdict.CANNOT]
+        failed = found.count(Verdict.FAIL)
+        parts.append(f"{kind.value}: {len(found) - failed} agree, {failed} do not")
+    missing = sum(c.verdict is Verdict.CANNOT for c in checks)
+    return f"{'; '.join(parts)}; {missing} cannot be reproduced"

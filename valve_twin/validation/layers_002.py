@@ -50,6 +50,9 @@ LAG = 2
 LINE_BAND = 0.0235
 """Width of the band about a period of three samples: 4.7 % of all frequencies [1/sample]."""
 
+FREQUENCIES = 64
+"""Bands of the mean spectrum of the residuals."""
+
 ESTIMATORS = {"LS3": TERM_SETS["3"], "LS5": TERM_SETS["5"], "QP4": TERM_SETS["4"]}
 """Estimators of Table 1 and their terms."""
 
@@ -81,6 +84,9 @@ class LayerFits:
         the first of the latter is NaN [1].
     line : (C,) array
         Share of the power of QP4's residual about a period of three samples [1].
+    spectrum : (FREQUENCIES,) array
+        Mean power spectrum of QP4's residual over the cycles, shares of the power; from 0 to half
+        the sampling frequency [1].
     condition_growth : (C,) array
         Condition number of the normal equations of 5 terms over that of 3 [1].
     k_in : float
@@ -94,6 +100,7 @@ class LayerFits:
     mse: dict[str, FloatArray]
     mse_test: dict[str, FloatArray]
     line: FloatArray
+    spectrum: FloatArray
     condition_growth: FloatArray
     k_in: float
 
@@ -132,7 +139,7 @@ def fit_layer(layer: Layer, cycles: int, seed: int, advance: Callable[[], None])
     theta = {name: np.zeros((cycles, TERMS)) for name in ESTIMATORS}
     mse = {name: np.empty(cycles) for name in ESTIMATORS}
     test = {name: np.full(cycles, np.nan) for name in ESTIMATORS}
-    line, growth = np.empty(cycles), np.empty(cycles)
+    line, growth, spectra = np.empty(cycles), np.empty(cycles), np.zeros(FREQUENCIES)
     for c, block in enumerate(simulate_cycles(config, cycles, seed)):
         frames = to_frames(block)
         rows = np.arange(LAG, len(frames))
@@ -143,6 +150,7 @@ def fit_layer(layer: Layer, cycles: int, seed: int, advance: Callable[[], None])
             if c > 0:
                 test[name][c] = np.mean((y - u @ theta[name][c - 1]) ** 2)
         line[c] = line_share(y - u @ theta["QP4"][c])
+        spectra += power_spectrum(y - u @ theta["QP4"][c]) / cycles
         three, five = (u[:, np.asarray(ESTIMATORS[k]) - 1] for k in ("LS3", "LS5"))
         growth[c] = np.linalg.cond(five.T @ five) / np.linalg.cond(three.T @ three)
         advance()
@@ -150,7 +158,7 @@ def fit_layer(layer: Layer, cycles: int, seed: int, advance: Callable[[], None])
     command = block.inputs[:, 0]
     weighted = float(np.sum(command**3) / np.sum(command**2))
     truth = SimulatedValve(config).steady_gain(FIRST_CYCLE + cycles // 2, weighted)
-    return LayerFits(layer, numbers, theta, mse, test, line, growth, truth)
+    return LayerFits(layer, numbers, theta, mse, test, line, spectra, growth, truth)
 
 
 def _fit(
@@ -173,6 +181,20 @@ def line_share(residual: FloatArray) -> float:
     power = np.abs(np.fft.rfft(residual - residual.mean())) ** 2
     near = np.abs(np.fft.rfftfreq(len(residual)) - 1.0 / 3.0) <= 0.5 * LINE_BAND
     return float(power[near].sum() / power.sum())
+
+
+def power_spectrum(residual: FloatArray) -> FloatArray:
+    """Return the shares of the power of a residual (N,) in equal bands, (FREQUENCIES,) [1]."""
+    power = np.abs(np.fft.rfft(residual - residual.mean())) ** 2
+    band = np.minimum((2.0 * FREQUENCIES * np.fft.rfftfreq(len(residual))).astype(int),
+                      FREQUENCIES - 1)  # fmt: skip
+    shares: FloatArray = np.bincount(band, power, FREQUENCIES) / power.sum()
+    return shares
+
+
+def strongest(spectrum: FloatArray) -> float:
+    """Return the frequency of the strongest band of a power spectrum [1/sample]."""
+    return (float(np.argmax(spectrum)) + 0.5) / (2.0 * len(spectrum))
 
 
 def outflow_gain(

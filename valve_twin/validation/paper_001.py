@@ -21,7 +21,7 @@ from valve_twin.core.valves.hybrid_actuator.plant_kernel import (
     X,
     follow,
 )
-from valve_twin.validation.check import Check, cannot, within_range, within_share
+from valve_twin.validation.check import Check, Kind, cannot, within_range, within_share
 from valve_twin.validation.registry import Paper
 
 if TYPE_CHECKING:
@@ -76,20 +76,25 @@ def pulse(kernel: str, volts: float, gap: float = 0.5e-3) -> tuple[float, float]
     return current, float(coil_force(m, current, gap))
 
 
-def throw(kernel: str) -> tuple[float, float]:
-    """Return the largest position [m] and speed [m/s] after a 24 V pulse from the closed seat."""
+def throw(kernel: str) -> tuple[float, float, float, float]:
+    """Return what a 24 V pulse from the closed seat does.
+
+    Largest position [m], largest and least speed [m/s], time of the largest position [s].
+    """
     plant = replace(THESIS, kernel=kernel)
     m = plant.magnetics()
     voltage = np.zeros((round(FLIGHT_S / STEP_S), 2))
     voltage[: round(PULSE_S / STEP_S), 0] = plant.supply_voltage
     out = np.empty((len(voltage), 4))
     follow(plant.initial_state(), plant.armature(), m, m, voltage, STEP_S, False, out)
-    return float(out[:, 0].max()), float(out[:, 1].max())
+    position, speed = out[:, 0], out[:, 1]
+    top = STEP_S * float(np.argmax(position))
+    return float(position.max()), float(speed.max()), float(speed.min()), top
 
 
 def forces(kernel: str) -> list[Check]:
     """Compare force and current after the pulses of 24 and 12 V at a gap of 0.5 mm."""
-    (high_i, high_f), (_, low_f) = pulse(kernel, 24.0), pulse(kernel, 12.0)
+    (high_i, high_f), (low_i, low_f) = pulse(kernel, 24.0), pulse(kernel, 12.0)
     name, share = ("linear", 0.01) if kernel == "linear" else ("nonlinear", 0.012)
     note = "" if kernel == "linear" else "kernel distance g - C2, as the static curves were fitted"
     published = 736.0 if kernel == "linear" else 839.0
@@ -97,8 +102,17 @@ def forces(kernel: str) -> list[Check]:
         within_share("Section 5", f"force at 24 V, {name} [N]", published, high_f, share, note),
         within_share("Section 5", f"current at 24 V, {name} [A]", 29.0, high_i, 0.15,
                      "finite elements; the paper claims 15 %"),
+        within_share("Section 5", f"current at 12 V, {name} [A]", 13.0, low_i, 0.10,
+                     "claimed within 10 % of finite elements; the printed 6.5 A read as one coil "
+                     "of the parallel pair, 13 A together", Kind.DERIVED),
     ]  # fmt: skip
-    if kernel != "linear":
+    if kernel == "linear":
+        error = 100.0 * (high_f / _STATIC[-1][1] - 1.0)
+        checks.append(
+            within_range("Section 5", "force at 24 V beyond the static 730.5 N [%]", 0.8, error,
+                         lower=-0.2, upper=2.1, note="limits: rounding of the printed parameters")
+        )  # fmt: skip
+    else:
         checks.append(
             within_share("Section 5", f"force at 12 V, {name} [N]", 193.0, low_f, share, note)
         )
@@ -107,23 +121,27 @@ def forces(kernel: str) -> list[Check]:
 
 def flights(kernel: str) -> list[Check]:
     """Compare travel and speed of the thrown armature."""
-    travel, speed = throw(kernel)
+    travel, speed, back, top = throw(kernel)
     name, published = ("linear", 3.73) if kernel == "linear" else ("nonlinear", 3.75)
     note = "residual gap 1 mm is ours; 0.5 mm stays inside 1 % too"
     return [
         within_share("Section 5", f"travel, {name} [mm]", published, 1e3 * travel, 0.01, note),
         within_share("Section 5", f"speed, {name} [m/s]", 1.5, speed, 0.03, note),
-    ]
+        within_range("Section 5", f"speed back over speed forth, {name} [1]",
+                     "approximately the same", -back / speed, lower=0.85, upper=1.15),
+        cannot("Section 4", f"time of the largest travel, {name} [ms]", 6.0, 1e3 * top,
+               "spring, mass and damping as printed swing in 8 ms"),
+    ]  # fmt: skip
 
 
 def mechanics() -> list[Check]:
     """Compare mass and frequencies of eqs. (3.12) and (3.13)."""
     spring = THESIS.spring_rate
     mass = (DAMPING / XI) ** 2 / spring
-    note = "not stated; from c = xi sqrt(m k) as printed, the only set with the published speed"
     return [
-        within_range("Eq. (3.13)", "moving mass [kg]", "not stated", mass,
-                     lower=0.1297, upper=0.1299, note=note),
+        within_share("Eq. (3.13)", "moving mass of the simulated valve [kg]", mass,
+                     THESIS.mass, 1e-3, "not stated; beside (c/xi)^2/k, the only set with the "
+                     "published speed", Kind.DERIVED),
         cannot("Eq. (3.12)", "natural frequency [rad/s]", OMEGA_N,
                float(np.sqrt(spring / mass)), "k and this frequency mean 0.0967 kg and 1.76 m/s"),
         cannot("Eq. (3.12)", "damped frequency [rad/s]", OMEGA_D,

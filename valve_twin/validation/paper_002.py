@@ -17,6 +17,7 @@ import numpy as np
 from valve_twin.core.aging.trend import fit_line, quantile
 from valve_twin.validation.check import (
     Check,
+    Kind,
     cannot,
     within_factor,
     within_range,
@@ -28,6 +29,7 @@ from valve_twin.validation.layers_002 import (
     LayerFits,
     fit_layer,
     outflow_gain,
+    strongest,
 )
 from valve_twin.validation.registry import Paper
 from valve_twin.validation.theory_002 import (
@@ -38,6 +40,7 @@ from valve_twin.validation.theory_002 import (
     PUBLISHED_ERRORS,
     PUBLISHED_MSE,
     PUBLISHED_TOTALS,
+    Box,
     corner_theta,
     pole_frequency_hz,
 )
@@ -60,6 +63,9 @@ SEED = 11
 REFRESH_3 = Layer("refresh 3, noise 4e-3", 0, 3, 4e-3)
 REFRESH_4 = Layer("refresh 4, noise 4e-3", 0, 4, 4e-3)
 STATED = Layer("every sample fresh, noise 1e-5", 1, 1, 1e-5)
+
+WIDEST = 0.8
+"""Scatter of one cycle over the published value beyond which a term is not compared [1]."""
 
 V_REF = 0.3
 """Command at which the outflow gain is compared [1]."""
@@ -126,8 +132,11 @@ def _theta_check(fits: LayerFits, where: str, name: str, term: int, published: f
         return within_factor(where, quantity, published, found, 2.0,
                              "size only: pilot area and stroke are assumed")  # fmt: skip
     half = quantile(len(fits.cycles) - 1, 0.95) * fits.scatter(name, term)
+    if half >= WIDEST * abs(published):
+        why = f"one cycle scatters by {half:.2g} (95 %): a single published cycle says nothing"
+        return cannot(where, quantity, published, found, why)
     return Check(where, quantity, published, found, published - half, published + half,
-                 f"{half:.2g}, 95 % of one cycle", "not testable singly")  # fmt: skip
+                 f"{half:.2g}, 95 % of one cycle", "a single published cycle")  # fmt: skip
 
 
 def _inflow_gain(fits: LayerFits, where: str) -> Check:
@@ -141,30 +150,45 @@ def _gains(kalman: tuple[float, float]) -> list[Check]:
     """Compare the emptying gain with the simulated valve's, and both with each other."""
     where = f"Table 1, {REFRESH_4.name}"
     checks = [_against_truth(where, f"Kalman K_out({V_REF:g}) at the right lag", *kalman)]
+    return [*checks, *_area_ratio()]
+
+
+def _area_ratio() -> list[Check]:
+    """Compare the area ratio behind theta_2/theta_3 with its range in Table 3."""
+    lower, upper = Box().area_ratio
+    found = {}
     for name in ("LS3", "QP4"):
         ratio = PUBLISHED[name][2] / PUBLISHED[name][3]
-        checks.append(
-            within_range("Table 1", f"A_T/A_B that explains theta_2/theta_3 of {name}",
-                         "anomaly", 1.0 / (1.0 + ratio**2), lower=0.945, upper=0.975,
-                         note="no anomaly between equal pilot groups: f_in/f_out = "
-                         "sqrt((1-r)/r), r = 0.95 .. 0.97 of Table 3")
-        )  # fmt: skip
-    return checks
+        found[name] = 1.0 / (1.0 + ratio**2)
+    quantity = "A_T/A_B that explains theta_2/theta_3 of"
+    return [
+        within_range("Table 1", f"{quantity} QP4", "anomaly", found["QP4"], lower=lower,
+                     upper=upper, kind=Kind.DERIVED,
+                     note="no anomaly between equal pilot groups: f_in/f_out = sqrt((1-r)/r), "
+                     "limits are the range of Table 3"),
+        cannot("Table 1", f"{quantity} LS3", f"{lower:g} .. {upper:g}", found["LS3"],
+               "below the range, rounding reaches 0.9492 only: without theta_5 the saturation of "
+               "the emptying group lowers |theta_3|, and the ratio with it"),
+    ]  # fmt: skip
 
 
 def _against_truth(where: str, quantity: str, found: float, truth: float) -> Check:
     """Compare an estimate with the truth of the simulated valve: within 5 %."""
     return Check(where, quantity, f"truth {truth:.4g}", found, 0.95 * truth, 1.05 * truth, "5 %",
-                 "truth: gain of the simulated valve, where its estimate holds")  # fmt: skip
+                 "truth: gain of the simulated valve, where its estimate holds",
+                 Kind.REGRESSION)  # fmt: skip
 
 
 def _residual(fits: list[LayerFits], quiet: LayerFits) -> list[Check]:
     """Compare what the paper says about the error signal of Fig. 4."""
     third, fourth = (float(fit.line.mean()) for fit in fits)
+    peak = PERIOD_S / strongest(fits[0].spectrum)
     quiet_mse = float(quiet.mse["QP4"].mean())
     return [
         within_range("Fig. 4", f"share of power at a period of 0.09 s, {REFRESH_3.name}",
                      "a component", third, lower=0.094, note="white noise: 0.047"),
+        within_share("Fig. 4", f"period of the strongest line, {REFRESH_3.name} [s]", 0.09, peak,
+                     0.05, "mean spectrum of the residuals of QP4 over all cycles"),
         cannot("Fig. 4", f"share of power at a period of 0.09 s, {REFRESH_4.name}", "a component",
                fourth, "only a sensor refreshed every third sample makes this line; no one layer "
                "reproduces line and theta_1 together"),
@@ -177,9 +201,10 @@ def pole_checks() -> list[Check]:
     """Compare the statement about the pole of the least-squares model."""
     pole = 1.0 + PUBLISHED["LS3"][1]
     return [
-        within_share("Section 4.1", "pole z of LS3", -0.16, pole, 1e-9, "1 + theta_1"),
+        within_share("Section 4.1", "pole z of LS3", -0.16, pole, 1e-9, "1 + theta_1",
+                     Kind.DERIVED),
         within_share("Section 4.1", "frequency of that pole [Hz]", 16.67,
-                     pole_frequency_hz(pole), 5e-4, f"1/(2 T), T = {PERIOD_S} s"),
+                     pole_frequency_hz(pole), 5e-4, f"1/(2 T), T = {PERIOD_S} s", Kind.DERIVED),
     ]  # fmt: skip
 
 
@@ -205,40 +230,40 @@ def table_4() -> list[Check]:
             why = f"the box ends at {found[0]:.2g} for equal pilot groups, at {low:.2g} for any"
             checks += [
                 cannot("Table 4", names[0], ends[0], low, why),
-                within_factor("Table 4", names[1], ends[1], found[1], 2.0),
+                within_factor("Table 4", names[1], ends[1], found[1], 2.0, "", Kind.DERIVED),
             ]
         elif term == 3:
             note = f"needs pilot groups of different area; equal ones: {found[1]:.2g}"
             checks += [
-                within_factor("Table 4", names[0], ends[0], found[0], 2.0),
+                within_factor("Table 4", names[0], ends[0], found[0], 2.0, "", Kind.DERIVED),
                 within_factor(
-                    "Table 4", names[1], ends[1], float(own[:, column].max()), 2.0, note
+                    "Table 4",
+                    names[1],
+                    ends[1],
+                    float(own[:, column].max()),
+                    2.0,
+                    note,
+                    Kind.DERIVED,
                 ),
             ]
         else:
             checks += [
-                within_factor("Table 4", *row, 2.0) for row in zip(names, ends, found, strict=True)
+                within_factor("Table 4", *row, 2.0, "", Kind.DERIVED)
+                for row in zip(names, ends, found, strict=True)
             ]
-    return [*checks, *_box_gains()]
+    return [*checks, _in_box()]
 
 
-def _box_gains() -> list[Check]:
-    """Compare the gains of the published theta with those of the box: scale-free of theta_1."""
+def _in_box() -> Check:
+    """Compare the published theta_2 with the box; its gains do not depend on theta_1."""
     box = corner_theta(identical=True)
     theta = PUBLISHED["QP4"]
     k_in = theta[2] / -theta[1]
-    k_out = -(theta[3] + theta[5] * V_REF) / -theta[1]
-    inflow, outflow = box[:, 1] / -box[:, 0], -box[:, 2] / -box[:, 0]
-    inside = float(box[:, 1].min() <= theta[2] <= box[:, 1].max())
-    return [
-        cannot("Table 3, Table 4", "published theta_2 in the box of equal pilot groups (1 = yes)",
-               "yes", inside, f"the box begins at {box[:, 1].min():.2g}"),
-        within_range("Table 3", "K_in of the published theta", k_in, k_in,
-                     lower=float(inflow.min()), upper=float(inflow.max()),
-                     note="inside the box: gains do not depend on theta_1"),
-        within_range("Table 3", f"K_out({V_REF:g}) of the published theta", k_out, k_out,
-                     lower=float(outflow.min()), upper=float(outflow.max()), note="as K_in"),
-    ]  # fmt: skip
+    inflow = box[:, 1] / -box[:, 0]
+    return cannot("Table 3, Table 4", "theta_2 of QP4 in the box of equal pilot groups",
+                  f"at least {box[:, 1].min():.2g}", theta[2],
+                  f"below the box; its gain {k_in:.3g} lies inside, in "
+                  f"{inflow.min():.1g} .. {inflow.max():.1g}: hardly to be missed")  # fmt: skip
 
 
 def table_5() -> list[Check]:
@@ -251,7 +276,7 @@ def table_5() -> list[Check]:
     for k, term in enumerate(FITTED[1:], 1):
         checks.append(
             within_share("Table 5", f"total of theta_{term}", PUBLISHED_TOTALS[k], float(sums[k]),
-                         0.03, "sum of the rows (a) to (k); printed with two digits")
+                         0.03, "sum of the rows (a) to (k); printed with two digits", Kind.DERIVED)
         )  # fmt: skip
     for k, term in enumerate(FITTED[1:], 1):
         row = max(PUBLISHED_ERRORS, key=lambda letter, k=k: PUBLISHED_ERRORS[letter][k])  # type: ignore[misc]
@@ -278,10 +303,11 @@ def fig_5(fits: LayerFits) -> list[Check]:
         within_range(where, "error probability of a trend of theta_2", "a linear trend",
                      line.p_value, upper=1e-3),
         Check(where, "drift of theta_2 [%]", "true: -14.1", drift, -16.6, -11.6,
-              "2.5 of the true drift", "filling pilot area -15 % over 105 cycles"),
-        within_range(where, "half width of the 95 % interval [%]", "above 6.5", half, lower=4.0,
-                     upper=8.0, note="a prediction interval: that of the mean line would be "
-                     f"{mean_half:.2g} %"),
+              "2.5 of the true drift", "filling pilot area -15 % over 105 cycles",
+              Kind.REGRESSION),
+        within_share(where, "half width of the 95 % interval [%]", 6.5, half, 0.15,
+                     "published: slightly above 6.5; a prediction interval: that of the mean line "
+                     f"would be {mean_half:.2g} %"),
     ]  # fmt: skip
 
 
@@ -296,8 +322,8 @@ def _fig_6(fits: LayerFits) -> list[Check]:
     return [
         within_range(where, "share of cycles with theta_1 on its bound", "all", bound,
                      lower=1.0, upper=1.0),
-        within_range(where, "share of cycles with |theta_3| > theta_5", "71 of 105", larger,
-                     lower=0.5, upper=1.0),
+        within_range(where, "share of cycles with |theta_3| > theta_5", 71.0 / 105.0, larger,
+                     lower=0.58, upper=0.77, note="71 of 105; two standard errors"),
         cannot(where, "scatter of theta_3, second half over first", "grows", growth,
                "what makes it grow is not stated; the layer stays the same over all cycles"),
     ]  # fmt: skip

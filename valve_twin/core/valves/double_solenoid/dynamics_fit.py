@@ -240,12 +240,18 @@ def fit_current_dynamics(
     m : MapTables
         Curves of the coil.
     rebuilt : bool
-        Take the flux of the switched voltages, as the paper does: the dynamics then also make up
-        for its steps; else the computed flux.
+        Take the flux of the switched voltages, as the paper does; else the computed flux.
+        The ripple of the switching is noise of i_stat: the inverse of G_A is then fitted, from
+        the smooth current to i_stat, because noise in the input of a fit takes gain away.
     """
     flux = excitation.rebuilt.flux if rebuilt else excitation.answer.flux
     static = np.array([coil_current(m, psi, BIAS_A, 0.0) for psi in flux])
-    return fit_dynamics(static, excitation.current, ("b1", "b2", "a1", "a2"))
+    if not rebuilt:
+        return fit_dynamics(static, excitation.current, ("b1", "b2", "a1", "a2"))
+    inverse = fit_dynamics(excitation.current, static, ("a1", "a2", "b1", "b2"))
+    c = inverse.coefficients
+    g = second_order(c["b1"] * _MS, c["b2"] * _MS**2, c["a1"] * _MS, c["a2"] * _MS**2)
+    return DynamicsFit(g, c, inverse.rms, inverse.fit)
 
 
 def fit_force_dynamics(excitation: Excitation, m: MapTables) -> DynamicsFit:
