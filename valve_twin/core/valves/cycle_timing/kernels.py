@@ -56,6 +56,7 @@ def predict_block(
     state: FloatArray,
     c: FloatArray,
     flow: FloatArray,
+    inputs: FloatArray,
     restart: ByteArray,
     predicted: FloatArray,
     simulated: FloatArray,
@@ -71,6 +72,8 @@ def predict_block(
         See `profile`.
     flow : (N,) array
         Measured flow [m^3/s]; not used: a fixed cycle is known from its beginning.
+    inputs : (N, 0) array
+        Not used: no command is recorded [1].
     restart : (N,) uint8 array
         One `Restart` a sample. A record that begins is a cycle that begins; behind a later gap
         the phase is lost until the next cycle.

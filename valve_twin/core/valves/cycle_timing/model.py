@@ -24,16 +24,17 @@ from valve_twin.core.valves.cycle_timing.parameters import (
     CycleTimingOptions,
 )
 from valve_twin.core.valves.cycle_timing.timing import Timing, find_timing
-from valve_twin.core.valves.interface import ValveModel
+from valve_twin.core.valves.kit.compiled import CompiledModel
+from valve_twin.core.valves.kit.outcome import Evidence, conclude
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from valve_twin.core.types import ByteArray, Cycle, FloatArray, Parameter
+    from valve_twin.core.types import Cycle, FloatArray, Parameter
 
 
 @dataclass(frozen=True, slots=True)
-class CycleTimingModel(ValveModel):
+class CycleTimingModel(CompiledModel):
     """Implements `ValveModel` for a flow in a fixed cycle; no command is recorded."""
 
     name: str = "cycle_timing"
@@ -41,6 +42,8 @@ class CycleTimingModel(ValveModel):
     output: str = "flow"
     parameters: tuple[Parameter, ...] = PARAMETERS
     options: CycleTimingOptions = field(default_factory=CycleTimingOptions)
+    kernel = predict_block
+    state_size = STATE_SIZE
     trend_estimator: str = ESTIMATOR
 
     def estimate(
@@ -72,18 +75,10 @@ class CycleTimingModel(ValveModel):
         )[len(reasons)]
         n = len(cycle.frames)
         bad = n - int(np.count_nonzero(cycle.frames.valid & np.isfinite(cycle.frames.position)))
-        return (
-            Estimate(
-                model=self.name,
-                estimator=ESTIMATOR,
-                parameters=_values(timing, options),
-                status=status,
-                reason=Refusal(reasons[0].code, "; ".join(reasons)) if reasons else "accepted",
-                noise_sigma=timing.noise,
-                counts=MaskCounts(timing.used, bad=bad),
-                **cycle.origin,
-            ),
-        )
+        reason = Refusal(reasons[0].code, "; ".join(reasons)) if reasons else "accepted"
+        evidence = Evidence(MaskCounts(timing.used, bad=bad), noise=timing.noise)
+        values = _values(timing, options)
+        return (conclude(self.name, ESTIMATOR, cycle, values, (status, reason), evidence),)
 
     def coefficients(
         self, values: Mapping[str, float], lag: int, period_s: float, options: CycleTimingOptions
@@ -106,25 +101,6 @@ class CycleTimingModel(ValveModel):
                 options.steady_end_s / period_s,
             ]
         )
-
-    def initial_state(self) -> FloatArray:
-        """Return the state before the first sample."""
-        return np.zeros(STATE_SIZE)
-
-    def predict(
-        self,
-        state: FloatArray,
-        coefficients: FloatArray,
-        position: FloatArray,
-        inputs: FloatArray,
-        restart: ByteArray,
-        predicted: FloatArray,
-        simulated: FloatArray,
-        validity: ByteArray,
-    ) -> None:
-        """Predict a block of samples; parameters as `ValveModel.predict`."""
-        del inputs
-        predict_block(state, coefficients, position, restart, predicted, simulated, validity)
 
 
 def _values(timing: Timing, options: CycleTimingOptions) -> tuple[ParameterValue, ...]:

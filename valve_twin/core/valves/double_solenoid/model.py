@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.cycle.plausibility import normalised_fault
 from valve_twin.core.estimation.data.robust import difference_sigma
 from valve_twin.core.gaps import find_gaps
 from valve_twin.core.physics.solenoid_map import CURRENT_NODES
@@ -45,7 +44,8 @@ from valve_twin.core.valves.double_solenoid.predictor import (
     predict_block,
 )
 from valve_twin.core.valves.interface import Scale
-from valve_twin.core.valves.kit.compiled import CompiledModel, at_zero, blank, verdict
+from valve_twin.core.valves.kit.compiled import CompiledModel
+from valve_twin.core.valves.kit.outcome import Evidence, at_zero, blank, conclude, withheld
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -66,9 +66,6 @@ _MAX_NOISE = 0.02  # of half the stroke: more is no sensor's noise [1], assumed
 _MISFIT_FLOOR = 1e-3
 """Residual that counts as none, of half the stroke [1]: ripple of the currents, assumed."""
 
-_REACH_S = 0.02
-"""Longest delay between command and position that the check of the signals tries [s], assumed."""
-
 
 @dataclass(frozen=True, slots=True)
 class DoubleSolenoidModel(CompiledModel):
@@ -81,6 +78,8 @@ class DoubleSolenoidModel(CompiledModel):
     options: DoubleSolenoidOptions = field(default_factory=DoubleSolenoidOptions)
     kernel = predict_block
     state_size = STATE_SIZE
+    follows = "setpoint"
+    reach_s = 0.02
     trend_estimator: str = ESTIMATOR
     normalised: bool = True
 
@@ -117,20 +116,6 @@ class DoubleSolenoidModel(CompiledModel):
         fit = fit_motion(record, valve.valve(), valve.tables())
         values = (*coils, *_mechanical(fit, valve, _rest_noise(record.x)))
         return (_estimate(cycle, values, known, fit=fit, valve=valve),)
-
-    def input_fault(self, cycle: Cycle, options: DoubleSolenoidOptions) -> str:
-        """Return why the signals cannot be those of a double-solenoid valve, empty where they can.
-
-        Parameters
-        ----------
-        cycle : Cycle
-            At least one sample.
-        options : DoubleSolenoidOptions
-            The model's options.
-        """
-        del options
-        names = (self.output, *self.inputs)
-        return normalised_fault(names, cycle, follows="setpoint", reach_s=_REACH_S)
 
     def scales(self, options: DoubleSolenoidOptions) -> dict[str, Scale]:
         """Return millimetres, volts and amperes, as `ValveModel.scales`."""
@@ -307,25 +292,18 @@ def _estimate(
     valve: DoubleSolenoidPlant | None = None,
     refused: str = "",
 ) -> Estimate:
-    withheld = [v.name for v in values if not np.isfinite(v.value)]
-    status, reason = verdict(withheld, "withheld")
-    if refused or len(withheld) == len(values):
+    judged = withheld(values)
+    if refused or all(not np.isfinite(v.value) for v in values):
         hidden = Refusal(RefusalCode.NOT_EXCITED, values[0].reason)
-        status, reason = EstimateStatus.REFUSED, refused or hidden
+        judged = EstimateStatus.REFUSED, refused or hidden
     noise = float("nan")
     if valve is not None:
         noise = _rest_noise(np.nan_to_num(cycle.frames.position[known]))
-    return Estimate(
-        model="double_solenoid",
-        estimator=ESTIMATOR,
-        parameters=values,
-        status=status,
-        reason=reason,
-        condition_number=float("nan") if fit is None else fit.condition,
-        noise_sigma=noise,
-        counts=MaskCounts(0 if fit is None else fit.used, bad=int(np.count_nonzero(~known))),
-        **cycle.origin,
-    )
+    bad = int(np.count_nonzero(~known))
+    evidence = Evidence(MaskCounts(0, bad=bad), noise=noise)
+    if fit is not None:
+        evidence = Evidence(MaskCounts(fit.used, bad=bad), fit.condition, noise)
+    return conclude("double_solenoid", ESTIMATOR, cycle, values, judged, evidence)
 
 
 MODEL = DoubleSolenoidModel()

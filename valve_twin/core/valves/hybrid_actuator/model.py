@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.cycle.plausibility import normalised_fault
 from valve_twin.core.estimation.data.robust import difference_sigma
 from valve_twin.core.gaps import find_gaps
 from valve_twin.core.refusal import Refusal, RefusalCode
@@ -45,7 +44,8 @@ from valve_twin.core.valves.hybrid_actuator.predictor import (
     predict_block,
 )
 from valve_twin.core.valves.interface import Scale
-from valve_twin.core.valves.kit.compiled import CompiledModel, at_zero, blank, verdict
+from valve_twin.core.valves.kit.compiled import CompiledModel
+from valve_twin.core.valves.kit.outcome import Evidence, at_zero, blank, conclude, withheld
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -109,19 +109,6 @@ class HybridActuatorModel(CompiledModel):
         fit = fit_flights(record, strokes, armature(options, {}), solenoid(options, {}))
         values.update({p.name: p for p in _mechanical(fit, options, cycle)})
         return (_estimate(cycle, tuple(values[n] for n in NAMES), fit=fit),)
-
-    def input_fault(self, cycle: Cycle, options: HybridActuatorOptions) -> str:
-        """Return why the signals cannot be those of an engine valve, empty where they can.
-
-        Parameters
-        ----------
-        cycle : Cycle
-            At least one sample.
-        options : HybridActuatorOptions
-            The model's options.
-        """
-        del options
-        return normalised_fault((self.output, *self.inputs), cycle)
 
     def scales(self, options: HybridActuatorOptions) -> dict[str, Scale]:
         """Return millimetres, volts and amperes, as `ValveModel.scales`."""
@@ -285,24 +272,16 @@ def _estimate(
     fit: FlightFit | None = None,
     refused: str = "",
 ) -> Estimate:
-    withheld = [v.name for v in values if not np.isfinite(v.value)]
-    status, reason = verdict(withheld, "withheld")
-    if refused or len(withheld) == len(values):
+    judged = withheld(values)
+    if refused or all(not np.isfinite(v.value) for v in values):
         still = Refusal(RefusalCode.NOT_EXCITED, "neither pulse nor stroke in the cycle")
-        status, reason = EstimateStatus.REFUSED, refused or still
-    count = len(cycle.frames)
-    known = int(np.count_nonzero(_known(cycle)))
-    return Estimate(
-        model="hybrid_actuator",
-        estimator=ESTIMATOR,
-        parameters=values,
-        status=status,
-        reason=reason,
-        condition_number=float("nan") if fit is None else fit.condition,
-        noise_sigma=float("nan") if refused else _rest_noise(cycle),
-        counts=MaskCounts(0 if fit is None else fit.used, bad=count - known),
-        **cycle.origin,
-    )
+        judged = EstimateStatus.REFUSED, refused or still
+    bad = len(cycle.frames) - int(np.count_nonzero(_known(cycle)))
+    noise = float("nan") if refused else _rest_noise(cycle)
+    evidence = Evidence(MaskCounts(0, bad=bad), noise=noise)
+    if fit is not None:
+        evidence = Evidence(MaskCounts(fit.used, bad=bad), fit.condition, noise)
+    return conclude("hybrid_actuator", ESTIMATOR, cycle, values, judged, evidence)
 
 
 def _rest_noise(cycle: Cycle) -> float:

@@ -12,9 +12,7 @@ import numpy as np
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import (
     Estimate,
-    EstimateStatus,
     MaskCounts,
-    ParameterStatus,
     ParameterValue,
 )
 from valve_twin.core.valves.hydraulic_actuator.fit import Record, Solution, fit_free_run
@@ -26,6 +24,14 @@ from valve_twin.core.valves.hydraulic_actuator.parameters import (
     HydraulicActuatorOptions,
 )
 from valve_twin.core.valves.kit.compiled import CompiledModel
+from valve_twin.core.valves.kit.outcome import (
+    Evidence,
+    at_bound,
+    conclude,
+    not_excited,
+    refuse,
+    unexcited,
+)
 from valve_twin.core.valves.kit.record import longest_whole
 
 if TYPE_CHECKING:
@@ -73,36 +79,13 @@ class HydraulicActuatorModel(CompiledModel):
         used = int(np.count_nonzero(record.used))
         refusal = _refusal(record, options)
         if refusal:
-            blank = (
-                ParameterValue(name, np.nan, ParameterStatus.REFUSED, refusal) for name in NAMES
-            )
-            return (self._estimate(cycle, tuple(blank), EstimateStatus.REFUSED, refusal, 0),)
+            evidence = Evidence(MaskCounts(0, bad=len(cycle.frames)))
+            return (refuse(self.name, ESTIMATOR, cycle, NAMES, refusal, evidence),)
         solution = fit_free_run(record, shown=_shown(record, options))
-        values = tuple(_value(i, solution) for i in range(len(NAMES)))
-        withheld = [v.name for v in values if v.status is ParameterStatus.NOT_EXCITED]
-        status = EstimateStatus.PARTIAL if withheld else EstimateStatus.ACCEPTED
-        reason = f"not excited: {', '.join(withheld)}" if withheld else "accepted"
-        return (self._estimate(cycle, values, status, reason, used, solution.condition),)
-
-    def _estimate(
-        self,
-        cycle: Cycle,
-        values: tuple[ParameterValue, ...],
-        status: EstimateStatus,
-        reason: str,
-        used: int,
-        condition: float = float("nan"),
-    ) -> Estimate:
-        return Estimate(
-            model=self.name,
-            estimator=ESTIMATOR,
-            parameters=values,
-            status=status,
-            reason=reason,
-            condition_number=condition,
-            counts=MaskCounts(used, bad=len(cycle.frames) - used),
-            **cycle.origin,
-        )
+        values = [_value(i, solution) for i in range(len(NAMES))]
+        counts = MaskCounts(used, bad=len(cycle.frames) - used)
+        evidence = Evidence(counts, solution.condition)
+        return (conclude(self.name, ESTIMATOR, cycle, values, unexcited(values), evidence),)
 
     def coefficients(
         self,
@@ -158,13 +141,11 @@ def _value(i: int, solution: Solution) -> ParameterValue:
     name, value = NAMES[i], float(solution.values[i])
     lift, lower = solution.shown
     if (not lift and "lift" in name) or (not lower and "lower" in name):
-        reason = "the valve did not open in this direction"
-        return ParameterValue(name, np.nan, ParameterStatus.NOT_EXCITED, reason)
+        return not_excited(name, "the valve did not open in this direction")
     span = solution.upper[i] - solution.lower[i]
     if min(value - solution.lower[i], solution.upper[i] - value) > _AT_BOUND * span:
         return ParameterValue(name, value)
-    reason = f"rests on its bound {value:.3g}"
-    return ParameterValue(name, value, ParameterStatus.AT_BOUND, reason)
+    return at_bound(name, value)
 
 
 MODEL = HydraulicActuatorModel()

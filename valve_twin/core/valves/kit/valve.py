@@ -9,21 +9,27 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.cycle.plausibility import normalised_fault
 from valve_twin.core.quantity import quantity, setting
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import Estimate, EstimateStatus, ParameterStatus, ParameterValue
-from valve_twin.core.valves.interface import ValveModel
+from valve_twin.core.valves.kit.compiled import CompiledModel
 from valve_twin.core.valves.kit.fit import fit_free_run
 from valve_twin.core.valves.kit.loops import MAX_LAG, state_size
+from valve_twin.core.valves.kit.outcome import (
+    Evidence,
+    at_bound,
+    conclude,
+    not_excited,
+    unexcited,
+)
 from valve_twin.core.valves.kit.plant import simulation_of
 from valve_twin.core.valves.kit.record import take_record
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from valve_twin.core.simulation.config import SimulationConfig
-    from valve_twin.core.types import ByteArray, Cycle, FloatArray, Parameter
+    from valve_twin.core.types import Cycle, FloatArray, Parameter
     from valve_twin.core.valves.kit.fit import Fit
     from valve_twin.core.valves.kit.law import Law
     from valve_twin.core.valves.kit.plant import Program
@@ -45,7 +51,7 @@ class LawOptions:
 
 
 @dataclass(frozen=True)
-class Valve(ValveModel):
+class Valve(CompiledModel):
     """A valve from a law of motion and a program of commands.
 
     Attributes
@@ -104,28 +110,12 @@ class Valve(ValveModel):
         record = take_record(cycle, max_lag=max_lag)
         refusal = _refusal(record, max_lag, options)
         fit = None if refusal else fit_free_run(self.law, record, max_lag=max_lag)
-        values = tuple(_value(p, i, fit, refusal) for i, p in enumerate(self.parameters))
-        hidden = [v.name for v in values if v.status is ParameterStatus.NOT_EXCITED]
-        status = EstimateStatus.PARTIAL if hidden else EstimateStatus.ACCEPTED
-        reason = f"not excited: {', '.join(hidden)}" if hidden else "accepted"
-        return (
-            Estimate(
-                model=self.name,
-                estimator=ESTIMATOR,
-                parameters=values,
-                status=EstimateStatus.REFUSED if refusal else status,
-                reason=refusal or reason,
-                condition_number=np.nan if fit is None else fit.condition,
-                lag=0 if fit is None else fit.lag,
-                counts=record.counts,
-                **cycle.origin,
-            ),
-        )
-
-    def input_fault(self, cycle: Cycle, options: LawOptions) -> str:
-        """Return why the signals cannot be what is configured, empty where they can."""
-        del options
-        return normalised_fault((self.output, *self.inputs), cycle) if self.normalised else ""
+        values = [_value(p, i, fit, refusal) for i, p in enumerate(self.parameters)]
+        judged = (EstimateStatus.REFUSED, refusal) if refusal else unexcited(values)
+        evidence = Evidence(record.counts)
+        if fit is not None:
+            evidence = Evidence(record.counts, condition=fit.condition, lag=fit.lag)
+        return (conclude(self.name, ESTIMATOR, cycle, values, judged, evidence),)
 
     def coefficients(
         self, values: Mapping[str, float], lag: int, period_s: float, options: LawOptions
@@ -139,21 +129,10 @@ class Valve(ValveModel):
         """Return the state before the first sample."""
         return np.zeros(state_size(self.law.states, len(self.inputs)))
 
-    def predict(
-        self,
-        state: FloatArray,
-        coefficients: FloatArray,
-        position: FloatArray,
-        inputs: FloatArray,
-        restart: ByteArray,
-        predicted: FloatArray,
-        simulated: FloatArray,
-        validity: ByteArray,
-    ) -> None:
-        """Predict a block of samples as `ValveModel.predict` says."""
-        self.law.predict(
-            state, coefficients, position, inputs, restart, predicted, simulated, validity
-        )
+    def kernel_of(self, coefficients: FloatArray) -> Callable[..., None]:
+        """Return the prediction loop of the law."""
+        del coefficients
+        return self.law.predict
 
     def simulation(self) -> SimulationConfig | None:
         """Return the default simulation: a new valve under its program."""
@@ -185,10 +164,8 @@ def _value(parameter: Parameter, i: int, fit: Fit | None, refusal: str) -> Param
         return ParameterValue(name, np.nan, ParameterStatus.REFUSED, refusal)
     value, error, half = float(fit.values[i]), float(fit.errors[i]), float(fit.half_widths[i])
     if fit.at_bound[i]:
-        reason = f"rests on its bound {value:.3g}"
-        return ParameterValue(name, value, ParameterStatus.AT_BOUND, reason)
+        return at_bound(name, value)
     if not np.isfinite(error):
-        reason = "the cycle does not determine it"
-        return ParameterValue(name, np.nan, ParameterStatus.NOT_EXCITED, reason)
+        return not_excited(name, "the cycle does not determine it")
     lower, upper = max(value - half, parameter.lower), min(value + half, parameter.upper)
     return ParameterValue(name, value, ParameterStatus.OK, "", error, lower, upper)

@@ -16,7 +16,7 @@ from valve_twin.core.estimation.cycle.plausibility import (
     same_fault,
     unit_fault,
 )
-from valve_twin.core.valves.interface import ValveModel
+from valve_twin.core.valves.kit.compiled import CompiledModel
 from valve_twin.core.valves.kit.intervals import block_errors
 from valve_twin.core.valves.positioner.curve import (
     line_through,
@@ -41,13 +41,12 @@ from valve_twin.core.valves.positioner.record import prepare
 from valve_twin.core.valves.positioner.structure import extend, structure_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from valve_twin.core.estimation.solvers.least_squares import Limits
     from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.types import (
         BoolArray,
-        ByteArray,
         Cycle,
         Estimate,
         FloatArray,
@@ -62,7 +61,7 @@ N_PLAIN = 9
 
 
 @dataclass(frozen=True, slots=True)
-class PositionerModel(ValveModel):
+class PositionerModel(CompiledModel):
     """Implements `ValveModel` for one command and one position."""
 
     name: str = "positioner"
@@ -70,6 +69,7 @@ class PositionerModel(ValveModel):
     output: str = "position"
     parameters: tuple[Parameter, ...] = PARAMETERS
     options: PositionerOptions = field(default_factory=PositionerOptions)
+    state_size = STATE_SIZE
     trend_estimator: str = ESTIMATOR
     normalised: bool = True
     proposed_for: str = "followed"
@@ -199,25 +199,9 @@ class PositionerModel(ValveModel):
         """Return the default simulation."""
         return default_simulation()
 
-    def initial_state(self) -> FloatArray:
-        """Return the state before the first sample."""
-        return np.zeros(STATE_SIZE)
-
-    def predict(
-        self,
-        state: FloatArray,
-        coefficients: FloatArray,
-        position: FloatArray,
-        inputs: FloatArray,
-        restart: ByteArray,
-        predicted: FloatArray,
-        simulated: FloatArray,
-        validity: ByteArray,
-    ) -> None:
-        """Predict a block of samples; parameters as `ValveModel.predict`."""
-        plain = len(coefficients) == N_PLAIN
-        kernel = predict_block if plain else predict_extended
-        kernel(state, coefficients, position, inputs, restart, predicted, simulated, validity)
+    def kernel_of(self, coefficients: FloatArray) -> Callable[..., None]:
+        """Return the prediction of the plain law for its coefficients, else of the extended."""
+        return predict_block if len(coefficients) == N_PLAIN else predict_extended
 
 
 def _fit_extended(

@@ -13,12 +13,18 @@ from valve_twin.core.estimation.solvers.least_squares import gram_condition
 from valve_twin.core.prediction import fit_percent
 from valve_twin.core.types import (
     Estimate,
-    EstimateStatus,
     ParameterStatus,
     ParameterValue,
 )
-from valve_twin.core.valves.kit.compiled import blank, verdict
 from valve_twin.core.valves.kit.intervals import half_width
+from valve_twin.core.valves.kit.outcome import (
+    Evidence,
+    at_bound,
+    conclude,
+    not_excited,
+    refuse,
+    unexcited,
+)
 from valve_twin.core.valves.positioner.fit import shown_speeds
 from valve_twin.core.valves.positioner.parameters import DERIVED, ESTIMATOR, FITTED
 
@@ -44,17 +50,9 @@ def refused(model: str, cycle: Cycle, prepared: Prepared) -> Estimate:
     prepared : Prepared
         Why it cannot be fitted.
     """
-    reason = prepared.refusal
-    return Estimate(
-        model=model,
-        estimator=ESTIMATOR,
-        parameters=blank((*FITTED, *DERIVED), reason),
-        status=EstimateStatus.REFUSED,
-        reason=reason,
-        noise_sigma=prepared.noise_sigma,
-        counts=replace(prepared.counts, used=0),
-        **cycle.origin,
-    )
+    evidence = Evidence(replace(prepared.counts, used=0), noise=prepared.noise_sigma)
+    names = (*FITTED, *DERIVED)
+    return refuse(model, ESTIMATOR, cycle, names, prepared.refusal, evidence)
 
 
 def accepted(
@@ -89,20 +87,9 @@ def accepted(
     if errors is not None:
         fitted = [errors.put_on(value, i) for i, value in enumerate(fitted)]
     values = (*fitted, *derived(fitted, prepared, solution.lag))
-    withheld = [v.name for v in values if v.status is ParameterStatus.NOT_EXCITED]
-    status, reason = verdict(withheld, "not excited")
-    return Estimate(
-        model=model,
-        estimator=ESTIMATOR,
-        parameters=values,
-        status=status,
-        reason=reason,
-        condition_number=gram_condition(solution.hessian),
-        lag=solution.lag,
-        noise_sigma=prepared.noise_sigma,
-        counts=prepared.counts,
-        **cycle.origin,
-    )
+    condition = gram_condition(solution.hessian)
+    evidence = Evidence(prepared.counts, condition, prepared.noise_sigma, solution.lag)
+    return conclude(model, ESTIMATOR, cycle, values, unexcited(values), evidence)
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,12 +116,11 @@ class Errors:
 def _fitted(name: str, value: float, lower: float, upper: float, driven: float) -> ParameterValue:
     if name != "dead_band" and driven < MIN_DRIVEN:
         reason = f"it moved the spool for {driven:.0f} samples, fewer than {MIN_DRIVEN:.0f}"
-        return ParameterValue(name, np.nan, ParameterStatus.NOT_EXCITED, reason)
+        return not_excited(name, reason)
     if lower < value < upper:
         return ParameterValue(name, value)
     why = ": faster than the sampling shows" if name != "dead_band" and value >= upper else ""
-    reason = f"rests on its bound {value:.3g}{why}"
-    return ParameterValue(name, value, ParameterStatus.AT_BOUND, reason)
+    return at_bound(name, value, why)
 
 
 def derived(fitted: list[ParameterValue], prepared: Prepared, lag: int) -> list[ParameterValue]:
@@ -153,7 +139,7 @@ def derived(fitted: list[ParameterValue], prepared: Prepared, lag: int) -> list[
     responses = [
         replace(rate, name=name, value=delay + 1.0 / rate.value)
         if rate.value > 0.0
-        else ParameterValue(name, np.nan, ParameterStatus.NOT_EXCITED, f"{rate.name}: no motion")
+        else not_excited(name, f"{rate.name}: no motion")
         for name, rate in zip(DERIVED[1:3], fitted[:2], strict=True)
     ]
     shown = shown_speeds(prepared.record)

@@ -12,6 +12,7 @@ import numpy as np
 from valve_twin.core.estimation.solvers.least_squares import gram_condition
 from valve_twin.core.types import Estimate, EstimateStatus, ParameterStatus, ParameterValue
 from valve_twin.core.valves.kit.intervals import block_errors
+from valve_twin.core.valves.kit.outcome import Evidence, at_bound, conclude, not_excited
 from valve_twin.core.valves.positioner.curve import line_through, settled
 from valve_twin.core.valves.positioner.extended import (
     BACKLASH,
@@ -88,36 +89,27 @@ def accepted_extended(model: str, cycle: Cycle, found: Fitted, blocks: int) -> E
     reasons = dict.fromkeys(v.reason for v in withheld if v.status is ParameterStatus.REFUSED)
     missing = [v.name for v in withheld if v.status is ParameterStatus.NOT_EXCITED]
     lines = [*([f"not excited: {', '.join(missing)}"] if missing else []), *reasons]
-    return Estimate(
-        model=model,
-        estimator=ESTIMATOR,
-        parameters=tuple(values),
-        status=EstimateStatus.PARTIAL if withheld else EstimateStatus.ACCEPTED,
-        reason="; ".join(lines) or "accepted",
-        condition_number=gram_condition(fit.jacobian.T @ fit.jacobian),
-        lag=fit.lags[0],
-        noise_sigma=found.prepared.noise_sigma,
-        counts=found.prepared.counts,
-        **cycle.origin,
-    )
+    judged = EstimateStatus.PARTIAL if withheld else EstimateStatus.ACCEPTED
+    condition = gram_condition(fit.jacobian.T @ fit.jacobian)
+    prepared = found.prepared
+    evidence = Evidence(prepared.counts, condition, prepared.noise_sigma, fit.lags[0])
+    reason = "; ".join(lines) or "accepted"
+    return conclude(model, ESTIMATOR, cycle, values, (judged, reason), evidence)
 
 
 def _value(name: str, i: int, fit: Extended, blocks: int) -> ParameterValue:
     """Return one fitted parameter with its doubt."""
     value, lower, upper = float(fit.parameters[i]), float(fit.lower[i]), float(fit.upper[i])
     if i not in fit.free:
-        reason = "not a term of this valve's options"
-        return ParameterValue(name, np.nan, ParameterStatus.NOT_EXCITED, reason)
+        return not_excited(name, "not a term of this valve's options")
     size = max(abs(value), 1e-3)
     may_be_none = name in ("dead_band", "stiction", "backlash")
     effect = float(np.linalg.norm(column(fit, i))) * size
     if not may_be_none and effect <= _LEAST_EFFECT * correlated_sigma(fit.residual):
-        reason = "it has no effect above the noise"
-        return ParameterValue(name, np.nan, ParameterStatus.NOT_EXCITED, reason)
+        return not_excited(name, "it has no effect above the noise")
     near = _AT_BOUND * (upper - lower)
     if value - lower <= near or upper - value <= near:
-        reason = f"rests on its bound {value:.3g}"
-        return ParameterValue(name, value, ParameterStatus.AT_BOUND, reason)
+        return at_bound(name, value)
     errors = _errors(fit, blocks)
     return errors.put_on(ParameterValue(name, value), i) if errors else ParameterValue(name, value)
 
@@ -169,7 +161,7 @@ def _curve(found: Fitted, blocks: int) -> list[ParameterValue]:
             f"one level of the command so far, {top:.3g}: a dead command and a gain look alike"
         )
         for i in (0, 1):
-            values[i] = ParameterValue(CURVE[i], np.nan, ParameterStatus.NOT_EXCITED, reason)
+            values[i] = not_excited(CURVE[i], reason)
     else:
         values[0] = ParameterValue(CURVE[0], line[0])
         values[1] = ParameterValue(CURVE[1], above / max(top - line[0], 1e-9))

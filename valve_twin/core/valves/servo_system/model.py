@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.cycle.plausibility import normalised_fault
 from valve_twin.core.estimation.data.robust import NORMAL_975
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import (
@@ -20,7 +19,15 @@ from valve_twin.core.types import (
     ParameterValue,
 )
 from valve_twin.core.valves.interface import Demonstration, Scale
-from valve_twin.core.valves.kit.compiled import CompiledModel, blank, verdict
+from valve_twin.core.valves.kit.compiled import CompiledModel
+from valve_twin.core.valves.kit.outcome import (
+    Evidence,
+    at_bound,
+    conclude,
+    not_excited,
+    refuse,
+    withheld,
+)
 from valve_twin.core.valves.servo_system.fit import LoopFit, fit_loop
 from valve_twin.core.valves.servo_system.parameters import (
     ESTIMATOR,
@@ -47,10 +54,6 @@ if TYPE_CHECKING:
     from valve_twin.core.types import Cycle, FloatArray, Parameter
 
 
-_REACH_S = 0.1
-"""Longest delay between command and position that the check of the signals tries [s], assumed."""
-
-
 _SHOWN = Demonstration(cycles=24, rate=2.0, counter=True)  # an estimation takes 1.2 s
 
 
@@ -65,6 +68,8 @@ class ServoSystemModel(CompiledModel):
     options: ServoSystemOptions = field(default_factory=ServoSystemOptions)
     kernel = predict_block
     state_size = STATE_SIZE
+    follows = "desired_position"
+    reach_s = 0.1
     trend_estimator: str = ESTIMATOR
     normalised: bool = True
     demonstration: Demonstration = _SHOWN
@@ -107,20 +112,6 @@ class ServoSystemModel(CompiledModel):
         if refusal:
             return (_refused(cycle, refusal, fit),)
         return (_accepted(cycle, record, fit, options.max_error),)
-
-    def input_fault(self, cycle: Cycle, options: ServoSystemOptions) -> str:
-        """Return why the signals cannot be those of the servosystem, empty where they can.
-
-        Parameters
-        ----------
-        cycle : Cycle
-            At least one sample.
-        options : ServoSystemOptions
-            The model's options.
-        """
-        del options
-        names = (self.output, *self.inputs)
-        return normalised_fault(names, cycle, follows="desired_position", reach_s=_REACH_S)
 
     def scales(self, options: ServoSystemOptions) -> dict[str, Scale]:
         """Return units of measured signals, as `ValveModel.scales`."""
@@ -182,43 +173,26 @@ def _value(fit: LoopFit, i: int, max_error: float) -> ParameterValue:
     if not fit.estimated[i] or error > max_error * value:
         share = f"{100.0 * error / value:.0f} %" if np.isfinite(error) and value > 0.0 else "none"
         reason = f"not told by this cycle: standard error {share} of {value:.3g}"
-        return ParameterValue(name, float("nan"), ParameterStatus.NOT_EXCITED, reason)
+        return not_excited(name, reason)
     if fit.at_bound[i]:
-        reason = f"rests on its bound {value:.3g}"
-        return ParameterValue(name, value, ParameterStatus.AT_BOUND, reason)
+        return at_bound(name, value)
     half = NORMAL_975 * error
     low, high = max(value - half, PARAMETERS[i].lower), min(value + half, PARAMETERS[i].upper)
     return ParameterValue(name, value, ParameterStatus.OK, "", error, low, high)
 
 
 def _accepted(cycle: Cycle, record: Record, fit: LoopFit, max_error: float) -> Estimate:
-    values = tuple(_value(fit, i, max_error) for i in range(len(NAMES)))
-    withheld = [v.name for v in values if not np.isfinite(v.value)]
-    status, reason = verdict(withheld, "not told")
-    return Estimate(
-        model="servo_system",
-        estimator=ESTIMATOR,
-        parameters=values,
-        status=status,
-        reason=reason,
-        condition_number=fit.condition,
-        noise_sigma=float(record.sigma[0]),
-        counts=MaskCounts(len(record.wanted) - record.bad, bad=record.bad),
-        **cycle.origin,
-    )
+    values = [_value(fit, i, max_error) for i in range(len(NAMES))]
+    counts = MaskCounts(len(record.wanted) - record.bad, bad=record.bad)
+    evidence = Evidence(counts, fit.condition, float(record.sigma[0]))
+    judged = withheld(values, "not told")
+    return conclude("servo_system", ESTIMATOR, cycle, values, judged, evidence)
 
 
 def _refused(cycle: Cycle, reason: str, fit: LoopFit | None = None) -> Estimate:
-    return Estimate(
-        model="servo_system",
-        estimator=ESTIMATOR,
-        parameters=blank(NAMES, reason),
-        status=EstimateStatus.REFUSED,
-        reason=reason,
-        condition_number=np.nan if fit is None else fit.condition,
-        counts=MaskCounts(0, bad=len(cycle.frames)),
-        **cycle.origin,
-    )
+    condition = np.nan if fit is None else fit.condition
+    evidence = Evidence(MaskCounts(0, bad=len(cycle.frames)), condition)
+    return refuse("servo_system", ESTIMATOR, cycle, NAMES, reason, evidence)
 
 
 MODEL = ServoSystemModel()

@@ -4,12 +4,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.cycle.plausibility import normalised_fault
 from valve_twin.core.estimation.recursive.estimator import Adaptation, Structure, project_stable
 from valve_twin.core.estimation.solvers.least_squares import gram_condition
 from valve_twin.core.refusal import Refusal, RefusalCode
@@ -17,10 +16,9 @@ from valve_twin.core.types import (
     Estimate,
     EstimateStatus,
     MaskCounts,
-    ParameterStatus,
-    ParameterValue,
 )
-from valve_twin.core.valves.kit.compiled import CompiledModel, blank, verdict
+from valve_twin.core.valves.kit.compiled import CompiledModel
+from valve_twin.core.valves.kit.outcome import Evidence, conclude, refuse, unexcited
 from valve_twin.core.valves.stepper_servo.fit import end_offset
 from valve_twin.core.valves.stepper_servo.outcome import Settings, mechanics, wiener
 from valve_twin.core.valves.stepper_servo.parameters import (
@@ -53,15 +51,12 @@ from valve_twin.core.valves.stepper_servo.record import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.types import Cycle, FloatArray, Parameter
 
 _NAMES = {MECHANICS: (*THREAD, *FLOW), WIENER: (*THETA, THREAD[3], *FITS)}
-
-_REACH_S = 0.2
-"""Longest delay between command and position that the check of the signals tries [s], assumed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +70,8 @@ class StepperServoModel(CompiledModel):
     options: StepperServoOptions = field(default_factory=StepperServoOptions)
     kernel = predict_block
     state_size = STATE_SIZE
+    follows = "motor_position"
+    reach_s = 0.2
     trend_estimator: str = MECHANICS
     normalised: bool = True
 
@@ -103,7 +100,7 @@ class StepperServoModel(CompiledModel):
         slow = check_period(cycle.period_s)
         refusal = Refusal(RefusalCode.WRONG_PERIOD, slow) if slow else refusal_of(record, options)
         if refusal:
-            return tuple(_refused(self.name, name, cycle, refusal, counts) for name in names)
+            return _refused(cycle, refusal, names, counts.bad)
         values, thread = mechanics(
             record,
             cycle.period_s,
@@ -113,34 +110,22 @@ class StepperServoModel(CompiledModel):
         )
         refusal = misfit(record, thread, options)
         if refusal:
-            return tuple(_refused(self.name, name, cycle, refusal, counts) for name in names)
+            return _refused(cycle, refusal, names, counts.bad)
         condition = gram_condition(thread.hessian)
         lag = max(1, round(float(thread.parameters[3])))
         sigma = rest_noise(record, lag)
-        done = [_accepted(self.name, MECHANICS, cycle, values, counts, (condition, lag, sigma))]
+        evidence = Evidence(counts, condition, sigma, lag)
+        done = [conclude(self.name, MECHANICS, cycle, values, unexcited(values), evidence)]
         if WIENER in names:
             lag = options.nk or lag
             structure = _structure(options, lag)
             settings = Settings(options.centre, end_offset(thread), _adaptation(options))
             learned, got = wiener(record, structure, _carried(earlier, structure), settings)
-            condition = gram_condition(got.state.gain)
-            numbers = (condition, lag, sigma)
-            done.append(_accepted(self.name, WIENER, cycle, learned, counts, numbers))
+            evidence = Evidence(counts, gram_condition(got.state.gain), sigma, lag)
+            judged = unexcited(learned)
+            second = conclude(self.name, WIENER, cycle, learned, judged, evidence)
+            done.append(replace(second, used_by_trend=False))
         return tuple(done)
-
-    def input_fault(self, cycle: Cycle, options: StepperServoOptions) -> str:
-        """Return why the signals cannot be those of a servo-valve, empty where they can.
-
-        Parameters
-        ----------
-        cycle : Cycle
-            At least one sample.
-        options : StepperServoOptions
-            The model's options.
-        """
-        del options
-        names = (self.output, *self.inputs)
-        return normalised_fault(names, cycle, follows="motor_position", reach_s=_REACH_S)
 
     def coefficients(
         self, values: Mapping[str, float], lag: int, period_s: float, options: StepperServoOptions
@@ -202,43 +187,13 @@ def _carried(earlier: Sequence[Estimate], structure: Structure) -> FloatArray | 
     return None
 
 
-def _accepted(
-    model: str,
-    estimator: str,
-    cycle: Cycle,
-    values: tuple[ParameterValue, ...],
-    counts: MaskCounts,
-    numbers: tuple[float, int, float],
-) -> Estimate:
-    withheld = [v.name for v in values if v.status is ParameterStatus.NOT_EXCITED]
-    condition, lag, sigma = numbers
-    status, reason = verdict(withheld, "not excited")
-    return Estimate(
-        model=model,
-        estimator=estimator,
-        parameters=values,
-        status=status,
-        reason=reason,
-        condition_number=condition,
-        lag=lag,
-        noise_sigma=sigma,
-        counts=counts,
-        used_by_trend=estimator == MECHANICS,
-        **cycle.origin,
-    )
-
-
 def _refused(
-    model: str, estimator: str, cycle: Cycle, reason: str, counts: MaskCounts
-) -> Estimate:
-    return Estimate(
-        model=model,
-        estimator=estimator,
-        parameters=blank(_NAMES[estimator], reason),
-        status=EstimateStatus.REFUSED,
-        reason=reason,
-        counts=MaskCounts(0, bad=counts.bad),
-        **cycle.origin,
+    cycle: Cycle, refusal: str, estimators: Iterable[str], bad: int
+) -> tuple[Estimate, ...]:
+    evidence = Evidence(MaskCounts(0, bad=bad))
+    return tuple(
+        refuse(MODEL.name, estimator, cycle, _NAMES[estimator], refusal, evidence)
+        for estimator in estimators
     )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from valve_twin.core.estimation.recursive.estimator import fits, identify
 from valve_twin.core.types import ParameterStatus, ParameterValue
-from valve_twin.core.valves.kit.compiled import blank
+from valve_twin.core.valves.kit.outcome import at_bound, blank
 from valve_twin.core.valves.stepper_servo.fit import (
     end_offset,
     fit_flow,
@@ -90,8 +90,7 @@ def _thread(
         return [*_unknown(THREAD[:4], reason), delay]
     backlash = ParameterValue(THREAD[0], float(p[BACKLASH]))
     if not 0.0 < p[BACKLASH] < max_backlash:
-        reason = f"rests on its bound {p[BACKLASH]:.3g}"
-        backlash = ParameterValue(THREAD[0], float(p[BACKLASH]), ParameterStatus.AT_BOUND, reason)
+        backlash = at_bound(THREAD[0], float(p[BACKLASH]))
     offset = ParameterValue(THREAD[3], end_offset(fit))
     if fit.up < _LEAST_WAY * step:
         reason = f"{fit.up / step:.0f} steps upwards, fewer than {_LEAST_WAY:.0f}"
