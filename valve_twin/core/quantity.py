@@ -219,7 +219,7 @@ def quantity(
 def assumed(
     default: T, unit: str, text: str, lower: float, upper: float, *, ages: bool = True
 ) -> T:
-    """Declare a `quantity` that no source gives; parameters as there."""
+    """Declare a number that no source gives; parameters as `quantity`."""
     return quantity(default, unit, text, lower, upper, assumed=True, ages=ages)
 
 
