@@ -44,7 +44,7 @@ def _check(arguments: argparse.Namespace) -> int:
     try:
         get_model(arguments.name)
     except ValueError as err:
-        return fail(f"check-valve: {err}", USAGE)
+        return fail(f"check-valve: model {err}", USAGE)
     failed = False
     for found in check_valve(arguments.name, perf_counter, seeds=arguments.seeds):
         failed |= found.passed is False

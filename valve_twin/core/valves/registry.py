@@ -63,7 +63,7 @@ def get_model(name: str) -> ValveModel:
     near = get_close_matches(name, names, n=1)
     hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(names)}"
     none = f"no package registers any in '{ENTRY_POINT_GROUP}': install anew (make setup)"
-    msg = f"model: '{name}' is unknown; {hint if names else none}"
+    msg = f"'{name}' is unknown; {hint if names else none}"
     raise ValueError(msg)
 
 
@@ -77,7 +77,7 @@ def get_simulation(name: str) -> SimulationConfig:
     """
     simulation = get_model(name).simulation()
     if simulation is None:
-        msg = f"model: '{name}' cannot be simulated: its simulation() returns None"
+        msg = f"model '{name}' cannot be simulated: its simulation() returns None"
         raise ValueError(msg)
     return simulation
 
@@ -120,7 +120,7 @@ def _checked(model: object, name: str) -> ValveModel:
     missing = [m for m in MEMBERS if not hasattr(model, m)]
     if missing:
         msg = (
-            f"model: '{name}' is no valve model, it lacks {', '.join(missing)}; "
+            f"'{name}' is no valve model, it lacks {', '.join(missing)}; "
             "inherit from valve_twin.core.valves.interface.ValveModel"
         )
         raise ValueError(msg)

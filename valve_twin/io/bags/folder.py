@@ -9,12 +9,11 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from valve_twin.io.bags.metadata import FILE_NAME, read_metadata
+from valve_twin.io.bags.metadata import FILE_NAME, ForeignBagError, read_metadata
 from valve_twin.io.errors import BagError
 from valve_twin.io.mcap.format import MAGIC
 
 _LOGGER = logging.getLogger("valve_twin")
-_KNOWN_STORAGE = re.compile(r"storage 'sqlite3|(file|message) compression")
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +58,10 @@ def find_files(path: str | Path) -> BagFolder:
         return BagFolder(present, {})
     try:
         metadata = read_metadata(folder / FILE_NAME)
+    except ForeignBagError:
+        raise
     except BagError as err:
-        if _KNOWN_STORAGE.search(str(err)) or not any(map(_is_mcap, present)):
+        if not any(map(_is_mcap, present)):
             raise
         return BagFolder(present, {}, flaw=f"{err}; all .mcap files of the folder are read")
     named = [folder / Path(name).name for name in metadata.files]

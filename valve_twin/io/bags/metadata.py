@@ -26,6 +26,10 @@ VERSION = 9
 _ROOT = "rosbag2_bagfile_information"
 
 
+class ForeignBagError(BagError):
+    """A bag of a known kind that is not read; another word may be a damaged one."""
+
+
 @dataclass(frozen=True, slots=True)
 class TopicEntry:
     """One topic of a bag with its message count."""
@@ -147,13 +151,13 @@ def read_metadata(path: Path) -> BagMetadata:
         msg = (
             f"{path}: storage '{storage}' is not read; convert it to MCAP with 'ros2 bag convert'"
         )
-        raise BagError(msg)
+        raise (ForeignBagError if storage == "sqlite3" else BagError)(msg)
     if mode not in {"", "none", "storage"}:
         msg = (
             f"{path}: {mode} compression around MCAP is not read; "
             "convert it with 'ros2 bag convert' and compression inside MCAP"
         )
-        raise BagError(msg)
+        raise (ForeignBagError if mode in {"file", "message"} else BagError)(msg)
     if not files:
         msg = f"{path}: names no files; give the .mcap file itself"
         raise BagError(msg)

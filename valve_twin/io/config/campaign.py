@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from valve_twin.core.diagnosis.derive import Diagnosable
     from valve_twin.core.diagnosis.table import SignatureTable
+    from valve_twin.core.valves.interface import ValveModel
 
 _SECTIONS = ("simulation", "aging", "severities")
 
@@ -71,9 +72,9 @@ def load_campaign(path: str | Path) -> Campaign:
     try:
         given = yaml.safe_load(Path(path).read_text(encoding="utf-8")) or {}
         keys = _keys(given)
-        model = get_model(keys.model)
+        model = _model(keys.model)
         if model.signatures() is None:
-            msg = f"{path}: model: '{model.name}' shows no features of faults"
+            msg = f"{path}: key 'model': '{model.name}' shows no features of faults"
             raise ConfigError(msg)
         simulation = configure(get_simulation(model.name), given.get("simulation") or {})
         rig = Rig(cast("Diagnosable", model), complete_options(model, {}), simulation)
@@ -86,6 +87,14 @@ def load_campaign(path: str | Path) -> Campaign:
     except (TypeError, ValueError, AttributeError) as err:
         msg = f"{path}: {err}"
         raise ConfigError(msg) from err
+
+
+def _model(name: str) -> ValveModel:
+    try:
+        return get_model(name)
+    except ValueError as err:
+        msg = f"key 'model': {err}"
+        raise ValueError(msg) from None
 
 
 def _keys(given: Mapping[str, Any]) -> CampaignKeys:

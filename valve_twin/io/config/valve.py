@@ -303,7 +303,7 @@ class _Reader:
         try:
             return get_model(str(name))
         except ValueError as err:
-            raise self._at(key, str(err).removeprefix("model: ")) from None
+            raise self._at(key, str(err)) from None
 
     def _checked(self, known: Descriptor, value: object, key: str) -> object:
         try:

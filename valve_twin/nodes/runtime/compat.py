@@ -96,11 +96,20 @@ def answer_refused_transitions(node: LifecycleNode, tell: Callable[[str], None])
         try:
             return inner(request, response)
         except refused as err:
-            tell(str(err).split(",", maxsplit=1)[0])
+            tell(without_place(err))
             response.success = False
             return response
 
     service.callback = change_state
+
+
+def without_place(error: Exception) -> str:
+    """Return what rcl says of an error, without the file and line of its source that follow.
+
+    rclpy hands the error of rcl on as one text, "REASON, at FILE:LINE" once a level; no issue is
+    known. Goes when the exception has the reason as an attribute.
+    """
+    return str(error).split(", at ", maxsplit=1)[0]
 
 
 def intercept_responses(service: Any, on_response: Callable[[Any, Any], None]) -> Any:

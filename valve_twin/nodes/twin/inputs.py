@@ -23,7 +23,12 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from valve_twin.io.cdr.message_types import RosTypes, message_class
 from valve_twin.io.cdr.signals import Extractor, SignalBlock, SignalSource
 from valve_twin.io.errors import ConfigError, suggest
-from valve_twin.nodes.runtime.compat import message_and_info, overrides_of, take_with_info
+from valve_twin.nodes.runtime.compat import (
+    message_and_info,
+    overrides_of,
+    take_with_info,
+    without_place,
+)
 from valve_twin.nodes.runtime.node import RCLError
 from valve_twin.nodes.runtime.safety import node_name
 
@@ -192,10 +197,9 @@ class TopicInput:
         try:
             subscription = self._create(profile)
         except RCLError as err:
-            reason = str(err).split(", at ", maxsplit=1)[0]
             msg = (
                 f"topic '{self.topic}' (signal {', '.join(self.signals)}) cannot be subscribed as "
-                f"{self.type}: {reason}; correct signals.{self.signals[0]}.type"
+                f"{self.type}: {without_place(err)}; correct signals.{self.signals[0]}.type"
             )
             raise ConfigError(msg) from err
         self._last_sequence = 0
