@@ -56,19 +56,15 @@ def add(verbs: Verbs) -> None:
 def _budget(arguments: argparse.Namespace) -> int:
     from valve_twin.core.valves.error_budget import row_count
     from valve_twin.core.valves.registry import get_model
-    from valve_twin.io.offline.budget import budget_options, configured_budget
+    from valve_twin.io.offline.budget import configured_budget
     from valve_twin.io.offline.simulated_bag import simulation_of
 
     config = chosen_config(arguments)
-    options = budget_options(
-        offset=arguments.offset,
-        command_noise=arguments.command_noise,
-        realisations=arguments.realisations,
-        seed=arguments.seed,
-    )
+    names = ("offset", "command_noise", "realisations", "seed")
+    sizes = {name: getattr(arguments, name) for name in names}
     rows = row_count(get_model(config.model), simulation_of(config, arguments.set))
     with progress_of("estimating", rows) as advance:
-        budget = configured_budget(config, options, overrides=arguments.set, advance=advance)
+        budget = configured_budget(config, sizes, overrides=arguments.set, advance=advance)
     if not budget.columns:
         return fail(f"{config.name}: no estimate of the simulated cycle: {budget.reason}")
     if arguments.json:

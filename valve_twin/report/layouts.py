@@ -11,24 +11,21 @@ stops the generation instead of leaving an empty plot on a user's screen.
 from __future__ import annotations
 
 import json
-import re
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
-from xml.sax.saxutils import quoteattr
+
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import get_types_from_msg
 
 from valve_twin.core.valves.registry import DEFAULT_MODEL, get_model
+from valve_twin.report.text import render
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from valve_twin.core.valves.interface import ValveModel
-
-_NUMBERS = {"float32", "float64", "bool"} | {
-    f"{u}int{b}" for u in ("", "u") for b in (8, 16, 32, 64)
-}
-_FIELD = re.compile(r"^(?P<type>[\w/]+(?:<=\d+)?(?:\[[^\]]*\])?)\s+(?P<name>[a-z]\w*)\s*$")
 
 _COLOURS = ("#1b2026", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#7a4f00")
 
@@ -136,8 +133,11 @@ def numeric_fields(text: str) -> frozenset[str]:
     text : str
         Content of a .msg file.
     """
-    found = (_FIELD.match(line.split("#", 1)[0].strip()) for line in text.splitlines())
-    return frozenset(m["name"] for m in found if m and m["type"] in _NUMBERS)
+    name = "valve_twin_msgs/msg/Message"
+    _, fields = get_types_from_msg(text, name)[name]
+    return frozenset(
+        field for field, (node, kind) in fields if node is Nodetype.BASE and kind[0] != "string"
+    )
 
 
 def read_definitions(folder: str | Path) -> dict[str, frozenset[str]]:
@@ -171,37 +171,15 @@ def check(pages: Sequence[Tab], definitions: Mapping[str, frozenset[str]]) -> No
 
 def plotjuggler(pages: Sequence[Tab], valve: str) -> str:
     """Return the layout for PlotJuggler (XML)."""
-    lines = [
-        "<?xml version='1.0' encoding='UTF-8'?>",
-        "<root>",
-        ' <tabbed_widget name="Main Window" parent="main_window">',
+    shown = [
+        (page.title, [*page.plots, *([Plot("State", page.states)] if page.states else [])])
+        for page in pages
     ]
-    for page in pages:
-        plots = [*page.plots, *([Plot("State", page.states)] if page.states else [])]
-        sizes = ";".join([f"{1 / len(plots):.6f}"] * len(plots))
-        lines += [
-            f'  <Tab tab_name={quoteattr(page.title)} containers="1">',
-            "   <Container>",
-            f'    <DockSplitter orientation="-" count="{len(plots)}" sizes="{sizes}">',
-        ]
-        for plot in plots:
-            lines += [
-                f"     <DockArea name={quoteattr(plot.title)}>",
-                '      <plot mode="TimeSeries" style="Lines" flip_x="false" flip_y="false">',
-                "       <limitY/>",
-            ]
-            for curve, colour in zip(plot.curves, _COLOURS, strict=False):
-                name = quoteattr(f"{valve}/{curve.topic}/{curve.field}")
-                lines.append(f'       <curve name={name} color="{colour}"/>')
-            lines += ["      </plot>", "     </DockArea>"]
-        lines += ["    </DockSplitter>", "   </Container>", "  </Tab>"]
-    lines += [
-        '  <currentTabIndex index="0"/>',
-        " </tabbed_widget>",
-        ' <use_relative_time_offset enabled="1"/>',
-        "</root>",
-    ]
-    return "\n".join(lines) + "\n"
+    return f"{render('plotjuggler.xml', pages=shown, valve=valve, coloured=_coloured)}\n"
+
+
+def _coloured(plot: Plot) -> list[tuple[Curve, str]]:
+    return list(zip(plot.curves, _COLOURS, strict=False))
 
 
 def foxglove(pages: Sequence[Tab], valve: str) -> str:
@@ -245,10 +223,9 @@ def foxglove(pages: Sequence[Tab], valve: str) -> str:
 
 
 def _foxglove_plot(plot: Plot, valve: str) -> dict[str, object]:
-    pairs = zip(plot.curves, _COLOURS, strict=False)
     return {
         "foxglovePanelTitle": plot.title,
-        "paths": [{**_foxglove_path(c, valve), "color": colour} for c, colour in pairs],
+        "paths": [{**_foxglove_path(c, valve), "color": colour} for c, colour in _coloured(plot)],
         "xAxisVal": "timestamp",
         "isSynced": True,
         "showLegend": True,

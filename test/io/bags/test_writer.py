@@ -279,7 +279,7 @@ def test_a_file_without_a_message_is_not_split(tmp_path):
 
 
 def test_every_policy_that_is_offered_is_stored(tmp_path):
-    offered = QosProfile("best_effort", "volatile", "keep_all", 3, deadline=1_500_000_000)
+    offered = QosProfile("keep_all", 3, "best_effort", "volatile", deadline=1_500_000_000)
     with BagWriter(tmp_path / "bag") as bag:
         bag.add_topic("/a", STAMPED_TYPE, qos=(offered,))
         bag.write_sample("/a", START_NS, 1.0)

@@ -165,7 +165,9 @@ def test_numbers_and_words_of_any_recorder_are_read():
     assert read_offer("no: list") == QosProfile()
     assert read_offer("[{") == QosProfile()
     numbers = "- {history: 3, depth: 0, reliability: 2, durability: 1, deadline: {nsec: 5}}"
-    assert read_offer(numbers) == QosProfile("best_effort", "transient_local", deadline=5)
+    assert read_offer(numbers) == QosProfile(
+        reliability="best_effort", durability="transient_local", deadline=5
+    )
     words = "- {reliability: reliable, deadline: {sec: 9223372036, nsec: 854775807}}"
     assert read_offer(words).deadline == FOREVER_NS
 
@@ -182,7 +184,7 @@ def test_policies_of_a_file_replace_what_was_recorded(tmp_path):
     path = tmp_path / "qos.yaml"
     path.write_text("/a:\n  reliability: best_effort\n  depth: 3\n  lifespan: {sec: 2}\n")
     found = override(QosProfile(durability="transient_local"), read_overrides(path)["/a"], "here")
-    assert found == QosProfile("best_effort", "transient_local", depth=3, lifespan=2 * S)
+    assert found == QosProfile("keep_last", 3, "best_effort", "transient_local", lifespan=2 * S)
 
 
 @pytest.mark.parametrize(

@@ -10,17 +10,16 @@ that come with rosbags.
 from __future__ import annotations
 
 import os
-import re
 from functools import cache
 from pathlib import Path
 
+from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 OWN_PACKAGE = "valve_twin_msgs"
 
 _SEPARATOR = "=" * 80
-_PRIMITIVE = re.compile(r"^(bool|byte|char|float32|float64|u?int(8|16|32|64)|w?string(<=\d+)?)$")
-_FIELD = re.compile(r"^\s*([A-Za-z][\w/]*(?:<=\d+)?)(?:\[[^\]]*\])?\s+[A-Za-z]\w*\b(?!\s*=)")
+_LISTS = (Nodetype.ARRAY, Nodetype.SEQUENCE)
 
 
 @cache
@@ -80,17 +79,13 @@ def _dependencies(type_name: str) -> list[str]:
 
 
 def _held(type_name: str) -> list[str]:
-    package = type_name.split("/", maxsplit=1)[0]
-    held = []
-    for line in _text(type_name).splitlines():
-        match = _FIELD.match(line.split("#", 1)[0])
-        if match is None or _PRIMITIVE.match(match.group(1)):
-            continue
-        parts = match.group(1).split("/")
-        if parts == ["Header"]:
-            parts = ["std_msgs", "Header"]
-        held.append(f"{parts[0] if len(parts) > 1 else package}/msg/{parts[-1]}")
-    return held
+    _, fields = get_types_from_msg(_text(type_name), type_name)[type_name]
+    found: list[str] = []
+    for _, (node, about) in fields:
+        inner, name = about[0] if node in _LISTS else (node, about)  # type: ignore[str-unpack]
+        if inner is Nodetype.NAME and not str(name).endswith("/wstring"):  # unknown to rosbags
+            found.append(str(name))
+    return found
 
 
 @cache

@@ -8,7 +8,7 @@ that maps topics to policies.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,11 +35,11 @@ _IGNORED = {"avoid_ros_namespace_conventions"}
 
 @dataclass(frozen=True, slots=True)
 class QosProfile:
-    """What a publisher offers; where a bag says nothing, this.
+    """What a publisher offers, in the order in which a bag says it; where it says nothing, this.
 
     Attributes
     ----------
-    reliability, durability, history, liveliness : str
+    history, reliability, durability, liveliness : str
         In the words of rosbag2.
     depth : int
         History [messages].
@@ -47,10 +47,10 @@ class QosProfile:
         Durations [ns].
     """
 
-    reliability: str = "reliable"
-    durability: str = "volatile"
     history: str = "keep_last"
     depth: int = 10
+    reliability: str = "reliable"
+    durability: str = "volatile"
     deadline: int = FOREVER_NS
     lifespan: int = FOREVER_NS
     liveliness: str = "automatic"
@@ -63,17 +63,11 @@ class QosProfile:
 
     def as_map(self) -> dict[str, object]:
         """Return it as it stands in a bag."""
-        return {
-            "history": self.history,
-            "depth": self.depth,
-            "reliability": self.reliability,
-            "durability": self.durability,
-            "deadline": _seconds(self.deadline),
-            "lifespan": _seconds(self.lifespan),
-            "liveliness": self.liveliness,
-            "liveliness_lease_duration": _seconds(self.liveliness_lease_duration),
-            "avoid_ros_namespace_conventions": False,
+        values = {
+            name: _seconds(value) if name in _DURATIONS else value
+            for name, value in asdict(self).items()
         }
+        return {**values, "avoid_ros_namespace_conventions": False}
 
 
 def _seconds(nanoseconds: int) -> dict[str, int]:

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from datetime import datetime, timezone
 from typing import TYPE_CHECKING
 
@@ -59,18 +59,7 @@ class Loss:
 
     def as_map(self) -> dict[str, object]:
         """Return it as plain values; what is unknown is None."""
-        return {
-            "file": self.file.name,
-            "offset": self.offset,
-            "length": self.length,
-            "what": self.what,
-            "reason": self.reason,
-            "topics": list(self.topics),
-            "start_ns": self.start_ns,
-            "end_ns": self.end_ns,
-            "count": self.count,
-            "counts": dict(self.counts),
-        }
+        return {**asdict(self), "file": self.file.name, "topics": list(self.topics)}
 
     def _lost(self) -> str:
         if self.count == 0:

@@ -4,7 +4,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 from valve_twin.core.valves.error_budget import Budget, BudgetOptions, error_budget
 from valve_twin.core.valves.registry import get_model
@@ -12,14 +13,14 @@ from valve_twin.io.errors import ConfigError
 from valve_twin.io.offline.simulated_bag import simulation_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from valve_twin.io.config.valve import ValveConfig
 
 
 def configured_budget(
     config: ValveConfig,
-    options: BudgetOptions | None = None,
+    sizes: Mapping[str, Any] | None = None,
     *,
     overrides: Sequence[str] = (),
     advance: Callable[[], None] = lambda: None,
@@ -30,8 +31,8 @@ def configured_budget(
     ----------
     config : ValveConfig
         Its `simulation` section is the valve, its `options` are those of the estimators.
-    options : BudgetOptions, optional
-        Sizes of the sources that the simulation does not state.
+    sizes : mapping, optional
+        Fields of `BudgetOptions`: sizes of the sources that the simulation does not state.
     overrides : sequence of str
         More settings of the simulation as NAME=VALUE.
     advance : callable
@@ -40,32 +41,12 @@ def configured_budget(
     Raises
     ------
     ConfigError
-        If a setting cannot be used.
+        If a setting or a size cannot be used.
     """
-    model = get_model(config.model)
     simulation = simulation_of(config, overrides)
-    chosen = config.options
-    return error_budget(model, chosen, simulation, options or BudgetOptions(), advance)
-
-
-def budget_options(
-    *, offset: float, command_noise: float, realisations: int, seed: int
-) -> BudgetOptions:
-    """Return the options of a budget; a value that cannot be used is a ConfigError.
-
-    Parameters
-    ----------
-    offset : float
-        Offset of commands and position [1].
-    command_noise : float
-        Standard deviation of the logged commands [1].
-    realisations : int
-        Draws of every noise [1].
-    seed : int
-        Of all random numbers.
-    """
     try:
-        return BudgetOptions(offset, command_noise, realisations, seed)
+        options = replace(BudgetOptions(), **(sizes or {}))
     except ValueError as err:
         msg = f"budget: {err}"
         raise ConfigError(msg) from err
+    return error_budget(get_model(config.model), config.options, simulation, options, advance)

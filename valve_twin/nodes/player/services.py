@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from valve_twin_msgs import srv
 
-from valve_twin.nodes.runtime.services import DeferredService, Done
+from valve_twin.nodes.runtime.services import DeferredService, Done, create_pause_services
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -43,10 +43,6 @@ class PlayerServices:
     ) -> None:
         self._find, self._rate, self._stop = playback, rate, stop
         for kind, name, callback in (
-            (srv.Pause, "pause", self._on_pause),
-            (srv.Resume, "resume", self._on_resume),
-            (srv.TogglePaused, "toggle_paused", self._on_toggle),
-            (srv.IsPaused, "is_paused", self._on_is_paused),
             (srv.SetRate, "set_rate", self._on_set_rate),
             (srv.GetRate, "get_rate", self._on_get_rate),
             (srv.Seek, "seek", self._on_seek),
@@ -54,6 +50,7 @@ class PlayerServices:
             (srv.Play, "play", self._on_play),
         ):
             node.create_service(kind, f"~/{name}", callback)
+        create_pause_services(node, self._is_paused, self._pause)
         DeferredService(node, srv.PlayNext, "~/play_next", self._on_play_next)
         DeferredService(node, srv.Burst, "~/burst", self._on_burst)
 
@@ -61,26 +58,12 @@ class PlayerServices:
     def _playback(self) -> Playback | None:
         return self._find()
 
-    def _on_pause(self, request: Any, response: Any) -> Any:
-        del request
+    def _is_paused(self) -> bool:
+        return self._playback is None or self._playback.is_paused
+
+    def _pause(self, paused: bool) -> None:
         if self._playback is not None:
-            self._playback.pause()
-        return response
-
-    def _on_resume(self, request: Any, response: Any) -> Any:
-        del request
-        if self._playback is not None:
-            self._playback.resume()
-        return response
-
-    def _on_toggle(self, request: Any, response: Any) -> Any:
-        paused = self._playback is not None and self._playback.is_paused
-        return (self._on_resume if paused else self._on_pause)(request, response)
-
-    def _on_is_paused(self, request: Any, response: Any) -> Any:
-        del request
-        response.paused = self._playback is None or self._playback.is_paused
-        return response
+            (self._playback.pause if paused else self._playback.resume)()
 
     def _on_set_rate(self, request: Any, response: Any) -> Any:
         playback = self._playback

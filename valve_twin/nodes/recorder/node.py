@@ -18,7 +18,7 @@ from valve_twin.nodes.recorder.recorded_topic import RecordedTopic
 from valve_twin.nodes.recorder.snapshots import Snapshots
 from valve_twin.nodes.runtime.diagnostics import STALE, WARN, Diagnostics, Report
 from valve_twin.nodes.runtime.node import STEADY, ValveNode
-from valve_twin.nodes.runtime.services import DeferredService
+from valve_twin.nodes.runtime.services import DeferredService, create_pause_services
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -59,14 +59,11 @@ class BagRecorderNode(ValveNode):
         self._reported_trouble = ""
         self._reported_lost = 0
         for kind, name, callback in (
-            (srv.Pause, "pause", self._on_pause),
-            (srv.Resume, "resume", self._on_resume),
-            (srv.TogglePaused, "toggle_paused", self._on_toggle),
-            (srv.IsPaused, "is_paused", self._on_is_paused),
             (srv.SplitBagfile, "split_bagfile", self._on_split_asked),
             (srv.Stop, "stop", self._on_stop),
         ):
             self.create_service(kind, f"~/{name}", callback)
+        create_pause_services(self, lambda: self._paused, self._pause)
         DeferredService(self, srv.Snapshot, "~/snapshot", self._on_snapshot)
 
     def configure(self) -> None:
@@ -359,25 +356,8 @@ class BagRecorderNode(ValveNode):
 
     # -- services
 
-    def _on_pause(self, request: Any, response: Any) -> Any:
-        del request
-        self._paused = True
-        return response
-
-    def _on_resume(self, request: Any, response: Any) -> Any:
-        del request
-        self._paused = False
-        return response
-
-    def _on_toggle(self, request: Any, response: Any) -> Any:
-        del request
-        self._paused = not self._paused
-        return response
-
-    def _on_is_paused(self, request: Any, response: Any) -> Any:
-        del request
-        response.paused = self._paused
-        return response
+    def _pause(self, paused: bool) -> None:
+        self._paused = paused
 
     def _on_stop(self, request: Any, response: Any) -> Any:
         """Finish the bag; a new configure begins the next."""

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Services whose answer comes later, so that a database does not stall the loop.
+"""Services that nodes share, and those whose answer comes later: a database stalls no loop.
 
 rclpy's events executor knows no coroutine services; here the answer is sent when it is there, with
 any executor.
@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from valve_twin_msgs import srv
+
 from valve_twin.nodes.runtime.compat import intercept_responses
 
 if TYPE_CHECKING:
@@ -20,6 +22,40 @@ if TYPE_CHECKING:
 
 Done = Callable[[Any], None]
 Begin = Callable[[Any, Any, Done], None]
+
+
+def create_pause_services(
+    node: Node, is_paused: Callable[[], bool], pause: Callable[[bool], object]
+) -> None:
+    """Offer ~/pause, ~/resume, ~/toggle_paused and ~/is_paused, as rosbag2 does.
+
+    Parameters
+    ----------
+    node : Node
+        Whose services they are.
+    is_paused : callable
+        Says whether the node pauses.
+    pause : callable
+        Gets whether it is to pause.
+    """
+
+    def answer(change: Callable[[], object], request: Any, response: Any) -> Any:
+        del request
+        change()
+        return response
+
+    def say(request: Any, response: Any) -> Any:
+        del request
+        response.paused = is_paused()
+        return response
+
+    for kind, name, change in (
+        (srv.Pause, "pause", lambda: pause(True)),
+        (srv.Resume, "resume", lambda: pause(False)),
+        (srv.TogglePaused, "toggle_paused", lambda: pause(not is_paused())),
+    ):
+        node.create_service(kind, f"~/{name}", partial(answer, change))
+    node.create_service(srv.IsPaused, "~/is_paused", say)
 
 
 @dataclass(slots=True)

@@ -40,17 +40,11 @@ def compute_budget(
         If a setting or a size cannot be used.
     """
     # a twin that is not asked needs neither the simulation nor the writing of bags
-    from valve_twin.core.valves.error_budget import BudgetOptions
-    from valve_twin.io.offline.budget import budget_options, configured_budget
+    from valve_twin.io.offline.budget import configured_budget
 
-    plain = BudgetOptions()
-    options = budget_options(
-        offset=sizes[0] or plain.offset,
-        command_noise=sizes[1] or plain.command_noise,
-        realisations=realisations or plain.realisations,
-        seed=plain.seed,
-    )
-    return configured_budget(config, options, overrides=settings)
+    given = {"offset": sizes[0], "command_noise": sizes[1], "realisations": realisations}
+    wanted = {name: size for name, size in given.items() if size}
+    return configured_budget(config, wanted, overrides=settings)
 
 
 def begin_budget(valve: LiveValve, request: Any, response: Any, done: Done) -> None:
