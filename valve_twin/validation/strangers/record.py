@@ -168,7 +168,7 @@ class _Taps:
         m = max(int(np.ceil((end - self._next_v) / step_v)), 0)
         at_x = self._next_x + step_x * np.arange(n)
         at_v = self._next_v + step_v * np.arange(m)
-        x: FloatArray = np.concatenate((self._tail, self._low_pass(trace)))
+        x = np.concatenate((self._tail, self._low_pass(trace))).astype(np.float64)
         position = self._position(x, at_x, faults, wander, rng)
         v = np.concatenate((self._tail_v, commands))
         back = at_v - logger.command_delay_s - self._begin
