@@ -166,9 +166,9 @@ class _Taps:
         step_v = step_x * (1.0 + logger.clocks_apart)
         n = max(int(np.ceil((end - self._next_x) / step_x)), 0)
         m = max(int(np.ceil((end - self._next_v) / step_v)), 0)
-        at_x = self._next_x + step_x * np.arange(n)
+        at_x = self._next_x + step_x * np.arange(n, dtype=np.float64)
         at_v = self._next_v + step_v * np.arange(m)
-        x = np.concatenate((self._tail, self._low_pass(trace))).astype(np.float64)
+        x: FloatArray = np.concatenate((self._tail, self._low_pass(trace)))
         position = self._position(x, at_x, faults, wander, rng)
         v = np.concatenate((self._tail_v, commands))
         back = at_v - logger.command_delay_s - self._begin
