@@ -14,9 +14,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.aging.config import AgingConfig, Axis
+from valve_twin.core.aging.config import AgingConfig, Axis, parse_stop
 from valve_twin.core.aging.covariates import describe_effects, without_conditions
-from valve_twin.core.aging.drift import find_reference, nearest_limit, with_drift
+from valve_twin.core.aging.drift import (
+    find_reference,
+    nearest_limit,
+    present_segment,
+    share_lost,
+    with_drift,
+)
+from valve_twin.core.aging.laws import LawFit
 from valve_twin.core.aging.life import axis_rate, date_after
 from valve_twin.core.aging.series import (
     History,
@@ -43,6 +50,9 @@ if TYPE_CHECKING:
     from valve_twin.core.aging.drift import Limit
     from valve_twin.core.types import BoolArray, FloatArray, IntArray, Maintenance
 
+WAVE_DOUBT = 0.1
+"""Standard deviation that a wave leaves in a drift, as a share of its height [1], assumed."""
+
 _NAN = float("nan")
 
 
@@ -63,8 +73,9 @@ class TrendDetail:
     starts : (K,) int64 array
         First index of each segment; N where the present one is still empty.
     lines : tuple of Line or None
-        The fit of each segment, None where it has fewer than 4 values; the last is the published
-        one.
+        The line through each segment, None where it has fewer than 4 values.
+    laws : LawFit or None
+        What the present segment's values allow; None where it is not judged.
     """
 
     parameter: str
@@ -74,6 +85,7 @@ class TrendDetail:
     outlier: BoolArray
     starts: IntArray
     lines: tuple[Line | None, ...]
+    laws: LawFit | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,6 +193,7 @@ def _assess_parameter(
         series_of(history, name), history.estimates, maintenance, config
     )
     pieces = cut(series, maintenance, config)
+    series = replace(series, values=series.values - pieces.wave)
     lines = _fit_pieces(series, pieces)
     detail = TrendDetail(
         name, series.axis, series.values, series.cycle, pieces.outlier, pieces.starts, lines
@@ -193,11 +206,11 @@ def _assess_parameter(
             [e.end_ns for e in history.estimates[-config.rate_cycles :]], dtype=np.int64
         )
         trend = replace(trend, cycle_rate=axis_rate(history.axis, ends, len(ends)))
-    trend = _judge(
+    trend, laws = _judge(
         trend, series, pieces, lines, maintenance, config, confidence, parameter.resolution
     )
     caveats = _caveats(series, pieces, config) + describe_effects(effects)
-    return replace(trend, reason=trend.reason + caveats), detail
+    return replace(trend, reason=trend.reason + caveats), replace(detail, laws=laws)
 
 
 def _blank(
@@ -241,27 +254,37 @@ def _judge(
     config: AgingConfig,
     confidence: float,
     resolution: float,
-) -> Trend:
+) -> tuple[Trend, LawFit | None]:
     line = lines[-1]
-    if line is None or line.samples < config.min_samples:
+    begun = len(pieces.starts) == 1 or bool(pieces.forced[-1])
+    if line is None or (begun and line.samples < config.min_samples):
         since = "maintenance" if len(pieces.forced) and pieces.forced[-1] else "the segment began"
-        return replace(
-            trend,
-            level=_NAN if line is None else line.level(trend.axis_value),
-            reason=f"{trend.samples} of {config.min_samples} estimates since {since}",
-        )
+        level = _NAN if line is None else line.level(trend.axis_value)
+        reason = f"{trend.samples} of {config.min_samples} estimates since {since}"
+        return replace(trend, level=level, reason=reason), None
+    present = present_segment(series, pieces, line, config.laws)
+    line = present.line
+    lines = (*lines[:-1], line)
     reference = find_reference(trend.parameter, series, pieces, lines, maintenance, config)
-    trend = _with_line(trend, line)
-    trend = with_drift(trend, line, reference, resolution)
-    limit = nearest_limit(trend, line, reference, config, confidence=confidence)
-    trend = _with_life(trend, limit)
+    doubt = WAVE_DOUBT * float(np.ptp(pieces.wave))
+    reference = replace(reference, variance=reference.variance + doubt**2)
+    trend = _with_laws(_with_line(trend, line), present.fit)
+    trend = with_drift(trend, present, reference, resolution)
+    limit = nearest_limit(trend, present, reference, config, confidence=confidence)
+    trend = _with_life(trend, limit, config)
+    trend = replace(trend, share_lost=share_lost(trend, pieces, series, lines))
     if limit.beyond:
         status = TrendStatus.BEYOND_THRESHOLD
     else:
         drifting = line.p_value < config.significance
         status = TrendStatus.DRIFTING if drifting else TrendStatus.STEADY
     trend = replace(trend, status=status)
-    return replace(trend, reason=_reason(trend))
+    return replace(trend, reason=_reason(trend)), present.fit
+
+
+def _with_laws(trend: Trend, fit: LawFit) -> Trend:
+    law, probability = fit.probable()
+    return replace(trend, law=law.value, law_probability=probability, bends=fit.bends)
 
 
 def _with_line(trend: Trend, line: Line) -> Trend:
@@ -285,10 +308,15 @@ def _with_line(trend: Trend, line: Line) -> Trend:
     )
 
 
-def _with_life(trend: Trend, limit: Limit) -> Trend:
+def _with_life(trend: Trend, limit: Limit, config: AgingConfig) -> Trend:
     """Add the remaining life and the service date; a date only where the life is bounded."""
     life = limit.remaining
     rate = trend.cycle_rate
+    ahead, date_ns = parse_stop(config.next_stop)
+    if date_ns:
+        ahead = 1e-9 * (date_ns - trend.stamp_ns) * rate
+    if limit.approach is not None and np.isfinite(ahead):
+        trend = replace(trend, next_stop_probability=limit.approach.before(ahead))
     date = date_after(trend.stamp_ns, life.median, rate)
     return replace(
         trend,
@@ -324,6 +352,9 @@ def _caveats(series: Series, pieces: Pieces, config: AgingConfig) -> str:
     """Return what else a reader of the trend has to know."""
     start = int(pieces.starts[-1])
     notes = []
+    if np.isfinite(pieces.period):
+        size = float(np.ptp(pieces.wave))
+        notes.append(f"a wave of {size:.2g} that repeats every {pieces.period:.3g} taken out")
     breaks = int(np.count_nonzero(series.unknown[start + 1 :]))
     if breaks and config.axis is not Axis.HOURS:
         notes.append(f"{breaks} breaks with unknown missed cycles, only cycles seen are counted")

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import datetime, timezone
 from enum import Enum
 
 import numpy as np
@@ -18,6 +19,47 @@ class Axis(Enum):
     CYCLES = "cycles"
     COUNTER = "counter"
     HOURS = "hours"
+
+
+class Law(Enum):
+    """How a parameter changes with use (`core.aging.laws`)."""
+
+    LINE = "line"
+    EXPONENTIAL = "exponential"
+    POWER = "power"
+    SATURATING = "saturating"
+
+
+LAWS = tuple(law.value for law in Law)
+"""Names of the laws, in their order."""
+
+
+def parse_stop(text: str) -> tuple[float, int]:
+    """Return what `next_stop` says: axis units ahead, or NaN and a date [ns]; NaN and 0 = none.
+
+    Raises
+    ------
+    ValueError
+        If it is neither a number above 0 nor a date.
+    """
+    if not text.strip():
+        return float("nan"), 0
+    try:
+        ahead = float(text)
+    except ValueError:
+        ahead = float("nan")
+    if np.isfinite(ahead) and ahead > 0.0:
+        return ahead, 0
+    try:
+        date = datetime.fromisoformat(text.strip())
+    except ValueError:
+        msg = (
+            f'next_stop is "{text}": write how many cycles (or hours) ahead, such as 200, or a '
+            "date, such as 2026-12-24 or 2026-12-24T06:00"
+        )
+        raise ValueError(msg) from None
+    date = date if date.tzinfo else date.replace(tzinfo=timezone.utc)
+    return float("nan"), round(date.timestamp()) * 10**9
 
 
 def parse_bin(text: str) -> tuple[str, float]:
@@ -146,6 +188,18 @@ class AgingConfig:
         "reference is always taken from the whole history.",
         lower=0,
     )
+    laws: tuple[str, ...] = setting(
+        (),
+        "Laws of aging that the forecast may follow: line, exponential, power, saturating; "
+        "empty = all. They are averaged over by their evidence.",
+        choices=LAWS,
+    )
+    next_stop: str = setting(
+        "",
+        "When the plant stops next: so many axis units ahead (200), or a date (2026-12-24, "
+        "2026-12-24T06:00, UTC). Every trend then has the probability that its limit is "
+        "reached before. Empty = not asked.",
+    )
     rate_cycles: int = quantity(
         50, "1", "Newest accepted estimates that give the cycle rate.", lower=2
     )
@@ -196,6 +250,7 @@ class AgingConfig:
         check_quantities(self)
         for text in self.binned:
             parse_bin(text)
+        parse_stop(self.next_stop)
         for record in self.commissioning:
             if not (np.isfinite(record.value) and record.standard_error >= 0.0):
                 msg = (

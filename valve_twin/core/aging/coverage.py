@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.aging.assess import assess
-from valve_twin.core.aging.config import AgingConfig, Threshold
-from valve_twin.core.aging.verdict import Trend, TrendStatus
+from valve_twin.core.aging.config import AgingConfig, Law, Threshold
+from valve_twin.core.aging.verdict import TrendStatus
 from valve_twin.core.types import Estimate, EstimateStatus, Parameter, ParameterValue
 
 if TYPE_CHECKING:
@@ -39,7 +39,9 @@ SAMPLES = (60, 105)
 AUTOCORRELATIONS = (0.0, 0.5)
 """Lag-1 autocorrelations of the simulated scatter [1]."""
 
-_GAIN = Parameter("gain", "1", "simulated gain", trend=True)
+GAIN = Parameter("gain", "1", "simulated gain", trend=True)
+"""The parameter of simulated histories."""
+
 _RUN_IN = 60  # samples after which AR(1) scatter has forgotten how it began
 
 
@@ -118,14 +120,18 @@ def coverage_of_life(
     Coverage
         Shares of the histories.
     """
-    config = AgingConfig(thresholds=(Threshold(_GAIN.name, LIMIT_PERCENT),))
+    config = AgingConfig(
+        thresholds=(Threshold(GAIN.name, LIMIT_PERCENT),), laws=(Law.LINE.value,)
+    )
     cycle = np.arange(1.0, samples + 1.0)
     truth = true_remaining(samples, config.reference_cycles)
     rng = np.random.default_rng([seed, samples, round(1000 * autocorrelation)])
     values = 1.0 + SLOPE * cycle + SCATTER * ar1_scatter(rng, histories, samples, autocorrelation)
     trends = []
     for row in values:
-        trends.append(_trend(row, config, confidence))
+        history = estimates_of(row)
+        found = assess(history, (), config, parameters=(GAIN,), confidence=confidence)
+        trends.append(found.trends[0])
         on_history()
     spoken = [t for t in trends if t.status is not TrendStatus.NOT_ENOUGH_DATA]
     too_late = sum(t.remaining_low > truth for t in spoken)
@@ -178,21 +184,19 @@ def ar1_scatter(
     return kept
 
 
-def _trend(values: FloatArray, config: AgingConfig, confidence: float) -> Trend:
-    """Return what is said after the last of (N,) values, one a cycle."""
-    history = [
+def estimates_of(values: FloatArray) -> list[Estimate]:
+    """Return (N,) values of `GAIN` as stored estimates, one a cycle."""
+    return [
         Estimate(
             model="",
             estimator="",
             cycle=number,
             start_ns=2 * number,
             end_ns=2 * number + 1,
-            parameters=(ParameterValue(_GAIN.name, value),),
+            parameters=(ParameterValue(GAIN.name, value),),
             status=EstimateStatus.ACCEPTED,
             reason="",
             used_by_trend=True,
         )
         for number, value in enumerate(values.tolist(), 1)
     ]
-    found = assess(history, (), config, parameters=(_GAIN,), confidence=confidence)
-    return found.trends[0]

@@ -2,20 +2,21 @@
 # Copyright 2026 valve_twin maintainers
 """Drift of a parameter against its level when new, and the threshold it will reach first.
 
-The reference is often the mean of values that the present line is fitted to as well; level, slope
+The reference is often the mean of values that the present segment holds as well; level, change
 and reference are linear in the values, so their joint covariance is exact under AR(1) scatter and
 enters the limits of the drift and of the remaining life.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from valve_twin.core.aging.config import AgingConfig, Threshold
-from valve_twin.core.aging.life import NEVER, Remaining, remaining_life
+from valve_twin.core.aging.laws import LawFit, condense, fit_laws
+from valve_twin.core.aging.life import NEVER, Approach, Remaining
 from valve_twin.core.aging.series import Pieces, Series, first_after
 from valve_twin.core.aging.trend import Line, ar1_product, quantile, ratio_interval
 
@@ -23,14 +24,67 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from valve_twin.core.aging.verdict import Trend
-    from valve_twin.core.types import IntArray, Maintenance
+    from valve_twin.core.types import FloatArray, IntArray, Maintenance
 
 _NAN = float("nan")
 
 
 @dataclass(frozen=True, slots=True)
+class Present:
+    """The present segment.
+
+    Attributes
+    ----------
+    line : Line
+        Its level and slope now: the line through it, or where it bends the mean of its laws.
+    fit : LawFit
+        The laws that its values allow.
+    values : (N,) array
+        What was fitted to, good values or means of neighbours [unit].
+    now, begin : (N,) arrays
+        Weights of them that give the level now and at the start of the segment.
+    """
+
+    line: Line
+    fit: LawFit
+    values: FloatArray
+    now: FloatArray
+    begin: FloatArray
+
+
+def present_segment(series: Series, pieces: Pieces, line: Line, laws: Sequence[str]) -> Present:
+    """Return what is known of the newest segment.
+
+    Parameters
+    ----------
+    series : Series
+        Values of one parameter.
+    pieces : Pieces
+        Its segments; the last has 4 good values or more.
+    line : Line
+        The line through them.
+    laws : sequence of str
+        Laws that are allowed; empty = all.
+    """
+    kept = pieces.starts[-1] + np.flatnonzero(~pieces.outlier[pieces.starts[-1] :])
+    x, y = series.axis[kept], series.values[kept]
+    shared = line.autocorrelation if len(pieces.starts) > 1 else None
+    fit = fit_laws(*condense(x, y), laws, autocorrelation=shared)
+    start, now = float(series.axis[pieces.starts[-1]]), float(series.axis[-1])
+    if not fit.bends:
+        d = x - line.center
+        slope = d / float(d @ d)
+        level = 1.0 / len(x) + (now - line.center) * slope
+        return Present(line, fit, y, level, 1.0 / len(x) + (start - line.center) * slope)
+    rest = y - fit.curve(x, fit.best)
+    sigma = float(rest @ rest / max(len(y) - 3, 1)) ** 0.5
+    line = fit.tangent(now, samples=len(y), sigma=sigma)
+    return Present(line, fit, fit.values, fit.average(now), fit.average(start))
+
+
+@dataclass(frozen=True, slots=True)
 class Reference:
-    """Level when new, and its covariance with the present level and slope.
+    """Level when new, and its covariance with the present segment.
 
     Attributes
     ----------
@@ -38,15 +92,22 @@ class Reference:
         The level [unit]; NaN where it is not known yet.
     source : str
         first_cycles or commissioning.
-    variance, cov_level, cov_slope : float
-        Variance [unit^2], covariance with the present level [unit^2] and slope [unit^2/axis unit].
+    variance : float
+        Of the level [unit^2].
+    weights : (M,) array
+        Its weights on the good values of the present segment; empty where it shares none.
     """
 
     value: float
     source: str
     variance: float = 0.0
-    cov_level: float = 0.0
-    cov_slope: float = 0.0
+    weights: FloatArray = field(default_factory=lambda: np.empty(0))
+
+    def covariance(self, weights: FloatArray, variance: float, rho: float) -> float:
+        """Return the covariance with what has (M,) weights on the same values [unit^2]."""
+        if len(weights) != len(self.weights):
+            return 0.0
+        return variance * ar1_product(self.weights, weights, max(rho, 0.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +117,7 @@ class Limit:
     value: float
     beyond: bool
     remaining: Remaining
+    approach: Approach | None = None
 
 
 NO_LIMIT = Limit(_NAN, False, NEVER)
@@ -101,23 +163,18 @@ def _mean_reference(
     kept: IntArray, series: Series, pieces: Pieces, lines: tuple[Line | None, ...]
 ) -> Reference:
     """Return the mean of the values `kept`; other pieces scatter independently of the present."""
-    line = lines[-1]
-    assert line is not None
     present = np.flatnonzero(~pieces.outlier)
     present = present[present >= pieces.starts[-1]]
     weight = np.isin(present, kept) / len(kept)
-    d = series.axis[present] - line.center
-    rho, variance = max(line.autocorrelation, 0.0), line.sigma**2
-    w_slope = d / float(d @ d)
-    w_level = 1.0 / len(present) + (series.axis[-1] - line.center) * w_slope
+    rho = max((f.autocorrelation for f in lines if f is not None), default=0.0)
     outside = np.isin(kept, present, invert=True) / len(kept)
+    own = lines[-1].sigma ** 2 if lines[-1] is not None else 0.0
     return Reference(
         value=float(series.values[kept].mean()),
         source="first_cycles",
-        variance=variance * ar1_product(weight, weight, rho)
-        + _pooled_variance(lines) * ar1_product(outside, outside, rho),
-        cov_level=variance * ar1_product(weight, w_level, rho),
-        cov_slope=variance * ar1_product(weight, w_slope, rho),
+        variance=own * ar1_product(weight, weight, max(rho, 0.0))
+        + _pooled_variance(lines) * ar1_product(outside, outside, max(rho, 0.0)),
+        weights=weight,
     )
 
 
@@ -127,21 +184,25 @@ def _pooled_variance(lines: tuple[Line | None, ...]) -> float:
     return sum(w * f.sigma**2 for w, f in zip(weights, fits, strict=True)) / sum(weights)
 
 
-def with_drift(trend: Trend, line: Line, reference: Reference, resolution: float = 0.0) -> Trend:
+def with_drift(
+    trend: Trend, present: Present, reference: Reference, resolution: float = 0.0
+) -> Trend:
     """Add the drift against the reference and against the start of the segment, in percent.
 
     Parameters
     ----------
     trend : Trend
         Trend without drift.
-    line : Line
-        Line of its present segment.
+    present : Present
+        Its present segment.
     reference : Reference
         What the drift is counted from.
     resolution : float
         Resolution of the parameter [unit of the parameter]: scatter between cycles does not show
         it.
     """
+    line = present.line
+    rho, variance = line.autocorrelation, line.sigma**2
     t = quantile(line.freedom, 0.95)
     var_level = line.level_variance(trend.axis_value)
     since_new = _percent(
@@ -151,27 +212,23 @@ def with_drift(trend: Trend, line: Line, reference: Reference, resolution: float
             trend.level,
             reference.value,
             var_a=var_level,
-            cov=reference.cov_level,
+            cov=reference.covariance(present.now, variance, rho),
             var_b=reference.variance,
             t=t,
         ),
         resolution,
     )
-    start, now = trend.segment_start, trend.axis_value
-    cov = (
-        line.var_mean
-        + (start + now - 2.0 * line.center) * line.cov
-        + (start - line.center) * (now - line.center) * line.var_slope
-    )
+    used = max(rho, 0.0)
+    start = float(present.begin @ present.values)
     since_start = _percent(
         trend.level,
-        line.level(start),
+        start,
         ratio_interval(
             trend.level,
-            line.level(start),
+            start,
             var_a=var_level,
-            cov=cov,
-            var_b=line.level_variance(start),
+            cov=variance * ar1_product(present.now, present.begin, used),
+            var_b=variance * ar1_product(present.begin, present.begin, used),
             t=t,
         ),
         resolution,
@@ -200,9 +257,46 @@ def _percent(
     return 100.0 * (a / b - 1.0), 100.0 * (low - wider - 1.0), 100.0 * (high + wider - 1.0)
 
 
+def share_lost(
+    trend: Trend, pieces: Pieces, series: Series, lines: Sequence[Line | None]
+) -> float:
+    """Return the share of the way to the threshold that is lost with 95 % confidence [1].
+
+    A segment that has just begun knows little: what the segments before it had lost since the last
+    maintenance stays lost, as far as the present one does not contradict.
+
+    Parameters
+    ----------
+    trend : Trend
+        Trend with its drift and its threshold.
+    pieces : Pieces
+        Its segments.
+    series : Series
+        Its values.
+    lines : sequence of Line or None
+        The line of each segment.
+    """
+    way = trend.threshold - trend.reference
+    present = (trend.drift_reference_lower_95, trend.drift_reference_upper_95)
+    if not np.isfinite(way) or way == 0.0 or not np.isfinite(present).all():
+        return _NAN
+    shares = sorted(0.01 * trend.reference * end / way for end in present)
+    before = [shares[0]]
+    ends = pieces.starts[1:] - 1
+    for k in range(len(ends) - 1, -1, -1):
+        if pieces.forced[k + 1]:
+            break
+        line = lines[k]
+        if line is None:
+            continue
+        low, high = line.mean_interval(float(series.axis[ends[k]]))
+        before.append(min((low - trend.reference) / way, (high - trend.reference) / way))
+    return float(max(shares[0], min(max(before), shares[1])))
+
+
 def nearest_limit(
     trend: Trend,
-    line: Line,
+    present: Present,
     reference: Reference,
     config: AgingConfig,
     *,
@@ -214,8 +308,8 @@ def nearest_limit(
     ----------
     trend : Trend
         Trend with its drift.
-    line : Line
-        Line of its present segment.
+    present : Present
+        Its present segment.
     reference : Reference
         What relative thresholds refer to.
     config : AgingConfig
@@ -223,13 +317,10 @@ def nearest_limit(
     confidence : float
         That of the limits of what remains [1].
     """
-    wanted = [t for t in config.thresholds if t.parameter == trend.parameter]
-    if not wanted and config.default_percent > 0.0:
-        wanted = [
-            Threshold(trend.parameter, -config.default_percent),
-            Threshold(trend.parameter, config.default_percent),
-        ]
-    limits = [_life_to(t, trend, line, reference, confidence) for t in wanted]
+    limits = [
+        _life_to(t, trend, present, reference, confidence)
+        for t in wanted_limits(config, trend.parameter)
+    ]
     usable = [limit for limit in limits if np.isfinite(limit.value)]
     return min(
         usable,
@@ -243,8 +334,16 @@ def nearest_limit(
     )
 
 
+def wanted_limits(config: AgingConfig, parameter: str) -> list[Threshold]:
+    """Return the limits of a parameter, those of `default_percent` where it has none of its own."""
+    own = [t for t in config.thresholds if t.parameter == parameter]
+    if own or not config.default_percent > 0.0:
+        return own
+    return [Threshold(parameter, sign * config.default_percent) for sign in (-1.0, 1.0)]
+
+
 def _life_to(
-    threshold: Threshold, trend: Trend, line: Line, reference: Reference, confidence: float
+    threshold: Threshold, trend: Trend, present: Present, reference: Reference, confidence: float
 ) -> Limit:
     """Return one threshold and what remains to it; a relative one shares the reference's doubt."""
     if threshold.relative:
@@ -256,22 +355,33 @@ def _life_to(
         scale, value = 0.0, threshold.value
     if not np.isfinite(value):
         return NO_LIMIT
-    new = reference.value if np.isfinite(reference.value) else line.level(trend.segment_start)
+    known = np.isfinite(reference.value)
+    new = reference.value if known else float(present.begin @ present.values)
     toward = 1.0 if value >= new else -1.0
-    gap = toward * (value - trend.level)
-    offset = trend.axis_value - line.center
-    life = remaining_life(
-        gap,
-        toward * line.slope,
-        var_gap=max(
-            scale**2 * reference.variance
-            - 2.0 * scale * reference.cov_level
-            + line.level_variance(trend.axis_value),
-            0.0,
-        ),
-        cov=scale * reference.cov_slope - (line.cov + offset * line.var_slope),
-        var_slope=line.var_slope,
-        freedom=line.freedom,
-        confidence=confidence,
+    approach = _approach(present.fit, trend.axis_value, value, toward, scale, reference)
+    life = approach.remaining(confidence)
+    beyond = toward * (value - trend.level) <= 0.0
+    if beyond:
+        life = Remaining(life.low, 0.0, life.high)
+    return Limit(value, beyond, life, approach)
+
+
+def _approach(
+    fit: LawFit, now: float, value: float, toward: float, scale: float, reference: Reference
+) -> Approach:
+    """Return the way of the laws to a limit that is `scale` times the reference."""
+    rho, squares = fit.autocorrelation, fit.sigma**2
+    low, cross, high = fit.covariances()
+    rows = zip(fit.level_weights, fit.change_weights, squares, strict=True)
+    shared = np.array(
+        [(reference.covariance(a, s, rho), reference.covariance(b, s, rho)) for a, b, s in rows]
     )
-    return Limit(value, gap <= 0.0, life)
+    return Approach(
+        fit=fit,
+        now=now,
+        gap=toward * (fit.level - value),
+        change=toward * fit.change,
+        var_gap=low - 2.0 * scale * shared[:, 0] + scale**2 * reference.variance,
+        cov=cross - scale * shared[:, 1],
+        var_change=high,
+    )

@@ -1,15 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""How far a line still is from its threshold, with Fieller's limits, and at what date.
+"""How far a trend still is from its threshold, with limits, and at what date.
 
-With gap g (threshold - level) and slope s, both counted towards the threshold, the line has
-covered the gap after r with the confidence P(r) = T_nu(Z(r)),
+A shape of a law (`core.aging.laws`) is linear in level and change. With g its distance beyond the
+threshold (negative before) at u = 1, c its change and h how far the shape goes on after r axis
+units, the threshold is reached within r with the probability T_nu(Z(r)),
 
-    Z(r) = (r s - g)/sqrt(r^2 var_s - 2 r cov + var_g).
+    Z(r) = (g + c h(r))/sqrt(var_g + 2 h cov + h^2 var_c),
 
-Low, median and high are the smallest r >= 0 with P = 2.5 %, 50 % and 97.5 %: low and high are the
-limits of Fieller (1954), cut at zero. Where Z never gets that far the limit is infinite, and that
-is an answer: the data do not exclude that the threshold is never reached.
+the largest so far where Z falls again: for one line these are the limits of Fieller (1954). The
+probability of all is the mean over the shapes, weighted with their evidence. Low, median and high
+are where it is 2.5 %, 50 % and 97.5 %. Where it never gets that far the limit is infinite, and
+that is an answer: the data do not exclude that the threshold is never reached.
 """
 
 from __future__ import annotations
@@ -19,13 +21,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.aging.trend import quantile
-
 if TYPE_CHECKING:
+    from valve_twin.core.aging.laws import LawFit
     from valve_twin.core.types import FloatArray, IntArray
 
 MAX_STAMP_NS = (2**31 - 1) * 10**9
 """Last date that builtin_interfaces/Time can carry [ns]."""
+
+_GRID = np.concatenate([np.zeros(1), np.geomspace(1e-3, 1e4, 80)])  # in lengths of the history
+_POINTS, _ROUNDS = 17, 3  # of the search between two places of it
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,62 +54,76 @@ NEVER = Remaining(float("inf"), float("inf"), float("inf"))
 """No threshold, or none in sight."""
 
 
-def remaining_life(
-    gap: float,
-    slope: float,
-    *,
-    var_gap: float,
-    cov: float,
-    var_slope: float,
-    freedom: float,
-    confidence: float = 0.95,
-) -> Remaining:
-    """Return what remains until a line reaches its threshold.
+@dataclass(frozen=True, slots=True)
+class Approach:
+    """What is known of the way of a trend to one threshold, by every law that the data allow.
 
-    Parameters
+    `gap` and `change` of a shape are counted positive towards and beyond the threshold.
+
+    Attributes
     ----------
-    gap : float
-        Threshold - level, counted positive before the threshold is reached [unit].
-    slope : float
-        Slope, counted positive towards the threshold [unit / axis unit].
-    var_gap, cov, var_slope : float
-        Covariance of (gap, slope) [squares and product of their units].
-    freedom : float
-        Degrees of freedom of Student's t [1].
-    confidence : float
-        Of the two-sided interval [1].
-
-    Returns
-    -------
-    Remaining
-        Low, median and high [axis unit].
+    fit : LawFit
+        The shapes and their evidence.
+    now : float
+        Present axis position [axis unit].
+    gap, change : (K,) arrays
+        Level at u = 1 minus threshold, and change between u = 0 and 1, of every shape [unit].
+    var_gap, cov, var_change : (K,) arrays
+        Covariance of (gap, change) [unit^2].
     """
-    t = quantile(freedom, confidence)
-    spread = (var_gap, cov, var_slope)
-    median = 0.0 if gap <= 0.0 else gap / slope if slope > 0.0 else float("inf")
-    return Remaining(
-        _first_crossing(gap, slope, spread, -t), median, _first_crossing(gap, slope, spread, t)
-    )
 
+    fit: LawFit
+    now: float
+    gap: FloatArray
+    change: FloatArray
+    var_gap: FloatArray
+    cov: FloatArray
+    var_change: FloatArray
 
-def _first_crossing(
-    gap: float, slope: float, spread: tuple[float, float, float], z: float
-) -> float:
-    """Return the smallest r >= 0 with r slope - gap >= z sqrt(variance(r)), else infinity."""
-    var_gap, cov, var_slope = spread
-    if -gap >= z * var_gap**0.5:
-        return 0.0
-    lead = slope * slope - z * z * var_slope
-    half = slope * gap - z * z * cov
-    rest = gap * gap - z * z * var_gap
-    square = half * half - lead * rest
-    if square < 0.0 or (lead == 0.0 and half == 0.0):
-        return float("inf")
-    root = half + square**0.5 if half >= 0.0 else half - square**0.5
-    places = [root / lead] if lead != 0.0 else []
-    places += [rest / root] if root != 0.0 else []
-    good = [r for r in places if r > 0.0 and (r * slope - gap) * z >= 0.0]
-    return min(good, default=float("inf"))
+    def probability(self, ahead: FloatArray) -> FloatArray:
+        """Return the probability that the threshold is reached within (M,) axis units, rising.
+
+        Parameters
+        ----------
+        ahead : (M,) array
+            Ahead of the present position, rising [axis unit].
+        """
+        from scipy.special import stdtr  # slow to import
+
+        h = self.fit.beyond(self.now + ahead)
+        rows = (v[:, None] for v in (self.gap, self.change, self.var_gap, self.cov))
+        gap, change, var_gap, cov = rows
+        variance = var_gap + 2.0 * h * cov + h * h * self.var_change[:, None]
+        z = (gap + change * h) / np.sqrt(np.maximum(variance, np.finfo(np.float64).tiny))
+        each = np.maximum.accumulate(stdtr(self.fit.freedom, z), axis=1)
+        return np.asarray(self.fit.weight @ each)
+
+    def before(self, ahead: float) -> float:
+        """Return the probability that the threshold is reached within `ahead` axis units [1]."""
+        grid = _GRID[_GRID * self.fit.length < ahead] * self.fit.length
+        return float(self.probability(np.append(grid, max(ahead, 0.0)))[-1])
+
+    def remaining(self, confidence: float = 0.95) -> Remaining:
+        """Return the limits of what remains with a two-sided `confidence`, and the median."""
+        places = _GRID * self.fit.length
+        reached = self.probability(places)
+        tail = 0.5 * (1.0 - confidence)
+        low, median, high = (self._place(p, places, reached) for p in (tail, 0.5, 1.0 - tail))
+        return Remaining(low, median, high)
+
+    def _place(self, share: float, places: FloatArray, reached: FloatArray) -> float:
+        """Return the first place where the probability is `share`, infinite where it never is."""
+        for rounds in range(_ROUNDS + 1):
+            if not reached[-1] >= share:
+                return float("inf")
+            j = int(np.argmax(reached >= share))
+            if j == 0:
+                return float(places[0])
+            if rounds < _ROUNDS:
+                places = np.linspace(places[j - 1], places[j], _POINTS)
+                reached = self.probability(places)
+        part = (share - reached[j - 1]) / (reached[j] - reached[j - 1])
+        return float(places[j - 1] + part * (places[j] - places[j - 1]))
 
 
 def axis_rate(axis: FloatArray, stamp_ns: IntArray, newest: int) -> float:

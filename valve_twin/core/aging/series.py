@@ -12,6 +12,7 @@ import numpy as np
 
 from valve_twin.core.aging.changepoint import best_lines, find_outliers
 from valve_twin.core.aging.config import AgingConfig, Axis
+from valve_twin.core.aging.joining import Joined, join
 from valve_twin.core.aging.trend import Line, fit_line
 from valve_twin.core.types import (
     BoolArray,
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 _UNKNOWN = -1
 _CLEANING_ROUNDS = 2
 _FEWEST_JUDGES = 7
+_FEWEST_IN_LINE = 4
 _LARGEST = 1e50  # fourth powers of what is used must not overflow; no parameter is as large
 
 
@@ -84,11 +86,17 @@ class Pieces:
         Whether the piece begins with a maintenance event.
     outlier : (N,) bool array
         Values left out of every fit.
+    wave : (N,) array
+        What repeats over a piece without being a change or wear, zero elsewhere [unit].
+    period : float
+        Mean period of the newest wave [axis unit]; NaN where there is none.
     """
 
     starts: IntArray
     forced: BoolArray
     outlier: BoolArray
+    wave: FloatArray
+    period: float = float("nan")
 
 
 def order_history(history: Sequence[Estimate], axis: Axis) -> History:
@@ -198,21 +206,38 @@ def cut(series: Series, maintenance: Sequence[Maintenance], config: AgingConfig)
     events = {max(first_after(series, m), oldest) for m in maintenance} - {oldest}
     edges = [oldest, *sorted(events)]
     starts: list[int] = []
-    outlier = np.zeros(n, dtype=np.bool_)
+    outlier, wave = np.zeros(n, dtype=np.bool_), np.zeros(n)
+    period = float("nan")
     for first, last in zip(edges, [*edges[1:], n], strict=True):
-        inner, outlier[first:last] = _pieces(
-            series.axis[first:last], series.values[first:last], config
-        )
+        part = slice(first, last)
+        x, y = series.axis[part], series.values[part]
+        inner, outlier[part] = _pieces(x, y, config)
+        kept = np.flatnonzero(~outlier[part])
+        found = _join(x[kept], y[kept], kept, inner, config)
+        wave[first + kept] = found.wave
+        period = found.period
+        inner = inner[: found.kept + 1]
+        if len(inner) > 1 and np.count_nonzero(kept >= inner[-1]) < _FEWEST_IN_LINE:
+            inner = inner[:-1]
         starts.extend(first + inner)
     outlier[:oldest] = find_outliers(
         series.axis[:oldest], series.values[:oldest], config.outlier_sigma
     )
     where = np.array(starts, dtype=np.int64)
-    return Pieces(where, np.isin(where, sorted(events)), outlier)
+    return Pieces(where, np.isin(where, sorted(events)), outlier, wave, period)
+
+
+def _join(
+    x: FloatArray, y: FloatArray, kept: IntArray, starts: IntArray, config: AgingConfig
+) -> Joined:
+    """Join the last pieces of the good values `kept` of a stretch where one law explains them."""
+    bounds = np.append(np.searchsorted(kept, starts), len(kept))
+    bounds[0] = 0
+    return join(x, y, bounds, laws=config.laws, penalty_scale=config.penalty_scale)
 
 
 def _pieces(x: FloatArray, y: FloatArray, config: AgingConfig) -> tuple[IntArray, BoolArray]:
-    """Return the starts of the pieces of one stretch and its outliers."""
+    """Return the starts of the straight pieces of one stretch and its outliers."""
     outlier = find_outliers(x, y, config.outlier_sigma)
     starts = _starts(x, y, outlier, config)
     for _ in range(_CLEANING_ROUNDS):

@@ -106,6 +106,11 @@ class Trend:
     service_date_known: bool = False
     service_date_ns: int = 0
     service_date_early_ns: int = 0
+    law: str = ""
+    law_probability: float = np.nan
+    bends: bool = False
+    next_stop_probability: float = np.nan
+    share_lost: float = np.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +144,7 @@ def way_to_threshold(trend: Trend) -> float:
 
 def concern(trend: Trend, config: AgingConfig) -> int:
     """Return how grave a trend is: 3, 2, 1 for rules 1, 2, 3 of the module, else 0."""
-    way = way_to_threshold(trend)
+    way = trend.share_lost
     if trend.status is TrendStatus.NOT_ENOUGH_DATA or not np.isfinite(trend.threshold):
         return 0
     if trend.status is TrendStatus.BEYOND_THRESHOLD and (way > 0.0 or not np.isfinite(way)):
@@ -225,12 +230,14 @@ def describe_remaining(trend: Trend) -> str:
         return "no threshold set"
     if trend.status is TrendStatus.BEYOND_THRESHOLD:
         return f"beyond its threshold of {trend.threshold:.4g}"
+    bent = f", the trend bends ({trend.law})" if trend.bends else ""
     if trend.unbounded:
         known = np.isfinite(trend.remaining_low)
         least = f", not before {_count(trend.remaining_low)} {unit}" if known else ""
-        return f"threshold not in sight{least}"
+        what = f"no forecast: the trend bends ({trend.law})" if bent else "threshold not in sight"
+        return f"{what}{least}"
     low, high = _count(trend.remaining_low), _count(trend.remaining_high)
-    return f"{_count(trend.remaining_median)} {unit} left ({low} .. {high})"
+    return f"{_count(trend.remaining_median)} {unit} left ({low} .. {high}){bent}"
 
 
 def _count(number: float) -> str:

@@ -1,0 +1,449 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Laws of aging: a line, an exponential, a power and a saturating law, and what speaks for each.
+
+Every law is y = level + change (g(u) - g(1)) with a shape g that runs from g(0) = 0 to g(1) = 1
+over the history, u = 0 one cycle before its first value and u = 1 at its last:
+
+    line u,  exponential (e^(ku) - 1)/(e^k - 1),  power u^p,  saturating (1 - e^(-ku))/(1 - e^(-k)).
+
+Given the shape a law is linear in level and change, so that everything known of a line (least
+squares, covariance under AR(1) scatter, Fieller's limits) holds for each. k and p are taken from a
+grid: a law is as many shapes. The evidence of a shape is its marginal likelihood with level,
+change and scatter integrated out under flat priors, the scatter being AR(1) with the
+autocorrelation of the best shape,
+
+    log w = log prior - s/2 (log |G' R^-1 G| + (n - 2) log S),
+
+S the whitened residual sum of squares. s < 1 tempers the evidence, since the autocorrelation is
+itself estimated (`TEMPER`, `PRIOR` of `core.aging.law_study`, tuned there on seeds of its own).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numba import njit
+
+from valve_twin.core.aging.config import Law
+from valve_twin.core.aging.trend import RESOLUTION, Line, ar1_product, pooled_autocorrelation
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from valve_twin.core.types import FloatArray, IntArray
+
+
+PRIOR = {Law.LINE: 0.35, Law.EXPONENTIAL: 0.3, Law.POWER: 0.2, Law.SATURATING: 0.15}
+"""Probability of each law before any value is seen, those of its shapes are alike [1]."""
+
+TEMPER = 0.8
+"""Power of the likelihood [1]; below 1 the estimated autocorrelation is allowed for."""
+
+BENDS = 0.05
+"""A trend bends where the line is less probable than this [1]."""
+
+MOST = 500
+"""Values that laws are fitted to; of more, means of equal blocks of neighbours are."""
+
+_RATES = (0.25, 0.5, 0.8, 1.2, 1.7, 2.4, 3.2, 4.5, 6.5, 9.0)
+_EXPONENTS = (0.3, 0.4, 0.5, 0.6, 0.75, 0.88, 1.2, 1.4, 1.7, 2.1, 2.6, 3.3, 4.2, 5.5)
+_GRID = {
+    Law.LINE: (0.0,),
+    Law.EXPONENTIAL: _RATES,
+    Law.POWER: _EXPONENTS,
+    Law.SATURATING: _RATES,
+}
+_ORDER = tuple(Law)
+_LEAST = 1e-3  # shapes of less evidence than this, against the best, are left out
+_CONCENTRATED = 0.3  # share of a law's evidence in one shape that asks for a finer grid
+_BETWEEN, _REFINEMENTS = 9, 4  # shapes put between three neighbours, rounds of it
+
+
+@dataclass(frozen=True, slots=True)
+class LawFit:
+    """Shapes that the data allow, each fitted to one undisturbed stretch of a history.
+
+    Attributes
+    ----------
+    start, length : float
+        Axis position of u = 0 and length to u = 1 [axis unit].
+    law : (K,) int64 array
+        Place of each shape's law in `Law`.
+    number : (K,) array
+        Rate k or exponent p of each shape [1].
+    weight : (K,) array
+        Evidence, sums to 1 [1].
+    level, change : (K,) arrays
+        Value at u = 1 and difference between u = 1 and u = 0 [unit].
+    level_weights, change_weights : (K, N) arrays
+        Level and change are these times the values.
+    values : (N,) array
+        What was fitted to [unit].
+    sigma : (K,) array
+        Standard deviation of a single value about each shape [unit].
+    autocorrelation, freedom : float
+        Of the scatter about the best shape; degrees of freedom of Student's t [1].
+    line : float
+        Probability of the line [1].
+    """
+
+    start: float
+    length: float
+    law: IntArray
+    number: FloatArray
+    weight: FloatArray
+    level: FloatArray
+    change: FloatArray
+    level_weights: FloatArray
+    change_weights: FloatArray
+    values: FloatArray
+    sigma: FloatArray
+    autocorrelation: float
+    freedom: float
+    line: float
+
+    @property
+    def best(self) -> int:
+        """Return the place of the shape with the most evidence."""
+        return int(np.argmax(self.weight))
+
+    @property
+    def bends(self) -> bool:
+        """Whether the line is all but excluded."""
+        return self.line < BENDS
+
+    def probable(self) -> tuple[Law, float]:
+        """Return the most probable law and its probability [1]."""
+        each = np.bincount(self.law, self.weight, len(_ORDER))
+        return _ORDER[int(np.argmax(each))], float(each.max())
+
+    def beyond(self, places: FloatArray) -> FloatArray:
+        """Return g(u) - 1 of every shape at (M,) axis positions, (K, M)."""
+        u = np.maximum((places - self.start) / self.length, 0.0)
+        return np.asarray(_curves(self.law, self.number, u) - 1.0)
+
+    def covariances(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return var(level), cov(level, change) and var(change) of every shape, (K,) each."""
+        rho = max(self.autocorrelation, 0.0)
+        pairs = zip(self.level_weights, self.change_weights, self.sigma**2, strict=True)
+        found = [
+            (
+                s * ar1_product(a, a, rho),
+                s * ar1_product(a, b, rho),
+                s * ar1_product(b, b, rho),
+            )
+            for a, b, s in pairs
+        ]
+        low, cross, high = np.array(found).T
+        return low, cross, high
+
+    def curve(self, places: FloatArray, shape: int) -> FloatArray:
+        """Return one shape at (N,) axis positions [unit]."""
+        return np.asarray(self.level[shape] + self.change[shape] * self.beyond(places)[shape])
+
+    def average(self, place: float) -> FloatArray:
+        """Return (N,) weights that give the mean of all shapes at a place, from the values."""
+        each = self.level_weights + self.beyond(np.array([place])) * self.change_weights
+        return np.asarray(self.weight @ each)
+
+    def tangent(self, place: float, *, samples: int, sigma: float) -> Line:
+        """Return the mean of all shapes near a place as a line, their differences as variance.
+
+        Parameters
+        ----------
+        place : float
+            Axis position [axis unit].
+        samples : int
+            Estimates in the stretch [1].
+        sigma : float
+            Standard deviation of a single estimate [unit].
+        """
+        rho, step = max(self.autocorrelation, 0.0), 1e-3 * self.length
+        h = self.beyond(np.array([place - step, place]))
+        level = self.level + self.change * h[:, 1]
+        slope = self.change * (h[:, 1] - h[:, 0]) / step
+        here = self.average(place)
+        rise = (here - self.average(place - step)) / step
+        mean, mean_slope = float(self.weight @ level), float(self.weight @ slope)
+        d, e = level - mean, slope - mean_slope
+        variance = self.variance
+        return Line(
+            samples=samples,
+            center=place,
+            mean=mean,
+            slope=mean_slope,
+            sigma=sigma,
+            autocorrelation=self.autocorrelation,
+            freedom=self.freedom,
+            var_mean=variance * ar1_product(here, here, rho) + float(self.weight @ d**2),
+            cov=variance * ar1_product(here, rise, rho) + float(self.weight @ (d * e)),
+            var_slope=variance * ar1_product(rise, rise, rho) + float(self.weight @ e**2),
+        )
+
+    @property
+    def variance(self) -> float:
+        """Return the variance of a value about the shapes, their mean [unit^2]."""
+        return float(self.weight @ self.sigma**2)
+
+
+@njit(cache=True)
+def _curves(law: IntArray, number: FloatArray, u: FloatArray) -> FloatArray:
+    """Return g of every shape at u, (K, N); the laws are numbered as in `Law`."""
+    out = np.empty((len(law), len(u)))
+    for i in range(len(law)):
+        k = number[i]
+        for j in range(len(u)):
+            if law[i] == 0:
+                out[i, j] = u[j]
+            elif law[i] == 1:
+                out[i, j] = np.expm1(min(k * u[j], 60.0)) / np.expm1(k)
+            elif law[i] == 2:
+                out[i, j] = u[j] ** k
+            else:
+                out[i, j] = np.expm1(-k * u[j]) / np.expm1(-k)
+    return out
+
+
+@njit(cache=True)
+def _squares(g: FloatArray, y: FloatArray, rest: FloatArray) -> FloatArray:
+    """Fit y by every row of g; return mean and square sum of g, change, residual square sum.
+
+    `rest` (N,) takes the residuals of the best row.
+    """
+    count, n = g.shape
+    out = np.empty((count, 4))
+    middle, low = y.mean(), np.inf
+    for i in range(count):
+        mean, square, product = g[i].mean(), 0.0, 0.0
+        for j in range(n):
+            d = g[i, j] - mean
+            square += d * d
+            product += d * (y[j] - middle)
+        change = product / square
+        power = 0.0
+        for j in range(n):
+            r = y[j] - middle - change * (g[i, j] - mean)
+            power += r * r
+        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = mean, square, change, power
+        if power < low:
+            low = power
+            for j in range(n):
+                rest[j] = y[j] - middle - change * (g[i, j] - mean)
+    return out
+
+
+@njit(cache=True)
+def _whitened(g: FloatArray, y: FloatArray, fits: FloatArray, rho: float) -> FloatArray:
+    """Return the whitened square sums of residual and shape of every row, (K, 2)."""
+    count, n = g.shape
+    out = np.empty((count, 2))
+    middle, first = y.mean(), 1.0 - rho * rho
+    for i in range(count):
+        mean, change = fits[i, 0], fits[i, 2]
+        d = g[i, 0] - mean
+        r = y[0] - middle - change * d
+        power, square = first * r * r, first * d * d
+        for j in range(1, n):
+            d_next = g[i, j] - mean
+            r_next = y[j] - middle - change * d_next
+            power += (r_next - rho * r) ** 2
+            square += (d_next - rho * d) ** 2
+            d, r = d_next, r_next
+        out[i, 0], out[i, 1] = power, square
+    return out
+
+
+def grid(laws: Sequence[str]) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Return law, number and prior probability of every shape of the laws named, (K,) each."""
+    chosen = [law for law in _ORDER if law.value in laws or not laws]
+    total = sum(PRIOR[law] for law in chosen)
+    rows = [
+        (_ORDER.index(law), number, PRIOR[law] / total / len(_GRID[law]))
+        for law in chosen
+        for number in _GRID[law]
+    ]
+    law, number, prior = zip(*rows, strict=True)
+    return np.array(law, np.int64), np.array(number), np.array(prior)
+
+
+@dataclass(frozen=True, slots=True)
+class _Shapes:
+    """Shapes with their curves (K, N), their fits as `_squares` returns them, and evidence."""
+
+    law: IntArray
+    number: FloatArray
+    prior: FloatArray
+    curves: FloatArray
+    fits: FloatArray
+    score: FloatArray
+
+    def part(self, kept: IntArray) -> _Shapes:
+        """Return some of the shapes."""
+        return _Shapes(*(getattr(self, f.name)[kept] for f in fields(self)))
+
+    def joined(self, other: _Shapes) -> _Shapes:
+        """Return the shapes of both."""
+        names = [f.name for f in fields(self)]
+        return _Shapes(*(np.concatenate([getattr(self, n), getattr(other, n)]) for n in names))
+
+    @property
+    def weight(self) -> FloatArray:
+        """Return the evidence, which sums to 1, (K,) [1]."""
+        weight = np.exp(self.score - self.score.max())
+        return np.asarray(weight / weight.sum())
+
+
+@dataclass(frozen=True, slots=True)
+class _Data:
+    """Values (N,) over u (N,), with the autocorrelation and the rounding of their scatter."""
+
+    u: FloatArray
+    y: FloatArray
+    rho: float
+    floor: float
+
+    def shapes(self, law: IntArray, number: FloatArray, prior: FloatArray) -> _Shapes:
+        """Return shapes with their evidence."""
+        curves = _curves(law, number, self.u)
+        fits = _squares(curves, self.y, np.empty(len(self.y)))
+        white = _whitened(curves, self.y, fits, self.rho)
+        score = np.log(prior) - 0.5 * TEMPER * (
+            np.log(white[:, 1]) + (len(self.y) - 2) * np.log(white[:, 0] + self.floor)
+        )
+        return _Shapes(law, number, prior, curves, fits, score)
+
+
+def _refined(shapes: _Shapes, data: _Data) -> _Shapes:
+    """Put more shapes between those of a law of which one alone has the evidence."""
+    for law in range(1, len(_ORDER)):
+        for _ in range(_REFINEMENTS):
+            own = np.flatnonzero(shapes.law == law)
+            weight = shapes.weight
+            if len(own) < 3 or weight[own].sum() < _LEAST:
+                break
+            own = own[np.argsort(shapes.number[own])]
+            best = int(np.argmax(weight[own]))
+            if weight[own[best]] < _CONCENTRATED * weight[own].sum():
+                break
+            near = own[max(best - 1, 0) : best + 2]
+            ends = np.log(shapes.number[near[[0, -1]]])
+            number = np.exp(np.linspace(ends[0], ends[1], _BETWEEN))
+            prior = np.full(_BETWEEN, shapes.prior[near].sum() / _BETWEEN)
+            fresh = data.shapes(np.full(_BETWEEN, law), number, prior)
+            others = np.setdiff1d(np.arange(len(shapes.law)), near)
+            shapes = shapes.part(others).joined(fresh)
+    return shapes
+
+
+def fit_laws(
+    x: FloatArray,
+    y: FloatArray,
+    laws: Sequence[str] = (),
+    *,
+    autocorrelation: float | None = None,
+) -> LawFit:
+    """Fit all shapes to one undisturbed stretch and keep those that the data allow.
+
+    Parameters
+    ----------
+    x, y : (N,) arrays
+        Axis positions [axis unit], strictly increasing, and values [unit]; N >= 4. More than
+        `MOST` should be condensed before.
+    laws : sequence of str
+        Values of `Law` that are allowed; empty = all.
+    autocorrelation : float, optional
+        Lag-1 autocorrelation of the scatter [1]; of the best shape's residuals where not given.
+
+    Returns
+    -------
+    LawFit
+        Evidence and fit of every shape that counts.
+    """
+    n = len(x)
+    law, number, prior = grid(laws)
+    step = (x[-1] - x[0]) / (n - 1)
+    start, length = float(x[0] - step), float(x[-1] - x[0] + step)
+    u = (x - start) / length
+    if autocorrelation is None:
+        rest = np.empty(n)
+        _squares(_curves(law, number, u), y, rest)
+        autocorrelation = pooled_autocorrelation([rest])
+    used = max(autocorrelation, 0.0)
+    floor = n * (RESOLUTION * float(np.abs(y).max())) ** 2 + np.finfo(float).tiny
+    data = _Data(u, y, used, floor)
+    shapes = _refined(data.shapes(law, number, prior), data)
+    line = float(shapes.weight[shapes.law == 0].sum())
+    kept = shapes.part(np.flatnonzero(shapes.weight >= _LEAST * shapes.weight.max()))
+    fits, one = kept.fits, np.full(n, 1.0 / n)
+    change_weights = (kept.curves - fits[:, :1]) / fits[:, 1:2]
+    level_weights = one + (kept.curves[:, -1:] - fits[:, :1]) * change_weights
+    lost = n * ar1_product(one, one, used) + fits[:, 1] * np.array(
+        [ar1_product(w, w, used) for w in change_weights]
+    )
+    variance = (fits[:, 3] + floor) / np.maximum(n - lost, 0.5)
+    return LawFit(
+        start=start,
+        length=length,
+        law=kept.law,
+        number=kept.number,
+        weight=kept.weight,
+        level=level_weights @ y,
+        change=fits[:, 2],
+        level_weights=level_weights,
+        change_weights=change_weights,
+        values=y,
+        sigma=np.sqrt(variance),
+        autocorrelation=autocorrelation,
+        freedom=max(n * (1.0 - used) / (1.0 + used) - 2.0, 1.0),
+        line=line,
+    )
+
+
+def law_shape(
+    x: FloatArray, y: FloatArray, laws: Sequence[str] = ()
+) -> tuple[FloatArray, bool]:
+    """Return the shape that leaves least, and whether it is another than the line.
+
+    Parameters
+    ----------
+    x, y : (N,) arrays
+        Axis positions [axis unit], strictly increasing, and values [unit].
+    laws : sequence of str
+        Values of `Law` that are allowed; empty = all.
+
+    Returns
+    -------
+    (N,) array
+        The shape at x [1].
+    bool
+        Whether it bends.
+    """
+    law, number, _ = grid(laws)
+    place, values = condense(x, y)
+    step = (x[-1] - x[0]) / (len(x) - 1)
+    start, length = x[0] - step, x[-1] - x[0] + step
+    fits = _squares(_curves(law, number, (place - start) / length), values, np.empty(len(place)))
+    best = int(np.argmin(fits[:, 3]))
+    one = slice(best, best + 1)
+    return _curves(law[one], number[one], (x - start) / length)[0], bool(law[best] != 0)
+
+
+def condense(x: FloatArray, y: FloatArray, most: int = MOST) -> tuple[FloatArray, FloatArray]:
+    """Return means of equal blocks of neighbours; the values themselves where few enough.
+
+    Parameters
+    ----------
+    x, y : (N,) arrays
+        Axis positions [axis unit] and values [unit].
+    most : int
+        Blocks at most [1]; the oldest values that fill no block are left out.
+    """
+    size = -(-len(x) // most)
+    if size < 2:
+        return x, y
+    count = len(x) // size
+    part = slice(len(x) - count * size, None)
+    return x[part].reshape(count, size).mean(axis=1), y[part].reshape(count, size).mean(axis=1)
