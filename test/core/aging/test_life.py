@@ -3,10 +3,44 @@
 import numpy as np
 import pytest
 
-from valve_twin.core.aging.life import MAX_STAMP_NS, axis_rate, date_after, remaining_life
+from valve_twin.core.aging.laws import LawFit
+from valve_twin.core.aging.life import (
+    MAX_STAMP_NS,
+    Approach,
+    Remaining,
+    axis_rate,
+    date_after,
+)
 from valve_twin.core.aging.trend import fit_line, quantile
 
 INF = float("inf")
+
+
+def approach(gap, slope, *, var_gap, cov, var_slope, freedom):
+    """Return the way of one line to a threshold: one axis unit to u = 1, gap still to go."""
+    one = np.ones(1)
+    line = LawFit(
+        start=-1.0,
+        length=1.0,
+        law=np.zeros(1, np.int64),
+        number=0.0 * one,
+        weight=one,
+        level=one,
+        change=slope * one,
+        level_weights=np.ones((1, 1)),
+        change_weights=np.ones((1, 1)),
+        values=one,
+        sigma=one,
+        autocorrelation=0.0,
+        freedom=freedom,
+        line=1.0,
+    )
+    spread = var_gap * one, -cov * one, var_slope * one
+    return Approach(line, 0.0, -gap * one, slope * one, *spread)
+
+
+def remaining_life(gap, slope, **doubt) -> Remaining:
+    return approach(gap, slope, **doubt).remaining()
 
 
 def life_of(y, threshold):
@@ -30,16 +64,16 @@ def test_limits_are_those_of_fieller():
     a, b, k = s * s - t * t * vs, s * g - t * t * c, g * g - t * t * vg
     root = np.sqrt(b * b - a * k)
     life = remaining_life(g, s, var_gap=vg, cov=c, var_slope=vs, freedom=nu)
-    assert life.low == pytest.approx((b - root) / a)
-    assert life.high == pytest.approx((b + root) / a)
-    assert life.median == pytest.approx(g / s)
+    assert life.low == pytest.approx((b - root) / a, rel=1e-5)
+    assert life.high == pytest.approx((b + root) / a, rel=1e-5)
+    assert life.median == pytest.approx(g / s, rel=1e-5)
     assert not life.unbounded
 
 
 def test_uncertain_slope_is_unbounded_but_has_an_early_limit():
     life = remaining_life(6.0, 0.02, var_gap=0.4, cov=0.0, var_slope=4e-4, freedom=20.0)
     assert life.unbounded
-    assert 0.0 < life.low < life.median == 300.0
+    assert 0.0 < life.low < life.median == pytest.approx(300.0, rel=1e-5)
 
 
 def test_slope_away_from_the_threshold_is_none_in_sight():
@@ -60,7 +94,7 @@ def test_just_beyond_the_threshold_may_still_have_a_little_left():
 
 def test_exact_line_has_an_exact_life():
     life = remaining_life(5.0, 0.5, var_gap=0.0, cov=0.0, var_slope=0.0, freedom=20.0)
-    assert (life.low, life.median, life.high) == (10.0, 10.0, 10.0)
+    assert (life.low, life.median, life.high) == pytest.approx((10.0, 10.0, 10.0))
 
 
 @pytest.mark.parametrize(("n", "least", "most"), [(60, 0.93, 0.975), (105, 0.92, 0.97)])
@@ -94,6 +128,14 @@ def test_median_halves_the_histories(scatter):
         for s in range(400)
     ]
     assert 0.44 <= np.mean(early) <= 0.56  # binomial standard deviation 2.5 %
+
+
+def test_probability_before_a_stop_is_that_of_the_limits():
+    way = approach(6.0, 0.13, var_gap=0.4, cov=-0.003, var_slope=2e-4, freedom=58.0)
+    life = way.remaining(0.9)
+    shares = [way.before(r) for r in (life.low, life.median, life.high)]
+    assert shares == pytest.approx([0.05, 0.5, 0.95], abs=1e-4)
+    assert way.before(0.0) <= way.before(1.0) <= way.before(1e6) <= 1.0
 
 
 def test_rate_and_date_come_from_the_stamps():

@@ -23,7 +23,6 @@ from valve_twin.core.aging.drift import (
     share_lost,
     with_drift,
 )
-from valve_twin.core.aging.laws import LawFit
 from valve_twin.core.aging.life import axis_rate, date_after
 from valve_twin.core.aging.series import (
     History,
@@ -48,6 +47,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from valve_twin.core.aging.drift import Limit
+    from valve_twin.core.aging.laws import LawFit
     from valve_twin.core.types import BoolArray, FloatArray, IntArray, Maintenance
 
 WAVE_DOUBT = 0.1

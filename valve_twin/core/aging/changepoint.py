@@ -43,6 +43,20 @@ def penalty(samples: int) -> float:
     return 15.0 + 0.5 * float(np.log(samples))
 
 
+@njit(cache=True, inline="always")
+def _median(values: FloatArray) -> float:
+    """Return the median of a few values, which it sorts."""
+    n = len(values)
+    for i in range(1, n):
+        value, j = values[i], i - 1
+        while j >= 0 and values[j] > value:
+            values[j + 1] = values[j]
+            j -= 1
+        values[j + 1] = value
+    middle: float = 0.5 * (values[(n - 1) // 2] + values[n // 2])
+    return middle
+
+
 @njit(cache=True)
 def _repeated_median(x: FloatArray, y: FloatArray, half: int, out: FloatArray) -> None:
     n = len(x)
@@ -58,11 +72,11 @@ def _repeated_median(x: FloatArray, y: FloatArray, half: int, out: FloatArray) -
                 if k != j:
                     inner[m] = (y[first + k] - y[first + j]) / (x[first + k] - x[first + j])
                     m += 1
-            slopes[j] = np.median(inner)
-        slope = np.median(slopes)
+            slopes[j] = _median(inner)
+        slope = _median(slopes)
         for j in range(width):
             heights[j] = y[first + j] - slope * (x[first + j] - x[i])
-        out[i] = y[i] - np.median(heights)
+        out[i] = y[i] - _median(heights)
 
 
 def find_outliers(x: FloatArray, y: FloatArray, limit: float) -> BoolArray:

@@ -120,9 +120,7 @@ def coverage_of_life(
     Coverage
         Shares of the histories.
     """
-    config = AgingConfig(
-        thresholds=(Threshold(GAIN.name, LIMIT_PERCENT),), laws=(Law.LINE.value,)
-    )
+    config = AgingConfig(thresholds=(Threshold(GAIN.name, LIMIT_PERCENT),), laws=(Law.LINE.value,))
     cycle = np.arange(1.0, samples + 1.0)
     truth = true_remaining(samples, config.reference_cycles)
     rng = np.random.default_rng([seed, samples, round(1000 * autocorrelation)])

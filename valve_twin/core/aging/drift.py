@@ -335,7 +335,7 @@ def nearest_limit(
 
 
 def wanted_limits(config: AgingConfig, parameter: str) -> list[Threshold]:
-    """Return the limits of a parameter, those of `default_percent` where it has none of its own."""
+    """Return the limits of a parameter; those of `default_percent` where it has none."""
     own = [t for t in config.thresholds if t.parameter == parameter]
     if own or not config.default_percent > 0.0:
         return own

@@ -36,7 +36,7 @@ EDGE = 2.0
 """Penalty of each edge of a tooth, which may move [twice the log-likelihood], assumed."""
 
 LARGEST = 0.025
-"""Largest wave, peak to peak, as a share of the level [1], assumed; steps beyond it are changes."""
+"""Largest wave, peak to peak, as a share of the level [1], assumed; larger steps are changes."""
 
 _FEWEST_TEETH = 3  # pieces that a wave may explain
 _MOST = 500  # values that a wave is sought in

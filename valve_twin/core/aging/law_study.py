@@ -12,7 +12,7 @@ Brier's score of it is compared with that of a forecast that knows the base rate
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -175,7 +175,8 @@ def study_laws(
     rows = []
     for place, law in enumerate(Law):
         rng = np.random.default_rng([seed, place])
-        cases, trends = [], []
+        cases: list[AgingCase] = []
+        trends: list[Trend] = []
         while len(cases) < histories:
             case = draw_case(rng, law)
             if case.remaining > 0.0:

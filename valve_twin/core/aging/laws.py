@@ -5,7 +5,10 @@
 Every law is y = level + change (g(u) - g(1)) with a shape g that runs from g(0) = 0 to g(1) = 1
 over the history, u = 0 one cycle before its first value and u = 1 at its last:
 
-    line u,  exponential (e^(ku) - 1)/(e^k - 1),  power u^p,  saturating (1 - e^(-ku))/(1 - e^(-k)).
+    line          u
+    exponential   (e^(k u) - 1)/(e^k - 1)
+    power         u^p
+    saturating    (1 - e^(-k u))/(1 - e^(-k))
 
 Given the shape a law is linear in level and change, so that everything known of a line (least
 squares, covariance under AR(1) scatter, Fieller's limits) holds for each. k and p are taken from a
@@ -16,7 +19,7 @@ autocorrelation of the best shape,
     log w = log prior - s/2 (log |G' R^-1 G| + (n - 2) log S),
 
 S the whitened residual sum of squares. s < 1 tempers the evidence, since the autocorrelation is
-itself estimated (`TEMPER`, `PRIOR` of `core.aging.law_study`, tuned there on seeds of its own).
+itself estimated. `PRIOR` and `TEMPER` were set with `core.aging.law_study`, seeds 8000 and 8001.
 """
 
 from __future__ import annotations
@@ -57,7 +60,7 @@ _GRID = {
     Law.SATURATING: _RATES,
 }
 _ORDER = tuple(Law)
-_LEAST = 1e-3  # shapes of less evidence than this, against the best, are left out
+_LEAST = 3e-3  # evidence of all shapes that are left out together, of a law that is not refined
 _CONCENTRATED = 0.3  # share of a law's evidence in one shape that asks for a finer grid
 _BETWEEN, _REFINEMENTS = 9, 4  # shapes put between three neighbours, rounds of it
 
@@ -376,7 +379,8 @@ def fit_laws(
     data = _Data(u, y, used, floor)
     shapes = _refined(data.shapes(law, number, prior), data)
     line = float(shapes.weight[shapes.law == 0].sum())
-    kept = shapes.part(np.flatnonzero(shapes.weight >= _LEAST * shapes.weight.max()))
+    rising = np.argsort(shapes.weight, kind="stable")
+    kept = shapes.part(np.sort(rising[np.cumsum(shapes.weight[rising]) > _LEAST]))
     fits, one = kept.fits, np.full(n, 1.0 / n)
     change_weights = (kept.curves - fits[:, :1]) / fits[:, 1:2]
     level_weights = one + (kept.curves[:, -1:] - fits[:, :1]) * change_weights
@@ -402,9 +406,7 @@ def fit_laws(
     )
 
 
-def law_shape(
-    x: FloatArray, y: FloatArray, laws: Sequence[str] = ()
-) -> tuple[FloatArray, bool]:
+def law_shape(x: FloatArray, y: FloatArray, laws: Sequence[str] = ()) -> tuple[FloatArray, bool]:
     """Return the shape that leaves least, and whether it is another than the line.
 
     Parameters

@@ -28,8 +28,9 @@ if TYPE_CHECKING:
 MAX_STAMP_NS = (2**31 - 1) * 10**9
 """Last date that builtin_interfaces/Time can carry [ns]."""
 
-_GRID = np.concatenate([np.zeros(1), np.geomspace(1e-3, 1e4, 80)])  # in lengths of the history
-_POINTS, _ROUNDS = 17, 3  # of the search between two places of it
+_GRID = np.concatenate([np.zeros(1), np.geomspace(1e-3, 1e4, 48)])  # in lengths of the history
+_POINTS, _ROUNDS = 9, 16  # of the search between two places of it
+_FINE = 1e-4  # difference in probability between which it is straight
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,15 +114,17 @@ class Approach:
 
     def _place(self, share: float, places: FloatArray, reached: FloatArray) -> float:
         """Return the first place where the probability is `share`, infinite where it never is."""
-        for rounds in range(_ROUNDS + 1):
+        for _ in range(_ROUNDS):
             if not reached[-1] >= share:
                 return float("inf")
             j = int(np.argmax(reached >= share))
             if j == 0:
                 return float(places[0])
-            if rounds < _ROUNDS:
-                places = np.linspace(places[j - 1], places[j], _POINTS)
-                reached = self.probability(places)
+            if reached[j] - reached[j - 1] < _FINE:
+                break
+            places = np.linspace(places[j - 1], places[j], _POINTS)
+            reached = self.probability(places)
+        j = int(np.argmax(reached >= share))
         part = (share - reached[j - 1]) / (reached[j] - reached[j - 1])
         return float(places[j - 1] + part * (places[j] - places[j - 1]))
 

@@ -21,12 +21,14 @@ from valve_twin.core.types import (
     FloatArray,
     IntArray,
     Maintenance,
+    ParameterStatus,
 )
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
 _UNKNOWN = -1
+_NAN = float("nan")
 _CLEANING_ROUNDS = 2
 _FEWEST_JUDGES = 7
 _FEWEST_IN_LINE = 4
@@ -143,33 +145,32 @@ def order_history(history: Sequence[Estimate], axis: Axis) -> History:
 
 def series_of(history: History, parameter: str) -> Series:
     """Return the accepted values of one parameter; unknown breaks pass over refused cycles."""
-    rows: list[tuple[int, float, bool]] = []
-    broken = False
-    for i, estimate in enumerate(history.estimates):
-        broken = broken or bool(history.unknown[i])
-        value = _usable(estimate, parameter)
-        if value is not None:
-            rows.append((i, value, broken))
-            broken = False
-    index = np.array([r[0] for r in rows], dtype=np.int64)
-    chosen = [history.estimates[i] for i in index]
+    values = np.array([_usable(e, parameter) for e in history.estimates], dtype=np.float64)
+    index = np.flatnonzero(np.isfinite(values))
+    breaks = np.concatenate([[0], np.cumsum(history.unknown)])
+    passed = np.concatenate([[0], index[:-1] + 1]) if len(index) else index
+    chosen = [history.estimates[i] for i in index.tolist()]
+    stamps = np.array([(e.cycle, e.start_ns, e.end_ns) for e in chosen], dtype=np.int64)
+    cycle, start_ns, end_ns = stamps.reshape(-1, 3).T.copy()
     return Series(
         axis=history.axis[index],
-        values=np.array([r[1] for r in rows], dtype=np.float64),
-        cycle=np.array([e.cycle for e in chosen], dtype=np.int64),
-        start_ns=np.array([e.start_ns for e in chosen], dtype=np.int64),
-        end_ns=np.array([e.end_ns for e in chosen], dtype=np.int64),
-        unknown=np.array([r[2] for r in rows], dtype=np.bool_),
+        values=values[index],
+        cycle=cycle,
+        start_ns=start_ns,
+        end_ns=end_ns,
+        unknown=breaks[index + 1] > breaks[passed],
     )
 
 
-def _usable(estimate: Estimate, parameter: str) -> float | None:
-    if estimate.status is EstimateStatus.REFUSED:
-        return None
-    for item in estimate.parameters:
-        if item.name == parameter:
-            return item.value if item.usable and abs(item.value) < _LARGEST else None
-    return None
+def _usable(estimate: Estimate, parameter: str) -> float:
+    """Return the value of a parameter, NaN where a trend may not use it."""
+    if estimate.status is not EstimateStatus.REFUSED:
+        for item in estimate.parameters:
+            if item.name == parameter:
+                if item.status is ParameterStatus.OK and abs(item.value) < _LARGEST:
+                    return item.value
+                break
+    return _NAN
 
 
 def first_after(series: Series, event: Maintenance) -> int:
@@ -207,7 +208,7 @@ def cut(series: Series, maintenance: Sequence[Maintenance], config: AgingConfig)
     edges = [oldest, *sorted(events)]
     starts: list[int] = []
     outlier, wave = np.zeros(n, dtype=np.bool_), np.zeros(n)
-    period = float("nan")
+    period = _NAN
     for first, last in zip(edges, [*edges[1:], n], strict=True):
         part = slice(first, last)
         x, y = series.axis[part], series.values[part]

@@ -61,8 +61,9 @@ class Wave:
         return np.column_stack([np.cos(angle), np.sin(angle)])
 
 
-def _wave(periods: float, chirp: float, phase: float, toothed: bool) -> Wave:
-    """Return the wave of phase periods (u + chirp u (u - 1)) - phase; it reaches beyond 0 and 1."""
+def _wave(place: FloatArray, *, toothed: bool) -> Wave:
+    """Return the wave of phase periods (u + chirp u (u - 1)) - phase, from before 0 to after 1."""
+    periods, chirp, phase = place
     u = np.linspace(-2.0, 3.0, 2001)
     # the phase stays straight outside, where its parabola may turn back
     inside = np.clip(u, 0.0, 1.0)
@@ -135,8 +136,8 @@ def find_waves(u: FloatArray, y: FloatArray, law: FloatArray) -> list[tuple[Wave
     waves = []
     for row, toothed in zip(found, (True, False), strict=True):
         if row[0] > 0.0:
-            place = _refine(row[1:], u, y, base, toothed)
-            wave = _wave(*place, toothed)
+            place = _refine(row[1:], u, y, base, toothed=toothed)
+            wave = _wave(place, toothed=toothed)
             if toothed:
                 wave = _move_edges(wave, u, y, base)
             waves.append((wave, _fit(wave, u, y, base)[1]))
@@ -146,18 +147,18 @@ def find_waves(u: FloatArray, y: FloatArray, law: FloatArray) -> list[tuple[Wave
 def _fit(wave: Wave, u: FloatArray, y: FloatArray, base: FloatArray) -> tuple[float, FloatArray]:
     """Return the square sum that wave and law leave, and the factors of the wave's columns."""
     matrix = np.column_stack([base, wave.columns(u)])
-    factors = np.linalg.lstsq(matrix, y, rcond=None)[0]
+    factors = np.asarray(np.linalg.lstsq(matrix, y, rcond=None)[0], np.float64)
     off = y - matrix @ factors
     return float(off @ off), factors[base.shape[1] :]
 
 
 def _refine(
-    first: FloatArray, u: FloatArray, y: FloatArray, base: FloatArray, toothed: bool
+    first: FloatArray, u: FloatArray, y: FloatArray, base: FloatArray, *, toothed: bool
 ) -> FloatArray:
     """Move periods, chirp and phase to where the fit together with the law leaves least."""
     place = first.copy()
     steps = np.array([0.5 * _STEP, 0.1, 0.5 / _BINS if toothed else 0.0])
-    least = _fit(_wave(*place, toothed), u, y, base)[0]
+    least = _fit(_wave(place, toothed=toothed), u, y, base)[0]
     for _ in range(_ROUNDS):
         for k, sign in itertools.product(range(3), (1.0, -1.0)):
             while steps[k] > 0.0:
@@ -165,7 +166,7 @@ def _refine(
                 tried[k] += sign * steps[k]
                 if tried[0] < 0.5 * FEWEST or abs(tried[1]) > _STEEPEST:
                     break
-                power = _fit(_wave(*tried, toothed), u, y, base)[0]
+                power = _fit(_wave(tried, toothed=toothed), u, y, base)[0]
                 if not power < least:
                     break
                 place, least = tried, power
