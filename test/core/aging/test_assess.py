@@ -22,7 +22,9 @@ from valve_twin.core.aging import (
     VerdictKind,
     assess,
     changepoint,
+    laws,
     warm_up,
+    wave,
 )
 from valve_twin.core.aging.trend import ar1_product
 from valve_twin.core.types import (
@@ -450,9 +452,16 @@ def test_warm_up_leaves_nothing_to_compile(history, scatter):
         changepoint._refine,
         changepoint._off_lines,
         ar1_product,
+        laws.curves,
+        laws.squares,
+        laws.whitened,
+        wave._search,
     )
     compiled = [len(k.signatures) for k in kernels]
     assert all(compiled)
     estimates = history(K_in=aging(scatter, n=700))
     judge(estimates, [Maintenance(0, 300, "seal")])
+    cycle = np.arange(120.0)
+    toothed = 1.0 - 1e-3 * cycle + 5e-4 * (cycle % 20.0) + 2e-4 * scatter(0, 120)
+    assert "that repeats every" in trend_of(history(K_in=toothed)).reason
     assert [len(k.signatures) for k in kernels] == compiled

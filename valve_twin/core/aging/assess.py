@@ -39,6 +39,7 @@ from valve_twin.core.aging.trend import (
     residuals,
 )
 from valve_twin.core.aging.verdict import Trend, TrendStatus, Verdict, decide, describe_remaining
+from valve_twin.core.aging.wave import find_waves
 from valve_twin.core.diagnosis.detection import NOTHING, Diagnosis
 from valve_twin.core.diagnosis.history import diagnose
 from valve_twin.core.types import Estimate, EstimateStatus, Parameter, ParameterValue
@@ -178,6 +179,8 @@ def warm_up() -> None:
     ]
     parameters = (Parameter("gain", "1", "", trend=True),)
     assess(history, (), AgingConfig(max_candidates=20), parameters=parameters)
+    places = np.linspace(0.0, 1.0, len(cycles))
+    find_waves(places, np.sin(20.0 * places), places)
 
 
 def _assess_parameter(

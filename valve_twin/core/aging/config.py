@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import datetime, timezone
 from enum import Enum
 
 import numpy as np
@@ -51,15 +50,16 @@ def parse_stop(text: str) -> tuple[float, int]:
     if np.isfinite(ahead) and ahead > 0.0:
         return ahead, 0
     try:
-        date = datetime.fromisoformat(text.strip())
+        date: np.datetime64 = np.datetime64(text.strip().removesuffix("Z"), "s")
     except ValueError:
+        date = np.datetime64("NaT")
+    if np.isnat(date):
         msg = (
             f'next_stop is "{text}": write how many cycles (or hours) ahead, such as 200, or a '
             "date, such as 2026-12-24 or 2026-12-24T06:00"
         )
-        raise ValueError(msg) from None
-    date = date if date.tzinfo else date.replace(tzinfo=timezone.utc)
-    return float("nan"), round(date.timestamp()) * 10**9
+        raise ValueError(msg)
+    return float("nan"), int(date.astype(np.int64)) * 10**9
 
 
 def parse_bin(text: str) -> tuple[str, float]:

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.aging.config import AgingConfig, Threshold
-from valve_twin.core.aging.laws import LawFit, condense, fit_laws
+from valve_twin.core.aging.law_fit import fit_laws
+from valve_twin.core.aging.laws import LawFit, condense
 from valve_twin.core.aging.life import NEVER, Approach, Remaining
 from valve_twin.core.aging.series import Pieces, Series, first_after
 from valve_twin.core.aging.trend import Line, ar1_product, quantile, ratio_interval
@@ -104,7 +105,17 @@ class Reference:
     weights: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def covariance(self, weights: FloatArray, variance: float, rho: float) -> float:
-        """Return the covariance with what has (M,) weights on the same values [unit^2]."""
+        """Return the covariance with something else that is linear in the same values [unit^2].
+
+        Parameters
+        ----------
+        weights : (M,) array
+            Its weights on the values [1].
+        variance : float
+            Of a single value [unit^2].
+        rho : float
+            Lag-1 autocorrelation of the values [1].
+        """
         if len(weights) != len(self.weights):
             return 0.0
         return variance * ar1_product(self.weights, weights, max(rho, 0.0))

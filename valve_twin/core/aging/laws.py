@@ -24,14 +24,14 @@ itself estimated. `PRIOR` and `TEMPER` were set with `core.aging.law_study`, see
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
 
 from valve_twin.core.aging.config import Law
-from valve_twin.core.aging.trend import RESOLUTION, Line, ar1_product, pooled_autocorrelation
+from valve_twin.core.aging.trend import Line, ar1_product
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -60,9 +60,8 @@ _GRID = {
     Law.SATURATING: _RATES,
 }
 _ORDER = tuple(Law)
-_LEAST = 3e-3  # evidence of all shapes that are left out together, of a law that is not refined
-_CONCENTRATED = 0.3  # share of a law's evidence in one shape that asks for a finer grid
-_BETWEEN, _REFINEMENTS = 9, 4  # shapes put between three neighbours, rounds of it
+LEAST = 3e-3
+"""Evidence of all shapes that are left out together, of a law that is not refined [1]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +125,7 @@ class LawFit:
     def beyond(self, places: FloatArray) -> FloatArray:
         """Return g(u) - 1 of every shape at (M,) axis positions, (K, M)."""
         u = np.maximum((places - self.start) / self.length, 0.0)
-        return np.asarray(_curves(self.law, self.number, u) - 1.0)
+        return np.asarray(curves(self.law, self.number, u) - 1.0)
 
     def covariances(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return var(level), cov(level, change) and var(change) of every shape, (K,) each."""
@@ -193,8 +192,18 @@ class LawFit:
 
 
 @njit(cache=True)
-def _curves(law: IntArray, number: FloatArray, u: FloatArray) -> FloatArray:
-    """Return g of every shape at u, (K, N); the laws are numbered as in `Law`."""
+def curves(law: IntArray, number: FloatArray, u: FloatArray) -> FloatArray:
+    """Return g of every shape at u, (K, N).
+
+    Parameters
+    ----------
+    law : (K,) int64 array
+        Places of the laws in `Law`.
+    number : (K,) array
+        Rate or exponent of each shape [1].
+    u : (N,) array
+        Places along the history [1].
+    """
     out = np.empty((len(law), len(u)))
     for i in range(len(law)):
         k = number[i]
@@ -211,10 +220,17 @@ def _curves(law: IntArray, number: FloatArray, u: FloatArray) -> FloatArray:
 
 
 @njit(cache=True)
-def _squares(g: FloatArray, y: FloatArray, rest: FloatArray) -> FloatArray:
+def squares(g: FloatArray, y: FloatArray, rest: FloatArray) -> FloatArray:
     """Fit y by every row of g; return mean and square sum of g, change, residual square sum.
 
-    `rest` (N,) takes the residuals of the best row.
+    Parameters
+    ----------
+    g : (K, N) array
+        Shapes [1].
+    y : (N,) array
+        Values [unit].
+    rest : (N,) array
+        Takes the residuals of the best row [unit].
     """
     count, n = g.shape
     out = np.empty((count, 4))
@@ -239,8 +255,20 @@ def _squares(g: FloatArray, y: FloatArray, rest: FloatArray) -> FloatArray:
 
 
 @njit(cache=True)
-def _whitened(g: FloatArray, y: FloatArray, fits: FloatArray, rho: float) -> FloatArray:
-    """Return the whitened square sums of residual and shape of every row, (K, 2)."""
+def whitened(g: FloatArray, y: FloatArray, fits: FloatArray, rho: float) -> FloatArray:
+    """Return the whitened square sums of residual and shape of every row, (K, 2).
+
+    Parameters
+    ----------
+    g : (K, N) array
+        Shapes [1].
+    y : (N,) array
+        Values [unit].
+    fits : (K, 4) array
+        What `squares` returned.
+    rho : float
+        Lag-1 autocorrelation of the scatter [1].
+    """
     count, n = g.shape
     out = np.empty((count, 2))
     middle, first = y.mean(), 1.0 - rho * rho
@@ -270,167 +298,6 @@ def grid(laws: Sequence[str]) -> tuple[IntArray, FloatArray, FloatArray]:
     ]
     law, number, prior = zip(*rows, strict=True)
     return np.array(law, np.int64), np.array(number), np.array(prior)
-
-
-@dataclass(frozen=True, slots=True)
-class _Shapes:
-    """Shapes with their curves (K, N), their fits as `_squares` returns them, and evidence."""
-
-    law: IntArray
-    number: FloatArray
-    prior: FloatArray
-    curves: FloatArray
-    fits: FloatArray
-    score: FloatArray
-
-    def part(self, kept: IntArray) -> _Shapes:
-        """Return some of the shapes."""
-        return _Shapes(*(getattr(self, f.name)[kept] for f in fields(self)))
-
-    def joined(self, other: _Shapes) -> _Shapes:
-        """Return the shapes of both."""
-        names = [f.name for f in fields(self)]
-        return _Shapes(*(np.concatenate([getattr(self, n), getattr(other, n)]) for n in names))
-
-    @property
-    def weight(self) -> FloatArray:
-        """Return the evidence, which sums to 1, (K,) [1]."""
-        weight = np.exp(self.score - self.score.max())
-        return np.asarray(weight / weight.sum())
-
-
-@dataclass(frozen=True, slots=True)
-class _Data:
-    """Values (N,) over u (N,), with the autocorrelation and the rounding of their scatter."""
-
-    u: FloatArray
-    y: FloatArray
-    rho: float
-    floor: float
-
-    def shapes(self, law: IntArray, number: FloatArray, prior: FloatArray) -> _Shapes:
-        """Return shapes with their evidence."""
-        curves = _curves(law, number, self.u)
-        fits = _squares(curves, self.y, np.empty(len(self.y)))
-        white = _whitened(curves, self.y, fits, self.rho)
-        score = np.log(prior) - 0.5 * TEMPER * (
-            np.log(white[:, 1]) + (len(self.y) - 2) * np.log(white[:, 0] + self.floor)
-        )
-        return _Shapes(law, number, prior, curves, fits, score)
-
-
-def _refined(shapes: _Shapes, data: _Data) -> _Shapes:
-    """Put more shapes between those of a law of which one alone has the evidence."""
-    for law in range(1, len(_ORDER)):
-        for _ in range(_REFINEMENTS):
-            own = np.flatnonzero(shapes.law == law)
-            weight = shapes.weight
-            if len(own) < 3 or weight[own].sum() < _LEAST:
-                break
-            own = own[np.argsort(shapes.number[own])]
-            best = int(np.argmax(weight[own]))
-            if weight[own[best]] < _CONCENTRATED * weight[own].sum():
-                break
-            near = own[max(best - 1, 0) : best + 2]
-            ends = np.log(shapes.number[near[[0, -1]]])
-            number = np.exp(np.linspace(ends[0], ends[1], _BETWEEN))
-            prior = np.full(_BETWEEN, shapes.prior[near].sum() / _BETWEEN)
-            fresh = data.shapes(np.full(_BETWEEN, law), number, prior)
-            others = np.setdiff1d(np.arange(len(shapes.law)), near)
-            shapes = shapes.part(others).joined(fresh)
-    return shapes
-
-
-def fit_laws(
-    x: FloatArray,
-    y: FloatArray,
-    laws: Sequence[str] = (),
-    *,
-    autocorrelation: float | None = None,
-) -> LawFit:
-    """Fit all shapes to one undisturbed stretch and keep those that the data allow.
-
-    Parameters
-    ----------
-    x, y : (N,) arrays
-        Axis positions [axis unit], strictly increasing, and values [unit]; N >= 4. More than
-        `MOST` should be condensed before.
-    laws : sequence of str
-        Values of `Law` that are allowed; empty = all.
-    autocorrelation : float, optional
-        Lag-1 autocorrelation of the scatter [1]; of the best shape's residuals where not given.
-
-    Returns
-    -------
-    LawFit
-        Evidence and fit of every shape that counts.
-    """
-    n = len(x)
-    law, number, prior = grid(laws)
-    step = (x[-1] - x[0]) / (n - 1)
-    start, length = float(x[0] - step), float(x[-1] - x[0] + step)
-    u = (x - start) / length
-    if autocorrelation is None:
-        rest = np.empty(n)
-        _squares(_curves(law, number, u), y, rest)
-        autocorrelation = pooled_autocorrelation([rest])
-    used = max(autocorrelation, 0.0)
-    floor = n * (RESOLUTION * float(np.abs(y).max())) ** 2 + np.finfo(float).tiny
-    data = _Data(u, y, used, floor)
-    shapes = _refined(data.shapes(law, number, prior), data)
-    line = float(shapes.weight[shapes.law == 0].sum())
-    rising = np.argsort(shapes.weight, kind="stable")
-    kept = shapes.part(np.sort(rising[np.cumsum(shapes.weight[rising]) > _LEAST]))
-    fits, one = kept.fits, np.full(n, 1.0 / n)
-    change_weights = (kept.curves - fits[:, :1]) / fits[:, 1:2]
-    level_weights = one + (kept.curves[:, -1:] - fits[:, :1]) * change_weights
-    lost = n * ar1_product(one, one, used) + fits[:, 1] * np.array(
-        [ar1_product(w, w, used) for w in change_weights]
-    )
-    variance = (fits[:, 3] + floor) / np.maximum(n - lost, 0.5)
-    return LawFit(
-        start=start,
-        length=length,
-        law=kept.law,
-        number=kept.number,
-        weight=kept.weight,
-        level=level_weights @ y,
-        change=fits[:, 2],
-        level_weights=level_weights,
-        change_weights=change_weights,
-        values=y,
-        sigma=np.sqrt(variance),
-        autocorrelation=autocorrelation,
-        freedom=max(n * (1.0 - used) / (1.0 + used) - 2.0, 1.0),
-        line=line,
-    )
-
-
-def law_shape(x: FloatArray, y: FloatArray, laws: Sequence[str] = ()) -> tuple[FloatArray, bool]:
-    """Return the shape that leaves least, and whether it is another than the line.
-
-    Parameters
-    ----------
-    x, y : (N,) arrays
-        Axis positions [axis unit], strictly increasing, and values [unit].
-    laws : sequence of str
-        Values of `Law` that are allowed; empty = all.
-
-    Returns
-    -------
-    (N,) array
-        The shape at x [1].
-    bool
-        Whether it bends.
-    """
-    law, number, _ = grid(laws)
-    place, values = condense(x, y)
-    step = (x[-1] - x[0]) / (len(x) - 1)
-    start, length = x[0] - step, x[-1] - x[0] + step
-    fits = _squares(_curves(law, number, (place - start) / length), values, np.empty(len(place)))
-    best = int(np.argmin(fits[:, 3]))
-    one = slice(best, best + 1)
-    return _curves(law[one], number[one], (x - start) / length)[0], bool(law[best] != 0)
 
 
 def condense(x: FloatArray, y: FloatArray, most: int = MOST) -> tuple[FloatArray, FloatArray]:

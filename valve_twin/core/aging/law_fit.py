@@ -1,0 +1,192 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Fit every shape of the laws of aging (`core.aging.laws`) and weigh it by its evidence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.aging.laws import (
+    LEAST,
+    TEMPER,
+    LawFit,
+    condense,
+    curves,
+    grid,
+    squares,
+    whitened,
+)
+from valve_twin.core.aging.trend import RESOLUTION, ar1_product, pooled_autocorrelation
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from valve_twin.core.types import FloatArray, IntArray
+
+_CONCENTRATED = 0.3  # share of a law's evidence in one shape that asks for a finer grid
+_BETWEEN, _REFINEMENTS = 9, 4  # shapes put between three neighbours, rounds of it
+_LAWS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class _Shapes:
+    """Shapes with their curves (K, N), their fits as `_squares` returns them, and evidence."""
+
+    law: IntArray
+    number: FloatArray
+    prior: FloatArray
+    curves: FloatArray
+    fits: FloatArray
+    score: FloatArray
+
+    def part(self, kept: IntArray) -> _Shapes:
+        """Return some of the shapes."""
+        return _Shapes(*(getattr(self, f.name)[kept] for f in fields(self)))
+
+    def joined(self, other: _Shapes) -> _Shapes:
+        """Return the shapes of both."""
+        names = [f.name for f in fields(self)]
+        return _Shapes(*(np.concatenate([getattr(self, n), getattr(other, n)]) for n in names))
+
+    @property
+    def weight(self) -> FloatArray:
+        """Return the evidence, which sums to 1, (K,) [1]."""
+        weight = np.exp(self.score - self.score.max())
+        return np.asarray(weight / weight.sum())
+
+
+@dataclass(frozen=True, slots=True)
+class _Data:
+    """Values (N,) over u (N,), with the autocorrelation and the rounding of their scatter."""
+
+    u: FloatArray
+    y: FloatArray
+    rho: float
+    floor: float
+
+    def shapes(self, law: IntArray, number: FloatArray, prior: FloatArray) -> _Shapes:
+        """Return shapes with their evidence."""
+        g = curves(law, number, self.u)
+        fits = squares(g, self.y, np.empty(len(self.y)))
+        white = whitened(g, self.y, fits, self.rho)
+        score = np.log(prior) - 0.5 * TEMPER * (
+            np.log(white[:, 1]) + (len(self.y) - 2) * np.log(white[:, 0] + self.floor)
+        )
+        return _Shapes(law, number, prior, g, fits, score)
+
+
+def _refined(shapes: _Shapes, data: _Data) -> _Shapes:
+    """Put more shapes between those of a law of which one alone has the evidence."""
+    for law in range(1, _LAWS):
+        for _ in range(_REFINEMENTS):
+            own = np.flatnonzero(shapes.law == law)
+            weight = shapes.weight
+            if len(own) < 3 or weight[own].sum() < LEAST:
+                break
+            own = own[np.argsort(shapes.number[own])]
+            best = int(np.argmax(weight[own]))
+            if weight[own[best]] < _CONCENTRATED * weight[own].sum():
+                break
+            near = own[max(best - 1, 0) : best + 2]
+            ends = np.log(shapes.number[near[[0, -1]]])
+            number = np.exp(np.linspace(ends[0], ends[1], _BETWEEN))
+            prior = np.full(_BETWEEN, shapes.prior[near].sum() / _BETWEEN)
+            fresh = data.shapes(np.full(_BETWEEN, law), number, prior)
+            others = np.setdiff1d(np.arange(len(shapes.law)), near)
+            shapes = shapes.part(others).joined(fresh)
+    return shapes
+
+
+def fit_laws(
+    x: FloatArray,
+    y: FloatArray,
+    laws: Sequence[str] = (),
+    *,
+    autocorrelation: float | None = None,
+) -> LawFit:
+    """Fit all shapes to one undisturbed stretch and keep those that the data allow.
+
+    Parameters
+    ----------
+    x, y : (N,) arrays
+        Axis positions [axis unit], strictly increasing, and values [unit]; N >= 4. More than
+        `MOST` should be condensed before.
+    laws : sequence of str
+        Values of `Law` that are allowed; empty = all.
+    autocorrelation : float, optional
+        Lag-1 autocorrelation of the scatter [1]; of the best shape's residuals where not given.
+
+    Returns
+    -------
+    LawFit
+        Evidence and fit of every shape that counts.
+    """
+    n = len(x)
+    law, number, prior = grid(laws)
+    step = (x[-1] - x[0]) / (n - 1)
+    start, length = float(x[0] - step), float(x[-1] - x[0] + step)
+    u = (x - start) / length
+    if autocorrelation is None:
+        rest = np.empty(n)
+        squares(curves(law, number, u), y, rest)
+        autocorrelation = pooled_autocorrelation([rest])
+    used = max(autocorrelation, 0.0)
+    floor = n * (RESOLUTION * float(np.abs(y).max())) ** 2 + np.finfo(float).tiny
+    data = _Data(u, y, used, floor)
+    shapes = _refined(data.shapes(law, number, prior), data)
+    line = float(shapes.weight[shapes.law == 0].sum())
+    rising = np.argsort(shapes.weight, kind="stable")
+    kept = shapes.part(np.sort(rising[np.cumsum(shapes.weight[rising]) > LEAST]))
+    fits, one = kept.fits, np.full(n, 1.0 / n)
+    change_weights = (kept.curves - fits[:, :1]) / fits[:, 1:2]
+    level_weights = one + (kept.curves[:, -1:] - fits[:, :1]) * change_weights
+    lost = n * ar1_product(one, one, used) + fits[:, 1] * np.array(
+        [ar1_product(w, w, used) for w in change_weights]
+    )
+    variance = (fits[:, 3] + floor) / np.maximum(n - lost, 0.5)
+    return LawFit(
+        start=start,
+        length=length,
+        law=kept.law,
+        number=kept.number,
+        weight=kept.weight,
+        level=level_weights @ y,
+        change=fits[:, 2],
+        level_weights=level_weights,
+        change_weights=change_weights,
+        values=y,
+        sigma=np.sqrt(variance),
+        autocorrelation=autocorrelation,
+        freedom=max(n * (1.0 - used) / (1.0 + used) - 2.0, 1.0),
+        line=line,
+    )
+
+
+def law_shape(x: FloatArray, y: FloatArray, laws: Sequence[str] = ()) -> tuple[FloatArray, bool]:
+    """Return the shape that leaves least, and whether it is another than the line.
+
+    Parameters
+    ----------
+    x, y : (N,) arrays
+        Axis positions [axis unit], strictly increasing, and values [unit].
+    laws : sequence of str
+        Values of `Law` that are allowed; empty = all.
+
+    Returns
+    -------
+    (N,) array
+        The shape at x [1].
+    bool
+        Whether it bends.
+    """
+    law, number, _ = grid(laws)
+    place, values = condense(x, y)
+    step = (x[-1] - x[0]) / (len(x) - 1)
+    start, length = x[0] - step, x[-1] - x[0] + step
+    fits = squares(curves(law, number, (place - start) / length), values, np.empty(len(place)))
+    best = int(np.argmin(fits[:, 3]))
+    one = slice(best, best + 1)
+    return curves(law[one], number[one], (x - start) / length)[0], bool(law[best] != 0)
