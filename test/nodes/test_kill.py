@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 import rclpy
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from valve_twin_msgs.msg import CycleSummary, Estimate, Float64Stamped
+from valve_twin_msgs.msg import CycleSummary, Estimate, Float64Stamped, Prediction
 
 from test.io.history.test_store import bits
 from test.nodes.conftest import NS
@@ -197,6 +197,57 @@ def test_so_it_does_after_many_kills(graph, tmp_path, seed):
     results[f"seed {seed}"] = {**found, "seconds": round(time.monotonic() - begin)}
     RESULT.parent.mkdir(exist_ok=True)
     RESULT.write_text(json.dumps(results, indent=2) + os.linesep)
+
+
+@pytest.mark.parametrize("death", ["kill", "end"])
+def test_a_twin_goes_on_inside_a_cycle_with_the_bits_of_an_undisturbed_one(graph, tmp_path, death):
+    """Killed, with the last samples given again; or ended, with data that waits meanwhile."""
+    data = Data(cycles=5)
+    n = data.cycle_samples
+    until = 2 * n + n // 2
+    again = n // 2 - 10 if death == "kill" else 0
+    database = tmp_path / "killed.sqlite"
+    summaries = graph.record(f"{NS}/twin/cycle", CycleSummary)
+    said = {ns: graph.record(f"{ns}/twin/prediction", Prediction) for ns in (NS, "/press/ref")}
+
+    def predicted(ns: str, sample: int) -> None:
+        stamp = data.stamps[sample]
+        graph.spin_until(
+            lambda: bool(said[ns]) and from_time(said[ns][-1].header.stamp) >= stamp,
+            60.0,
+            f"the prediction of sample {sample} of {ns}",
+        )
+
+    life = Life(graph, NS, database)
+    data.publish(life.publishers, 0, until)
+    predicted(NS, until - 5)
+    wait_for_cycle(life, 2)
+    if death == "kill":
+        graph.spin_until((tmp_path / "killed.sqlite-twin.press.v1").exists, 30.0, "a snapshot")
+        graph.spin(2.5)  # another one holds what was sent
+    else:
+        assert life.twin.end() == 0
+    life.kill()
+    life = Life(graph, NS, database)
+    data.publish(life.publishers, until - again, len(data))
+    predicted(NS, len(data) - 5)
+    wait_for_cycle(life, 5)
+    assert "goes on where it ended, inside cycle 3" in life.twin.log
+    assert life.twin.end() == 0
+
+    reference = Life(graph, "/press/ref", tmp_path / "undisturbed.sqlite")
+    data.publish(reference.publishers, 0, len(data))
+    predicted("/press/ref", len(data) - 5)
+    wait_for_cycle(reference, 5)
+    assert reference.twin.end() == 0
+
+    check_numbers(summaries)
+    assert [m.cycle for m in summaries] == [1, 2, 3, 4, 5]
+    theirs = kept(tmp_path / "undisturbed.sqlite", "/press/ref")
+    assert kept(database, NS) == theirs
+    ours, whole = ({from_time(m.header.stamp): repr(m) for m in said[ns]} for ns in said)
+    assert len(whole) >= len(data) - 5
+    assert {stamp: ours.get(stamp) for stamp in whole} == whole
 
 
 def test_where_the_plant_goes_on_only_whole_cycles_are_stored_under_new_numbers(graph, tmp_path):

@@ -180,6 +180,13 @@ class Segmenter:
         self._first_ns = 0 if self._first_ns is None else self._first_ns
         self._inside = self._goes_on = False
 
+    def begin_anew(self, last_cycle: int, resume: Resume | None) -> None:
+        """Drop the running cycle and begin as after a restart; see the class."""
+        self._forget()
+        self._last_number, self._missed_before = last_cycle, -1 if last_cycle else 0
+        self._resume, self._first_ns = resume, None
+        self._inside = self._goes_on = False
+
     def number_from(self, last_cycle: int) -> None:
         """Give the cycles to come numbers above `last_cycle`."""
         self._last_number = max(self._last_number, last_cycle)

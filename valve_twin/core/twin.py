@@ -213,6 +213,25 @@ class Twin:
         self._last_ns = state.last_ns
         self._jumps, self._guessed = state.aligner.jumps, state.aligner.guessed
 
+    def leave_out(self, last_cycle: int, resume: Resume | None) -> list[Event]:
+        """Drop the running cycle: samples are missing since the snapshot that was restored.
+
+        What was learnt stays, and so do the closed cycles that wait for their estimation.
+
+        Parameters
+        ----------
+        last_cycle : int
+            Number of the last closed cycle [1].
+        resume : Resume or None
+            What else is known of it, as after a restart without a snapshot.
+        """
+        if self._segmenter.running:
+            self._jobs.append((self._ordinal, None))
+        self._aligner.reset()
+        self._segmenter.begin_anew(last_cycle, resume)
+        self._last_ns = None
+        return self._drain()
+
     def counts(self) -> dict[str, SignalCounts]:
         """Return what happened to the samples of every signal."""
         return self._aligner.counts()

@@ -122,6 +122,13 @@ class History:
         self._claims.clear()
         self._database.close()
 
+    def snapshot_path(self, valve: str) -> Path | None:
+        """Return where the state of a valve's twin is kept; None beside no SQLite file."""
+        file = self._database.file
+        return (
+            None if file is None else file.with_name(f"{file.name}-twin{valve.replace('/', '.')}")
+        )
+
     def claim(self, valve: str) -> Claim:
         """Claim the right to write a valve's cycles, until the history is closed.
 

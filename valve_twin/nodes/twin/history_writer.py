@@ -17,7 +17,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from valve_twin import __version__
-from valve_twin.core.state import Resume
 from valve_twin.io.history.store import CycleTakenError, History, cycle_record
 from valve_twin.nodes.runtime.node import STEADY, ValveNode
 from valve_twin.nodes.runtime.worker import WorkerThread
@@ -25,7 +24,6 @@ from valve_twin.nodes.twin.inputs import seconds_now
 
 if TYPE_CHECKING:
     from valve_twin.core.types import Cycle, Estimate
-    from valve_twin.io.history.claim import Claim
     from valve_twin.io.history.store import CycleRecord
     from valve_twin.nodes.runtime.worker import Outcome
 
@@ -161,8 +159,16 @@ class HistoryWriter:
         self._drop_excess()
         self._next()
 
-    def close(self, timeout_s: float) -> int:
-        """Store what waits within the time given, close the history; return how many are lost."""
+    def close(self, timeout_s: float, when_stored: Callable[[], None] = lambda: None) -> int:
+        """Store what waits within the time given, close the history; return how many are lost.
+
+        Parameters
+        ----------
+        timeout_s : float
+            The time [s].
+        when_stored : callable
+            Called, on the writer's thread, if nothing was lost.
+        """
         self._closed = True
         for timer in (self._timer, self._watch):
             if timer is not None:
@@ -177,6 +183,7 @@ class HistoryWriter:
                     return
                 _store(self.history, queued)
                 self._waiting.popleft()
+            when_stored()
 
         self.read_thread.close(0.0)
         self.write_thread.submit(store_rest, lambda _: None)
@@ -284,31 +291,6 @@ class HistoryWriter:
         if not queued.was_published:
             queued.was_published = True
             queued.valve.publish(queued, False)
-
-
-def find_resume_point(history: History, claim: Claim, valve: str) -> tuple[int, Resume | None]:
-    """Return the number of the last stored cycle and what else is known of it.
-
-    Parameters
-    ----------
-    history : History
-        Open for writing.
-    claim : Claim
-        On the valve's cycles; knows the last one that was announced, stored or not.
-    valve : str
-        Name of the valve.
-
-    Returns
-    -------
-    last_cycle : int
-        Number of the last stored cycle [1], 0 if there is none.
-    resume : Resume or None
-        Its begin and end [ns] and what was announced; None where nothing is known.
-    """
-    last = history.last_record(valve)
-    if last is not None:
-        return last.cycle, Resume(last.start_ns, last.end_ns, claim.announced)
-    return 0, Resume(announced=claim.announced) if claim.announced.number else None
 
 
 @dataclass(frozen=True, slots=True)

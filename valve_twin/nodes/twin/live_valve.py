@@ -14,13 +14,12 @@ import traceback
 from functools import partial
 from typing import TYPE_CHECKING
 
-from valve_twin.core.estimation.cycle.sequence import MEMORY_CYCLES, Memory, memory_from_history
 from valve_twin.core.state import Announced
 from valve_twin.core.twin import ClockJump, Estimated, Event
 from valve_twin.core.types import Cycle, Estimate, Prediction
 from valve_twin.core.valves.registry import get_model
+from valve_twin.io.history.restart import Restart
 from valve_twin.io.offline.make_twin import make_twin
-from valve_twin.nodes.twin.history_writer import find_resume_point
 from valve_twin.nodes.twin.inputs import InputConfig, seconds_now
 from valve_twin.nodes.twin.jobs import Jobs
 from valve_twin.nodes.twin.publishers import ValvePublishers
@@ -29,10 +28,11 @@ from valve_twin.nodes.twin.valve_inputs import ValveInputs
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from valve_twin.core.estimation.cycle.sequence import Memory
     from valve_twin.io.cdr.signals import Extractor, SignalBlock
     from valve_twin.io.config.valve import ValveConfig
     from valve_twin.nodes.runtime.node import ValveNode
-    from valve_twin.nodes.runtime.worker import WorkerProcess
+    from valve_twin.nodes.runtime.worker import Outcome, WorkerProcess
     from valve_twin.nodes.twin.history_writer import HistoryWriter
 
 
@@ -84,9 +84,14 @@ class LiveValve:
         self.name, self.history = config.name, history_writer.history
         self.model = get_model(config.model)
         self._claim = self.history.claim(self.name)
-        memory = memory_from_history(self.history.recent_estimates(self.name, MEMORY_CYCLES))
-        self.last_cycle, resume = find_resume_point(self.history, self._claim, self.name)
-        self.twin = make_twin(config, memory=memory, last_cycle=self.last_cycle, resume=resume)
+        self._restart = Restart(
+            self.history,
+            config,
+            self._claim,
+            make=partial(make_twin, config),
+            tell=node.get_logger().info,
+        )
+        self.twin, self.last_cycle = self._restart.twin, self._restart.last_cycle
         self.publishers = ValvePublishers(node, config, self.model)
         self.cycle_queue = history_writer.open(
             self.name, self.publishers.estimate, self.twin.number_from
@@ -103,11 +108,13 @@ class LiveValve:
         self.last_stamp_ns = self.jumps = 0
         self.worst_latency_s = 0.0
         self.stopped = ""
+        self._saving, self._saved, self._save_error = False, (0, 0), ""
 
     # -- life
 
     def listen(self, config: InputConfig) -> None:
-        """Subscribe to all signals."""
+        """Subscribe to all signals; cycles that waited for their estimation go first."""
+        self.jobs.start(self.twin)
         self.inputs.listen(config)
 
     def silence(self) -> None:
@@ -119,6 +126,25 @@ class LiveValve:
     def close(self) -> None:
         """Take the publishers down."""
         self.publishers.close()
+
+    def save(self) -> None:
+        """Save what a restart goes on from, off the data path, where it has changed."""
+        now = (self.last_stamp_ns, self.jobs.estimated)
+        if self._saving or self.stopped or self.cycle_queue.waiting or now == self._saved:
+            return
+        saving = self._restart.saving()
+        if saving is not None:
+            self._saving, self._saved = True, now
+            post = self._node.post
+            self.cycle_queue.writer.write_thread.submit(
+                saving, lambda outcome: post(partial(self._on_saved, outcome))
+            )
+
+    def save_last(self) -> None:
+        """Save it for good, when nothing comes any more and all is stored."""
+        saving = None if self.stopped else self._restart.saving()
+        if saving is not None:
+            saving()
 
     # -- data path
 
@@ -150,11 +176,13 @@ class LiveValve:
     def clock_jumped(self) -> None:
         """Drop the running cycle after the node's clock was set back."""
         self.work(force=True)  # what came before belongs to it
+        self._step(self._restart.give_up)
         self._step(self.twin.clock_jumped)
 
     def close_cycle(self) -> Cycle | None:
         """Close the running cycle on request; None where none runs."""
         self.work(force=True)
+        self._step(self._restart.give_up)
         closed = [e for e in self._step(self.twin.close_cycle) if isinstance(e, Cycle)]
         return closed[-1] if closed else None
 
@@ -177,7 +205,8 @@ class LiveValve:
             if not block.has_header:
                 self.twin.mark_irreproducible()
         parts = [(b.signal, b.stamp_ns, b.values) for b in blocks]
-        self._step(partial(self.twin.push_round, parts))
+        push = self._restart.push if self._restart.is_open else self.twin.push_round
+        self._step(partial(push, parts))
 
     def _estimated(self, estimates: tuple[Estimate, ...], memory: Memory, wall_s: float) -> None:
         self._step(partial(self.twin.deliver, estimates, memory), wall_s)
@@ -210,9 +239,18 @@ class LiveValve:
             self._claim.announce(Announced(event.number, event.start_ns))
             self.publishers.close_cycle(event)
         elif isinstance(event, Estimated):
+            self._restart.stored(event.cycle.number, event.cycle.start_ns)
             self.cycle_queue.add(event.cycle, event.estimates, wall_s)
         elif isinstance(event, ClockJump):
             self._tell_jump(event.dropped_cycle)
+
+    def _on_saved(self, outcome: Outcome) -> None:
+        self._saving = False
+        if outcome.error and not self._save_error:
+            self._node.get_logger().warning(
+                f"{self.name}: a restart would go on after the last stored cycle: {outcome.error}"
+            )
+        self._save_error = outcome.error
 
     def _tell_jump(self, number: int) -> None:
         self.jumps += 1

@@ -15,7 +15,7 @@ from valve_twin.io.history.store import History
 from valve_twin.nodes.runtime.compat import share_interpreter
 from valve_twin.nodes.runtime.diagnostics import ERROR, STALE, Diagnostics, Report
 from valve_twin.nodes.runtime.memory_trim import MemoryTrimmer
-from valve_twin.nodes.runtime.node import SPIN_S, ValveNode
+from valve_twin.nodes.runtime.node import SPIN_S, STEADY, ValveNode
 from valve_twin.nodes.runtime.worker import WorkerProcess
 from valve_twin.nodes.twin.estimation_job import warm_up, warm_up_prediction
 from valve_twin.nodes.twin.faults import TwinFaults
@@ -30,6 +30,12 @@ if TYPE_CHECKING:
 
 FLUSH_S = 1.0
 """Time that is given to the database at the end [s]."""
+
+SAVE_S = 1.0
+"""How often the state of a valve is saved for a restart [s]."""
+
+MOST_OFTEN_S = 0.05
+"""Shortest time between two such states in one node [s]."""
 
 _BACKWARD_JUMP_S = 0.1
 
@@ -51,6 +57,8 @@ class TwinNode(ValveNode):
         self._faults: dict[str, TwinFaults] = {}
         self._restarts = 0
         self._left_out: dict[str, str] = {}
+        self._turn = 0
+        self._save_timer: Any = None
         self._memory_trimmer = MemoryTrimmer(0)
 
     def configure(self) -> None:
@@ -91,6 +99,8 @@ class TwinNode(ValveNode):
             )
         self._memory_trimmer = MemoryTrimmer(len(self._valves))
         self._diagnostics = Diagnostics(self, self._reports)
+        each_s = max(SAVE_S / max(len(self._valves), 1), MOST_OFTEN_S)
+        self._save_timer = self.create_timer(each_s, self._save_next, clock=STEADY)
 
     def activate(self) -> None:
         """Listen to the signals."""
@@ -119,7 +129,12 @@ class TwinNode(ValveNode):
         """Write what waits, then let go of everything."""
         end_s = seconds_now() + FLUSH_S
         writers = self._history_writers.values()
-        unsaved = sum(writer.close(max(end_s - seconds_now(), 0.05)) for writer in writers)
+        unsaved = 0
+        for writer in writers:
+            left_s = max(end_s - seconds_now(), 0.05)
+            unsaved += writer.close(left_s, partial(self._save_last, writer))
+        if self._save_timer is not None:
+            self.destroy_timer(self._save_timer)
         if unsaved:
             self.get_logger().error(
                 f"the database did not take all cycles in time; {unsaved} unsaved ones are lost"
@@ -134,8 +149,19 @@ class TwinNode(ValveNode):
             self._diagnostics.destroy()
         self._valves, self._valve_services, self._history_writers = [], [], {}
         self._awake.clear()
-        self._worker = self._diagnostics = None
+        self._worker = self._diagnostics = self._save_timer = None
         self._faults = {}
+
+    def _save_last(self, writer: HistoryWriter) -> None:
+        for valve in self._valves:
+            if valve.cycle_queue.writer is writer:
+                valve.save_last()
+
+    def _save_next(self) -> None:
+        """Save the state of one valve, each in its turn."""
+        valve = self._valves[self._turn % len(self._valves)]
+        self._turn += 1
+        valve.save()
 
     def work(self) -> None:
         """Work on what the inputs gathered."""

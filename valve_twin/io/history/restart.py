@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""How the twin of a valve goes on after a restart: from its snapshot, else after the last cycle.
+
+The history tells what was learnt and which cycle is the last; the snapshot, where there is one,
+what was under way. A stored cycle is never stored again: a snapshot is used only where the history
+still ends with the cycle that it ended with then.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+from valve_twin import __version__
+from valve_twin.core.alignment import POSITION
+from valve_twin.core.estimation.cycle.sequence import MEMORY_CYCLES, memory_from_history
+from valve_twin.core.rejoin import Rejoin
+from valve_twin.core.state import Resume
+from valve_twin.core.twin import EFFECT_DELAY, Event, Twin
+from valve_twin.io.errors import StoreError
+from valve_twin.io.history.snapshot import Origin, load_snapshot, save_snapshot
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from valve_twin.core.rejoin import Samples
+    from valve_twin.core.state import TwinState
+    from valve_twin.core.types import Cycle, Estimate
+    from valve_twin.io.config.valve import ValveConfig
+    from valve_twin.io.history.claim import Claim
+    from valve_twin.io.history.store import History
+
+
+class Restart:
+    """The begin of one valve's twin, and the snapshots for its next begin.
+
+    Parameters
+    ----------
+    history : History
+        Open for writing.
+    config : ValveConfig
+        The valve.
+    claim : Claim
+        On the valve's cycles; knows the last one that was announced, stored or not.
+    make : callable
+        Makes the twin of the valve of its `memory`, `last_cycle` and `resume`.
+    tell : callable
+        Gets one line on how the twin goes on.
+
+    Attributes
+    ----------
+    twin : Twin
+        The twin.
+    last_cycle : int
+        Number of the last stored cycle when it began [1], 0 = none.
+    """
+
+    def __init__(
+        self,
+        history: History,
+        config: ValveConfig,
+        claim: Claim,
+        *,
+        make: Callable[..., Twin],
+        tell: Callable[[str], None],
+    ) -> None:
+        self._config, self._claim, self._tell = config, claim, tell
+        self._path = history.snapshot_path(config.name)
+        self._rejoin: Rejoin | None = None
+        self._closed: Cycle | None = None
+        last = history.last_record(config.name)
+        self.last_cycle = last.cycle if last is not None else 0
+        self._resume: Resume | None = None
+        if last is not None:
+            self._resume = Resume(last.start_ns, last.end_ns, claim.announced)
+        elif claim.announced.number:
+            self._resume = Resume(announced=claim.announced)
+        self._origin = Origin(__version__, config.name, _digest(config))
+        self.stored(self.last_cycle, last.start_ns if last is not None else 0)
+        recent = partial(history.recent_estimates, config.name)
+        self.twin = make(
+            memory=memory_from_history(recent(MEMORY_CYCLES)),
+            last_cycle=self.last_cycle,
+            resume=self._resume,
+        )
+        self._restore(partial(recent, MEMORY_CYCLES + EFFECT_DELAY + 1))
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it is not known yet that the stream goes on where the snapshot ends."""
+        return self._rejoin is not None
+
+    def push(self, parts: Sequence[Samples]) -> list[Event]:
+        """Take samples while it is open, as `Twin.push_round` after that."""
+        assert self._rejoin is not None
+        self._rejoin.add(parts)
+        return self._settle() if self._rejoin.goes_on is not None else []
+
+    def give_up(self) -> list[Event]:
+        """Leave the running cycle of the snapshot out, if it is still open whether it goes on."""
+        if self._rejoin is None:
+            return []
+        self._rejoin.give_up()
+        return self._settle()
+
+    def stored(self, number: int, start_ns: int) -> None:
+        """Note the last cycle that is in the history or on its way there.
+
+        Parameters
+        ----------
+        number : int
+            Its number [1].
+        start_ns : int
+            Its first stamp [ns].
+        """
+        self._origin = replace(self._origin, cycle=number, start_ns=start_ns)
+
+    def saving(self) -> Callable[[], None] | None:
+        """Return what saves a snapshot of now, on any thread; None where there is nothing to save.
+
+        For a time when all that was estimated is in the history.
+        """
+        if self._path is None or self.is_open:
+            return None
+        return partial(save_snapshot, self._path, self._origin, self.twin.snapshot())
+
+    def _restore(self, recent: Callable[[], Sequence[Estimate]]) -> None:
+        if self._path is None:
+            return
+        try:
+            state = load_snapshot(self._path, self._origin, recent)
+        except StoreError as err:
+            self._tell(str(err))
+            self._forget_file()
+            return
+        if state is not None:
+            self.twin.restore(_counted_anew(state))
+            self._open(state)
+
+    def _open(self, state: TwinState) -> None:
+        """Wait for the samples that tell whether the stream goes on."""
+        waiting = [cycle for _, cycle in state.jobs if cycle is not None]
+        running = state.segmenter.frames
+        since_ns = state.aligner.tracks[POSITION].last_ns or 0
+        if self.last_cycle and self._resume is not None:
+            since_ns = self._resume.start_ns
+        elif waiting:
+            since_ns = waiting[0].start_ns
+        elif running is not None:
+            since_ns = int(running.stamp_ns[0])
+        closed_ns = waiting[-1].start_ns if waiting else since_ns
+        self._closed = waiting[-1] if waiting else None
+        self._rejoin = Rejoin(
+            state,
+            self._config.period_s,
+            self._config.hold_back_s,
+            since_ns=since_ns,
+            closed_ns=closed_ns,
+        )
+
+    def _settle(self) -> list[Event]:
+        """Let the twin go on, or begin anew after the last closed cycle, with what came."""
+        assert self._rejoin is not None
+        rejoin, self._rejoin = self._rejoin, None
+        name, number = self._config.name, self.twin.cycle
+        events: list[Event] = []
+        if rejoin.goes_on:
+            if not rejoin.is_sure:
+                self.twin.mark_irreproducible()
+            self._tell(f"{name}: goes on where it ended, {_where(number)}")
+        else:
+            self._forget_file()
+            events += self.twin.leave_out(*self._last_closed())
+            left = f": cycle {number}, which was running, is left out" if number else ""
+            self._tell(f"{name}: samples are missing since it ended{left}")
+        for parts in rejoin.rounds():
+            events += self.twin.push_round(parts)
+        return events
+
+    def _last_closed(self) -> tuple[int, Resume | None]:
+        if self._closed is None:
+            return self.last_cycle, self._resume
+        cycle, announced = self._closed, self._claim.announced
+        return cycle.number, Resume(cycle.start_ns, cycle.end_ns, announced)
+
+    def _forget_file(self) -> None:
+        """Take the snapshot away: cycles that are told of from here on are not in it."""
+        if self._path is not None:
+            with suppress(OSError):  # it is replaced within a second
+                self._path.unlink(missing_ok=True)
+
+
+def _where(number: int) -> str:
+    return f"inside cycle {number}" if number else "between two cycles"
+
+
+def _counted_anew(state: TwinState) -> TwinState:
+    """Return a state whose bad samples were all told of; how many came tells how often they do."""
+    tracks = tuple(replace(t, counts=(t.counts[0], 0, 0, 0)) for t in state.aligner.tracks)
+    return replace(state, aligner=replace(state.aligner, tracks=tracks))
+
+
+def _digest(config: ValveConfig) -> str:
+    """Return what a state depends on of a configuration, in short."""
+    signals = sorted(config.signals.items())
+    parts = (config.model, config.period_s, config.hold_back_s, config.cycles, config.options)
+    return hashlib.sha256(repr((parts, signals)).encode()).hexdigest()
