@@ -25,22 +25,9 @@ from valve_twin.core.control.trajectory_set import (
     end_cost,
     error_cost,
 )
+from valve_twin.core.valves.double_solenoid import plant_kernel as at
 from valve_twin.core.valves.double_solenoid.plant_kernel import (
-    COMMAND,
-    FAILED,
-    LOG_A,
-    LOG_B,
-    LOG_VOLTS_A,
-    LOG_VOLTS_B,
-    MEAN_A,
-    PID_INTEGRAL,
-    POSITION,
-    READ,
-    SAMPLE_S,
-    SPEED,
-    VOLTS_A,
     Valve,
-    X,
     control_sample,
     predict_sample,
 )
@@ -88,9 +75,9 @@ def decide(
     work : (STATE_SIZE,) array
         Overwritten with states, see `STATE_SIZE`.
     """
-    last = s[COMMAND]
+    last = s[at.COMMAND]
     per_half = 1.0 / v.half_stroke
-    first = (wanted - s[X]) * per_half
+    first = (wanted - s[at.X]) * per_half
     best, lowest = last, math.inf
     for k in range(CANDIDATES):
         u = candidate(k, last)
@@ -99,8 +86,8 @@ def decide(
         cost = 0.0
         for _ in range(HORIZON):
             predict_sample(work, v, m, g, u, MODEL_STEPS)
-            cost += error_cost(w, first, (wanted - work[X]) * per_half)
-        cost = cost / HORIZON + end_cost(w, work[SPEED] * per_half, u - last)
+            cost += error_cost(w, first, (wanted - work[at.X]) * per_half)
+        cost = cost / HORIZON + end_cost(w, work[at.SPEED] * per_half, u - last)
         if cost < lowest:
             best, lowest = u, cost
     return float(best)
@@ -168,36 +155,36 @@ def run_valve(
     position, inputs = out
     for n in range(len(position)):
         wanted = commands[n, 0] if external else reference[n]
-        position[n] = s[POSITION] if s[FAILED] == 0.0 else math.nan
+        position[n] = s[at.POSITION] if s[at.FAILED] == 0.0 else math.nan
         inputs[n, 0] = wanted
         for j in range(2):
-            inputs[n, 1 + j] = s[LOG_VOLTS_A + j] / g.supply
-            inputs[n, 3 + j] = shown_current(sensor, s[LOG_A + j])
-        s[LOG_VOLTS_A] = s[LOG_VOLTS_B] = s[LOG_A] = s[LOG_B] = 0.0
-        if disturbance[n] != 0.0 and s[SPEED] != 0.0 and not stuck:
-            moved = s[X] + 2.0 * v.half_stroke * disturbance[n]
-            s[X] = min(max(moved, -v.stop), v.stop)
+            inputs[n, 1 + j] = s[at.LOG_VOLTS_A + j] / g.supply
+            inputs[n, 3 + j] = shown_current(sensor, s[at.LOG_A + j])
+        s[at.LOG_VOLTS_A] = s[at.LOG_VOLTS_B] = s[at.LOG_A] = s[at.LOG_B] = 0.0
+        if disturbance[n] != 0.0 and s[at.SPEED] != 0.0 and not stuck:
+            moved = s[at.X] + 2.0 * v.half_stroke * disturbance[n]
+            s[at.X] = min(max(moved, -v.stop), v.stop)
         target = (2.0 * wanted - 1.0) * v.half_stroke
         for _ in range(samples):
-            if s[FAILED] != 0.0:
+            if s[at.FAILED] != 0.0:
                 break
-            read = s[READ] if frozen else s[X]
+            read = s[at.READ] if frozen else s[at.X]
             if controller.kind == TRAJECTORY_SET:
-                held = s[X]
-                s[X] = read
+                held = s[at.X]
+                s[at.X] = read
                 command = decide(s, v, m, g, controller.weights, target, work)
-                s[X] = held
+                s[at.X] = held
             else:
-                speed = (read - s[READ]) / (v.half_stroke * SAMPLE_S)
+                speed = (read - s[at.READ]) / (v.half_stroke * at.SAMPLE_S)
                 error = (target - read) / v.half_stroke
-                command, s[PID_INTEGRAL] = pid_output(
-                    controller.pid, error, speed, s[PID_INTEGRAL], SAMPLE_S
+                command, s[at.PID_INTEGRAL] = pid_output(
+                    controller.pid, error, speed, s[at.PID_INTEGRAL], at.SAMPLE_S
                 )
-            s[READ] = read
+            s[at.READ] = read
             control_sample(s, v, m, g, command, stuck)
             for j in range(2):
-                s[LOG_VOLTS_A + j] += s[VOLTS_A + j] / samples
-                s[LOG_A + j] += s[MEAN_A + j] / samples
+                s[at.LOG_VOLTS_A + j] += s[at.VOLTS_A + j] / samples
+                s[at.LOG_A + j] += s[at.MEAN_A + j] / samples
 
 
 @njit(cache=True)

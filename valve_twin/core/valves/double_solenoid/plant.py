@@ -35,6 +35,7 @@ from valve_twin.core.simulation.plant import (
     whole_ratio,
 )
 from valve_twin.core.simulation.program import CycleProgram
+from valve_twin.core.valves.double_solenoid import plant_kernel as at
 from valve_twin.core.valves.double_solenoid.control_kernel import (
     CONTROLS,
     N_INPUTS,
@@ -42,30 +43,7 @@ from valve_twin.core.valves.double_solenoid.control_kernel import (
     run_valve,
 )
 from valve_twin.core.valves.double_solenoid.numbers import DoubleSolenoidNumbers
-from valve_twin.core.valves.double_solenoid.plant_kernel import (
-    FAILED,
-    GA_1,
-    GB_1,
-    I_A,
-    I_B,
-    LEVEL_A,
-    LEVEL_B,
-    LOG_A,
-    LOG_B,
-    MEAN_A,
-    MEAN_B,
-    POSITION,
-    PSI_A,
-    PSI_B,
-    SAMPLE_S,
-    SPEED,
-    STATE_SIZE,
-    TIME,
-    Second,
-    Valve,
-    X,
-    second_order,
-)
+from valve_twin.core.valves.double_solenoid.plant_kernel import Second, Valve, second_order
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
@@ -120,11 +98,11 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
         middle = m.current[:, (m.current.shape[1] - 1) // 2]
         nodes = np.arange(len(middle)) / m.per_flux
         flux = float(np.interp(bias, middle, nodes)) + m.mutual * bias
-        state = np.zeros(STATE_SIZE)
-        state[POSITION] = 0.5
-        state[[PSI_A, PSI_B]] = flux
-        state[[GA_1, GB_1, I_A, I_B, MEAN_A, MEAN_B, LOG_A, LOG_B]] = bias
-        state[[LEVEL_A, LEVEL_B]] = 1.0
+        state = np.zeros(at.STATE_SIZE)
+        state[at.POSITION] = 0.5
+        state[[at.PSI_A, at.PSI_B]] = flux
+        state[[at.GA_1, at.GB_1, at.I_A, at.I_B, at.MEAN_A, at.MEAN_B, at.LOG_A, at.LOG_B]] = bias
+        state[[at.LEVEL_A, at.LEVEL_B]] = 1.0
         return state
 
     def run(self, state: FloatArray, drive: Drive, period_s: float) -> Response:
@@ -157,10 +135,11 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
             The state that `run` has written.
         """
         return failure_text(
-            state[FAILED],
-            state[TIME],
-            f"x = {state[X]:g} m, speed = {state[SPEED]:g} m/s, flux linkages {state[PSI_A]:g} "
-            f"and {state[PSI_B]:g} Wb, currents {state[I_A]:g} and {state[I_B]:g} A",
+            state[at.FAILED],
+            state[at.TIME],
+            f"x = {state[at.X]:g} m, speed = {state[at.SPEED]:g} m/s, flux linkages "
+            f"{state[at.PSI_A]:g} and {state[at.PSI_B]:g} Wb, currents {state[at.I_A]:g} and "
+            f"{state[at.I_B]:g} A",
         )
 
     def valve(self) -> Valve:
@@ -203,7 +182,7 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
         """Return the numbers of the inner controllers."""
         return CurrentGains(
             proportional=float(self.current_gain),
-            integral=self.current_integral * SAMPLE_S,
+            integral=self.current_integral * at.SAMPLE_S,
             supply=float(self.supply_voltage),
             resistance=0.5 * (self.resistance_a + self.resistance_b),
         )
@@ -226,11 +205,12 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
             "force": (self.force_d1, self.force_d2),
         }.items():
             fastest = fastest_time(a1, a2)
-            if fastest < SAMPLE_S / 4.0:
+            if fastest < at.SAMPLE_S / 4.0:
                 first, second = ("a1", "a2") if name == "current" else ("d1", "d2")
                 refusal = (
                     f"{name}_{first} = {a1!r}, {name}_{second} = {a2!r}: the fastest time is "
-                    f"{fastest:.3g} s; must be {SAMPLE_S / 4.0:g} s or longer for steps of 12.5 us"
+                    f"{fastest:.3g} s; must be {at.SAMPLE_S / 4.0:g} s or longer for steps of "
+                    "12.5 us"
                 )
                 raise QuantityError(type(self).__name__, refusal)
         direct = self.current_b2 / self.current_a2
@@ -245,7 +225,7 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
 
 def _samples(period_s: float) -> int:
     """Return how many control samples of the valve a sample takes."""
-    return whole_ratio(period_s, SAMPLE_S, "period_s", "the controllers' sample")
+    return whole_ratio(period_s, at.SAMPLE_S, "period_s", "the controllers' sample")
 
 
 def check_geometry(gap: float, end_stop: float, half_stroke: float) -> str:

@@ -27,6 +27,7 @@ from valve_twin.core.simulation.plant import (
     whole_ratio,
 )
 from valve_twin.core.simulation.program import CycleProgram
+from valve_twin.core.valves.hybrid_actuator import plant_kernel as at
 from valve_twin.core.valves.hybrid_actuator.magnetics import (
     FIT,
     KERNELS,
@@ -35,19 +36,9 @@ from valve_twin.core.valves.hybrid_actuator.magnetics import (
     magnet_flux,
 )
 from valve_twin.core.valves.hybrid_actuator.plant_kernel import (
-    FAILED,
-    FLUX_CLOSER,
-    FLUX_OPENER,
-    OPEN_CLOSER,
-    OPEN_OPENER,
-    SINCE,
-    SPEED,
-    STATE_SIZE,
-    TIME,
     Armature,
     Bridge,
     Clock,
-    X,
     run_actuator,
 )
 
@@ -192,13 +183,13 @@ class HybridActuatorPlant(HybridActuatorNumbers, Plant):
 
     def initial_state(self) -> FloatArray:
         """Return the state (STATE_SIZE,): seated on the closed side, no current."""
-        state = np.zeros(STATE_SIZE)
-        state[X] = -self.half_travel
+        state = np.zeros(at.STATE_SIZE)
+        state[at.X] = -self.half_travel
         m = self.magnetics()
-        state[FLUX_OPENER] = magnet_flux(m, 2.0 * self.half_travel + self.residual_gap)
-        state[FLUX_CLOSER] = magnet_flux(m, self.residual_gap)
-        state[OPEN_OPENER] = state[OPEN_CLOSER] = 1.0
-        state[SINCE] = _LONG_AGO
+        state[at.FLUX_OPENER] = magnet_flux(m, 2.0 * self.half_travel + self.residual_gap)
+        state[at.FLUX_CLOSER] = magnet_flux(m, self.residual_gap)
+        state[at.OPEN_OPENER] = state[at.OPEN_CLOSER] = 1.0
+        state[at.SINCE] = _LONG_AGO
         return state
 
     def run(self, state: FloatArray, drive: Drive, period_s: float) -> Response:
@@ -230,11 +221,11 @@ class HybridActuatorPlant(HybridActuatorNumbers, Plant):
             The state that `run` has written.
         """
         return failure_text(
-            state[FAILED],
-            state[TIME],
-            f"x = {state[X]:g} m, speed = {state[SPEED]:g} m/s, flux linkages "
-            f"{state[FLUX_OPENER]:g} and {state[FLUX_CLOSER]:g} Wb; take a smaller step than "
-            f"{self.step:g} s",
+            state[at.FAILED],
+            state[at.TIME],
+            f"x = {state[at.X]:g} m, speed = {state[at.SPEED]:g} m/s, flux linkages "
+            f"{state[at.FLUX_OPENER]:g} and {state[at.FLUX_CLOSER]:g} Wb; take a smaller step "
+            f"than {self.step:g} s",
         )
 
     def armature(self) -> Armature:

@@ -15,16 +15,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.valves.positioner.extended import (
-    DEAD_COMMAND,
-    LAG,
-    REST_LEVEL,
-    STATIC_GAIN,
-    STICTION,
-    delay_record,
-    free_run,
-    target_of,
-)
+from valve_twin.core.valves.positioner import extended as law
+from valve_twin.core.valves.positioner.extended import delay_record, free_run, target_of
 from valve_twin.core.valves.positioner.fit import shown_speeds, starting_values, thin
 
 if TYPE_CHECKING:
@@ -172,7 +164,7 @@ def fit_extended(
         Known dead command [1]; None = to be found from the record.
     """
     base = structure.neutral(record.period_s)
-    base[DEAD_COMMAND] = dead_command or 0.0
+    base[law.DEAD_COMMAND] = dead_command or 0.0
     widened = structure.widen(limits, record.period_s)
     dead_band = bool(limits[1][4] > 0.0)
     free = structure.free(dead_command=dead_command is None, dead_band=dead_band)
@@ -234,18 +226,20 @@ def _descend(task: _Task, best: Extended, step: int) -> Extended:
 
 def _break_away(task: _Task, best: Extended) -> Extended:
     """Scan the stiction: the cost steps with it, so no derivative shows the way."""
-    if STICTION not in task.free:
+    if law.STICTION not in task.free:
         return best
-    step = float(task.limits[1][STICTION]) / _BREAKAWAYS
+    step = float(task.limits[1][law.STICTION]) / _BREAKAWAYS
     around = np.arange(_BREAKAWAYS + 1) * step
     for _ in range(_BREAKAWAY_ROUNDS):
         for value, dead_band in product(around, (best.parameters[4], 0.0)):
             start = best.parameters.copy()
-            start[STICTION], start[4] = value, dead_band
+            start[law.STICTION], start[4] = value, dead_band
             found = task.fit(start, best.lags, _EVALUATIONS_NEAR)
             best = found if found.cost < best.cost else best
         step /= 3.0
-        around = np.clip(best.parameters[STICTION] + step * np.array([-2, -1, 1, 2]), 0.0, None)
+        around = np.clip(
+            best.parameters[law.STICTION] + step * np.array([-2, -1, 1, 2]), 0.0, None
+        )
     return best
 
 
@@ -261,24 +255,24 @@ def _within(lag: int, task: _Task) -> int:
 def _starts(task: _Task) -> list[FloatArray]:
     """Return starting values (12,): those of the plain law, with and without a lag."""
     record, p = task.record, task.base.copy()
-    if STATIC_GAIN in task.free:
-        known = None if DEAD_COMMAND in task.free else float(p[DEAD_COMMAND])
-        p[DEAD_COMMAND], p[STATIC_GAIN], p[REST_LEVEL] = _curve(record, known)
+    if law.STATIC_GAIN in task.free:
+        known = None if law.DEAD_COMMAND in task.free else float(p[law.DEAD_COMMAND])
+        p[law.DEAD_COMMAND], p[law.STATIC_GAIN], p[law.REST_LEVEL] = _curve(record, known)
         command = np.array([target_of(float(u), p) for u in record.command])
         record = replace(record, command=command)
     plain = (task.limits[0][:5], task.limits[1][:5])
-    shares = _LAG_SHARES if LAG in task.free else _LAG_SHARES[:1]
+    shares = _LAG_SHARES if law.LAG in task.free else _LAG_SHARES[:1]
     chosen = starting_values(record, plain)
     chosen = chosen if 2 in task.free else chosen[1::2]
-    sticking = _STICKING if STICTION in task.free else (0.0,)
+    sticking = _STICKING if law.STICTION in task.free else (0.0,)
     starts = []
     for values, share_held in product(chosen, sticking):
         for share in shares:
             q = p.copy()
             q[task.free[task.free < 5]] = values[task.free[task.free < 5]]
-            if LAG in task.free:
-                q[LAG] = share / max(float(np.sqrt(q[0] * q[1])), 1e-6)
-            q[STICTION] = share_held * float(task.limits[1][STICTION])
+            if law.LAG in task.free:
+                q[law.LAG] = share / max(float(np.sqrt(q[0] * q[1])), 1e-6)
+            q[law.STICTION] = share_held * float(task.limits[1][law.STICTION])
             starts.append(q)
     return starts
 

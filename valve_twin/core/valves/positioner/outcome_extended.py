@@ -13,15 +13,8 @@ from valve_twin.core.estimation.solvers.least_squares import gram_condition
 from valve_twin.core.types import Estimate, EstimateStatus, ParameterStatus, ParameterValue
 from valve_twin.core.valves.kit.intervals import block_errors
 from valve_twin.core.valves.kit.outcome import Evidence, at_bound, conclude, not_excited
+from valve_twin.core.valves.positioner import extended as law
 from valve_twin.core.valves.positioner.curve import line_through, settled
-from valve_twin.core.valves.positioner.extended import (
-    BACKLASH,
-    DEAD_COMMAND,
-    LAG,
-    REST_LEVEL,
-    STATIC_GAIN,
-    STICTION,
-)
 from valve_twin.core.valves.positioner.fit_extended import correlated_sigma
 from valve_twin.core.valves.positioner.outcome import Errors, derived
 from valve_twin.core.valves.positioner.parameters import (
@@ -72,14 +65,14 @@ def accepted_extended(model: str, cycle: Cycle, found: Fitted, blocks: int) -> E
     plain = [_value(name, i, fit, blocks) for i, name in enumerate(FITTED) if i in fit.free]
     values = [*plain, *derived(plain, found.prepared, fit.lags[0])]
     if structure.second_order:
-        lag = _value(SECOND_ORDER[0], LAG, fit, blocks)
+        lag = _value(SECOND_ORDER[0], law.LAG, fit, blocks)
         values += second_order(lag, fit, found.prepared.record)
     if structure.two_delays:
         at_bound = fit.lags[1] == found.prepared.max_lag > 0
         status = ParameterStatus.AT_BOUND if at_bound else ParameterStatus.OK
         reason = "rests on the longest delay tried: raise max_delay_s" if at_bound else ""
         values.append(ParameterValue("delay_falling", fit.lags[1] * period_s, status, reason))
-    for name, i in (("stiction", STICTION), ("backlash", BACKLASH)):
+    for name, i in (("stiction", law.STICTION), ("backlash", law.BACKLASH)):
         if i in fit.free:
             values.append(_value(name, i, fit, blocks))
     if structure.static_curve:
@@ -143,16 +136,18 @@ def _curve(found: Fitted, blocks: int) -> list[ParameterValue]:
     fit = found.fit
     record = found.prepared.record
     top = float(record.command[record.used].max())
-    dead, gain, rest = (float(fit.parameters[i]) for i in (DEAD_COMMAND, STATIC_GAIN, REST_LEVEL))
+    dead, gain, rest = (
+        float(fit.parameters[i]) for i in (law.DEAD_COMMAND, law.STATIC_GAIN, law.REST_LEVEL)
+    )
     above = gain * max(top - dead, 0.0)
     values = [
-        _value(CURVE[0], DEAD_COMMAND, fit, blocks),
-        _value(CURVE[1], STATIC_GAIN, fit, blocks),
+        _value(CURVE[0], law.DEAD_COMMAND, fit, blocks),
+        _value(CURVE[1], law.STATIC_GAIN, fit, blocks),
         ParameterValue(CURVE[2], rest),
         ParameterValue(CURVE[3], top),
         ParameterValue(CURVE[4], rest + above),
     ]
-    if DEAD_COMMAND in fit.free:
+    if law.DEAD_COMMAND in fit.free:
         return values
     commands, levels = settled(found.earlier)
     line = line_through(np.append(commands, top), np.append(levels, above))

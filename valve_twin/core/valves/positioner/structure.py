@@ -9,15 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.valves.positioner.extended import (
-    BACKLASH,
-    DEAD_COMMAND,
-    LAG,
-    N_EXTENDED,
-    REST_LEVEL,
-    STATIC_GAIN,
-    STICTION,
-)
+from valve_twin.core.valves.positioner import extended as law
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -83,11 +75,15 @@ class Structure:
             Whether there may be one.
         """
         chosen = [0, 1, *([2, 3] if self.slew_limits else []), *([4] if dead_band else [])]
-        chosen += [LAG] if self.second_order else []
-        chosen += [STICTION] if self.max_stiction > 0.0 else []
-        chosen += [BACKLASH] if self.max_backlash > 0.0 else []
+        chosen += [law.LAG] if self.second_order else []
+        chosen += [law.STICTION] if self.max_stiction > 0.0 else []
+        chosen += [law.BACKLASH] if self.max_backlash > 0.0 else []
         if self.static_curve:
-            chosen += [*([DEAD_COMMAND] if dead_command else []), STATIC_GAIN, REST_LEVEL]
+            chosen += [
+                *([law.DEAD_COMMAND] if dead_command else []),
+                law.STATIC_GAIN,
+                law.REST_LEVEL,
+            ]
         return np.array(chosen, dtype=np.int64)
 
     def widen(self, limits: Limits, period_s: float) -> Limits:
@@ -107,10 +103,10 @@ class Structure:
 
     def neutral(self, period_s: float) -> FloatArray:
         """Return parameters (12,) that switch every further term off."""
-        p = np.zeros(N_EXTENDED)
+        p = np.zeros(law.N_EXTENDED)
         p[2:4] = 1.0 / period_s
-        p[STATIC_GAIN] = 1.0
-        p[N_EXTENDED - 1] = float(self.static_curve)
+        p[law.STATIC_GAIN] = 1.0
+        p[law.N_EXTENDED - 1] = float(self.static_curve)
         return p
 
 
@@ -130,13 +126,13 @@ def extend(plain: FloatArray, values: Mapping[str, float], structure: Structure)
     lag = float(round(values.get("delay", plain[6] * period_s) / period_s))
     p = structure.neutral(period_s)
     p[:5] = plain[:5]
-    p[LAG] = values.get("velocity_lag", 0.0)
-    p[STICTION], p[BACKLASH] = values.get("stiction", 0.0), values.get("backlash", 0.0)
+    p[law.LAG] = values.get("velocity_lag", 0.0)
+    p[law.STICTION], p[law.BACKLASH] = values.get("stiction", 0.0), values.get("backlash", 0.0)
     dead, top = values.get("dead_command", 0.0), values.get("top_command", 1.0)
     rest = values.get("rest_level", 0.0)
     settled = (values.get("top_level", top) - rest) / max(top - dead, 1e-9)
-    p[DEAD_COMMAND], p[REST_LEVEL] = dead, rest
-    p[STATIC_GAIN] = values.get("static_gain", settled)
+    p[law.DEAD_COMMAND], p[law.REST_LEVEL] = dead, rest
+    p[law.STATIC_GAIN] = values.get("static_gain", settled)
     falling = lag
     if structure.two_delays:
         falling = float(round(values.get("delay_falling", lag * period_s) / period_s))

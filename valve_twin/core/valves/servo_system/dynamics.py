@@ -20,73 +20,8 @@ from numba import njit
 from valve_twin.core.physics import hysteresis
 from valve_twin.core.physics.fluid import compressibility, smooth_root
 from valve_twin.core.physics.friction import stop, stribeck
+from valve_twin.core.valves.servo_system import numbers as n
 from valve_twin.core.valves.servo_system.areas import ORIFICES, areas
-from valve_twin.core.valves.servo_system.numbers import (
-    AIR,
-    AREA_1,
-    AREA_2,
-    ARM,
-    BG,
-    BS,
-    BULK,
-    BV,
-    C_1,
-    C_2,
-    C_LINE,
-    CD,
-    CDL,
-    CLEARANCE,
-    COULOMB,
-    CREEP,
-    DEAD,
-    DECAY,
-    FITTINGS,
-    I_R,
-    I_S,
-    INERTIA,
-    K1,
-    KF,
-    KIB,
-    KIF,
-    KP,
-    KQ,
-    KS,
-    KV,
-    KVEL,
-    LE,
-    LIMIT,
-    LINE,
-    LINEAR,
-    M_R,
-    M_S,
-    MASS,
-    MV,
-    OUTER,
-    PISTON_STOP,
-    PR,
-    PS,
-    R_R,
-    R_S,
-    RADIUS,
-    RE,
-    REACH,
-    RHO,
-    SATURATION,
-    SHARE,
-    STATIC,
-    STROKE,
-    TORQUE,
-    TRAVEL,
-    U_R,
-    U_S,
-    V_1,
-    V_2,
-    V_R,
-    V_S,
-    VALVE_STOP,
-    VISCOUS,
-    B,
-)
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
@@ -123,9 +58,9 @@ def motor(current: float, rate: float, p: FloatArray, memory: FloatArray) -> tup
     p, memory : (COUNT,), (PLAYS,) arrays
         Same as `evaluate` takes.
     """
-    effective, slope = hysteresis.output(current, rate, memory, p[REACH], p[SHARE])
-    turn = tanh(p[B] * effective / p[SATURATION])
-    return p[SATURATION] * turn, p[B] * slope * (1.0 - turn * turn)
+    effective, slope = hysteresis.output(current, rate, memory, p[n.REACH], p[n.SHARE])
+    turn = tanh(p[n.B] * effective / p[n.SATURATION])
+    return p[n.SATURATION] * turn, p[n.B] * slope * (1.0 - turn * turn)
 
 
 @njit(cache=True, inline="always")
@@ -143,8 +78,8 @@ def flows(y: FloatArray, p: FloatArray, w: FloatArray) -> None:
         pressure drop [m^3/s/Pa].
     """
     area, slope = w[ORIFICES : 2 * ORIFICES], w[2 * ORIFICES :]
-    areas(y[XV], p[RADIUS], p[CLEARANCE], p[U_S], p[U_R], area, slope)
-    unit = sqrt(2.0 / p[RHO])
+    areas(y[XV], p[n.RADIUS], p[n.CLEARANCE], p[n.U_S], p[n.U_R], area, slope)
+    unit = sqrt(2.0 / p[n.RHO])
     for j in range(ORIFICES):
         if j == 0:
             drop = y[PLS] - y[P1]
@@ -156,8 +91,8 @@ def flows(y: FloatArray, p: FloatArray, w: FloatArray) -> None:
             drop = y[P2] - y[PLR]
         else:
             drop = y[PLS] - y[PLR]
-        root, root_slope = smooth_root(drop, p[LINEAR])
-        gain = unit * (p[CDL] if j == ORIFICES - 1 else p[CD])
+        root, root_slope = smooth_root(drop, p[n.LINEAR])
+        gain = unit * (p[n.CDL] if j == ORIFICES - 1 else p[n.CD])
         opening = area[j]
         w[j] = gain * opening * root
         area[j], slope[j] = gain * slope[j] * root, gain * opening * root_slope
@@ -177,9 +112,9 @@ def command(y: FloatArray, p: FloatArray, u: FloatArray, force: float) -> tuple[
         Force that is fed back [N].
     """
     position = y[XP] if np.isnan(u[FED_BACK]) else u[FED_BACK]
-    outer = p[KP] * (u[WANTED] - position) - p[KVEL] * y[VP]
-    wanted = p[OUTER] * outer - p[KF] * force
-    limited = min(max(wanted, -p[LIMIT]), p[LIMIT])
+    outer = p[n.KP] * (u[WANTED] - position) - p[n.KVEL] * y[VP]
+    wanted = p[n.OUTER] * outer - p[n.KF] * force
+    limited = min(max(wanted, -p[n.LIMIT]), p[n.LIMIT])
     return limited, limited == wanted
 
 
@@ -190,41 +125,41 @@ def _valve(
 ) -> None:  # fmt: skip
     """Motor and valve pipe, eqs. (13) to (15); x_L and F_s come with the loops."""
     sine, cosine = sin(y[TH]), cos(y[TH])
-    force = p[KS] * (y[XP] - p[ARM] * sine) + p[BS] * (y[VP] - p[ARM] * y[OM] * cosine)
+    force = p[n.KS] * (y[XP] - p[n.ARM] * sine) + p[n.BS] * (y[VP] - p[n.ARM] * y[OM] * cosine)
     wanted, free = command(y, p, u, force)
-    dy[IS] = (p[KIF] * (wanted - p[KIB] * y[IS]) - p[RE] * y[IS] - p[B] * y[VV]) / p[LE]
+    dy[IS] = (p[n.KIF] * (wanted - p[n.KIB] * y[IS]) - p[n.RE] * y[IS] - p[n.B] * y[VV]) / p[n.LE]
     push, push_i = motor(y[IS], dy[IS], p, memory)
     x = y[XV]
     flow_sum = abs(w[0]) + abs(w[3]) - abs(w[1]) - abs(w[2])
-    near = sqrt(abs(x) + p[K1])
-    against, against_x = stop(x, p[TRAVEL], p[VALVE_STOP], _VALVE_ONSET)
-    pull = p[KV] * x + against + p[KQ] * flow_sum / near
+    near = sqrt(abs(x) + p[n.K1])
+    against, against_x = stop(x, p[n.TRAVEL], p[n.VALVE_STOP], _VALVE_ONSET)
+    pull = p[n.KV] * x + against + p[n.KQ] * flow_sum / near
     held = u[HELD] > 0.0
-    dy[VV] = 0.0 if held else (push - p[BV] * y[VV] - pull) / p[MV]
+    dy[VV] = 0.0 if held else (push - p[n.BV] * y[VV] - pull) / p[n.MV]
     dy[XV] = 0.0 if held else y[VV]
     if not want:
         return
-    jac[IS, IS] = -(p[KIF] * p[KIB] + p[RE]) / p[LE]
-    jac[IS, VV] = -p[B] / p[LE]
+    jac[IS, IS] = -(p[n.KIF] * p[n.KIB] + p[n.RE]) / p[n.LE]
+    jac[IS, VV] = -p[n.B] / p[n.LE]
     if free:
-        k = p[KIF] / p[LE]
-        lever, turn = p[ARM] * cosine, p[ARM] * y[OM] * sine
-        jac[IS, VP] = k * (-p[OUTER] * p[KVEL] - p[KF] * p[BS])
-        fed = p[OUTER] * p[KP] if np.isnan(u[FED_BACK]) else 0.0
-        jac[IS, XP] = k * (-fed - p[KF] * p[KS])
-        jac[IS, OM] = k * p[KF] * p[BS] * lever
-        jac[IS, TH] = k * p[KF] * (p[KS] * lever - p[BS] * turn)
+        k = p[n.KIF] / p[n.LE]
+        lever, turn = p[n.ARM] * cosine, p[n.ARM] * y[OM] * sine
+        jac[IS, VP] = k * (-p[n.OUTER] * p[n.KVEL] - p[n.KF] * p[n.BS])
+        fed = p[n.OUTER] * p[n.KP] if np.isnan(u[FED_BACK]) else 0.0
+        jac[IS, XP] = k * (-fed - p[n.KF] * p[n.KS])
+        jac[IS, OM] = k * p[n.KF] * p[n.BS] * lever
+        jac[IS, TH] = k * p[n.KF] * (p[n.KS] * lever - p[n.BS] * turn)
     if held:
         return
-    m = p[MV]
+    m = p[n.MV]
     jac[VV, IS] = push_i / m
-    jac[VV, VV] = -p[BV] / m
+    jac[VV, VV] = -p[n.BV] / m
     s1, s2 = np.sign(w[0]), np.sign(w[1])
     s3, s4 = np.sign(w[2]), np.sign(w[3])
-    g = p[KQ] / (near * m)
+    g = p[n.KQ] / (near * m)
     by_x = s1 * w[5] + s4 * w[8] - s2 * w[6] - s3 * w[7]
-    bend = 0.5 * flow_sum / (abs(x) + p[K1]) * np.sign(x)
-    jac[VV, XV] = -(p[KV] + against_x) / m - g * (by_x - bend)
+    bend = 0.5 * flow_sum / (abs(x) + p[n.K1]) * np.sign(x)
+    jac[VV, XV] = -(p[n.KV] + against_x) / m - g * (by_x - bend)
     jac[VV, PLS] = -g * (s1 * w[10] - s2 * w[11])
     jac[VV, P1] = -g * (-s1 * w[10] - s3 * w[12])
     jac[VV, P2] = -g * (s4 * w[13] + s2 * w[11])
@@ -238,27 +173,27 @@ def _lines(
 ) -> None:
     """Supply and return line, eqs. (16), (17), (24), (25), pipe and fluid both compliant."""
     q_s, q_r = y[QS], y[QR]
-    dy[QS] = (p[PS] - p[R_S] * q_s - p[M_S] * q_s * abs(q_s) - y[PLS]) / p[I_S]
-    dy[QR] = (y[PLR] - p[PR] - p[R_R] * q_r - p[M_R] * q_r * abs(q_r)) / p[I_R]
-    soft_s, soft_s_p = compressibility(y[PLS], p[BULK], p[AIR])
-    soft_r, soft_r_p = compressibility(y[PLR], p[BULK], p[AIR])
-    c_s = p[V_S] * (p[C_LINE] + soft_s)
-    c_r = p[V_R] * (p[C_LINE] + soft_r)
+    dy[QS] = (p[n.PS] - p[n.R_S] * q_s - p[n.M_S] * q_s * abs(q_s) - y[PLS]) / p[n.I_S]
+    dy[QR] = (y[PLR] - p[n.PR] - p[n.R_R] * q_r - p[n.M_R] * q_r * abs(q_r)) / p[n.I_R]
+    soft_s, soft_s_p = compressibility(y[PLS], p[n.BULK], p[n.AIR])
+    soft_r, soft_r_p = compressibility(y[PLR], p[n.BULK], p[n.AIR])
+    c_s = p[n.V_S] * (p[n.C_LINE] + soft_s)
+    c_r = p[n.V_R] * (p[n.C_LINE] + soft_r)
     dy[PLS] = (q_s - w[4] - w[0] - w[1]) / c_s
     dy[PLR] = (w[4] + w[2] + w[3] - q_r) / c_r
     if not want:
         return
-    jac[QS, QS] = -(p[R_S] + 2.0 * p[M_S] * abs(q_s)) / p[I_S]
-    jac[QS, PLS] = -1.0 / p[I_S]
-    jac[QR, QR] = -(p[R_R] + 2.0 * p[M_R] * abs(q_r)) / p[I_R]
-    jac[QR, PLR] = 1.0 / p[I_R]
+    jac[QS, QS] = -(p[n.R_S] + 2.0 * p[n.M_S] * abs(q_s)) / p[n.I_S]
+    jac[QS, PLS] = -1.0 / p[n.I_S]
+    jac[QR, QR] = -(p[n.R_R] + 2.0 * p[n.M_R] * abs(q_r)) / p[n.I_R]
+    jac[QR, PLR] = 1.0 / p[n.I_R]
     jac[PLS, QS] = 1.0 / c_s
     jac[PLS, XV] = -(w[9] + w[5] + w[6]) / c_s
-    jac[PLS, PLS] = -(w[14] + w[10] + w[11]) / c_s - dy[PLS] * p[V_S] * soft_s_p / c_s
+    jac[PLS, PLS] = -(w[14] + w[10] + w[11]) / c_s - dy[PLS] * p[n.V_S] * soft_s_p / c_s
     jac[PLS, P1], jac[PLS, P2], jac[PLS, PLR] = w[10] / c_s, w[11] / c_s, w[14] / c_s
     jac[PLR, QR] = -1.0 / c_r
     jac[PLR, XV] = (w[9] + w[7] + w[8]) / c_r
-    jac[PLR, PLR] = -(w[14] + w[12] + w[13]) / c_r - dy[PLR] * p[V_R] * soft_r_p / c_r
+    jac[PLR, PLR] = -(w[14] + w[12] + w[13]) / c_r - dy[PLR] * p[n.V_R] * soft_r_p / c_r
     jac[PLR, P1], jac[PLR, P2], jac[PLR, PLS] = w[12] / c_r, w[13] / c_r, w[14] / c_r
 
 
@@ -268,57 +203,57 @@ def _chambers(
     dy: FloatArray, jac: FloatArray, want: bool,
 ) -> None:  # fmt: skip
     """Pressures on both sides of the piston, eqs. (18) and (19)."""
-    root, root_slope = smooth_root(y[P1] - y[PLR], p[LINEAR])
+    root, root_slope = smooth_root(y[P1] - y[PLR], p[n.LINEAR])
     lost, lost_p = u[LEAK] * root, u[LEAK] * root_slope
-    base = 0.5 * p[STROKE] + p[DEAD]
-    room_1 = p[AREA_1] * (base + y[XP]) + p[V_1]
-    room_2 = p[AREA_2] * (base - y[XP]) + p[V_2]
-    soft_1, soft_1_p = compressibility(y[P1], p[BULK], p[AIR])
-    soft_2, soft_2_p = compressibility(y[P2], p[BULK], p[AIR])
-    c_1 = p[C_1] + room_1 * soft_1
-    c_2 = p[C_2] + room_2 * soft_2
-    dy[P1] = (w[0] - w[2] - lost - p[AREA_1] * y[VP]) / c_1
-    dy[P2] = (w[1] - w[3] + p[AREA_2] * y[VP]) / c_2
+    base = 0.5 * p[n.STROKE] + p[n.DEAD]
+    room_1 = p[n.AREA_1] * (base + y[XP]) + p[n.V_1]
+    room_2 = p[n.AREA_2] * (base - y[XP]) + p[n.V_2]
+    soft_1, soft_1_p = compressibility(y[P1], p[n.BULK], p[n.AIR])
+    soft_2, soft_2_p = compressibility(y[P2], p[n.BULK], p[n.AIR])
+    c_1 = p[n.C_1] + room_1 * soft_1
+    c_2 = p[n.C_2] + room_2 * soft_2
+    dy[P1] = (w[0] - w[2] - lost - p[n.AREA_1] * y[VP]) / c_1
+    dy[P2] = (w[1] - w[3] + p[n.AREA_2] * y[VP]) / c_2
     if not want:
         return
     jac[P1, XV] = (w[5] - w[7]) / c_1
     jac[P1, PLS], jac[P1, PLR] = w[10] / c_1, (w[12] + lost_p) / c_1
     jac[P1, P1] = -(w[10] + w[12] + lost_p) / c_1 - dy[P1] * room_1 * soft_1_p / c_1
-    jac[P1, VP] = -p[AREA_1] / c_1
-    jac[P1, XP] = -dy[P1] * p[AREA_1] * soft_1 / c_1
+    jac[P1, VP] = -p[n.AREA_1] / c_1
+    jac[P1, XP] = -dy[P1] * p[n.AREA_1] * soft_1 / c_1
     jac[P2, XV] = (w[6] - w[8]) / c_2
     jac[P2, PLS], jac[P2, PLR] = w[11] / c_2, w[13] / c_2
     jac[P2, P2] = -(w[11] + w[13]) / c_2 - dy[P2] * room_2 * soft_2_p / c_2
-    jac[P2, VP] = p[AREA_2] / c_2
-    jac[P2, XP] = dy[P2] * p[AREA_2] * soft_2 / c_2
+    jac[P2, VP] = p[n.AREA_2] / c_2
+    jac[P2, XP] = dy[P2] * p[n.AREA_2] * soft_2 / c_2
 
 
 @njit(cache=True, inline="always")
 def _mechanics(y: FloatArray, p: FloatArray, dy: FloatArray, jac: FloatArray, want: bool) -> None:
     """Piston and load, eqs. (20) to (23); the end covers are stiff springs."""
     v, sine, cosine = y[VP], sin(y[TH]), cos(y[TH])
-    lever = p[ARM] * cosine
-    force = p[KS] * (y[XP] - p[ARM] * sine) + p[BS] * (v - lever * y[OM])
-    rub, rub_v = stribeck(v, p[COULOMB], p[STATIC], p[VISCOUS], p[CREEP], p[DECAY])
-    against, against_x = stop(y[XP], 0.5 * p[STROKE], p[PISTON_STOP], _PISTON_ONSET)
-    line, fit = p[LINE], p[FITTINGS]
-    push = p[AREA_1] * y[P1] - p[AREA_2] * y[P2]
-    dy[VP] = (push - force - rub - against - line * v - fit * v * abs(v)) / p[MASS]
+    lever = p[n.ARM] * cosine
+    force = p[n.KS] * (y[XP] - p[n.ARM] * sine) + p[n.BS] * (v - lever * y[OM])
+    rub, rub_v = stribeck(v, p[n.COULOMB], p[n.STATIC], p[n.VISCOUS], p[n.CREEP], p[n.DECAY])
+    against, against_x = stop(y[XP], 0.5 * p[n.STROKE], p[n.PISTON_STOP], _PISTON_ONSET)
+    line, fit = p[n.LINE], p[n.FITTINGS]
+    push = p[n.AREA_1] * y[P1] - p[n.AREA_2] * y[P2]
+    dy[VP] = (push - force - rub - against - line * v - fit * v * abs(v)) / p[n.MASS]
     dy[XP] = v
-    dy[OM] = (lever * force - p[BG] * y[OM] + p[TORQUE]) / p[INERTIA]
+    dy[OM] = (lever * force - p[n.BG] * y[OM] + p[n.TORQUE]) / p[n.INERTIA]
     dy[TH] = y[OM]
     if not want:
         return
-    by_th = -p[KS] * lever + p[BS] * p[ARM] * y[OM] * sine
-    m, i = p[MASS], p[INERTIA]
-    jac[VP, P1], jac[VP, P2] = p[AREA_1] / m, -p[AREA_2] / m
-    jac[VP, VP] = -(p[BS] + rub_v + line + 2.0 * fit * abs(v)) / m
-    jac[VP, XP] = -(p[KS] + against_x) / m
-    jac[VP, OM], jac[VP, TH] = p[BS] * lever / m, -by_th / m
+    by_th = -p[n.KS] * lever + p[n.BS] * p[n.ARM] * y[OM] * sine
+    m, i = p[n.MASS], p[n.INERTIA]
+    jac[VP, P1], jac[VP, P2] = p[n.AREA_1] / m, -p[n.AREA_2] / m
+    jac[VP, VP] = -(p[n.BS] + rub_v + line + 2.0 * fit * abs(v)) / m
+    jac[VP, XP] = -(p[n.KS] + against_x) / m
+    jac[VP, OM], jac[VP, TH] = p[n.BS] * lever / m, -by_th / m
     jac[XP, VP] = 1.0
-    jac[OM, VP], jac[OM, XP] = lever * p[BS] / i, lever * p[KS] / i
-    jac[OM, OM] = (-lever * p[BS] * lever - p[BG]) / i
-    jac[OM, TH] = (lever * by_th - p[ARM] * sine * force) / i
+    jac[OM, VP], jac[OM, XP] = lever * p[n.BS] / i, lever * p[n.KS] / i
+    jac[OM, OM] = (-lever * p[n.BS] * lever - p[n.BG]) / i
+    jac[OM, TH] = (lever * by_th - p[n.ARM] * sine * force) / i
     jac[TH, OM] = 1.0
 
 

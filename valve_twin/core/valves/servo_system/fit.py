@@ -24,9 +24,10 @@ from valve_twin.core.estimation.solvers.least_squares import (
 )
 from valve_twin.core.physics.hysteresis import PLAYS
 from valve_twin.core.refusal import Refusal, RefusalCode
-from valve_twin.core.valves.servo_system.dynamics import STATES, TH, XP
+from valve_twin.core.valves.servo_system import dynamics as dyn
+from valve_twin.core.valves.servo_system import numbers as num
 from valve_twin.core.valves.servo_system.integrate import rest, simulate
-from valve_twin.core.valves.servo_system.numbers import ARM, REACH, STROKE, derive
+from valve_twin.core.valves.servo_system.numbers import derive
 from valve_twin.core.valves.servo_system.parameters import INDEX, NAMES
 from valve_twin.core.valves.servo_system.plant_kernel import Sensors, scaled
 from valve_twin.core.valves.servo_system.record import SIGNALS
@@ -139,19 +140,19 @@ def run_loop(
         Overwritten [1].
     """
     count = len(wanted)
-    y, memory = np.zeros(STATES), np.full(PLAYS, remembered * p[REACH])
-    place = (start - 0.5) * p[STROKE]
+    y, memory = np.zeros(dyn.STATES), np.full(PLAYS, remembered * p[num.REACH])
+    place = (start - 0.5) * p[num.STROKE]
     out[:, :] = np.nan
     if not rest(place, p, y, memory):
         return 0
-    y[TH] += np.arcsin(min(max(place / p[ARM], -1.0), 1.0))
-    y[TH] -= np.arcsin(min(max(y[XP] / p[ARM], -1.0), 1.0))
-    y[XP] = place
-    states = np.empty((count, STATES))
-    metres = (wanted - 0.5) * p[STROKE]
+    y[dyn.TH] += np.arcsin(min(max(place / p[num.ARM], -1.0), 1.0))
+    y[dyn.TH] -= np.arcsin(min(max(y[dyn.XP] / p[num.ARM], -1.0), 1.0))
+    y[dyn.XP] = place
+    states = np.empty((count, dyn.STATES))
+    metres = (wanted - 0.5) * p[num.STROKE]
     reached = simulate(y, memory, p, metres, period, rtol, states)
     for n in range(reached):
-        out[n, 0] = states[n, XP] / p[STROKE] + 0.5
+        out[n, 0] = states[n, dyn.XP] / p[num.STROKE] + 0.5
         scaled(states[n], p, sensors, out[n, 1:])
     return reached
 

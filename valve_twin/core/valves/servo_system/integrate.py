@@ -15,30 +15,9 @@ import numpy as np
 from numba import njit
 
 from valve_twin.core.physics import hysteresis, rodas
-from valve_twin.core.valves.servo_system.dynamics import (
-    CONTROLS,
-    FED_BACK,
-    FLOOR,
-    IS,
-    P1,
-    P2,
-    PLR,
-    PLS,
-    STATES,
-    TH,
-    WANTED,
-    WORK,
-    XP,
-    evaluate,
-)
-from valve_twin.core.valves.servo_system.numbers import (
-    AREA_1,
-    AREA_2,
-    ARM,
-    PR,
-    PS,
-    REACH,
-)
+from valve_twin.core.valves.servo_system import dynamics as dyn
+from valve_twin.core.valves.servo_system import numbers as num
+from valve_twin.core.valves.servo_system.dynamics import evaluate
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray, IntArray
@@ -91,9 +70,9 @@ def _step(
         evaluate(point, p, memory, u, work, k[i], jac, False)
         rodas.stage_load(k, i, h)
         rodas.solve(matrix, pivot, k[i])
-    for s in range(STATES):
+    for s in range(dyn.STATES):
         new[s] = point[s] + k[rodas.STAGES - 1, s]
-    return float(rodas.error_norm(y, new, k[rodas.STAGES - 1], FLOOR, rtol))
+    return float(rodas.error_norm(y, new, k[rodas.STAGES - 1], dyn.FLOOR, rtol))
 
 
 @njit(cache=True)
@@ -126,11 +105,11 @@ def span(
         Step to try next [s]; time reached [s], less than N periods where the integration failed;
         steps tried.
     """
-    k = np.empty((rodas.STAGES, STATES))
-    jac, matrix = np.empty((STATES, STATES)), np.empty((STATES, STATES))
-    pivot = np.empty(STATES, dtype=np.int64)
-    ends = np.empty((2, STATES))
-    room = Room(k, jac, matrix, pivot, ends, np.empty(WORK))
+    k = np.empty((rodas.STAGES, dyn.STATES))
+    jac, matrix = np.empty((dyn.STATES, dyn.STATES)), np.empty((dyn.STATES, dyn.STATES))
+    pivot = np.empty(dyn.STATES, dtype=np.int64)
+    ends = np.empty((2, dyn.STATES))
+    room = Room(k, jac, matrix, pivot, ends, np.empty(dyn.WORK))
     duration = len(out) * period
     t, count, fresh, sample = 0.0, 0, True, 0
     h, before, error_before = step, 0.0, 1.0
@@ -152,7 +131,7 @@ def span(
                 sample += 1
             t = end
             y[:] = ends[1]
-            hysteresis.remember(y[IS], memory, p[REACH])
+            hysteresis.remember(y[dyn.IS], memory, p[num.REACH])
             fresh = True
             before, error_before = used, error
             if refused:
@@ -169,7 +148,7 @@ def advance(
     rtol: float,
 ) -> tuple[float, float, int]:  # fmt: skip
     """Integrate over one interval of `duration` [s]; other parameters and results as `span`."""
-    return span(y, memory, p, u, duration, step, rtol, np.empty((1, STATES)))
+    return span(y, memory, p, u, duration, step, rtol, np.empty((1, dyn.STATES)))
 
 
 @njit(cache=True)
@@ -195,15 +174,15 @@ def simulate(
         failed.
     """
     count = len(wanted)
-    u = np.zeros(CONTROLS)
-    u[FED_BACK] = np.nan
+    u = np.zeros(dyn.CONTROLS)
+    u[dyn.FED_BACK] = np.nan
     out[0] = y
     h, first = FIRST_STEP, 0
     while first < count - 1:
         last = first + 1
         while last < count - 1 and wanted[last] == wanted[first]:
             last += 1
-        u[WANTED] = wanted[first]
+        u[dyn.WANTED] = wanted[first]
         h, reached, _ = span(
             y, memory, p, u, period, min(h, period), rtol, out[first + 1 : last + 1]
         )
@@ -232,13 +211,16 @@ def rest(position: float, p: FloatArray, y: FloatArray, memory: FloatArray) -> b
         What the motor remembers before, written in place [A].
     """
     y[:] = 0.0
-    ratio = p[AREA_2] / (p[AREA_1] + p[AREA_2])
-    y[XP] = position
-    y[TH] = np.arcsin(min(max(position / p[ARM], -1.0), 1.0))
-    y[PLS], y[PLR] = p[PS], p[PR]
-    y[P1], y[P2] = p[PR] + ratio * (p[PS] - p[PR]), p[PS] - ratio * (p[PS] - p[PR])
-    u = np.zeros(CONTROLS)
-    u[FED_BACK] = np.nan
-    u[WANTED] = position
+    ratio = p[num.AREA_2] / (p[num.AREA_1] + p[num.AREA_2])
+    y[dyn.XP] = position
+    y[dyn.TH] = np.arcsin(min(max(position / p[num.ARM], -1.0), 1.0))
+    y[dyn.PLS], y[dyn.PLR] = p[num.PS], p[num.PR]
+    y[dyn.P1], y[dyn.P2] = (
+        p[num.PR] + ratio * (p[num.PS] - p[num.PR]),
+        p[num.PS] - ratio * (p[num.PS] - p[num.PR]),
+    )
+    u = np.zeros(dyn.CONTROLS)
+    u[dyn.FED_BACK] = np.nan
+    u[dyn.WANTED] = position
     _, done, _ = advance(y, memory, p, u, _SETTLE_S, FIRST_STEP, _SETTLE_RTOL)
     return bool(done >= _SETTLE_S)

@@ -12,8 +12,8 @@ import numpy as np
 from valve_twin.core.quantity import assumed, describe, setting
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import Parameter
-from valve_twin.core.valves.servo_system.numbers import COUNT, PHYSICAL, derive
-from valve_twin.core.valves.servo_system.plant import ServoSystemNumbers, check_numbers
+from valve_twin.core.valves.servo_system.numbers import COUNT, PHYSICAL, ServoSystemNumbers, derive
+from valve_twin.core.valves.servo_system.plant import check_numbers
 from valve_twin.core.valves.servo_system.plant_kernel import Sensors
 
 if TYPE_CHECKING:

@@ -11,26 +11,9 @@ import numpy as np
 from numba import njit
 
 from valve_twin.core.physics.hysteresis import PLAYS
-from valve_twin.core.valves.servo_system.dynamics import (
-    CONTROLS,
-    FED_BACK,
-    HELD,
-    IS,
-    LEAK,
-    OM,
-    P1,
-    P2,
-    PLR,
-    PLS,
-    STATES,
-    TH,
-    VV,
-    WANTED,
-    XP,
-    XV,
-)
+from valve_twin.core.valves.servo_system import dynamics as dyn
+from valve_twin.core.valves.servo_system import numbers as num
 from valve_twin.core.valves.servo_system.integrate import FIRST_STEP, advance
-from valve_twin.core.valves.servo_system.numbers import AREA_1, ARM, PR, PS, STROKE
 
 if TYPE_CHECKING:
     from valve_twin.core.simulation.plant import Forcing, Response
@@ -50,7 +33,7 @@ INPUTS = (
 """Signals besides the piston's position, in parts of their full scales."""
 
 POSITION, FIRST = 0, 1
-MEMORY = FIRST + STATES
+MEMORY = FIRST + dyn.STATES
 STEP, TIME, READ, FAILED, SAMPLES = range(MEMORY + PLAYS, MEMORY + PLAYS + 5)
 STATE_SIZE = MEMORY + PLAYS + 5
 """Position [1], the 13 states, the motor's memory [A], next step [s], time [s], position that the
@@ -103,15 +86,15 @@ def scaled(y: FloatArray, p: FloatArray, s: Sensors, out: FloatArray) -> None:
     out : (8,) array
         Overwritten [1].
     """
-    sine, cosine = sin(y[TH]), cos(y[TH])
-    out[0] = y[IS] / s.current
-    out[1] = y[XV] / s.valve
-    out[2] = y[PLS] / s.pressure
-    out[3] = y[P1] / s.pressure
-    out[4] = y[P2] / s.pressure
-    out[5] = y[PLR] / s.return_pressure
-    out[6] = p[ARM] * sine / p[STROKE] + 0.5
-    out[7] = p[ARM] * y[OM] * cosine / s.speed
+    sine, cosine = sin(y[dyn.TH]), cos(y[dyn.TH])
+    out[0] = y[dyn.IS] / s.current
+    out[1] = y[dyn.XV] / s.valve
+    out[2] = y[dyn.PLS] / s.pressure
+    out[3] = y[dyn.P1] / s.pressure
+    out[4] = y[dyn.P2] / s.pressure
+    out[5] = y[dyn.PLR] / s.return_pressure
+    out[6] = p[num.ARM] * sine / p[num.STROKE] + 0.5
+    out[7] = p[num.ARM] * y[dyn.OM] * cosine / s.speed
 
 
 @njit(cache=True)
@@ -158,10 +141,10 @@ def run_plant(
     y, memory = state[FIRST:MEMORY], state[MEMORY:STEP]
     reference, _, external, commands, disturbance, leak_rate, stuck, frozen, _, _ = forcing
     position, inputs = out
-    u = np.zeros(CONTROLS)
-    u[HELD] = 1.0 if stuck else 0.0
-    u[LEAK] = leak_rate * p[STROKE] * p[AREA_1] / sqrt(p[PS] - p[PR])
-    stroke = p[STROKE]
+    u = np.zeros(dyn.CONTROLS)
+    u[dyn.HELD] = 1.0 if stuck else 0.0
+    u[dyn.LEAK] = leak_rate * p[num.STROKE] * p[num.AREA_1] / sqrt(p[num.PS] - p[num.PR])
+    stroke = p[num.STROKE]
     for n in range(len(position)):
         wanted = commands[n, 0] if external else reference[n]
         position[n], inputs[n, 0] = nan, wanted
@@ -171,11 +154,11 @@ def run_plant(
         position[n] = state[POSITION]
         _read(state, p, sensors, inputs[n, 1:])
         if not frozen:
-            state[READ] = y[XP]
-        u[FED_BACK] = state[READ] if frozen else nan
-        u[WANTED] = (wanted - 0.5) * stroke
+            state[READ] = y[dyn.XP]
+        u[dyn.FED_BACK] = state[READ] if frozen else nan
+        u[dyn.WANTED] = (wanted - 0.5) * stroke
         if stuck:
-            y[VV] = 0.0
+            y[dyn.VV] = 0.0
         h, reached, _ = advance(y, memory, p, u, period, max(state[STEP], FIRST_STEP), rtol)
         state[STEP] = h
         state[TIME] += reached
@@ -183,6 +166,6 @@ def run_plant(
         if reached < period * (1.0 - 1e-9) or not np.isfinite(y).all():
             state[FAILED] = 1.0
             continue
-        y[XP] += disturbance[n] * stroke
-        y[TH] += disturbance[n] * stroke / p[ARM]
-        state[POSITION] = y[XP] / stroke + 0.5
+        y[dyn.XP] += disturbance[n] * stroke
+        y[dyn.TH] += disturbance[n] * stroke / p[num.ARM]
+        state[POSITION] = y[dyn.XP] / stroke + 0.5

@@ -16,25 +16,18 @@ from numba import njit
 
 from valve_twin.core.physics.hysteresis import PLAYS
 from valve_twin.core.types import Restart, Validity
-from valve_twin.core.valves.servo_system.dynamics import (
-    CONTROLS,
-    FED_BACK,
-    STATES,
-    TH,
-    WANTED,
-    XP,
-)
+from valve_twin.core.valves.servo_system import dynamics as dyn
+from valve_twin.core.valves.servo_system import numbers as num
 from valve_twin.core.valves.servo_system.integrate import FIRST_STEP, advance, rest
-from valve_twin.core.valves.servo_system.numbers import ARM, COUNT, STROKE
 
 if TYPE_CHECKING:
     from valve_twin.core.types import ByteArray, FloatArray
 
-N_COEFFICIENTS = COUNT + 1
+N_COEFFICIENTS = num.COUNT + 1
 """Numbers of the loop, and the sampling time [s]."""
 
 _SEEN, _LAST = 0, 1
-_RUN = STATES + PLAYS + 1
+_RUN = dyn.STATES + PLAYS + 1
 _OBSERVED = 2
 _FREE = _OBSERVED + _RUN
 STATE_SIZE = _FREE + _RUN
@@ -48,27 +41,27 @@ _RTOL = 1e-4
 @njit(cache=True)
 def _shift(y: FloatArray, p: FloatArray, way: float) -> None:
     """Move piston and load together [m]."""
-    y[XP] += way
-    y[TH] += way / p[ARM]
+    y[dyn.XP] += way
+    y[dyn.TH] += way / p[num.ARM]
 
 
 @njit(cache=True)
 def _begin(run: FloatArray, p: FloatArray, place: float) -> bool:
     """Write a loop at rest about a position [m]."""
-    y, memory = run[:STATES], run[STATES : STATES + PLAYS]
+    y, memory = run[: dyn.STATES], run[dyn.STATES : dyn.STATES + PLAYS]
     memory[:] = 0.0
-    run[STATES + PLAYS] = FIRST_STEP
+    run[dyn.STATES + PLAYS] = FIRST_STEP
     settled = rest(place, p, y, memory)
-    _shift(y, p, place - y[XP])
+    _shift(y, p, place - y[dyn.XP])
     return bool(settled and np.isfinite(y).all())
 
 
 @njit(cache=True)
 def _move(run: FloatArray, p: FloatArray, u: FloatArray, period: float) -> bool:
     """Let a loop run for a sample; False where the integration fails."""
-    y, memory = run[:STATES], run[STATES : STATES + PLAYS]
+    y, memory = run[: dyn.STATES], run[dyn.STATES : dyn.STATES + PLAYS]
     h, reached, _ = advance(y, memory, p, u, period, max(run[-1], FIRST_STEP), _RTOL)
-    run[STATES + PLAYS] = h
+    run[dyn.STATES + PLAYS] = h
     return bool(reached >= period * (1.0 - 1e-9) and np.isfinite(y).all())
 
 
@@ -102,31 +95,31 @@ def predict_block(
     validity : (N,) uint8 array
         One `Validity` a sample.
     """
-    p, period = c[:COUNT], c[COUNT]
-    stroke = p[STROKE]
+    p, period = c[: num.COUNT], c[num.COUNT]
+    stroke = p[num.STROKE]
     observed, free = state[_OBSERVED:_FREE], state[_FREE:]
-    u = np.zeros(CONTROLS)
-    u[FED_BACK] = nan
+    u = np.zeros(dyn.CONTROLS)
+    u[dyn.FED_BACK] = nan
     for n in range(len(position)):
         flag = restart[n]
         if flag == Restart.GAP:
             state[_SEEN] = 0.0
         if state[_SEEN] > 0.0:
-            u[WANTED] = (state[_LAST] - 0.5) * stroke
+            u[dyn.WANTED] = (state[_LAST] - 0.5) * stroke
             alive = _move(observed, p, u, period) and _move(free, p, u, period)
             state[_SEEN] = 1.0 if alive else 0.0
         ready = state[_SEEN] > 0.0
-        predicted[n] = observed[XP] / stroke + 0.5 if ready else nan
+        predicted[n] = observed[dyn.XP] / stroke + 0.5 if ready else nan
         validity[n] = Validity.VALID if ready else Validity.STARTING
         if flag == Restart.BAD:
             validity[n] = Validity.BAD_INPUT
         else:
             measured = min(max(position[n], -0.2), 1.2)
             if ready:
-                _shift(observed, p, _GAIN * ((measured - 0.5) * stroke - observed[XP]))
+                _shift(observed, p, _GAIN * ((measured - 0.5) * stroke - observed[dyn.XP]))
             elif _begin(observed, p, (measured - 0.5) * stroke):
                 state[_SEEN] = 1.0
             if flag == Restart.NEW_CYCLE or not ready:
                 free[:] = observed
             state[_LAST] = min(max(inputs[n, 0], -1.0), 2.0)
-        simulated[n] = free[XP] / stroke + 0.5 if ready else nan
+        simulated[n] = free[dyn.XP] / stroke + 0.5 if ready else nan

@@ -16,17 +16,8 @@ from valve_twin.core.quantity import assumed, check_quantities, quantity
 from valve_twin.core.simulation.config import SimulationConfig
 from valve_twin.core.simulation.plant import Drive, Plant, Response, whole_ratio
 from valve_twin.core.simulation.program import CycleProgram
-from valve_twin.core.valves.stepper_servo.plant_kernel import (
-    COUNT,
-    LINE,
-    MAX_WINDOW,
-    ROTOR,
-    SENSED,
-    SPOOL,
-    STATE_SIZE,
-    Valve,
-    run_plant,
-)
+from valve_twin.core.valves.stepper_servo import plant_kernel as at
+from valve_twin.core.valves.stepper_servo.plant_kernel import Valve, run_plant
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
@@ -71,7 +62,7 @@ class StepperServoPlant(Plant):
         1.0, "1", "Saturated flow in parts of the meter's range", 0.0, 10.0
     )
     flow_lag: float = assumed(0.05, "s", "Time constant of the flow meter", 0.0, 10.0)
-    window: int = assumed(8, "ticks", "Moving average of the position sensor", 1, MAX_WINDOW)
+    window: int = assumed(8, "ticks", "Moving average of the position sensor", 1, at.MAX_WINDOW)
     controller: StepperConfig = field(default_factory=StepperConfig)
 
     def __post_init__(self) -> None:
@@ -106,12 +97,12 @@ class StepperServoPlant(Plant):
 
     def initial_state(self) -> FloatArray:
         """Return the state at rest in the middle of the dead band, counter and rotor agreeing."""
-        state = np.zeros(STATE_SIZE)
+        state = np.zeros(at.STATE_SIZE)
         middle = 0.5 * (self.band_lower + self.band_upper)
         steps = round(middle / self.step_size)
-        state[COUNT] = state[ROTOR] = steps
-        state[SENSED] = state[SPOOL] = steps * self.step_size / self.stroke
-        state[LINE:] = state[SPOOL]
+        state[at.COUNT] = state[at.ROTOR] = steps
+        state[at.SENSED] = state[at.SPOOL] = steps * self.step_size / self.stroke
+        state[at.LINE :] = state[at.SPOOL]
         return state
 
     def run(self, state: FloatArray, drive: Drive, period_s: float) -> Response:
