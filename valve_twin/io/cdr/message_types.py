@@ -63,10 +63,9 @@ class RosTypes:
 
     def fields(self, type_name: str) -> Mapping[str, FieldType]:
         """Return the fields of an installed message type; KeyError if it is not installed."""
-        return {
-            name: _ros_field(text)
-            for name, text in message_class(type_name).get_fields_and_field_types().items()
-        }
+        found = message_class(type_name)
+        names = found.get_fields_and_field_types()
+        return dict(zip(names, map(_ros_field, found.SLOT_TYPES), strict=True))
 
 
 def message_class(type_name: str) -> Message:
@@ -80,16 +79,16 @@ def message_class(type_name: str) -> Message:
         raise KeyError(type_name) from err
 
 
-def _ros_field(text: str) -> FieldType:
-    """Read what get_fields_and_field_types says: "double", "sequence<pkg/Name, 3>", "float[9]"."""
-    sequence = re.fullmatch(r"sequence<([^,>]+(?:<\d+>)?)(?:, *\d+)?>", text)
-    if sequence:
-        return FieldType(_base(sequence.group(1)), is_array=True)
-    array = re.fullmatch(r"(.+)\[(\d+)\]", text)
-    if array:
-        return FieldType(_base(array.group(1)), is_array=True, size=int(array.group(2)))
-    return FieldType(_base(text))
+def _ros_field(kind: Message) -> FieldType:
+    """Return the type of a field as rosidl describes it."""
+    from rosidl_parser import definition as idl
 
-
-def _base(text: str) -> str:
-    return full_type_name(text) if "/" in text else text
+    is_array = isinstance(kind, idl.AbstractNestedType)
+    inner = kind.value_type if is_array else kind
+    if isinstance(inner, idl.NamespacedType):
+        base = "/".join(inner.namespaced_name())
+    elif isinstance(inner, idl.BasicType):
+        base = inner.typename
+    else:
+        base = "wstring" if isinstance(inner, idl.AbstractWString) else "string"
+    return FieldType(base, is_array, kind.size if isinstance(kind, idl.Array) else None)
