@@ -10,12 +10,11 @@ A user's package registers a model without touching this one::
 
 from __future__ import annotations
 
-from difflib import get_close_matches
 from functools import cache
 from importlib.metadata import EntryPoint, PackageNotFoundError, distribution, entry_points
 from typing import TYPE_CHECKING, TypeVar, cast
 
-from valve_twin.core.quantity import describe, replaced
+from valve_twin.core.quantity import describe, nearest_hint, replaced
 from valve_twin.core.valves.interface import ValveModel
 
 if TYPE_CHECKING:
@@ -60,10 +59,8 @@ def get_model(name: str) -> ValveModel:
     if entry is not None:
         return _checked(entry.load(), name)
     names = model_names()
-    near = get_close_matches(name, names, n=1)
-    hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(names)}"
-    none = f"no package registers any in '{ENTRY_POINT_GROUP}': install anew (make setup)"
-    msg = f"'{name}' is unknown; {hint if names else none}"
+    none = f"; no package registers any in '{ENTRY_POINT_GROUP}': install anew (make setup)"
+    msg = f"'{name}' is unknown{nearest_hint(name, names) if names else none}"
     raise ValueError(msg)
 
 
@@ -104,9 +101,7 @@ def complete_options(model: HasOptions[Given], given: Mapping[str, object]) -> G
     values = {}
     for key, value in given.items():
         if key not in known:
-            near = get_close_matches(key, known, n=1)
-            hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(known)}"
-            msg = f"options.{key}: unknown to model '{model.name}'; {hint}"
+            msg = f"options.{key}: unknown to model '{model.name}'{nearest_hint(key, known)}"
             raise ValueError(msg)
         try:
             values[key] = known[key].check(value)

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from sqlalchemy.engine import Connection
 
 _DAMAGED = ("malformed", "not a database")
+"""What SQLite says of a damaged file: its codes reach Python from 3.11 on only."""
 
 
 def repair(database: Database, writers: Path) -> tuple[Database, str]:
