@@ -223,6 +223,26 @@ def assumed(
     return quantity(default, unit, text, lower, upper, assumed=True, ages=ages)
 
 
+def compiled(kind: type[T], owner: object, **others: object) -> T:
+    """Return the numbers of a configuration as compiled functions take them.
+
+    Parameters
+    ----------
+    kind : type
+        The named tuple to fill; its annotations say which numbers are whole.
+    owner : dataclass
+        Has numbers of the same names.
+    others : float, int or named tuple
+        Numbers that are not those of the owner [unit by number].
+    """
+    takes = {"int": int, "bool": bool, "float": float}
+    numbers = {}
+    for name, annotation in kind.__annotations__.items():
+        value = others[name] if name in others else getattr(owner, name)
+        numbers[name] = takes[annotation](value) if annotation in takes else value
+    return kind(**numbers)
+
+
 def setting(default: T, text: str, *, choices: tuple[str, ...] = (), assumed: bool = False) -> T:
     """Declare a dataclass field that holds a word, a tuple of words or a flag.
 

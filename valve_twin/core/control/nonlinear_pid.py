@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from numba import njit
 
-from valve_twin.core.quantity import assumed, check_quantities
+from valve_twin.core.quantity import assumed, check_quantities, compiled
 
 
 class PidGains(NamedTuple):
@@ -44,14 +44,7 @@ class PidConfig:
 
     def gains(self) -> PidGains:
         """Return the numbers for the compiled controller."""
-        return PidGains(
-            float(self.gain_near),
-            float(self.gain_far),
-            float(self.integral_near),
-            float(self.integral_far),
-            float(self.rate),
-            float(self.knee),
-        )
+        return compiled(PidGains, self, near=self.gain_near, far=self.gain_far)
 
 
 @njit(cache=True)

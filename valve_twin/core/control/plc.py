@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numba import njit
 
-from valve_twin.core.quantity import assumed, check_quantities
+from valve_twin.core.quantity import assumed, check_quantities, compiled
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
@@ -65,16 +65,7 @@ class PlcConfig:
 
     def settings(self) -> PlcSettings:
         """Return the numbers for `plc_step`."""
-        return PlcSettings(
-            float(self.period_s),
-            float(self.gain_in),
-            float(self.integral_in),
-            float(self.gain_out),
-            float(self.integral_out),
-            float(self.limit),
-            float(self.band_off),
-            float(self.band_on),
-        )
+        return compiled(PlcSettings, self)
 
 
 def initial_state() -> FloatArray:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numba import njit
 
-from valve_twin.core.quantity import assumed, check_quantities, quantity
+from valve_twin.core.quantity import assumed, check_quantities, compiled, quantity
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
@@ -79,13 +79,8 @@ class StepperConfig:
 
     def settings(self) -> StepperSettings:
         """Return the numbers for `stepper_step`."""
-        return StepperSettings(
-            float(self.period_s),
-            float(self.gain),
-            float(self.integral_time),
-            float(self.derivative_time),
-            float(self.dead_zone * self.volts_per_metre),
-        )
+        dead_zone = self.dead_zone * self.volts_per_metre
+        return compiled(StepperSettings, self, dead_zone=dead_zone)
 
 
 @njit(cache=True)

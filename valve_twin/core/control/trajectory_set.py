@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 from numba import njit
 
-from valve_twin.core.quantity import assumed, check_quantities
+from valve_twin.core.quantity import assumed, check_quantities, compiled
 
 HORIZON = 32
 """Control samples that a candidate is predicted, assumed."""
@@ -68,7 +68,7 @@ class TrajectorySetConfig:
 
     def weights(self) -> TrajectoryWeights:
         """Return the numbers for the compiled controller."""
-        return TrajectoryWeights(float(self.overshoot), float(self.speed_time), float(self.effort))
+        return compiled(TrajectoryWeights, self)
 
 
 @njit(cache=True)

@@ -24,7 +24,7 @@ from valve_twin.core.physics.solenoid_map import (
     map_from_curves,
     pole_curves,
 )
-from valve_twin.core.quantity import QuantityError, assumed, check_quantities, setting
+from valve_twin.core.quantity import QuantityError, assumed, check_quantities, compiled, setting
 from valve_twin.core.simulation.config import SimulationConfig
 from valve_twin.core.simulation.measurement import MeasurementConfig
 from valve_twin.core.simulation.plant import (
@@ -144,25 +144,15 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
 
     def valve(self) -> Valve:
         """Return the numbers of coils and mechanics for the compiled functions."""
-        return Valve(
-            resistance_a=float(self.resistance_a),
-            resistance_b=float(self.resistance_b),
+        return compiled(
+            Valve,
+            self,
             current=self.current_dynamics(),
             force=self.force_dynamics(),
-            force_gain=float(self.force_gain),
-            mass=float(self.mass),
-            preload_1=float(self.preload_1),
-            preload_2=float(self.preload_2),
-            spring_1=float(self.spring_1),
-            spring_2=float(self.spring_2),
-            friction=float(self.friction),
-            alpha=float(self.alpha),
-            beta=float(self.beta),
-            stop=float(self.end_stop),
-            half_stroke=float(self.half_stroke),
-            bias=float(self.bias_current),
-            span=float(self.span_current),
-            largest=float(self.largest_current),
+            stop=self.end_stop,
+            bias=self.bias_current,
+            span=self.span_current,
+            largest=self.largest_current,
         )
 
     def _controller(self) -> Controller:

@@ -32,9 +32,7 @@ from valve_twin.core.valves.hybrid_actuator.parameters import (
     NAMES,
     PARAMETERS,
     HybridActuatorOptions,
-    armature,
     refusal_of,
-    solenoid,
 )
 from valve_twin.core.valves.hybrid_actuator.plant import INPUTS, check_period, default_simulation
 from valve_twin.core.valves.hybrid_actuator.predictor import (
@@ -106,7 +104,7 @@ class HybridActuatorModel(CompiledModel):
         record = _record(cycle, options, known)
         values = {p.name: p for p in _electrical(cycle, options, record, known)}
         strokes = find_strokes(cycle.frames.position, known, cycle.period_s)
-        fit = fit_flights(record, strokes, armature(options, {}), solenoid(options, {}))
+        fit = fit_flights(record, strokes, options.armature(), options.magnetics())
         values.update({p.name: p for p in _mechanical(fit, options, cycle)})
         return (_estimate(cycle, tuple(values[n] for n in NAMES), fit=fit),)
 
@@ -134,8 +132,8 @@ class HybridActuatorModel(CompiledModel):
             return np.full(N_COEFFICIENTS, np.nan)
         known = {name: value for name, value in values.items() if np.isfinite(value)}
         return coefficients(
-            armature(options, known),
-            solenoid(options, known),
+            options.armature(known),
+            options.magnetics(known),
             options.current_scale,
             period_s,
         )
@@ -197,7 +195,7 @@ def _electrical(
             current,
             travel + residual + sign * inside,
             known,
-            solenoid(options, {}),
+            options.magnetics(),
             period_s=cycle.period_s,
             rest=_REST_SHARE * options.current_scale,
             seat_gap=residual,

@@ -5,16 +5,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from valve_twin.core.quantity import setting
 from valve_twin.core.types import Parameter
-from valve_twin.core.valves.hybrid_actuator.magnetics import KERNELS, Magnetics
 from valve_twin.core.valves.hybrid_actuator.plant import HybridActuatorNumbers, check_gap
-from valve_twin.core.valves.hybrid_actuator.plant_kernel import Armature
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 ESTIMATOR = "flight"
 
@@ -50,40 +44,3 @@ class HybridActuatorOptions(HybridActuatorNumbers):
 def refusal_of(options: HybridActuatorOptions) -> str:
     """Return why these options cannot be used together, empty if they can."""
     return check_gap(options.kernel, options.residual_gap, options.c2)
-
-
-def solenoid(options: HybridActuatorOptions, values: Mapping[str, float]) -> Magnetics:
-    """Return a solenoid's numbers: estimated `values` where there are, else the options."""
-    return Magnetics(
-        kernel=KERNELS.index(options.kernel),
-        beta=options.beta,
-        kappa=options.kappa,
-        saturation_flux=options.saturation_flux,
-        c1=options.c1,
-        c2=options.c2,
-        c3=options.c3,
-        magnet_force=values.get("magnet_force", options.magnet_force),
-        magnet_length=options.magnet_length,
-        coupling=options.magnet_coupling,
-    )
-
-
-def armature(options: HybridActuatorOptions, values: Mapping[str, float]) -> Armature:
-    """Return the moving parts' numbers: estimated `values` where there are, else the options."""
-
-    def take(name: str) -> float:
-        return values.get(name, getattr(options, name))
-
-    return Armature(
-        mass=options.mass,
-        spring=take("spring_rate"),
-        damping=take("damping"),
-        travel=options.half_travel,
-        residual_gap=options.residual_gap,
-        restitution=options.restitution,
-        gas_force=options.gas_force,
-        gas_length=options.gas_length,
-        resistance_opener=take("resistance_opener"),
-        resistance_closer=take("resistance_closer"),
-        blocks=True,
-    )

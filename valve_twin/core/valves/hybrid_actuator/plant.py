@@ -11,12 +11,13 @@ full scale.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from valve_twin.core.control.current_loop import CurrentSensor
-from valve_twin.core.quantity import assumed, check_quantities, quantity, setting
+from valve_twin.core.quantity import assumed, check_quantities, compiled, quantity, setting
 from valve_twin.core.simulation.config import SimulationConfig
 from valve_twin.core.simulation.measurement import MeasurementConfig
 from valve_twin.core.simulation.plant import (
@@ -43,6 +44,8 @@ from valve_twin.core.valves.hybrid_actuator.plant_kernel import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from valve_twin.core.types import FloatArray
 
 INPUTS = ("opener_voltage", "closer_voltage", "opener_current", "closer_current")
@@ -144,6 +147,29 @@ class HybridActuatorNumbers:
         50.0, "A", "Full scale of the current sensors", 1.0, 1e4, ages=False
     )
 
+    def armature(self, known: Mapping[str, float] = MappingProxyType({})) -> Armature:
+        """Return the moving parts for the compiled functions, with `known` numbers in place."""
+        return compiled(
+            Armature,
+            self,
+            spring=known.get("spring_rate", self.spring_rate),
+            damping=known.get("damping", self.damping),
+            travel=self.half_travel,
+            resistance_opener=known.get("resistance_opener", self.resistance_opener),
+            resistance_closer=known.get("resistance_closer", self.resistance_closer),
+            blocks=True,
+        )
+
+    def magnetics(self, known: Mapping[str, float] = MappingProxyType({})) -> Magnetics:
+        """Return a solenoid for the compiled functions, with `known` numbers in place."""
+        return compiled(
+            Magnetics,
+            self,
+            kernel=KERNELS.index(self.kernel),
+            magnet_force=known.get("magnet_force", self.magnet_force),
+            coupling=self.magnet_coupling,
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class HybridActuatorPlant(HybridActuatorNumbers, Plant):
@@ -228,45 +254,14 @@ class HybridActuatorPlant(HybridActuatorNumbers, Plant):
             f"than {self.step:g} s",
         )
 
-    def armature(self) -> Armature:
-        """Return the numbers of the moving parts for the compiled functions."""
-        return Armature(
-            mass=float(self.mass),
-            spring=float(self.spring_rate),
-            damping=float(self.damping),
-            travel=float(self.half_travel),
-            residual_gap=float(self.residual_gap),
-            restitution=float(self.restitution),
-            gas_force=float(self.gas_force),
-            gas_length=float(self.gas_length),
-            resistance_opener=float(self.resistance_opener),
-            resistance_closer=float(self.resistance_closer),
-            blocks=True,
-        )
-
-    def magnetics(self) -> Magnetics:
-        """Return the numbers of a solenoid for the compiled functions."""
-        return Magnetics(
-            kernel=KERNELS.index(self.kernel),
-            beta=float(self.beta),
-            kappa=float(self.kappa),
-            saturation_flux=float(self.saturation_flux),
-            c1=float(self.c1),
-            c2=float(self.c2),
-            c3=float(self.c3),
-            magnet_force=float(self.magnet_force),
-            magnet_length=float(self.magnet_length),
-            coupling=float(self.magnet_coupling),
-        )
-
     def _bridge(self) -> Bridge:
-        return Bridge(
-            supply=float(self.supply_voltage),
-            release=self.release_share * self.supply_voltage,
-            release_s=float(self.release_s),
-            catch=self.catch_share * self.supply_voltage,
-            catch_start_s=float(self.catch_start_s),
-            catch_s=float(self.catch_s),
+        volts = self.supply_voltage
+        return compiled(
+            Bridge,
+            self,
+            supply=volts,
+            release=self.release_share * volts,
+            catch=self.catch_share * volts,
         )
 
     def _steps(self, period_s: float) -> int:
