@@ -7,6 +7,9 @@ a valve's cycles holds the lock of its slot; the system takes it back when the p
 whatever death. The slot also says which cycle was last told of, stored or not, so that its number
 is not given to another cycle after a restart. It is written past the database: at once, also while
 that is locked; what a killed process wrote there stays.
+
+The library filelock would replace `_lock` alone and want a file a valve: its lock is as safe, but
+it says neither who holds it nor which cycle was told of, for which the slots are here.
 """
 
 from __future__ import annotations
