@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -255,6 +256,29 @@ def test_a_snapshot_older_than_the_last_stored_cycle_is_refused(data, tmp_path):
     assert "the history ends with another cycle: cycles go on after the last stored one" in note
     assert not second.restart.is_open
     assert second.restart.last_cycle == 2
+    second.die()
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"period_s": 0.06},
+        {"hold_back_s": 1.0},
+        {"options": complete_options(MODEL, {"max_delay_s": 0.3})},
+        {"cycles": CycleConfig(rule=CycleRule.COUNTER, min_cycle_s=1.5)},
+        {"signals": CONFIG.signals | {"position": SignalSource("position", "/other/position")}},
+    ],
+    ids=lambda changes: next(iter(changes)),
+)
+def test_a_snapshot_of_another_configuration_is_refused(data, tmp_path, changes):
+    first = Life(tmp_path / "h.db")
+    first.push(data, 0, 100)
+    first.save()
+    first.die()
+    second = Life(tmp_path / "h.db", replace(CONFIG, **changes))
+    (note,) = second.notes
+    assert "the valve was configured otherwise: cycles go on after the last stored one" in note
+    assert second.restart.twin.cycle == 0
     second.die()
 
 

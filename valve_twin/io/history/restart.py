@@ -21,6 +21,7 @@ from valve_twin.core.estimation.cycle.sequence import MEMORY_CYCLES, memory_from
 from valve_twin.core.rejoin import Rejoin
 from valve_twin.core.state import Resume
 from valve_twin.core.twin import EFFECT_DELAY, Event, Twin
+from valve_twin.core.valves.registry import get_model
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.snapshot import Origin, load_snapshot, save_snapshot
 
@@ -205,7 +206,8 @@ def _counted_anew(state: TwinState) -> TwinState:
 
 
 def _digest(config: ValveConfig) -> str:
-    """Return what a state depends on of a configuration, in short."""
-    signals = sorted(config.signals.items())
-    parts = (config.model, config.period_s, config.hold_back_s, config.cycles, config.options)
-    return hashlib.sha256(repr((parts, signals)).encode()).hexdigest()
+    """Return what a state depends on of a configuration and of its model, in short."""
+    model, signals = get_model(config.model), sorted(config.signals.items())
+    form = (model.name, [p.name for p in model.parameters], model.initial_state().tolist())
+    parts = (config.period_s, config.hold_back_s, config.cycles, config.options)
+    return hashlib.sha256(repr((form, signals, parts)).encode()).hexdigest()

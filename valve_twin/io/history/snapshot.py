@@ -14,6 +14,7 @@ import hashlib
 import json
 import os
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -162,6 +163,7 @@ def _refused(path: Path, why: str) -> StoreError:
     return StoreError(f"{path}: is not used: {why}: cycles go on after the last stored one")
 
 
+@cache
 def _layout() -> str:
     """Return what changes with the fields of a state."""
     records = (Origin, *_RECORDS.values())

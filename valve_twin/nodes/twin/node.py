@@ -159,9 +159,9 @@ class TwinNode(ValveNode):
 
     def _save_next(self) -> None:
         """Save the state of one valve, each in its turn."""
-        valve = self._valves[self._turn % len(self._valves)]
-        self._turn += 1
-        valve.save()
+        if self._valves:
+            self._turn = (self._turn + 1) % len(self._valves)
+            self._valves[self._turn].save()
 
     def work(self) -> None:
         """Work on what the inputs gathered."""
