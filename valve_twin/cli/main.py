@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from valve_twin import __version__
 from valve_twin.cli import (
     bench,
+    bench_fit,
     budget,
     campaign,
     check_valve,
@@ -48,6 +49,7 @@ VERBS = (
     validate,
     check_valve,
     campaign,
+    bench_fit,
     bench,
 )
 """One module a verb, in the order of the help."""

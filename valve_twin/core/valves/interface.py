@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         Parameter,
         ParameterValue,
     )
+    from valve_twin.core.valves.bench_fit import BenchFit
 
 Options: TypeAlias = Any
 """The options of the model at hand, an instance of its own dataclass: only the model reads it."""
@@ -275,6 +276,10 @@ class ValveModel(Protocol):
         """Return how signals are shown to people, by name; others are shown as they are."""
         del options
         return {}
+
+    def bench_fits(self) -> tuple[BenchFit, ...]:
+        """Return the kinds of test-bench records that are evaluated with this valve."""
+        return ()
 
     def judges(self, options: Options) -> bool:
         """Return whether estimates are judged by the cycles before and feed predictions."""

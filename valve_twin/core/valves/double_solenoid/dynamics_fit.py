@@ -187,8 +187,45 @@ def filtered(g: Second, values: FloatArray) -> FloatArray:
     return out
 
 
+def second_order_ms(p: FloatArray) -> Second:
+    """Return a transfer function from b1, b2, a1, a2 (4,) in ms and ms^2."""
+    return second_order(p[0] * _MS, p[1] * _MS**2, p[2] * _MS, p[3] * _MS**2)
+
+
 def _answer(values: FloatArray, p: FloatArray) -> FloatArray:
-    return filtered(second_order(p[0] * _MS, p[1] * _MS**2, p[2] * _MS, p[3] * _MS**2), values)
+    return filtered(second_order_ms(p), values)
+
+
+def refined(values: FloatArray, every: int) -> FloatArray:
+    """Return values (N,) with `every` sub-steps in between, on straight lines."""
+    index = np.arange(len(values))
+    fine: FloatArray = np.interp(np.arange(every * (len(values) - 1) + 1) / every, index, values)
+    return fine
+
+
+def fit_coarse_dynamics(source: FloatArray, answer: FloatArray, every: int) -> CurveFit:
+    """Fit b1, b2, a1, a2 [ms, ms^2] between signals sampled every `every` sub-steps of 12.5 us.
+
+    Parameters
+    ----------
+    source, answer : (N,) arrays
+        Input and output, from rest, the input on straight lines in between: both [A] or both [N].
+    every : int
+        Sub-steps in a sample.
+    """
+    fine = refined(source, every)
+    parameters = _starts(("b1", "b2", "a1", "a2"))
+    return fit_curves(lambda _, p: _answer(fine, p)[::every], [Curve(source, answer)], parameters)
+
+
+def _starts(names: tuple[str, str, str, str]) -> list[FitParameter]:
+    starts = (0.4, 0.03, 0.5, 0.05)
+    return [
+        FitParameter(names[0], starts[0], 0.0, 50.0),
+        FitParameter(names[1], starts[1], 0.0, 100.0),
+        FitParameter(names[2], starts[2], 1e-2, 50.0),
+        FitParameter(names[3], starts[3], 1e-3, 100.0),
+    ]
 
 
 def fit_dynamics(
@@ -205,17 +242,10 @@ def fit_dynamics(
     names : tuple of str
         Names of b1, b2, a1, a2.
     """
-    starts = (0.4, 0.03, 0.5, 0.05)
-    parameters = [
-        FitParameter(names[0], starts[0], 0.0, 50.0),
-        FitParameter(names[1], starts[1], 0.0, 100.0),
-        FitParameter(names[2], starts[2], 1e-2, 50.0),
-        FitParameter(names[3], starts[3], 1e-3, 100.0),
-    ]
-    fit = fit_curves(_answer, [Curve(source, answer)], parameters)
+    fit = fit_curves(_answer, [Curve(source, answer)], _starts(names))
     p = fit.values
     return DynamicsFit(
-        dynamics=second_order(p[0] * _MS, p[1] * _MS**2, p[2] * _MS, p[3] * _MS**2),
+        dynamics=second_order_ms(p),
         coefficients={n: float(v) for n, v in zip(names, p, strict=True)},
         rms=float(np.sqrt(fit.residual_sum / len(answer))),
         fit=fit,

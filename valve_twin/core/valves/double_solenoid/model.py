@@ -21,6 +21,7 @@ from valve_twin.core.types import (
     ParameterStatus,
     ParameterValue,
 )
+from valve_twin.core.valves.double_solenoid.bench_fits import BENCH_FITS
 from valve_twin.core.valves.double_solenoid.coils import fit_resistance, flux_record
 from valve_twin.core.valves.double_solenoid.motion import MotionFit, Record, fit_motion
 from valve_twin.core.valves.double_solenoid.parameters import (
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
 
     from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.types import BoolArray, Cycle, FloatArray, Parameter
+    from valve_twin.core.valves.bench_fit import BenchFit
 
 LONGEST_PERIOD_S = 2e-4
 """Slowest sampling that shows the force behind currents that change in 0.3 ms [s], assumed."""
@@ -124,6 +126,10 @@ class DoubleSolenoidModel(CompiledModel):
         volts, amperes = Scale("V", options.supply_voltage), Scale("A", options.current_scale)
         scales = (place, volts, volts, amperes, amperes, place)
         return dict(zip((*self.inputs, self.output), scales, strict=True))
+
+    def bench_fits(self) -> tuple[BenchFit, ...]:
+        """Return the kinds of bench records, as `ValveModel.bench_fits`."""
+        return BENCH_FITS
 
     def coefficients(
         self,

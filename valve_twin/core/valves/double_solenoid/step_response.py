@@ -65,16 +65,30 @@ def step_response(plant: DoubleSolenoidPlant, share: float) -> StepResponse:
     drive = Drive(setpoint, np.ones(count, dtype=np.bool_), None, np.zeros(count))
     found = plant.run(plant.initial_state(), drive, SAMPLE_S).position[rest:]
     position = (2.0 * found - 1.0) / share
+    time_s: FloatArray = SAMPLE_S * np.arange(len(position), dtype=np.float64)
+    return judge_step(time_s, position)
+
+
+def judge_step(time_s: FloatArray, position: FloatArray) -> StepResponse:
+    """Return rise, overshoot and settling of a step response.
+
+    Parameters
+    ----------
+    time_s : (N,) array
+        Even times since the step [s].
+    position : (N,) array
+        Position over the step, 0 before it, 1 where it should end [1].
+    """
+    period = float(time_s[1] - time_s[0])
     outside = np.flatnonzero(~(np.abs(position - 1.0) <= BAND))
-    settling = SAMPLE_S * (int(outside[-1]) + 1) if len(outside) else 0.0
+    settling = period * (int(outside[-1]) + 1) if len(outside) else 0.0
     if len(outside) and outside[-1] + 1 == len(position):
         settling = float("inf")
-    time_s: FloatArray = SAMPLE_S * np.arange(len(position), dtype=np.float64)
     first, last = np.argmax(position >= 0.1), np.argmax(position >= 0.9)
     return StepResponse(
         time_s=time_s,
         position=position,
-        rise_s=float(last - first) * SAMPLE_S if (position >= 0.9).any() else float("nan"),
+        rise_s=float(last - first) * period if (position >= 0.9).any() else float("nan"),
         overshoot=float(max(position.max() - 1.0, 0.0)),
         settling_s=settling,
     )

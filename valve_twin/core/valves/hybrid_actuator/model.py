@@ -19,6 +19,7 @@ from valve_twin.core.types import (
     ParameterStatus,
     ParameterValue,
 )
+from valve_twin.core.valves.hybrid_actuator.bench_fits import BENCH_FITS
 from valve_twin.core.valves.hybrid_actuator.electrical import CoilFit, fit_coil
 from valve_twin.core.valves.hybrid_actuator.flight import (
     SHARED,
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
 
     from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.types import BoolArray, Cycle, FloatArray, Parameter
+    from valve_twin.core.valves.bench_fit import BenchFit
 
 _MAX_CONDITION = 1e5
 _REST_SHARE = 6e-3  # of the full scale: a current below it counts as none [1], assumed
@@ -115,6 +117,10 @@ class HybridActuatorModel(CompiledModel):
         volts, amperes = Scale("V", options.supply_voltage), Scale("A", options.current_scale)
         scales = (volts, volts, amperes, amperes, place)
         return dict(zip((*self.inputs, self.output), scales, strict=True))
+
+    def bench_fits(self) -> tuple[BenchFit, ...]:
+        """Return the kinds of bench records, as `ValveModel.bench_fits`."""
+        return BENCH_FITS
 
     def coefficients(
         self,

@@ -83,7 +83,7 @@ def fit_ring_down(time_s: FloatArray, position: FloatArray, spring_rate: float) 
         FitParameter("frequency", omega, 0.25 * omega, 4.0 * omega),
     ]
     fit = fit_curves(
-        lambda t, p: _basis(t, float(p[3]), float(p[4])) @ p[:3],
+        oscillation,
         [Curve(since, position)],
         parameters,
     )
@@ -92,6 +92,12 @@ def fit_ring_down(time_s: FloatArray, position: FloatArray, spring_rate: float) 
     mass = spring_rate / natural**2
     printed = decay / natural * float(np.sqrt(mass * spring_rate))
     return RingDown(decay / natural, natural, mass, 2.0 * printed, printed, fit)
+
+
+def oscillation(t: FloatArray, p: FloatArray) -> FloatArray:
+    """Return the fitted oscillation (N,) at times (N,) [s]; `p` (5,) as in `RingDown.fit`."""
+    shown: FloatArray = _basis(t, float(p[3]), float(p[4])) @ p[:3]
+    return shown
 
 
 def _basis(t: FloatArray, decay: float, omega: float) -> FloatArray:

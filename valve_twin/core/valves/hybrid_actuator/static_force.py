@@ -123,6 +123,24 @@ def fit_static_force(
     return fit_curves(function, measured, parameters, method=method)
 
 
+def fitted_forces(kernel: str, fit: CurveFit, gap: FloatArray, current: float) -> FloatArray:
+    """Return the forces (N,) of a fit without offsets [N].
+
+    Parameters
+    ----------
+    kernel : str
+        One of `KERNELS`.
+    fit : CurveFit
+        Of `fit_static_force`.
+    gap : (N,) array
+        Physical gaps [m].
+    current : float
+        Held current [A].
+    """
+    m = _kernel(KERNELS.index(kernel), fit.values)
+    return forces(m, gap, np.full(len(gap), current))
+
+
 def _kernel(kind: int, p: FloatArray) -> Magnetics:
     """Return the solenoid of a parameter vector."""
     values = [float(v) for v in p]

@@ -64,7 +64,7 @@ def fit_steps(records: Sequence[StepRecord], *, offsets: bool = False) -> CurveF
         parameters.append(FitParameter("offset", 0.0, local=True))
 
     def function(x: FloatArray, p: FloatArray) -> FloatArray:
-        current: FloatArray = x[:, 1] / p[0] * -np.expm1(-p[0] * x[:, 0] / p[1])
+        current = _rise(x[:, 0], x[:, 1], p)
         return current + p[2] if offsets else current
 
     curves = [
@@ -72,6 +72,26 @@ def fit_steps(records: Sequence[StepRecord], *, offsets: bool = False) -> CurveF
         for r in records
     ]
     return fit_curves(function, curves, parameters)
+
+
+def step_current(time_s: FloatArray, voltage: float, fit: CurveFit) -> FloatArray:
+    """Return the current (N,) of a fit without offsets [A].
+
+    Parameters
+    ----------
+    time_s : (N,) array
+        Times since the step [s].
+    voltage : float
+        Of the step [V].
+    fit : CurveFit
+        Of `fit_steps`.
+    """
+    return _rise(time_s, np.full(len(time_s), voltage), fit.values)
+
+
+def _rise(time_s: FloatArray, voltage: FloatArray, p: FloatArray) -> FloatArray:
+    current: FloatArray = voltage / p[0] * -np.expm1(-p[0] * time_s / p[1])
+    return current
 
 
 def _guess(record: StepRecord) -> tuple[float, float]:

@@ -81,6 +81,35 @@ def _drive(
         v += step * (k1v + 2.0 * k2v + 2.0 * k3v + k4v) / 6.0
 
 
+def sine_response(
+    plant: ServoSystemPlant,
+    frequency_hz: float,
+    amplitude: float,
+    *,
+    mean: float = 0.0,
+    periods: int = 3,
+) -> tuple[FloatArray, FloatArray]:
+    """Return current [A] and valve position [m], (N,) each, under a sine from a fresh motor.
+
+    Parameters
+    ----------
+    plant : ServoSystemPlant
+        The valve.
+    frequency_hz, amplitude, mean : float
+        Of the current [Hz], [A], [A].
+    periods : int
+        How many; a period has a multiple of 800 samples [1].
+    """
+    period = 1.0 / frequency_hz
+    steps = _POINTS * ceil(period / _POINTS / _LONGEST_STEP_S)
+    total = periods * steps
+    angle = np.pi * np.arange(2 * total + 1) / steps
+    current = mean + amplitude * np.sin(angle)
+    memory, position = np.zeros(hysteresis.PLAYS), np.empty(total)
+    _drive(plant.numbers(), current, period / steps, memory, position)
+    return np.ascontiguousarray(current[: 2 * total : 2]), position
+
+
 def valve_loop(
     plant: ServoSystemPlant, frequency_hz: float, amplitude: float, *, mean: float = 0.0
 ) -> Loop:
@@ -93,16 +122,11 @@ def valve_loop(
     frequency_hz, amplitude, mean : float
         Of the current [Hz], [A], [A].
     """
-    period = 1.0 / frequency_hz
-    steps = _POINTS * ceil(period / _POINTS / _LONGEST_STEP_S)
-    total = 3 * steps
-    angle = np.pi * np.arange(2 * total + 1) / steps
-    current = mean + amplitude * np.sin(angle)
-    memory, position = np.zeros(hysteresis.PLAYS), np.empty(total)
-    _drive(plant.numbers(), current, period / steps, memory, position)
+    current, position = sine_response(plant, frequency_hz, amplitude, mean=mean)
+    steps = len(position) // 3
     shown = slice(steps + steps // 4, 2 * steps + steps // 4)  # from crest to crest
     every = steps // _POINTS
     return Loop(
-        np.ascontiguousarray(current[: 2 * total : 2][shown][::every]),
+        np.ascontiguousarray(current[shown][::every]),
         np.ascontiguousarray(position[shown][::every]),
     )

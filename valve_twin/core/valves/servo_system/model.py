@@ -28,6 +28,7 @@ from valve_twin.core.valves.kit.outcome import (
     refuse,
     withheld,
 )
+from valve_twin.core.valves.servo_system.bench_fits import BENCH_FITS
 from valve_twin.core.valves.servo_system.fit import LoopFit, fit_loop
 from valve_twin.core.valves.servo_system.parameters import (
     ESTIMATOR,
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
 
     from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.types import Cycle, FloatArray, Parameter
+    from valve_twin.core.valves.bench_fit import BenchFit
 
 
 _SHOWN = Demonstration(cycles=24, rate=2.0, counter=True)  # an estimation takes 1.2 s
@@ -130,6 +132,10 @@ class ServoSystemModel(CompiledModel):
             "return_line_pressure": Scale("MPa", 1e-6 * options.return_scale),
             "load_speed": Scale("m/s", options.speed_scale),
         }
+
+    def bench_fits(self) -> tuple[BenchFit, ...]:
+        """Return the kinds of bench records, as `ValveModel.bench_fits`."""
+        return BENCH_FITS
 
     def coefficients(
         self, values: Mapping[str, float], lag: int, period_s: float, options: ServoSystemOptions
