@@ -16,7 +16,7 @@ VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 @pytest.fixture(autouse=True)
 def fresh(monkeypatch):
     """No profile is set before and none is left behind."""
-    for name in (VARIABLE, "FASTDDS_DEFAULT_PROFILES_FILE"):
+    for name in (VARIABLE, "FASTDDS_DEFAULT_PROFILES_FILE", "FASTDDS_BUILTIN_TRANSPORTS"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(dds_profile, "_made", [])
     yield
@@ -33,6 +33,24 @@ def test_the_profile_stands_until_the_first_node_has_read_it():
     assert not path.exists()
     assert VARIABLE not in os.environ
     assert dds_profile.has_fast_heartbeat()
+
+
+def transports() -> list[str | None]:
+    return [
+        e.text for e in ElementTree.parse(os.environ[VARIABLE]).findall(".//{*}builtinTransports")
+    ]
+
+
+def test_a_player_keeps_off_shared_memory_unless_the_user_says_otherwise(monkeypatch):
+    dds_profile.use_fast_heartbeat(over_udp=True)
+    assert transports() == ["UDPv4"]
+    dds_profile.remove_profile_file()
+    dds_profile.use_fast_heartbeat()
+    assert transports() == []
+    dds_profile.remove_profile_file()
+    monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "SHM")
+    dds_profile.use_fast_heartbeat(over_udp=True)
+    assert transports() == []
 
 
 @pytest.mark.parametrize("name", [VARIABLE, "FASTDDS_DEFAULT_PROFILES_FILE"])

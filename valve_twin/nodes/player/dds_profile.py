@@ -1,10 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Let Fast DDS ask for acknowledgement a hundred times a second rather than every three seconds.
+"""How Fast DDS carries what a player publishes: over UDP, and asked for a hundred times a second.
 
 A reliable writer learns what its readers lack only from their answers to its heartbeats. With the
-default period of 3 s, what shared memory drops in a burst is sent again seconds later, and waiting
-for acknowledgement takes up to 3 s a time.
+default period of 3 s, what is dropped in a burst is sent again seconds later, and waiting for
+acknowledgement takes up to 3 s a time.
+
+Shared memory does not survive a subscriber that stands still: after 1 s its port is taken for
+dead, every further message removes and makes it anew, and a subscriber that goes on meanwhile may
+be left with a port that nobody writes to, or leave the writer in an endless loop
+(eProsima/Fast-DDS issues 6484 and 5469, pull request 4737; all there in 2.14.5). A socket has no
+such state.
 """
 
 from __future__ import annotations
@@ -17,10 +23,11 @@ HEARTBEAT_S = 0.01
 """Pause between two heartbeats while something is not acknowledged [s]."""
 
 _VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
+_TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 
 _PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
 <dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
-  <profiles>
+  <profiles>{participant}
     <publisher profile_name="valve_twin_quick" is_default_profile="true">
       <times>
         <initialHeartbeatDelay><nanosec>1000000</nanosec></initialHeartbeatDelay>
@@ -32,17 +39,29 @@ _PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
 </dds>
 """
 
+_UDP = """
+    <participant profile_name="valve_twin_udp" is_default_profile="true">
+      <rtps><builtinTransports>UDPv4</builtinTransports></rtps>
+    </participant>"""
 
-def use_fast_heartbeat() -> None:
+
+def use_fast_heartbeat(*, over_udp: bool = False) -> None:
     """Give the middleware of this process its profile; to be called before it is initialised.
 
-    A profile of the user's own is left alone, and so is any other middleware.
+    A profile of the user's own is left alone, so are transports of the user's own and any other
+    middleware.
+
+    Parameters
+    ----------
+    over_udp : bool
+        Keep off shared memory.
     """
     if any(os.environ.get(name) for name in _VARIABLES):
         return
     number, path = tempfile.mkstemp(prefix="valve_twin_", suffix=".xml")
     with os.fdopen(number, "w", encoding="ascii") as stream:
-        stream.write(_PROFILE.format(period_ns=round(HEARTBEAT_S * 1e9)))
+        participant = _UDP if over_udp and not os.environ.get(_TRANSPORTS) else ""
+        stream.write(_PROFILE.format(participant=participant, period_ns=round(HEARTBEAT_S * 1e9)))
     os.environ[_VARIABLES[0]] = path
     _files.append(path)
     _made.append(path)

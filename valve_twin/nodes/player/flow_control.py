@@ -15,28 +15,21 @@ from typing import TYPE_CHECKING, Any
 
 from lifecycle_msgs.srv import GetState
 from rcl_interfaces.srv import GetParameters
-from rclpy.duration import Duration
 
+from valve_twin.nodes.player.acknowledgements import PATIENCE_S
 from valve_twin.nodes.runtime.safety import node_name
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Sequence
 
     from rclpy.node import Node
 
-PATIENCE_S = 30.0
-"""How long a node may take to answer before it is said and no longer waited for [s]."""
+    from valve_twin.nodes.player.acknowledgements import Acknowledgements
 
-_NOW = Duration(nanoseconds=0)
 _SERVICES = (
     ("get_state", "lifecycle_msgs/srv/GetState", GetState),
     ("get_parameters", "rcl_interfaces/srv/GetParameters", GetParameters),
 )
-
-
-def are_acked(publishers: Iterable[Any]) -> bool:
-    """Return whether every reliable subscriber has acknowledged what was published."""
-    return all(p.wait_for_all_acked(_NOW) for p in publishers)
 
 
 class FlowControl:
@@ -50,16 +43,25 @@ class FlowControl:
         Its publishers.
     window : int
         Messages between two answers of the subscribers [1], 0 = never wait.
+    acks : Acknowledgements
+        What their subscribers have acknowledged.
     now_s : callable
         Steady clock [s].
     """
 
     def __init__(
-        self, node: Node, publishers: Sequence[Any], window: int, now_s: Callable[[], float]
+        self,
+        node: Node,
+        publishers: Sequence[Any],
+        *,
+        window: int,
+        acks: Acknowledgements,
+        now_s: Callable[[], float],
     ) -> None:
         self._node = node
         self._publishers = publishers
         self._window = window
+        self._acks = acks
         self._now_s = now_s
         self._since = self._marked = 0
         self._asked_s = 0.0
@@ -91,7 +93,7 @@ class FlowControl:
         """Return whether all have taken what was sent until it was asked first."""
         if self._marked == 0:
             self._marked = self._since
-        if self._calls is None and not are_acked(self._publishers):
+        if self._calls is None and not self._acks.are_complete(self._publishers):
             return False
         if self._calls is None:
             self._calls, self._asked_s = self._ask(), self._now_s()

@@ -193,7 +193,7 @@ def play(
         If the bag cannot be read.
     """
     bag_topics(bag)
-    use_fast_heartbeat()
+    use_fast_heartbeat(over_udp=True)
     values = {"bag": bag, "rate": float(rate), "publish_prefix": prefix, "clock": clock}
     given = [f"{name}:={json.dumps(v)}" for name, v in {**values, **(more or {})}.items()]
     arguments = [a for g in (*given, "exit_at_end:=true") for a in ("-p", g)]

@@ -7,13 +7,12 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING, Any
 
-from rclpy.duration import Duration
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 from valve_twin.nodes.runtime.node import RCLError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
 MATCHED_S = 0.5
 """How long subscribers must have been matched before the first sample leaves [s]."""
@@ -21,25 +20,26 @@ MATCHED_S = 0.5
 DEPTH = 5000
 """Messages that a publisher keeps for subscribers that have not taken them [1]."""
 
-_NOW = Duration(nanoseconds=0)
 
-
-def sending_profile(*, lossless: bool) -> QoSProfile:
-    """Return the profile of data that is played: reliable, deep; lossless = never overwritten."""
-    history = HistoryPolicy.KEEP_ALL if lossless else HistoryPolicy.KEEP_LAST
-    return QoSProfile(history=history, depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
+def sending_profile() -> QoSProfile:
+    """Return the profile of data that is played: reliable and deep."""
+    return QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
 
 
 class Outbox:
     """Messages of any topics that leave in their order.
 
-    With a lossless profile the middleware refuses a message after 0.1 s as long as a reliable
-    subscriber has not taken enough of the earlier ones; it then stays here and is offered again.
-    A latched publisher keeps its last messages only and overwrites in silence: with `keep` it
-    waits here instead.
+    A publisher keeps its last messages only and overwrites in silence what a subscriber has not
+    acknowledged: with `keep` a message waits here instead.
+
+    Parameters
+    ----------
+    is_acked : callable
+        Returns whether a publisher has no acknowledgement to wait for.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, is_acked: Callable[[Any], bool]) -> None:
+        self._is_acked = is_acked
         self._waiting: deque[tuple[Any, Any]] = deque()
         self._room: dict[Any, list[int]] = {}
         self.sent = 0
@@ -83,10 +83,10 @@ class Outbox:
         room = self._room.get(publisher)
         if room is None:
             return True
-        if not room[0]:
-            if not publisher.wait_for_all_acked(_NOW):
-                return False
+        if 2 * room[0] <= room[1] and self._is_acked(publisher):
             room[0] = room[1]
+        if not room[0]:
+            return False
         room[0] -= 1
         return True
 

@@ -115,7 +115,7 @@ class Playback:
             (self._play_bursts if self.is_paused else self._play_due)(publishers)
 
     def publish_time(self) -> None:
-        """Publish /clock by the hertz; never ahead of a message that is still to come."""
+        """Publish /clock by the hertz; never ahead of a message to come or the end."""
         publishers = self._publishers
         if (
             publishers is None
@@ -123,10 +123,9 @@ class Playback:
             or self.phase not in (Phase.PLAYING, Phase.ENDED)
         ):
             return
-        at_ns = self._time.now_ns(seconds_now())
-        if self._reel.next is not None:
-            at_ns = min(at_ns, self._reel.next.log_ns)
-        publishers.put_time(at_ns)
+        coming, part = self._reel.next, self._reel.part
+        latest_ns = part.end_ns if coming is None else coming.log_ns
+        publishers.put_time(min(self._time.now_ns(seconds_now()), latest_ns))
         publishers.send(strict=False)
 
     def _play_due(self, publishers: PlayerPublishers) -> None:

@@ -6,12 +6,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rclpy.qos import DurabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from valve_twin.io.cdr.message_types import message_class
-from valve_twin.nodes.player.flow_control import FlowControl, are_acked
+from valve_twin.nodes.player.acknowledgements import Acknowledgements
+from valve_twin.nodes.player.flow_control import FlowControl
 from valve_twin.nodes.player.outbox import Outbox, SubscriberGate
 from valve_twin.nodes.player.settings import (
     CLOCK,
@@ -53,11 +53,14 @@ class PlayerPublishers:
         self._publisher_of: dict[str, tuple[PlayedTopic, Any]] = {}
         self._real: list[Any] = []
         self._gate = SubscriberGate()
-        self.outbox = Outbox()
+        self._acks = Acknowledgements(node, seconds_now)
+        self.outbox = Outbox(self._acks.is_complete)
         for played, topic in zip(settings.topics, self._published, strict=True):
             self._open(played, topic)
         self._publishers = [p for _, p in self._publisher_of.values()]
-        self._flow_control = FlowControl(node, self._publishers, given.window, seconds_now)
+        self._flow_control = FlowControl(
+            node, self._publishers, window=given.window, acks=self._acks, now_s=seconds_now
+        )
         self._clock: Any = None
         if given.clock:
             self._clock = node.create_publisher(ClockMessage, CLOCK, 1000)
@@ -83,8 +86,8 @@ class PlayerPublishers:
         self._publisher_of[played.topic.name] = (played, publisher)
         if real:
             self._real.append(publisher)
-        if self._lossless and offered.durability == DurabilityPolicy.TRANSIENT_LOCAL:
-            self.outbox.keep(publisher, offered.depth)
+        if self._lossless:
+            self.outbox.keep(publisher, publisher.qos_profile.depth)
 
     # -- who is there
 
@@ -113,8 +116,8 @@ class PlayerPublishers:
         self._flow_control.find_subscribers()
 
     def is_acked(self) -> bool:
-        """Return whether reliable subscribers have all that was sent."""
-        return are_acked(self._publishers)
+        """Return whether reliable subscribers have all that was sent, or are left behind."""
+        return self._acks.are_complete(self._publishers)
 
     # -- what leaves
 

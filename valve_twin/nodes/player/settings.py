@@ -185,8 +185,7 @@ def _topics(p: BagPlayerParameters, topics: list[BagTopic]) -> list[PlayedTopic]
 
 def _lossless(offer: OfferedQos) -> OfferedQos:
     """Serve best-effort subscribers too, but lose nothing to reliable ones."""
-    history = "keep_last" if offer.is_latched else "keep_all"
-    return replace(offer, reliability="reliable", history=history)
+    return replace(offer, reliability="reliable", history="keep_last")
 
 
 def _check_names(topics: list[PlayedTopic], where: str) -> None:

@@ -55,7 +55,7 @@ def run(name: str) -> int:
     if name in _PREDICT:
         compat.spare_imports()
     if name == "bag_player":
-        import_module("valve_twin.nodes.player.dds_profile").use_fast_heartbeat()
+        import_module("valve_twin.nodes.player.dds_profile").use_fast_heartbeat(over_udp=True)
     room, kind = _NODES[name]
     make = getattr(import_module(f"valve_twin.nodes.{room}.node"), kind)
     return int(import_module("valve_twin.nodes.runtime.node").run(make))

@@ -14,7 +14,8 @@ from valve_twin.core.valves.registry import get_simulation
 from valve_twin.io.config.keys import VALVE_KEYS
 from valve_twin.io.config.node_parameters import SimulatedValveParameters
 from valve_twin.io.errors import ConfigError
-from valve_twin.nodes.player.outbox import Outbox, SubscriberGate, sending_profile
+from valve_twin.nodes.player.acknowledgements import Acknowledgements
+from valve_twin.nodes.player.outbox import DEPTH, Outbox, SubscriberGate, sending_profile
 from valve_twin.nodes.runtime.diagnostics import Diagnostics, Report
 from valve_twin.nodes.runtime.node import STEADY, ValveNode
 from valve_twin.nodes.runtime.safety import CHECK_S, Guard
@@ -45,7 +46,7 @@ class SimulatedValveNode(ValveNode):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("simulated_valve", **kwargs)
         self._valves: list[SimulatedTopics] = []
-        self._outbox = Outbox()
+        self._outbox = Outbox(Acknowledgements(self, seconds_now).is_complete)
         self._timers_made: list[Any] = []
         self._clock_publisher: Any = None
         self._diagnostics: Diagnostics | None = None
@@ -79,12 +80,14 @@ class SimulatedValveNode(ValveNode):
         """Check that no real valve is in reach, then run."""
         self._check_safety()
         lossless = self._given.lossless and self._rate != 1.0
-        profile = sending_profile(lossless=lossless)
+        profile = sending_profile()
         if self._rate != 1.0 or self._given.clock:
             self._clock_publisher = self.create_publisher(ClockMessage, "/clock", 10)
         start = self._given.start_time_s or self.get_clock().now().nanoseconds * 1e-9
         for valve in self._valves:
             valve.open(profile, round(start * 1e9))
+            for publisher in valve.publishers if lossless else ():
+                self._outbox.keep(publisher, DEPTH)
         self._begin_s, self._samples, self._gate = None, 0, SubscriberGate()
         self._earliest_s = seconds_now() + self._guard.settle_s
         self._timers_made = [
@@ -97,7 +100,7 @@ class SimulatedValveNode(ValveNode):
         for timer in self._timers_made:
             self.destroy_timer(timer)
         self._timers_made = []
-        self._outbox.clear()
+        self._outbox.release()
         for valve in self._valves:
             valve.close()
         if self._clock_publisher is not None:

@@ -91,6 +91,11 @@ class SimulatedTopics:
         return self.simulation.period_s * self._batch
 
     @property
+    def publishers(self) -> list[Any]:
+        """All publishers."""
+        return list(self._publishers.values())
+
+    @property
     def awaited(self) -> list[Any]:
         """Publishers of position and commands: what a twin cannot do without."""
         return [p for n, p in self._publishers.items() if n not in {"cycle", "reference"}]
