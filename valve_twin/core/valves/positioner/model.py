@@ -38,7 +38,7 @@ from valve_twin.core.valves.positioner.outcome_extended import Fitted, accepted_
 from valve_twin.core.valves.positioner.parameters import ESTIMATOR, PARAMETERS, PositionerOptions
 from valve_twin.core.valves.positioner.plant import default_simulation
 from valve_twin.core.valves.positioner.record import prepare
-from valve_twin.core.valves.positioner.structure import extend, structure_of
+from valve_twin.core.valves.positioner.structure import extend
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -104,10 +104,9 @@ class PositionerModel(CompiledModel):
             min_slew=options.min_slew,
             max_dead_band=options.max_dead_band,
         )
-        structure, blocks = structure_of(options), options.interval_blocks
-        if structure.extended:
-            found = _fit_extended(prepared, structure, limits, earlier)
-            return (accepted_extended(self.name, cycle, found, blocks),)
+        if options.extended:
+            found = _fit_extended(prepared, options, limits, earlier)
+            return (accepted_extended(self.name, cycle, found, options.interval_blocks),)
         solution = fit_free_run(prepared.record, max_lag=prepared.max_lag, limits=limits)
         errors = _errors(prepared.record, solution, limits, options.interval_blocks)
         return (accepted(self.name, cycle, prepared, solution, limits, errors),)
@@ -173,8 +172,7 @@ class PositionerModel(CompiledModel):
         stroke a sample.
         """
         plain = self._plain(values, lag, period_s, options)
-        structure = structure_of(options)
-        return extend(plain, values, structure) if structure.extended else plain
+        return extend(plain, values, options) if options.extended else plain
 
     def _plain(
         self, values: Mapping[str, float], lag: int, period_s: float, options: PositionerOptions

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from valve_twin.core.quantity import assumed, quantity, setting
 from valve_twin.core.types import Parameter
+from valve_twin.core.valves.positioner.structure import Structure
 
 ESTIMATOR = "output_error"
 FITTED = ("rate_rising", "rate_falling", "slew_rising", "slew_falling", "dead_band")
@@ -130,7 +131,7 @@ PARAMETERS = (
 
 
 @dataclass(frozen=True, slots=True)
-class PositionerOptions:
+class PositionerOptions(Structure):
     """Options of the model."""
 
     max_delay_s: float = assumed(0.5, "s", "longest delay tried", 0.0, 60.0)
@@ -139,17 +140,6 @@ class PositionerOptions:
     min_motion: float = assumed(0.02, "1", "a cycle that moves less is refused", 0.0, 1.0)
     lower_stop: float = quantity(-0.1, "1", "mechanical stop of falling position", -10.0, 10.0)
     upper_stop: float = quantity(1.1, "1", "mechanical stop of rising position", -10.0, 10.0)
-    second_order: bool = setting(
-        False, "the speed follows what is asked with a lag: overshoot", assumed=True
-    )
-    max_velocity_lag: float = assumed(1.0, "s", "longest lag of the speed", 1e-4, 60.0)
-    static_curve: bool = setting(
-        False, "the command acts through a dead command and a gain", assumed=True
-    )
-    two_delays: bool = setting(False, "a falling command has a delay of its own", assumed=True)
-    slew_limits: bool = setting(True, "the speed is limited", assumed=True)
-    max_stiction: float = assumed(0.0, "1", "upper bound of the stiction, 0 = none", 0.0, 1.0)
-    max_backlash: float = assumed(0.0, "1", "upper bound of the backlash, 0 = none", 0.0, 1.0)
     interval_blocks: int = assumed(
         0,
         "1",

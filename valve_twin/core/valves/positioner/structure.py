@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.quantity import assumed, setting
 from valve_twin.core.valves.positioner import extended as law
 
 if TYPE_CHECKING:
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
 
     from valve_twin.core.estimation.solvers.least_squares import Limits
     from valve_twin.core.types import FloatArray, IntArray
-    from valve_twin.core.valves.positioner.parameters import PositionerOptions
 
 LEAST_LAG = 0.05
 """Least velocity lag tried, in sampling times: shorter counts as none [1], assumed."""
@@ -26,31 +26,19 @@ _WIDEST_GAIN, _WIDEST_REST = 1e3, 2.0  # bounds of the static curve [1], assumed
 
 @dataclass(frozen=True, slots=True)
 class Structure:
-    """Terms beyond delay, dead band, rates and slew limits.
+    """Options: terms beyond delay, dead band, rates and slew limits."""
 
-    Attributes
-    ----------
-    second_order : bool
-        The speed follows what is asked of it with a lag.
-    static_curve : bool
-        The command acts through a dead command and a gain.
-    two_delays : bool
-        A falling command has a delay of its own.
-    slew_limits : bool
-        The speed is limited.
-    max_velocity_lag : float
-        Longest lag tried [s].
-    max_stiction, max_backlash : float
-        Upper bounds [1]; 0 = none.
-    """
-
-    second_order: bool
-    static_curve: bool
-    two_delays: bool
-    slew_limits: bool
-    max_velocity_lag: float
-    max_stiction: float
-    max_backlash: float
+    second_order: bool = setting(
+        False, "the speed follows what is asked with a lag: overshoot", assumed=True
+    )
+    max_velocity_lag: float = assumed(1.0, "s", "longest lag of the speed", 1e-4, 60.0)
+    static_curve: bool = setting(
+        False, "the command acts through a dead command and a gain", assumed=True
+    )
+    two_delays: bool = setting(False, "a falling command has a delay of its own", assumed=True)
+    slew_limits: bool = setting(True, "the speed is limited", assumed=True)
+    max_stiction: float = assumed(0.0, "1", "upper bound of the stiction, 0 = none", 0.0, 1.0)
+    max_backlash: float = assumed(0.0, "1", "upper bound of the backlash, 0 = none", 0.0, 1.0)
 
     @property
     def extended(self) -> bool:
@@ -137,16 +125,3 @@ def extend(plain: FloatArray, values: Mapping[str, float], structure: Structure)
     if structure.two_delays:
         falling = float(round(values.get("delay_falling", lag * period_s) / period_s))
     return np.array([*p, period_s, lag, falling, plain[7], plain[8]])
-
-
-def structure_of(options: PositionerOptions) -> Structure:
-    """Return the structure that a valve's options ask for."""
-    return Structure(
-        second_order=options.second_order,
-        static_curve=options.static_curve,
-        two_delays=options.two_delays,
-        slew_limits=options.slew_limits,
-        max_velocity_lag=options.max_velocity_lag,
-        max_stiction=options.max_stiction,
-        max_backlash=options.max_backlash,
-    )
