@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.estimation.data.robust import difference_sigma
-from valve_twin.core.gaps import find_gaps
 from valve_twin.core.physics.solenoid_map import CURRENT_NODES
 from valve_twin.core.quantity import QuantityError
 from valve_twin.core.refusal import Refusal, RefusalCode
@@ -47,6 +46,7 @@ from valve_twin.core.valves.double_solenoid.predictor import (
 from valve_twin.core.valves.interface import Scale
 from valve_twin.core.valves.kit.compiled import CompiledModel
 from valve_twin.core.valves.kit.outcome import Evidence, at_zero, blank, conclude, withheld
+from valve_twin.core.valves.kit.record import held, usable, whole_refusal
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -156,9 +156,7 @@ class DoubleSolenoidModel(CompiledModel):
 
 def _known(cycle: Cycle) -> BoolArray:
     """Return which samples can be used, (N,)."""
-    frames = cycle.frames
-    known: BoolArray = frames.valid & np.isfinite(frames.position)
-    return known & np.isfinite(frames.inputs[:, 1:]).all(axis=1)
+    return usable(cycle.frames, first_input=1)
 
 
 def _valve(options: DoubleSolenoidOptions) -> tuple[DoubleSolenoidPlant | None, str]:
@@ -178,14 +176,8 @@ def _refusal(cycle: Cycle, known: BoolArray) -> str:
             f"{LONGEST_PERIOD_S:g} s or faster"
         )
         return Refusal(RefusalCode.WRONG_PERIOD, text)
-    count = int(np.count_nonzero(known))
-    if count < _FEWEST:
-        return Refusal(RefusalCode.FEW_SAMPLES, f"{count} usable samples, fewer than {_FEWEST}")
-    gaps = int(np.count_nonzero(find_gaps(cycle.frames.stamp_ns, cycle.period_s)))
-    if gaps:
-        text = f"{gaps} gaps: voltages and currents are summed up over the samples"
-        return Refusal(RefusalCode.GAPS, text)
-    return ""
+    why = "voltages and currents are summed up over the samples"
+    return whole_refusal(cycle, known, _FEWEST, why)
 
 
 def _beyond(record: Record, valve: DoubleSolenoidPlant) -> str:
@@ -200,9 +192,7 @@ def _beyond(record: Record, valve: DoubleSolenoidPlant) -> str:
 
 def _record(cycle: Cycle, valve: DoubleSolenoidPlant, known: BoolArray) -> Record:
     """Return position and currents in SI units; unusable samples repeat the last usable one."""
-    index = np.maximum.accumulate(np.where(known, np.arange(len(known)), 0))
-    position = np.nan_to_num(cycle.frames.position[index])
-    inputs = np.nan_to_num(cycle.frames.inputs[index])
+    position, inputs = held(cycle.frames.position, known), held(cycle.frames.inputs, known)
     return Record(
         x=valve.half_stroke * (2.0 * position - 1.0),
         current_a=np.ascontiguousarray(inputs[:, 3] * valve.current_scale),

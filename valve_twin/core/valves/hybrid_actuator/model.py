@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.estimation.data.robust import difference_sigma
-from valve_twin.core.gaps import find_gaps
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import (
     Estimate,
@@ -45,6 +44,7 @@ from valve_twin.core.valves.hybrid_actuator.predictor import (
 from valve_twin.core.valves.interface import Scale
 from valve_twin.core.valves.kit.compiled import CompiledModel
 from valve_twin.core.valves.kit.outcome import Evidence, at_zero, blank, conclude, withheld
+from valve_twin.core.valves.kit.record import held, usable, whole_refusal
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -151,9 +151,7 @@ class HybridActuatorModel(CompiledModel):
 
 def _known(cycle: Cycle) -> BoolArray:
     """Return which samples can be used, (N,)."""
-    frames = cycle.frames
-    known: BoolArray = frames.valid & np.isfinite(frames.position)
-    return known & np.isfinite(frames.inputs).all(axis=1)
+    return usable(cycle.frames)
 
 
 def _refusal(cycle: Cycle, options: HybridActuatorOptions, known: BoolArray) -> str:
@@ -161,25 +159,16 @@ def _refusal(cycle: Cycle, options: HybridActuatorOptions, known: BoolArray) -> 
         return Refusal(RefusalCode.OPTIONS, conflict)
     if slow := check_period(cycle.period_s):
         return Refusal(RefusalCode.WRONG_PERIOD, slow)
-    count = int(np.count_nonzero(known))
-    if count < _FEWEST:
-        return Refusal(RefusalCode.FEW_SAMPLES, f"{count} usable samples, fewer than {_FEWEST}")
-    gaps = int(np.count_nonzero(find_gaps(cycle.frames.stamp_ns, cycle.period_s)))
-    if gaps:
-        text = f"{gaps} gaps: pulses and flights are timed by counting samples"
-        return Refusal(RefusalCode.GAPS, text)
-    return ""
+    why = "pulses and flights are timed by counting samples"
+    return whole_refusal(cycle, known, _FEWEST, why)
 
 
 def _record(cycle: Cycle, options: HybridActuatorOptions, known: BoolArray) -> Flights:
     """Return position and currents in SI units; unusable samples repeat the last usable one."""
-    index = np.maximum.accumulate(np.where(known, np.arange(len(known)), 0))
-    frames = cycle.frames
-    scale = options.current_scale
-    travel = options.half_travel
-    inputs = np.nan_to_num(frames.inputs[index])
+    scale, travel = options.current_scale, options.half_travel
+    inputs = held(cycle.frames.inputs, known)
     return Flights(
-        position=travel * (2.0 * np.nan_to_num(frames.position[index]) - 1.0),
+        position=travel * (2.0 * held(cycle.frames.position, known) - 1.0),
         opener=np.ascontiguousarray(inputs[:, 2] * scale),
         closer=np.ascontiguousarray(inputs[:, 3] * scale),
         known=known,

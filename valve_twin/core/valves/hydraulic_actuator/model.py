@@ -32,7 +32,7 @@ from valve_twin.core.valves.kit.outcome import (
     refuse,
     unexcited,
 )
-from valve_twin.core.valves.kit.record import longest_whole
+from valve_twin.core.valves.kit.record import held, longest_whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -110,9 +110,7 @@ class HydraulicActuatorModel(CompiledModel):
 def _record(cycle: Cycle) -> Record:
     """Return the longest stretch without a gap, from its first usable sample on."""
     part, used = longest_whole(cycle.frames, cycle.period_s)
-    held = np.maximum.accumulate(np.where(used, np.arange(len(used)), 0))
-    opening = np.ascontiguousarray(part.inputs[held, 0])
-    pressure = np.ascontiguousarray(part.position[held])
+    pressure, opening = held(part.position, used), held(part.inputs[:, 0], used)
     return Record(pressure, opening, used, cycle.period_s)
 
 

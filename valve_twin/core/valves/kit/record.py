@@ -12,6 +12,7 @@ import numpy as np
 from valve_twin.core.estimation.data.masks import held_recently
 from valve_twin.core.estimation.data.stale import find_stale
 from valve_twin.core.gaps import find_gaps
+from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import MaskCounts
 
 if TYPE_CHECKING:
@@ -43,6 +44,39 @@ class Record:
     counts: MaskCounts
 
 
+def held(values: FloatArray, known: BoolArray) -> FloatArray:
+    """Repeat the last known value (N,) or row (N, M) over unknown ones, 0 before the first."""
+    index = np.maximum.accumulate(np.where(known, np.arange(len(values)), 0))
+    return np.ascontiguousarray(np.nan_to_num(values[index], nan=0.0, posinf=0.0, neginf=0.0))
+
+
+def usable(frames: Frames, first_input: int = 0) -> BoolArray:
+    """Return which samples (N,) are valid and finite, inputs before `first_input` left out."""
+    known: BoolArray = frames.valid & np.isfinite(frames.position)
+    return known & np.isfinite(frames.inputs[:, first_input:]).all(axis=1)
+
+
+def whole_refusal(cycle: Cycle, known: BoolArray, least: int, why: str) -> str:
+    """Return why a cycle is not whole, empty if it is.
+
+    Parameters
+    ----------
+    cycle : Cycle
+        N samples.
+    known : (N,) bool array
+        Samples that can be used.
+    least : int
+        How many have to be.
+    why : str
+        Why there must be no gap.
+    """
+    count = int(np.count_nonzero(known))
+    if count < least:
+        return Refusal(RefusalCode.FEW_SAMPLES, f"{count} usable samples, fewer than {least}")
+    gaps = int(np.count_nonzero(find_gaps(cycle.frames.stamp_ns, cycle.period_s)))
+    return Refusal(RefusalCode.GAPS, f"{gaps} gaps: {why}") if gaps else ""
+
+
 def longest_stretch(frames: Frames, period_s: float) -> Frames:
     """Return the longest stretch without a gap of at least one sample, at a period [s]."""
     edges = np.concatenate(
@@ -68,9 +102,9 @@ def longest_whole(frames: Frames, period_s: float) -> tuple[Frames, BoolArray]:
         From the first usable sample on, where there is one; valid and finite samples.
     """
     part = longest_stretch(frames, period_s)
-    usable = part.valid & np.isfinite(part.position) & np.isfinite(part.inputs).all(axis=1)
-    first = int(np.argmax(usable))
-    return part[first:], usable[first:]
+    known = usable(part)
+    first = int(np.argmax(known))
+    return part[first:], known[first:]
 
 
 def take_record(cycle: Cycle, *, max_lag: int) -> Record:
@@ -83,16 +117,15 @@ def take_record(cycle: Cycle, *, max_lag: int) -> Record:
     max_lag : int
         Longest command to output lag [samples].
     """
-    part, usable = longest_whole(cycle.frames, cycle.period_s)
-    held = np.maximum.accumulate(np.where(usable, np.arange(len(usable)), 0))
-    output, inputs = part.position[held], np.ascontiguousarray(part.inputs[held])
+    part, known = longest_whole(cycle.frames, cycle.period_s)
+    output, inputs = held(part.position, known), held(part.inputs, known)
     stale = np.zeros(len(part), dtype=np.bool_)
-    if usable.all():
+    if known.all():
         changed = np.any(np.diff(inputs, axis=0, prepend=inputs[:1]) != 0.0, axis=1)
         breaks = np.zeros(len(part), dtype=np.bool_)
         active = held_recently(changed, 4 * max(max_lag, 1))
         stale = find_stale(output, active, breaks, max_lag=max_lag)[0]
-    used = usable & ~stale
+    used = known & ~stale
     n_used, n_stale = int(np.count_nonzero(used)), int(np.count_nonzero(stale))
     counts = MaskCounts(n_used, stale=n_stale, bad=len(cycle.frames) - n_used - n_stale)
-    return Record(np.ascontiguousarray(output), inputs, used, cycle.period_s, counts)
+    return Record(output, inputs, used, cycle.period_s, counts)

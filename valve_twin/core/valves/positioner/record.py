@@ -15,6 +15,7 @@ from valve_twin.core.estimation.data.noise import rest_noise
 from valve_twin.core.gaps import find_gaps
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import MaskCounts
+from valve_twin.core.valves.kit.record import held
 from valve_twin.core.valves.positioner.fit import Record
 from valve_twin.core.valves.positioner.kernels import MAX_LAG
 
@@ -67,8 +68,8 @@ def prepare(cycle: Cycle, options: PositionerOptions) -> Prepared:
     max_lag = _max_lag(options, cycle.period_s)
     part = _longest_whole(cycle.frames, cycle.period_s, options.min_motion)
     bad = ~part.valid | ~np.isfinite(part.position)
-    command = _held(part.inputs[:, 0], np.isfinite(part.inputs[:, 0]))
-    position = _held(part.position, ~bad)
+    command = held(part.inputs[:, 0], np.isfinite(part.inputs[:, 0]))
+    position = held(part.position, ~bad)
     stale, sigma = _sensor(part, command, position, cycle.period_s, max_lag, options)
     used = ~bad & ~stale
     stops = np.array([options.lower_stop, options.upper_stop])
@@ -94,20 +95,14 @@ def _longest_whole(frames: Frames, period_s: float, min_motion: float) -> Frames
     moves = [_span(frames[int(a) : int(b)]) >= min_motion for a, b in pairwise(edges)]
     longest = int(np.argmax(np.where(moves, lengths, 0) if any(moves) else lengths))
     part = frames[int(edges[longest]) : int(edges[longest + 1])]
-    usable = part.valid & np.isfinite(part.position)
-    return part[int(np.argmax(usable)) :]
+    known = part.valid & np.isfinite(part.position)
+    return part[int(np.argmax(known)) :]
 
 
 def _span(frames: Frames) -> float:
     """Return how far the usable positions of a stretch lie apart [1]."""
     usable = frames.position[frames.valid & np.isfinite(frames.position)]
     return float(np.ptp(usable)) if len(usable) else 0.0
-
-
-def _held(values: FloatArray, known: BoolArray) -> FloatArray:
-    """Repeat the last known value over unknown ones, 0 before the first."""
-    index = np.maximum.accumulate(np.where(known, np.arange(len(values)), 0))
-    return np.ascontiguousarray(np.nan_to_num(values[index], nan=0.0, posinf=0.0, neginf=0.0))
 
 
 def _sensor(

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.refusal import Refusal, RefusalCode
-from valve_twin.core.valves.kit.record import longest_stretch
+from valve_twin.core.valves.kit.record import held, longest_stretch
 from valve_twin.core.valves.stepper_servo.fit import Record
 from valve_twin.core.valves.stepper_servo.predictor import MAX_LAG
 
 if TYPE_CHECKING:
-    from valve_twin.core.types import Cycle, FloatArray
+    from valve_twin.core.types import Cycle
     from valve_twin.core.valves.stepper_servo.fit import ThreadFit
     from valve_twin.core.valves.stepper_servo.parameters import StepperServoOptions
 
@@ -30,12 +30,8 @@ def take_record(cycle: Cycle) -> tuple[Record, int, int]:
     part = longest_stretch(frames, cycle.period_s)
     values = np.column_stack([part.position, part.inputs])
     used = part.valid & (np.abs(np.nan_to_num(values, nan=np.inf)) < _BELIEVED).all(axis=1)
-    kept = np.maximum.accumulate(np.where(used, np.arange(len(part)), 0))
-
-    def held(values: FloatArray) -> FloatArray:
-        return np.ascontiguousarray(np.nan_to_num(values[kept], nan=0.0, posinf=0.0, neginf=0.0))
-
-    record = Record(held(part.position), held(part.inputs[:, 0]), held(part.inputs[:, 1]), used)
+    motor, flow = (held(part.inputs[:, i], used) for i in range(2))
+    record = Record(held(part.position, used), motor, flow, used)
     return record, len(frames) - len(part), int(np.sum(~used))
 
 
