@@ -16,7 +16,7 @@ class DetectionConfig:
     learn: int = quantity(
         40, "1", "Cycles whose scatter is the valve's own, without the newest judged.", lower=1
     )
-    least: int = quantity(20, "1", "Fewest cycles of a line.", lower=2)
+    least: int = quantity(8, "1", "Fewest cycles of a line.", lower=2)
     window: int = quantity(40, "1", "Most cycles of a line.", lower=2)
     recent: int = quantity(
         8, "1", "Most cycles that are compared with the line at a time.", lower=1

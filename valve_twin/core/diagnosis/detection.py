@@ -13,11 +13,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from valve_twin.core.diagnosis.config import DetectionConfig
+from valve_twin.core.diagnosis.features import NOISE
 from valve_twin.core.diagnosis.lines import (
     Lines,
     Rays,
@@ -27,11 +28,12 @@ from valve_twin.core.diagnosis.lines import (
     without_outliers,
 )
 from valve_twin.core.diagnosis.table import BY_NAME, SignatureTable
+from valve_twin.core.estimation.data.robust import MAD_SCALE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from valve_twin.core.types import FloatArray, IntArray
+    from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
 UNKNOWN = "unknown"
 """Name of a change that is like no fault of the table."""
@@ -69,6 +71,18 @@ class Finding:
     end: int = -1
 
 
+_OF_LARGEST = 0.3
+"""Share of the largest deviation that another cycle must show: one wild cycle is no fault [1]."""
+
+_RISE = 0.4
+"""Least rise of the logarithm of the noise at rest that is a noisier sensor [1]."""
+
+_LEAST_NOISE = 5
+"""Fewest cycles whose noise at rest says what is usual."""
+
+_NO_SIZE = 1e-3
+"""Size, in that of a signature, below which a fault explains nothing [1]."""
+
 RIVAL = 6.0
 """Difference of twice the log likelihood below which two faults are not distinguished [1]."""
 
@@ -94,8 +108,7 @@ class Diagnosis:
     @property
     def present(self) -> Finding | None:
         """The fault that lasts, None = none."""
-        last = self.findings[-1] if self.findings else None
-        return last if last is not None and last.end < 0 else None
+        return next((f for f in reversed(self.findings) if f.end < 0), None)
 
 
 NOTHING = Diagnosis((), 0, ready=False)
@@ -156,38 +169,72 @@ def _search(
     findings: list[Finding] = []
     start = 0
     while len(cycles) - start >= config.least + config.confirm:
-        y = filled(vectors[start:], config.least)
-        known = min(config.learn, max(len(y) - config.recent, config.least))
-        y -= y[:known].mean(axis=0)
-        rays = whitened_rays(y[:known], np.isfinite(vectors[start:]), table, config)
-        w = y @ rays.white.T
-        base = without_outliers(w, config)
-        alarm = _first_alarm(w, base, rays, config)
-        if alarm is None:
+        seen = _first_seen(vectors[start:], table, config)
+        if seen is None:
             return findings, True
+        (w, base, rays), alarm = seen
         at = alarm[0]
         onset = _onset(w, base, rays, config, *alarm)
         finding, end = _isolate(w, base, rays, table, config, onset, at)
+        stale = _more_repeats(vectors[start:], onset, table) > 0.5
+        if stale[onset : at + 1].any():
+            end = _over(stale, at, config)
         number = cycles[start:]
         over = int(number[end]) if end >= 0 else -1
         found = _finding(finding, int(number[onset]), int(number[at]), over)
-        later = slice(start + onset, None if end < 0 else start + end - config.heal + 1)
-        before = vectors[start : start + onset]
-        findings.append(_gross(found, before, vectors[later], table))
+        last = None if end < 0 else end - config.heal + 1
+        repeats = _more_repeats(vectors[start:], onset, table)[onset : at + 1]
+        findings.append(_gross(found, vectors[start:], slice(onset, last), repeats, table))
         if end < 0:
             return findings, True
         start += max(end - config.heal + 1, 1)
     return findings, False
 
 
+_View: TypeAlias = "tuple[FloatArray, FloatArray, Rays]"
+
+
+def _first_seen(
+    vectors: FloatArray, table: SignatureTable, config: DetectionConfig
+) -> tuple[_View, tuple[int, int]] | None:
+    """Return what the first alarm was raised in, and its rows; None = no alarm.
+
+    Each cycle is judged by the scatter of cycles known by then: what comes later is never taken
+    for the valve's own, so that an alarm once raised is raised in every longer history.
+    """
+    settled = config.learn + config.recent
+    for end in range(config.least + config.confirm, min(len(vectors), settled - 1) + 1):
+        known = min(config.learn, max(end - config.recent, config.least))
+        view = _whitened(vectors, known, end, table, config)
+        alarm = _first_alarm(*view, config, first=end - 1)
+        if alarm is not None:
+            return _whitened(vectors, known, len(vectors), table, config), alarm
+    if len(vectors) < settled:
+        return None
+    view = _whitened(vectors, config.learn, len(vectors), table, config)
+    alarm = _first_alarm(*view, config, first=settled - 1)
+    return None if alarm is None else (view, alarm)
+
+
+def _whitened(
+    vectors: FloatArray, known: int, end: int, table: SignatureTable, config: DetectionConfig
+) -> _View:
+    """Return the first `end` cycles whitened by the scatter of the first `known`."""
+    y = filled(vectors[:end], config.least)
+    y -= y[:known].mean(axis=0)
+    rays = whitened_rays(y[:known], np.isfinite(vectors[:end]), table, config)
+    w = y @ rays.white.T
+    return w, without_outliers(w, config), rays
+
+
 def _first_alarm(
-    w: FloatArray, base: FloatArray, rays: Rays, config: DetectionConfig
+    w: FloatArray, base: FloatArray, rays: Rays, config: DetectionConfig, *, first: int
 ) -> tuple[int, int] | None:
-    """Return the row that raises an alarm and the row of its onset, None = no alarm."""
+    """Return the row from `first` on that raises an alarm and that of its onset, None = none."""
     total = np.concatenate((np.zeros((1, w.shape[1])), np.cumsum(w, axis=0)))
     best: tuple[int, float, int] | None = None
     for m in range(config.confirm, config.recent + 1):
-        end = np.arange(config.least + m - 1, len(w))
+        end = np.arange(max(config.least + m - 1, first), len(w))
         if not len(end):
             continue
         lines = lines_through(base, end - m, config.window)
@@ -195,12 +242,13 @@ def _first_alarm(
         mean = (total[end + 1] - total[end + 1 - m]) / m - line
         ratio = (mean / np.sqrt(1.0 / m + variance)[:, None]) @ rays.rays.T
         shown = ratio > np.sqrt(config.threshold)
-        showing = np.zeros(shown.shape, dtype=np.int64)
+        cycles = np.empty((m, *shown.shape))
         for back in range(m):
             line, variance = lines.at((end - back).astype(np.float64))
             each = (w[end - back] - line) / np.sqrt(1.0 + variance)[:, None]
-            showing += each @ rays.rays.T > config.each
-        shown &= showing >= config.confirm
+            cycles[back] = each @ rays.rays.T
+        least = np.maximum(config.each, _OF_LARGEST * cycles.max(axis=0))
+        shown &= np.count_nonzero(cycles > least, axis=0) >= config.confirm
         hits = np.flatnonzero(shown.any(axis=1))
         if not len(hits):
             continue
@@ -262,11 +310,13 @@ def _isolate(
         for k in range(len(table.signatures))
     ]
     best: dict[str, float] = {}
-    for signature, (value, _, _) in zip(table.signatures, fits, strict=True):
+    values = [value if size > _NO_SIZE else -np.inf for value, size, _ in fits]
+    for signature, value in zip(table.signatures, values, strict=True):
         best[signature.fault] = max(best.get(signature.fault, -np.inf), value)
-    k = int(np.argmax([value for value, _, _ in fits]))
+    k = int(np.argmax(values))
     size, change = fits[k][1], off.mean(axis=0)
     like = float(rays.rays[k] @ change) ** 2 / max(float(change @ change), 1e-300)
+    like = like if np.isfinite(values[k]) else -1.0
     severity = table.signatures[k].severity * size
     excess = fits[k][2] / off.size
     match = _Match(best, severity, float(np.linalg.norm(change)), like, excess)
@@ -312,22 +362,63 @@ def _healed(
     return int(rows[hits[0] + config.heal - 1]) if len(hits) else -1
 
 
+def _over(stale: BoolArray, alarm: int, config: DetectionConfig) -> int:
+    """Return the first row after the alarm that ends `heal` rows without, or -1."""
+    run = 0
+    for row in range(alarm + 1, len(stale)):
+        run = 0 if stale[row] else run + 1
+        if run == config.heal:
+            return row
+    return -1
+
+
 def _gross(
-    found: Finding, before: FloatArray, after: FloatArray, table: SignatureTable
+    found: Finding,
+    vectors: FloatArray,
+    later: slice,
+    repeats: FloatArray,
+    table: SignatureTable,
 ) -> Finding:
     """Name what takes most features away: a frozen sensor, gains fallen to less than a tenth."""
+    before, after = vectors[: later.start], vectors[later]
     newest = after[-1]
-    repeats = newest[table.features.index("repeats")] if "repeats" in table.features else 0.0
     gains = [i for i, n in enumerate(table.features) if n.startswith("gain_")]
     fallen = newest[gains] - np.median(filled(before, len(before))[:, gains], axis=0)
     fallen = fallen[np.isfinite(fallen)]
-    if repeats > 0.5:
-        name, severity = "sensor_freeze", float(repeats)
+    noise = _more_noise(before, after, table)
+    if repeats.max() > 0.5:
+        name, severity = "sensor_freeze", float(repeats.max())
+    elif noise > 0.0:
+        name, severity = "sensor_noise", noise
     elif len(fallen) and fallen.max() < -np.log(10.0):
         name, severity = "no_motion", float("nan")
     else:
         return found
     return replace(found, fault=name, rivals=(), part=BY_NAME[name].part, severity=severity)
+
+
+def _more_repeats(vectors: FloatArray, onset: int, table: SignatureTable) -> FloatArray:
+    """Return by row the share of samples that repeat though they did not before the onset [1]."""
+    if "repeats" not in table.features:
+        return np.zeros(len(vectors))
+    repeats = np.nan_to_num(vectors[:, table.features.index("repeats")])
+    usual = float(np.median(repeats[:onset]))
+    return np.asarray((repeats - usual) / max(1.0 - usual, 1e-9), dtype=np.float64)
+
+
+def _more_noise(before: FloatArray, after: FloatArray, table: SignatureTable) -> float:
+    """Return how many times noisier the position at rest is, 0 where it is not beyond doubt."""
+    if NOISE not in table.features:
+        return 0.0
+    index = table.features.index(NOISE)
+    old, new = before[:, index], after[:, index]
+    old, new = old[np.isfinite(old)], new[np.isfinite(new)]
+    if len(old) < _LEAST_NOISE or not len(new):
+        return 0.0
+    usual = float(np.median(old))
+    spread = MAD_SCALE * float(np.median(np.abs(old - usual)))
+    rise = float(np.median(new)) - usual
+    return float(np.exp(rise)) if rise > max(_RISE, 6.0 * spread) else 0.0
 
 
 def _finding(match: _Match, onset: int, alarm: int, end: int) -> Finding:
@@ -336,7 +427,7 @@ def _finding(match: _Match, onset: int, alarm: int, end: int) -> Finding:
     best = names[0]
     rivals = tuple(n for n in names[1:] if match.likelihood[best] - match.likelihood[n] < RIVAL)
     config = DetectionConfig()
-    if match.like < config.like and match.excess > config.excess:
+    if match.like < 0.0 or (match.like < config.like and match.excess > config.excess):
         return Finding(UNKNOWN, (), "valve", float("nan"), match.deviation, onset, alarm, end)
     return Finding(
         best, rivals, BY_NAME[best].part, match.severity, match.deviation, onset, alarm, end

@@ -18,6 +18,13 @@ ESTIMATOR = "features"
 """Name under which the features of a cycle are stored and published."""
 
 
+NOISE = "rest_noise"
+"""Name of the feature that is the noise of the position at rest."""
+
+DELAYS = ("delay_in", "delay_out")
+"""Names of the features that are times from a command to the motion [s]."""
+
+
 @dataclass(frozen=True, slots=True)
 class FeatureSet:
     """The features of a valve, and where the search for the signatures of its faults begins.

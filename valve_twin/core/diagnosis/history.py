@@ -10,6 +10,7 @@ import numpy as np
 
 from valve_twin.core.diagnosis.detection import NOTHING, UNKNOWN, Diagnosis, Finding, detect
 from valve_twin.core.diagnosis.features import ESTIMATOR
+from valve_twin.core.diagnosis.products import clocks_apart, products, without_slips
 from valve_twin.core.diagnosis.table import BY_NAME
 
 if TYPE_CHECKING:
@@ -43,7 +44,24 @@ def diagnose(history: Sequence[Estimate], maintenance: Sequence[Maintenance]) ->
         return NOTHING
     cycles = np.array(sorted(shown), dtype=np.int64)
     vectors = np.array([model.feature_set.vector(shown[int(c)].parameters) for c in cycles])
-    return detect(cycles, vectors, table, restarts=[m.cycle for m in maintenance])
+    restarts = [m.cycle for m in maintenance]
+    chosen = [shown[int(c)] for c in cycles]
+    product = products(np.array([(e.end_ns - e.start_ns) * 1e-9 for e in chosen]))
+    found: list[Finding] = []
+    ready = False
+    for number in sorted(set(product.tolist()) - {-1}):
+        own = product == number
+        steady = without_slips(vectors[own], table)
+        part = detect(cycles[own], steady, table, restarts=restarts)
+        found += part.findings
+        if number == product[-1]:
+            ready = part.ready
+    since = int(np.searchsorted(cycles, max(restarts, default=0)))
+    start_s = np.array([(e.start_ns - chosen[0].start_ns) * 1e-9 for e in chosen])
+    clock = clocks_apart(cycles[since:], start_s[since:], vectors[since:], table)
+    found.sort(key=lambda f: (f.alarm, f.onset))
+    found += [clock] if clock is not None else []
+    return Diagnosis(tuple(found), len(cycles), ready)
 
 
 def _model(name: str) -> ValveModel | None:
@@ -64,6 +82,11 @@ def describe_finding(finding: Finding) -> str:
     if finding.fault == UNKNOWN:
         return f"a sudden change that is like no known fault, {since} ({sure})"
     kind = BY_NAME[finding.fault]
+    if finding.fault == "clock":
+        return (
+            f"{kind.text} {abs(finding.severity) * 1e6:.0f} ppm, seen {since} ({sure}): log both "
+            "by one clock, or synchronise the two"
+        )
     if not np.isfinite(finding.severity):
         return f"{kind.text}, {since}"
     unit = "" if kind.unit == "1" else f" {kind.unit}"

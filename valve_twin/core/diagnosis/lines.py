@@ -9,12 +9,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.diagnosis.features import NOISE
 from valve_twin.core.diagnosis.table import SignatureTable, whitener, with_floor
 from valve_twin.core.estimation.data.robust import MAD_SCALE
 
 if TYPE_CHECKING:
     from valve_twin.core.diagnosis.config import DetectionConfig
     from valve_twin.core.types import FloatArray, IntArray
+
+_CHANCE = 1e-8
+"""Chance at which the quantiles of few and of enough cycles are compared [1]."""
+
+_TAIL, _TAIL_DEVIATIONS = 0.9, 1.645
+"""A valve whose tenth cycle is an outlier scatters so: share [1], its normal deviations [1]."""
+
+_ROUNDING = 1e-6
+_NEVER_JUDGED = 1e3
+"""Deviation of a feature that never changed, so that its scatter is not known [1]."""
 
 _BEFORE = 5
 """Cycles before a cycle whose median it is compared with."""
@@ -24,6 +35,7 @@ _BEFORE = 5
 class Rays:
     """Whitened signatures: `white` (F, F), `changes` and unit `rays` (S, F), `spread` (S, F, F).
 
+    A further ray is that of a noisier sensor, which no signature stands for.
     `spread` is the covariance by which the fault adds to the scatter of a cycle.
     """
 
@@ -71,10 +83,13 @@ def whitened_rays(
     t = np.arange(n) - 0.5 * (n - 1)
     off = y - y.mean(axis=0) - np.outer(t, t @ y / (t @ t))
     spread = MAD_SCALE * np.median(np.abs(off), axis=0)
+    spread = np.maximum(spread, np.quantile(np.abs(off), _TAIL, axis=0) / _TAIL_DEVIATIONS)
     off = np.where(spread > 0.0, np.clip(off, -4.0 * spread, 4.0 * spread), off)
     floor = np.array(table.floor)
+    constant = (np.ptp(y, axis=0) == 0.0) & (floor < _ROUNDING)
+    floor = np.where(constant, _NEVER_JUDGED, floor)
     own = with_floor(off.T @ off / (n - 2), floor)
-    scale = config.margin * np.sqrt(np.diag(own))
+    scale = config.margin * _doubt(n - 2, config.learn - 2) * np.sqrt(np.diag(own))
     prior = with_floor(np.array(table.covariance), floor)
     deviation = np.sqrt(np.diag(prior))
     mixed = config.trust * prior / np.outer(deviation, deviation)
@@ -83,10 +98,25 @@ def whitened_rays(
     correlation = mixed / (config.trust + n - 2)
     white = whitener(correlation * np.outer(scale, scale))
     absent = np.count_nonzero(known[: config.least], axis=0) < config.least // 2
+    absent |= constant
     changes = np.where(absent, 0.0, table.changes()) @ white.T
     length = np.maximum(np.linalg.norm(changes, axis=1), 1e-12)
     root = white[None] * np.where(absent, 0.0, table.scatters())[:, None, :]
-    return Rays(white, changes, changes / length[:, None], root @ root.transpose(0, 2, 1))
+    rays = changes / length[:, None]
+    if NOISE in table.features and not absent[table.features.index(NOISE)]:
+        louder = white[:, table.features.index(NOISE)]
+        rays = np.vstack((rays, louder / np.linalg.norm(louder)))
+    return Rays(white, changes, rays, root @ root.transpose(0, 2, 1))
+
+
+def _doubt(freedom: int, settled: int) -> float:
+    """Return by how much wider than from `settled` cycles a deviation from few ones must count.
+
+    Student's t at the chance of an alarm.
+    """
+    from scipy.special import stdtrit  # slow to import
+
+    return float(stdtrit(freedom, 1.0 - _CHANCE) / stdtrit(settled, 1.0 - _CHANCE))
 
 
 @dataclass(frozen=True, slots=True)

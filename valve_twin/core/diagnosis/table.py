@@ -36,6 +36,8 @@ class FaultType:
         Unit of its size.
     two_sided : bool
         Whether it comes in both directions.
+    most : float
+        Greatest size that there is [unit of the fault].
     """
 
     name: str
@@ -43,6 +45,7 @@ class FaultType:
     text: str
     unit: str = "1"
     two_sided: bool = False
+    most: float = np.inf
 
 
 FAULT_TYPES = (
@@ -51,13 +54,15 @@ FAULT_TYPES = (
     FaultType("preload", "valve", "shifted closing force"),
     FaultType("coil_resistance", "valve", "risen resistance of the filling coil"),
     FaultType("dead_band", "valve", "grown dead band"),
-    FaultType("aeration", "valve", "gas in the chamber"),
+    FaultType("aeration", "valve", "gas in the chamber", most=1.0),
     FaultType("no_motion", "valve", "no motion: the spool is stuck, or no command reaches it"),
     FaultType("sensor_offset", "sensor", "offset of the position sensor", two_sided=True),
     FaultType("sensor_gain", "sensor", "gain of the position sensor", two_sided=True),
-    FaultType("sensor_freeze", "sensor", "freezing position sensor"),
-    FaultType("command_loss", "command", "command that does not reach the valve"),
-    FaultType("supply_drop", "supply", "drop of the supply pressure"),
+    FaultType("sensor_freeze", "sensor", "freezing position sensor", most=1.0),
+    FaultType("sensor_noise", "sensor", "noisier position sensor, noise at rest times"),
+    FaultType("clock", "sensor", "clocks of position and commands apart, by"),
+    FaultType("command_loss", "command", "command that does not reach the valve", most=1.0),
+    FaultType("supply_drop", "supply", "drop of the supply pressure", most=1.0),
 )
 """Every fault that is separated, by the part that has it."""
 
@@ -119,7 +124,8 @@ class SignatureTable:
         same = [s.severity / own.severity for s in self.signatures if s.fault == own.fault]
         ratios = [r for r in same if r > 0.0]
         lower = 0.5 if min(ratios) < 1.0 else 0.0
-        return lower, 2.0 if max(ratios) > 1.0 else np.inf
+        most = BY_NAME[own.fault].most / abs(own.severity) if own.fault in BY_NAME else np.inf
+        return lower, min(2.0 if max(ratios) > 1.0 else np.inf, most)
 
     def changes(self) -> FloatArray:
         """Return the changes of all signatures, (S, F)."""

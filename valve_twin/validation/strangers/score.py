@@ -5,7 +5,8 @@
 Every figure is a share, hits of cases, so that strangers add up. A verdict is judged by cycle:
 
 healthy         no fault now or in the last `GRACE` cycles: any part named is a false alarm, but
-                for the valve where more than `WEAR_SHOWS` of the way to a limit is worn away
+                for the valve where more than `WEAR_SHOWS` of the way to a limit is worn away or
+                a stepwise aging has made a step, and for clocks that are told to be apart
 faulty          a medium or large fault that began after cycle `EARLY`: "ok" is silent wrong; a
                 part named must be that of a fault, or of wear that shows
 early           the same for faults that began up to cycle `EARLY`, which have no reference
@@ -184,9 +185,9 @@ def _score_cycle(
     silent = kind is VerdictKind.OK
     if not active and not recent:
         named = kind >= VerdictKind.VALVE
-        found.count(
-            "false alarm", named and not (kind is VerdictKind.VALVE and wear >= WEAR_SHOWS)
-        )
+        fair = kind is VerdictKind.VALVE and (wear >= WEAR_SHOWS or _has_stepped(stranger, one))
+        fair |= bool(stranger.logger.clocks_apart) and _fault(one) == "clock"
+        found.count("false alarm", named and not fair)
     if late and not early:
         found.count("not enough data", kind is VerdictKind.NOT_ENOUGH_DATA)
     if big and late:
@@ -205,6 +206,15 @@ def _score_cycle(
                 found.count(f"right part: {t.name}", right)
     if late and not active and not recent and wear >= WORN:
         found.count("worn told ok", silent)
+
+
+def _has_stepped(stranger: Stranger, one: Said) -> bool:
+    aging = stranger.aging
+    return aging.law == "stepwise" and any(c <= one.cycle for c in aging.steps)
+
+
+def _fault(one: Said) -> str:
+    return one.assessment.verdict.fault if one.assessment else ""
 
 
 def _names(one: Said, kind: VerdictKind, trouble: Trouble) -> bool:

@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What changes features without a fault: another product, a sample's slip, clocks apart."""
+
+import numpy as np
+import pytest
+
+from valve_twin.core.diagnosis.products import clocks_apart, products, without_slips
+
+CYCLES = np.arange(1, 41)
+START_S = 12.0 * (CYCLES - 1.0)
+
+
+def delays(table, into, out):
+    """Return (40, F) features, all 0 but the delays of both strokes."""
+    vectors = np.zeros((len(CYCLES), len(table.features)))
+    vectors[:, table.features.index("delay_in")] = into
+    vectors[:, table.features.index("delay_out")] = out
+    return vectors
+
+
+def test_programs_of_different_length_are_different_products():
+    rng = np.random.default_rng(1)
+    turns = np.where(np.arange(40) % 2 == 0, 12.0, 12.5) + 0.01 * rng.standard_normal(40)
+    turns[7] += 20.0  # a pause
+    found = products(turns)
+    assert found[7] == -1
+    assert set(found[np.arange(40) % 2 == 0].tolist()) == {0}
+    assert len(set(np.delete(found, 7).tolist())) == 2
+
+
+def test_durations_that_differ_at_will_tell_no_product():
+    found = products(np.random.default_rng(2).uniform(5.0, 60.0, 40))
+    assert set(found.tolist()) == {0}
+
+
+@pytest.mark.parametrize("rate", [350e-6, -280e-6])
+def test_clocks_apart_are_found_by_their_rate(table, rate):
+    noise = 1e-3 * np.random.default_rng(3).standard_normal((2, 40))
+    vectors = delays(table, 0.01 + rate * START_S + noise[0], 0.02 + rate * START_S + noise[1])
+    found = clocks_apart(CYCLES, START_S, vectors, table)
+    assert found is not None
+    assert found.fault == "clock"
+    assert found.severity == pytest.approx(rate, rel=0.05)
+
+
+def test_one_pilot_that_becomes_slower_and_a_step_are_no_clocks_apart(table):
+    noise = 1e-3 * np.random.default_rng(4).standard_normal((2, 40))
+    slower = delays(table, 0.01 + 5e-5 * START_S + noise[0], 0.02 + noise[1])
+    assert clocks_apart(CYCLES, START_S, slower, table) is None
+    step = 0.05 * (CYCLES > 20)
+    assert (
+        clocks_apart(CYCLES, START_S, delays(table, step + noise[0], step + noise[1]), table)
+        is None
+    )
+
+
+def test_a_sample_more_between_the_signals_is_taken_out_and_a_slower_valve_is_not(table):
+    late = 0.03 * (CYCLES > 20)
+    alone = without_slips(delays(table, np.zeros(40), late), table)
+    assert np.ptp(alone) == 0.0
+    both = delays(table, late, late)
+    assert np.array_equal(without_slips(both, table), both)

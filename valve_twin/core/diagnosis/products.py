@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What changes the features of a cycle without a fault of the valve: products, clocks apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.diagnosis.detection import Finding
+from valve_twin.core.diagnosis.features import DELAYS
+from valve_twin.core.estimation.data.robust import MAD_SCALE
+
+if TYPE_CHECKING:
+    from valve_twin.core.diagnosis.table import SignatureTable
+    from valve_twin.core.types import FloatArray, IntArray
+
+_ALIKE = 0.01
+"""Relative gap between the durations of cycles of one product, assumed [1]."""
+
+_FEWEST = 5
+"""Fewest cycles of a product."""
+
+_ODD = 0.3
+"""Share of cycles of no product above which durations tell no products, assumed [1]."""
+
+_RECENT = 8
+_SLIP_S = (0.012, 0.06)
+"""Jumps of a delay that a sample more or less can make, for periods of 20-40 ms, assumed [s]."""
+
+_UNMOVED = 0.1
+"""Share of such a jump by which the other delay may move [1]."""
+
+_LEAST_CYCLES = 16
+_NEWEST = 200
+_SURE = 10.0
+_LEAST_SHIFT_S = 0.01
+_LEAST_ALONE_S = 0.04
+_FASTEST = 5e-3
+_OF_RATE = 0.5
+"""Share of the rate that each delay, and each half of the record, must show [1]."""
+
+
+def products(duration_s: FloatArray) -> IntArray:
+    """Return which product each cycle makes, by the duration of the program; -1 = not known.
+
+    Parameters
+    ----------
+    duration_s : (N,) array
+        Durations of the cycles [s].
+
+    Returns
+    -------
+    (N,) int64 array
+        Number of the product, longest program last; all 0 where durations differ too much to say.
+    """
+    order = np.argsort(duration_s, kind="stable")
+    ranked = duration_s[order]
+    apart = np.diff(ranked) > _ALIKE * np.maximum(ranked[1:], 1e-9)
+    group = np.empty(len(ranked), dtype=np.int64)
+    group[order] = np.concatenate(([0], np.cumsum(apart)))
+    sizes = np.bincount(group)
+    group[sizes[group] < _FEWEST] = -1
+    if np.mean(group < 0) > _ODD:
+        return np.zeros(len(group), dtype=np.int64)
+    return group
+
+
+def without_slips(vectors: FloatArray, table: SignatureTable) -> FloatArray:
+    """Take out of the delays what one sample more or less between the two signals does.
+
+    Where controller and logger are not in step, a command is logged a sample earlier or later
+    from some cycle on. One delay then jumps by a sample, and nothing else.
+
+    Parameters
+    ----------
+    vectors : (N, F) array
+        Features [unit by feature].
+    table : SignatureTable
+        Names of the features.
+
+    Returns
+    -------
+    (N, F) array
+        Features whose delays do not jump alone.
+    """
+    if not set(DELAYS) <= set(table.features):
+        return vectors
+    out = np.array(vectors)
+    columns = [table.features.index(n) for n in DELAYS]
+    shift = np.zeros(len(columns))
+    for row in range(1, len(out)):
+        recent = out[max(row - _RECENT, 0) : row, columns]
+        usual = np.full(len(columns), np.nan)
+        for i, column in enumerate(recent.T):
+            known = column[np.isfinite(column)]
+            usual[i] = np.median(known) if len(known) else np.nan
+        off = out[row, columns] - shift - usual
+        for i, alone in enumerate(off):
+            other = np.nan_to_num(off[1 - i])
+            if _SLIP_S[0] < abs(alone) < _SLIP_S[1] and abs(other) < _UNMOVED * abs(alone):
+                shift[i] += alone
+        out[row, columns] -= shift
+    return out
+
+
+@dataclass(frozen=True, slots=True)
+class _Slope:
+    """A robust line: slope and its standard error."""
+
+    value: float
+    error: float
+
+
+def clocks_apart(
+    cycles: IntArray, start_s: FloatArray, vectors: FloatArray, table: SignatureTable
+) -> Finding | None:
+    """Find clocks of position and commands that run apart: delays grow steadily and alike.
+
+    It grows as fast in both halves of the record. A single delay, where a cycle shows no other,
+    must grow by more than a pilot becomes slower.
+
+    Parameters
+    ----------
+    cycles : (N,) int64 array
+        Cycle numbers.
+    start_s : (N,) array
+        When each began [s].
+    vectors : (N, F) array
+        Features [unit by feature].
+    table : SignatureTable
+        Names of the features.
+
+    Returns
+    -------
+    Finding or None
+        Its severity is the rate of one clock over the other, less 1.
+    """
+    t = start_s[-_NEWEST:]
+    whole: list[_Slope] = []
+    parts: list[float] = []
+    for name in set(DELAYS) & set(table.features):
+        delay = vectors[-_NEWEST:, table.features.index(name)]
+        known = np.isfinite(delay)
+        if np.count_nonzero(known) >= _LEAST_CYCLES and np.ptp(t[known]) > 0.0:
+            half = np.count_nonzero(known) // 2
+            x, y = t[known], delay[known]
+            whole.append(_slope(x, y))
+            parts += [_slope(x[:half], y[:half]).value, _slope(x[half:], y[half:]).value]
+    if not whole:
+        return None
+    rate = sum(s.value for s in whole) / len(whole)
+    values = [s.value for s in whole] + parts
+    alike = all(_OF_RATE < v / rate < 1.0 / _OF_RATE for v in values) if rate else False
+    sure = min(abs(s.value) / s.error for s in whole)
+    least = _LEAST_SHIFT_S if len(whole) > 1 else _LEAST_ALONE_S
+    if not (alike and sure > _SURE and least < abs(rate) * np.ptp(t) and abs(rate) < _FASTEST):
+        return None
+    newest = cycles[-_NEWEST:]
+    return Finding("clock", (), "sensor", rate, sure, int(newest[0]), int(newest[-1]))
+
+
+def _slope(t: FloatArray, y: FloatArray) -> _Slope:
+    """Return the line through all but the outliers about the median slope."""
+    i, j = np.triu_indices(len(t), 1)
+    middle = float(np.median((y[j] - y[i]) / (t[j] - t[i])))
+    off = y - middle * t
+    off -= np.median(off)
+    spread = MAD_SCALE * float(np.median(np.abs(off)))
+    kept = np.abs(off) <= 4.0 * spread
+    x = t[kept] - t[kept].mean()
+    square = max(float(x @ x), 1e-300)
+    slope = float(x @ y[kept]) / square
+    left = y[kept] - y[kept].mean() - slope * x
+    sigma = np.sqrt(float(left @ left) / max(len(x) - 2, 1))
+    return _Slope(slope, max(float(sigma / np.sqrt(square)), 1e-12))
