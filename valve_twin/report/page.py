@@ -14,7 +14,7 @@ from valve_twin.core.types import EstimateStatus, ParameterStatus
 from valve_twin.io.errors import ValveTwinError
 from valve_twin.report.budget import budget_section
 from valve_twin.report.faults import faults_section
-from valve_twin.report.plots import Marks, has_line, plot_cycle, plot_parameter
+from valve_twin.report.plots import Marks, draws_laws, has_line, plot_cycle, plot_parameter
 from valve_twin.report.signals import plot_signals
 from valve_twin.report.tables import (
     STATUS_WORDS,
@@ -199,6 +199,7 @@ def _legend_keys(
     values = [p for e in data.trend_estimates for p in e.parameters]
     calibrated = any(math.isfinite(p.lower_95) for p in values)
     line = any(has_line(trend) for trend, _ in pairs.values())
+    laws = any(draws_laws(trend, detail) for trend, detail in pairs.values())
     outlier = line and any(detail.outlier.any() for _, detail in pairs.values())
     bound = any(p.status is ParameterStatus.AT_BOUND for p in values if p.name in names)
     none = "limits of single estimates: not calibrated (fewer than 10 cycles)"
@@ -209,6 +210,7 @@ def _legend_keys(
         (line, "trend", "trend"),
         (line, "mean", "95 % interval of the trend"),
         (line, "prediction", "95 % interval of the next estimate"),
+        (laws, "laws", "laws of aging that the estimates allow, with their probability"),
         (line, "threshold", "service limit"),
         (line, "segment", "change found"),
         (outlier, "outlier", "left out as an outlier"),

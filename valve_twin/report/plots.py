@@ -30,6 +30,12 @@ _BINS = 500
 _MAX_POINTS = 3000
 """Estimates drawn in a chart; of more, every n-th is drawn."""
 
+_LEAST_LAW = 0.05
+"""Probability of a law of aging from which it is drawn [1]."""
+
+_FAR = 0.6
+"""How far laws are drawn ahead of the last cycle at most, as a share of the history [1]."""
+
 _MAX_BARS = 400
 """Estimates up to which every one's 95 % limits are drawn."""
 
@@ -152,6 +158,7 @@ def plot_parameter(name: str, estimates: Sequence[Estimate], marks: Marks, axis:
     if not (usable | bound).any():
         middle = (panel.left + 0.5 * panel.width, panel.top + 0.5 * panel.height)
         panel.text(*middle, "no cycle says anything about it", "label mid")
+    _laws(panel, marks)
     for line_x, line_y in drawn:
         panel.line(line_x, line_y, "trend")
     if trend is not None and math.isfinite(trend.threshold):
@@ -175,6 +182,7 @@ def _parameter_panel(
         if _threshold_in_view(trend, value[shown]):
             parts.append(np.array([trend.threshold]))
     ends = (float(x.min()), float(x.max())) if len(x) else (0.0, 1.0)
+    ends = (ends[0], ends[1] + _look_ahead(marks, ends[1] - ends[0]))
     pad = 0.02 * (ends[1] - ends[0]) or 0.5
     return Panel(
         58.0,
@@ -184,6 +192,39 @@ def _parameter_panel(
         (ends[0] - pad, ends[1] + pad),
         _range(parts, floor=1e-3 if not np.any(value[shown]) else 0.0),
     )
+
+
+def _look_ahead(marks: Marks, length: float) -> float:
+    """Return how far beyond the last cycle is shown: to the limit, where that is in sight."""
+    trend, detail = marks.trend, marks.detail
+    if trend is None or detail is None or detail.laws is None or not has_line(trend):
+        return 0.0
+    if trend.status is not TrendStatus.DRIFTING or not math.isfinite(trend.remaining_median):
+        return 0.0
+    return min(1.1 * trend.remaining_median, _FAR * length)
+
+
+def draws_laws(trend: Trend | None, detail: TrendDetail | None) -> bool:
+    """Tell whether a chart shows the laws of aging: a limit is in sight or the trend bends."""
+    if detail is None or detail.laws is None:
+        return False
+    return detail.laws.bends or _look_ahead(Marks(trend, detail), 1.0) > 0.0
+
+
+def _laws(panel: Panel, marks: Marks) -> None:
+    """Draw the laws that the present segment allows, from its start to the end of the view."""
+    detail = marks.detail
+    if detail is None or detail.laws is None or not draws_laws(marks.trend, detail):
+        return
+    x = np.linspace(float(detail.axis[detail.starts[-1]]), panel.x[1], 60)
+    low, high = panel.y
+    for row, (law, probability, shape) in enumerate(detail.laws.alternatives(_LEAST_LAW)):
+        y = detail.laws.curve(x, shape)
+        inside = (y >= low) & (y <= high)
+        if np.count_nonzero(inside) > 1:
+            panel.line(x[inside], y[inside], f"way {law.value}")
+        at = panel.left + panel.width - 6, panel.top + 13 + 14 * row
+        panel.text(*at, f"{law.value} {100.0 * probability:.0f} %", f"end law {law.value}")
 
 
 def _threshold_in_view(trend: Trend, values: FloatArray) -> bool:
@@ -233,11 +274,16 @@ def _bands(panel: Panel, marks: Marks) -> list[tuple[FloatArray, FloatArray]]:
         if fit is None or stop - start < 2:
             continue
         x = np.linspace(float(detail.axis[start]), float(detail.axis[stop - 1]), 24)
-        single = np.array([fit.prediction_interval(v) for v in x.tolist()])
-        mean = np.array([fit.mean_interval(v) for v in x.tolist()])
+        fits = [fit] * len(x)
+        if stop == len(detail.axis) and detail.laws is not None and detail.laws.bends:
+            laws, sigma = detail.laws, detail.laws.variance**0.5
+            fits = [laws.tangent(v, samples=stop - start, sigma=sigma) for v in x.tolist()]
+        places = list(zip(fits, x.tolist(), strict=True))
+        single = np.array([f.prediction_interval(v) for f, v in places])
+        mean = np.array([f.mean_interval(v) for f, v in places])
         panel.band(x, single[:, 0], single[:, 1], "prediction")
         panel.band(x, mean[:, 0], mean[:, 1], "mean")
-        lines.append((x, np.array([fit.level(v) for v in x.tolist()])))
+        lines.append((x, np.array([f.level(v) for f, v in places])))
     return lines
 
 

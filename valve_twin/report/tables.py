@@ -98,9 +98,14 @@ def _remaining(t: Trend) -> str:
         return "reached"
     if not math.isfinite(t.remaining_median):
         known = math.isfinite(t.remaining_low)
-        return noted("no end in sight", f"at least {_cycles(t.remaining_low)}" if known else "")
+        what = f"no forecast: it bends ({t.law})" if t.bends else "no end in sight"
+        return noted(what, f"at least {_cycles(t.remaining_low)}" if known else "")
     upper = "unbounded" if t.unbounded else _cycles(t.remaining_high)
-    return noted(_cycles(t.remaining_median), f"{_cycles(t.remaining_low)} … {upper}")
+    notes = [f"{_cycles(t.remaining_low)} … {upper}"]
+    notes += [f"bends ({t.law})"] * t.bends
+    if math.isfinite(t.next_stop_probability):
+        notes.append(f"{100.0 * t.next_stop_probability:.0f} % before the next stop")
+    return noted(_cycles(t.remaining_median), ", ".join(notes))
 
 
 def _cycles(x: float) -> str:

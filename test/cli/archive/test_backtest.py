@@ -132,7 +132,8 @@ def test_a_share_is_a_number_between_zero_and_one(command, capsys):
 
 def test_the_study_prints_coverage_and_the_unbounded_share(capsys):
     assert main(["backtest", "--study", "20", "--json"]) == 0
-    rows = objects(capsys)
+    every = objects(capsys)
+    rows = [r for r in every if r["kind"] == "coverage"]
     assert [(r["samples"], r["autocorrelation"]) for r in rows] == [
         (60, 0.0),
         (105, 0.0),
@@ -143,5 +144,12 @@ def test_the_study_prints_coverage_and_the_unbounded_share(capsys):
         parts = row["covered"] + row["too_early"] + row["too_late"] + row["silent"]
         assert parts == pytest.approx(1.0)
         assert 0.0 <= row["unbounded"] <= 1.0
+    laws = [r for r in every if r["kind"] == "law_coverage"]
+    assert [r["law"] for r in laws] == ["line", "exponential", "power", "saturating"]
+    for row in laws:
+        assert row["covered"] + row["too_early"] + row["too_late"] == pytest.approx(1.0)
     assert main(["backtest", "--study", "20"]) == 0
-    assert "20 simulated histories each, 90% limits" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert "20 simulated lines each, known to be lines, 90% limits" in shown
+    assert "20 random histories of each law" in shown
+    assert "Brier skill" in shown

@@ -241,6 +241,77 @@ def test_fast_drift_raises_the_verdict_before_half_of_the_way(history, scatter):
     assert judge(history(K_in=values), config=far).verdict.text == "ok"
 
 
+def test_what_was_lost_stays_lost_while_a_segment_is_young(history, scatter):
+    """A further step, eight to twenty cycles old, does not make a worn valve a good one."""
+    worn = aging(scatter, n=80, loss=0.14, sd=0.004)
+    for young in range(8, 21):
+        late = worn[-1] * (0.95 + 0.03 * scatter(young, young))
+        result = judge(history(K_in=np.concatenate([worn, late])))
+        trend = result.trends[0]
+        assert trend.status is not TrendStatus.NOT_ENOUGH_DATA
+        assert trend.share_lost > CONFIG.alert_fraction
+        assert result.verdict.kind is VerdictKind.VALVE
+
+
+def test_what_came_back_is_not_lost(history, scatter):
+    values = np.concatenate([np.ones(40), 0.85 * np.ones(20), np.ones(20)])
+    trend = trend_of(history(K_in=values + 0.004 * scatter(1, 80)))
+    assert trend.segments == 3
+    assert trend.share_lost < 0.1
+
+
+def test_maintenance_gives_back_what_was_lost(history, scatter):
+    worn = aging(scatter, n=80, loss=0.14, sd=0.004)
+    fresh = 0.0098 * (1.0 + 0.004 * scatter(3, 20))
+    estimates = history(K_in=np.concatenate([worn, fresh]))
+    result = judge(estimates, [Maintenance(0, 81, "new seal")])
+    assert result.trends[0].share_lost < 0.1
+    assert result.verdict.kind is VerdictKind.OK
+
+
+def test_a_trend_that_bends_is_called_so(history, scatter):
+    u = np.arange(1, 101) / 140.0
+    noise = 0.004 * scatter(2, 100)
+    fast = 1.0 - 0.2 * np.expm1(3.0 * u) / np.expm1(3.0)
+    result = judge(history(K_in=fast + noise))
+    trend = result.trends[0]
+    assert trend.bends
+    assert trend.segments == 1
+    assert trend.remaining_low < 39.0 < trend.remaining_high  # cycle 140, counted from new
+    assert f"the trend bends ({trend.law})" in result.verdict.evidence
+    slow = 1.0 - 0.16 * np.expm1(-4.0 * u) / np.expm1(-4.0)
+    settled = trend_of(history(K_in=slow + noise))
+    assert (settled.law, settled.bends, settled.unbounded) == ("saturating", True, True)
+    assert "no forecast: the trend bends (saturating)" in settled.reason
+
+
+def test_laws_may_be_limited_to_a_line(history, scatter):
+    u = np.arange(1, 101) / 140.0
+    fast = 1.0 - 0.2 * np.expm1(3.0 * u) / np.expm1(3.0) + 0.004 * scatter(2, 100)
+    trend = trend_of(history(K_in=fast), config=replace(CONFIG, laws=("line",)))
+    assert (trend.law, trend.law_probability, trend.bends) == ("line", 1.0, False)
+
+
+def test_probability_before_the_next_stop(history, scatter):
+    estimates = history(K_in=aging(scatter))
+    told = trend_of(estimates)
+    assert np.isnan(told.next_stop_probability)
+    ahead = [
+        trend_of(estimates, config=replace(CONFIG, next_stop=f"{n:.9g}")).next_stop_probability
+        for n in (1.0, told.remaining_low, told.remaining_median, told.remaining_high)
+    ]
+    assert ahead[0] < 0.001
+    assert ahead[1:] == pytest.approx([0.025, 0.5, 0.975], abs=2e-3)
+
+
+def test_next_stop_may_be_a_date(history, scatter):
+    estimates = history(K_in=aging(scatter))
+    told = trend_of(estimates)
+    date = np.datetime64(told.service_date_ns // 10**9, "s")
+    trend = trend_of(estimates, config=replace(CONFIG, next_stop=str(date)))
+    assert trend.next_stop_probability == pytest.approx(0.5, abs=0.01)
+
+
 def test_step_is_found_and_not_called_a_slope(history, scatter):
     step = np.where(np.arange(105) >= 50, 0.85, 1.0) + 0.01 * scatter(1, 105)
     result = judge(history(K_in=0.0098 * step))
@@ -416,6 +487,8 @@ def test_details_give_every_line_for_plots(history, scatter):
             r"AgingConfig.significance = 0.0: must be a number from 1e-09 to 1 \[1\]",
         ),
         ({"horizon": float("nan")}, "AgingConfig.horizon = nan: must be a number, 0 or more"),
+        ({"next_stop": "soon"}, 'next_stop is "soon": write how many cycles'),
+        ({"next_stop": "-5"}, 'next_stop is "-5": write how many cycles'),
         ({"commissioning": (Commissioning("K_in", float("inf")),)}, "record of K_in is inf"),
     ],
 )

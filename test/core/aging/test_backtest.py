@@ -55,12 +55,23 @@ def test_a_steady_fall_is_foreseen(history, scatter):
     assert np.mean([abs(f.error) <= 0.2 for f in middle]) >= 0.75
 
 
-def test_an_age_that_hastens_is_told_too_late_and_shows(history, scatter):
+def test_an_age_that_hastens_is_told_too_late_by_a_line_alone(history, scatter):
     cycle = np.arange(1, 141)
     values = 0.01 * (1.0 - 0.3 * (cycle / 140.0) ** 4 + 0.003 * scatter(2, 140))
-    (test,) = judge(history(K_in=values))
-    assert test.at(0.25).error > 0.2
-    assert test.coverage < 0.9
+    (line,) = judge(history(K_in=values), config=replace(CONFIG, laws=("line",)))
+    (bent,) = judge(history(K_in=values))
+    assert line.at(0.25).error > 0.2
+    assert line.coverage < 0.8 <= bent.coverage
+    assert bent.brier < line.brier
+
+
+def test_probabilities_to_reach_the_limit_are_judged(history, scatter):
+    (test,) = judge(history(K_in=worn(scatter)), how=BacktestConfig(most=60))
+    assert {f.came for f in test.forecasts} == {True, False}
+    assert 0.0 <= test.brier <= 0.1
+    assert test.brier_skill >= 0.5
+    base = np.var([float(f.came) for f in test.forecasts])
+    assert test.brier_skill == pytest.approx(1.0 - test.brier / base)
 
 
 def test_without_a_limit_reached_the_last_level_is_one(history, scatter):

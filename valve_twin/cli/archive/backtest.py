@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from valve_twin.cli.common import Verbs
     from valve_twin.core.aging.backtest import BacktestConfig, LifeTest
     from valve_twin.core.aging.coverage import Coverage
+    from valve_twin.core.aging.law_study import LawCoverage
     from valve_twin.io.config.valve import ValveConfig
 
 _HISTORIES = 500  # of the study, by default
@@ -131,6 +132,8 @@ def _plain(valve: str, test: LifeTest, how: BacktestConfig) -> dict[str, object]
         "confidence": how.confidence,
         "coverage": test.coverage,
         "unbounded": test.unbounded,
+        "brier": test.brier,
+        "brier_skill": test.brier_skill,
         "alpha": how.alpha,
         "accurate": test.accurate(how.alpha),
         "alpha_lambda": [
@@ -151,7 +154,7 @@ def _show(title: str, tests: Sequence[LifeTest], how: BacktestConfig) -> None:
     out, shown = console(), table(title, ("parameter",))
     shares = "/".join(f"{100 * share:.0f}" for share in LAMBDAS)
     columns = ("life", "limit", "judged", f"in {how.confidence:.0%}", "open", f"error {shares} %")
-    for name in (*columns, f"±{how.alpha:.0%}"):
+    for name in (*columns, f"±{how.alpha:.0%}", "Brier skill"):
         shown.add_column(name, justify="right", no_wrap=True)
     shown.add_column("note", ratio=1, min_width=30)
     for test in tests:
@@ -165,6 +168,7 @@ def _show(title: str, tests: Sequence[LifeTest], how: BacktestConfig) -> None:
             number(test.unbounded, ".0%"),
             " ".join(number(e, "+.0%") for e in errors),
             number(test.accurate(how.alpha), ".0%"),
+            number(test.brier_skill, "+.2f"),
             _note(test),
         )
     out.print(shown)
@@ -172,7 +176,8 @@ def _show(title: str, tests: Sequence[LifeTest], how: BacktestConfig) -> None:
         f"judged: forecasts; in {how.confidence:.0%}: share whose limits hold the end; open: "
         "share without an upper limit;\n"
         f"error: of the median, {shares} % of the way from the first forecast to the end; "
-        f"±{how.alpha:.0%}: share of medians that near.\n"
+        f"±{how.alpha:.0%}: share of medians that near; Brier skill: of the probability to reach "
+        "the limit\nbefore a next stop, against the base rate (1 = knows the future, 0 = no better).\n"
         "Forecasts of one life share their data; those near its end know the scatter at its end.",
         highlight=False,
     )
@@ -196,33 +201,31 @@ def _note(test: LifeTest) -> str:
 
 def _study(arguments: argparse.Namespace) -> int:
     """Print what the limits hold on simulated histories with known truth."""
+    from valve_twin.core.aging.config import LAWS
     from valve_twin.core.aging.coverage import AUTOCORRELATIONS, SAMPLES, coverage_of_life
+    from valve_twin.core.aging.law_study import study_laws
 
+    count = arguments.study
     kinds = [(n, rho) for rho in AUTOCORRELATIONS for n in SAMPLES]
-    with progress_of("simulating", arguments.study * len(kinds)) as advance:
-        rows = [
-            coverage_of_life(
-                n,
-                rho,
-                histories=arguments.study,
-                confidence=arguments.confidence,
-                seed=arguments.seed,
-                on_history=advance,
-            )
-            for n, rho in kinds
-        ]
+    with progress_of("simulating", count * (len(kinds) + len(LAWS))) as advance:
+        how = {"confidence": arguments.confidence, "seed": arguments.seed, "on_history": advance}
+        lines = [coverage_of_life(n, rho, histories=count, **how) for n, rho in kinds]
+        laws = study_laws(histories=count, **how)
     if arguments.json:
-        for row in rows:
+        for row in lines:
             print_json({"kind": "coverage", **dataclasses.asdict(row)})
+        for law in laws:
+            print_json({"kind": "law_coverage", **dataclasses.asdict(law)})
     else:
-        _show_study(rows)
+        _show_study(lines)
+        _show_laws(laws)
     return OK
 
 
 def _show_study(rows: Sequence[Coverage]) -> None:
     first = rows[0]
     title = (
-        f"{first.histories} simulated histories each, {first.nominal:.0%} limits "
+        f"{first.histories} simulated lines each, known to be lines, {first.nominal:.0%} limits "
         f"(binomial standard error {first.standard_error:.1%}); unbounded above counts as holding"
     )
     names = ("cycles", "autocorrelation", "truth held", "all too early", "all too late")
@@ -235,3 +238,21 @@ def _show_study(rows: Sequence[Coverage]) -> None:
             *(f"{share:.1%}" for share in (*shares, row.median_late)),
         )
     console().print(shown)
+
+
+def _show_laws(rows: Sequence[LawCoverage]) -> None:
+    """Print one row a law, then all of them."""
+    from valve_twin.core.aging.law_study import brier_skill
+
+    title = f"{rows[0].histories} random histories of each law, which the twin is not told"
+    names = ("truth held", "all too early", "all too late", "with an upper limit", "bends")
+    shown = table(title, ("law",), (*names, "Brier score"))
+    for row in rows:
+        shares = (row.covered, row.too_early, row.too_late, row.bounded, row.bends)
+        shown.add_row(row.law, *(f"{share:.1%}" for share in shares), f"{row.brier:.3f}")
+    console().print(shown)
+    console().print(
+        f"Brier skill of the probability to reach the limit before the next stop, all laws: "
+        f"{brier_skill(rows):+.2f} (1 = knows the future, 0 = no better than the base rate).",
+        highlight=False,
+    )

@@ -275,7 +275,7 @@ def _judge(
     trend = with_drift(trend, present, reference, resolution)
     limit = nearest_limit(trend, present, reference, config, confidence=confidence)
     trend = _with_life(trend, limit, config)
-    trend = replace(trend, share_lost=share_lost(trend, pieces, series, lines))
+    trend = replace(trend, share_lost=share_lost(trend, pieces, series, lines, config))
     if limit.beyond:
         status = TrendStatus.BEYOND_THRESHOLD
     else:

@@ -5,7 +5,9 @@
 A life runs from one maintenance event to the next. Its end is where the lines through the whole
 life, seen in hindsight, first reach the service limit. Where no limit was reached the level of the
 last cycle stands for one, if the drift to it is beyond doubt. Every forecast is what the aging
-monitor would have said that day: the same function of the history up to there.
+monitor would have said that day: the same function of the history up to there. Each is asked for
+the probability that the limit is reached before a next stop (`STOPS`); Brier's score of it is
+compared with that of the base rate.
 
 Coverage is the share of forecasts whose limits hold the end. Alpha-lambda is the accuracy of
 Saxena et al. (2010), "Metrics for offline evaluation of prognostic performance": whether the
@@ -25,18 +27,24 @@ import numpy as np
 
 from valve_twin.core.aging.assess import TrendDetail, assess
 from valve_twin.core.aging.config import AgingConfig, Threshold
+from valve_twin.core.aging.drift import wanted_limits
 from valve_twin.core.aging.series import order_history, series_of
 from valve_twin.core.aging.verdict import Trend, TrendStatus
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from valve_twin.core.types import Estimate, IntArray, Maintenance, Parameter
+    from valve_twin.core.aging.laws import LawFit
+    from valve_twin.core.types import Estimate, FloatArray, IntArray, Maintenance, Parameter
 
 LAMBDAS = (0.25, 0.5, 0.75)
 """Shares of the time from the first forecast to the end at which accuracy is reported [1]."""
 
+STOPS = (0.1, 0.25, 0.5, 1.0)
+"""Next stops that the forecasts are asked about in turn, in lengths of the life [1]."""
+
 _NAN = float("nan")
+_PLACES = 2001  # along a bent trend, where its end is sought
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +78,10 @@ class Forecast:
         Forecast remaining life, infinite = none in sight [axis unit].
     truth : float
         Remaining life in hindsight [axis unit].
+    stop : float
+        The next stop it was asked about, ahead [axis unit].
+    probability : float
+        Forecast probability that the limit is reached before that stop [1].
     """
 
     axis: float
@@ -77,6 +89,8 @@ class Forecast:
     median: float
     high: float
     truth: float
+    stop: float = _NAN
+    probability: float = _NAN
 
     @property
     def covers(self) -> bool:
@@ -87,6 +101,11 @@ class Forecast:
     def unbounded(self) -> bool:
         """Whether there is no upper limit."""
         return self.high == float("inf")
+
+    @property
+    def came(self) -> bool:
+        """Whether the limit was reached before the stop."""
+        return self.truth <= self.stop
 
     @property
     def error(self) -> float:
@@ -137,6 +156,18 @@ class LifeTest:
     def unbounded(self) -> float:
         """Share of the forecasts without an upper limit [1]."""
         return _share([f.unbounded for f in self.forecasts])
+
+    @property
+    def brier(self) -> float:
+        """Mean squared error of the probabilities to reach the limit before the stops [1]."""
+        return _mean([(f.probability - f.came) ** 2 for f in self.forecasts])
+
+    @property
+    def brier_skill(self) -> float:
+        """Brier skill score against the base rate, 1 = knows the future; NaN where all agree."""
+        came = [float(f.came) for f in self.forecasts]
+        base = _mean([(c - _mean(came)) ** 2 for c in came])
+        return 1.0 - self.brier / base if base > 0.0 else _NAN
 
     def accurate(self, alpha: float) -> float:
         """Return the share of the forecasts whose median is within +-alpha of the truth [1]."""
@@ -253,24 +284,28 @@ def _judge(life: _Life, how: BacktestConfig, on_forecast: Callable[[], object]) 
     test = replace(test, end=end, limit=limit, limit_value=value, reached=crossing is not None)
     config = replace(life.config, thresholds=(limit,), default_percent=0.0)
     forecasts, silent = [], 0
-    for at in _chosen(life, detail, end, how.most):
-        now, _ = life.seen(int(at) + 1, config, how.confidence)
+    for number, at in enumerate(_chosen(life, detail, end, how.most)):
+        stop = (end - test.start) * STOPS[number % len(STOPS)]
+        stopping = replace(config, next_stop=repr(stop))
+        now, _ = life.seen(int(at) + 1, stopping, how.confidence)
         on_forecast()
         if now.status is TrendStatus.NOT_ENOUGH_DATA or not np.isfinite(now.threshold):
             silent += 1
             continue
-        forecasts.append(_forecast(now, end))
+        forecasts.append(_forecast(now, end, stop))
     reason = "" if forecasts else f"nothing was forecast before the end at {end:.6g}"
     return replace(test, forecasts=tuple(forecasts), silent=silent, reason=reason)
 
 
-def _forecast(trend: Trend, end: float) -> Forecast:
+def _forecast(trend: Trend, end: float, stop: float) -> Forecast:
     return Forecast(
         axis=trend.axis_value,
         low=trend.remaining_low,
         median=trend.remaining_median,
         high=trend.remaining_high,
         truth=end - trend.axis_value,
+        stop=stop,
+        probability=trend.next_stop_probability,
     )
 
 
@@ -295,12 +330,8 @@ def _service_limit(
     trend: Trend, detail: TrendDetail, config: AgingConfig, first: int
 ) -> tuple[Threshold, float, float] | None:
     """Return the service limit that was reached first, its value and where; None = none was."""
-    wanted = [t for t in config.thresholds if t.parameter == trend.parameter]
-    if not wanted and config.default_percent > 0.0:
-        change = config.default_percent
-        wanted = [Threshold(trend.parameter, sign * change) for sign in (-1.0, 1.0)]
     found = []
-    for limit in wanted:
+    for limit in wanted_limits(config, trend.parameter):
         value = limit.value
         if limit.relative:
             value = (1.0 + limit.value / 100.0) * trend.reference
@@ -320,12 +351,21 @@ def _crossing(trend: Trend, detail: TrendDetail, value: float, first: int) -> fl
     for line, (begin, after) in zip(detail.lines, itertools.pairwise(edges), strict=True):
         if line is None or after <= first:
             continue
+        if after == len(detail.axis) and detail.laws is not None and detail.laws.bends:
+            return _bent_crossing(detail.laws, detail.axis[max(begin, first) :], value, toward)
         low, high = float(detail.axis[max(begin, first)]), float(detail.axis[after - 1])
         if toward * (line.level(low) - value) >= 0.0:
             return low
         if toward * (line.level(high) - value) >= 0.0:
             return line.center + (value - line.mean) / line.slope
     return None
+
+
+def _bent_crossing(laws: LawFit, axis: FloatArray, value: float, toward: float) -> float | None:
+    """Return where the most probable law first reaches a value along (N,) axis positions."""
+    places = np.linspace(float(axis[0]), float(axis[-1]), _PLACES)
+    beyond = np.flatnonzero(toward * (laws.curve(places, laws.best) - value) >= 0.0)
+    return float(places[beyond[0]]) if len(beyond) else None
 
 
 def _last_level(trend: Trend) -> tuple[Threshold, float, float] | None:
@@ -338,4 +378,8 @@ def _last_level(trend: Trend) -> tuple[Threshold, float, float] | None:
 
 
 def _share(marks: Sequence[bool]) -> float:
-    return sum(marks) / len(marks) if marks else _NAN
+    return _mean([float(mark) for mark in marks])
+
+
+def _mean(values: Sequence[float]) -> float:
+    return sum(values) / len(values) if values else _NAN

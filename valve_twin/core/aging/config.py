@@ -53,7 +53,7 @@ def parse_stop(text: str) -> tuple[float, int]:
         date: np.datetime64 = np.datetime64(text.strip().removesuffix("Z"), "s")
     except ValueError:
         date = np.datetime64("NaT")
-    if np.isnat(date):
+    if np.isnat(date) or not text.strip()[:4].isdigit():
         msg = (
             f'next_stop is "{text}": write how many cycles (or hours) ahead, such as 200, or a '
             "date, such as 2026-12-24 or 2026-12-24T06:00"

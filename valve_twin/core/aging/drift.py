@@ -269,9 +269,13 @@ def _percent(
 
 
 def share_lost(
-    trend: Trend, pieces: Pieces, series: Series, lines: Sequence[Line | None]
+    trend: Trend,
+    pieces: Pieces,
+    series: Series,
+    lines: Sequence[Line | None],
+    config: AgingConfig,
 ) -> float:
-    """Return the share of the way to the threshold that is lost with 95 % confidence [1].
+    """Return the largest share of the way to a threshold lost with 95 % confidence [1].
 
     A segment that has just begun knows little: what the segments before it had lost since the last
     maintenance stays lost, as far as the present one does not contradict.
@@ -286,8 +290,30 @@ def share_lost(
         Its values.
     lines : sequence of Line or None
         The line of each segment.
+    config : AgingConfig
+        Thresholds.
     """
-    way = trend.threshold - trend.reference
+    limits = wanted_limits(config, trend.parameter)
+    shares = [_share_to(_value(t, trend), trend, pieces, series, lines) for t in limits]
+    known = [share for share in shares if np.isfinite(share)]
+    return max(known, default=_NAN)
+
+
+def _value(threshold: Threshold, trend: Trend) -> float:
+    """Return a threshold in the unit of the parameter."""
+    if threshold.relative:
+        return (1.0 + 0.01 * threshold.value) * trend.reference
+    return threshold.value
+
+
+def _share_to(
+    value: float,
+    trend: Trend,
+    pieces: Pieces,
+    series: Series,
+    lines: Sequence[Line | None],
+) -> float:
+    way = value - trend.reference
     present = (trend.drift_reference_lower_95, trend.drift_reference_upper_95)
     if not np.isfinite(way) or way == 0.0 or not np.isfinite(present).all():
         return _NAN

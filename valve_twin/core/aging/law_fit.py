@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 _CONCENTRATED = 0.3  # share of a law's evidence in one shape that asks for a finer grid
 _BETWEEN, _REFINEMENTS = 9, 4  # shapes put between three neighbours, rounds of it
+_ROUNDS = 3  # of the search for the one shape that leaves least
 _LAWS = 4
 
 
@@ -186,7 +187,16 @@ def law_shape(x: FloatArray, y: FloatArray, laws: Sequence[str] = ()) -> tuple[F
     place, values = condense(x, y)
     step = (x[-1] - x[0]) / (len(x) - 1)
     start, length = x[0] - step, x[-1] - x[0] + step
-    fits = squares(curves(law, number, (place - start) / length), values, np.empty(len(place)))
-    best = int(np.argmin(fits[:, 3]))
-    one = slice(best, best + 1)
-    return curves(law[one], number[one], (x - start) / length)[0], bool(law[best] != 0)
+    u, rest = (place - start) / length, np.empty(len(place))
+    best = int(np.argmin(squares(curves(law, number, u), values, rest)[:, 3]))
+    one = law[best : best + 1]
+    if one[0] == 0:
+        return (x - start) / length, False
+    near = number[law == one[0]]
+    at = int(np.flatnonzero(near == number[best])[0])
+    for _ in range(_ROUNDS):
+        ends = np.log([near[max(at - 1, 0)], near[min(at + 1, len(near) - 1)]])
+        near = np.exp(np.linspace(ends[0], ends[1], _BETWEEN))
+        every = np.repeat(one, _BETWEEN)
+        at = int(np.argmin(squares(curves(every, near, u), values, rest)[:, 3]))
+    return curves(one, near[at : at + 1], (x - start) / length)[0], True

@@ -5,7 +5,8 @@
 Random histories with known truth run through `assess`: the way of a parameter to a limit of 20 %
 is a line, an exponential, a power or a saturating law; 30 to 150 cycles that end after 30 to 95 %
 of the life, a single estimate scatters by 0.2 to 2.7 % with a lag-1 autocorrelation of 0 to 0.5.
-A third of the saturating ones never reach the limit. Each forecast also says how probable it is
+The limit counts from the mean of the first ten cycles; a third of the saturating ones never reach
+it. Each forecast also says how probable it is
 that the limit is reached before a next stop, drawn between 0 and twice what a line would need;
 Brier's score of it is compared with that of a forecast that knows the base rate only.
 """
@@ -82,9 +83,9 @@ class LawCoverage:
         Share of which it is said that the trend bends [1].
     silent : float
         Share of which nothing is said [1].
-    brier, brier_base : float
-        Mean squared error of the probability to reach the limit before the next stop, and that of
-        the base rate [1].
+    brier, reached : float
+        Mean squared error of the probability to reach the limit before the next stop, and the
+        share of the histories that reached it [1].
     """
 
     law: str
@@ -97,12 +98,15 @@ class LawCoverage:
     bends: float
     silent: float
     brier: float
-    brier_base: float
+    reached: float
 
-    @property
-    def brier_skill(self) -> float:
-        """Brier skill score: 1 = knows the future, 0 = as good as the base rate [1]."""
-        return 1.0 - self.brier / self.brier_base if self.brier_base > 0.0 else float("nan")
+
+def brier_skill(rows: Sequence[LawCoverage]) -> float:
+    """Return Brier's skill score of all rows together against their base rate [1]."""
+    count = sum(row.histories for row in rows)
+    reached = sum(row.histories * row.reached for row in rows) / count
+    brier = sum(row.histories * row.brier for row in rows) / count
+    return 1.0 - brier / (reached * (1.0 - reached))
 
 
 def draw_case(rng: np.random.Generator, law: Law) -> AgingCase:
@@ -112,20 +116,19 @@ def draw_case(rng: np.random.Generator, law: Law) -> AgingCase:
     scatter = np.exp(rng.uniform(np.log(0.002), np.log(0.027)))
     rho, sign = rng.uniform(0.0, 0.5), float(rng.choice([-1.0, 1.0]))
     shape, reach = _draw_shape(rng, law)
-    size = 0.01 * LIMIT_PERCENT * sign * reach
-
-    def level(cycle: FloatArray) -> FloatArray:
-        return np.asarray(1.0 + size * shape(cycle / life))
-
     cycle = np.arange(1.0, count + 1.0)
-    new = float(level(cycle[: AgingConfig().reference_cycles]).mean())
-    limit = (1.0 + 0.01 * sign * LIMIT_PERCENT) * new
-    places = np.linspace(0.0, 20.0 * life, 100_001)
-    beyond = np.flatnonzero(sign * (level(places) - limit) >= 0.0)
-    remaining = float(places[beyond[0]]) - count if len(beyond) else np.inf
+    first = float(shape(cycle[: AgingConfig().reference_cycles] / life).mean())
+    change = 0.01 * LIMIT_PERCENT * sign
+    size = reach * change / (1.0 - (1.0 + change) * first)  # reach 1: the limit at `life`
     noise = scatter * ar1_scatter(rng, 1, count, rho)[0]
     stop = float(rng.uniform(0.0, 2.0 * (life - count)))
-    return AgingCase(law, level(cycle) + noise, sign * LIMIT_PERCENT, remaining, stop)
+    return AgingCase(
+        law=law,
+        values=1.0 + size * shape(cycle / life) + noise,
+        limit_percent=sign * LIMIT_PERCENT,
+        remaining=life - count if reach == 1.0 else np.inf,
+        next_stop=stop,
+    )
 
 
 def _draw_shape(
@@ -177,12 +180,10 @@ def study_laws(
         rng = np.random.default_rng([seed, place])
         cases: list[AgingCase] = []
         trends: list[Trend] = []
-        while len(cases) < histories:
-            case = draw_case(rng, law)
-            if case.remaining > 0.0:
-                cases.append(case)
-                trends.append(forecast(case, confidence))
-                on_history()
+        for _ in range(histories):
+            cases.append(draw_case(rng, law))
+            trends.append(forecast(cases[-1], confidence))
+            on_history()
         rows.append(_summary(law, cases, trends, confidence))
     return tuple(rows)
 
@@ -217,5 +218,5 @@ def _summary(
         bends=sum(t.bends for _, t in pairs) / spoken,
         silent=1.0 - len(pairs) / count,
         brier=float(np.mean((told - came) ** 2)),
-        brier_base=float(np.mean((came - came.mean()) ** 2)),
+        reached=float(came.mean()),
     )

@@ -122,6 +122,16 @@ class LawFit:
         each = np.bincount(self.law, self.weight, len(_ORDER))
         return _ORDER[int(np.argmax(each))], float(each.max())
 
+    def alternatives(self, least: float) -> list[tuple[Law, float, int]]:
+        """Return each law of `least` probability or more, with its probability and best shape."""
+        found = []
+        for place, law in enumerate(_ORDER):
+            own = np.flatnonzero(self.law == place)
+            share = float(self.weight[own].sum())
+            if len(own) and share >= least:
+                found.append((law, share, int(own[np.argmax(self.weight[own])])))
+        return found
+
     def beyond(self, places: FloatArray) -> FloatArray:
         """Return g(u) - 1 of every shape at (M,) axis positions, (K, M)."""
         u = np.maximum((places - self.start) / self.length, 0.0)
