@@ -103,3 +103,28 @@ def test_two_percent_wild_estimates_change_nothing(kind, history, scatter):
 def test_healthy_valve_raises_no_verdict(sd, history, scatter):
     _, results = run("flat", history, scatter, sd=sd, rho=0.3)
     assert all(r.verdict.kind is VerdictKind.OK for r in results)
+
+
+def teeth(seed, scatter):
+    """Return a line under teeth of +-0.55 % and its remaining life to -20 %."""
+    rng = np.random.default_rng([seed, 5])
+    n = int(rng.integers(50, 151))
+    life = n / rng.uniform(0.4, 0.95)
+    cycle = np.arange(1.0, n + 1.0)
+    turn = rng.uniform(2.5, 8.0) * cycle / n + rng.random()
+    wave = 0.011 * rng.choice([-1, 1]) * (turn - np.floor(turn) - 0.5)
+    line = 1.0 - 0.2 * cycle / life
+    remaining = (1.0 - 0.8 * line[:10].mean()) / 0.2 * life - n
+    return line * (1.0 + wave) + 0.002 * scatter(seed, n), remaining
+
+
+def test_teeth_of_the_logger_neither_split_a_line_nor_mislead_its_forecast(history, scatter):
+    """Commands that change between two log samples: 45 % were one segment, a third off by 1.5."""
+    one, near = [], []
+    for seed in range(60):
+        values, remaining = teeth(seed, scatter)
+        trend = assess(history(K_in=values), [], AgingConfig(), parameters=PARAMETERS).trends[0]
+        one.append(trend.segments == 1)
+        near.append(abs(trend.remaining_median / remaining - 1.0) <= 0.25)
+    assert np.mean(one) >= 0.85
+    assert np.mean(near) >= 0.9
