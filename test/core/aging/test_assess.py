@@ -22,10 +22,10 @@ from valve_twin.core.aging import (
     VerdictKind,
     assess,
     changepoint,
-    laws,
     warm_up,
     wave,
 )
+from valve_twin.core.aging.laws import shapes
 from valve_twin.core.aging.trend import ar1_product
 from valve_twin.core.types import (
     EstimateStatus,
@@ -525,9 +525,9 @@ def test_warm_up_leaves_nothing_to_compile(history, scatter):
         changepoint._refine,
         changepoint._off_lines,
         ar1_product,
-        laws.curves,
-        laws.squares,
-        laws.whitened,
+        shapes.curves,
+        shapes.squares,
+        shapes.whitened,
         wave._search,
     )
     compiled = [len(k.signatures) for k in kernels]

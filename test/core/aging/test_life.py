@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from valve_twin.core.aging.laws import LawFit
+from valve_twin.core.aging.laws.shapes import LawFit
 from valve_twin.core.aging.life import (
     MAX_STAMP_NS,
     Approach,

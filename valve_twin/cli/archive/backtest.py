@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from valve_twin.cli.common import Verbs
     from valve_twin.core.aging.backtest import BacktestConfig, LifeTest
     from valve_twin.core.aging.coverage import Coverage
-    from valve_twin.core.aging.law_study import LawCoverage
+    from valve_twin.core.aging.laws.study import LawCoverage
     from valve_twin.io.config.valve import ValveConfig
 
 _HISTORIES = 500  # of the study, by default
@@ -177,7 +177,8 @@ def _show(title: str, tests: Sequence[LifeTest], how: BacktestConfig) -> None:
         "share without an upper limit;\n"
         f"error: of the median, {shares} % of the way from the first forecast to the end; "
         f"±{how.alpha:.0%}: share of medians that near; Brier skill: of the probability to reach "
-        "the limit\nbefore a next stop, against the base rate (1 = knows the future, 0 = no better).\n"
+        "the limit\nbefore a next stop, against the base rate (1 = knows the future, 0 = no "
+        "better).\n"
         "Forecasts of one life share their data; those near its end know the scatter at its end.",
         highlight=False,
     )
@@ -203,7 +204,7 @@ def _study(arguments: argparse.Namespace) -> int:
     """Print what the limits hold on simulated histories with known truth."""
     from valve_twin.core.aging.config import LAWS
     from valve_twin.core.aging.coverage import AUTOCORRELATIONS, SAMPLES, coverage_of_life
-    from valve_twin.core.aging.law_study import study_laws
+    from valve_twin.core.aging.laws.study import study_laws
 
     count = arguments.study
     kinds = [(n, rho) for rho in AUTOCORRELATIONS for n in SAMPLES]
@@ -242,7 +243,7 @@ def _show_study(rows: Sequence[Coverage]) -> None:
 
 def _show_laws(rows: Sequence[LawCoverage]) -> None:
     """Print one row a law, then all of them."""
-    from valve_twin.core.aging.law_study import brier_skill
+    from valve_twin.core.aging.laws.study import brier_skill
 
     title = f"{rows[0].histories} random histories of each law, which the twin is not told"
     names = ("truth held", "all too early", "all too late", "with an upper limit", "bends")

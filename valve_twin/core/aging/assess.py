@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from valve_twin.core.aging.drift import Limit
-    from valve_twin.core.aging.laws import LawFit
+    from valve_twin.core.aging.laws.shapes import LawFit
     from valve_twin.core.types import BoolArray, FloatArray, IntArray, Maintenance
 
 WAVE_DOUBT = 0.1

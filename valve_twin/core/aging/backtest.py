@@ -34,7 +34,7 @@ from valve_twin.core.aging.verdict import Trend, TrendStatus
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from valve_twin.core.aging.laws import LawFit
+    from valve_twin.core.aging.laws.shapes import LawFit
     from valve_twin.core.types import Estimate, FloatArray, IntArray, Maintenance, Parameter
 
 LAMBDAS = (0.25, 0.5, 0.75)

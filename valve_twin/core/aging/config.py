@@ -21,7 +21,7 @@ class Axis(Enum):
 
 
 class Law(Enum):
-    """How a parameter changes with use (`core.aging.laws`)."""
+    """How a parameter changes with use (`core.aging.laws.shapes`)."""
 
     LINE = "line"
     EXPONENTIAL = "exponential"

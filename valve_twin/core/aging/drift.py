@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.aging.config import AgingConfig, Threshold
-from valve_twin.core.aging.law_fit import fit_laws
-from valve_twin.core.aging.laws import LawFit, condense
+from valve_twin.core.aging.laws.fit import fit_laws
+from valve_twin.core.aging.laws.shapes import LawFit, condense
 from valve_twin.core.aging.life import NEVER, Approach, Remaining
 from valve_twin.core.aging.series import Pieces, Series, first_after
 from valve_twin.core.aging.trend import Line, ar1_product, quantile, ratio_interval

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.aging.changepoint import penalty
-from valve_twin.core.aging.law_fit import law_shape
-from valve_twin.core.aging.laws import condense
+from valve_twin.core.aging.laws.fit import law_shape
+from valve_twin.core.aging.laws.shapes import condense
 from valve_twin.core.aging.trend import RESOLUTION, residuals
 from valve_twin.core.aging.wave import Wave, find_waves
 

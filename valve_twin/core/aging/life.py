@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from valve_twin.core.aging.laws import LawFit
+    from valve_twin.core.aging.laws.shapes import LawFit
     from valve_twin.core.types import FloatArray, IntArray
 
 MAX_STAMP_NS = (2**31 - 1) * 10**9

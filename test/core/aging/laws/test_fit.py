@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from valve_twin.core.aging.config import Law
-from valve_twin.core.aging.law_fit import fit_laws, law_shape
+from valve_twin.core.aging.laws.fit import fit_laws, law_shape
 from valve_twin.core.aging.trend import fit_line
 
 X = np.arange(1.0, 121.0)

@@ -19,7 +19,7 @@ autocorrelation of the best shape,
     log w = log prior - s/2 (log |G' R^-1 G| + (n - 2) log S),
 
 S the whitened residual sum of squares. s < 1 tempers the evidence, since the autocorrelation is
-itself estimated. `PRIOR` and `TEMPER` were set with `core.aging.law_study`, seeds 8000 and 8001.
+itself estimated. `PRIOR` and `TEMPER` were set with `core.aging.laws.study`, seeds 8000 and 8001.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Fit every shape of the laws of aging (`core.aging.laws`) and weigh it by its evidence."""
+"""Fit every shape of the laws of aging (`core.aging.laws.shapes`) and weigh it by its evidence."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.aging.laws import (
+from valve_twin.core.aging.laws.shapes import (
     LEAST,
     TEMPER,
     LawFit,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from valve_twin.core.aging.config import LAWS
-from valve_twin.core.aging.laws import condense, curves, grid
+from valve_twin.core.aging.laws.shapes import condense, curves, grid
 
 
 def test_every_shape_runs_from_nothing_to_one_and_rises():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from valve_twin.core.aging.config import Law
-from valve_twin.core.aging.law_study import brier_skill, draw_case, study_laws
+from valve_twin.core.aging.laws.study import brier_skill, draw_case, study_laws
 
 
 @pytest.mark.slow
@@ -31,7 +31,7 @@ def test_few_histories_of_each_law_are_judged():
 
 @pytest.mark.parametrize("law", Law)
 def test_the_true_life_is_where_the_way_without_scatter_ends(law, monkeypatch):
-    monkeypatch.setattr("valve_twin.core.aging.law_study.ar1_scatter", quiet)
+    monkeypatch.setattr("valve_twin.core.aging.laws.study.ar1_scatter", quiet)
     for seed in range(20):
         case = draw_case(np.random.default_rng(seed), law)
         share = 100.0 * (case.values[-1] / case.values[:10].mean() - 1.0) / case.limit_percent
