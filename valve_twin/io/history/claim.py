@@ -226,10 +226,9 @@ def _find(file: int, valve: str) -> tuple[int, Announced]:
 
 
 def _read(file: int, place: int) -> tuple[int, int, int, str, str]:
-    number, start_ns, pid, host, name = _SLOT.unpack(os.pread(file, _SLOT.size, place))
-    texts = (text.rstrip(b"\0").decode(errors="replace") for text in (host, name))
-    host_text, name_text = texts
-    return number, start_ns, pid, host_text, name_text
+    number, start_ns, pid, *texts = _SLOT.unpack(os.pread(file, _SLOT.size, place))
+    host, name = (text.rstrip(b"\0").decode(errors="replace") for text in texts)
+    return number, start_ns, pid, host, name
 
 
 def _take(file: int, place: int, valve: str, path: Path) -> None:

@@ -12,7 +12,7 @@ import json
 import math
 import os
 import sqlite3
-from contextlib import closing
+from contextlib import closing, contextmanager
 from datetime import datetime, timezone
 from enum import IntEnum
 from functools import partial
@@ -70,7 +70,7 @@ def back_up_sqlite(database: Database, target: Path) -> None:
         with database.errors("backed up"), database.engine.connect() as connection:
             source = connection.connection.driver_connection
             assert isinstance(source, sqlite3.Connection)
-            with _Writing(target), closing(sqlite3.connect(part)) as copy:
+            with _writing(target), closing(sqlite3.connect(part)) as copy:
                 source.backup(copy)
                 _seal(copy, target)
         _move(part, target)
@@ -98,7 +98,7 @@ def copy_to_sqlite(database: Database, target: Path) -> None:
                 for page in rows.partitions(_PAGE):
                     sink.execute(table.insert(), [dict(row) for row in page])
         copy.close()
-        with _Writing(target), closing(sqlite3.connect(part)) as connection:
+        with _writing(target), closing(sqlite3.connect(part)) as connection:
             _seal(connection, target)
         _move(part, target)
     finally:
@@ -114,7 +114,7 @@ def export_files(database: Database, folder: Path) -> list[Path]:
         "maintenance.csv": partial(_write_table, MAINTENANCE),
         "history.jsonl": _write_json_lines,
     }
-    with database.read() as connection, _Writing(folder):
+    with database.read() as connection, _writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         for name, write in writers.items():
             part = folder / f".{name}.part"
@@ -126,23 +126,18 @@ def export_files(database: Database, folder: Path) -> list[Path]:
     return [folder / name for name in writers]
 
 
-class _Writing:
+@contextmanager
+def _writing(target: Path) -> Iterator[None]:
     """Turn the system's errors about a target into one line."""
-
-    def __init__(self, target: Path) -> None:
-        self._target = target
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, _: object, err: BaseException | None, __: object) -> None:
-        if isinstance(err, (OSError, sqlite3.Error)):
-            why = err.strerror if isinstance(err, OSError) and err.strerror else str(err)
-            msg = (
-                f"{self._target}: cannot be written: {why}: check the folder, its access rights"
-                " and the free space"
-            )
-            raise StoreError(msg) from err
+    try:
+        yield
+    except (OSError, sqlite3.Error) as err:
+        why = err.strerror if isinstance(err, OSError) and err.strerror else str(err)
+        msg = (
+            f"{target}: cannot be written: {why}: check the folder, its access rights and the free"
+            " space"
+        )
+        raise StoreError(msg) from err
 
 
 def _part(target: Path) -> Path:
@@ -161,7 +156,7 @@ def _seal(copy: sqlite3.Connection, target: Path) -> None:
 
 
 def _move(part: Path, target: Path) -> None:
-    with _Writing(target):
+    with _writing(target):
         with open(part, "rb") as file:
             os.fsync(file.fileno())
         os.replace(part, target)
