@@ -32,6 +32,7 @@ from valve_twin.core.valves.registry import (
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
+    from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.valves.interface import Options, ValveModel
 
 
@@ -144,6 +145,15 @@ def run_once(name: str, rule: CycleRule, options: Options | None = None) -> None
     while (job := twin.next_job()) is not None:
         twin.deliver(*estimate_cycle(model, options, job.cycle, job.memory))
     twin.finish()
+
+
+def simulate_once(simulation: SimulationConfig) -> None:
+    """Simulate two samples; the node of a simulated valve does so before its first sample."""
+    from valve_twin.core.simulation import SimulatedValve
+
+    commands = np.zeros((2, len(simulation.plant.inputs)))
+    external = simulation.controller == "external"
+    SimulatedValve(simulation, seed=0).advance(2, commands if external else None)
 
 
 def predict_once(name: str, rule: CycleRule) -> None:

@@ -23,6 +23,7 @@ from valve_twin.nodes.runtime.stamps import to_time
 from valve_twin.nodes.simulator.topics import SimulatedTopics
 from valve_twin.nodes.twin.inputs import seconds_now
 from valve_twin.nodes.twin.valve_parameters import read_valves
+from valve_twin.warmup import compiled, simulate_once
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -61,12 +62,18 @@ class SimulatedValveNode(ValveNode):
         self._declare_simulation()
         configs = read_valves(self)
         given = self._given = self.parameters.read(SimulatedValveParameters)
-        for i, config in enumerate(configs):
+        simulations = [self._simulation(config) for config in configs]
+        with compiled() as found:  # else the first samples wait for it
+            for simulation in simulations:
+                simulate_once(simulation)
+        if found.kernels:
+            self.get_logger().info(f"simulation: {found}")
+        for i, (config, simulation) in enumerate(zip(configs, simulations, strict=True)):
             self._valves.append(
                 SimulatedTopics(
                     self,
                     config,
-                    self._simulation(config),
+                    simulation,
                     seed=given.seed + i,
                     prefix=given.publish_prefix,
                     batch=given.batch,

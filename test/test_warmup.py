@@ -1,0 +1,39 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What was run once needs no compiler any more."""
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+
+from valve_twin.core.valves.registry import get_simulation
+from valve_twin.warmup import simulate_once
+
+SCRIPT = """
+from valve_twin.core.simulation import SimulatedValve
+from valve_twin.core.valves.registry import get_simulation
+from valve_twin.warmup import compiled, simulate_once
+
+simulation = get_simulation("first_order")
+with compiled() as before:
+    simulate_once(simulation)
+with compiled() as after:
+    SimulatedValve(simulation, seed=3).advance(simulation.cycle_samples + 1)
+print(before.kernels > 0, after.kernels)
+"""
+
+
+def test_two_samples_compile_all_that_a_cycle_of_the_simulation_needs(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT],
+        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.split() == ["True", "0"]
+
+
+def test_a_simulation_with_an_external_controller_is_run_as_well():
+    simulate_once(replace(get_simulation("first_order"), controller="external"))
