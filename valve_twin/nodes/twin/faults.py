@@ -22,14 +22,14 @@ class TwinFaults:
 
     Parameters
     ----------
-    desk : FaultReporter
+    reporter : FaultReporter
         Where faults are filed.
     valve : LiveValve
         The valve.
     """
 
-    def __init__(self, desk: FaultReporter, valve: LiveValve) -> None:
-        self._desk, self._valve = desk, valve
+    def __init__(self, reporter: FaultReporter, valve: LiveValve) -> None:
+        self._reporter, self._valve = reporter, valve
         self._seen: dict[tuple[str, str], int] = {}
 
     def look(self) -> None:
@@ -43,90 +43,63 @@ class TwinFaults:
         code, text = topic.problem()
         for other in INPUT_CODES:
             self._condition(other, text if other == code else "", topic.topic)
-        where = f"topic '{topic.topic}'"
-        self._events(
-            "input.loss",
-            topic.topic,
-            topic.lost - topic.overrun,
-            f"{where}: %d messages were lost on the way",
-        )
-        self._events(
-            "input.overrun",
-            topic.topic,
-            topic.overrun,
-            f"{where}: %d messages were overwritten before the twin took them",
-        )
-        self._events(
-            "input.unreadable",
-            topic.topic,
-            topic.broken,
-            f"{where}: %d messages are no {topic.type} or hold a batch without a period",
-        )
-        self._events(
-            "input.deadline",
-            topic.topic,
-            topic.deadlines_missed,
-            f"{where} missed its deadline %d times",
-        )
+        where, unreadable = f"topic '{topic.topic}'", f"are no {topic.type}"
+        for code, total, text in (
+            ("input.loss", topic.lost - topic.overrun, ": %d messages were lost on the way"),
+            (
+                "input.overrun",
+                topic.overrun,
+                ": %d messages were overwritten before the twin took them",
+            ),
+            (
+                "input.unreadable",
+                topic.broken,
+                f": %d messages {unreadable} or hold a batch without a period",
+            ),
+            ("input.deadline", topic.deadlines_missed, " missed its deadline %d times"),
+        ):
+            self._events(code, topic.topic, total, f"{where}{text}")
 
     def _look_at_samples(self) -> None:
         valve = self._valve
         for name, counts in valve.twin.counts().items():
             signal = valve.config.signals.get(name)
             where = f"signal {name} of topic '{signal.topic}'" if signal else f"signal {name}"
-            self._events(
-                "stamps.duplicate", name, counts.duplicate, f"{where}: %d samples repeat a stamp"
-            )
-            self._events(
-                "stamps.late",
-                name,
-                counts.late,
-                f"{where}: %d samples are older than one before or than hold_back_s allows",
-            )
-            self._events(
-                "input.values",
-                name,
-                counts.bad,
-                f"{where}: %d values are not finite or out of range",
-            )
-        self._events(
-            "input.gaps",
-            valve.model.output,
-            valve.publishers.gaps.missing,
-            f"signal {valve.model.output}: %d samples are missing, the longest gap is "
-            f"{valve.publishers.gaps.longest_s:.3g} s",
-        )
+            for code, total, what in (
+                ("stamps.duplicate", counts.duplicate, "samples repeat a stamp"),
+                (
+                    "stamps.late",
+                    counts.late,
+                    "samples are older than one before or than hold_back_s allows",
+                ),
+                ("input.values", counts.bad, "values are not finite or out of range"),
+            ):
+                self._events(code, name, total, f"{where}: %d {what}")
+        output, gaps = valve.model.output, valve.publishers.gaps
+        longest = f"the longest gap is {gaps.longest_s:.3g} s"
+        text = f"signal {output}: %d samples are missing, {longest}"
+        self._events("input.gaps", output, gaps.missing, text)
         self._events("clock.set_back", "", valve.jumps, "%d jumps back of the clock")
 
     def _look_at_estimation(self) -> None:
         valve, jobs, queue = self._valve, self._valve.jobs, self._valve.cycle_queue
         pending = valve.twin.pending_jobs
-        self._condition(
-            "estimation.overdue",
-            f"{pending} cycles wait for their estimation, the last took {jobs.wall_s:.2f} s"
-            if pending > OVERDUE_CYCLES
-            else "",
-        )
-        self._events(
-            "estimation.failed", "", jobs.failed, f"%d estimations failed: {jobs.failure}"
-        )
-        self._events(
-            "estimation.late",
-            "",
-            jobs.wait.cut,
-            f"%d waits for an estimate were cut off after {jobs.wait.limit_s:g} s",
-        )
-        self._condition(
-            "history.not_stored",
-            f"{queue.waiting} cycles wait for the database: {queue.writer.error}"
-            if queue.writer.error
-            else "",
-        )
-        self._events("history.dropped", "", queue.dropped, "%d cycles were given up unsaved")
-        self._events("history.refused", "", queue.refused, "%d cycles were refused by the history")
+        overdue = f"{pending} cycles wait for their estimation, the last took {jobs.wall_s:.2f} s"
+        self._condition("estimation.overdue", overdue if pending > OVERDUE_CYCLES else "")
+        error = queue.writer.error
+        waiting = f"{queue.waiting} cycles wait for the database: {error}"
+        self._condition("history.not_stored", waiting if error else "")
+        cut = f"%d waits for an estimate were cut off after {jobs.wait.limit_s:g} s"
+        for code, total, text in (
+            ("estimation.failed", jobs.failed, f"%d estimations failed: {jobs.failure}"),
+            ("estimation.late", jobs.wait.cut, cut),
+            ("history.dropped", queue.dropped, "%d cycles were given up unsaved"),
+            ("history.refused", queue.refused, "%d cycles were refused by the history"),
+        ):
+            self._events(code, "", total, text)
 
     def _condition(self, code: str, evidence: str, subject: str = "") -> None:
-        self._desk.look(code, evidence, valve=self._valve.name, subject=subject)
+        self._reporter.look(code, evidence, valve=self._valve.name, subject=subject)
 
     def _events(self, code: str, subject: str, total: int, text: str) -> None:
         """Report what was added to a counter since the last look; `text` takes the total."""
@@ -134,9 +107,9 @@ class TwinFaults:
         self._seen[code, subject] = total
         new = total - seen if total >= seen else total  # counters begin anew with the inputs
         if new:
-            self._desk.report(
+            self._reporter.report(
                 code,
-                f"{text % total} ({new} since the last look)",
+                f"{text.replace('%d', str(total), 1)} ({new} since the last look)",
                 valve=self._valve.name,
                 subject=subject,
                 events=new,
