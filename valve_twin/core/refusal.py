@@ -2,7 +2,8 @@
 # Copyright 2026 valve_twin maintainers
 """Why a cycle gives no estimate: a line to read, and a code to count, compare and act on.
 
-The line holds the numbers of the cycle and may be worded anew; the code is stable.
+The line holds the numbers of the cycle and may be worded anew; the code is stable. Messages, the
+history and files of results keep both: `reason` and `reason_code` of an estimate.
 """
 
 from __future__ import annotations

@@ -351,8 +351,8 @@ class Estimate:
         Cycle number, its first and last stamp [ns].
     parameters : tuple of ParameterValue
         In the fixed order of the estimator.
-    status, reason : EstimateStatus, str
-        Whether it may be used, and why in one line.
+    status, reason, reason_code : EstimateStatus, str, str
+        Whether it may be used, why in one line; of a refusal its `core.refusal.RefusalCode`.
     mse_test, fit_test : float
         One-step mean squared error [1] and free-run fit [%] of the model in force before, on this
         cycle.
@@ -386,6 +386,7 @@ class Estimate:
     parameters: tuple[ParameterValue, ...]
     status: EstimateStatus
     reason: str
+    reason_code: str = ""
     mse_test: float = np.nan
     mse_train: float = np.nan
     fit_test: float = np.nan

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from valve_twin.core.simulation import SimulatedValve
-from valve_twin.core.types import EstimateStatus, Frames, Validity
+from valve_twin.core.types import Estimate, EstimateStatus, Frames, Validity
 from valve_twin.core.valves.registry import get_simulation
 from valve_twin.io.bags.read import BagWriter
 from valve_twin.io.config.valve import load_config
@@ -20,6 +20,7 @@ from valve_twin.io.offline.run import (
     Record,
     assess_record,
     describe_bad,
+    describe_refused,
     estimate_bag,
     join_predictions,
     run_bag,
@@ -122,6 +123,22 @@ def test_a_cycle_of_bad_values_is_refused_and_the_next_one_estimated(config, wri
     assert refused | left_out == {2}
     last = [e.value("K_in") for e in record.estimates if e.used_by_trend and e.cycle == CYCLES]
     assert last == pytest.approx(gains(clean)[-1:], rel=0.01)
+
+
+def test_refusals_are_counted_by_their_code_and_told_by_their_first_line():
+    reasons = [
+        ("few_samples", "3 usable samples"),
+        ("gaps", "2 gaps"),
+        ("few_samples", "no sample"),
+    ]
+    refused = [
+        Estimate("m", "e", n, 0, 1, (), EstimateStatus.REFUSED, line, code, used_by_trend=True)
+        for n, (code, line) in enumerate(reasons, 1)
+    ]
+    assert describe_refused("record", Record(estimates=refused)) == [
+        "record: 2 of 3 cycles give no estimate: 3 usable samples",
+        "record: 1 of 3 cycles give no estimate: 2 gaps",
+    ]
 
 
 def test_a_command_that_is_no_number_is_counted(config, write):

@@ -16,6 +16,7 @@ import numpy as np
 from numba import njit
 
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
+from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.simulation import simulate_cycles, to_frames
 from valve_twin.core.types import Cycle, EstimateStatus, Frames, Restart, Validity
 from valve_twin.core.valves.registry import complete_options, get_model
@@ -307,7 +308,8 @@ def _bad_cycles(subject: _Subject) -> dict[str, Cycle]:
         still = np.tile(frames.inputs[:1], (n, 1))
         changed["at rest"] = replace(frames, position=np.full(n, rest), inputs=still)
     made = {what: replace(cycle, frames=part) for what, part in changed.items()}
-    made["that was not accepted"] = replace(cycle, accepted=False, reason="too short")
+    short = Refusal(RefusalCode.CYCLE_TOO_SHORT, "too short")
+    made["that was not accepted"] = replace(cycle, accepted=False, reason=short)
     return made
 
 
@@ -330,6 +332,8 @@ def _not_refused(estimate: Estimate) -> str:
         return f"{estimate.status.name.lower()} by {estimate.estimator}"
     if not estimate.reason:
         return f"refused by {estimate.estimator} without a reason"
+    if estimate.reason_code == RefusalCode.OTHER:
+        return f"refused by {estimate.estimator} without a code: make the reason a `Refusal`"
     known = [p.name for p in estimate.parameters if isfinite(p.value)]
     return f"refused by {estimate.estimator} with values of {', '.join(known)}" if known else ""
 

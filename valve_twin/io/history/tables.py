@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from valve_twin.core.records import Column as RecordColumn
     from valve_twin.core.records import Field
 
-SCHEMA_VERSION = "0005"
+SCHEMA_VERSION = "0006"
 """Revision of the schema of this code: the newest file in `migrations/versions`."""
 
 SCHEMA_TABLE = "valve_twin_schema"
@@ -182,6 +182,7 @@ CYCLE = Table(
     *_columns(CycleRecord, "cycle", "software"),
     Column("software", Text, nullable=False, server_default=""),
 )
+_LATER = ("reason_code",)
 _HEAD = ("model", "start_ns", "end_ns", "status", "reason")
 ESTIMATE = Table(
     "estimate",
@@ -193,9 +194,10 @@ ESTIMATE = Table(
     Column("estimator", String(64), nullable=False),
     *(c for c in _columns(Estimate) if c.name in _HEAD),
     Column("parameters", Text, nullable=False),
-    *_columns(Estimate, "cycle", "estimator", *_HEAD),
+    *_columns(Estimate, "cycle", "estimator", *_HEAD, *_LATER),
     Column("samples_masked", Text, nullable=False),
     Column("findings", Text, nullable=False, server_default=""),
+    *(Column(name, Text, nullable=False, server_default="") for name in _LATER),
     UniqueConstraint("valve_id", "cycle", "estimator", name="uq_estimate_cycle"),
     Index("ix_estimate_estimator", "valve_id", "estimator", "cycle"),
 )

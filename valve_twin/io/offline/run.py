@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -30,7 +29,6 @@ if TYPE_CHECKING:
     from valve_twin.io.cdr.signals import SignalBlock
     from valve_twin.io.config.valve import ValveConfig
 
-_NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?")
 _REASONS = 3  # told of refused cycles
 
 
@@ -266,17 +264,13 @@ def describe_bad(config: ValveConfig, bag: str | Path, record: Record) -> list[s
 
 
 def describe_refused(bag: str | Path, record: Record) -> list[str]:
-    """Return one line a reason for which cycles gave no estimate, the most frequent first.
-
-    Reasons that differ in their numbers only are one; the first is told.
-    """
+    """Return one line a kind of refusal, with its first reason, the most frequent kind first."""
     trended = [e for e in record.estimates if e.used_by_trend]
-    refused = [e.reason for e in trended if e.status is EstimateStatus.REFUSED]
-    kinds = Counter(_NUMBER.sub("#", reason) for reason in refused)
-    first = {_NUMBER.sub("#", reason): reason for reason in reversed(refused)}
+    refused = [e for e in trended if e.status is EstimateStatus.REFUSED]
+    first = {e.reason_code: e.reason for e in reversed(refused)}
     return [
-        f"{bag}: {count} of {len(trended)} cycles give no estimate: {first[kind]}"
-        for kind, count in kinds.most_common(_REASONS)
+        f"{bag}: {count} of {len(trended)} cycles give no estimate: {first[code]}"
+        for code, count in Counter(e.reason_code for e in refused).most_common(_REASONS)
     ]
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from valve_twin.core.estimation.cycle.comparison import compare_estimators
 from valve_twin.core.estimation.cycle.scatter import scatter_between_cycles
 from valve_twin.core.prediction import fit_percent, restart_marks, run_model
+from valve_twin.core.refusal import Refusal, RefusalCode, code_of
 from valve_twin.core.types import (
     CONDITIONS,
     Condition,
@@ -163,15 +164,18 @@ def estimate_cycle(
         The memory with them.
     """
     if len(cycle.frames) == 0:
-        nothing = (_nothing(model, cycle, cycle.reason or "the cycle has no samples"),)
+        empty = cycle.reason or Refusal(RefusalCode.FEW_SAMPLES, "the cycle has no samples")
+        nothing = (_coded(_nothing(model, cycle, empty)),)
         return nothing, memory.after(nothing)
     fault = model.input_fault(cycle, options) if cycle.accepted else ""
     if fault:  # nothing is fitted to signals that cannot be what is configured
-        results: tuple[Estimate, ...] = (_nothing(model, cycle, fault),)
+        implausible = Refusal(RefusalCode.IMPLAUSIBLE, fault)
+        results: tuple[Estimate, ...] = (_nothing(model, cycle, implausible),)
     else:
         results = model.estimate(cycle, options, memory.estimates)
     if not cycle.accepted:
         results = tuple(_refused(e, cycle.reason) for e in results)
+    results = tuple(map(_coded, results))
     if not model.judges(options):
         return results, memory
     done = tuple(_judged(model, options, cycle, memory, e) for e in results)
@@ -360,6 +364,14 @@ def _refused(estimate: Estimate, reason: str) -> Estimate:
         for p in estimate.parameters
     )
     return replace(estimate, parameters=parameters, status=EstimateStatus.REFUSED, reason=reason)
+
+
+def _coded(estimate: Estimate) -> Estimate:
+    """Give a refused estimate the code of its reason."""
+    if estimate.status is not EstimateStatus.REFUSED:
+        return estimate
+    reason = estimate.reason
+    return replace(estimate, reason=str(reason), reason_code=code_of(reason))
 
 
 def _nothing(model: ValveModel, cycle: Cycle, reason: str) -> Estimate:
