@@ -105,7 +105,7 @@ class DoubleSolenoidModel(CompiledModel):
             One estimate; REFUSED with its reason where the cycle says nothing.
         """
         del earlier
-        known = _known(cycle)
+        known = usable(cycle.frames, first_input=1)
         valve, refusal = _valve(options)
         refusal = refusal or _refusal(cycle, known)
         if refusal or valve is None:
@@ -152,11 +152,6 @@ class DoubleSolenoidModel(CompiledModel):
     def simulation(self) -> SimulationConfig:
         """Return the default simulation."""
         return default_simulation()
-
-
-def _known(cycle: Cycle) -> BoolArray:
-    """Return which samples can be used, (N,)."""
-    return usable(cycle.frames, first_input=1)
 
 
 def _valve(options: DoubleSolenoidOptions) -> tuple[DoubleSolenoidPlant | None, str]:

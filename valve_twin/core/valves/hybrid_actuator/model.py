@@ -99,7 +99,7 @@ class HybridActuatorModel(CompiledModel):
             One estimate; REFUSED with its reason where the cycle says nothing.
         """
         del earlier
-        known = _known(cycle)
+        known = usable(cycle.frames)
         refusal = _refusal(cycle, options, known)
         if refusal:
             return (_estimate(cycle, blank(NAMES, refusal), refused=refusal),)
@@ -147,11 +147,6 @@ class HybridActuatorModel(CompiledModel):
     def simulation(self) -> SimulationConfig:
         """Return the default simulation."""
         return default_simulation()
-
-
-def _known(cycle: Cycle) -> BoolArray:
-    """Return which samples can be used, (N,)."""
-    return usable(cycle.frames)
 
 
 def _refusal(cycle: Cycle, options: HybridActuatorOptions, known: BoolArray) -> str:
@@ -269,7 +264,7 @@ def _estimate(
     if refused or all(not np.isfinite(v.value) for v in values):
         still = Refusal(RefusalCode.NOT_EXCITED, "neither pulse nor stroke in the cycle")
         judged = EstimateStatus.REFUSED, refused or still
-    bad = len(cycle.frames) - int(np.count_nonzero(_known(cycle)))
+    bad = len(cycle.frames) - int(np.count_nonzero(usable(cycle.frames)))
     noise = float("nan") if refused else _rest_noise(cycle)
     evidence = Evidence(MaskCounts(0, bad=bad), noise=noise)
     if fit is not None:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.valves.hydraulic_actuator.kernels import N_PARAMETERS, free_run
+from valve_twin.core.valves.kit.fit import sensitivity_condition
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray
@@ -108,7 +109,9 @@ def fit_free_run(record: Record, *, shown: tuple[bool, bool]) -> Solution:
     ]
     best = min(found, key=lambda r: float(r.cost))
     rmse = float(np.sqrt(2.0 * best.cost / np.count_nonzero(record.used)))
-    return Solution(expand(best.x), lower, upper, shown, rmse, _condition(np.asarray(best.jac)))
+    return Solution(
+        expand(best.x), lower, upper, shown, rmse, sensitivity_condition(np.asarray(best.jac))
+    )
 
 
 def _bounds(record: Record) -> tuple[FloatArray, FloatArray]:
@@ -136,10 +139,3 @@ def _sizes(record: Record) -> tuple[float, float, float]:
     """Return scatter of the pressure, widest opening and sampling time [s]."""
     size = float(record.pressure[record.used].std())
     return size, float(np.abs(record.opening).max()), record.period_s
-
-
-def _condition(jacobian: FloatArray) -> float:
-    scale = np.linalg.norm(jacobian, axis=0)
-    if not (scale > 0.0).all():
-        return float("nan")
-    return float(np.linalg.cond(jacobian / scale))

@@ -165,7 +165,7 @@ class _Problem:
             at_bound[p],
             lag,
             rmse,
-            _condition(j[:, ~at_bound]),
+            sensitivity_condition(j[:, ~at_bound]),
         )
 
     def _inside(self, z: FloatArray) -> FloatArray:
@@ -189,6 +189,7 @@ def _errors(r: FloatArray, j: FloatArray, free: BoolArray) -> FloatArray:
     return errors
 
 
-def _condition(j: FloatArray) -> float:
+def sensitivity_condition(j: FloatArray) -> float:
+    """Return the condition number of column-scaled sensitivities (N, P); NaN where one is 0."""
     scale = np.linalg.norm(j, axis=0)
     return float(np.linalg.cond(j / scale)) if (scale > 0.0).all() else float("nan")
