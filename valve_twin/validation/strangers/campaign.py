@@ -22,7 +22,7 @@ SCORED_BASE = 900_000
 
 SCORED_COUNT = 200
 
-SHORT_COUNT = 10
+SHORT_COUNT = 6
 """How many of them the short form takes."""
 
 
