@@ -7,15 +7,19 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from valve_twin_msgs.msg import Float64Stamped
 
+from test.nodes.player.test_flow_control import TOPICS, write_bag
 from valve_twin.nodes.player import dds_profile
 
 VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 
 
 @pytest.fixture(autouse=True)
 def fresh(monkeypatch):
     """No profile is set before and none is left behind."""
+    monkeypatch.setenv(RANGE, "SUBNET")
     for name in (VARIABLE, "FASTDDS_DEFAULT_PROFILES_FILE", "FASTDDS_BUILTIN_TRANSPORTS"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(dds_profile, "_made", [])
@@ -60,3 +64,13 @@ def test_a_user_s_profile_is_left_alone(monkeypatch, tmp_path, name):
     dds_profile.remove_profile_file()
     assert os.environ[name] == str(tmp_path / "mine.xml")
     assert not dds_profile.has_fast_heartbeat()
+
+
+def test_a_player_of_this_machine_alone_keeps_off_shared_memory_too(graph, tmp_path, monkeypatch):
+    """The middleware would add it; no segment of it is mapped, and messages come all the same."""
+    monkeypatch.setenv(RANGE, "LOCALHOST")
+    heard = graph.record(f"/replay{TOPICS[0]}", Float64Stamped)
+    player = graph.start("bag_player", bag=write_bag(tmp_path / "bag", 10_000))
+    graph.spin_until(lambda: len(heard) > 10, 60.0, "messages")
+    maps = Path(f"/proc/{player.pid}/maps").read_text()
+    assert "/dev/shm/fastrtps" not in maps

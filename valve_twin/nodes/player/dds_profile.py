@@ -24,6 +24,7 @@ HEARTBEAT_S = 0.01
 
 _VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 _TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
+_RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 
 _PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
 <dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
@@ -44,6 +45,27 @@ _UDP = """
       <rtps><builtinTransports>UDPv4</builtinTransports></rtps>
     </participant>"""
 
+_UDP_HERE = """
+    <transport_descriptors>
+      <transport_descriptor>
+        <transport_id>valve_twin_here</transport_id>
+        <type>UDPv4</type>
+        <maxInitialPeersRange>32</maxInitialPeersRange>
+      </transport_descriptor>
+    </transport_descriptors>
+    <participant profile_name="valve_twin_udp" is_default_profile="true">
+      <rtps>
+        <useBuiltinTransports>false</useBuiltinTransports>
+        <userTransports><transport_id>valve_twin_here</transport_id></userTransports>
+        <builtin>
+          <metatrafficUnicastLocatorList><locator><udpv4/></locator></metatrafficUnicastLocatorList>
+          <initialPeersList>
+            <locator><udpv4><address>127.0.0.1</address></udpv4></locator>
+          </initialPeersList>
+        </builtin>
+      </rtps>
+    </participant>"""
+
 
 def use_fast_heartbeat(*, over_udp: bool = False) -> None:
     """Give the middleware of this process its profile; to be called before it is initialised.
@@ -60,11 +82,23 @@ def use_fast_heartbeat(*, over_udp: bool = False) -> None:
         return
     number, path = tempfile.mkstemp(prefix="valve_twin_", suffix=".xml")
     with os.fdopen(number, "w", encoding="ascii") as stream:
-        participant = _UDP if over_udp and not os.environ.get(_TRANSPORTS) else ""
+        participant = _udp() if over_udp and not os.environ.get(_TRANSPORTS) else ""
         stream.write(_PROFILE.format(participant=participant, period_ns=round(HEARTBEAT_S * 1e9)))
     os.environ[_VARIABLES[0]] = path
     _files.append(path)
     _made.append(path)
+
+
+def _udp() -> str:
+    """Return the part of the profile that keeps off shared memory, in the range that is wanted.
+
+    Told of the range LOCALHOST, rmw_fastrtps adds shared memory whatever the profile says; so the
+    profile says what that range means and the middleware is left to it.
+    """
+    if os.environ.get(_RANGE) != "LOCALHOST" or os.environ.get("ROS_STATIC_PEERS"):
+        return _UDP
+    os.environ[_RANGE] = "SYSTEM_DEFAULT"
+    return _UDP_HERE
 
 
 def remove_profile_file() -> None:
