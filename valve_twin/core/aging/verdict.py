@@ -239,7 +239,11 @@ def describe(trend: Trend) -> str:
     else:
         low, high = trend.mean_lower_95, trend.mean_upper_95
         drift = f"{trend.level:.4g} {trend.unit} (95 %: {low:.4g} .. {high:.4g})"
-    return f"{trend.parameter} {drift}, {describe_remaining(trend)}"
+    before = ""
+    if trend.share_lost > max(way_to_threshold(trend), 0.0) + 0.1:
+        lost = 100.0 * trend.share_lost
+        before = f", {lost:.0f} % of the way to its limit lost before the present segment"
+    return f"{trend.parameter} {drift}{before}, {describe_remaining(trend)}"
 
 
 def describe_remaining(trend: Trend) -> str:
