@@ -275,7 +275,7 @@ def share_lost(
     lines: Sequence[Line | None],
     config: AgingConfig,
 ) -> float:
-    """Return the largest share of the way to a threshold lost with 95 % confidence [1].
+    """Return the largest share of the way to a threshold that is lost beyond doubt [1].
 
     A segment that has just begun knows little: what the segments before it had lost since the last
     maintenance stays lost, as far as the present one does not contradict.
@@ -283,7 +283,7 @@ def share_lost(
     Parameters
     ----------
     trend : Trend
-        Trend with its drift and its threshold.
+        Trend with its drift.
     pieces : Pieces
         Its segments.
     series : Series
@@ -291,44 +291,31 @@ def share_lost(
     lines : sequence of Line or None
         The line of each segment.
     config : AgingConfig
-        Thresholds.
+        Thresholds, and what is beyond doubt.
     """
-    limits = wanted_limits(config, trend.parameter)
-    shares = [_share_to(_value(t, trend), trend, pieces, series, lines) for t in limits]
-    known = [share for share in shares if np.isfinite(share)]
-    return max(known, default=_NAN)
-
-
-def _value(threshold: Threshold, trend: Trend) -> float:
-    """Return a threshold in the unit of the parameter."""
-    if threshold.relative:
-        return (1.0 + 0.01 * threshold.value) * trend.reference
-    return threshold.value
-
-
-def _share_to(
-    value: float,
-    trend: Trend,
-    pieces: Pieces,
-    series: Series,
-    lines: Sequence[Line | None],
-) -> float:
-    way = value - trend.reference
-    present = (trend.drift_reference_lower_95, trend.drift_reference_upper_95)
-    if not np.isfinite(way) or way == 0.0 or not np.isfinite(present).all():
+    line, drift, sure = lines[-1], trend.drift_reference, 1.0 - config.verdict_significance
+    limits = (trend.drift_reference_lower_95, trend.drift_reference_upper_95)
+    if line is None or not np.isfinite(limits).all():
         return _NAN
-    shares = sorted(0.01 * trend.reference * end / way for end in present)
-    before = [shares[0]]
+    wider = quantile(line.freedom, sure) / quantile(line.freedom, 0.95)
+    changes = [tuple(0.01 * trend.reference * (drift + wider * (end - drift)) for end in limits)]
     ends = pieces.starts[1:] - 1
     for k in range(len(ends) - 1, -1, -1):
         if pieces.forced[k + 1]:
             break
-        line = lines[k]
-        if line is None:
-            continue
-        low, high = line.mean_interval(float(series.axis[ends[k]]))
-        before.append(min((low - trend.reference) / way, (high - trend.reference) / way))
-    return float(max(shares[0], min(max(before), shares[1])))
+        past = lines[k]
+        if past is not None:
+            low, high = past.mean_interval(float(series.axis[ends[k]]), sure)
+            changes.append((low - trend.reference, high - trend.reference))
+    shares = []
+    for threshold in wanted_limits(config, trend.parameter):
+        relative = 0.01 * threshold.value * trend.reference
+        way = relative if threshold.relative else threshold.value - trend.reference
+        if way and np.isfinite(way):
+            least = [min(low / way, high / way) for low, high in changes]
+            most = max(change / way for change in changes[0])
+            shares.append(max(least[0], min(max(least), most)))
+    return max(shares, default=_NAN)
 
 
 def nearest_limit(

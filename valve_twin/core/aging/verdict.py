@@ -28,7 +28,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from valve_twin.core.aging.trend import quantile
 from valve_twin.core.diagnosis.history import describe_finding
 
 if TYPE_CHECKING:
@@ -132,38 +131,21 @@ class Verdict:
     fault: str = ""
 
 
-def way_to_threshold(trend: Trend, significance: float = 0.05) -> float:
-    """Return the share of the way to the threshold that is covered beyond doubt [1].
+def way_to_threshold(trend: Trend) -> float:
+    """Return the share of the way to the threshold that is covered with 95 % confidence [1].
 
     NaN where it is unknown; negative where the drift leads away or is not significant.
-
-    Parameters
-    ----------
-    trend : Trend
-        Trend of one parameter.
-    significance : float
-        Error probability of "beyond doubt" [1]; the limits of 95 % are widened to it.
     """
     way = 100.0 * (trend.threshold / trend.reference - 1.0) if trend.reference else np.nan
-    if not way:
-        return float("nan")
-    freedom = max(trend.samples - 2.0, 1.0)
-    wider = quantile(freedom, 1.0 - significance) / quantile(freedom, 0.95)
-    drift = trend.drift_reference
-    ends = (trend.drift_reference_lower_95, trend.drift_reference_upper_95)
-    return float(min((drift + wider * (end - drift)) / way for end in ends))
-
-
-def _share_beyond_doubt(trend: Trend, config: AgingConfig) -> float:
-    """Return the share of the way that is lost [1]; earlier segments that say more count."""
-    if trend.share_lost > way_to_threshold(trend) + 1e-9:
-        return trend.share_lost
-    return way_to_threshold(trend, config.verdict_significance)
+    ends = (
+        (trend.drift_reference_lower_95 / way, trend.drift_reference_upper_95 / way) if way else ()
+    )
+    return float(min(ends, default=np.nan))
 
 
 def concern(trend: Trend, config: AgingConfig) -> int:
     """Return how grave a trend is: 3, 2, 1 for rules 1, 2, 3 of the module, else 0."""
-    way = _share_beyond_doubt(trend, config)
+    way = trend.share_lost
     if trend.status is TrendStatus.NOT_ENOUGH_DATA or not np.isfinite(trend.threshold):
         return 0
     if trend.status is TrendStatus.BEYOND_THRESHOLD and (way > 0.0 or not np.isfinite(way)):
