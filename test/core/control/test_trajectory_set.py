@@ -43,15 +43,23 @@ def test_a_weight_outside_its_range_is_refused_by_name():
         TrajectorySetConfig(overshoot=0.5)
 
 
-@given(st.floats(-2.0, 2.0), st.floats(-50.0, 50.0), st.floats(-1.0, 1.0))
-def test_the_pid_stays_inside_its_limits(error, speed, integral):
-    output, after = pid_output(PidConfig().gains(), error, speed, integral, 1e-4)
+@given(st.floats(-2.0, 2.0), st.floats(-50.0, 50.0), st.floats(-1.0, 1.0), st.floats(-1.1, 1.1))
+def test_the_pid_stays_inside_its_limits(error, speed, integral, place):
+    output, after = pid_output(PidConfig().gains(), error, speed, integral, 1e-4, place)
     assert -1.0 <= output <= 1.0
     assert -1.0 <= after <= 1.0
 
 
 def test_the_gain_of_the_pid_falls_with_the_error():
     g = PidConfig().gains()
-    near, _ = pid_output(g, 1e-4, 0.0, 0.0, 1e-4)
-    far, _ = pid_output(g, 0.5, 0.0, 0.0, 1e-4)
+    near, _ = pid_output(g, 1e-4, 0.0, 0.0, 1e-4, 0.0)
+    far, _ = pid_output(g, 0.5, 0.0, 0.0, 1e-4, 0.0)
     assert near / 1e-4 > 4.0 * far / 0.5
+
+
+def test_gain_and_damping_of_the_pid_fall_towards_the_ends():
+    g = PidConfig(hold=0.0, integral_near=0.0).gains()
+    middle, end = (pid_output(g, 1e-4, 0.0, 0.0, 1e-4, place)[0] for place in (0.0, -1.0))
+    assert middle / end == pytest.approx(1.0 + g.gain_fall)
+    middle, end = (pid_output(g, 0.0, 1.0, 0.0, 1e-4, place)[0] for place in (0.0, 1.0))
+    assert middle / end == pytest.approx(1.0 + g.rate_fall)

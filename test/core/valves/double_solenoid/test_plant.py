@@ -79,10 +79,33 @@ def test_trajectory_set_control_is_within_2_percent_of_the_step_in_40_ms(share):
 
 @pytest.mark.parametrize("share", STEPS)
 def test_the_pid_it_replaces_settles_too(share):
-    """Measured: 3.5, 12.6, 10.3, 8.3 and 4.9 ms, up to 19 % of overshoot."""
+    """Measured: 14.3, 12.1, 6.9, 4.3 and 10.5 ms, up to 22 % of overshoot."""
     of = step("pid", share)
     assert of.settling_s < 0.020
     assert of.overshoot < 0.25
+
+
+def swings(varied, seed, moves=1000, a_valve=10):
+    """Return how far the spool moves 25 to 40 ms after each of random moves, (moves,) [1]."""
+    rng, held, found = np.random.default_rng(seed), 400, []
+    for _ in range(moves // a_valve):
+        plant = PLANT
+        if varied:
+            mass, gain, friction, spring = rng.choice([0.85, 1.0, 1.15], 4)
+            names = {"mass": mass, "force_gain": gain, "friction": friction}
+            names |= dict.fromkeys(("spring_1", "spring_2", "preload_1", "preload_2"), spring)
+            names["supply_voltage"] = rng.choice([0.85, 1.0])
+            plant = replace(PLANT, **{n: getattr(PLANT, n) * f for n, f in names.items()})
+        setpoint = np.repeat(rng.uniform(0.01, 0.99, a_valve), held)
+        position = run(plant, setpoint)[0].position.reshape(a_valve, held)
+        found.append(np.ptp(position[:, 250:], axis=1))
+    return np.concatenate(found)
+
+
+@pytest.mark.parametrize("varied", [False, True])
+def test_the_pid_does_not_swing_after_any_of_1000_random_moves(varied):
+    """Measured: 0.2 % of the stroke at most, 0.7 % with deviations; 15 % before its redesign."""
+    assert swings(varied, seed=4).max() < 0.01
 
 
 @pytest.mark.parametrize("control", ["pid", "trajectory_set"])

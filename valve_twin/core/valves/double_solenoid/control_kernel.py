@@ -178,7 +178,12 @@ def run_valve(
                 speed = (read - s[at.READ]) / (v.half_stroke * at.SAMPLE_S)
                 error = (target - read) / v.half_stroke
                 command, s[at.PID_INTEGRAL] = pid_output(
-                    controller.pid, error, speed, s[at.PID_INTEGRAL], at.SAMPLE_S
+                    controller.pid,
+                    error,
+                    speed,
+                    s[at.PID_INTEGRAL],
+                    at.SAMPLE_S,
+                    read / v.half_stroke,
                 )
             s[at.READ] = read
             control_sample(s, v, m, g, command, stuck)
