@@ -288,9 +288,11 @@ def _mean_conditions(frames: Frames) -> list[Condition]:
 def _with_interval(
     value: ParameterValue, parameter: Parameter | None, before: tuple[Estimate, ...]
 ) -> ParameterValue:
-    """Add the interval from the scatter of earlier cycles, inside the physical bounds.
+    """Add scatter and interval, from earlier cycles, inside the physical bounds.
 
-    An estimator that gives an honest interval of its own keeps it.
+    `standard_error` is the repeatability: how far one cycle scatters. The limits are the accuracy:
+    scatter, and what is wrong in every cycle alike, which the model gives as the limits of a value
+    without a standard error. An estimator that gives an honest error of its own keeps it.
     """
     if not value.usable or np.isfinite(value.standard_error):
         return value
@@ -299,7 +301,8 @@ def _with_interval(
     lower, upper = (
         (parameter.lower, parameter.upper) if parameter is not None else (-np.inf, np.inf)
     )
-    half = scatter.half_width_95
+    alike = value.value - value.lower_95 if np.isfinite(value.lower_95) else 0.0
+    half = float(np.hypot(scatter.half_width_95, alike))
     return replace(
         value,
         standard_error=scatter.sigma,

@@ -19,7 +19,7 @@ from valve_twin.core.estimation.cycle.plausibility import (
     still_fault,
     unit_fault,
 )
-from valve_twin.core.estimation.data.masks import MaskOptions, Masks, find_masks
+from valve_twin.core.estimation.data.masks import Masks, find_masks
 from valve_twin.core.estimation.data.noise import rest_noise
 from valve_twin.core.simulation.truth import cycle_truth
 from valve_twin.core.simulation.valve import SimulatedValve
@@ -38,20 +38,23 @@ from valve_twin.core.valves.kit.compiled import CompiledModel
 from valve_twin.core.valves.press_cartridge.approximations import press_approximations
 from valve_twin.core.valves.press_cartridge.diagnosis import features
 from valve_twin.core.valves.press_cartridge.estimation import kalman, output_error
-from valve_twin.core.valves.press_cartridge.estimation.constraints import THETA, parse_inequalities
+from valve_twin.core.valves.press_cartridge.estimation.constraints import THETA
 from valve_twin.core.valves.press_cartridge.estimation.equation_error import (
     ESTIMATORS as EQUATION_ERROR,
 )
-from valve_twin.core.valves.press_cartridge.estimation.equation_error import (
-    EquationErrorOptions,
-    fit_equation_error,
-)
-from valve_twin.core.valves.press_cartridge.estimation.excitation import GuardOptions
-from valve_twin.core.valves.press_cartridge.estimation.free_run import OutputErrorOptions
+from valve_twin.core.valves.press_cartridge.estimation.equation_error import fit_equation_error
 from valve_twin.core.valves.press_cartridge.estimation.guards import check_gap
 from valve_twin.core.valves.press_cartridge.estimation.kalman import fit_kalman, pool_ratios
 from valve_twin.core.valves.press_cartridge.estimation.lag import LagScan, scan_lag
 from valve_twin.core.valves.press_cartridge.estimation.output_error import fit_output_error
+from valve_twin.core.valves.press_cartridge.estimation.response.timing import Timing, pool_timing
+from valve_twin.core.valves.press_cartridge.estimator_options import (
+    equation_error_options,
+    feature_options,
+    guard_options,
+    mask_options,
+    output_error_options,
+)
 from valve_twin.core.valves.press_cartridge.parameters import PARAMETERS, PressCartridgeOptions
 from valve_twin.core.valves.press_cartridge.plant import PressCartridgePlant, default_simulation
 from valve_twin.core.valves.press_cartridge.predictor import (
@@ -132,27 +135,30 @@ class PressCartridgeModel(CompiledModel):
             One an estimator; REFUSED with its reason where the cycle says nothing.
         """
         frames = cycle.frames
-        masks = find_masks(frames, cycle.period_s, push=_PUSH, options=_mask_options(options))
+        masks = find_masks(frames, cycle.period_s, push=_PUSH, options=mask_options(options))
         sigma = rest_noise(frames, masks, active_command=options.active_command).sigma
         scan = _scan(cycle, masks, options)
         always = (self.trend_estimator,) if options.output_error else ()
         names = dict.fromkeys((*always, *options.estimators))
-        results = []
+        results: list[Estimate] = []
         for name in names:
             if name == FEATURES:
                 results.append(self._features(cycle, masks, sigma, options))
             elif name in EQUATION_ERROR:
                 results.append(self._equation_error(name, cycle, masks, sigma, scan, options))
             else:
-                results.append(self._gains(name, cycle, masks, sigma, scan, options, earlier))
+                timing = _timing_of(results)
+                results.append(
+                    self._gains(name, cycle, masks, sigma, scan, options, earlier, timing)
+                )
         return _with_gap(results, options)
 
     def features(self, cycle: Cycle, options: PressCartridgeOptions) -> tuple[ParameterValue, ...]:
         """Return what the cycle shows of faults, see `diagnosis.features`."""
-        mask = _mask_options(options)
+        mask = mask_options(options)
         masks = find_masks(cycle.frames, cycle.period_s, push=_PUSH, options=mask)
         return features.cycle_features(
-            cycle.frames, masks, cycle.period_s, _feature_options(options)
+            cycle.frames, masks, cycle.period_s, feature_options(options)
         )
 
     def signatures(self) -> SignatureTable:
@@ -210,7 +216,7 @@ class PressCartridgeModel(CompiledModel):
             c[:8] = [values.get(name, 0.0) for name in THETA]
         else:
             _set_gains(c, values, period_s, options)
-        c[LAG] = min(max(lag, 0), MAX_LAG)
+        c[LAG] = min(max(values.get("delay", lag), 0), MAX_LAG)
         c[LOW_SEAT:] = [
             options.lower_seat,
             options.upper_seat,
@@ -234,9 +240,21 @@ class PressCartridgeModel(CompiledModel):
         return press_approximations(plant, commands, simulation.period_s, values)
 
     def truth(self, simulation: SimulationConfig, cycle: int) -> Mapping[str, float]:
-        """Return the true gains, K_out at the default v_ref, as `ValveModel.truth` says."""
-        out = SimulatedValve(simulation).steady_gain(cycle, self.options.v_ref, input_index=1)
-        return {"K_in": float(cycle_truth(simulation, cycle).gains[0]), "K_out": out}
+        """Return the true gains, K_out at the default v_ref, and leak, as `ValveModel.truth` says.
+
+        A gain is that of its command alone: the leak, which slows inflow and speeds outflow up,
+        is a parameter of its own.
+        """
+        known, v_ref = cycle_truth(simulation, cycle), self.options.v_ref
+        valve = SimulatedValve(simulation)
+        out = valve.steady_gain(cycle, v_ref, input_index=1)
+        leak = abs(valve.aged_plant(cycle).steady_rate(np.zeros(len(self.inputs))))
+        lost = leak * simulation.period_s
+        return {
+            "K_in": float(known.gains[0] + lost / known.commands[0]),
+            "K_out": out - lost / v_ref,
+            "leak": leak,
+        }
 
     def _gains(
         self,
@@ -247,16 +265,26 @@ class PressCartridgeModel(CompiledModel):
         scan: LagScan,
         options: PressCartridgeOptions,
         earlier: Sequence[Estimate],
+        timing: Timing | None,
     ) -> Estimate:
         settled = scan.lag >= 0 and scan.sharpness >= _SHARP
-        chosen = _output_error_options(options, scan.lag if settled else -1)
+        chosen = output_error_options(options, scan.lag if settled else -1)
         data = (cycle.frames, masks, cycle.period_s)
         if name == kalman.ESTIMATOR:
             ratios = [e.value("noise_ratio") for e in earlier if e.estimator == kalman.ESTIMATOR]
             pooled = pool_ratios(np.array(ratios))
-            fit = fit_kalman(*data, noise_sigma=sigma, pooled=pooled, options=chosen)
+            fit = fit_kalman(
+                *data, noise_sigma=sigma, pooled=pooled, timing=timing, options=chosen
+            )
         else:
-            fit = fit_output_error(*data, noise_sigma=sigma, options=chosen)
+            alone = [
+                (e.value("delay_alone"), e.value("pole_alone"))
+                for e in earlier
+                if e.estimator == output_error.ESTIMATOR
+            ]
+            fit = fit_output_error(
+                *data, noise_sigma=sigma, pooled=pool_timing(alone), options=chosen
+            )
         return self._estimate(
             name,
             cycle,
@@ -273,7 +301,7 @@ class PressCartridgeModel(CompiledModel):
         self, cycle: Cycle, masks: Masks, sigma: float, options: PressCartridgeOptions
     ) -> Estimate:
         shown = features.cycle_features(
-            cycle.frames, masks, cycle.period_s, _feature_options(options)
+            cycle.frames, masks, cycle.period_s, feature_options(options)
         )
         count = sum(p.usable for p in shown)
         whole = count == len(shown)
@@ -303,7 +331,7 @@ class PressCartridgeModel(CompiledModel):
             name,
             lag=scan.lag,
             noise_sigma=sigma,
-            options=_equation_error_options(options),
+            options=equation_error_options(options),
         )
         return self._estimate(
             name,
@@ -344,6 +372,15 @@ class PressCartridgeModel(CompiledModel):
         )
 
 
+def _timing_of(results: Sequence[Estimate]) -> Timing | None:
+    """Return delay and pole that the output error found of the same cycle."""
+    found = next((e for e in results if e.estimator == output_error.ESTIMATOR), None)
+    if found is None or not np.isfinite(found.value("delay") + found.value("pole")):
+        return None
+    delay = found.value("delay")
+    return Timing(delay, found.value("pole"), pooled=delay != found.value("delay_alone"))
+
+
 def _with_gap(
     estimates: Sequence[Estimate], options: PressCartridgeOptions
 ) -> tuple[Estimate, ...]:
@@ -352,7 +389,7 @@ def _with_gap(
     if paper is None:
         return tuple(estimates)
     theta = {p.name: p.value for p in paper.parameters}
-    v_ref, guard = options.v_ref, _guard(options)
+    v_ref, guard = options.v_ref, guard_options(options)
     return tuple(
         replace(
             e,
@@ -383,68 +420,12 @@ def _set_gains(
     c[LEAK] = share * values.get("leak", 0.0) * period_s
 
 
-def _mask_options(options: PressCartridgeOptions) -> MaskOptions:
-    return MaskOptions(
-        lower_stop=options.lower_seat,
-        upper_stop=options.upper_seat,
-        stop_margin=options.seat_margin,
-        active_command=options.active_command,
-        max_lag=options.max_lag,
-    )
-
-
-def _feature_options(options: PressCartridgeOptions) -> features.FeatureOptions:
-    lag = options.lag
-    return features.FeatureOptions(
-        lower_seat=options.lower_seat,
-        upper_seat=options.upper_seat,
-        active_command=options.active_command,
-        lag=lag if lag >= 0 else features.FeatureOptions().lag,
-    )
-
-
-def _guard(options: PressCartridgeOptions) -> GuardOptions:
-    return GuardOptions(
-        active_command=options.active_command,
-        min_travel=options.min_travel,
-    )
-
-
 def _scan(cycle: Cycle, masks: Masks, options: PressCartridgeOptions) -> LagScan:
     """Find the lag, or take the configured one as settled."""
     lag, max_lag = options.lag, options.max_lag
     if lag >= 0:
         return LagScan(lag, np.full(max_lag + 1, np.nan), np.inf)
     return scan_lag(cycle.frames, masks, max_lag=max_lag)
-
-
-def _output_error_options(options: PressCartridgeOptions, lag: int) -> OutputErrorOptions:
-    return OutputErrorOptions(
-        v_ref=options.v_ref,
-        v_max=options.v_max,
-        lag=lag,
-        max_lag=options.max_lag,
-        pole=options.pole_fixed,
-        wander=options.wander,
-        lower_seat=options.lower_seat,
-        upper_seat=options.upper_seat,
-        seat_margin=options.seat_margin,
-        offset_in=options.v_offset_in,
-        offset_out=options.v_offset_out,
-        min_hold=options.min_hold,
-        guard=_guard(options),
-    )
-
-
-def _equation_error_options(options: PressCartridgeOptions) -> EquationErrorOptions:
-    return EquationErrorOptions(
-        v_in_max=options.v_max,
-        v_out_max=options.v_max,
-        extended=options.extended_constraints,
-        constraints=parse_inequalities(options.constraints) if options.constraints else None,
-        solver=options.solver,
-        guard=_guard(options),
-    )
 
 
 MODEL = PressCartridgeModel()

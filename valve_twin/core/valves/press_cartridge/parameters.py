@@ -53,6 +53,11 @@ PARAMETERS = (
     ),
     Parameter("leak", "1/s", "loss of stroke off the seat", 0.0, trend=True),
     Parameter(
+        "delay", "1", "command to position delay beside the pole, parts of a sample included", 0.0
+    ),
+    Parameter("delay_alone", "1", "delay that this cycle shows by itself, in samples", 0.0),
+    Parameter("pole_alone", "1", "pole that this cycle shows by itself", 0.0, 1.0),
+    Parameter(
         "noise_ratio", "1", "kalman: variance of process noise over that of measurement noise", 0.0
     ),
     Parameter("theta_1", "1", "paper 002, eq. (18): speed"),

@@ -2,8 +2,8 @@
 # Copyright 2026 valve_twin maintainers
 """Compiled one-step prediction and free run of the press cartridge valve.
 
-Both follow paper 002, eq. (19), with a lag of L samples and a leak that acts off the lower seat
-only:
+Both follow paper 002, eq. (19), with a delay of L samples (between samples
+the command is interpolated) and a leak that acts off the lower seat only:
 
     d[n] = (1 + theta_1 + theta_7 v_in + theta_8 v_out) d[n-1] + theta_2 v_in + theta_3 v_out
            + theta_4 v_in^2 + theta_5 v_out^2 + theta_6 v_in v_out - leak,        v at n - L
@@ -24,7 +24,7 @@ MAX_LAG = 8
 """Longest lag between command and position that the delay line holds [samples]."""
 
 COEFFICIENTS = 16
-"""theta 1 to 8, leak, lag, lower and upper seat, seat margin, offset in and out, dead command."""
+"""theta 1 to 8, leak, delay, lower and upper seat, seat margin, offsets in, out, dead command."""
 
 LEAK, LAG, LOW_SEAT, HIGH_SEAT, MARGIN, OFFSET_IN, OFFSET_OUT, DEAD_COMMAND = range(8, 16)
 
@@ -102,6 +102,7 @@ def predict_block(
         One `Validity` a sample.
     """
     lag = int(c[LAG])
+    part = c[LAG] - lag
     low, high, tolerance = c[LOW_SEAT], c[HIGH_SEAT], c[MARGIN]
     for n in range(len(position)):
         if restart[n] == Restart.GAP:
@@ -113,7 +114,10 @@ def predict_block(
         # commands up to sample n - 1
         acting_in = v_in if lag == 0 else state[_PAST_IN + lag - 1]
         acting_out = v_out if lag == 0 else state[_PAST_OUT + lag - 1]
-        ready = known >= max(2, lag)
+        if part > 0.0:
+            acting_in = (1.0 - part) * acting_in + part * state[_PAST_IN + lag]
+            acting_out = (1.0 - part) * acting_out + part * state[_PAST_OUT + lag]
+        ready = known >= max(2, np.ceil(c[LAG]))
         x1, x2 = state[_LAST], state[_BEFORE]
         hat = step(c, acting_in, acting_out, x1, x1 - x2) if ready else np.nan
         predicted[n] = hat

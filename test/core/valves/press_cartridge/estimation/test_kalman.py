@@ -13,6 +13,7 @@ import pytest
 from test.core.valves.press_cartridge.generator import Truth, generate_cycle
 from valve_twin.core.estimation.data.masks import find_masks
 from valve_twin.core.estimation.data.noise import rest_noise
+from valve_twin.core.estimation.data.robust import NORMAL_975
 from valve_twin.core.types import EstimateStatus, ParameterStatus
 from valve_twin.core.valves.press_cartridge.estimation.free_run import OutputErrorOptions
 from valve_twin.core.valves.press_cartridge.estimation.kalman import fit_kalman, pool_ratios
@@ -34,7 +35,7 @@ def fit(frames, **others):
     masks = find_masks(frames, PERIOD_S, push=(1.0, -1.0))
     sigma = rest_noise(frames, masks, active_command=0.01).sigma
     ratio, pooled = others.pop("noise_ratio", -1.0), others.pop("pooled", None)
-    options = OutputErrorOptions(**{"lag": 2, **others})
+    options = OutputErrorOptions(**{"lag": 2, "delay": 2.0, **others})
     return fit_kalman(
         frames,
         masks,
@@ -128,13 +129,17 @@ TRUE = {
 
 @pytest.mark.parametrize("name", TRUE)
 def test_intervals_of_one_cycle_cover_the_truth(campaign, name):
-    """At least 92 % of 300 cycles up to sigma 1e-3, 88 % at 3e-3; at most 2.5 scatters wide."""
+    """At least 92 % of 300 cycles up to sigma 1e-3, 88 % at 3e-3; at most 2.5 scatters wide.
+
+    The limits hold timing and curvature, too, which no scatter shows: what is compared with the
+    scatter is the standard error.
+    """
     truth, fits = campaign
     true = TRUE[name](truth)
     found = [p for f in fits for p in f.parameters if p.name == name]
     inside = [p.lower_95 <= true <= p.upper_95 for p in found]
     assert np.mean(inside) >= (0.92 if truth.sigma <= 1e-3 else 0.88)
-    half = np.median([(p.upper_95 - p.value) for p in found])
+    half = NORMAL_975 * np.median([p.standard_error for p in found])
     assert half <= 2.5 * np.std([p.value for p in found])
 
 

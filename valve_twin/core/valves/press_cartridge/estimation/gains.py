@@ -8,12 +8,11 @@ Shared by the estimators that solve for a pole and five positive parameters (`ou
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.data.robust import NORMAL_975
 from valve_twin.core.estimation.solvers.least_squares import gram_condition
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import (
@@ -52,13 +51,29 @@ from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel impor
     POLE_MAX,
 )
 from valve_twin.core.valves.press_cartridge.estimation.regression import usable_rows
+from valve_twin.core.valves.press_cartridge.estimation.response.accuracy import (
+    systematic_halves,
+    with_limits,
+)
 
 if TYPE_CHECKING:
     from valve_twin.core.estimation.data.masks import Masks
     from valve_twin.core.types import Frames
     from valve_twin.core.valves.press_cartridge.estimation.excitation import Excitation
+    from valve_twin.core.valves.press_cartridge.estimation.response.timing import Timing
 
-NAMES = ("pole", "K_in", "K_in_slope", "v_in_mean", "K_out", "K_out_slope", "leak")
+NAMES = (
+    "pole",
+    "K_in",
+    "K_in_slope",
+    "v_in_mean",
+    "K_out",
+    "K_out_slope",
+    "leak",
+    "delay",
+    "delay_alone",
+    "pole_alone",
+)
 """Parameters in the order in which they are published."""
 
 FOLLOWED = ("K_in", "K_out", "leak")
@@ -190,6 +205,8 @@ def gain_fit(
     masks: Masks,
     options: OutputErrorOptions,
     *,
+    timing: Timing,
+    alone: Timing | None = None,
     noise_ratio: float = float("nan"),
     covariance: FloatArray | None = None,
 ) -> GainFit:
@@ -205,6 +222,8 @@ def gain_fit(
         Masks of the cycle, to be counted.
     options : OutputErrorOptions
         Limits.
+    timing, alone : Timing
+        When commands act, and what this cycle says of it by itself, where it was asked.
     noise_ratio : float
         As published [1].
     covariance : (6, 6) array, optional
@@ -213,9 +232,13 @@ def gain_fit(
     """
     mse = solution.cost / solution.rows
     parameters = _parameters(prepared, solution, mse, options)
+    parameters += _timing_values(timing, alone)
     if covariance is not None:
         parameters = _with_intervals(parameters, prepared, solution, covariance, options)
         parameters += (ParameterValue("noise_ratio", noise_ratio),)
+    else:
+        halves = systematic_halves(solution, options, prepared.run.period_s)
+        parameters = with_limits(parameters, {}, halves)
     found = gain_identifiability(solution, _fitted(solution), mse, prepared.run.period_s, options)
     parameters = refuse_ridges(parameters, found)
     condition, guard = _condition(solution), options.guard
@@ -338,7 +361,7 @@ def _with_intervals(
     covariance: FloatArray,
     options: OutputErrorOptions,
 ) -> tuple[ParameterValue, ...]:
-    """Add standard errors and 95 % limits."""
+    """Add standard errors, and 95 % limits that hold what is wrong in every cycle alike, too."""
     variance = np.diag(covariance)
     errors = {
         "pole": float(np.sqrt(variance[N_LINEAR])),
@@ -348,19 +371,15 @@ def _with_intervals(
         "K_out_slope": float(np.sqrt(variance[3])),
         "leak": float(np.sqrt(variance[4])) / prepared.run.period_s,
     }
-    return tuple(_limited(p, errors.get(p.name, float("nan"))) for p in parameters)
+    return with_limits(parameters, errors, systematic_halves(s, options, prepared.run.period_s))
 
 
-def _limited(value: ParameterValue, error: float) -> ParameterValue:
-    if not (np.isfinite(value.value) and np.isfinite(error)):
-        return value
-    half = NORMAL_975 * error
-    lower, upper = value.value - half, value.value + half
-    if value.name.endswith("_slope"):
-        upper = min(upper, 0.0)
-    else:
-        lower = max(lower, 0.0)
-    return replace(value, standard_error=error, lower_95=lower, upper_95=upper)
+def _timing_values(timing: Timing, alone: Timing | None) -> tuple[ParameterValue, ...]:
+    found = [ParameterValue("delay", timing.delay)]
+    if alone is not None:
+        found.append(ParameterValue("delay_alone", alone.delay))
+        found.append(ParameterValue("pole_alone", alone.pole))
+    return tuple(found)
 
 
 def _fitted(s: Solution) -> IntArray:

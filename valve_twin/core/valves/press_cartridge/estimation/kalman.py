@@ -43,6 +43,7 @@ from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel impor
     N_LINEAR,
     POLE_MAX,
 )
+from valve_twin.core.valves.press_cartridge.estimation.response.timing import find_timing
 from valve_twin.core.valves.press_cartridge.estimation.structure import check_structure
 
 if TYPE_CHECKING:
@@ -51,6 +52,7 @@ if TYPE_CHECKING:
     from valve_twin.core.estimation.data.masks import Masks
     from valve_twin.core.types import BoolArray, FloatArray, Frames, IntArray
     from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel import Stretch
+    from valve_twin.core.valves.press_cartridge.estimation.response.timing import Timing
 
 ESTIMATOR = "kalman"
 
@@ -80,6 +82,7 @@ def fit_kalman(
     noise_sigma: float = float("nan"),
     noise_ratio: float = -1.0,
     pooled: PooledRatio | None = None,
+    timing: Timing | None = None,
     options: OutputErrorOptions | None = None,
 ) -> GainFit:
     """Fit pole, K_in, K_out(v), leak and the noise ratio to one cycle.
@@ -98,6 +101,8 @@ def fit_kalman(
         Variance of the process noise over that of the measurement noise [1]; negative = search.
     pooled : PooledRatio, optional
         What other cycles of the valve say of it.
+    timing : Timing, optional
+        Delay and pole that the output error of this cycle uses; searched where omitted.
     options : OutputErrorOptions, optional
         Limits and constraints; `wander` is not used.
 
@@ -111,19 +116,29 @@ def fit_kalman(
     prepared = prepare_cycle(frames, masks, period_s, noise_sigma, options)
     if isinstance(prepared, str):
         return refused_fit(prepared, masks)
-    phases = find_phases(prepared.run, prepared.lag, options)
-    problem = _Problem(prepared, phases, prepared.run.use & ~_long_rest(phases), options)
+    timing = timing or find_timing(prepared.run, prepared.lag, prepared.columns, options)
+    phases = find_phases(prepared.run, timing.delay, options, settle=0)
+    timed = replace(options, pole=timing.pole) if timing.pooled else options
+    problem = _Problem(prepared, phases, prepared.run.use & ~_long_rest(phases), timed)
     prior = np.zeros(2)
     if pooled is not None and noise_ratio < 0.0:
         prior[:] = pooled.mean, pooled.standard_error**-2.0
     alone, ratio, solution = problem.search(noise_ratio, prior)
-    fitted = int(np.count_nonzero(solution.linear)) + (options.pole < 0.0)
+    fitted = int(np.count_nonzero(solution.linear)) + (timed.pole < 0.0)
     if solution.rows <= fitted + N_LINEAR:
         text = f"{solution.rows} usable samples off the seats, {fitted + N_LINEAR + 1} needed"
         return refused_fit(Refusal(RefusalCode.FEW_SAMPLES, text), masks)
     spread = _SPREAD if noise_ratio < 0.0 else (0.0,)
     covariance = problem.covariance(ratio, solution, prior, spread)
-    fit = gain_fit(prepared, solution, masks, options, noise_ratio=alone, covariance=covariance)
+    fit = gain_fit(
+        prepared,
+        solution,
+        masks,
+        options,
+        timing=timing,
+        noise_ratio=alone,
+        covariance=covariance,
+    )
     structure = check_structure(prepared.run, phases, problem.use, solution, ratio, options.v_max)
     return replace(fit, guards=(*fit.guards, *structure))
 

@@ -5,7 +5,7 @@
 The free run of the model is compared with the whole measured cycle, so position noise does not
 bias it as it biases the equation error (equations.md 2.6). What the method rests on:
 
-- the lag and the pole are searched, the rest is an exact bounded least squares
+- delay and pole are searched (`timing`), the rest is an exact bounded least squares
   (`output_error_kernel`);
 - the leak acts off the seats only, and the level of the run is unknown anew after each seat
   contact;
@@ -18,6 +18,7 @@ bias it as it biases the equation error (equations.md 2.6). What the method rest
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from valve_twin.core.valves.press_cartridge.estimation.free_run import OutputErrorOptions, fit_lag
@@ -27,10 +28,15 @@ from valve_twin.core.valves.press_cartridge.estimation.gains import (
     prepare_cycle,
     refused_fit,
 )
+from valve_twin.core.valves.press_cartridge.estimation.response.timing import (
+    choose_timing,
+    find_timing,
+)
 
 if TYPE_CHECKING:
     from valve_twin.core.estimation.data.masks import Masks
     from valve_twin.core.types import Frames
+    from valve_twin.core.valves.press_cartridge.estimation.response.timing import Timing
 
 ESTIMATOR = "output_error"
 
@@ -41,6 +47,7 @@ def fit_output_error(
     period_s: float,
     *,
     noise_sigma: float = float("nan"),
+    pooled: Timing | None = None,
     options: OutputErrorOptions | None = None,
 ) -> GainFit:
     """Fit pole, K_in, K_out(v) and leak to one cycle.
@@ -55,19 +62,26 @@ def fit_output_error(
         Sampling time [s].
     noise_sigma : float
         Position noise at rest [1]; NaN = unknown.
+    pooled : Timing, optional
+        What other cycles of the valve say of its delay and pole.
     options : OutputErrorOptions, optional
         Limits and constraints.
 
     Returns
     -------
     GainFit
-        Without intervals: those from the residuals of a free run are far too narrow as soon as
-        there is process noise (equations.md 2.6). A cycle that cannot be used is a value with its
+        Without standard errors: those from the residuals of a free run are far too narrow as soon
+        as there is process noise (equations.md 2.6). The limits hold what is wrong in every cycle
+        alike. A cycle that cannot be used is a value with its
         reason, never an exception.
     """
     options = options or OutputErrorOptions()
     prepared = prepare_cycle(frames, masks, period_s, noise_sigma, options)
     if isinstance(prepared, str):
         return refused_fit(prepared, masks)
-    solution = fit_lag(prepared.run, prepared.lag, prepared.columns, options, refine=True)
-    return gain_fit(prepared, solution, masks, options)
+    run, columns = prepared.run, prepared.columns
+    alone = find_timing(run, prepared.lag, columns, options)
+    timing = choose_timing(run, alone, pooled, columns, options)
+    timed = replace(options, pole=timing.pole)
+    solution = fit_lag(run, timing.delay, columns, timed, refine=False)
+    return gain_fit(prepared, solution, masks, options, timing=timing, alone=alone)

@@ -20,6 +20,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numba import njit
 
+from valve_twin.core.estimation.solvers.line_search import (
+    BEST,
+    BEST_VALUE,
+    line_next,
+    line_start,
+    line_update,
+)
+
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
@@ -35,6 +43,7 @@ POLE_MAX = 0.98
 _GRID = 25
 _REFINEMENTS = 22
 _GOLDEN = 0.6180339887498949
+_NEAR = 0.2  # on either side of where a search of the pole begins [1]
 _SINGULAR = 1e-12  # relative pivot below which columns count as dependent
 
 
@@ -286,3 +295,46 @@ def search_pole(
     log_determinant, rows = accumulate(data, pole, v_max, wander, p, gram)
     cost = solve_positive(gram, columns, p)
     return pole, cost, log_determinant, rows
+
+
+@njit(cache=True)
+def search_pole_near(
+    data: Stretch,
+    v_max: float,
+    wander: float,
+    columns: BoolArray,
+    start: float,
+    width: float,
+    p: FloatArray,
+    gram: FloatArray,
+) -> tuple[float, float]:
+    """Return minus twice the log likelihood of the best pole near a place, and that pole.
+
+    Parameters
+    ----------
+    data : Stretch
+        N samples [1].
+    v_max, wander : float
+        Greatest command [1], random walk, see `accumulate` [1].
+    columns : (5,) bool array
+        Parameters that are fitted.
+    start : float
+        Where the search begins [1].
+    width : float
+        Of the result [1]; 0 = no search, the pole is `start`.
+    p, gram : (5,), (7, 7) arrays
+        Overwritten, see `search_pole`.
+    """
+    p[:] = 0.0
+    log_determinant, rows = accumulate(data, start, v_max, wander, p, gram)
+    best, pole = float(solve_positive(gram, columns, p)), start
+    if width > 0.0:
+        low, high = max(start - _NEAR, 0.0), min(start + _NEAR, POLE_MAX)
+        state = line_start(low, high, start, best)
+        at = line_next(state, width)
+        while not np.isnan(at):
+            line_update(state, at, _cost(data, at, v_max, wander, columns, p, gram))
+            at = line_next(state, width)
+        pole, best = state[BEST], state[BEST_VALUE]
+    rows = max(rows, 1)
+    return rows * np.log(max(best, 1e-300) / rows) + log_determinant, pole
