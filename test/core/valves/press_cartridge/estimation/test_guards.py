@@ -58,7 +58,7 @@ def test_a_good_cycle_passes_every_check_of_both_estimators():
 
 def test_a_gain_away_from_all_commands_is_a_ridge_with_its_slope():
     """The gain at the levels that act is known; K_out at v_ref = 0.3 and its slope are not."""
-    short = strokes([0.72, 0.8], begins=(60,), sigma=1e-2, seed=2)
+    short = strokes([0.72, 0.8], begins=(60,), sigma=8e-3, seed=23)
     fit = estimates(short, pole_fixed=0.0, lag=2)["kalman"]
     refused = [p for p in fit.parameters if p.status is ParameterStatus.REFUSED]
     assert {p.name for p in refused} == {"K_out", "K_out_slope"}

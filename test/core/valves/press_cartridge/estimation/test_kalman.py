@@ -57,7 +57,7 @@ def stretch(n: int = 60, seed: int = 3) -> Stretch:
     y = 0.2 + np.cumsum(rng.normal(0.0, 1e-3, n))
     use = rng.random(n) > 0.2
     free = np.ones(n, bool)
-    anchor = np.zeros(n, bool)
+    anchor = np.zeros(n)
     moving = np.arange(n) % 20 < 13
     v_in = np.where(moving, rng.uniform(0.1, 0.8, n), 0.0)
     v_out = np.where(rng.random(n) > 0.7, 0.3, 0.0)

@@ -97,7 +97,11 @@ def test_columns_are_whitened_as_those_of_every_fit():
     rng = np.random.default_rng(3)
     n, v_max, pole, ratio = 80, 0.8, 0.4, 0.1
     y = np.cumsum(rng.normal(0.0, 1e-3, n))
-    use, free, anchor = rng.random(n) > 0.2, np.ones(n, bool), np.arange(n) == 50
+    use, free, anchor = (
+        rng.random(n) > 0.2,
+        np.ones(n, bool),
+        np.where(np.arange(n) == 50, np.inf, 0.0),
+    )
     moving = np.arange(n) % 20 < 13
     v_in, v_out = np.where(moving, 0.5, 0.0), np.where(rng.random(n) > 0.7, 0.3, 0.0)
     data = Stretch(y, use, free, anchor, moving, v_in, v_out)

@@ -20,7 +20,7 @@ from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel impor
 
 if TYPE_CHECKING:
     from valve_twin.core.estimation.data.masks import Masks
-    from valve_twin.core.types import BoolArray, FloatArray, Frames
+    from valve_twin.core.types import BoolArray, FloatArray, Frames, IntArray
 
 _LONG_GAP = 10
 """A gap above this many samples is not bridged: the run starts again after it."""
@@ -33,6 +33,10 @@ SETTLE = 5
 
 _AWAY = 2
 """Samples beyond the margin of a seat until the spool has left it."""
+
+_TAKE_OFF = 0.004
+"""How far a spool is beside its model once it has left a seat [1], assumed: a part of a sample of
+motion. Noise above it leaves the level on the seat its weight."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +109,8 @@ class Run:
         Width of a seat [1].
     period_s : float
         Sampling time [s].
+    noise_sigma : float
+        Standard deviation of the position at rest; NaN = not known [1].
     """
 
     position: FloatArray
@@ -115,6 +121,7 @@ class Run:
     v_out: FloatArray
     margin: float
     period_s: float
+    noise_sigma: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,6 +204,7 @@ def lay_out(
         v_out=np.clip(command[source, 1] - options.offset_out, 0.0, options.v_max),
         margin=margin,
         period_s=period_s,
+        noise_sigma=noise_sigma,
     )
 
 
@@ -240,21 +248,27 @@ class Phases:
     ----------
     v_in, v_out : (N,) arrays
         Commands that act at the sample, lag included [1].
-    seated, free, anchor, moving : (N,) bool arrays
-        It rests on a seat; it is off the seats; its level is unknown anew; a command acts or has
-        just acted.
+    seated, free, moving, leaving : (N,) bool arrays
+        It rests on a seat; it is off the seats; a command acts or has just acted; it leaves a
+        seat.
+    anchor : (N,) array
+        By how much its level is less known, see `Stretch` [1].
     """
 
     v_in: FloatArray
     v_out: FloatArray
     seated: BoolArray
     free: BoolArray
-    anchor: BoolArray
+    anchor: FloatArray
     moving: BoolArray
+    leaving: BoolArray
 
     def stretch(self, position: FloatArray, use: BoolArray) -> Stretch:
         """Return what the kernels take, with position [1] and samples that have weight, (N,)."""
-        return Stretch(position, use, self.free, self.anchor, self.moving, self.v_in, self.v_out)
+        counts = use & ~self.leaving
+        return Stretch(
+            position, counts, self.free, self.anchor, self.moving, self.v_in, self.v_out
+        )
 
 
 def find_phases(
@@ -262,9 +276,9 @@ def find_phases(
 ) -> Phases:
     """Distinguish rest on a seat, hold and motion.
 
-    The level is unknown anew while the spool leaves a seat: before it moves the chamber has to be
-    filled or drained, which takes a time that no pole of the speed knows. With that time taken
-    for lag, K_out was 1 to 5 % too small.
+    Samples in which the spool leaves a seat do not count, and its level is less known then: before
+    it moves the chamber has to be filled or drained, which takes a time that no pole of the speed
+    knows. With that time taken for lag, K_out was 1 to 5 % too small.
 
     Parameters
     ----------
@@ -282,11 +296,13 @@ def find_phases(
     active = options.guard.active_command
     driven_in, driven_out = v_in > active, v_out > active
     seated = (near_low & ~driven_in) | (near_high & ~driven_out)
-    anchor = run.broken | run.stuck
-    anchor[1:] |= seated[1:] & ~seated[:-1]
-    _mark_departures(anchor, seated, near_low | near_high)
+    leaving, ends = _departures(seated, near_low | near_high)
+    anchor = np.zeros(len(v_in))
+    anchor[ends] = (_TAKE_OFF / run.noise_sigma) ** 2 if run.noise_sigma > 0.0 else np.inf
+    anchor[run.broken | run.stuck] = np.inf
+    anchor[1:][seated[1:] & ~seated[:-1]] = np.inf
     moving = held_recently(driven_in | driven_out, settle)
-    return Phases(v_in, v_out, seated, ~(seated | run.stuck), anchor, moving)
+    return Phases(v_in, v_out, seated, ~(seated | run.stuck), anchor, moving, leaving)
 
 
 def _near_seats(run: Run, options: OutputErrorOptions) -> tuple[BoolArray, BoolArray]:
@@ -295,13 +311,15 @@ def _near_seats(run: Run, options: OutputErrorOptions) -> tuple[BoolArray, BoolA
     return low, high
 
 
-def _mark_departures(anchor: BoolArray, seated: BoolArray, near: BoolArray) -> None:
-    """Mark the samples in which the spool leaves a seat, and `_AWAY` more."""
+def _departures(seated: BoolArray, near: BoolArray) -> tuple[BoolArray, IntArray]:
+    """Return the samples in which the spool leaves a seat, `_AWAY` more, and the last of each."""
     leaves = np.flatnonzero(seated[:-1] & ~seated[1:]) + 1
     away = np.append(np.flatnonzero(seated | ~near), len(seated))
-    ends = away[np.searchsorted(away, leaves)] + _AWAY
+    ends = np.minimum(away[np.searchsorted(away, leaves)] + _AWAY, len(seated))
+    leaving = np.zeros(len(seated), np.bool_)
     for first, end in zip(leaves.tolist(), ends.tolist(), strict=True):
-        anchor[first:end] = True
+        leaving[first : end - 1] = True
+    return leaving, ends - 1
 
 
 def fit_lag(

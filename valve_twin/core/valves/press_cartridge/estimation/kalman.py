@@ -119,7 +119,8 @@ def fit_kalman(
     timing = timing or find_timing(prepared.run, prepared.lag, prepared.columns, options)
     phases = find_phases(prepared.run, timing.delay, options, settle=0)
     timed = replace(options, pole=timing.pole) if timing.pooled else options
-    problem = _Problem(prepared, phases, prepared.run.use & ~_long_rest(phases), timed)
+    use = prepared.run.use & ~(_long_rest(phases) | phases.leaving)
+    problem = _Problem(prepared, phases, use, timed)
     prior = np.zeros(2)
     if pooled is not None and noise_ratio < 0.0:
         prior[:] = pooled.mean, pooled.standard_error**-2.0

@@ -124,7 +124,9 @@ def whiten(
     rows = 0
     last = N_COLUMNS - 1
     for n in range(len(y)):
-        if anchor[n]:
+        if 0.0 < anchor[n] < np.inf:
+            p11 += anchor[n]
+        elif anchor[n] > 0.0:
             known = False
             drift[:] = 0.0
             p12 = p22 = 0.0

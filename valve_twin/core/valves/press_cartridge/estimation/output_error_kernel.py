@@ -54,8 +54,11 @@ class Stretch(NamedTuple):
     ----------
     y : (N,) array
         Measured position [1].
-    use, free, anchor, moving : (N,) bool arrays
-        Sample has weight; spool is off the seats; level is unknown anew; a command acts.
+    use, free, moving : (N,) bool arrays
+        Sample has weight; spool is off the seats; a command acts.
+    anchor : (N,) array
+        Variance by which the level is less known from here on, in units of the noise variance;
+        infinite = unknown anew [1].
     v_in, v_out : (N,) arrays
         Commands that act at the sample, lag included [1].
     """
@@ -63,7 +66,7 @@ class Stretch(NamedTuple):
     y: FloatArray
     use: BoolArray
     free: BoolArray
-    anchor: BoolArray
+    anchor: FloatArray
     moving: BoolArray
     v_in: FloatArray
     v_out: FloatArray
@@ -109,8 +112,9 @@ def accumulate(
     rows = 0
     last = N_COLUMNS - 1
     for n in range(len(y)):
-        if anchor[n]:
-            variance = -1.0
+        if anchor[n] > 0.0:
+            known_still = variance >= 0.0 and anchor[n] < np.inf
+            variance = variance + anchor[n] if known_still else -1.0
         if free[n]:
             a, b = v_in[n], v_out[n]
             drive[0] = a

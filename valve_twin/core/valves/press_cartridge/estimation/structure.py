@@ -250,7 +250,7 @@ def whiten_columns(
     y: FloatArray,
     use: BoolArray,
     free: BoolArray,
-    anchor: BoolArray,
+    anchor: FloatArray,
     moving: BoolArray,
     drives: FloatArray,
     pole: float,
@@ -265,8 +265,10 @@ def whiten_columns(
     ----------
     y : (N,) array
         Measured position [1].
-    use, free, anchor, moving : (N,) bool arrays
+    use, free, moving : (N,) bool arrays
         See `Stretch`.
+    anchor : (N,) array
+        See `Stretch` [1].
     drives : (N, C) array
         What drives the spool, a column a parameter [1].
     pole, ratio : float
@@ -283,7 +285,9 @@ def whiten_columns(
     rows = 0
     gram[:, :] = 0.0
     for n in range(len(y)):
-        if anchor[n]:
+        if 0.0 < anchor[n] < np.inf:
+            p11 += anchor[n]
+        elif anchor[n] > 0.0:
             known = False
             drift[:] = 0.0
             p12 = p22 = 0.0

@@ -43,6 +43,7 @@ _PARTS = (-0.8, -0.4, 0.0, 0.4)
 """Where the search of the part of a sample begins, about the lag [samples]."""
 
 _REACH = 0.4  # on either side of the best of them [samples]
+_POLES = (0.1, 0.3, 0.5, 0.7, 0.9)  # of which the best begins the search [1]
 _WHOLE = 0.05  # a delay nearer to the lag is compared with it [samples]
 _WIDTH = 0.003  # of the result [samples]
 _POLE_WIDTH, _LAST_WIDTH = 1e-3, 1e-6  # of the pole, on the way and at the end [1]
@@ -101,9 +102,11 @@ def find_timing(run: Run, lag: int, columns: BoolArray, options: OutputErrorOpti
     options : OutputErrorOptions
         How the free run is fitted; a fixed pole and a fixed delay stay.
     """
-    pole = options.pole if options.pole >= 0.0 else 0.1
     phases = find_phases(run, lag, options)
     held = phases.stretch(run.position, run.use)
+    pole = options.pole
+    if pole < 0.0:
+        pole = min(_POLES, key=lambda z: _value(held, columns, options, z, width=0.0)[0])
 
     def value(part: float, width: float = _POLE_WIDTH) -> tuple[float, float]:
         start = _shifted(pole, best_part - part) if options.pole < 0.0 else pole
