@@ -19,6 +19,12 @@ from valve_twin.core.estimation.cycle.plausibility import (
     still_fault,
     unit_fault,
 )
+from valve_twin.core.estimation.cycle.response_checks import (
+    late_fault,
+    lost_fault,
+    step_fault,
+    stroke_fault,
+)
 from valve_twin.core.estimation.data.masks import Masks, find_masks
 from valve_twin.core.estimation.data.noise import rest_noise
 from valve_twin.core.simulation.truth import cycle_truth
@@ -190,12 +196,27 @@ class PressCartridgeModel(CompiledModel):
             unit_fault(name, u, LARGEST - 2.0, LARGEST)
             for name, u in zip(self.inputs, columns[1:], strict=True)
         ]
-        reach = (LARGEST - 1.0) * (seats[1] - seats[0])
-        faults.append(unit_fault(self.output, known.position, seats[0] - reach, seats[1] + reach))
+        span = seats[1] - seats[0]
+        reach = (LARGEST - 1.0) * span
+        # limits of a signal take out what would show its unit
+        seen = cycle.frames.position[np.isfinite(cycle.frames.position)]
+        faults.append(unit_fault(self.output, seen, seats[0] - reach, seats[1] + reach))
+        faults.append(lost_fault(names, cycle.frames))
+        faults.append(step_fault(self.output, known.position, span))
+        faults.append(stroke_fault(self.output, known.position, options.usual_stroke))
         faults.append(same_fault(names, columns) or still_fault(self.inputs, columns[1:]))
         max_lag = options.max_lag
         faults.append(
             drive_fault(names, known.position, known.inputs, seats=seats, max_lag=max_lag)
+        )
+        faults.append(
+            late_fault(
+                self.output,
+                known.position,
+                known.inputs,
+                period_s=cycle.period_s,
+                max_lag=max_lag,
+            )
         )
         return next((fault for fault in faults if fault), "")
 

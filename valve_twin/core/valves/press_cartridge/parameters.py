@@ -120,6 +120,14 @@ class PressCartridgeOptions:
     )
     lower_seat: float = quantity(0.0, "1", "position on the lower seat", lower=-1.0, upper=2.0)
     upper_seat: float = quantity(1.0, "1", "position on the upper seat", lower=-1.0, upper=2.0)
+    usual_stroke: float = quantity(
+        0.0,
+        "1",
+        "stroke of a usual cycle, 0 = not known: a cycle of less than 0.6 or more than 1.6 of it "
+        "is refused, which a wrong scale of the position needs to be seen",
+        lower=0.0,
+        upper=2.0,
+    )
     seat_margin: float = quantity(
         0.01, "1", "distance from a seat that counts as on it", lower=0.0, upper=0.2, assumed=True
     )

@@ -34,7 +34,7 @@ SETTLE = 5
 _AWAY = 2
 """Samples beyond the margin of a seat until the spool has left it."""
 
-_TAKE_OFF = 0.004
+_TAKE_OFF = 0.003
 """How far a spool is beside its model once it has left a seat [1], assumed: a part of a sample of
 motion. Noise above it leaves the level on the seat its weight."""
 

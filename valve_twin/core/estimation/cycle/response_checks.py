@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Recognise signals that are short of samples or bits, late, early, or of another size.
+
+Each check answers with one line as those of `plausibility` do.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from valve_twin.core.types import FloatArray, Frames
+
+_MOST_LOST = 0.05  # share of the samples of a cycle that may be missing or outside limits, assumed
+_COARSEST = 0.01  # step of a position that still tells a leak, of the stroke: 7 bits, assumed
+_FEWEST_LEVELS = 4  # of a position, to know its step
+_STROKES = (0.6, 1.6)  # a cycle's stroke over the usual one, products differ, assumed
+_REACH_S = 1.0  # how late or early a response is looked for [s]
+_MOST_TRIED = 64  # lags on either side
+_WORSE = 0.9  # share of the best agreement that an allowed lag must reach, assumed
+_CLEAR = 0.08  # least correlation of commands and motion by which a lag can be told, assumed
+
+
+def lost_fault(names: Sequence[str], frames: Frames) -> str:
+    """Name the signal of which too many samples are no number, or say that too many are outside.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The position, then the inputs in the order of the frames.
+    frames : Frames
+        At least one sample, one of them valid.
+    """
+    for name, values in zip(names, (frames.position, *frames.inputs.T), strict=True):
+        missing = 1.0 - float(np.isfinite(values).mean())
+        if missing > _MOST_LOST:
+            return (
+                f"{name} is no number in {missing:.0%} of the samples, {_MOST_LOST:.0%} are "
+                f"allowed: correct the source of signals.{name}.topic"
+            )
+    outside = 1.0 - float(frames.valid.mean())
+    if outside > _MOST_LOST:
+        every = ", ".join(f"signals.{name}" for name in names)
+        return (
+            f"{outside:.0%} of the samples are outside the limits of their signals or too old, "
+            f"{_MOST_LOST:.0%} are allowed: correct scale, offset, limits or hold of {every}"
+        )
+    return ""
+
+
+def step_fault(name: str, position: FloatArray, span: float) -> str:
+    """Name a position that moves in steps too coarse to tell a leak.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    position : (N,) array
+        Finite positions [1].
+    span : float
+        Distance of the seats [1].
+    """
+    levels = np.unique(position)
+    if len(levels) < _FEWEST_LEVELS:
+        return ""
+    step = float(np.diff(levels).min())
+    if step <= _COARSEST * span:
+        return ""
+    return (
+        f"{name} moves in steps of {step:.3g}, {_COARSEST * span:.3g} is the coarsest that tells "
+        f"a leak: read signals.{name}.topic with more bits"
+    )
+
+
+def stroke_fault(name: str, position: FloatArray, usual: float) -> str:
+    """Name a position whose stroke is not what the configuration says of a usual cycle.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    position : (N,) array
+        Finite positions [1].
+    usual : float
+        Stroke of a usual cycle [1]; 0 = not known.
+    """
+    if not usual > 0.0:
+        return ""
+    low, high = np.quantile(position, (0.01, 0.99))
+    stroke = float(high - low)
+    if _STROKES[0] * usual <= stroke <= _STROKES[1] * usual:
+        return ""
+    return (
+        f"{name} runs through {stroke:.3g} in a cycle, usual_stroke is {usual:.3g}: correct "
+        f"signals.{name}.scale, or usual_stroke where the product is another"
+    )
+
+
+def late_fault(
+    name: str, position: FloatArray, inputs: FloatArray, *, period_s: float, max_lag: int
+) -> str:
+    """Tell whether a position answers its commands later than is searched, or before them.
+
+    Parameters
+    ----------
+    name : str
+        The position.
+    position : (N,) array
+        Position [1].
+    inputs : (N, 2) array
+        The command that raises it and the one that lowers it [1].
+    period_s : float
+        Sampling time [s].
+    max_lag : int
+        Longest lag that is searched [samples].
+    """
+    reach = min(max(round(_REACH_S / period_s), 2 * max_lag), len(position) // 4, _MOST_TRIED)
+    if reach <= max_lag:
+        return ""
+    motion = np.diff(position)
+    rising, falling = (np.where(inputs[:-1, k] > 0.0, 1.0, 0.0) for k in (0, 1))
+    lags = list(range(-reach, reach + 1))
+    agreement = np.array([_agreement(motion, rising, falling, lag) for lag in lags])
+    best = int(np.argmax(agreement))
+    allowed = agreement[reach : reach + max_lag + 1].max()
+    if not agreement[best] > _CLEAR or allowed >= _WORSE * agreement[best]:
+        return ""
+    late = lags[best] * period_s
+    if late < 0.0:
+        return (
+            f"{name} moves {-late:.3g} s before its commands: its clock or that of the commands "
+            f"is wrong: correct signals.{name}.topic or the stamps"
+        )
+    return (
+        f"{name} moves {late:.3g} s after its commands, {max_lag * period_s:.3g} s are searched: "
+        f"correct the stamps, or max_lag"
+    )
+
+
+def _agreement(motion: FloatArray, rising: FloatArray, falling: FloatArray, lag: int) -> float:
+    """Return the share of the motion that two commands `lag` samples before explain [1]."""
+    count = len(motion) - abs(lag)
+    moved = motion[max(lag, 0) :][:count]
+    up, down = (u[max(-lag, 0) :][:count] for u in (rising, falling))
+    total = float(moved @ moved)
+    if not total > 0.0:
+        return 0.0
+    explained = 0.0
+    for drive, sign in ((up, 1.0), (down, -1.0)):
+        power = float(drive @ drive)
+        along = sign * float(drive @ moved)
+        explained += along**2 / power if power > 0.0 and along > 0.0 else 0.0
+    return explained / total
