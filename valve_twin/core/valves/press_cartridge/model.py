@@ -201,23 +201,14 @@ class PressCartridgeModel(CompiledModel):
         # limits of a signal take out what would show its unit
         seen = cycle.frames.position[np.isfinite(cycle.frames.position)]
         faults.append(unit_fault(self.output, seen, seats[0] - reach, seats[1] + reach))
+        y, period_s = known.position, cycle.period_s
         faults.append(lost_fault(names, cycle.frames))
-        faults.append(step_fault(self.output, known.position, span))
-        faults.append(stroke_fault(self.output, known.position, options.usual_stroke))
+        faults.append(step_fault(self.output, y, span))
+        faults.append(stroke_fault(self.output, y, options.usual_stroke))
         faults.append(same_fault(names, columns) or still_fault(self.inputs, columns[1:]))
         max_lag = options.max_lag
-        faults.append(
-            drive_fault(names, known.position, known.inputs, seats=seats, max_lag=max_lag)
-        )
-        faults.append(
-            late_fault(
-                self.output,
-                known.position,
-                known.inputs,
-                period_s=cycle.period_s,
-                max_lag=max_lag,
-            )
-        )
+        faults.append(drive_fault(names, y, known.inputs, seats=seats, max_lag=max_lag))
+        faults.append(late_fault(self.output, y, known.inputs, period_s=period_s, max_lag=max_lag))
         return next((fault for fault in faults if fault), "")
 
     def coefficients(
