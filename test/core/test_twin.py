@@ -83,6 +83,24 @@ def bits(events):
     return joined, numbers, repr(sigmas), estimates
 
 
+def test_samples_that_wait_are_one_part_a_cycle_in_a_snapshot_and_give_the_same_bits(record):
+    def run(*, saves):
+        twin, events = Twin(CONFIG, MODEL), []
+        for at in range(0, len(record), 5):
+            stamp_ns, counter = record.stamp_ns[at : at + 5], record.cycle[at : at + 5]
+            events += twin.push("command", stamp_ns, record.inputs[at : at + 5, 0])
+            events += twin.push("cycle_counter", stamp_ns, counter.astype(float))
+            events += twin.push("position", stamp_ns, record.position[at : at + 5])
+            if saves and twin.waits:
+                waiting = twin.snapshot().waiting
+                assert len(waiting) == len({part.ordinal for part in waiting})
+        while (job := twin.next_job()) is not None:
+            events += deliver(twin, job)
+        return bits(events)
+
+    assert run(saves=True) == run(saves=False)
+
+
 def test_every_sample_is_predicted_once_and_every_cycle_estimated(record):
     events = push_all(Twin(CONFIG, MODEL), record)
     predicted = sum(len(e.stamp_ns) for e in events if isinstance(e, Prediction))

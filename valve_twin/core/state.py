@@ -8,10 +8,14 @@ state shares the arrays of the samples with the part that gave it; neither write
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from valve_twin.core.types import join_frames
+
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from valve_twin.core.cycle_rules import RuleState
     from valve_twin.core.estimation.cycle.sequence import InForce, Memory
     from valve_twin.core.types import Cycle, FloatArray, Frames, IntArray
@@ -29,6 +33,28 @@ class Part:
     ordinal: int
     number: int
     opens: bool
+
+
+def join_parts(parts: Iterable[Part]) -> list[Part]:
+    """Return the same samples in as few parts as can be; samples may come singly."""
+    groups: list[list[Part]] = []
+    for part in parts:
+        if groups and _goes_on(groups[-1][-1], part):
+            groups[-1].append(part)
+        else:
+            groups.append([part])
+    return [
+        replace(group[0], frames=join_frames([p.frames for p in group]))
+        if len(group) > 1
+        else group[0]
+        for group in groups
+    ]
+
+
+def _goes_on(last: Part, part: Part) -> bool:
+    """Return whether a part follows in the same cycle, on a clock that was not set back."""
+    same = (part.ordinal, part.number) == (last.ordinal, last.number) and not part.opens
+    return same and part.frames.stamp_ns[0] > last.frames.stamp_ns[-1]
 
 
 @dataclass(frozen=True, slots=True)

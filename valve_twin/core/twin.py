@@ -23,7 +23,7 @@ from valve_twin.core.cycle_config import CycleConfig
 from valve_twin.core.cycles import Closing, Segmenter
 from valve_twin.core.estimation.cycle.sequence import InForce, Memory, model_in_force
 from valve_twin.core.prediction import residuals, restart_marks, run_model
-from valve_twin.core.state import TwinState
+from valve_twin.core.state import TwinState, join_parts
 from valve_twin.core.types import Cycle, Estimate, FloatArray, Frames, IntArray, Prediction
 from valve_twin.core.valves.interface import NoOptions
 
@@ -179,6 +179,7 @@ class Twin:
     def snapshot(self) -> TwinState:
         """Return the whole state, at any time between two calls."""
         running = [] if self._running is None else [(self._running.ordinal, self._running.cycle)]
+        self._waiting = deque(join_parts(self._waiting))
         return TwinState(
             aligner=self._aligner.snapshot(),
             segmenter=self._segmenter.snapshot(),

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import cProfile
 import os
 import signal
 import subprocess
@@ -88,6 +89,19 @@ def test_a_state_comes_back_to_the_bit(path, learnt):
         assert ours.frames.stamp_ns.dtype == theirs.frames.stamp_ns.dtype
         assert ours.frames.inputs.tobytes() == theirs.frames.inputs.tobytes()
         assert ours.frames.conditions.tobytes() == theirs.frames.conditions.tobytes()
+
+
+def test_the_time_to_save_grows_with_the_samples_and_not_with_their_square(tmp_path, learnt):
+    state, path = learnt[0], tmp_path / "many"
+    part = replace(state.waiting[0], frames=state.waiting[0].frames[:1], opens=False)
+
+    def steps(count):
+        state_of_many = replace(state, waiting=(part,) * count)
+        profile = cProfile.Profile()
+        profile.runcall(save_snapshot, path, ORIGIN, state_of_many)
+        return sum(entry.callcount for entry in profile.getstats())
+
+    assert steps(400) < 5 * steps(100)
 
 
 def test_the_code_of_a_refused_cycle_comes_back(path, learnt):

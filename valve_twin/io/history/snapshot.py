@@ -15,6 +15,7 @@ import json
 import os
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from functools import cache
+from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -144,7 +145,7 @@ def load_snapshot(
     for name, wanted in asdict(origin).items():
         if head[name] != wanted:
             raise _refused(path, _MEANING[name])
-    state: TwinState = _decode(head["state"], data)
+    state: TwinState = _decode(head["state"], BytesIO(data))
     return replace(state, memory_after=_memories(path, head["learnt"], recent()))
 
 
@@ -174,9 +175,8 @@ def _layout() -> str:
 def _encode(value: Any, arrays: list[np.ndarray[Any, Any]]) -> Any:  # noqa: ANN401
     """Return a state as JSON; its arrays are put behind it in their order."""
     if isinstance(value, np.ndarray):
-        begin = sum(a.nbytes for a in arrays)
         arrays.append(value)
-        return {"array": value.dtype.str, "shape": value.shape, "begin": begin}
+        return {"array": value.dtype.str, "shape": value.shape}
     if is_dataclass(value):
         values = [_encode(getattr(value, f.name), arrays) for f in fields(value)]
         return {"record": type(value).__name__, "values": values}
@@ -191,7 +191,8 @@ def _encode(value: Any, arrays: list[np.ndarray[Any, Any]]) -> Any:  # noqa: ANN
     return plain
 
 
-def _decode(value: Any, data: bytes) -> Any:  # noqa: ANN401
+def _decode(value: Any, data: BytesIO) -> Any:  # noqa: ANN401
+    """Return what was encoded; the arrays lie in the order in which they are met."""
     if isinstance(value, list):
         return tuple(_decode(v, data) for v in value)
     if not isinstance(value, dict):
@@ -201,5 +202,5 @@ def _decode(value: Any, data: bytes) -> Any:  # noqa: ANN401
     if "refusal" in value:
         return Refusal(RefusalCode(value["refusal"]), value["text"])
     kind, shape = np.dtype(value["array"]), tuple(value["shape"])
-    count = int(np.prod(shape, dtype=np.int64))
-    return np.frombuffer(data, kind, count, value["begin"]).reshape(shape).copy()
+    size = kind.itemsize * int(np.prod(shape, dtype=np.int64))
+    return np.frombuffer(data.read(size), kind).reshape(shape).copy()
