@@ -16,7 +16,7 @@ from valve_twin.core.aging.trend import fit_line, quantile
 INF = float("inf")
 
 
-def approach(gap, slope, *, var_gap, cov, var_slope, freedom):
+def approach(gap, slope, *, var_gap, cov, var_slope, freedom) -> Approach:
     """Return the way of one line to a threshold: one axis unit to u = 1, gap still to go."""
     one = np.ones(1)
     line = LawFit(

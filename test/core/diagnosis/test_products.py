@@ -8,7 +8,7 @@ import pytest
 from valve_twin.core.diagnosis.products import clocks_apart, products, without_slips
 
 CYCLES = np.arange(1, 41)
-START_S = 12.0 * (CYCLES - 1.0)
+START_S = 12.0 * np.arange(40.0)
 
 
 def delays(table, into, out):

@@ -17,8 +17,9 @@ SIMULATION = MODEL.simulation()
 
 
 def frames_of(seed=1, **layer):
-    layer = replace(SIMULATION.measurement, **layer)
-    (block,) = simulate_cycles(replace(SIMULATION, measurement=layer), 1, seed=seed)
+    measurement = replace(SIMULATION.measurement, **layer)
+    config = replace(SIMULATION, measurement=measurement)
+    (block,) = simulate_cycles(config, 1, seed=seed)
     return to_frames(block)
 
 

@@ -12,6 +12,7 @@ from valve_twin.core.simulation import simulate_cycles, to_frames
 from valve_twin.core.types import Cycle, ParameterValue
 from valve_twin.core.valves.press_cartridge import MODEL
 from valve_twin.core.valves.press_cartridge.estimation.response.accuracy import with_limits
+from valve_twin.core.valves.press_cartridge.plant import PressCartridgePlant
 from valve_twin.core.valves.registry import complete_options
 
 PLANTS = 24
@@ -23,6 +24,7 @@ def simulation(seed, noise):
     rng = np.random.default_rng([7000, seed])
     given = MODEL.simulation()
     plant = given.plant
+    assert isinstance(plant, PressCartridgePlant)
     plc = replace(
         plant.plc,
         period_s=float(rng.choice([0.002, 0.005, 0.01, 0.03])),
