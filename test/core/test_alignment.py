@@ -102,9 +102,9 @@ def test_a_command_that_comes_after_its_frame_is_counted():
     for name in ("v_in", "v_out"):
         aligner.push(name, stamps[:1], np.array([0.0]))
     aligner.push("position", stamps, np.full(20, 0.3))
-    assert aligner.guessed == 0
+    assert not aligner.late
     aligner.push("v_in", stamps[5:7], np.array([0.1, 0.2]))
-    assert aligner.guessed == 2
+    assert aligner.late == {"v_in"}
     assert aligner.counts()["v_in"].late == 2
 
 

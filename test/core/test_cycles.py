@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from valve_twin.core.cycle_config import CycleConfig
 from valve_twin.core.cycles import Closing, Segmenter
+from valve_twin.core.refusal import RefusalCode
 from valve_twin.core.state import Part
 from valve_twin.core.types import Cycle, CycleRule, Frames
 
@@ -166,6 +167,36 @@ def test_a_wrong_sampling_time_is_named_not_estimated():
     cycles = cycles_of(segmenter.push(press_frames(3)))
     assert [c.accepted for c in cycles] == [False, False]
     assert "0.03 s apart (median) but period_s is 1 s: correct period_s" in cycles[0].reason
+
+
+def accepted_with_late(signal, at, config=None):
+    """Return which of four cycles are accepted where a signal is told of as late at one frame."""
+    segmenter, frames = Segmenter(config or PRESS, INPUTS, PERIOD_S), press_frames(4)
+    items = segmenter.push(frames[:at])
+    segmenter.mark_late({signal})
+    items += [i for a in range(at, 1200, 5) for i in segmenter.push(frames[a : a + 5])]
+    cycles = [*cycles_of(items), *segmenter.close(Closing.ASKED)]
+    assert [c.reason.code for c in cycles if not c.accepted] == [
+        RefusalCode.LATE for c in cycles if not c.accepted
+    ]
+    assert sum(not c.reproducible for c in cycles) == 1
+    return [c.accepted for c in cycles]
+
+
+def test_a_cycle_is_refused_where_the_signal_that_cuts_it_came_too_late():
+    assert accepted_with_late("v_in", 400) == [True, False, True, True]
+    assert accepted_with_late("v_out", 400) == [True, False, True, True]  # it re-arms the rule
+    assert accepted_with_late("load", 400) == [True] * 4
+
+
+def test_so_is_a_cycle_that_opens_with_the_samples_that_came_too_late():
+    assert accepted_with_late("v_in", 320) == [False, False, True, True]
+    assert accepted_with_late("v_in", 10) == [True] * 4  # before the first one
+
+
+def test_windows_on_the_stamps_are_cut_right_whatever_comes_late():
+    window = CycleConfig(rule=CycleRule.WINDOW, window_s=9.0)
+    assert all(accepted_with_late("v_in", 400, window))
 
 
 def test_gaps_are_counted_as_lost_samples():

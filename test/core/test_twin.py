@@ -239,6 +239,22 @@ def test_receive_times_are_said_to_be_not_reproducible(record):
     assert not estimate_cycle(MODEL, OPTIONS, job.cycle, job.memory)[0][0].reproducible
 
 
+def test_a_counter_that_lags_beyond_hold_back_has_its_cycles_refused(record):
+    lag = 3 * 20  # samples: hold_back_s is 2 s
+    columns = {"command": record.inputs[:, 0], "position": record.position}
+    twin, events = Twin(CONFIG, MODEL), []
+    for at in range(0, len(record), 10):
+        for name, values in columns.items():
+            events += twin.push(name, record.stamp_ns[at : at + 10], values[at : at + 10])
+        behind = slice(max(at - lag, 0), max(at - lag + 10, 0))
+        counter = record.cycle[behind].astype(float)
+        events += twin.push("cycle_counter", record.stamp_ns[behind], counter)
+    cycles = [e for e in events if isinstance(e, Cycle)]
+    assert len(cycles) == CYCLES - 1
+    assert not any(c.accepted or c.reproducible for c in cycles)
+    assert "samples of cycle_counter, which cuts the cycles, came later" in cycles[0].reason
+
+
 def test_the_mean_of_a_condition_stands_in_every_estimate(record):
     twin = Twin(replace(CONFIG, conditions=(SignalRange("load"),)), MODEL)
     columns = {
@@ -322,6 +338,7 @@ def test_a_twin_goes_on_from_a_snapshot_with_the_same_bits(record, seed, patienc
 
 CONFIGURED = {
     *("_config", "_model", "predicts", "_period_s", "_columns", "_limits_ns", "_step_ns"),
+    "_cut_by",
     *("_n_inputs", "_names", "_counter", "_reference", "_conditions", "_hold_back_ns", "_jump_ns"),
 }
 

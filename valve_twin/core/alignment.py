@@ -5,7 +5,7 @@
 A position sample is released once every other signal has been seen at or after its stamp, so that
 the frame does not depend on the order in which the network delivered the topics. A signal that
 falls silent holds the others back by at most `hold_back_s` of data time; what arrives later than
-that is counted as late and the running cycle is marked as not reproducible.
+that is counted as late, and the running cycle is told of it.
 """
 
 from __future__ import annotations
@@ -77,6 +77,13 @@ class Aligner:
     jump_s : float
         A signal whose stamps stay older than its newest one by more than this was set back: a
         clock jump [s].
+
+    Attributes
+    ----------
+    jumps : int
+        Times the clock was set back [1].
+    late : set of str
+        Signals of which samples came after their frame, which guessed; emptied by who is told.
     """
 
     def __init__(
@@ -100,7 +107,7 @@ class Aligner:
         self._jump_ns = round(jump_s * 1e9)
         self._released_ns: int | None = None
         self.jumps = 0
-        self.guessed = 0
+        self.late: set[str] = set()
 
     def snapshot(self) -> AlignerState:
         """Return the whole state; `restore` in an aligner of equal configuration goes on."""
@@ -116,7 +123,7 @@ class Aligner:
             )
             for t in self._tracks
         )
-        return AlignerState(tracks, self._released_ns, self.jumps, self.guessed)
+        return AlignerState(tracks, self._released_ns, self.jumps, tuple(sorted(self.late)))
 
     def restore(self, state: AlignerState) -> None:
         """Go on from a snapshot with the same bits.
@@ -136,7 +143,7 @@ class Aligner:
             track.values = deque([then.values] if some else [])
             track.last_ns, track.held_value = then.last_ns, then.held_value
             track.older, track.counts = list(then.older_ns), SignalCounts(*then.counts)
-        self._released_ns, self.jumps, self.guessed = state.released_ns, state.jumps, state.guessed
+        self._released_ns, self.jumps, self.late = state.released_ns, state.jumps, set(state.late)
 
     def counts(self) -> dict[str, SignalCounts]:
         """Return the counters of every signal by name."""
@@ -189,7 +196,7 @@ class Aligner:
         track = self._tracks[self._names[name]]
         stamp_ns, values = self._fresh(track, stamp_ns, values)
         if len(stamp_ns):
-            self.guessed += self._too_late(track, stamp_ns)
+            self._look_whether_late(track, stamp_ns)
             track.stamps.append(stamp_ns)
             track.values.append(values)
             track.last_ns = int(stamp_ns[-1])
@@ -207,6 +214,7 @@ class Aligner:
             track.older.clear()
             track.last_ns = None
             track.held_value = np.nan
+        self.late.clear()
         self._released_ns = None
 
     def _fresh(
@@ -229,13 +237,14 @@ class Aligner:
             return self._jumped(track, older, stamp_ns, values)
         return stamp_ns[keep], values[keep]
 
-    def _too_late(self, track: _Track, stamp_ns: IntArray) -> int:
+    def _look_whether_late(self, track: _Track, stamp_ns: IntArray) -> None:
         """Count samples that a released frame should have held: the frame guessed."""
         if self._released_ns is None or track is self._tracks[POSITION]:
-            return 0
+            return
         late = int(np.count_nonzero(stamp_ns <= self._released_ns))
-        track.counts.late += late
-        return late
+        if late:
+            track.counts.late += late
+            self.late.add(track.signal.name)
 
     def _jumped(
         self, track: _Track, older: list[int], stamp_ns: IntArray, values: FloatArray

@@ -55,6 +55,8 @@ _JOINED_PARTS = 32
 """Parts of a cycle that are joined on the way: samples that come singly are not all joined at its
 end, where predictions would wait for it."""
 
+_CUTS = {CycleRule.COUNTER: {"cycle_counter"}, CycleRule.REFERENCE: {"reference"}}
+
 _USUAL_CYCLES = 20  # closed cycles whose median length is the usual one
 
 
@@ -114,6 +116,9 @@ class Segmenter:
             ],
             dtype=np.int64,
         )
+        self._cut_by = _CUTS.get(config.rule, set())
+        if config.rule is CycleRule.COMMANDS:
+            self._cut_by = {inputs[i] for i in self._columns if i >= 0}
         limits = (config.min_cycle_s, config.max_cycle_s, config.idle_close_s)
         self._limits_ns = np.array([round(s * 1e9) for s in limits], dtype=np.int64)
         self._last_number = last_cycle
@@ -135,6 +140,7 @@ class Segmenter:
         self._number = 0
         self._missed = 0
         self._reproducible = True
+        self._late = self._late_ahead = ""
 
     @property
     def running(self) -> int:
@@ -150,6 +156,8 @@ class Segmenter:
             number=self._number,
             missed=self._missed,
             reproducible=self._reproducible,
+            late=self._late,
+            late_ahead=self._late_ahead,
             last_number=self._last_number,
             missed_before=self._missed_before,
             counted_before=self._counted_before,
@@ -167,6 +175,7 @@ class Segmenter:
         self._parts, self._loose = [] if state.frames is None else [state.frames], []
         self._number, self._missed = state.number, state.missed
         self._reproducible = state.reproducible
+        self._late, self._late_ahead = state.late, state.late_ahead
         self._last_number, self._missed_before = state.last_number, state.missed_before
         self._counted_before, self._ordinal = state.counted_before, state.ordinal
         self._lengths = deque(state.lengths, maxlen=_USUAL_CYCLES)
@@ -195,6 +204,16 @@ class Segmenter:
         """Note that the running cycle lost or guessed input."""
         self._reproducible = False
 
+    def mark_late(self, signals: set[str]) -> None:
+        """Note that frames guessed these signals, as samples came too late.
+
+        The running cycle is refused where one of them cuts the cycles, and so is one that the
+        next frames open: its begin is no less guessed.
+        """
+        self._reproducible = False
+        if not self._cut_by.isdisjoint(signals):
+            self._late = self._late_ahead = ", ".join(sorted(self._cut_by & signals))
+
     def push(self, frames: Frames) -> list[Part | Cycle]:
         """Cut frames.
 
@@ -214,6 +233,7 @@ class Segmenter:
                 before = [Part(frames[:stored], self._ordinal, 0, opens=False)]
                 return [*before, *(self.push(frames[stored:]) if stored < len(frames) else [])]
         marks = self._mark(frames)
+        late, self._late_ahead = self._late_ahead, ""
         if not marks.any():
             return [self._extend(frames, opens=False)]
         out: list[Part | Cycle] = []
@@ -225,6 +245,7 @@ class Segmenter:
             out += self._close(Closing.NEXT if opens else Closing.LIMIT)
             if opens:
                 self._open(frames, at)
+                self._late = late
             begin = at
         out.append(self._extend(frames[begin:], opens=opens))
         return out
@@ -354,7 +375,11 @@ class Segmenter:
             return []
         frames = join_frames([*self._parts, *self._loose])
         lost = count_lost(frames.stamp_ns, self._period_s)
-        problem = self._too_short(len(frames), why) or self._off_period(frames.stamp_ns)
+        problem = (
+            self._too_short(len(frames), why)
+            or self._off_period(frames.stamp_ns)
+            or self._cut_late()
+        )
         cycle = Cycle(
             number=self._number,
             period_s=self._period_s,
@@ -384,6 +409,16 @@ class Segmenter:
             f"{self._period_s:g} s: correct period_s"
         )
         return Refusal(RefusalCode.WRONG_PERIOD, text)
+
+    def _cut_late(self) -> Refusal | None:
+        """Say which signal came too late to cut the cycle, None if none did."""
+        if not self._late:
+            return None
+        text = (
+            f"samples of {self._late}, which cuts the cycles, came later than hold_back_s allows: "
+            "synchronise the clocks or raise hold_back_s"
+        )
+        return Refusal(RefusalCode.LATE, text)
 
     def _too_short(self, samples: int, why: Closing) -> Refusal | None:
         """Say why a cycle of that many samples cannot be estimated, None if it can."""

@@ -26,6 +26,9 @@ class RefusalCode(str, Enum):
     GAPS = "gaps"
     """Samples are missing where the equations need them without a gap."""
 
+    LATE = "late_signals"
+    """Samples of a signal that cuts the cycles came too late: begin and end are guessed."""
+
     IMPLAUSIBLE = "implausible_signals"
     """Signals that cannot be what is configured: swapped, inverted, in another unit."""
 

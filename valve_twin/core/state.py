@@ -132,14 +132,16 @@ class AlignerState:
         One a signal.
     released_ns : int or None
         Stamp of the last frame that was released [ns].
-    jumps, guessed : int
-        Times the clock was set back; samples that came after their frame.
+    jumps : int
+        Times the clock was set back [1].
+    late : tuple of str
+        Signals of which samples came after their frame, and nobody was told yet.
     """
 
     tracks: tuple[TrackState, ...]
     released_ns: int | None
     jumps: int
-    guessed: int
+    late: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,6 +158,8 @@ class SegmenterState:
         Of the running cycle, number 0 = between cycles; cycles missed before it, -1 = unknown.
     reproducible : bool
         Whether the running cycle lost and guessed nothing.
+    late, late_ahead : str
+        Signals that came too late to cut the running cycle, or the one that the next frames open.
     last_number, missed_before, counted_before : int
         Last number given; cycles missed since; what is added to a counter that began again.
     ordinal : int
@@ -175,6 +179,8 @@ class SegmenterState:
     number: int
     missed: int
     reproducible: bool
+    late: str
+    late_ahead: str
     last_number: int
     missed_before: int
     counted_before: int

@@ -153,7 +153,7 @@ class Twin:
         self._in_force = self._force(memory)
         self._state = model.initial_state()
         self._last_ns: int | None = None
-        self._jumps = self._guessed = 0
+        self._jumps = 0
         self.predicts = True
 
     @property
@@ -212,7 +212,7 @@ class Twin:
         self._waiting, self._early = deque(state.waiting), set(state.early)
         self._in_force, self._state = state.in_force, state.predictor.copy()
         self._last_ns = state.last_ns
-        self._jumps, self._guessed = state.aligner.jumps, state.aligner.guessed
+        self._jumps = state.aligner.jumps
 
     def leave_out(self, last_cycle: int, resume: Resume | None) -> list[Event]:
         """Drop the running cycle: samples are missing since the snapshot that was restored.
@@ -291,9 +291,9 @@ class Twin:
         if self._aligner.jumps != self._jumps:
             self._jumps = self._aligner.jumps
             events += self.clock_jumped(data=False)
-        if self._aligner.guessed != self._guessed:
-            self._guessed = self._aligner.guessed
-            self._segmenter.mark_irreproducible()
+        if self._aligner.late:
+            self._segmenter.mark_late(self._aligner.late)
+            self._aligner.late.clear()
         return events + (self._advance(frames) if frames is not None else [])
 
     def close_cycle(self) -> list[Event]:
