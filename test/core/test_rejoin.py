@@ -57,6 +57,14 @@ def test_it_goes_on_with_the_next_sample_of_every_signal():
     assert command[1].tolist() == [(LAST + 1) * STEP_NS]
 
 
+def test_a_command_from_before_the_last_cycle_still_holds_where_the_stream_begins_anew():
+    found = rejoin()
+    found.add([samples("command", 300, 301), samples("position", LAST + 500, LAST + 503)])
+    assert found.goes_on is False
+    ((command, _),) = found.rounds()
+    assert command[1].tolist() == [300 * STEP_NS]  # latched: the next one may be far away
+
+
 def test_what_is_given_again_is_left_out():
     found = rejoin()
     found.add([samples("position", LAST - 300, LAST + 1), samples("command", LAST - 400, LAST)])

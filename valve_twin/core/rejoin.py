@@ -88,7 +88,10 @@ class Rejoin:
             self._decide()
 
     def rounds(self) -> list[list[Samples]]:
-        """Return what came and is not known: beyond the snapshot, or beyond its closed cycles."""
+        """Return what came and is not known: beyond the snapshot, or beyond its closed cycles.
+
+        Where the stream begins anew, that is for the position to tell.
+        """
         if self._is_other:
             return [list(parts) for parts in self._rounds]
         return [[self._new(*samples) for samples in parts] for parts in self._rounds]
@@ -127,6 +130,9 @@ class Rejoin:
             self.goes_on = True
 
     def _new(self, name: str, stamp_ns: IntArray, values: FloatArray) -> Samples:
-        known_ns = self._last.get(name, -_EVER) if self.goes_on else self._closed_ns - 1
+        if self.goes_on:
+            known_ns = self._last.get(name, -_EVER)
+        else:  # the others still hold, however old: the next sample of a command may be far away
+            known_ns = self._closed_ns - 1 if name == self._position else -_EVER
         new = stamp_ns > known_ns
         return name, stamp_ns[new], values[new]
