@@ -66,9 +66,14 @@ def test_a_user_s_profile_is_left_alone(monkeypatch, tmp_path, name):
     assert not dds_profile.has_fast_heartbeat()
 
 
-def test_a_player_of_this_machine_alone_keeps_off_shared_memory_too(graph, tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    "variable", [(RANGE, "LOCALHOST"), ("ROS_LOCALHOST_ONLY", "1")], ids=lambda v: v[0]
+)
+def test_a_player_of_this_machine_alone_keeps_off_shared_memory_too(
+    graph, tmp_path, monkeypatch, variable
+):
     """The middleware would add it; no segment of it is mapped, and messages come all the same."""
-    monkeypatch.setenv(RANGE, "LOCALHOST")
+    monkeypatch.setenv(*variable)
     heard = graph.record(f"/replay{TOPICS[0]}", Float64Stamped)
     player = graph.start("bag_player", bag=write_bag(tmp_path / "bag", 10_000))
     graph.spin_until(lambda: len(heard) > 10, 60.0, "messages")

@@ -25,6 +25,7 @@ HEARTBEAT_S = 0.01
 _VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 _TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+_LOCAL_ONLY = "ROS_LOCALHOST_ONLY"
 
 _PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
 <dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
@@ -95,7 +96,9 @@ def _udp() -> str:
     Told of the range LOCALHOST, rmw_fastrtps adds shared memory whatever the profile says; so the
     profile says what that range means and the middleware is left to it.
     """
-    if os.environ.get(_RANGE) != "LOCALHOST" or os.environ.get("ROS_STATIC_PEERS"):
+    if os.environ.get(_LOCAL_ONLY) == "1":  # the older name; it goes before range and peers
+        del os.environ[_LOCAL_ONLY]
+    elif os.environ.get(_RANGE) != "LOCALHOST" or os.environ.get("ROS_STATIC_PEERS"):
         return _UDP
     os.environ[_RANGE] = "SYSTEM_DEFAULT"
     return _UDP_HERE
