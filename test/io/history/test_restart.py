@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,6 +23,7 @@ from valve_twin.core.types import Cycle, CycleRule, Prediction
 from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
 from valve_twin.io.cdr.signals import SignalSource
 from valve_twin.io.config.valve import ValveConfig
+from valve_twin.io.history import restart as restarts
 from valve_twin.io.history.restart import Restart
 from valve_twin.io.history.store import History
 from valve_twin.io.offline.make_twin import make_twin
@@ -122,6 +124,27 @@ def predicted(*lives: Life) -> dict[int, str]:
             shared = (prediction.cycle, float(prediction.residual_sigma).hex())
             found[stamp] = repr((*shared, values, prediction.reproducible))
     return found
+
+
+def test_a_snapshot_that_costs_much_is_followed_by_a_rest(tmp_path, data, monkeypatch):
+    clock = [100.0]
+
+    def save_slowly(*_):
+        clock[0] += 0.5
+        raise OSError(28, "the disk is full")  # it costs no less
+
+    monkeypatch.setattr(restarts, "save_snapshot", save_slowly)
+    monkeypatch.setattr(restarts, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    life = Life(tmp_path / "h.db")
+    life.push(data, 0, 100)
+    assert not life.restart.is_resting
+    with pytest.raises(OSError, match="full"):
+        life.save()
+    clock[0] += 0.5 * restarts.REST - 0.01
+    assert life.restart.is_resting
+    clock[0] += 0.02
+    assert not life.restart.is_resting
+    life.die()
 
 
 def kept(life: Life):

@@ -96,6 +96,17 @@ def test_no_more_leaves_unacknowledged_than_the_publisher_keeps():
     assert publisher.published == list(range(10))
 
 
+def test_a_depth_of_the_middleware_s_own_stops_nothing():
+    publisher = Publisher("/kept")
+    publisher.acked = True
+    outbox = Outbox(lambda p: p.acked)
+    outbox.keep(publisher, 0)
+    for i in range(3):
+        outbox.put(publisher, i)
+    assert outbox.send()
+    assert publisher.published == [0, 1, 2]
+
+
 def test_a_node_that_stands_still_is_named_and_left_behind(graph, tmp_path, monkeypatch, capfd):
     """More messages than the publishers keep for it."""
     monkeypatch.setattr(acknowledgements, "PATIENCE_S", 1.0)

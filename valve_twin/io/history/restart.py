@@ -10,6 +10,7 @@ still ends with the cycle that it ended with then.
 from __future__ import annotations
 
 import hashlib
+import time
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -27,6 +28,7 @@ from valve_twin.io.history.snapshot import Origin, load_snapshot, save_snapshot
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+    from pathlib import Path
 
     from valve_twin.core.rejoin import Samples
     from valve_twin.core.state import TwinState
@@ -34,6 +36,9 @@ if TYPE_CHECKING:
     from valve_twin.io.config.valve import ValveConfig
     from valve_twin.io.history.claim import Claim
     from valve_twin.io.history.store import History
+
+REST = 10.0
+"""A snapshot is followed by a rest of so many times what it took [1]."""
 
 
 class Restart:
@@ -73,6 +78,7 @@ class Restart:
         self._path = history.snapshot_path(config.name)
         self._rejoin: Rejoin | None = None
         self._closed: Cycle | None = None
+        self._rests_until_s = 0.0
         last = history.last_record(config.name)
         self.last_cycle = last.cycle if last is not None else 0
         self._resume: Resume | None = None
@@ -127,7 +133,21 @@ class Restart:
         """
         if self._path is None or self.is_open:
             return None
-        return partial(save_snapshot, self._path, self._origin, self.twin.snapshot())
+        begin_s, state = time.monotonic(), self.twin.snapshot()
+        return partial(self._save, self._path, self._origin, state, time.monotonic() - begin_s)
+
+    @property
+    def is_resting(self) -> bool:
+        """Whether the last snapshot, of a long cycle, cost too much for another one now."""
+        return time.monotonic() < self._rests_until_s
+
+    def _save(self, path: Path, origin: Origin, state: TwinState, taken_s: float) -> None:
+        begin_s = time.monotonic()
+        try:
+            save_snapshot(path, origin, state)
+        finally:
+            end_s = time.monotonic()
+            self._rests_until_s = end_s + REST * (taken_s + end_s - begin_s)
 
     def _restore(self, recent: Callable[[], Sequence[Estimate]]) -> None:
         if self._path is None:

@@ -53,8 +53,9 @@ class Outbox:
         self._waiting.append((publisher, message))
 
     def keep(self, publisher: Any, depth: int) -> None:
-        """Let at most `depth` messages of a publisher be without acknowledgement."""
-        self._room[publisher] = [depth, depth]
+        """Let at most `depth` messages of a publisher be without acknowledgement, or one."""
+        room = max(depth, 1)  # 0 is the middleware's own depth, which need not be more
+        self._room[publisher] = [room, room]
 
     def send(self) -> bool:
         """Publish what waits; return whether all of it left."""

@@ -132,6 +132,8 @@ class LiveValve:
         now = (self.last_stamp_ns, self.jobs.estimated)
         if self._saving or self.stopped or self.cycle_queue.waiting or now == self._saved:
             return
+        if self._restart.is_resting:
+            return
         saving = self._restart.saving()
         if saving is not None:
             self._saving, self._saved = True, now
