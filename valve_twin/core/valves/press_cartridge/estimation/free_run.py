@@ -296,7 +296,7 @@ def find_phases(
     active = options.guard.active_command
     driven_in, driven_out = v_in > active, v_out > active
     seated = (near_low & ~driven_in) | (near_high & ~driven_out)
-    leaving, ends = _departures(seated, near_low | near_high)
+    leaving, ends = _departures(seated, run)
     anchor = np.zeros(len(v_in))
     anchor[ends] = (_TAKE_OFF / run.noise_sigma) ** 2 if run.noise_sigma > 0.0 else np.inf
     anchor[run.broken | run.stuck] = np.inf
@@ -311,15 +311,21 @@ def _near_seats(run: Run, options: OutputErrorOptions) -> tuple[BoolArray, BoolA
     return low, high
 
 
-def _departures(seated: BoolArray, near: BoolArray) -> tuple[BoolArray, IntArray]:
-    """Return the samples in which the spool leaves a seat, `_AWAY` more, and the last of each."""
-    leaves = np.flatnonzero(seated[:-1] & ~seated[1:]) + 1
-    away = np.append(np.flatnonzero(seated | ~near), len(seated))
-    ends = np.minimum(away[np.searchsorted(away, leaves)] + _AWAY, len(seated))
+def _departures(seated: BoolArray, run: Run) -> tuple[BoolArray, IntArray]:
+    """Return the samples in which the spool leaves a seat, `_AWAY` more, and the last of each.
+
+    It has left where it is a margin from where it rested, which no offset of the position moves.
+    """
     leaving = np.zeros(len(seated), np.bool_)
-    for first, end in zip(leaves.tolist(), ends.tolist(), strict=True):
-        leaving[first : end - 1] = True
-    return leaving, ends - 1
+    ends = []
+    for last in np.flatnonzero(seated[:-1] & ~seated[1:]).tolist():
+        away = seated[last + 1 :] | (
+            np.abs(run.position[last + 1 :] - run.position[last]) > run.margin
+        )
+        first = int(np.argmax(away)) if away.any() else len(away)
+        ends.append(min(last + 1 + first + _AWAY, len(seated)) - 1)
+        leaving[last + 1 : ends[-1]] = True
+    return leaving, np.array(ends, np.int64)
 
 
 def fit_lag(
