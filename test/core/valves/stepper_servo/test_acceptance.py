@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from valve_twin.core.aging import AgingConfig, assess
+from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.simulation import AgingRule, simulate_cycles, to_frames
-from valve_twin.core.types import Cycle
+from valve_twin.core.types import Cycle, Estimate
 from valve_twin.core.valves.registry import complete_options, get_simulation
 from valve_twin.core.valves.stepper_servo.model import MODEL
 
@@ -30,11 +31,12 @@ def aging_experiment():
 def trends(seed):
     """Return the trend of each parameter as the aging monitor publishes it; all age at once."""
     blocks = simulate_cycles(aging_experiment(), CYCLES, seed)
-    history = [
-        e
-        for number, block in enumerate(blocks, 1)
-        for e in MODEL.estimate(Cycle(number, 0.01, to_frames(block)), OPTIONS)
-    ]
+    history: list[Estimate] = []
+    memory = Memory.empty()
+    for number, block in enumerate(blocks, 1):
+        cycle = Cycle(number, 0.01, to_frames(block))
+        estimates, memory = estimate_cycle(MODEL, OPTIONS, cycle, memory)
+        history += estimates
     config = AgingConfig(parameters=tuple(DRIFTS))
     found = assess(history, (), config, parameters=MODEL.parameters).trends
     return {t.parameter: t for t in found}

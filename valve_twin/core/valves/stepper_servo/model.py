@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -123,8 +123,7 @@ class StepperServoModel(CompiledModel):
             learned, got = wiener(record, structure, _carried(earlier, structure), settings)
             evidence = Evidence(counts, gram_condition(got.state.gain), sigma, lag)
             judged = unexcited(learned)
-            second = conclude(self.name, WIENER, cycle, learned, judged, evidence)
-            done.append(replace(second, used_by_trend=False))
+            done.append(conclude(self.name, WIENER, cycle, learned, judged, evidence))
         return tuple(done)
 
     def coefficients(
