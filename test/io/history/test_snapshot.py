@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -114,6 +115,20 @@ def test_the_code_of_a_refused_cycle_comes_back(path, learnt):
     assert found.jobs[0][1].reason == "too short"
     assert found.jobs[0][1].reason.code is RefusalCode.CYCLE_TOO_SHORT
     assert found.jobs[-1] == (9, None)
+
+
+def test_a_full_disk_keeps_the_one_before_and_nothing_of_the_next(path, learnt, monkeypatch):
+    def write_half(self, content):
+        with self.open("wb") as file:
+            file.write(content[: len(content) // 2])
+        raise OSError(28, "No space left on device")
+
+    state, estimates = learnt
+    monkeypatch.setattr(Path, "write_bytes", write_half)
+    with pytest.raises(OSError, match="No space left"):
+        save_snapshot(path, ORIGIN, replace(state, last_ns=1))
+    assert list(path.parent.iterdir()) == [path]
+    assert bits(load_snapshot(path, ORIGIN, lambda: estimates)) == bits(state)
 
 
 def test_what_would_not_come_back_is_not_saved(path, learnt):

@@ -104,8 +104,12 @@ def save_snapshot(path: Path, origin: Origin, state: TwinState) -> None:
     text = json.dumps(head).encode() + b"\n"
     content = b"".join([text, *(a.tobytes() for a in arrays)])
     part = path.with_name(f".{path.name}.part")
-    part.write_bytes(_MAGIC + hashlib.sha256(content).hexdigest().encode() + b"\n" + content)
-    os.replace(part, path)
+    try:
+        part.write_bytes(_MAGIC + hashlib.sha256(content).hexdigest().encode() + b"\n" + content)
+        os.replace(part, path)
+    except OSError:
+        part.unlink(missing_ok=True)  # on a full disk the history needs its room
+        raise
 
 
 def load_snapshot(
