@@ -42,10 +42,10 @@ from valve_twin.core.valves.press_cartridge.model import PressCartridgeModel
 class Killer(PressCartridgeModel):
     name: str = "killer"
 
-    def estimate(self, cycle, *rest):
+    def input_fault(self, cycle, *rest):
         if len(cycle.frames) < 300:
             os._exit(9)
-        return super().estimate(cycle, *rest)
+        return super().input_fault(cycle, *rest)
 
 MODEL = Killer()
 """
