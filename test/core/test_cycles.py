@@ -15,7 +15,7 @@ from valve_twin.core.cycle_config import CycleConfig
 from valve_twin.core.cycles import Closing, Segmenter
 from valve_twin.core.refusal import RefusalCode
 from valve_twin.core.state import Part
-from valve_twin.core.types import Cycle, CycleRule, Frames
+from valve_twin.core.types import Cycle, CycleRule, Frames, join_frames
 
 PERIOD_S = 0.03
 INPUTS = ("v_in", "v_out")
@@ -102,6 +102,40 @@ def test_any_split_of_the_stream_gives_the_same_cycles(cuts):
     ]
     for a, b in zip(whole, split, strict=True):
         assert np.array_equal(a.frames.inputs, b.frames.inputs)
+
+
+def stuck_frames(level, rearmed_at=2600):
+    """Four press cycles, then a command that stays at `level` and comes back late."""
+    usual = press_frames(4)
+    v_in, v_out = np.full(2100, level), np.zeros(2100)
+    v_in[:20] = 0.0
+    v_in[rearmed_at - 1200 : rearmed_at - 1180] = 0.0
+    v_out[rearmed_at - 1200 : rearmed_at - 1180] = 0.6
+    stuck = make_frames(
+        2100, v_in=v_in, v_out=v_out, start_ns=int(usual.stamp_ns[-1]) + 30_000_000
+    )
+    return join_frames([usual, stuck])
+
+
+@given(st.lists(st.integers(1, 3299), max_size=6))
+@settings(max_examples=30, deadline=None)
+def test_a_cycle_in_which_nothing_answers_is_overdue_for_every_split(cuts):
+    frames = stuck_frames(0.7)
+    segmenter, items = run(PRESS, frames, cuts)
+    cycles = cycles_of(items)
+    assert [c.number for c in cycles] == [1, 2, 3, 4, 5]
+    # 3 usual lengths of 300 samples after it began; no cycle until the return stroke
+    assert cycles[4].start_ns == frames.stamp_ns[1220]
+    assert cycles[4].end_ns == frames.stamp_ns[1220 + 899]
+    (begun,) = [i for i in items if isinstance(i, Part) and i.opens and i.number == 6]
+    assert begun.frames.stamp_ns[0] == frames.stamp_ns[2620]
+    assert segmenter.running == 6
+
+
+def test_a_long_hold_is_not_overdue():
+    _, items = run(PRESS, stuck_frames(0.1))
+    assert [c.number for c in cycles_of(items)] == [1, 2, 3, 4, 5]
+    assert len(cycles_of(items)[4].frames) == 1400
 
 
 def test_counter_numbers_the_cycles_and_counts_the_missed():

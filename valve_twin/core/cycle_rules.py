@@ -5,17 +5,25 @@
 from __future__ import annotations
 
 from dataclasses import astuple, dataclass
+from statistics import median
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from valve_twin.core.types import ByteArray, FloatArray, IntArray
 
 STAY, OPEN, CLOSE = 0, 1, 2
 START, ACTIVE, LAST = 0, 1, 2
 ARMED, WAS_HIGH, RUNNING, SEEN = 0, 1, 2, 3
+
+OVERDUE = 3.0
+"""Usual lengths after which a cycle is overdue in which nothing answers the command (assumed)."""
+
+_LEAST_USUAL = 3  # closed cycles that say what is usual
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +59,48 @@ class RuleState:
         return np.array(values[:3], dtype=np.int64), np.array(values[3:], dtype=np.uint8)
 
 
+def column_of(name: str, inputs: tuple[str, ...], key: str) -> int:
+    """Return the column of a command, -1 without a name.
+
+    Parameters
+    ----------
+    name : str
+        Of the command.
+    inputs : tuple of str
+        Names of all commands.
+    key : str
+        Where it is configured.
+
+    Raises
+    ------
+    ValueError
+        If there is no such command.
+    """
+    if not name:
+        return -1
+    if name not in inputs:
+        msg = f"cycles.{key}: '{name}' is no command of this model; it has {', '.join(inputs)}"
+        raise ValueError(msg)
+    return inputs.index(name)
+
+
+def overdue_ns(lengths: Sequence[int], step_ns: int, greatest_ns: int) -> int:
+    """Return the length from which on a cycle is overdue [ns].
+
+    Parameters
+    ----------
+    lengths : sequence of int
+        Of the cycles before [samples].
+    step_ns : int
+        Sampling time [ns].
+    greatest_ns : int
+        Greatest length of a cycle, which stands while no usual one is known [ns].
+    """
+    if len(lengths) < _LEAST_USUAL:
+        return greatest_ns
+    return min(round(OVERDUE * median(lengths) * step_ns), greatest_ns)
+
+
 @njit(cache=True)
 def mark_commands(
     stamp_ns: IntArray,
@@ -62,8 +112,12 @@ def mark_commands(
     clock: IntArray,
     flags: ByteArray,
     marks: ByteArray,
-) -> None:
-    """Mark where the commands open and close cycles.
+) -> int:
+    """Mark where the commands open and close cycles, up to the first that opens.
+
+    A cycle is overdue where the opening command is still large long after a usual cycle is over,
+    and the re-arming one has not come: nothing moves. It closes, and the next one opens only
+    after the re-arming command.
 
     Parameters
     ----------
@@ -73,16 +127,22 @@ def mark_commands(
         Commands [1].
     columns : (2,) int64 array
         Column of the command that opens and of the one that re-arms, -1 = none.
-    limits_ns : (3,) int64 array
-        Shortest and greatest length of a cycle, longest time without a command [ns].
+    limits_ns : (4,) int64 array
+        Shortest and greatest length of a cycle, longest time without a command, length from
+        which on a cycle is overdue [ns].
     threshold, rearm_threshold : float
-        Levels above which a command counts [1].
+        Levels above which a command counts, and above which it is large [1].
     clock : (3,) int64 array
         At `START`, `ACTIVE` and `LAST`; goes on from block to block [ns].
     flags : (4,) uint8 array
         At `ARMED`, `WAS_HIGH`, `RUNNING` and `SEEN`; goes on from block to block.
     marks : (N,) uint8 array
         Gets `OPEN` or `CLOSE`.
+
+    Returns
+    -------
+    int
+        Samples that were judged: what a cycle's length may be changes where one opens.
     """
     start_column, rearm_column = columns[0], columns[1]
     for i in range(len(stamp_ns)):
@@ -105,10 +165,22 @@ def mark_commands(
         ):
             marks[i] = OPEN
             flags[ARMED], flags[RUNNING], clock[START] = 0, 1, t
-        elif flags[RUNNING] and (age >= limits_ns[1] or t - clock[ACTIVE] >= limits_ns[2]):
+            flags[WAS_HIGH] = 1
+            return i + 1
+        if flags[RUNNING] and (age >= limits_ns[1] or t - clock[ACTIVE] >= limits_ns[2]):
             marks[i] = CLOSE
             flags[RUNNING], flags[ARMED] = 0, 1
+        elif (
+            flags[RUNNING]
+            and rearm_column >= 0
+            and not flags[ARMED]
+            and age >= limits_ns[3]
+            and inputs[i, start_column] > rearm_threshold
+        ):
+            marks[i] = CLOSE
+            flags[RUNNING] = 0
         flags[WAS_HIGH] = 1 if high else 0
+    return len(stamp_ns)
 
 
 @njit(cache=True)
@@ -130,8 +202,8 @@ def mark_reference(
         Stamps [ns].
     reference : (N,) array
         The reference [1].
-    limits_ns : (3,) int64 array
-        Shortest and greatest length of a cycle, and one that is not used [ns].
+    limits_ns : (4,) int64 array
+        Shortest and greatest length of a cycle, and two that are not used [ns].
     low, high : float
         Level below which a cycle is armed, and from which one opens [1].
     clock : (3,) int64 array

@@ -25,9 +25,11 @@ from valve_twin.core.cycle_rules import (
     SEEN,
     WAS_HIGH,
     RuleState,
+    column_of,
     mark_changes,
     mark_commands,
     mark_reference,
+    overdue_ns,
 )
 from valve_twin.core.gaps import PERIOD_TOLERANCE, count_lost, extreme_steps, gap_ns
 from valve_twin.core.refusal import Refusal, RefusalCode
@@ -64,7 +66,7 @@ class Closing(Enum):
     """Why a cycle was closed."""
 
     NEXT = "the next cycle began"
-    LIMIT = "no command for idle_close_s, or max_cycle_s reached"
+    LIMIT = "no command for idle_close_s, max_cycle_s reached, or overdue"
     ASKED = "closed on request"
     END = "closed at the end of the record"
 
@@ -111,15 +113,15 @@ class Segmenter:
         self._period_s = period_s
         self._columns = np.array(
             [
-                _column(config.start_signal or "".join(inputs[:1]), inputs, "start_signal"),
-                _column(config.rearm_signal, inputs, "rearm_signal"),
+                column_of(config.start_signal or "".join(inputs[:1]), inputs, "start_signal"),
+                column_of(config.rearm_signal, inputs, "rearm_signal"),
             ],
             dtype=np.int64,
         )
         self._cut_by = _CUTS.get(config.rule, set())
         if config.rule is CycleRule.COMMANDS:
             self._cut_by = {inputs[i] for i in self._columns if i >= 0}
-        limits = (config.min_cycle_s, config.max_cycle_s, config.idle_close_s)
+        limits = (config.min_cycle_s, config.max_cycle_s, config.idle_close_s, config.max_cycle_s)
         self._limits_ns = np.array([round(s * 1e9) for s in limits], dtype=np.int64)
         self._last_number = last_cycle
         self._missed_before = -1 if resumed else 0
@@ -232,8 +234,17 @@ class Segmenter:
             if stored:
                 before = [Part(frames[:stored], self._ordinal, 0, opens=False)]
                 return [*before, *(self.push(frames[stored:]) if stored < len(frames) else [])]
-        marks = self._mark(frames)
         late, self._late_ahead = self._late_ahead, ""
+        out: list[Part | Cycle] = []
+        judged = 0
+        while judged < len(frames):
+            rest = frames[judged:]
+            marks, more = self._mark(rest)
+            out += self._cut(rest[:more], marks, late)
+            judged += more
+        return out
+
+    def _cut(self, frames: Frames, marks: ByteArray, late: str) -> list[Part | Cycle]:
         if not marks.any():
             return [self._extend(frames, opens=False)]
         out: list[Part | Cycle] = []
@@ -256,11 +267,15 @@ class Segmenter:
         self._flags[RUNNING] = 0
         return cycles
 
-    def _mark(self, frames: Frames) -> ByteArray:
+    def _mark(self, frames: Frames) -> tuple[ByteArray, int]:
+        """Return the marks of the frames that were judged, and how many those are."""
         marks = np.zeros(len(frames), dtype=np.uint8)
+        judged = len(frames)
         config = self._config
         if config.rule is CycleRule.COMMANDS:
-            mark_commands(
+            limit_ns, step_ns = int(self._limits_ns[1]), round(self._period_s * 1e9)
+            self._limits_ns[3] = overdue_ns(self._lengths, step_ns, limit_ns)
+            judged = mark_commands(
                 frames.stamp_ns,
                 frames.inputs,
                 self._columns,
@@ -286,7 +301,7 @@ class Segmenter:
         else:
             keys, known = self._keys(frames)
             mark_changes(keys, known, self._clock, self._flags, marks)
-        return marks
+        return marks[:judged], judged
 
     def _keys(self, frames: Frames) -> tuple[IntArray, ByteArray]:
         if self._config.rule is CycleRule.WINDOW:
@@ -326,7 +341,9 @@ class Segmenter:
             return 0
         stored = int(np.searchsorted(frames.stamp_ns, last.end_ns, side="right"))
         if stored:
-            self._mark(frames[:stored])
+            judged = 0
+            while judged < stored:
+                judged += self._mark(frames[judged:stored])[1]
             self._flags[RUNNING] = 0
         self._inside = stored == len(frames)
         if not self._inside and self._config.rule is CycleRule.COMMANDS:
@@ -431,12 +448,3 @@ class Segmenter:
         if samples >= MIN_SAMPLES:
             return None
         return Refusal(RefusalCode.CYCLE_TOO_SHORT, f"{samples} samples, fewer than {MIN_SAMPLES}")
-
-
-def _column(name: str, inputs: tuple[str, ...], key: str) -> int:
-    if not name:
-        return -1
-    if name not in inputs:
-        msg = f"cycles.{key}: '{name}' is no command of this model; it has {', '.join(inputs)}"
-        raise ValueError(msg)
-    return inputs.index(name)

@@ -77,6 +77,16 @@ def test_a_fault_that_goes_is_over_and_the_next_is_found(table):
     assert diagnosis.present is diagnosis.findings[1]
 
 
+def test_a_fault_soon_after_another_is_judged_by_what_was_before_both(table):
+    first, second = (s for s in medium(table) if s.fault in {"leak", "dead_band"})
+    vectors = with_fault(table, healthy(table, 95, 3), first, end=ONSET + 12)
+    vectors = with_fault(table, vectors, second, start=ONSET + 18)
+    found = search(table, vectors).present
+    assert found is not None
+    assert found.fault == "dead_band"
+    assert found.alarm <= ONSET + 18 + 5
+
+
 def test_maintenance_ends_a_fault_and_asks_for_patience(table):
     leak = next(s for s in medium(table) if s.fault == "leak")
     vectors = with_fault(table, healthy(table, 100, 4), leak)

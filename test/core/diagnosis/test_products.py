@@ -61,3 +61,9 @@ def test_a_sample_more_between_the_signals_is_taken_out_and_a_slower_valve_is_no
     assert np.ptp(alone) == 0.0
     both = delays(table, late, late)
     assert np.array_equal(without_slips(both, table), both)
+
+
+def test_a_delay_that_jumps_in_every_cycle_keeps_its_scatter(table):
+    turns = 0.03 * (CYCLES % 2)
+    column = without_slips(delays(table, 0.0, turns), table)[:, table.features.index("delay_out")]
+    assert np.std(column[10:]) > 5e-3

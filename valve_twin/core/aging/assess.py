@@ -42,6 +42,7 @@ from valve_twin.core.aging.verdict import Trend, TrendStatus, Verdict, decide, d
 from valve_twin.core.aging.wave import find_waves
 from valve_twin.core.diagnosis.detection import NOTHING, Diagnosis
 from valve_twin.core.diagnosis.history import diagnose
+from valve_twin.core.diagnosis.refused import refused_lately
 from valve_twin.core.types import Estimate, EstimateStatus, Parameter, ParameterValue
 
 if TYPE_CHECKING:
@@ -156,6 +157,7 @@ def assess(
         stamp_ns=last.end_ns if last else 0,
         cycle=last.cycle if last else 0,
         fault=diagnosis.present,
+        stale=refused_lately(history),
     )
     return Assessment(trends, verdict, tuple(detail for _, detail in results), diagnosis)
 

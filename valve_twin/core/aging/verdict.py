@@ -15,9 +15,9 @@ Else the verdict is `valve` if for any followed parameter
    units (median), and the drift has gone half as far as in 2. already; without this a short
    segment that was cut out of wandering scatter raises false alarms.
 
-`not enough data` if no parameter can be judged or a label says that the cycles' order is no
-aging, else `ok`. A significant but small drift is reported in the trend and does not raise the
-verdict.
+`not enough data` if no parameter can be judged, the newest cycles were all refused or a label
+says that the cycles' order is no aging, else `ok`. A significant but small drift is reported in
+the trend and does not raise the verdict.
 """
 
 from __future__ import annotations
@@ -165,6 +165,7 @@ def decide(
     stamp_ns: int,
     cycle: int,
     fault: Finding | None = None,
+    stale: str = "",
 ) -> Verdict:
     """Return the verdict from all trends of one valve and its fault (rule: see the module).
 
@@ -182,6 +183,8 @@ def decide(
         Its cycle.
     fault : Finding, optional
         A sudden fault that lasts.
+    stale : str
+        Why the newest cycles say nothing; empty where they do.
     """
     judged = [t for t in trends if t.status is not TrendStatus.NOT_ENOUGH_DATA]
     graves = [(concern(t, config), -t.remaining_median, t) for t in judged]
@@ -193,10 +196,13 @@ def decide(
     elif fault is not None:
         kind, evidence = VerdictKind[fault.part.upper()], describe_finding(fault)
         named = fault.fault
+        evidence += f"; beside it {describe(worst[2])}" if worst and worst[0] else ""
+    elif stale:
+        kind, evidence = VerdictKind.NOT_ENOUGH_DATA, stale
     elif worst is None:
         kind = VerdictKind.NOT_ENOUGH_DATA
         why = "; ".join(f"{t.parameter}: {t.reason}" for t in trends)
-        evidence = why or "no parameter is followed"
+        evidence = f"no reference yet: {why}" if why else "no parameter is followed"
     elif worst[0]:
         kind, evidence, named = VerdictKind.VALVE, describe(worst[2]), worst[2].parameter
     else:

@@ -165,29 +165,31 @@ def _ended(finding: Finding, cycle: int) -> Finding:
 def _search(
     cycles: IntArray, vectors: FloatArray, table: SignatureTable, config: DetectionConfig
 ) -> tuple[list[Finding], bool]:
-    """Return the faults between two maintenance events, and whether one could be found now."""
+    """Return the faults between two maintenance events, and whether one could be found now.
+
+    Cycles with a fault that is over are left out: those before it stay the measure.
+    """
     findings: list[Finding] = []
     start = 0
-    while len(cycles) - start >= config.least + config.confirm:
-        seen = _first_seen(vectors[start:], table, config)
+    while len(cycles) >= config.least + config.confirm:
+        seen = _first_seen(vectors, table, config, start)
         if seen is None:
-            return findings, True
+            return findings, len(cycles) > start
         (w, base, rays), alarm = seen
         at = alarm[0]
         onset = _onset(w, base, rays, config, *alarm)
         finding, end = _isolate(w, base, rays, table, config, onset, at)
-        stale = _more_repeats(vectors[start:], onset, table) > 0.5
-        if stale[onset : at + 1].any():
-            end = _over(stale, at, config)
-        number = cycles[start:]
-        over = int(number[end]) if end >= 0 else -1
-        found = _finding(finding, int(number[onset]), int(number[at]), over)
+        repeats = _more_repeats(vectors, onset, table)[onset : at + 1]
+        if (repeats > 0.5).any():
+            end = _over(_more_repeats(vectors, onset, table) > 0.5, at, config)
+        over = int(cycles[end]) if end >= 0 else -1
+        found = _finding(finding, int(cycles[onset]), int(cycles[at]), over)
         last = None if end < 0 else end - config.heal + 1
-        repeats = _more_repeats(vectors[start:], onset, table)[onset : at + 1]
-        findings.append(_gross(found, vectors[start:], slice(onset, last), repeats, table))
-        if end < 0:
+        findings.append(_gross(found, vectors, slice(onset, last), repeats, table))
+        if last is None:
             return findings, True
-        start += max(end - config.heal + 1, 1)
+        kept = np.r_[0:onset, max(last, onset + 1) : len(cycles)]
+        cycles, vectors, start = cycles[kept], vectors[kept], onset
     return findings, False
 
 
@@ -195,15 +197,16 @@ _View: TypeAlias = "tuple[FloatArray, FloatArray, Rays]"
 
 
 def _first_seen(
-    vectors: FloatArray, table: SignatureTable, config: DetectionConfig
+    vectors: FloatArray, table: SignatureTable, config: DetectionConfig, start: int
 ) -> tuple[_View, tuple[int, int]] | None:
-    """Return what the first alarm was raised in, and its rows; None = no alarm.
+    """Return what the first alarm from row `start` on was raised in, and its rows; None = none.
 
     Each cycle is judged by the scatter of cycles known by then: what comes later is never taken
     for the valve's own, so that an alarm once raised is raised in every longer history.
     """
     settled = config.learn + config.recent
-    for end in range(config.least + config.confirm, min(len(vectors), settled - 1) + 1):
+    least = max(config.least + config.confirm, start + 1)
+    for end in range(least, min(len(vectors), settled - 1) + 1):
         known = min(config.learn, max(end - config.recent, config.least))
         view = _whitened(vectors, known, end, table, config)
         alarm = _first_alarm(*view, config, first=end - 1)
@@ -212,7 +215,7 @@ def _first_seen(
     if len(vectors) < settled:
         return None
     view = _whitened(vectors, config.learn, len(vectors), table, config)
-    alarm = _first_alarm(*view, config, first=settled - 1)
+    alarm = _first_alarm(*view, config, first=max(settled - 1, start))
     return None if alarm is None else (view, alarm)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from valve_twin.core.diagnosis.detection import NOTHING, UNKNOWN, Diagnosis, Finding, detect
 from valve_twin.core.diagnosis.features import ESTIMATOR
 from valve_twin.core.diagnosis.products import clocks_apart, products, without_slips
+from valve_twin.core.diagnosis.refused import overdue
 from valve_twin.core.diagnosis.table import BY_NAME
 
 if TYPE_CHECKING:
@@ -60,7 +61,8 @@ def diagnose(history: Sequence[Estimate], maintenance: Sequence[Maintenance]) ->
     start_s = np.array([(e.start_ns - chosen[0].start_ns) * 1e-9 for e in chosen])
     clock = clocks_apart(cycles[since:], start_s[since:], vectors[since:], table)
     found.sort(key=lambda f: (f.alarm, f.onset))
-    found += [clock] if clock is not None else []
+    stuck = overdue(history)
+    found += [f for f in (clock, stuck) if f is not None]
     return Diagnosis(tuple(found), len(cycles), ready)
 
 

@@ -30,6 +30,9 @@ _RECENT = 8
 _SLIP_S = (0.012, 0.06)
 """Jumps of a delay that a sample more or less can make, for periods of 20-40 ms, assumed [s]."""
 
+_MOST_SLIPS = 2
+"""Slips in `_RECENT` cycles above which a delay scatters, assumed."""
+
 _UNMOVED = 0.1
 """Share of such a jump by which the other delay may move [1]."""
 
@@ -72,7 +75,8 @@ def without_slips(vectors: FloatArray, table: SignatureTable) -> FloatArray:
     """Take out of the delays what one sample more or less between the two signals does.
 
     Where controller and logger are not in step, a command is logged a sample earlier or later
-    from some cycle on. One delay then jumps by a sample, and nothing else.
+    from some cycle on. One delay then jumps by a sample, and nothing else. A delay that jumps more
+    often scatters so: nothing is taken out.
 
     Parameters
     ----------
@@ -91,6 +95,7 @@ def without_slips(vectors: FloatArray, table: SignatureTable) -> FloatArray:
     out = np.array(vectors)
     columns = [table.features.index(n) for n in DELAYS]
     shift = np.zeros(len(columns))
+    slips: list[list[int]] = [[] for _ in columns]
     for row in range(1, len(out)):
         recent = out[max(row - _RECENT, 0) : row, columns]
         usual = np.full(len(columns), np.nan)
@@ -100,8 +105,11 @@ def without_slips(vectors: FloatArray, table: SignatureTable) -> FloatArray:
         off = out[row, columns] - shift - usual
         for i, alone in enumerate(off):
             other = np.nan_to_num(off[1 - i])
-            if _SLIP_S[0] < abs(alone) < _SLIP_S[1] and abs(other) < _UNMOVED * abs(alone):
+            often = sum(row - r < _RECENT for r in slips[i]) >= _MOST_SLIPS
+            jumps = _SLIP_S[0] < abs(alone) < _SLIP_S[1] and not often
+            if jumps and abs(other) < _UNMOVED * abs(alone):
                 shift[i] += alone
+                slips[i].append(row)
         out[row, columns] -= shift
     return out
 

@@ -128,7 +128,9 @@ def _settle(
     while True:
         for event in waiting:
             if isinstance(event, Estimated):
-                number = int(np.searchsorted(starts, event.cycle.start_ns, side="right"))
+                ends = (event.cycle.start_ns, event.cycle.end_ns)
+                first, last = np.searchsorted(starts, ends, side="right").tolist()
+                number = max(first, last - 1)  # the next one has begun when a cycle is over
                 found[number] = found.get(number, ()) + event.estimates
         job = twin.next_job()
         if job is None:
