@@ -24,6 +24,7 @@ from valve_twin.core.aging.drift import (
     with_drift,
 )
 from valve_twin.core.aging.life import axis_rate, date_after
+from valve_twin.core.aging.products import same_product
 from valve_twin.core.aging.series import (
     History,
     Pieces,
@@ -42,6 +43,7 @@ from valve_twin.core.aging.verdict import Trend, TrendStatus, Verdict, decide, d
 from valve_twin.core.aging.wave import find_waves
 from valve_twin.core.diagnosis.detection import NOTHING, Diagnosis
 from valve_twin.core.diagnosis.history import diagnose
+from valve_twin.core.diagnosis.products import CLOCK
 from valve_twin.core.diagnosis.refused import refused_lately
 from valve_twin.core.types import Estimate, EstimateStatus, Parameter, ParameterValue
 
@@ -54,6 +56,15 @@ if TYPE_CHECKING:
 
 WAVE_DOUBT = 0.1
 """Standard deviation that a wave leaves in a drift, as a share of its height [1], assumed."""
+
+FORECAST_SIGNIFICANCE = 0.01
+"""Error probability of a drift that gives the remaining life an upper limit [1], assumed;
+stricter than `AgingConfig.significance`, since every cycle tests anew."""
+
+MOVES = 0.8
+"""Standard deviation by which the systematic error of the estimates moves between reference and
+present, as a share of that error's standard deviation [1], set on strangers
+(seeds 8000-8023 and 8100-8159, docs/aging.md)."""
 
 _NAN = float("nan")
 
@@ -150,6 +161,11 @@ def assess(
     trends = tuple(replace(trend, reason=trend.reason + label) for trend, _ in results)
     last = ordered.estimates[-1] if ordered.estimates else None
     diagnosis = NOTHING if config.label else diagnose(history, maintenance)
+    if any(f.fault == CLOCK for f in diagnosis.findings):
+        trends = tuple(
+            replace(_without_forecast(t), reason=f"{t.reason}; no forecast: the clocks run apart")
+            for t in trends
+        )
     verdict = decide(
         trends,
         config,
@@ -197,6 +213,7 @@ def _assess_parameter(
     series, effects = without_conditions(
         series_of(history, name), history.estimates, maintenance, config
     )
+    series, changed = same_product(series, history.estimates, maintenance, config)
     pieces = cut(series, maintenance, config)
     series = replace(series, values=series.values - pieces.wave)
     lines = _fit_pieces(series, pieces)
@@ -214,7 +231,7 @@ def _assess_parameter(
     trend, laws = _judge(
         trend, series, pieces, lines, maintenance, config, confidence, parameter.resolution
     )
-    caveats = _caveats(series, pieces, config) + describe_effects(effects)
+    caveats = _caveats(series, pieces, config) + describe_effects(effects) + changed
     return replace(trend, reason=trend.reason + caveats), replace(detail, laws=laws)
 
 
@@ -245,9 +262,9 @@ def _fit_pieces(series: Series, pieces: Pieces) -> tuple[Line | None, ...]:
     edges = [*pieces.starts, len(series.values)]
     for first, last in itertools.pairwise(edges):
         kept = np.arange(first, last)[~pieces.outlier[first:last]]
-        parts.append((series.axis[kept], series.values[kept]))
-    rho = pooled_autocorrelation([residuals(x, y) for x, y in parts if len(x) >= 4])
-    return tuple(fit_line(x, y, rho) if len(x) >= 4 else None for x, y in parts)
+        parts.append((series.axis[kept], series.values[kept], series.offsets_at(kept)))
+    rho = pooled_autocorrelation([residuals(x, y, z) for x, y, z in parts if len(x) >= 4])
+    return tuple(fit_line(x, y, rho, offsets=z) if len(x) >= 4 else None for x, y, z in parts)
 
 
 def _judge(
@@ -271,12 +288,14 @@ def _judge(
     line = present.line
     lines = (*lines[:-1], line)
     reference = find_reference(trend.parameter, series, pieces, lines, maintenance, config)
-    doubt = WAVE_DOUBT * float(np.ptp(pieces.wave))
-    reference = replace(reference, variance=reference.variance + doubt**2)
+    doubt = np.hypot(WAVE_DOUBT * float(np.ptp(pieces.wave)), MOVES * series.systematic)
+    reference = replace(reference, variance=reference.variance + float(doubt) ** 2)
     trend = _with_laws(_with_line(trend, line), present.fit)
     trend = with_drift(trend, present, reference, resolution)
     limit = nearest_limit(trend, present, reference, config, confidence=confidence)
     trend = _with_life(trend, limit, config)
+    if not _is_sure(trend, limit, begun=begun):
+        trend = _without_forecast(trend)
     trend = replace(trend, share_lost=share_lost(trend, pieces, series, lines, config))
     if limit.beyond:
         status = TrendStatus.BEYOND_THRESHOLD
@@ -335,6 +354,33 @@ def _with_life(trend: Trend, limit: Limit, config: AgingConfig) -> Trend:
         service_date_early_ns=date_after(trend.stamp_ns, life.low, rate)
         if not life.unbounded
         else 0,
+    )
+
+
+def _is_sure(trend: Trend, limit: Limit, *, begun: bool) -> bool:
+    """Return whether there is a drift to the limit at all.
+
+    What lies past its limit beyond doubt needs no slope. A segment that was found (not `begun` by
+    a start or maintenance) does not go to a limit while the level lies beyond doubt on the other
+    side of the reference.
+    """
+    low, high = trend.drift_reference_lower_95, trend.drift_reference_upper_95
+    way = 100.0 * (limit.value / trend.reference - 1.0)
+    if limit.beyond and not low <= way <= high:
+        return True
+    farthest = high if limit.value > trend.reference else -low
+    return trend.p_value < FORECAST_SIGNIFICANCE and (begun or not farthest < 0.0)
+
+
+def _without_forecast(trend: Trend) -> Trend:
+    """Take the upper limit of the remaining life away, and the dates that rest on it."""
+    return replace(
+        trend,
+        unbounded=True,
+        remaining_high=float("inf") if np.isfinite(trend.threshold) else trend.remaining_high,
+        service_date_known=False,
+        service_date_ns=0,
+        service_date_early_ns=0,
     )
 
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.aging.config import AgingConfig, parse_bin
-from valve_twin.core.aging.series import Series, cut
+from valve_twin.core.aging.series import Series, cut, part_of
 from valve_twin.core.estimation.data.robust import robust_sigma
 
 if TYPE_CHECKING:
@@ -130,7 +130,7 @@ def without_conditions(
     complete = np.ones(len(series.values), dtype=np.bool_)
     for _, _, values in known:
         complete &= np.isfinite(values)
-    series = _part(series, np.flatnonzero(complete))
+    series = part_of(series, np.flatnonzero(complete))
     conditions = [
         _condition(name, width, values[complete], config.reference_cycles)
         for name, width, values in known
@@ -151,19 +151,6 @@ def _value(estimate: Estimate | None, name: str) -> float:
     if estimate is None:
         return float("nan")
     return next((c.value for c in estimate.conditions if c.name == name), estimate.value(name))
-
-
-def _part(series: Series, kept: IntArray) -> Series:
-    if len(kept) == len(series.values):
-        return series
-    return Series(
-        axis=series.axis[kept],
-        values=series.values[kept],
-        cycle=series.cycle[kept],
-        start_ns=series.start_ns[kept],
-        end_ns=series.end_ns[kept],
-        unknown=series.unknown[kept],
-    )
 
 
 def _condition(name: str, width: float, values: FloatArray, first: int) -> _Condition:

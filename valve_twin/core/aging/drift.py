@@ -19,7 +19,14 @@ from valve_twin.core.aging.laws.fit import fit_laws
 from valve_twin.core.aging.laws.shapes import LawFit, condense
 from valve_twin.core.aging.life import NEVER, Approach, Remaining
 from valve_twin.core.aging.series import Pieces, Series, first_after
-from valve_twin.core.aging.trend import Line, ar1_product, quantile, ratio_interval
+from valve_twin.core.aging.trend import (
+    Line,
+    ar1_product,
+    base_of,
+    line_weights,
+    quantile,
+    ratio_interval,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -68,16 +75,21 @@ def present_segment(series: Series, pieces: Pieces, line: Line, laws: Sequence[s
         Laws that are allowed; empty = all.
     """
     kept = pieces.starts[-1] + np.flatnonzero(~pieces.outlier[pieces.starts[-1] :])
-    x, y = series.axis[kept], series.values[kept]
+    x, y, offsets = series.axis[kept], series.values[kept], series.offsets_at(kept)
     shared = line.autocorrelation if len(pieces.starts) > 1 else None
-    fit = fit_laws(*condense(x, y), laws, autocorrelation=shared)
+    blocks = None
+    if offsets is not None:
+        blocks = np.column_stack([condense(x, column)[1] for column in offsets.T])
+    fit = fit_laws(*condense(x, y), laws, autocorrelation=shared, offsets=blocks)
     start, now = float(series.axis[pieces.starts[-1]]), float(series.axis[-1])
     if not fit.bends:
-        d = x - line.center
-        slope = d / float(d @ d)
-        level = 1.0 / len(x) + (now - line.center) * slope
-        return Present(line, fit, y, level, 1.0 / len(x) + (start - line.center) * slope)
+        center, mean, slope = line_weights(x, offsets)
+        return Present(
+            line, fit, y, mean + (now - center) * slope, mean + (start - center) * slope
+        )
     rest = y - fit.curve(x, fit.best)
+    if offsets is not None:
+        rest = base_of(offsets).without(rest)
     sigma = float(rest @ rest / max(len(y) - 3, 1)) ** 0.5
     line = fit.tangent(now, samples=len(y), sigma=sigma)
     return Present(line, fit, fit.values, fit.average(now), fit.average(start))

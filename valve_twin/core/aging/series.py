@@ -14,6 +14,7 @@ from valve_twin.core.aging.changepoint import best_lines, find_outliers
 from valve_twin.core.aging.config import AgingConfig, Axis
 from valve_twin.core.aging.joining import Joined, join
 from valve_twin.core.aging.trend import Line, fit_line
+from valve_twin.core.estimation.data.robust import NORMAL_975
 from valve_twin.core.types import (
     BoolArray,
     Estimate,
@@ -32,6 +33,7 @@ _NAN = float("nan")
 _CLEANING_ROUNDS = 2
 _FEWEST_JUDGES = 7
 _FEWEST_IN_LINE = 4
+_FEWEST_OF_PRODUCT = 2
 _LARGEST = 1e50  # fourth powers of what is used must not overflow; no parameter is as large
 
 
@@ -66,6 +68,11 @@ class Series:
         Cycle number, first and last stamp of the cycle [ns].
     unknown : (N,) bool array
         An unknown number of cycles was missed since the value before.
+    offsets : (N, Z) array or None
+        Columns of which an unknown share is left in the values, such as 1 where another product
+        was made [1].
+    systematic : float
+        Standard deviation of what is wrong in all values alike [unit].
     """
 
     axis: FloatArray
@@ -74,6 +81,23 @@ class Series:
     start_ns: IntArray
     end_ns: IntArray
     unknown: BoolArray
+    offsets: FloatArray | None = None
+    systematic: float = 0.0
+
+    def offsets_at(self, index: IntArray) -> FloatArray | None:
+        """Return the columns at some values that are not told by the others there, else None."""
+        if self.offsets is None:
+            return None
+        chosen = np.ones((len(index), 1))
+        for column in self.offsets[index].T:
+            wider = np.column_stack([chosen, column])
+            if (
+                np.linalg.matrix_rank(wider) == wider.shape[1]
+                and min(np.count_nonzero(column), np.count_nonzero(column == 0.0))
+                >= _FEWEST_OF_PRODUCT
+            ):
+                chosen = wider
+        return chosen[:, 1:] if chosen.shape[1] > 1 else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,6 +183,33 @@ def series_of(history: History, parameter: str) -> Series:
         start_ns=start_ns,
         end_ns=end_ns,
         unknown=breaks[index + 1] > breaks[passed],
+        systematic=_systematic(chosen, parameter),
+    )
+
+
+def _systematic(estimates: Sequence[Estimate], parameter: str) -> float:
+    """Return what the limits of the values hold beyond their repeatability [unit]."""
+    found = []
+    for item in (p for e in estimates for p in e.parameters if p.name == parameter):
+        half = 0.5 * (item.upper_95 - item.lower_95) / NORMAL_975
+        if np.isfinite(half) and np.isfinite(item.standard_error):
+            found.append(max(half**2 - item.standard_error**2, 0.0))
+    return float(np.median(found)) ** 0.5 if found else 0.0
+
+
+def part_of(series: Series, kept: IntArray) -> Series:
+    """Return some of the values of a series."""
+    if len(kept) == len(series.values):
+        return series
+    return Series(
+        axis=series.axis[kept],
+        values=series.values[kept],
+        cycle=series.cycle[kept],
+        start_ns=series.start_ns[kept],
+        end_ns=series.end_ns[kept],
+        unknown=series.unknown[kept],
+        offsets=None if series.offsets is None else series.offsets[kept],
+        systematic=series.systematic,
     )
 
 

@@ -29,6 +29,41 @@ RESOLUTION = 1e-9
 """Scatter below this part of the largest value is taken for rounding, not for signal [1]."""
 
 
+MAX_FACTOR = 5.0
+"""Largest factor, up or down, that a product has on a level [1]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Base:
+    """What is fitted beside a shape: a level, and offsets of unknown size.
+
+    Attributes
+    ----------
+    columns : (N, B) array
+        Orthonormal [1].
+    level : (N,) array
+        Weights of the values that give the level without the offsets [1].
+    """
+
+    columns: FloatArray
+    level: FloatArray
+
+    def without(self, values: FloatArray) -> FloatArray:
+        """Return what is left of (..., N) values."""
+        return np.asarray(values - (values @ self.columns) @ self.columns.T)
+
+    def share(self, rho: float) -> float:
+        """Return the variance, in those of a single value, that the fit of it takes away [1]."""
+        return float(sum(ar1_product(c, c, rho) for c in np.ascontiguousarray(self.columns.T)))
+
+
+def base_of(offsets: FloatArray) -> Base:
+    """Return level and offsets (N, Z) as one base."""
+    matrix = np.column_stack([np.ones(len(offsets)), offsets])
+    columns = np.linalg.qr(matrix)[0]
+    return Base(np.asarray(columns), np.ascontiguousarray(np.linalg.pinv(matrix)[0]))
+
+
 @dataclass(frozen=True, slots=True)
 class Line:
     """A fitted line and what is known about it.
@@ -123,10 +158,22 @@ def ar1_product(u: FloatArray, v: FloatArray, rho: float) -> float:
     return total
 
 
-def residuals(x: FloatArray, y: FloatArray) -> FloatArray:
-    """Return the (N,) residuals of the least-squares line through `y` (N,) over `x` (N,)."""
-    d = x - x.mean()
-    e = y - y.mean()
+def residuals(x: FloatArray, y: FloatArray, offsets: FloatArray | None = None) -> FloatArray:
+    """Return the residuals of the least-squares line, (N,) [unit].
+
+    Parameters
+    ----------
+    x, y : (N,) arrays
+        Axis positions [axis unit] and values [unit].
+    offsets : (N, Z) array, optional
+        Columns that are fitted beside it [1].
+    """
+    if offsets is None:
+        d = x - x.mean()
+        e = y - y.mean()
+    else:
+        base = base_of(offsets)
+        d, e = base.without(x - x.mean()), base.without(y)
     sxx = float(d @ d)
     rest: FloatArray = e - d * (float(d @ e) / sxx) if sxx > 0.0 else e
     return rest
@@ -155,7 +202,36 @@ def pooled_autocorrelation(parts: list[FloatArray]) -> float:
     return float(np.clip(corrected, -MAX_AUTOCORRELATION, MAX_AUTOCORRELATION))
 
 
-def fit_line(x: FloatArray, y: FloatArray, autocorrelation: float | None = None) -> Line:
+def line_weights(
+    x: FloatArray, offsets: FloatArray | None = None
+) -> tuple[float, FloatArray, FloatArray]:
+    """Return the place of a line's center, and the weights that give its level there and slope.
+
+    Parameters
+    ----------
+    x : (N,) array
+        Axis positions [axis unit].
+    offsets : (N, Z) array, optional
+        Columns that are fitted beside it [1].
+    """
+    if offsets is None:
+        center = float(x.mean())
+        d, level = x - center, np.full(len(x), 1.0 / len(x))
+    else:
+        base = base_of(offsets)
+        level, d = base.level, base.without(x - x.mean())
+        center = float(level @ x)
+    sxx = float(d @ d)
+    return center, level, d / sxx if sxx > 0.0 else d
+
+
+def fit_line(
+    x: FloatArray,
+    y: FloatArray,
+    autocorrelation: float | None = None,
+    *,
+    offsets: FloatArray | None = None,
+) -> Line:
     """Fit a line by least squares with the covariance of AR(1) scatter.
 
     Parameters
@@ -165,6 +241,8 @@ def fit_line(x: FloatArray, y: FloatArray, autocorrelation: float | None = None)
         time; N >= 3.
     autocorrelation : float, optional
         Lag-1 autocorrelation of the scatter [1]; from the residuals of this line where not given.
+    offsets : (N, Z) array, optional
+        Columns that are fitted beside it; the line is the one without them [1].
 
     Returns
     -------
@@ -176,28 +254,29 @@ def fit_line(x: FloatArray, y: FloatArray, autocorrelation: float | None = None)
     ValueError
         If there are fewer than 3 values or all axis positions are equal.
     """
-    n, center = len(x), float(x.mean())
-    d = x - center
+    n = len(x)
+    center, w_mean, w_slope = line_weights(x, offsets)
+    d = x - center if offsets is None else base_of(offsets).without(x - center)
     sxx = float(d @ d)
     if n < 3 or not sxx > 0.0:
         msg = f"a line needs 3 values at different places, got {n} values and a spread of {sxx:g}"
         raise ValueError(msg)
-    rest = residuals(x, y)
+    rest = residuals(x, y, offsets)
     rho = pooled_autocorrelation([rest]) if autocorrelation is None else autocorrelation
-    used = max(rho, 0.0)
-    w_mean, w_slope = np.full(n, 1.0 / n), d / sxx
+    used, extra = max(rho, 0.0), 0 if offsets is None else offsets.shape[1]
     q_mean = ar1_product(w_mean, w_mean, used)
     q_slope = ar1_product(w_slope, w_slope, used)
     rounding = (RESOLUTION * float(np.abs(y).max())) ** 2
-    variance = max(float(rest @ rest) / max(n - n * q_mean - sxx * q_slope, 0.5), rounding)
+    base = n * q_mean if offsets is None else base_of(offsets).share(used)
+    variance = max(float(rest @ rest) / max(n - base - sxx * q_slope, 0.5), rounding)
     return Line(
         samples=n,
         center=center,
-        mean=float(y.mean()),
+        mean=float(y.mean()) if offsets is None else float(w_mean @ y),
         slope=float(w_slope @ y),
         sigma=variance**0.5,
         autocorrelation=rho,
-        freedom=max(n * (1.0 - used) / (1.0 + used) - 2.0, 1.0),
+        freedom=max(n * (1.0 - used) / (1.0 + used) - 2.0 - extra, 1.0),
         var_mean=variance * q_mean,
         cov=variance * ar1_product(w_mean, w_slope, used),
         var_slope=variance * q_slope,

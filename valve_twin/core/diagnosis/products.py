@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from valve_twin.core.diagnosis.table import SignatureTable
     from valve_twin.core.types import FloatArray, IntArray
 
+CLOCK = "clock"
+"""Name of the finding that two clocks run apart."""
+
 _ALIKE = 0.01
 """Relative gap between the durations of cycles of one product, assumed [1]."""
 
@@ -167,7 +170,7 @@ def clocks_apart(
     if not (alike and sure > _SURE and least < abs(rate) * np.ptp(t) and abs(rate) < _FASTEST):
         return None
     newest = cycles[-_NEWEST:]
-    return Finding("clock", (), "sensor", rate, sure, int(newest[0]), int(newest[-1]))
+    return Finding(CLOCK, (), "sensor", rate, sure, int(newest[0]), int(newest[-1]))
 
 
 def _slope(t: FloatArray, y: FloatArray) -> _Slope:

@@ -19,7 +19,13 @@ from valve_twin.core.aging.laws.shapes import (
     squares,
     whitened,
 )
-from valve_twin.core.aging.trend import RESOLUTION, ar1_product, pooled_autocorrelation
+from valve_twin.core.aging.trend import (
+    RESOLUTION,
+    Base,
+    ar1_product,
+    base_of,
+    pooled_autocorrelation,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -61,20 +67,27 @@ class _Shapes:
 
 @dataclass(frozen=True, slots=True)
 class _Data:
-    """Values (N,) over u (N,), with the autocorrelation and the rounding of their scatter."""
+    """Values (N,) over u (N,), with the autocorrelation and the rounding of their scatter.
+
+    Where a base is fitted beside, it is taken out of the values already.
+    """
 
     u: FloatArray
     y: FloatArray
     rho: float
     floor: float
+    base: Base | None = None
 
     def shapes(self, law: IntArray, number: FloatArray, prior: FloatArray) -> _Shapes:
         """Return shapes with their evidence."""
         g = curves(law, number, self.u)
+        taken = 2
+        if self.base is not None:
+            g, taken = self.base.without(g), 1 + self.base.columns.shape[1]
         fits = squares(g, self.y, np.empty(len(self.y)))
         white = whitened(g, self.y, fits, self.rho)
         score = np.log(prior) - 0.5 * TEMPER * (
-            np.log(white[:, 1]) + (len(self.y) - 2) * np.log(white[:, 0] + self.floor)
+            np.log(white[:, 1]) + (len(self.y) - taken) * np.log(white[:, 0] + self.floor)
         )
         return _Shapes(law, number, prior, g, fits, score)
 
@@ -107,6 +120,7 @@ def fit_laws(
     laws: Sequence[str] = (),
     *,
     autocorrelation: float | None = None,
+    offsets: FloatArray | None = None,
 ) -> LawFit:
     """Fit all shapes to one undisturbed stretch and keep those that the data allow.
 
@@ -119,6 +133,8 @@ def fit_laws(
         Values of `Law` that are allowed; empty = all.
     autocorrelation : float, optional
         Lag-1 autocorrelation of the scatter [1]; of the best shape's residuals where not given.
+    offsets : (N, Z) array, optional
+        Columns that are fitted beside every shape; the level is the one without them [1].
 
     Returns
     -------
@@ -130,23 +146,30 @@ def fit_laws(
     step = (x[-1] - x[0]) / (n - 1)
     start, length = float(x[0] - step), float(x[-1] - x[0] + step)
     u = (x - start) / length
+    base = None if offsets is None else base_of(offsets)
+    extra = 0 if offsets is None else offsets.shape[1]
+    free = y if base is None else base.without(y)
     if autocorrelation is None:
-        rest = np.empty(n)
-        squares(curves(law, number, u), y, rest)
+        rest, g = np.empty(n), curves(law, number, u)
+        squares(g if base is None else base.without(g), free, rest)
         autocorrelation = pooled_autocorrelation([rest])
     used = max(autocorrelation, 0.0)
     floor = n * (RESOLUTION * float(np.abs(y).max())) ** 2 + np.finfo(float).tiny
-    data = _Data(u, y, used, floor)
+    data = _Data(u, free, used, floor, base)
     shapes = _refined(data.shapes(law, number, prior), data)
     line = float(shapes.weight[shapes.law == 0].sum())
     rising = np.argsort(shapes.weight, kind="stable")
     kept = shapes.part(np.sort(rising[np.cumsum(shapes.weight[rising]) > LEAST]))
     fits, one = kept.fits, np.full(n, 1.0 / n)
     change_weights = (kept.curves - fits[:, :1]) / fits[:, 1:2]
-    level_weights = one + (kept.curves[:, -1:] - fits[:, :1]) * change_weights
-    lost = n * ar1_product(one, one, used) + fits[:, 1] * np.array(
-        [ar1_product(w, w, used) for w in change_weights]
-    )
+    if base is None:
+        level_weights = one + (kept.curves[:, -1:] - fits[:, :1]) * change_weights
+        taken = n * ar1_product(one, one, used)
+    else:
+        shape = curves(kept.law, kept.number, u)
+        level_weights = base.level + (shape[:, -1:] - shape @ base.level[:, None]) * change_weights
+        taken = base.share(used)
+    lost = taken + fits[:, 1] * np.array([ar1_product(w, w, used) for w in change_weights])
     variance = (fits[:, 3] + floor) / np.maximum(n - lost, 0.5)
     return LawFit(
         start=start,
@@ -161,7 +184,7 @@ def fit_laws(
         values=y,
         sigma=np.sqrt(variance),
         autocorrelation=autocorrelation,
-        freedom=max(n * (1.0 - used) / (1.0 + used) - 2.0, 1.0),
+        freedom=max(n * (1.0 - used) / (1.0 + used) - 2.0 - extra, 1.0),
         line=line,
     )
 

@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Another product changes the level of a parameter, and is not taken for aging."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from valve_twin.core.aging import AgingConfig, assess
+from valve_twin.core.aging.config import Axis, Threshold
+from valve_twin.core.aging.products import same_product
+from valve_twin.core.aging.series import order_history, series_of
+from valve_twin.core.diagnosis.detection import Diagnosis, Finding
+from valve_twin.core.diagnosis.products import CLOCK
+from valve_twin.core.types import Condition, Estimate, EstimateStatus, Parameter, ParameterValue
+
+CYCLES = 50
+SCATTER = 0.003
+SECONDS = (25.0, 18.0)
+STROKES = (0.4, 0.5)
+GAIN = Parameter("gain", "1", "", trend=True)
+ONE = np.zeros(CYCLES, int)
+CHANGED = (np.arange(CYCLES) >= 20).astype(int)
+IN_TURN = np.arange(CYCLES) % 2
+
+
+def made(product, *, drift=0.0, step=0.0, seed=0, pauses=(), limits=np.nan):
+    """Return a history that ages by `drift` over all cycles and differs by product."""
+    rng = np.random.default_rng([44, seed])
+    age = 1.0 + drift * np.arange(CYCLES) / CYCLES
+    values = age * (1.0 + step * product) * (1.0 + SCATTER * rng.standard_normal(CYCLES))
+    found, start = [], 0
+    for n, (value, which) in enumerate(zip(values.tolist(), product.tolist(), strict=True), 1):
+        length = round(1e9 * (SECONDS[which] + 3.7 * n * (n in pauses)))
+        part = ParameterValue(
+            GAIN.name,
+            value,
+            standard_error=SCATTER,
+            lower_95=value - limits,
+            upper_95=value + limits,
+        )
+        found.append(
+            Estimate(
+                model="",
+                estimator="",
+                cycle=n,
+                start_ns=start,
+                end_ns=start + length,
+                parameters=(part,),
+                status=EstimateStatus.ACCEPTED,
+                reason="",
+                used_by_trend=True,
+                conditions=(Condition("stroke", STROKES[which]),),
+            )
+        )
+        start += length
+    return found
+
+
+def said(estimates, **config):
+    rules = AgingConfig(thresholds=(Threshold(GAIN.name, -15.0),), **config)
+    return assess(estimates, (), rules, parameters=(GAIN,), confidence=0.9).trends[0]
+
+
+def brought(estimates, **config):
+    series = series_of(order_history(estimates, Axis.CYCLES), GAIN.name)
+    return series, *same_product(series, estimates, (), AgingConfig(**config))
+
+
+@pytest.mark.parametrize("product", [CHANGED, IN_TURN], ids=["changed", "in_turn"])
+@pytest.mark.parametrize("step", [-0.13, 0.08])
+def test_drift_and_life_are_those_of_the_aging(product, step):
+    held = alive = 0
+    for seed in range(20):
+        trend = said(made(product, drift=-0.10, step=step, seed=seed))
+        reference = 1.0 - 0.10 * 4.5 / CYCLES
+        true = 100.0 * ((1.0 - 0.10 * (CYCLES - 1) / CYCLES) / reference - 1.0)
+        held += trend.drift_reference_lower_95 <= true <= trend.drift_reference_upper_95
+        left = (1.0 - 0.85 * reference) / 0.10 * CYCLES - (CYCLES - 1)
+        alive += trend.remaining_low <= left <= trend.remaining_high
+        assert trend.segments == 1
+    assert held >= 18
+    assert alive >= 17
+
+
+def test_a_change_of_product_is_no_life():
+    for seed in range(10):
+        trend = said(made(CHANGED, step=-0.13, seed=seed))
+        assert trend.unbounded
+        assert "level of another product taken out (-1" in trend.reason
+
+
+def test_a_change_once_costs_certainty_and_products_in_turn_do_not():
+    widths = []
+    for product in (ONE, IN_TURN, CHANGED):
+        trend = said(made(product, drift=-0.10, step=-0.1))
+        widths.append(trend.slope_upper_95 - trend.slope_lower_95)
+    assert widths[1] < 1.15 * widths[0]
+    assert widths[2] > 1.3 * widths[0]
+
+
+def test_one_product_with_pauses_is_left_as_it_is():
+    series, after, told = brought(made(ONE, drift=-0.1, pauses=(7, 19, 33)))
+    assert after is series
+    assert told == ""
+
+
+def test_a_paused_cycle_is_told_by_its_stroke():
+    _, after, _ = brought(made(CHANGED, step=-0.1, pauses=(7, 33)))
+    assert len(after.values) == CYCLES
+    assert after.offsets[32, 0] == 1.0
+    assert after.offsets[6, 0] == 0.0
+
+
+def test_the_first_cycles_of_a_new_product_wait():
+    history = made((np.arange(CYCLES) >= CYCLES - 6).astype(int), step=-0.1)
+    _, few, told = brought(history[:-3])
+    assert len(few.values) == CYCLES - 6
+    assert "3 cycles of another product left out" in told
+    assert len(brought(history)[1].values) == CYCLES
+
+
+def test_configured_conditions_come_first():
+    series, after, _ = brought(made(CHANGED, step=-0.1), covariates=("stroke",))
+    assert after is series
+
+
+def test_what_is_wrong_in_every_cycle_alike_widens_the_drift():
+    widths = []
+    for limits in (np.nan, 0.02):
+        trend = said(made(ONE, drift=-0.10, limits=limits))
+        widths.append(trend.drift_reference_upper_95 - trend.drift_reference_lower_95)
+    assert widths[1] > 2.0 * widths[0]
+
+
+def test_no_forecast_where_the_clocks_run_apart(monkeypatch):
+    history = made(ONE, drift=-0.10)
+    assert not said(history).unbounded
+    clock = Diagnosis((Finding(CLOCK, (), "sensor", 2e-4, 12.0, 1, CYCLES),), CYCLES, ready=True)
+    module = sys.modules["valve_twin.core.aging.assess"]
+    monkeypatch.setattr(module, "diagnose", lambda *_: clock)
+    trend = said(history)
+    assert trend.unbounded
+    assert not trend.service_date_known
+    assert "the clocks run apart" in trend.reason

@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Compare a parameter across products: what another product does to its level is not aging.
+
+Products are told apart by the duration of the program; a cycle of an odd duration (a pause) by its
+stroke. Every product but the first has a factor of its own on the level, found together with the
+trend. The values are brought to the first product; that the factors are not known exactly stays
+in every fit as `Series.offsets`, one column a product.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.aging.series import Series, cut, part_of
+from valve_twin.core.aging.trend import MAX_FACTOR
+from valve_twin.core.diagnosis.products import products
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from valve_twin.core.aging.config import AgingConfig
+    from valve_twin.core.types import Estimate, FloatArray, IntArray, Maintenance
+
+FEWEST = 4
+"""Fewest values of a product that give it a level of its own."""
+
+STROKE = "stroke"
+"""Condition by which a cycle of odd duration is told."""
+
+_MARGIN = 0.01  # of the stroke, about those of a product
+_ROUNDS = 3
+_FAR = 4.5  # robust standard deviations
+_MAD = 1.4826
+
+
+def same_product(
+    series: Series,
+    estimates: Sequence[Estimate],
+    maintenance: Sequence[Maintenance],
+    config: AgingConfig,
+) -> tuple[Series, str]:
+    """Bring the values of all products to the level of the first.
+
+    Parameters
+    ----------
+    series : Series
+        Values of one parameter.
+    estimates : sequence of Estimate
+        Those of the trend, refused ones included.
+    maintenance : sequence of Maintenance
+        Events that cut the series.
+    config : AgingConfig
+        Rules of the pieces. Nothing is done where conditions are configured, or cycles differ in
+        something else than age.
+
+    Returns
+    -------
+    Series
+        As it would be with the first product, with its `offsets`; cycles of no known product are
+        left out.
+    str
+        What was done, empty for one product.
+    """
+    if config.covariates or config.binned or config.label or not len(series.values):
+        return series, ""
+    number = _numbers(series, estimates)
+    known = np.unique(number[number >= 0])
+    used = [int(k) for k in known if np.count_nonzero(number == k) >= FEWEST]
+    if len(known) == 1 == len(np.unique(number)):
+        return series, ""
+    if not used:
+        return series, ""
+    kept = np.flatnonzero(np.isin(number, used))
+    left_out = len(number) - len(kept)
+    series, number = part_of(series, kept), number[kept]
+    if len(used) < 2:
+        return series, f"; {left_out} cycles of another product left out" if left_out else ""
+    first = int(np.bincount(number[: config.reference_cycles]).argmax())
+    others = [k for k in used if k != first]
+    offsets = np.array([number == k for k in others], np.float64).T
+    factors = _factors(series, offsets, maintenance, config)
+    cleared = series.values / (1.0 + offsets @ (factors - 1.0))
+    told = ", ".join(f"{100.0 * (f - 1.0):+.1f} %" for f in factors)
+    what = f"; the level of another product taken out ({told})"
+    return replace(series, values=cleared, offsets=offsets), what
+
+
+def _numbers(series: Series, estimates: Sequence[Estimate]) -> IntArray:
+    """Return the product of every value of a series, (N,), -1 = not known."""
+    duration = np.array([(e.end_ns - e.start_ns) * 1e-9 for e in estimates])
+    found = products(duration)
+    groups = np.unique(found[found >= 0])
+    if not len(groups):
+        return np.zeros(len(series.values), np.int64)
+    stroke = np.array(
+        [next((c.value for c in e.conditions if c.name == STROKE), np.nan) for e in estimates]
+    )
+    ranges = {int(k): _range(stroke[found == k]) for k in groups}
+    for i in np.flatnonzero(found < 0):
+        fits = [k for k, (low, high) in ranges.items() if low <= stroke[i] <= high]
+        if len(fits) == 1:
+            found[i] = fits[0]
+        elif len(groups) == 1 and not np.isfinite(stroke[i]):
+            found[i] = groups[0]
+    by_cycle = {(e.cycle, e.end_ns): int(k) for e, k in zip(estimates, found, strict=True)}
+    pairs = zip(series.cycle.tolist(), series.end_ns.tolist(), strict=True)
+    return np.array([by_cycle.get(pair, -1) for pair in pairs], np.int64)
+
+
+def _range(stroke: FloatArray) -> tuple[float, float]:
+    """Return the range of the strokes of one product, with a margin; all where unknown."""
+    own = stroke[np.isfinite(stroke)]
+    if not len(own):
+        return -np.inf, np.inf
+    low, high = np.quantile(own, (0.1, 0.9))
+    margin = max(_MARGIN * abs(low), high - low)
+    return float(low - margin), float(high + margin)
+
+
+def _factors(
+    series: Series, offsets: FloatArray, maintenance: Sequence[Maintenance], config: AgingConfig
+) -> FloatArray:
+    """Return the level of every product over that of the first, beside the trend, (Z,) [1]."""
+    x, y = series.axis, series.values
+    lines = np.column_stack([np.ones(len(x)), x - x.mean()])
+    factors = _fit(lines, y, offsets)
+    for _ in range(_ROUNDS):
+        cleared = replace(series, values=y / (1.0 + offsets @ (factors - 1.0)))
+        pieces = cut(cleared, maintenance, config)
+        kept = np.flatnonzero(~pieces.outlier)
+        kept = kept[kept >= pieces.starts[0]]
+        lines = _lines(x, pieces.starts)[kept]
+        if np.linalg.matrix_rank(np.column_stack([lines, offsets[kept]])) < (
+            lines.shape[1] + offsets.shape[1]
+        ):
+            break
+        factors = _fit(lines, y[kept], offsets[kept])
+    return factors
+
+
+def _lines(axis: FloatArray, starts: IntArray) -> FloatArray:
+    """Return level and slope of every piece as columns (N, C)."""
+    found = []
+    for first, last in itertools.pairwise([*starts.tolist(), len(axis)]):
+        inside = np.zeros(len(axis))
+        inside[first:last] = 1.0
+        found.append(inside)
+        if last - first > 2:
+            found.append(inside * (axis - axis[first:last].mean()))
+    return np.column_stack(found)
+
+
+def _fit(lines: FloatArray, y: FloatArray, offsets: FloatArray) -> FloatArray:
+    """Return the factors of the products on a trend of some lines, far values left out."""
+    good = np.ones(len(y), np.bool_)
+    matrix = np.column_stack([lines, offsets])
+    level = np.ones(len(y))
+    for _ in range(_ROUNDS):
+        scale = np.maximum(np.sqrt(np.sum(matrix[good] ** 2, axis=0)), 1e-300)
+        weights = np.linalg.lstsq(matrix[good] / scale, y[good], rcond=1e-9)[0] / scale
+        off = np.abs(y - matrix @ weights)
+        good = off <= _FAR * _MAD * np.median(off) + 1e-300
+        level = lines @ weights[: lines.shape[1]]
+    size = float(np.median(level))
+    factors = 1.0 + weights[lines.shape[1] :] / size if size else np.ones(offsets.shape[1])
+    return np.asarray(np.clip(factors, 1.0 / MAX_FACTOR, MAX_FACTOR))
