@@ -365,7 +365,7 @@ def _is_sure(trend: Trend, limit: Limit, *, begun: bool) -> bool:
     side of the reference.
     """
     low, high = trend.drift_reference_lower_95, trend.drift_reference_upper_95
-    way = 100.0 * (limit.value / trend.reference - 1.0)
+    way = 100.0 * (limit.value / trend.reference - 1.0) if trend.reference else _NAN
     if limit.beyond and not low <= way <= high:
         return True
     farthest = high if limit.value > trend.reference else -low
