@@ -25,7 +25,7 @@ def add(verbs: Verbs) -> None:
     parser = add_verb(
         verbs,
         "bench-fit",
-        "Fit the record of a test bench (CSV, units in the column names), with 95 % intervals.",
+        "Fit the record of a test bench (CSV, units in the column names), with intervals.",
         _bench_fit,
     )
     parser.add_argument("kind", nargs="?", metavar="KIND", help="what was measured; none: a list")

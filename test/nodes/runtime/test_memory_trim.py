@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Memory goes back to the system once after a backlog, not during it and not without one."""
+"""Memory goes back to the system once after the start or a backlog, not during it."""
 
 from __future__ import annotations
 
@@ -8,8 +8,12 @@ from valve_twin.nodes.runtime.memory_trim import BEHIND_S, PAUSE_S, MemoryTrimme
 
 
 def _trimmer(most: int) -> tuple[MemoryTrimmer, list[int]]:
+    """Return a trimmer that has given back what the start left, and what it does from now on."""
     done: list[int] = []
-    return MemoryTrimmer(most, lambda: done.append(1)), done
+    trimmer = MemoryTrimmer(most, lambda: done.append(1))
+    trimmer.look(0, 0.0, -2.0 * PAUSE_S)
+    assert done.pop()
+    return trimmer, done
 
 
 def test_nothing_is_given_back_without_a_backlog():
@@ -17,6 +21,15 @@ def test_nothing_is_given_back_without_a_backlog():
     for now in range(100):
         trimmer.look(5, BEHIND_S, float(now))
     assert not done
+
+
+def test_a_start_into_a_backlog_waits_for_its_end():
+    done: list[int] = []
+    trimmer = MemoryTrimmer(5, lambda: done.append(1))
+    trimmer.look(6, 0.0, 0.0)
+    assert not done
+    trimmer.look(5, 0.0, 1.0)
+    assert done == [1]
 
 
 def test_memory_is_given_back_once_when_the_estimations_have_caught_up():

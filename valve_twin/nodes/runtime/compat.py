@@ -25,13 +25,18 @@ default, once or more a cycle [s]."""
 
 
 def spare_imports() -> None:
-    """Keep numba from importing what no prediction needs: 20 MB and a tenth of the start.
+    """Keep libraries from importing what no prediction needs: 23 MB and a tenth of the start.
 
-    It imports coverage where it is installed, and all of scipy.linalg only to learn that BLAS is
-    there; the code it makes looks BLAS up by itself when it is called for the first time. Upstream
-    no switch is known. Goes when numba imports both where it uses them.
+    numba imports coverage where it is installed, and all of scipy.linalg only to learn that BLAS
+    is there; the code it makes looks BLAS up by itself when it is called for the first time. rclpy
+    imports asyncio, which loads OpenSSL wherever Python has it and does without where not; others
+    still may. Upstream no switches are known. Goes when they import these where they use them.
     """
     sys.modules.setdefault("coverage", None)  # type: ignore[arg-type]
+    if "ssl" not in sys.modules:
+        sys.modules["ssl"] = None  # type: ignore[assignment]
+        import_module("asyncio")
+        del sys.modules["ssl"]
     linalg = vars(import_module("numba.np.linalg"))
     if "ensure_blas" in linalg:
         linalg["ensure_blas"] = lambda: None
