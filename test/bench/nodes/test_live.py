@@ -47,7 +47,6 @@ def test_a_twin_needs_no_cvxpy(run):
 
 def test_a_twin_keeps_to_its_memory(run):
     resident, own = run.twin.memory()
-    print("MEM", resident, own)
     assert own < resident <= TWIN_MB
 
 

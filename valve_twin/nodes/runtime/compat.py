@@ -25,18 +25,21 @@ default, once or more a cycle [s]."""
 
 
 def spare_imports() -> None:
-    """Keep libraries from importing what no prediction needs: 23 MB and a tenth of the start.
+    """Keep libraries from importing what no prediction needs: 27 MB and a tenth of the start.
 
     numba imports coverage where it is installed, and all of scipy.linalg only to learn that BLAS
-    is there; the code it makes looks BLAS up by itself when it is called for the first time. rclpy
-    imports asyncio, which loads OpenSSL wherever Python has it and does without where not; others
-    still may. Upstream no switches are known. Goes when they import these where they use them.
+    is there; the code it makes looks BLAS up by itself when it is called for the first time.
+    asyncio (of rclpy) and hashlib load OpenSSL wherever Python has it and do without where not;
+    whatever imports ssl later gets it. Upstream no switches are known. Goes when they import these
+    where they use them.
     """
     sys.modules.setdefault("coverage", None)  # type: ignore[arg-type]
-    if "ssl" not in sys.modules:
-        sys.modules["ssl"] = None  # type: ignore[assignment]
-        import_module("asyncio")
-        del sys.modules["ssl"]
+    spared = {"ssl", "_hashlib"} - set(sys.modules)
+    sys.modules.update(dict.fromkeys(spared))  # type: ignore[arg-type]
+    for user in ("asyncio", "hashlib", "hmac"):
+        import_module(user)
+    for name in spared:
+        del sys.modules[name]
     linalg = vars(import_module("numba.np.linalg"))
     if "ensure_blas" in linalg:
         linalg["ensure_blas"] = lambda: None
