@@ -69,12 +69,21 @@ def test_the_short_form_finds_what_begins_after_the_tenth_cycle(short):
     assert short["silent wrong: sensor_offset"][0] == 0
 
 
+@pytest.fixture(scope="module")
+def long():
+    """Shares of all frozen seeds."""
+    return pooled(list(meet(seeds(), setup_of(None)))).shares
+
+
 @pytest.mark.slow
-def test_the_long_form_is_better_than_the_first_table(committed):
+def test_the_long_form_is_better_than_the_first_table(long, committed):
     first = committed["first"]["shares"]
-    shares = pooled(list(meet(seeds(), setup_of(None)))).shares
     for name in ("silent wrong", "false alarm", "flicker"):
-        assert share(shares, name) < share(first, name), name
-    assert share(shares, "right part") > share(first, "right part")
-    # refusals: 14 % of 30 strangers, of which each is refused in most cycles or in none
-    assert share(shares, "not enough data") <= 0.25
+        assert share(long, name) < share(first, name), name
+    assert share(long, "right part") > share(first, "right part")
+
+
+@pytest.mark.slow
+@pytest.mark.xfail(strict=True, reason="a goal not reached: 14 % of 30 strangers, mostly refusals")
+def test_not_enough_data_is_said_in_at_most_5_percent(long):
+    assert share(long, "not enough data") <= 0.05
