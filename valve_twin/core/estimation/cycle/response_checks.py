@@ -36,14 +36,15 @@ def lost_fault(names: Sequence[str], frames: Frames) -> str:
     frames : Frames
         At least one sample, one of them valid.
     """
+    count = len(frames.position)
     for name, values in zip(names, (frames.position, *frames.inputs.T), strict=True):
-        missing = 1.0 - float(np.isfinite(values).mean())
+        missing = 1.0 - np.count_nonzero(np.isfinite(values)) / count
         if missing > _MOST_LOST:
             return (
                 f"{name} is no number in {missing:.0%} of the samples, {_MOST_LOST:.0%} are "
                 f"allowed: correct the source of signals.{name}.topic"
             )
-    outside = 1.0 - float(frames.valid.mean())
+    outside = 1.0 - np.count_nonzero(frames.valid) / count
     if outside > _MOST_LOST:
         every = ", ".join(f"signals.{name}" for name in names)
         return (
@@ -65,10 +66,11 @@ def step_fault(name: str, position: FloatArray, span: float) -> str:
     span : float
         Distance of the seats [1].
     """
-    levels = np.unique(position)
-    if len(levels) < _FEWEST_LEVELS:
+    steps = np.diff(np.sort(position))
+    steps = steps[steps > 0.0]
+    if len(steps) < _FEWEST_LEVELS - 1:
         return ""
-    step = float(np.diff(levels).min())
+    step = float(steps.min())
     if step <= _COARSEST * span:
         return ""
     return (
@@ -124,13 +126,12 @@ def late_fault(
         return ""
     motion = np.diff(position)
     rising, falling = (np.where(inputs[:-1, k] > 0.0, 1.0, 0.0) for k in (0, 1))
-    lags = list(range(-reach, reach + 1))
-    agreement = np.array([_agreement(motion, rising, falling, lag) for lag in lags])
+    agreement = _agreement(motion, rising, falling, reach)
     best = int(np.argmax(agreement))
     allowed = agreement[reach : reach + max_lag + 1].max()
     if not agreement[best] > _CLEAR or allowed >= _WORSE * agreement[best]:
         return ""
-    late = lags[best] * period_s
+    late = (best - reach) * period_s
     if late < 0.0:
         return (
             f"{name} moves {-late:.3g} s before its commands: its clock or that of the commands "
@@ -142,17 +143,23 @@ def late_fault(
     )
 
 
-def _agreement(motion: FloatArray, rising: FloatArray, falling: FloatArray, lag: int) -> float:
-    """Return the share of the motion that two commands `lag` samples before explain [1]."""
-    count = len(motion) - abs(lag)
-    moved = motion[max(lag, 0) :][:count]
-    up, down = (u[max(-lag, 0) :][:count] for u in (rising, falling))
-    total = float(moved @ moved)
-    if not total > 0.0:
-        return 0.0
-    explained = 0.0
-    for drive, sign in ((up, 1.0), (down, -1.0)):
-        power = float(drive @ drive)
-        along = sign * float(drive @ moved)
-        explained += along**2 / power if power > 0.0 and along > 0.0 else 0.0
-    return explained / total
+def _agreement(
+    motion: FloatArray, rising: FloatArray, falling: FloatArray, reach: int
+) -> FloatArray:
+    """Return the share of the motion that commands of 0 or 1 explain, by lag -reach..reach [1]."""
+    padded = np.concatenate((np.zeros(reach), motion, np.zeros(reach)))
+    total = _overlapping(motion**2, reach)[::-1]
+    explained = np.zeros(2 * reach + 1)
+    for drive, sign in ((rising, 1.0), (falling, -1.0)):
+        power = _overlapping(drive, reach)
+        along = np.maximum(sign * np.correlate(padded, drive, "valid"), 0.0)
+        explained += np.divide(along**2, power, out=np.zeros(len(power)), where=power > 0.0)
+    return np.divide(explained, total, out=np.zeros(len(total)), where=total > 0.0)
+
+
+def _overlapping(values: FloatArray, reach: int) -> FloatArray:
+    """Return the sums over the N values but the last |lag| at lag > 0, the first at lag < 0."""
+    below = np.concatenate(([0.0], np.cumsum(values)))
+    lost = below[reach:0:-1]
+    kept = below[len(values) - np.arange(reach + 1)]
+    return np.concatenate((below[-1] - lost, kept))
