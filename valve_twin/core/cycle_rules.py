@@ -84,21 +84,25 @@ def column_of(name: str, inputs: tuple[str, ...], key: str) -> int:
     return inputs.index(name)
 
 
-def overdue_ns(lengths: Sequence[int], step_ns: int, greatest_ns: int) -> int:
-    """Return the length from which on a cycle is overdue [ns].
+def set_overdue(limits_ns: IntArray, lengths: Sequence[int], period_s: float) -> None:
+    """Set the length from which on a cycle is overdue.
 
     Parameters
     ----------
+    limits_ns : (4,) int64 array
+        Limits of `mark_commands`, the last is overwritten: with the greatest length of a cycle
+        while no usual one is known [ns].
     lengths : sequence of int
         Of the cycles before [samples].
-    step_ns : int
-        Sampling time [ns].
-    greatest_ns : int
-        Greatest length of a cycle, which stands while no usual one is known [ns].
+    period_s : float
+        Sampling time [s].
     """
+    greatest_ns = int(limits_ns[1])
     if len(lengths) < _LEAST_USUAL:
-        return greatest_ns
-    return min(round(OVERDUE * median(lengths) * step_ns), greatest_ns)
+        limits_ns[3] = greatest_ns
+    else:
+        step_ns = round(period_s * 1e9)
+        limits_ns[3] = min(round(OVERDUE * median(lengths) * step_ns), greatest_ns)
 
 
 @njit(cache=True)

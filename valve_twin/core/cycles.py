@@ -29,7 +29,7 @@ from valve_twin.core.cycle_rules import (
     mark_changes,
     mark_commands,
     mark_reference,
-    overdue_ns,
+    set_overdue,
 )
 from valve_twin.core.gaps import PERIOD_TOLERANCE, count_lost, extreme_steps, gap_ns
 from valve_twin.core.refusal import Refusal, RefusalCode
@@ -181,6 +181,7 @@ class Segmenter:
         self._last_number, self._missed_before = state.last_number, state.missed_before
         self._counted_before, self._ordinal = state.counted_before, state.ordinal
         self._lengths = deque(state.lengths, maxlen=_USUAL_CYCLES)
+        set_overdue(self._limits_ns, self._lengths, self._period_s)
         self._resume, self._first_ns = state.resume, state.first_ns
         self._inside, self._goes_on = state.inside, state.goes_on
 
@@ -273,8 +274,6 @@ class Segmenter:
         judged = len(frames)
         config = self._config
         if config.rule is CycleRule.COMMANDS:
-            limit_ns, step_ns = int(self._limits_ns[1]), round(self._period_s * 1e9)
-            self._limits_ns[3] = overdue_ns(self._lengths, step_ns, limit_ns)
             judged = mark_commands(
                 frames.stamp_ns,
                 frames.inputs,
@@ -442,6 +441,7 @@ class Segmenter:
         usual = float(median(self._lengths)) if self._lengths else 0.0
         if why is not Closing.END:
             self._lengths.append(samples)
+            set_overdue(self._limits_ns, self._lengths, self._period_s)
         elif samples < USUAL_SHARE * usual:
             text = f"cut off: {samples} samples of the usual {usual:.0f}"
             return Refusal(RefusalCode.CYCLE_TOO_SHORT, text)
