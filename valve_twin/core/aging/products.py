@@ -19,6 +19,7 @@ import numpy as np
 from valve_twin.core.aging.series import Series, cut, part_of
 from valve_twin.core.aging.trend import MAX_FACTOR
 from valve_twin.core.diagnosis.products import products
+from valve_twin.core.estimation.data.robust import MAD_SCALE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -35,7 +36,6 @@ STROKE = "stroke"
 _MARGIN = 0.01  # of the stroke, about those of a product
 _ROUNDS = 3
 _FAR = 4.5  # robust standard deviations
-_MAD = 1.4826
 
 
 def same_product(
@@ -164,7 +164,7 @@ def _fit(lines: FloatArray, y: FloatArray, offsets: FloatArray) -> FloatArray:
         scale = np.maximum(np.sqrt(np.sum(matrix[good] ** 2, axis=0)), 1e-300)
         weights = np.linalg.lstsq(matrix[good] / scale, y[good], rcond=1e-9)[0] / scale
         off = np.abs(y - matrix @ weights)
-        good = off <= _FAR * _MAD * np.median(off) + 1e-300
+        good = off <= _FAR * MAD_SCALE * np.median(off) + 1e-300
         level = lines @ weights[: lines.shape[1]]
     size = float(np.median(level))
     factors = 1.0 + weights[lines.shape[1] :] / size if size else np.ones(offsets.shape[1])

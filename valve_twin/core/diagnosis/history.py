@@ -10,7 +10,7 @@ import numpy as np
 
 from valve_twin.core.diagnosis.detection import NOTHING, UNKNOWN, Diagnosis, Finding, detect
 from valve_twin.core.diagnosis.features import ESTIMATOR
-from valve_twin.core.diagnosis.products import clocks_apart, products, without_slips
+from valve_twin.core.diagnosis.products import CLOCK, clocks_apart, products, without_slips
 from valve_twin.core.diagnosis.refused import overdue
 from valve_twin.core.diagnosis.table import BY_NAME
 
@@ -84,7 +84,7 @@ def describe_finding(finding: Finding) -> str:
     if finding.fault == UNKNOWN:
         return f"a sudden change that is like no known fault, {since} ({sure})"
     kind = BY_NAME[finding.fault]
-    if finding.fault == "clock":
+    if finding.fault == CLOCK:
         return (
             f"{kind.text} {abs(finding.severity) * 1e6:.0f} ppm, seen {since} ({sure}): log both "
             "by one clock, or synchronise the two"
