@@ -8,6 +8,15 @@ is printed.
 """
 
 from valve_twin.bench.measure import Ratio, Scale, describe, median, require_equal
-from valve_twin.bench.run import AREAS, run_benchmarks
+from valve_twin.bench.run import AREAS, run_benchmarks, run_gate
 
-__all__ = ["AREAS", "Ratio", "Scale", "describe", "median", "require_equal", "run_benchmarks"]
+__all__ = [
+    "AREAS",
+    "Ratio",
+    "Scale",
+    "describe",
+    "median",
+    "require_equal",
+    "run_benchmarks",
+    "run_gate",
+]

@@ -57,7 +57,6 @@ def compare(scale: Scale) -> Iterator[Ratio]:
         median(partial(stepped, structure, y, u), scale.repeats),
         median(partial(learn, rows, outputs), scale.repeats),
         2.0,
-        held=False,
     )
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.estimation.cycle.lag_kernels import effects_at_lag
 from valve_twin.core.gaps import PERIOD_TOLERANCE
 
 if TYPE_CHECKING:
@@ -217,40 +218,16 @@ def _driven_by(position: FloatArray, inputs: FloatArray, max_lag: int) -> tuple[
 
     One lag at which both act as they should is enough: no lag shows that of a wrong mapping.
     """
-    dy = np.diff(position)
     best, found = _EXPLAINED, (0.0, 0.0)
     for lag in range(max_lag + 1):
-        if len(dy) - lag < _FEWEST_STEPS:
+        if len(position) - 1 - lag < _FEWEST_STEPS:
             break
-        explained, t = _effects(inputs[: len(dy) - lag], dy[lag:])
+        explained, rising, falling = effects_at_lag(position, inputs, lag)
         if explained > best:
-            best, found = explained, t
-        if explained > _EXPLAINED and t[0] > _SURE and t[1] < -_SURE:
-            return t
+            best, found = explained, (rising, falling)
+        if explained > _EXPLAINED and rising > _SURE and falling < -_SURE:
+            return rising, falling
     return found
-
-
-def _effects(inputs: FloatArray, increments: FloatArray) -> tuple[float, tuple[float, float]]:
-    """Return the share of the increments that two commands explain, and t of their effects."""
-    total = float(increments @ increments)
-    (a, c), (_, b) = (inputs.T @ inputs).tolist()
-    p, q = (inputs.T @ increments).tolist()
-    if not (total > 0.0 and a + b > 0.0):
-        return 0.0, (0.0, 0.0)
-    if a * b - c * c <= 1e-9 * (a + b) ** 2:  # one of them never acts, or both act alike
-        first, second = (p / a, 0.0) if a >= b else (0.0, q / b)
-        errors = (1.0 / a, 0.0) if a >= b else (0.0, 1.0 / b)
-    else:
-        d = a * b - c * c
-        first, second = (b * p - c * q) / d, (a * q - c * p) / d
-        errors = (b / d, a / d)
-    rest = max(total - first * p - second * q, 0.0)
-    noise = max(rest, np.finfo(float).eps * total) / (len(increments) - 2)
-    t = tuple(
-        effect / (e * noise) ** 0.5 if e > 0.0 else 0.0
-        for effect, e in zip((first, second), errors, strict=True)
-    )
-    return 1.0 - rest / total, (t[0], t[1])
 
 
 def follow_fault(

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.estimation.cycle.lag_kernels import explained_by_lag
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -66,6 +68,9 @@ def step_fault(name: str, position: FloatArray, span: float) -> str:
     span : float
         Distance of the seats [1].
     """
+    motion = np.abs(np.diff(position))
+    if np.any((motion > 0.0) & (motion <= _COARSEST * span)):
+        return ""  # the usual case, without sorting
     steps = np.diff(np.sort(position))
     steps = steps[steps > 0.0]
     if len(steps) < _FEWEST_LEVELS - 1:
@@ -124,9 +129,7 @@ def late_fault(
     reach = min(max(round(_REACH_S / period_s), 2 * max_lag), len(position) // 4, _MOST_TRIED)
     if reach <= max_lag:
         return ""
-    motion = np.diff(position)
-    rising, falling = (np.where(inputs[:-1, k] > 0.0, 1.0, 0.0) for k in (0, 1))
-    agreement = _agreement(motion, rising, falling, reach)
+    agreement = explained_by_lag(position, inputs, reach)
     best = int(np.argmax(agreement))
     allowed = agreement[reach : reach + max_lag + 1].max()
     if not agreement[best] > _CLEAR or allowed >= _WORSE * agreement[best]:
@@ -141,25 +144,3 @@ def late_fault(
         f"{name} moves {late:.3g} s after its commands, {max_lag * period_s:.3g} s are searched: "
         f"correct the stamps, or max_lag"
     )
-
-
-def _agreement(
-    motion: FloatArray, rising: FloatArray, falling: FloatArray, reach: int
-) -> FloatArray:
-    """Return the share of the motion that commands of 0 or 1 explain, by lag -reach..reach [1]."""
-    padded = np.concatenate((np.zeros(reach), motion, np.zeros(reach)))
-    total = _overlapping(motion**2, reach)[::-1]
-    explained = np.zeros(2 * reach + 1)
-    for drive, sign in ((rising, 1.0), (falling, -1.0)):
-        power = _overlapping(drive, reach)
-        along = np.maximum(sign * np.correlate(padded, drive, "valid"), 0.0)
-        explained += np.divide(along**2, power, out=np.zeros(len(power)), where=power > 0.0)
-    return np.divide(explained, total, out=np.zeros(len(total)), where=total > 0.0)
-
-
-def _overlapping(values: FloatArray, reach: int) -> FloatArray:
-    """Return the sums over the N values but the last |lag| at lag > 0, the first at lag < 0."""
-    below = np.concatenate(([0.0], np.cumsum(values)))
-    lost = below[reach:0:-1]
-    kept = below[len(values) - np.arange(reach + 1)]
-    return np.concatenate((below[-1] - lost, kept))
