@@ -133,6 +133,7 @@ setup(
     ],
     extras_require={
         "dask": ["distributed"],
+        "design": ["ezdxf", "scikit-fem"],
         "fast": ["isal"],
         "parquet": ["pyarrow"],
         "postgresql": ["psycopg[binary]"],

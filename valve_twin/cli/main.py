@@ -24,6 +24,7 @@ from valve_twin.cli import (
 from valve_twin.cli.archive import backtest, batch, fleet, history
 from valve_twin.cli.bags import convert, cut, import_, info, recover, replay
 from valve_twin.cli.common import FAILED, OK, USAGE, Parser, fail
+from valve_twin.cli.design import verb as design
 from valve_twin.io.errors import ConfigError, ValveTwinError
 
 if TYPE_CHECKING:
@@ -50,6 +51,7 @@ VERBS = (
     check_valve,
     campaign,
     bench_fit,
+    design,
     bench,
 )
 """One module a verb, in the order of the help."""

@@ -1,0 +1,58 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Outlines to and from DXF."""
+
+from __future__ import annotations
+
+import pytest
+from ezdxf.filemanagement import new
+
+from valve_twin.design.geometry import DoubleStroke, read_dxf, write_dxf
+
+
+def drawing_of(path, points, *, units=4, **options):
+    drawing = new("R2010", units=units)
+    drawing.modelspace().add_lwpolyline(points, dxfattribs={"layer": "core"}, **options)
+    drawing.saveas(path)
+    return path
+
+
+def test_a_section_comes_back_in_metres(tmp_path):
+    section = DoubleStroke().section()
+    write_dxf(section, tmp_path / "d.dxf")
+    found = read_dxf(tmp_path / "d.dxf")
+    assert set(found) == {r.name for r in section.regions}
+    assert found["armature"][0][2] == pytest.approx((8e-3, 12e-3))
+
+
+def test_the_unit_of_the_drawing_is_heeded(tmp_path):
+    path = drawing_of(tmp_path / "d.dxf", [(0, 0), (1, 0), (1, 1)], units=1, close=True)
+    assert read_dxf(path)["core"][0][1] == pytest.approx((25.4e-3, 0.0))
+
+
+def test_open_and_bent_outlines_are_refused_with_their_layer(tmp_path):
+    points = [(0, 0), (1, 0), (1, 1)]
+    with pytest.raises(
+        ValueError, match=r"layer 'core' holds an open or a bent polyline from \(0"
+    ):
+        read_dxf(drawing_of(tmp_path / "open.dxf", points, close=False))
+    bent = [(0, 0, 0.3), (1, 0, 0), (1, 1, 0)]
+    with pytest.raises(ValueError, match="open or a bent"):
+        read_dxf(drawing_of(tmp_path / "bent.dxf", bent, close=True, format="xyb"))
+
+
+def test_other_entities_units_and_files_are_refused(tmp_path):
+    drawing = new("R2010", units=4)
+    drawing.modelspace().add_circle((0, 0), 1.0, dxfattribs={"layer": "core"})
+    drawing.saveas(tmp_path / "circle.dxf")
+    with pytest.raises(ValueError, match="on layer 'core' is a CIRCLE"):
+        read_dxf(tmp_path / "circle.dxf")
+    miles = drawing_of(tmp_path / "mile.dxf", [(0, 0), (1, 0), (1, 1)], units=3, close=True)
+    with pytest.raises(ValueError, match=r"INSUNITS = 3: must be"):
+        read_dxf(miles)
+    (tmp_path / "text.dxf").write_text("no drawing", encoding="utf-8")
+    with pytest.raises(ValueError, match="is no DXF drawing"):
+        read_dxf(tmp_path / "text.dxf")
+    new("R2010").saveas(tmp_path / "empty.dxf")
+    with pytest.raises(ValueError, match="holds no closed LWPOLYLINE"):
+        read_dxf(tmp_path / "empty.dxf")

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Sections: what cannot be one is refused with place and value."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from valve_twin.design.geometry.section import Motion, Region, Section, area, inside, rectangle
+from valve_twin.design.materials import Steel
+
+ONE = Region("one", "steel", rectangle(0.0, 2e-3, 0.0, 5e-3))
+
+
+def section(*regions: Region) -> Section:
+    return Section("s", regions, {"steel": Steel()}, None, 0.02, -0.02, 0.02)
+
+
+def test_area_and_inside_of_a_triangle():
+    triangle = ((0.0, 0.0), (2.0, 0.0), (0.0, 1.0))
+    assert area(triangle) == 1.0
+    r, z = np.array([0.5, 1.5, 0.5, -0.1]), np.array([0.5, 0.5, 0.9, 0.5])
+    assert inside(triangle, r, z).tolist() == [True, False, False, False]
+
+
+@pytest.mark.parametrize(
+    ("region", "words"),
+    [
+        (Region("two", "steel", rectangle(1e-3, 3e-3, 4e-3, 6e-3)), "one and two overlap at r ="),
+        (
+            Region("two", "iron", rectangle(3e-3, 4e-3, 0.0, 1e-3)),
+            "'iron' is not known; there are",
+        ),
+        (
+            Region("two", "air", rectangle(3e-3, 3e-2, 0.0, 1e-3)),
+            "outside the box, r from 0 to 0.02",
+        ),
+        (
+            Region("two", "air", rectangle(3e-3, 3e-3, 0.0, 1e-3)),
+            "two: outline of 4 corners has no",
+        ),
+        (Region("two", "air", rectangle(3e-3, 4e-3, 0.0, 1e-3), "A"), "turns = 0 of coil A"),
+        (Region("two", "steel", rectangle(3e-3, 4e-3, 0.0, 1e-3), "A", 5), "wound in a linear"),
+    ],
+)
+def test_a_region_that_cannot_be_is_refused(region, words):
+    with pytest.raises(ValueError, match=words):
+        section(ONE, region)
+
+
+def test_regions_that_touch_do_not_overlap():
+    two = Region("two", "steel", ((2e-3, 0.0), (4e-3, 0.0), (2e-3, 5e-3)))
+    three = Region("three", "air", ((4e-3, 0.0), (4e-3, 5e-3), (2e-3, 5e-3)))
+    assert len(section(ONE, two, three).regions) == 3
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"still_radius": 7e-3}, "motion.still_radius = 0.007: must be above radius = 0.008"),
+        ({"still_high": 11e-3}, "must rise"),
+        ({"stroke": 2e-3}, "motion.stroke = 0.002: must be from 0, below 0.0015"),
+    ],
+)
+def test_a_motion_that_would_fold_the_air_is_refused(change, words):
+    known = {"radius": 8e-3, "still_radius": 8.25e-3, "low": -12e-3, "high": 12e-3,
+             "still_low": -13.5e-3, "still_high": 13.5e-3, "stroke": 1e-3}  # fmt: skip
+    Motion(**known)
+    with pytest.raises(ValueError, match=words):
+        Motion(**{**known, **change})

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The design that every step takes: a file and numbers that replace its own."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import yaml
+
+from valve_twin.io.errors import ConfigError
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Iterator
+
+    from valve_twin.design.geometry import DoubleStroke, Section
+
+
+def add_design(parser: argparse.ArgumentParser) -> None:
+    """Add the design as arguments."""
+    text = "YAML of the design, default a double-stroke solenoid of size 6"
+    parser.add_argument("design", nargs="?", metavar="DESIGN", help=text)
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", help="a number of the design"
+    )
+
+
+def read_given(arguments: argparse.Namespace) -> DoubleStroke | Section:
+    """Return the design of the arguments.
+
+    Raises
+    ------
+    ConfigError
+        Names the file, the number, its value and what is allowed.
+    """
+    require("ezdxf", "skfem")
+    from valve_twin.design.geometry import read_design
+
+    changes: dict[str, object] = {}
+    for text in arguments.set:
+        name, equals, value = text.partition("=")
+        if not equals:
+            msg = f"--set {text}: write NAME=VALUE"
+            raise ConfigError(msg)
+        changes[name] = yaml.safe_load(value)
+    with refusals():
+        return read_design(Path(arguments.design) if arguments.design else None, changes)
+
+
+def section_of(design: DoubleStroke | Section) -> Section:
+    """Return what the field is computed of.
+
+    Raises
+    ------
+    ValueError
+        If a restriction is broken.
+    """
+    from valve_twin.design.geometry import DoubleStroke
+
+    return design.section() if isinstance(design, DoubleStroke) else design
+
+
+@contextmanager
+def refusals() -> Iterator[None]:
+    """Turn what the design refuses into a line of the command.
+
+    Raises
+    ------
+    ConfigError
+        Says what the design said.
+    """
+    try:
+        yield
+    except ValueError as err:
+        raise ConfigError(str(err)) from err
+
+
+def require(*modules: str) -> None:
+    """Say what to install where a package of the extra is missing.
+
+    Raises
+    ------
+    ConfigError
+        Names the package.
+    """
+    from importlib.util import find_spec
+
+    for module in modules:
+        if find_spec(module) is None:
+            msg = (
+                f"design: the package '{module}' is not installed; "
+                "python -m pip install 'valve_twin[design]'"
+            )
+            raise ConfigError(msg)

@@ -1,0 +1,223 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Designs in YAML: a double-stroke solenoid by its numbers, any other by its regions."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import TYPE_CHECKING
+
+import yaml
+
+from valve_twin.core.quantity import describe, example, nearest_hint, replaced
+from valve_twin.design.geometry.double_stroke import DoubleStroke
+from valve_twin.design.geometry.dxf import read_dxf
+from valve_twin.design.geometry.section import Motion, Region, Section
+from valve_twin.design.materials import Linear, Magnet, Material, Steel
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from valve_twin.design.geometry.section import Outline
+
+_KINDS: dict[str, type[Material]] = {"linear": Linear, "magnet": Magnet, "steel": Steel}
+_MM = 1e-3
+_BOX = ("radius", "low", "high")
+
+
+def read_design(path: Path | None, changes: Mapping[str, object] | None = None) -> (
+    DoubleStroke | Section
+):  # fmt: skip
+    """Read a design.
+
+    Parameters
+    ----------
+    path : Path or None
+        YAML file; None = the double-stroke solenoid with its defaults.
+    changes : mapping, optional
+        Numbers in place of those of the file, by dotted name [SI].
+
+    Raises
+    ------
+    ValueError
+        Names the key, its value and what to write.
+    """
+    if path is None:
+        return _double_stroke(changes or {})
+    given = _read_yaml(path)
+    try:
+        return _design(given, path.parent, changes or {})
+    except ValueError as err:
+        message = f"{path}: {err}"
+        raise ValueError(message) from err
+
+
+def _design(
+    given: dict[str, object], folder: Path, changes: Mapping[str, object]
+) -> DoubleStroke | Section:
+    kind = given.pop("kind", None)
+    if kind == "double_stroke":
+        return _double_stroke({**_flat(given), **changes})
+    if kind != "section":
+        message = f"kind = {kind!r}: must be double_stroke or section"
+        raise ValueError(message)
+    if changes:
+        message = f"'{next(iter(changes))}' cannot be set: edit the regions"
+        raise ValueError(message)
+    return _section(given, folder)
+
+
+def write_design(design: DoubleStroke, path: Path) -> None:
+    """Write the numbers of a design with what they are.
+
+    Parameters
+    ----------
+    design : DoubleStroke
+        What is written.
+    path : Path
+        YAML file.
+    """
+    lines = ["kind: double_stroke"]
+    for item in describe(design):
+        unit = f" [{item.unit}]" if item.unit else ""
+        value = example(item.default) if item.default else ("0.0" if item.default == 0.0 else "[]")
+        lines.append(f"{item.name}: {value}  # {item.description}{unit}")
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _read_yaml(path: Path) -> dict[str, object]:
+    try:
+        found = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as err:
+        message = f"{path}: cannot be read ({' '.join(str(err).split())})"
+        raise ValueError(message) from err
+    if not isinstance(found, dict):
+        message = f"{path}: holds no 'key: value' lines; the first is kind: double_stroke"
+        raise ValueError(message)
+    return {str(key): value for key, value in found.items()}
+
+
+def _flat(given: Mapping[str, object], prefix: str = "") -> dict[str, object]:
+    found: dict[str, object] = {}
+    for key, value in given.items():
+        if isinstance(value, dict):
+            found |= _flat(value, f"{prefix}{key}.")
+        else:
+            found[f"{prefix}{key}"] = value
+    return found
+
+
+def _double_stroke(given: Mapping[str, object]) -> DoubleStroke:
+    return replaced(DoubleStroke(), _checked(DoubleStroke(), given))
+
+
+def _checked(node: DoubleStroke | Material, given: Mapping[str, object]) -> dict[str, object]:
+    """Return the values of known names in their types; ranges are told by who uses them."""
+    known = {d.name: d for d in describe(node)}
+    found = {}
+    for name, value in given.items():
+        if name not in known:
+            message = f"'{name}' is no such number{nearest_hint(name, known)}"
+            raise ValueError(message)
+        try:
+            found[name] = known[name].check(value)
+        except ValueError as err:
+            message = f"{name}: {err} [{known[name].unit}]"
+            raise ValueError(message) from err
+    return found
+
+
+def _section(given: dict[str, object], folder: Path) -> Section:
+    """Return a section from its mapping."""
+    allowed = ("name", "box", "motion", "materials", "regions", "dxf")
+    for key in given:
+        if key not in allowed:
+            message = f"'{key}' is no such key{nearest_hint(key, allowed)}"
+            raise ValueError(message)
+    box = _numbers(given.get("box"), "box", _BOX)
+    motion = given.get("motion")
+    moves = None
+    if motion is not None:
+        names = tuple(f.name for f in fields(Motion))
+        moves = Motion(**_numbers(motion, "motion", names))
+    drawing = read_dxf(folder / str(given["dxf"])) if "dxf" in given else {}
+    regions = given.get("regions")
+    if not isinstance(regions, list) or not regions:
+        message = "regions: must be a list of regions, each with name, material and outline_mm"
+        raise ValueError(message)
+    pieces = [piece for item in regions for piece in _regions(item, drawing)]
+    materials = _materials(given.get("materials", {}))
+    name = str(given.get("name", "section"))
+    return Section(name, tuple(pieces), materials, moves, **box)
+
+
+def _materials(given: object) -> dict[str, Material]:
+    found: dict[str, Material] = {}
+    if not isinstance(given, dict):
+        message = "materials: must be a mapping of names"
+        raise ValueError(message)
+    for name, values in given.items():
+        numbers = dict(values) if isinstance(values, dict) else {}
+        kind = str(numbers.pop("kind", ""))
+        if kind not in _KINDS:
+            message = f"materials.{name}.kind = '{kind}': must be one of {', '.join(_KINDS)}"
+            raise ValueError(message)
+        try:
+            found[str(name)] = _KINDS[kind](**_checked(_KINDS[kind](), numbers))  # type: ignore[arg-type]
+        except ValueError as err:
+            message = f"materials.{name}: {err}"
+            raise ValueError(message) from err
+    return found
+
+
+def _regions(item: object, drawing: Mapping[str, list[Outline]]) -> list[Region]:
+    """Return the pieces of one entry; a layer of a drawing may hold several."""
+    if not isinstance(item, dict) or "name" not in item:
+        message = f"regions: {item!r} is no region; each has name, material, outline_mm or layer"
+        raise ValueError(message)
+    name = str(item["name"])
+    known = {"name", "material", "outline_mm", "layer", "coil", "turns"}
+    for key in item:
+        if key not in known:
+            message = f"regions: '{name}.{key}' is no such key{nearest_hint(key, known)}"
+            raise ValueError(message)
+    if "layer" in item:
+        outlines = drawing.get(str(item["layer"]), [])
+        if not outlines:
+            layers = ", ".join(sorted(drawing)) or "none: give dxf: FILE"
+            message = f"{name}: there is no layer '{item['layer']}'; there are {layers}"
+            raise ValueError(message)
+    else:
+        outlines = [_outline(name, item.get("outline_mm"))]
+    try:
+        turns = float(item.get("turns", 0.0))
+    except (TypeError, ValueError):
+        message = f"{name}: turns = {item['turns']!r}: must be a number"
+        raise ValueError(message) from None
+    material, coil = str(item.get("material", "air")), str(item.get("coil", ""))
+    return [Region(name, material, outline, coil, turns) for outline in outlines]
+
+
+def _outline(name: str, given: object) -> Outline:
+    try:
+        corners = tuple((float(r) * _MM, float(z) * _MM) for r, z in given)  # type: ignore[attr-defined]
+    except (TypeError, ValueError):
+        message = f"{name}: outline_mm = {given!r}: must be a list of [r, z]"
+        raise ValueError(message) from None
+    return corners
+
+
+def _numbers(given: object, owner: str, names: tuple[str, ...]) -> dict[str, float]:
+    """Return the numbers of a mapping that needs all of them."""
+    values = given if isinstance(given, dict) else {}
+    for name in names:
+        value = values.get(name)
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            message = f"{owner}.{name} = {value!r}: must be a number [m]"
+            raise ValueError(message)
+    for key in values:
+        if key not in names:
+            message = f"'{owner}.{key}' is no such key{nearest_hint(str(key), names)}"
+            raise ValueError(message)
+    return {name: float(values[name]) for name in names}

@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Half section of an axisymmetric solenoid: regions with materials and coils, a moving part.
+
+What no region covers is air; on the axis and on the box around, the vector potential is 0. The
+armature moves along the axis. The air between it and what stands still is stretched instead of
+meshed anew: a shift x moves a point by x g with g = 1 on the armature, falling linearly to 0
+across the gaps at its ends (in z) and around it (in r).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import combinations, pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.design.materials import AIR, Linear, Magnet, Material
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from valve_twin.core.types import BoolArray, FloatArray
+
+Outline = tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """One piece of a section.
+
+    Attributes
+    ----------
+    name : str
+        Of the piece.
+    material : str
+        Name in the section's materials.
+    outline : tuple of (r, z)
+        Corners of its polygon [m].
+    coil : str
+        Name of the coil of which it is a winding space, empty = none.
+    turns : float
+        Turns in it; negative = wound the other way [1].
+    """
+
+    name: str
+    material: str
+    outline: Outline
+    coil: str = ""
+    turns: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """The box of the armature and how far the air around it is stretched.
+
+    Attributes
+    ----------
+    radius, still_radius : float
+        Outer radius of the armature, and where the part that stands still begins [m].
+    low, high : float
+        Ends of the armature on the axis at x = 0 [m].
+    still_low, still_high : float
+        What stands still beyond its ends [m].
+    stroke : float
+        Largest shift to either side that is meant [m].
+    """
+
+    radius: float
+    still_radius: float
+    low: float
+    high: float
+    still_low: float
+    still_high: float
+    stroke: float
+
+    def __post_init__(self) -> None:
+        """Refuse a box that is none."""
+        if not 0.0 < self.radius < self.still_radius:
+            message = (
+                f"motion.still_radius = {self.still_radius:g}: must be above radius = "
+                f"{self.radius:g} > 0 [m]"
+            )
+            raise ValueError(message)
+        if not self.still_low < self.low < self.high < self.still_high:
+            message = (
+                f"motion: still_low, low, high, still_high = {self.still_low:g}, {self.low:g}, "
+                f"{self.high:g}, {self.still_high:g}: must rise [m]"
+            )
+            raise ValueError(message)
+        least = min(self.low - self.still_low, self.still_high - self.high)
+        if not 0.0 <= self.stroke < least:
+            message = f"motion.stroke = {self.stroke:g}: must be from 0, below {least:g} [m]"
+            raise ValueError(message)
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """What the field is computed of.
+
+    Attributes
+    ----------
+    name : str
+        Of the solenoid.
+    regions : tuple of Region
+        Pieces; no two overlap.
+    materials : mapping
+        Material by name; air is always known.
+    motion : Motion or None
+        Of the armature; None where nothing moves.
+    radius, low, high : float
+        Box around, where the field ends [m].
+    """
+
+    name: str
+    regions: tuple[Region, ...]
+    materials: Mapping[str, Material]
+    motion: Motion | None
+    radius: float
+    low: float
+    high: float
+    coils: tuple[str, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Refuse regions outside the box, of unknown material, or without an area."""
+        object.__setattr__(self, "materials", {AIR: Linear(), **self.materials})
+        names = dict.fromkeys(r.coil for r in self.regions if r.coil)
+        object.__setattr__(self, "coils", tuple(sorted(names)))
+        for region in self.regions:
+            self._check(region)
+        self._check_overlaps()
+
+    def _check(self, region: Region) -> None:
+        if region.material not in self.materials:
+            known = ", ".join(sorted(self.materials))
+            message = (
+                f"{region.name}: material '{region.material}' is not known; there are {known}"
+            )
+            raise ValueError(message)
+        if len(region.outline) < 3 or not area(region.outline) > 0.0:
+            message = f"{region.name}: outline of {len(region.outline)} corners has no area"
+            raise ValueError(message)
+        for r, z in region.outline:
+            if not (0.0 <= r <= self.radius and self.low <= z <= self.high):
+                message = (
+                    f"{region.name}: corner r = {r:g}, z = {z:g} lies outside the box, r from 0 "
+                    f"to {self.radius:g}, z from {self.low:g} to {self.high:g} [m]"
+                )
+                raise ValueError(message)
+        if region.coil and region.turns == 0.0:
+            message = f"{region.name}: turns = 0 of coil {region.coil}: must not be 0"
+            raise ValueError(message)
+        if region.coil and not isinstance(self.materials[region.material], Linear):
+            message = f"{region.name}: a coil is wound in a linear material, not {region.material}"
+            raise ValueError(message)
+
+    def _check_overlaps(self) -> None:
+        """Refuse two regions that share a place; tried in every cell between corners."""
+        corners = np.array([corner for region in self.regions for corner in region.outline])
+        r, z = (_thirds(np.unique(axis)) for axis in corners.T)
+        at_r, at_z = (points.ravel() for points in np.meshgrid(r, z))
+        covers = [inside(region.outline, at_r, at_z) for region in self.regions]
+        for (one, covered), (other, also) in combinations(
+            zip(self.regions, covers, strict=True), 2
+        ):
+            both = np.flatnonzero(covered & also)
+            if len(both):
+                message = (
+                    f"{one.name} and {other.name} overlap at r = {at_r[both[0]]:.6g}, "
+                    f"z = {at_z[both[0]]:.6g} [m]: move their outlines apart"
+                )
+                raise ValueError(message)
+
+    @property
+    def excited(self) -> bool:
+        """Whether a magnet makes a field without currents."""
+        used = {r.material for r in self.regions}
+        return any(isinstance(self.materials[m], Magnet) for m in used)
+
+
+def area(outline: Outline) -> float:
+    """Return the area of a polygon [m^2]."""
+    twice = 0.0
+    for (r0, z0), (r1, z1) in zip(outline, (*outline[1:], outline[0]), strict=True):
+        twice += r0 * z1 - r1 * z0
+    return 0.5 * abs(twice)
+
+
+def rectangle(r0: float, r1: float, z0: float, z1: float) -> Outline:
+    """Return the corners of a rectangle.
+
+    Parameters
+    ----------
+    r0, r1 : float
+        Inner and outer radius [m].
+    z0, z1 : float
+        Ends on the axis [m].
+    """
+    return ((r0, z0), (r1, z0), (r1, z1), (r0, z1))
+
+
+def mirrored(outline: Outline) -> Outline:
+    """Return the corners mirrored at z = 0."""
+    return tuple((r, -z) for r, z in reversed(outline))
+
+
+def inside(outline: Outline, r: FloatArray, z: FloatArray) -> BoolArray:
+    """Return which points lie inside a polygon, (N,) bool.
+
+    Parameters
+    ----------
+    outline : tuple of (r, z)
+        Corners [m].
+    r, z : (N,) arrays
+        Points, none on an edge [m].
+    """
+    found = np.zeros(len(r), dtype=np.bool_)
+    for (r0, z0), (r1, z1) in pairwise((*outline, outline[0])):
+        if z0 != z1:
+            crosses = (z0 > z) != (z1 > z)
+            found ^= crosses & (r < r0 + (z - z0) * (r1 - r0) / (z1 - z0))
+    return found
+
+
+def _thirds(lines: FloatArray) -> FloatArray:
+    """Return two points, off the middle, between each line and the next."""
+    steps = np.diff(lines)
+    steps = np.where(steps > 1e-9 * (lines[-1] - lines[0]), steps, np.nan)  # one line, rounded
+    points = np.concatenate([lines[:-1] + 0.31 * steps, lines[:-1] + 0.72 * steps])
+    found: FloatArray = points[np.isfinite(points)]
+    return found
