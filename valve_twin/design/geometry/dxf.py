@@ -67,9 +67,8 @@ def read_dxf(path: Path) -> dict[str, list[Outline]]:
     for item in drawing.modelspace():
         layer = str(item.dxf.layer)
         if not isinstance(item, LWPolyline):
-            message = (
-                f"{path}: layer '{layer}' is a {item.dxftype()}: only LWPOLYLINEs are read"
-            )
+            kind = item.dxftype()
+            message = f"{path}: a {kind} on layer '{layer}': only LWPOLYLINEs are read"
             raise ValueError(message)
         corners = [(float(x), float(y), float(bulge)) for x, y, bulge in item.get_points("xyb")]
         if not item.closed or any(bulge for *_, bulge in corners):
