@@ -116,7 +116,6 @@ setup(
     python_requires=">=3.10,<3.14",
     install_requires=[
         "alembic",
-        "cvxpy",
         "daqp",
         "jinja2",
         "lz4",
@@ -132,6 +131,7 @@ setup(
         "zstandard",
     ],
     extras_require={
+        "cvxpy": ["cvxpy"],
         "dask": ["distributed"],
         "design": ["ezdxf", "scikit-fem"],
         "fast": ["isal"],

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Packages as colcon, ros2 run and ros2 launch see them."""
+"""Packages as colcon, ros2 run, ros2 launch and pip see them; the commands where no ROS is."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import re
 import shutil
 import subprocess
 import sys
+import zipfile
 from importlib import metadata
 from pathlib import Path
 
@@ -19,6 +20,8 @@ import pytest
 from catkin_pkg.package import parse_package
 
 import valve_twin
+from valve_twin.io.errors import StoreError
+from valve_twin.io.history.claim import FileClaim
 
 ROOT = Path(__file__).resolve().parent.parent
 INSTALLED = ROOT / "install" / "valve_twin"
@@ -37,6 +40,32 @@ ROS_MODULES = (
     "valve_twin_msgs.srv",
 )
 IMPORT_NAMES = {"pyyaml": "yaml"}
+CONFIG = ROOT / "config" / "simulated_press.yaml"
+
+ELSEWHERE = """
+import os, sys
+import asyncio, concurrent.futures.process, ctypes.util, subprocess, tempfile, uuid
+import alembic.command, jinja2, numba, rich.console, rosbags.highlevel, scipy.optimize, sqlalchemy
+
+class Missing:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in {missing}:
+            raise ModuleNotFoundError(f"No module named {{name!r}}", name=name)
+        return None
+
+sys.meta_path.insert(0, Missing())
+from valve_twin.cli import main
+
+for name in ("sched_getaffinity", "O_CLOEXEC", "O_DIRECTORY", "pread", "pwrite", "statvfs"):
+    delattr(os, name)
+sys.modules.pop("fcntl", None)
+sys.platform = "win32"
+for line in sys.stdin.read().splitlines():
+    print("rc", main(line.split()))
+"""
+"""A Python without ROS 2, cvxpy and what only Linux has; what others import is that of Linux."""
+
+MISSING = {"fcntl", "resource", "rclpy", "cvxpy", "valve_twin_msgs", "builtin_interfaces"}
 
 
 def test_colcon_sees_both_packages_with_their_types() -> None:
@@ -212,3 +241,91 @@ def test_every_field_of_a_message_is_explained(path: Path) -> None:
     for line in path.read_text(encoding="utf-8").splitlines():
         if line and not line.startswith(("#", "---")):
             assert "#" in line, f"{path.name}: {line}"
+
+
+def run_elsewhere(folder: Path, *commands: str) -> list[str]:
+    """Run commands one after the other; return what was printed."""
+    done = subprocess.run(
+        [sys.executable, "-c", ELSEWHERE.format(missing=sorted(MISSING))],
+        input="\n".join(commands),
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert "Traceback" not in done.stderr, done.stderr
+    return [*done.stdout.splitlines(), *done.stderr.splitlines()]
+
+
+def test_the_offline_commands_run_without_ros_on_another_system(tmp_path):
+    said = run_elsewhere(
+        tmp_path,
+        f"simulate --config {CONFIG} --cycles 12 --out bag",
+        "info bag --verify",
+        f"estimate bag --config {CONFIG} --json found.jsonl",
+        f"report bag --config {CONFIG} --out page.html",
+        "cut bag --from 10 --to 40 --out part",
+        f"convert part --config {CONFIG} --out part.csv",
+        "configure bag",
+    )
+    assert [line for line in said if line.startswith("rc ")] == ["rc 0"] * 7
+    assert (tmp_path / "found.jsonl").read_text().count("output_error") >= 12
+    assert "</html>" in (tmp_path / "page.html").read_text()
+    assert len((tmp_path / "part.csv").read_text().splitlines()) == 1001
+
+
+def test_a_history_in_a_file_is_not_written_without_the_locks_of_linux(tmp_path, monkeypatch):
+    with monkeypatch.context() as elsewhere:
+        elsewhere.setattr(sys, "platform", "win32")
+        with pytest.raises(StoreError, match=r"writers: .* is written on Linux only"):
+            FileClaim(tmp_path / "h.sqlite-writers", "v")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    """Build the wheel as `pip wheel .` does, from a copy of what it is made of."""
+    folder = tmp_path_factory.mktemp("wheel")
+    listed = subprocess.run(
+        ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    for name in filter(None, listed.stdout.split("\0")):
+        source = ROOT / name
+        if source.is_file() and not name.startswith(("test/", "docs/", "samples/")):
+            (folder / "source" / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / "source" / name).write_bytes(source.read_bytes())
+    build = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "-q"]
+    subprocess.run([*build, "-w", str(folder), str(folder / "source")], check=True)
+    (path,) = folder.glob("*.whl")
+    return zipfile.ZipFile(path)
+
+
+def test_the_wheel_holds_every_module_and_what_they_read(wheel):
+    names = set(wheel.namelist())
+    inside = [p for p in (ROOT / "valve_twin").rglob("*") if p.is_file()]
+    wanted = {str(p.relative_to(ROOT)) for p in inside if p.suffix not in {".pyc", ".nbi", ".nbc"}}
+    assert wanted <= names
+    assert any(name.endswith("share/valve_twin/msg_defs/msg/Estimate.msg") for name in names)
+    assert wheel.testzip() is None
+
+
+def test_the_wheel_asks_for_neither_ros_nor_cvxpy(wheel):
+    (path,) = (name for name in wheel.namelist() if name.endswith("METADATA"))
+    lines = re.findall(r"^Requires-Dist: (.+)$", wheel.read(path).decode(), re.M)
+    asked = {re.split(r"\W", line)[0] for line in lines if "extra ==" not in line}
+    assert {"numpy", "numba", "mcap", "sqlalchemy"} <= asked
+    assert not [n for n in asked if n.startswith(("ros", "rclpy", "cvxpy")) and n != "rosbags"]
+
+
+def test_a_node_without_ros_says_so_in_one_line():
+    program = (
+        "import sys, importlib.util as u; find = u.find_spec\n"
+        "u.find_spec = lambda name, *a: None if name == 'rclpy' else find(name, *a)\n"
+        "from valve_twin.nodes.runtime.executables import twin; sys.exit(twin())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith("twin: a node needs ROS 2")
+    assert done.stderr.count("\n") == 1

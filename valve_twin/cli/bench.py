@@ -38,8 +38,11 @@ def _bench(arguments: argparse.Namespace) -> int:
     for area in arguments.area:
         if area not in AREAS:
             return fail(f"bench: there is no area '{area}'; {suggest(area, AREAS)}", USAGE)
-    if arguments.gate:
-        kept = run_gate(quick=arguments.quick, write=sys.stdout.write, areas=arguments.area)
-        return OK if kept else FAILED
-    run_benchmarks(quick=arguments.quick, write=sys.stdout.write, areas=arguments.area)
+    try:
+        if arguments.gate:
+            kept = run_gate(quick=arguments.quick, write=sys.stdout.write, areas=arguments.area)
+            return OK if kept else FAILED
+        run_benchmarks(quick=arguments.quick, write=sys.stdout.write, areas=arguments.area)
+    except ModuleNotFoundError as err:
+        return fail(f"bench: {err.name}, which is compared with, is missing: install it", FAILED)
     return OK

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from valve_twin.io.mcap.format import ByteTable
 
 _MODE = 0o644
+_PLAIN = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+"""Closed in child processes; bytes are not taken for text (Windows)."""
 
 
 @dataclass(slots=True)
@@ -40,7 +42,7 @@ class _Stream:
     """File without a buffer of its own: what was accepted is the kernel's, whatever dies."""
 
     def __init__(self, path: Path) -> None:
-        self._number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, _MODE)
+        self._number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _PLAIN, _MODE)
         self.size = 0
 
     def write(self, data: bytes) -> int:
@@ -237,6 +239,8 @@ class BagFile:
 
 def sync_folder(folder: Path, sync: Callable[[int], object] = os.fsync) -> None:
     """Put the names in a folder on disk: a new file is found after a power cut."""
+    if not hasattr(os, "O_DIRECTORY"):
+        return  # Windows keeps its names without being asked, and opens no folder
     number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         sync(number)

@@ -14,10 +14,10 @@ it says neither who holds it nor which cycle was told of, for which the slots ar
 
 from __future__ import annotations
 
-import fcntl
 import os
 import socket
 import struct
+import sys
 import time
 import zlib
 from contextlib import contextmanager, suppress
@@ -94,6 +94,7 @@ class FileClaim(Claim):
         """Claim in the file that is there now."""
         if self._file >= 0 and _is_open(self._file, self._path):
             return
+        _require_locks(self._path)
         file = _open(self._path)
         try:
             place, found = _find(file, self._valve)
@@ -186,6 +187,7 @@ def make_claim(database: Database, valve: str) -> Claim:
 @contextmanager
 def only_one(path: Path) -> Iterator[None]:
     """Keep all other writers of a history out of the same block, in any process."""
+    _require_locks(path)
     file = _open(path)
     try:
         with _alone(file):
@@ -233,7 +235,7 @@ def _read(file: int, place: int) -> tuple[int, int, int, str, str]:
 
 def _take(file: int, place: int, valve: str, path: Path) -> None:
     try:
-        _lock(file, fcntl.F_WRLCK, place, _SLOT.size)
+        _lock(file, place, _SLOT.size)
     except (BlockingIOError, PermissionError) as err:
         _, _, pid, host, _ = _read(file, place)
         msg = (
@@ -245,14 +247,29 @@ def _take(file: int, place: int, valve: str, path: Path) -> None:
 
 @contextmanager
 def _alone(file: int) -> Iterator[None]:
-    _lock(file, fcntl.F_WRLCK, _ALL, 1, wait=True)
+    _lock(file, _ALL, 1, wait=True)
     try:
         yield
     finally:
-        _lock(file, fcntl.F_UNLCK, _ALL, 1)
+        _lock(file, _ALL, 1, free=True)
 
 
-def _lock(file: int, kind: int, start: int, length: int, *, wait: bool = False) -> None:
+def _require_locks(path: Path) -> None:
+    """Refuse to write where the system has no locks of an open file."""
+    if sys.platform != "linux":
+        msg = (
+            f"{path}: a history in a file is written on Linux only, whose locks tell two writers "
+            "apart; it is read anywhere: give the URL of a PostgreSQL database, or write on Linux"
+        )
+        raise StoreError(msg)
+
+
+def _lock(
+    file: int, start: int, length: int, *, wait: bool = False, free: bool = False
+) -> None:
     """Lock a part of the file for this open file alone, not for the process as a whole."""
+    import fcntl
+
+    kind = fcntl.F_UNLCK if free else fcntl.F_WRLCK
     command = fcntl.F_OFD_SETLKW if wait else fcntl.F_OFD_SETLK
     fcntl.fcntl(file, command, _LOCK.pack(kind, os.SEEK_SET, start, length, 0))

@@ -7,6 +7,7 @@ from __future__ import annotations
 import gc
 import sys
 from importlib import import_module
+from importlib.util import find_spec
 
 from valve_twin.nodes.runtime import compat, termination
 
@@ -18,6 +19,8 @@ _NODES = {
     "bag_recorder": ("recorder", "BagRecorderNode"),
 }
 """Room and class of each node."""
+
+_USAGE = 2
 
 _PREDICT = {"twin"}
 """Nodes whose kernels come compiled from the installation."""
@@ -50,6 +53,12 @@ def bag_recorder() -> int:
 
 def run(name: str) -> int:
     """Run a node by its name; the signals are taken before the slow imports begin."""
+    if find_spec("rclpy") is None:
+        sys.stderr.write(
+            f"{name}: a node needs ROS 2, there is no rclpy here: source ROS 2, or use "
+            "valve-twin, which works on bags and histories without\n"
+        )
+        return _USAGE
     termination.install()
     gc.disable()  # until the node has started: imports make hardly any garbage
     if name in _PREDICT:

@@ -162,10 +162,13 @@ def solve_qp_cvxpy(u: FloatArray, y: FloatArray, inequalities: Inequalities) -> 
     Returns
     -------
     QpSolution
-        `active` within 1e-6 in scaled variables; `kkt` is NaN.
+        `active` within 1e-6 in scaled variables; `kkt` is NaN. Unsolved without cvxpy.
     """
-    import cvxpy
-
+    try:
+        import cvxpy
+    except ModuleNotFoundError:
+        missing = "cvxpy is not installed: pip install valve_twin[cvxpy], or set solver to exact"
+        return unsolved(inequalities, missing)
     length = np.linalg.norm(u, axis=0)
     length[length == 0.0] = 1.0
     size = float(np.linalg.norm(y)) or 1.0
