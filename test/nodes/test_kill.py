@@ -107,6 +107,14 @@ def wait_for_word(life: Life, estimates, number: int) -> None:
     )
 
 
+def holds(snapshot: Path, cycle: int, stamp_ns: int) -> bool:
+    """Whether a snapshot was taken after a cycle was stored and a stamp came on all topics."""
+    if not snapshot.exists():
+        return False
+    head = snapshot.read_bytes().split(b"\n", 2)[1]
+    return bool(json.loads(head)["cycle"] == cycle and head.count(b"%d" % stamp_ns) >= len(TOPICS))
+
+
 def kept(database: Path, ns: str):
     """Return cycles and estimates of a history, by their bits, and what they say about aging."""
     with History(database, read_only=True) as history:
@@ -223,8 +231,8 @@ def test_a_twin_goes_on_inside_a_cycle_with_the_bits_of_an_undisturbed_one(graph
     predicted(NS, until - 5)
     wait_for_cycle(life, 2)
     if death == "kill":
-        graph.spin_until((tmp_path / "killed.sqlite-twin.press.v1").exists, 30.0, "a snapshot")
-        graph.spin(2.5)  # another one holds what was sent
+        snapshot = tmp_path / "killed.sqlite-twin.press.v1"
+        graph.spin_until(lambda: holds(snapshot, 2, data.stamps[until - 1]), 60.0, "a snapshot")
     else:
         assert life.twin.end() == 0
     life.kill()

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from valve_twin.io.cdr.signals import SignalBlock
-from valve_twin.nodes.twin.collector import MOST_WAIT_S, Collector
+from valve_twin.nodes.twin.collector import MOST_WAIT_S, SHARE, SLICE_SHARE, Collector
 
-SLICE_NS = 500_000_000
+HOLD_BACK_NS = 1_000_000_000
+SLICE_NS = round(SLICE_SHARE * HOLD_BACK_NS)
 PERIOD_NS = 30_000_000
 
 
@@ -19,7 +20,7 @@ def block(signal, first, count=1):
 
 @pytest.fixture
 def collector():
-    return Collector(("position", "v_in"), SLICE_NS)
+    return Collector(("position", "v_in"), HOLD_BACK_NS)
 
 
 def taken(collector, now_s):
@@ -51,6 +52,42 @@ def test_data_that_runs_ahead_waits_for_a_signal_that_is_on_its_way(collector):
     assert taken(collector, 1.0) == []
     collector.add(block("v_in", 1, 3000), 0, 3.0)
     assert sum(n for _, n in taken(collector, 3.0)) == 6000
+
+
+def test_the_end_of_a_rush_waits_until_the_middleware_has_asked_for_what_it_lost(collector):
+    """Lagging by 5.1 s of data, a signal was taken for silent after 2.6 s; it came after 3 s."""
+    collector.add(block("position", 0), 0, 0.0)
+    collector.add(block("v_in", 0), 0, 0.0)
+    taken(collector, 0.0)
+    collector.add(block("position", 1, 170), 0, 0.1)
+    assert 170 * PERIOD_NS * 1e-9 * SHARE < 2.9
+    for now_s in (2.6, 2.9):
+        assert taken(collector, now_s) == []
+    collector.add(block("v_in", 1, 170), 0, 3.0)
+    assert sum(n for _, n in taken(collector, 3.0)) == 340
+
+
+def test_within_the_patience_of_the_core_the_end_of_a_rush_is_handed_on_soon(collector):
+    """The core waits by itself then."""
+    collector.add(block("position", 0), 0, 0.0)
+    collector.add(block("v_in", 0), 0, 0.0)
+    taken(collector, 0.0)
+    collector.add(block("position", 1, 33), 0, 0.1)
+    assert 33 * PERIOD_NS <= HOLD_BACK_NS
+    assert taken(collector, 0.4) == []
+    assert taken(collector, 0.6) == [("position", 17), ("position", 16)]
+
+
+def test_a_signal_that_fell_silent_at_the_pace_of_a_plant_holds_nothing_up_when_all_stops(
+    collector,
+):
+    for n in range(100):
+        now = n * 0.03
+        collector.add(block("position", n), 0, now)
+        if n < 50:
+            collector.add(block("v_in", n), 0, now)
+        taken(collector, now + 0.02)
+    assert not collector
 
 
 def test_a_dead_signal_is_waited_for_only_so_long(collector):

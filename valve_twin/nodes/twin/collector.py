@@ -6,6 +6,10 @@ The core waits for a silent signal by the data's clock. When data arrives faster
 the middleware has to send some of it again, a signal that is only on its way looks silent by that
 clock. So samples are held here while a signal lags by more data time than it has been quiet by the
 steady clock, seconds at most. At the pace of a plant nothing is held.
+
+A signal that stood back while the others ran ahead faster than that, and by more than the core
+waits for, is given the whole of those seconds, whether more data comes or not: else the end of a
+rush would be handed on before the middleware has asked for what it lost of it.
 """
 
 from __future__ import annotations
@@ -28,6 +32,10 @@ MOST_WAIT_S = 5.0
 SHARE = 0.5
 """A signal that has been quiet for this share of the data time by which it lags is silent [1]."""
 
+SLICE_SHARE = 0.5
+"""Data time handed on at once, as a share of the time by which the core waits for a signal [1]:
+after a stall no signal runs ahead of the others."""
+
 _FAR = 2**62
 
 
@@ -38,12 +46,13 @@ class Collector:
     ----------
     signals : iterable of str
         Names of all signals.
-    slice_ns : int
-        Data time that is handed on at once [ns]: after a stall no signal runs ahead of the others.
+    hold_back_ns : int
+        Data time by which the core waits for a signal [ns].
     """
 
-    def __init__(self, signals: Iterable[str], slice_ns: int) -> None:
-        self._slice_ns = max(slice_ns, 1)
+    def __init__(self, signals: Iterable[str], hold_back_ns: int) -> None:
+        self._hold_back_ns = hold_back_ns
+        self._slice_ns = max(round(SLICE_SHARE * hold_back_ns), 1)
         self._signals = tuple(signals)
         self._blocks: dict[str, list[SignalBlock]] = {}
         self._last_ns: dict[str, int] = {}
@@ -87,11 +96,17 @@ class Collector:
 
     def _limit(self, now_s: float) -> int:
         """Return the stamp up to which no signal is waited for."""
-        newest = max(self._last_ns.values(), default=0)
+        if not self._last_ns:
+            return _FAR
+        leading = max(self._last_ns, key=self._last_ns.__getitem__)
+        newest, newest_s = self._last_ns[leading], self._heard_s[leading]
         limit = _FAR
         for signal, last in self._last_ns.items():
-            quiet_s = now_s - self._heard_s[signal]
-            if quiet_s < min(SHARE * 1e-9 * (newest - last), MOST_WAIT_S):
+            lag_ns, heard_s = newest - last, self._heard_s[signal]
+            wait_s = SHARE * 1e-9 * lag_ns
+            if lag_ns > self._hold_back_ns and newest_s - heard_s < wait_s:
+                wait_s = MOST_WAIT_S
+            if now_s - heard_s < min(wait_s, MOST_WAIT_S):
                 limit = min(limit, last)
         return limit
 

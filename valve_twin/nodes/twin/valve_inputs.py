@@ -25,9 +25,6 @@ answered at once, in a rush whole blocks [ns]."""
 LONGEST_GATHER_S = 0.02
 """No sample waits longer than this to be handed on [s]."""
 
-SLICE_SHARE = 0.5
-"""Data time handed on at once, as a share of the time by which the core waits for a signal [1]."""
-
 
 class ValveInputs:
     """Topics in, rounds of blocks out.
@@ -65,7 +62,7 @@ class ValveInputs:
     ) -> None:
         self._node, self._signals, self._on_ready = node, signals, on_ready
         self._gather_s = gather_s
-        self._collector = Collector(config.signals, round(SLICE_SHARE * 1e9 * config.hold_back_s))
+        self._collector = Collector(config.signals, round(1e9 * config.hold_back_s))
         self._leading = next(
             i for i, group in enumerate(signals) if output in {e.source.signal for e in group}
         )
