@@ -127,7 +127,7 @@ setup(
         "rosbags",
         "scipy",
         "setuptools",
-        "sqlalchemy",
+        "sqlalchemy>=2",
         "zstandard",
     ],
     extras_require={

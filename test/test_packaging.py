@@ -7,6 +7,8 @@ from __future__ import annotations
 import ast
 import configparser
 import importlib
+import importlib.util
+import json
 import os
 import re
 import shutil
@@ -17,6 +19,7 @@ from importlib import metadata
 from pathlib import Path
 
 import pytest
+import yaml
 from catkin_pkg.package import parse_package
 
 import valve_twin
@@ -329,3 +332,53 @@ def test_a_node_without_ros_says_so_in_one_line():
     assert done.returncode == 2
     assert done.stderr.startswith("twin: a node needs ROS 2")
     assert done.stderr.count("\n") == 1
+
+
+def test_every_package_that_is_needed_has_a_rosdep_key_or_stands_in_the_pip_line() -> None:
+    keys = {d.name for d in parse_package(str(ROOT / "package.xml")).exec_depends}
+    setup_py = (ROOT / "setup.py").read_text(encoding="utf-8")
+    (listed,) = re.findall(r"install_requires=\[(.*?)\]", setup_py, re.DOTALL)
+    needed = re.findall(r'"([\w-]+)', listed)
+    assert len(needed) > 10
+    (line,) = re.findall(r"`pip install (daqp .*?)`", (ROOT / "README.md").read_text("utf-8"))
+    by_pip = set(re.findall(r"[a-z][a-z0-9]+", line))
+    named = {"pyyaml": "yaml", "rosbags": "rosbags-pip"}
+    missing = [n for n in needed if f"python3-{named.get(n, n)}" not in keys and n not in by_pip]
+    assert missing == []
+
+
+def test_the_bill_of_materials_is_that_of_the_lock_files() -> None:
+    spec = importlib.util.spec_from_file_location("lock", ROOT / "tools" / "lock.py")
+    assert spec is not None
+    assert spec.loader is not None
+    lock = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(lock)
+    written = (ROOT / "sbom.cdx.json").read_text(encoding="utf-8")
+    assert written == lock.bill_of_materials(), "run make lock"
+    components = json.loads(written)["components"]
+    assert {"numpy", "cvxpy", "ros-jazzy-rclpy"} <= {c["name"] for c in components}
+    assert "://" not in written
+
+
+def test_the_container_file_copies_and_calls_what_exists() -> None:
+    text = (ROOT / "Containerfile").read_text(encoding="utf-8")
+    lines = [x for x in text.splitlines() if x and not x.startswith("#")]
+    known = {"FROM", "RUN", "WORKDIR", "COPY", "USER", "VOLUME", "ENV", "ENTRYPOINT", "CMD"}
+    assert {line.split()[0] for line in lines} == known
+    for word in ("ENTRYPOINT", "CMD"):
+        (value,) = (line.removeprefix(word) for line in lines if line.startswith(word))
+        assert json.loads(value)
+    (entry,) = re.findall(r'ENTRYPOINT \["/opt/valve_twin/(.*)"\]', text)
+    assert os.access(ROOT / entry, os.X_OK)
+    (node,) = re.findall(r'CMD \["(\w+)"', text)
+    assert node in EXECUTABLES
+
+
+def test_the_hooks_before_a_commit_call_what_make_test_calls() -> None:
+    hooks = yaml.safe_load((ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8"))
+    entries = [h["entry"] for repo in hooks["repos"] for h in repo["hooks"]]
+    check = (ROOT / "tools" / "check").read_text(encoding="utf-8")
+    for entry in entries:
+        command = entry.removeprefix("tools/run ")
+        assert command != entry
+        assert f'" {command}' in check, command
