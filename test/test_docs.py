@@ -60,3 +60,13 @@ def test_what_the_documents_for_developers_name_exists():
         for name in re.findall(r"`([a-z_]+/[\w/.]*)`", page.read_text(encoding="utf-8")):
             found = [(ROOT / name).exists(), (ROOT / "valve_twin" / name).exists()]
             assert any(found), f"{page.name} names {name}"
+
+
+def test_the_index_leads_to_every_page():
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    pages = {p.stem for p in (ROOT / "docs").glob("*.md")} - {"index"}
+    assert sorted(set(re.findall(r"^([a-z_]+)$", index, re.MULTILINE)) - {"toctree"}) == sorted(
+        pages
+    )
+    for folder in ("valves", "developers"):
+        assert f"\n{folder}/*\n" in index

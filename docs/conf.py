@@ -1,0 +1,12 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Sphinx configuration; rosdoc2 and `sphinx-build docs OUT` read it. Needs myst-parser."""
+
+project = "valve_twin"
+author = copyright = "valve_twin maintainers"  # noqa: A001
+extensions = ["myst_parser"]
+myst_heading_anchors = 3
+exclude_patterns = ["campaigns"]
+html_theme = "alabaster"
+html_static_path = ["images"]
+suppress_warnings = ["myst.xref_missing"]  # links to files of the package, outside of these pages
