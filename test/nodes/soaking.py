@@ -178,7 +178,7 @@ class Soak:
             figures = self.figures()
             lines = len(self._blocks())
             os.kill(self.twin.pid, signal.SIGUSR1)
-            self.graph.spin_until(lambda n=lines: len(self._blocks()) > n, 20.0, "its blocks")
+            self.graph.spin_until(lambda n=lines: len(self._blocks()) > n, 60.0, "its blocks")
             lost = (v for f in figures for k, v in f.items() if "/lost" in k)
             found.append(
                 Round(

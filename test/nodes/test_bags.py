@@ -211,4 +211,4 @@ def test_the_command_replays_and_ends(graph, bag):
     process = subprocess.Popen(command, env=environment)
     graph.spin_until(lambda: process.poll() is not None, 30.0, "the end of the command")
     assert process.returncode == 0
-    graph.spin_until(lambda: len(found) == 300, 10.0, "300 messages")
+    graph.spin_until(lambda: len(found) == 300, 60.0, "300 messages")

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import pytest
 
+from test.nodes.conftest import own_domain
 from valve_twin.io.config.valve import load_config
 from valve_twin.io.offline.simulated_bag import write_simulated_bag
 
@@ -59,7 +60,7 @@ def test_the_unit_starts_a_node_that_sigterm_ends(tmp_path, executable):
         **os.environ,
         "ROS_LOG_DIR": str(tmp_path / "log"),
         "OMP_NUM_THREADS": settings["OMP_NUM_THREADS"],
-        "ROS_DOMAIN_ID": "97",
+        "ROS_DOMAIN_ID": str(own_domain()),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
     }
     log = tmp_path / "out"

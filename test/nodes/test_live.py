@@ -102,7 +102,7 @@ def _live(graph, run: Run) -> Run:
     seen = estimated()
     reached(seen + 10)
     graph.start("aging_monitor", **REARM)
-    graph.spin_until(lambda: _same_cycle(run), 20.0, "both monitors at the same cycle")
+    graph.spin_until(lambda: _same_cycle(run), 60.0, "both monitors at the same cycle")
     reached(estimated() + 1)
     run.before_kill = {"samples": len(run.predictions), "trend": run.uninterrupted[-1]}
     run.killed_at = estimated()
@@ -112,7 +112,7 @@ def _live(graph, run: Run) -> Run:
     reached(run.killed_at + 4)
     graph.spin_until(
         lambda: from_time(run.uninterrupted[-1].header.stamp) >= _end(run, run.killed_at + 3),
-        20.0,
+        60.0,
         "a trend after the restart",
     )
     return run

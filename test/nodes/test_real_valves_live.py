@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +14,7 @@ import yaml
 from rclpy.qos import QoSProfile
 from valve_twin_msgs.msg import Prediction, PredictionSeries
 
+from test.nodes.conftest import own_domain
 from valve_twin.core.twin import Estimated
 from valve_twin.demo import Processes
 from valve_twin.io.config.valve import load_config
@@ -35,7 +35,7 @@ DEEP = QoSProfile(depth=100_000)
 @pytest.fixture
 def domain(monkeypatch):
     """Use a ROS domain of this test alone."""
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(1 + (os.getpid() + 50) % 100))
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(own_domain()))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 
 

@@ -4,13 +4,13 @@
 
 from __future__ import annotations
 
-import os
 import time
 from typing import TYPE_CHECKING
 
 import pytest
 import yaml
 
+from test.nodes.conftest import own_domain
 from valve_twin.core.twin import Estimated
 from valve_twin.demo import Processes
 from valve_twin.io.config.valve import load_config
@@ -38,7 +38,7 @@ SOURCE = {
 @pytest.fixture
 def domain(monkeypatch):
     """Use a ROS domain of this test alone."""
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(own_domain()))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 
 

@@ -83,11 +83,22 @@ def test_it_says_what_the_history_says_page_by_page(graph, history):
 def test_it_waits_for_a_twin_and_says_for_which(graph, history, capfd):
     graph.host(AgingMonitorNode, retry_s=0.1)
     diagnostics = graph.record("/diagnostics", DiagnosticArray)
-    graph.spin_until(lambda: diagnostics, what="diagnostics")
-    status = diagnostics[-1].status[0]
-    assert status.level == DiagnosticStatus.STALE
-    assert f"service {NS}/twin/get_history is not there: start the twin" in status.message
-    assert f"service {NS}/twin/get_history is not there" in capfd.readouterr().err
+    missing = f"service {NS}/twin/get_history is not there"
+
+    def is_told() -> bool:
+        status = diagnostics[-1].status[0] if diagnostics else DiagnosticStatus()
+        return status.level == DiagnosticStatus.STALE and (
+            f"{missing}: start the twin" in status.message
+        )
+
+    graph.spin_until(is_told, what="the diagnostics of the missing twin")
+    log: list[str] = []
+
+    def is_logged() -> bool:
+        log.append(capfd.readouterr().err)
+        return missing in "".join(log)
+
+    graph.spin_until(is_logged, what="the log of the missing twin")
     verdicts = graph.record(f"{NS}/aging_monitor/verdict", Verdict, LATCHED)
     graph.host(TwinNode, **history)
     graph.spin_until(lambda: verdicts, what="a verdict once the twin is there")

@@ -7,6 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
 from builtin_interfaces.msg import Duration, Time
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -93,7 +94,7 @@ class Listener:
     def times(self) -> list[int]:
         return [from_time(c.clock) for c in self.clock]
 
-    def until(self, count: int, timeout: float = 20.0) -> None:
+    def until(self, count: int, timeout: float = 60.0) -> None:
         self.graph.spin_until(lambda: len(self.heard) >= count, timeout, f"{count} messages")
 
     def nothing_more(self, seconds: float = 0.3) -> None:
@@ -124,7 +125,8 @@ def test_the_clock_by_the_hertz_never_goes_before_a_message_that_is_to_come(grap
     listener.until(300)
     times = listener.times
     assert times == sorted(times)
-    assert 30 < len(times) < 120  # 50 Hz for one second, on a busy machine
+    assert len(times) < 120  # 50 Hz for one second, on a busy machine
+    assert 10_000_000 < np.median(np.diff(times)) < 33_000_000  # it may be held up now and then
     assert at(0) <= times[0] < times[-1] <= at(99) + 2
 
 

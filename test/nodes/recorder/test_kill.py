@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from test.nodes.conftest import own_domain
 from test.nodes.recorder_kills import KillingField, kill_many
 
 CAMPAIGN = Path(__file__).resolve().parents[3] / "docs" / "campaigns" / "kills.json"
@@ -21,7 +22,7 @@ CAMPAIGN = Path(__file__).resolve().parents[3] / "docs" / "campaigns" / "kills.j
 @pytest.fixture
 def field(tmp_path, monkeypatch):
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    made = KillingField(tmp_path, 1 + os.getpid() % 99)
+    made = KillingField(tmp_path, own_domain())
     yield made
     made.close()
 

@@ -28,6 +28,11 @@ def values(messages):
     return [m.value for m in messages]
 
 
+def told_of(code: str, reports):
+    """Return the fault of a code; a busy machine may have another one told before."""
+    return next((f for report in reports[-1:] for f in report.faults if f.code == code), None)
+
+
 def test_it_publishes_what_the_simulation_gives_for_the_seed(graph):
     found = graph.record(POSITION, Float64Stamped)
     graph.host(SimulatedValveNode, seed=3, stop_after_cycles=1, **FAST)
@@ -121,9 +126,9 @@ def test_a_command_that_is_none_is_told_with_its_range(graph, value, told):
     command = graph.node.create_publisher(Float64Stamped, f"/sim{NS}/command/v_in", 10)
     graph.spin_until(command.get_subscription_count)
     command.publish(Float64Stamped(value=value))
-    faults = graph.spin_until(lambda: reports and reports[-1].faults, what="the fault")
-    assert [(f.code, f.subject) for f in faults] == [("simulation.command", "v_in")]
-    assert told in faults[0].evidence
+    fault = graph.spin_until(lambda: told_of("simulation.command", reports), what="the fault")
+    assert fault.subject == "v_in"
+    assert told in fault.evidence
 
 
 def test_an_integration_that_fails_is_told_with_time_and_state(graph):
@@ -133,9 +138,8 @@ def test_an_integration_that_fails_is_told_with_time_and_state(graph):
     node = graph.host(SimulatedValveNode, "/engine/v1", **given)
     state = node._valves[0]._valve._state
     state[FLUX_CLOSER], state[OPEN_CLOSER] = math.nan, 0.0
-    faults = graph.spin_until(lambda: reports and reports[-1].faults, what="the fault")
-    told = next(f for f in faults if f.code == "simulation.failed")
-    assert "integration failed at " in told.evidence
+    fault = graph.spin_until(lambda: told_of("simulation.failed", reports), what="the fault")
+    assert "integration failed at " in fault.evidence
 
 
 def test_a_fault_can_be_injected_and_cleared(graph):

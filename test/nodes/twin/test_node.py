@@ -75,7 +75,7 @@ def test_a_locked_database_delays_storing_and_loses_nothing(
     assert "wait for the database" in diagnostics[-1].status[0].message
     lock.execute("ROLLBACK")
     lock.close()
-    graph.spin_until(lambda: "all cycles are stored again" in capfd.readouterr().err, 20.0)
+    graph.spin_until(lambda: "all cycles are stored again" in capfd.readouterr().err, 60.0)
     with History(f"sqlite:///{database}", read_only=True) as history:
         assert [c.cycle for c in history.cycles(NS)] == [1, 2, 3]
 
