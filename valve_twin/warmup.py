@@ -13,6 +13,7 @@ import time
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from importlib import import_module
+from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -110,6 +111,15 @@ def _warm_up_all() -> None:
                 run_once(name, rule)
         for changed in model.variants:
             _estimate_wave(model, changed)
+    if find_spec("skfem"):  # of the extra for design
+        _warm_up_design()
+
+
+def _warm_up_design() -> None:
+    from valve_twin.design.field import make_model, solve_field
+    from valve_twin.design.geometry import DoubleStroke
+
+    solve_field(make_model(DoubleStroke().section(), 0.3), (1.0, 0.0))
 
 
 def run_once(name: str, rule: CycleRule, options: Options | None = None) -> None:

@@ -7,8 +7,12 @@ from __future__ import annotations
 from html import escape
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
+
+    from valve_twin.core.types import FloatArray
 
 _WIDTH, _MARGIN, _FOOT = 900.0, 46.0, 58.0
 _STYLE = """<style>
@@ -48,26 +52,31 @@ class Sheet:
         """
         return _MARGIN + (z - self._low) * self._scale, self._base - r * self._scale
 
-    def polygon(self, outline: Iterable[tuple[float, float]], style: str, fill: str = "") -> None:
-        """Draw a closed polygon.
-
-        Parameters
-        ----------
-        outline : iterable of (r, z)
-            Corners [m].
-        style : str
-            Class of the style sheet.
-        fill : str
-            Colour in place of the style's, empty = none.
-        """
+    def polygon(self, outline: Iterable[tuple[float, float]], style: str) -> None:
+        """Draw a closed polygon of corners (r, z) [m] in a class of the style sheet."""
         at = " ".join("{:.2f},{:.2f}".format(*self.place(r, z)) for r, z in outline)
-        colour = f' style="fill:{fill};stroke:{fill};stroke-width:0.3"' if fill else ""
-        self.parts.append(f'<polygon class="{style}" points="{at}"{colour}/>')
+        self.parts.append(f'<polygon class="{style}" points="{at}"/>')
+
+    def polygons(self, corners: FloatArray, colour: str) -> None:
+        """Fill triangles of one colour, with (2, 3, S) corners [m]."""
+        at = self._places(corners)
+        moves = "".join(
+            f"M{a:.1f} {b:.1f}L{c:.1f} {d:.1f} {e:.1f} {f:.1f}z" for a, b, c, d, e, f in at
+        )
+        style = f"fill:{colour};stroke:{colour};stroke-width:0.4"
+        self.parts.append(f'<path style="{style}" d="{moves}"/>')
+
+    def _places(self, corners: FloatArray) -> FloatArray:
+        """Return places (S, 6) in the drawing."""
+        x = _MARGIN + (corners[1] - self._low) * self._scale
+        y = self._base - corners[0] * self._scale
+        found: FloatArray = np.stack([x, y], axis=1).reshape(6, -1).T
+        return found
 
     def lines(self, lines: Sequence[tuple[float, float, float, float]], style: str) -> None:
         """Draw straight pieces (r, z, r, z) [m] in a class of the style sheet."""
         moves = "".join(
-            "M{:.2f} {:.2f}L{:.2f} {:.2f}".format(*self.place(a, b), *self.place(c, d))
+            "M{:.1f} {:.1f}L{:.1f} {:.1f}".format(*self.place(a, b), *self.place(c, d))
             for a, b, c, d in lines
         )
         self.parts.append(f'<path class="{style}" d="{moves}"/>')

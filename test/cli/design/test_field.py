@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""`valve-twin design field`."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from valve_twin.cli import main
+
+
+def test_it_prints_flux_and_force_and_draws_the_field(tmp_path, capsys):
+    svg = tmp_path / "f.svg"
+    words = ["--current", "2", "0", "--fine", "0.5", "--svg", str(svg), "--json"]
+    assert main(["design", "field", *words]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["force"] == pytest.approx(50.8, rel=0.02)
+    assert found["flux_A"] == pytest.approx(99.9e-3, rel=0.01)
+    assert svg.read_text(encoding="utf-8").startswith("<svg")
+
+
+def test_the_table_of_a_section_names_its_coil(root, capsys):
+    sample = str(root / "samples" / "design" / "pot_magnet.yaml")
+    assert main(["design", "field", sample, "--fine", "0.4"]) == 0
+    assert "inductance_AA" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--current", "1"], "must be one finite number for each coil, A, B"),
+        (["--position", "0.002"], "position = 0.002: must be from -0.001 to 0.001 [m]"),
+        (["--fine", "20"], "fine = 20: must be from 0.2 to 6"),
+        (["--set", "turns=500"], "winding height = 0.0118516: must be 0 to 0.0095"),
+    ],
+)
+def test_bad_input_is_one_line(words, said, capsys):
+    assert main(["design", "field", *words]) == 2
+    shown = capsys.readouterr().err
+    assert said in shown
+    assert shown.count("\n") == 1
