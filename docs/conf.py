@@ -3,7 +3,7 @@
 """Sphinx configuration; rosdoc2 and `sphinx-build docs OUT` read it. Needs myst-parser."""
 
 project = "valve_twin"
-author = copyright = "valve_twin maintainers"  # noqa: A001
+author = copyright = "valve_twin maintainers"
 extensions = ["myst_parser"]
 myst_heading_anchors = 3
 exclude_patterns = ["campaigns"]
