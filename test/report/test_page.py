@@ -13,6 +13,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
+from valve_twin.core.faults.advice import advise
 from valve_twin.core.types import (
     Disagreement,
     EstimateStatus,
@@ -121,6 +122,10 @@ class TestPage:
         assert '<section class="verdict bad">' in page
         text = Structure(page).text
         assert f"The valve needs attention {data.assessment.verdict.evidence}" in text
+        advice = advise(data.assessment.verdict, data.assessment.trends)
+        assert f"NE 107: {advice.ne107.value}" in text
+        assert f"(ISO 14224); probably {advice.cause}" in text
+        assert advice.action in text
 
     def test_says_that_a_steady_valve_is_in_order(self, example: ModuleType) -> None:
         made = example.report_data(drift=0.0)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from valve_twin.core.aging import VerdictKind
+from valve_twin.core.faults.advice import FAILURE_MODES, advise
 from valve_twin.core.types import EstimateStatus, ParameterStatus
 from valve_twin.io.errors import ValveTwinError
 from valve_twin.report.budget import budget_section
@@ -40,6 +41,8 @@ class Light(NamedTuple):
     style: str
     word: str
     why: str = ""
+    state: str = ""
+    action: str = ""
 
 
 class Figure(NamedTuple):
@@ -144,7 +147,14 @@ def _light(data: ReportData) -> Light:
     if data.assessment is None:
         return _LIGHTS[VerdictKind.NOT_ENOUGH_DATA]._replace(why="The trend was not assessed.")
     verdict = data.assessment.verdict
-    return _LIGHTS[verdict.kind]._replace(why=verdict.evidence)
+    advice = advise(verdict, data.assessment.trends)
+    words = [f"NE 107: {advice.ne107.value}"]
+    if advice.failure_mode:
+        words.append(f"{advice.failure_mode} {FAILURE_MODES[advice.failure_mode]} (ISO 14224)")
+    if advice.cause:
+        words.append(f"probably {advice.cause}")
+    light = _LIGHTS[verdict.kind]
+    return light._replace(why=verdict.evidence, state="; ".join(words), action=advice.sentence)
 
 
 def _facts(data: ReportData) -> list[tuple[str, str, str]]:

@@ -11,6 +11,7 @@ import re
 import pytest
 
 from valve_twin.core.aging import AgingConfig, assess
+from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.core.types import (
     Disagreement,
     Estimate,
@@ -114,11 +115,14 @@ def test_what_is_not_known_is_null_and_what_is_unbounded_is_a_word(lines):
     assert float(trend["remaining_high"]) == math.inf
 
 
-def test_estimates_come_first_then_trends_then_one_verdict(lines):
+def test_estimates_come_first_then_trends_then_one_verdict_with_its_advice(lines):
     kinds = [strict(line)["kind"] for line in lines]
-    trends = len(kinds) - 21
+    trends = len(kinds) - 22
     assert trends >= 1
-    assert kinds == ["estimate"] * 20 + ["trend"] * trends + ["verdict"]
+    assert kinds == ["estimate"] * 20 + ["trend"] * trends + ["verdict", "advice"]
+    advice = strict(lines[-1])
+    assert advice["ne107"] in {state.value for state in Ne107}
+    assert {"part", "cause", "action", "urgency", "failure_mode"} < set(advice)
 
 
 def test_every_value_survives_to_the_last_bit():

@@ -93,7 +93,7 @@ def _show(rows: Sequence[FleetRow], where: str) -> None:
 
     urgent = sum(row.needs_attention for row in rows)
     title = f"{where}: {len(rows)} valves, {urgent} need attention"
-    shown = table(title, ("valve", "verdict"))
+    shown = table(title, ("valve", "verdict", "NE 107"))
     shown.add_column("worst")
     for name in ("change [%]", "95 %", "to limit", "service", "residual", "trusted", "cycle"):
         shown.add_column(name, justify="right", no_wrap=name != "95 %")
@@ -103,6 +103,7 @@ def _show(rows: Sequence[FleetRow], where: str) -> None:
         shown.add_row(
             row.valve,
             Text(row.verdict.text, style=colour),
+            row.ne107,
             row.parameter or "-",
             number(row.drift, "+.1f"),
             f"{number(row.drift_lower_95, '+.1f')} .. {number(row.drift_upper_95, '+.1f')}",

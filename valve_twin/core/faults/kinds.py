@@ -7,6 +7,7 @@ from __future__ import annotations
 from math import inf, isinf
 
 from valve_twin.core.faults.lifetime import FaultKind, Severity
+from valve_twin.core.faults.ne107 import NODE_FAULTS
 
 _WARN, _ERROR, _STALE = Severity.WARN, Severity.ERROR, Severity.STALE
 
@@ -289,14 +290,14 @@ def with_fault_table(text: str) -> str:
 
 
 def fault_reference() -> str:
-    """Return the table of all faults: code, severity, debounce, meaning, what to do."""
+    """Return the table of all faults: code, severity, NE 107, debounce, meaning, what to do."""
     lines = [
-        "| code | severity | confirmed after | healed after | meaning | what to do |",
-        "| --- | --- | --- | --- | --- | --- |",
+        "| code | severity | NE 107 | confirmed after | healed after | meaning | what to do |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
     ]
     lines += [
-        f"| `{k.code}` | {k.severity.name} | {_confirm(k)} | {_heal(k)} | {k.meaning} | "
-        f"{k.remedy} |"
+        f"| `{k.code}` | {k.severity.name} | {NODE_FAULTS[k.code].letter} | {_confirm(k)} | "
+        f"{_heal(k)} | {k.meaning} | {k.remedy} |"
         for k in FAULT_KINDS
     ]
     return "\n".join(lines) + "\n"

@@ -264,9 +264,7 @@ def _require_locks(path: Path) -> None:
         raise StoreError(msg)
 
 
-def _lock(
-    file: int, start: int, length: int, *, wait: bool = False, free: bool = False
-) -> None:
+def _lock(file: int, start: int, length: int, *, wait: bool = False, free: bool = False) -> None:
     """Lock a part of the file for this open file alone, not for the process as a whole."""
     import fcntl
 

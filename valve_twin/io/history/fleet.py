@@ -18,6 +18,8 @@ import numpy as np
 from valve_twin.core.aging import Assessment, assess
 from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.aging.verdict import VerdictKind, concern, way_to_threshold
+from valve_twin.core.faults.advice import advise
+from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.core.types import EstimateStatus
 from valve_twin.core.valves.registry import get_model
 
@@ -54,6 +56,8 @@ class FleetRow:
         The word of the aging monitor.
     evidence : str
         Why, in one line; or why nothing can be said.
+    ne107, failure_mode, action : str
+        State by NAMUR NE 107, failure mode by ISO 14224 and what is to be done; empty = none.
     concern : int
         How grave its worst trend is: 0 (nothing) to 3 (beyond its threshold).
     parameter : str
@@ -85,6 +89,9 @@ class FleetRow:
     model: str = ""
     verdict: VerdictKind = VerdictKind.NOT_ENOUGH_DATA
     evidence: str = ""
+    ne107: str = Ne107.CHECK_FUNCTION.value
+    failure_mode: str = ""
+    action: str = ""
     concern: int = 0
     parameter: str = ""
     drift: float = math.nan
@@ -205,11 +212,15 @@ def _assessed(
     row: FleetRow, found: Assessment, estimates: Sequence[Estimate], config: AgingConfig
 ) -> FleetRow:
     residual, ratio = recent_residual(estimates)
+    advice = advise(found.verdict, found.trends)
     worst = max(found.trends, key=lambda t: _gravity(t, config), default=None)
     row = replace(
         row,
         verdict=found.verdict.kind,
         evidence=found.verdict.evidence,
+        ne107=advice.ne107.value,
+        failure_mode=advice.failure_mode,
+        action=advice.sentence,
         residual=residual,
         residual_ratio=ratio,
         confidence=confidence(estimates),

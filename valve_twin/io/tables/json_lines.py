@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Results as lines of JSON: one object an estimate, then the trends, then the verdict.
+"""Results as lines of JSON: one object an estimate, then trends, verdict and advice.
 
 Strict JSON has neither NaN nor infinity: a number that is not known is null, an unbounded one the
 word "Infinity", which most languages read as a number.
@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import asdict
 from enum import IntEnum
 from functools import cache
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
+from valve_twin.core.faults.advice import advise
 from valve_twin.core.records import columns, flat, once_a_record
 from valve_twin.core.types import ParameterStatus
 from valve_twin.core.valves.registry import get_model
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from valve_twin.core.aging import Assessment
+    from valve_twin.core.faults.advice import Advice
     from valve_twin.core.types import Estimate
 
 
@@ -60,7 +63,7 @@ def _units(model: str) -> dict[str, str]:
 def json_lines(
     estimates: list[Estimate], assessment: Assessment | None, valve: str
 ) -> Iterator[str]:
-    """Yield one line of JSON an estimate, a trend and the verdict.
+    """Yield one line of JSON an estimate, a trend, the verdict and what it asks for.
 
     Parameters
     ----------
@@ -79,6 +82,13 @@ def json_lines(
         yield json.dumps({"kind": "trend", "valve": valve, **_fields(trend)}, allow_nan=False)
     verdict = {"kind": "verdict", "valve": valve, **_fields(assessment.verdict)}
     yield json.dumps(verdict, allow_nan=False)
+    advice = advise(assessment.verdict, assessment.trends)
+    yield json.dumps({"kind": "advice", "valve": valve, **advice_fields(advice)})
+
+
+def advice_fields(advice: Advice) -> dict[str, str]:
+    """Return an advice as plain data, the state in words."""
+    return asdict(advice) | {"ne107": advice.ne107.value}
 
 
 def _fields(value: object) -> dict[str, Any]:

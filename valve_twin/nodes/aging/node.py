@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from valve_twin.core.aging.verdict import TrendStatus, VerdictKind
 from valve_twin.core.diagnosis.history import describe_finding
 from valve_twin.core.diagnosis.table import PARTS
+from valve_twin.core.faults.advice import advise
 from valve_twin.io.config.node_parameters import AgingMonitorParameters
 from valve_twin.nodes.aging.monitored_valve import MonitoredValve
 from valve_twin.nodes.runtime.diagnostics import ERROR, WARN, Diagnostics, Report
@@ -91,6 +92,10 @@ class AgingMonitorNode(ValveNode):
         self._look_at_faults(valve)
         if found is not None:
             report.values["verdict"] = found.verdict.text
+            advice = advise(found.verdict, found.trends)
+            report.values["NE 107"] = advice.ne107.value
+            report.values["failure mode (ISO 14224)"] = advice.failure_mode
+            report.values["action"] = advice.sentence
             for trend in found.trends:
                 report.values[f"{trend.parameter} drift [%]"] = f"{trend.drift_reference:.2f}"
                 if trend.status is TrendStatus.BEYOND_THRESHOLD:

@@ -16,6 +16,7 @@ from valve_twin_msgs import msg, srv
 
 from valve_twin.core.faults.kinds import FAULT_KINDS
 from valve_twin.core.faults.lifetime import Fault, FaultBook, Moment, Severity, Status
+from valve_twin.core.faults.ne107 import NODE_FAULTS
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -171,6 +172,7 @@ def key_values(faults: list[Fault]) -> dict[str, object]:
         fields = {
             "status": fault.status.value,
             "severity": fault.kind.severity.name,
+            "NE 107": NODE_FAULTS[fault.kind.code].value,
             "count": fault.count,
             "events": fault.events,
             "first [s]": f"{1e-9 * fault.first_ns:.3f}",

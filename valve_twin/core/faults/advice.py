@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What a verdict asks of maintenance: state, failure mode, part, probable cause, action, urgency.
+
+States are those of NAMUR NE 107, failure modes the codes of ISO 14224; an advisory of part, action
+and urgency is the last block of ISO 13374. Which fault has which is our assignment.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from valve_twin.core.aging.verdict import TrendStatus, VerdictKind
+from valve_twin.core.diagnosis.detection import UNKNOWN
+from valve_twin.core.faults.ne107 import Ne107
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from valve_twin.core.aging.verdict import Trend, Verdict
+
+FAILURE_MODES = {
+    "AIR": "abnormal instrument reading",
+    "DOP": "delayed operation",
+    "ERO": "erratic output",
+    "FTO": "failure to open on demand",
+    "FTR": "failure to regulate",
+    "INL": "internal leakage",
+    "LOO": "low output",
+    "PDE": "parameter deviation",
+    "UNK": "unknown",
+}
+"""Failure modes of ISO 14224 that are used here, by code."""
+
+NOW, NEXT_STOP, PLAN, NONE = "now", "at the next stop", "plan it", ""
+"""How soon."""
+
+
+@dataclass(frozen=True, slots=True)
+class Advice:
+    """What a verdict asks for.
+
+    Attributes
+    ----------
+    ne107 : Ne107
+        State of the valve.
+    failure_mode : str
+        Code of ISO 14224, see `FAILURE_MODES`; empty = none.
+    part : str
+        What is to be looked at; empty = nothing.
+    cause : str
+        The most probable one.
+    action : str
+        What is to be done.
+    urgency : str
+        How soon: `NOW`, `NEXT_STOP`, `PLAN` or `NONE`.
+    """
+
+    ne107: Ne107
+    failure_mode: str = ""
+    part: str = ""
+    cause: str = ""
+    action: str = ""
+    urgency: str = NONE
+
+    @property
+    def sentence(self) -> str:
+        """Part, action and urgency in a line; empty where nothing is to be done."""
+        if not self.action:
+            return ""
+        return f"{self.part}: {self.action}" + (f", {self.urgency}" if self.urgency else "")
+
+
+_F, _C, _S, _M = (state for state in Ne107 if state is not Ne107.GOOD)
+
+_CAUSES = {
+    "leak": (_M, "INL", "seat and seals of the chamber", "worn or dirty seat or seal"),
+    "stiction": (_M, "DOP", "pilot stage", "dirt or varnish in the pilot, worn guide"),
+    "preload": (_M, "PDE", "closing spring", "set or broken spring, changed return pressure"),
+    "coil_resistance": (_M, "PDE", "filling coil", "hot or damaged coil, bad contact"),
+    "dead_band": (_M, "PDE", "pilot stage", "worn edges or shifted null"),
+    "aeration": (_S, "ERO", "hydraulic fluid", "gas in the chamber"),
+    "no_motion": (_F, "FTO", "spool and its command", "jammed spool, or no command arrives"),
+    "sensor_offset": (_S, "AIR", "position sensor", "shifted mounting or electronics"),
+    "sensor_gain": (_S, "AIR", "position sensor", "drifted or wrongly scaled sensor"),
+    "sensor_freeze": (_F, "AIR", "position sensor", "signal held by sensor, cable or bus"),
+    "sensor_noise": (_M, "AIR", "position sensor", "bad contact, earth or cable"),
+    "clock": (_S, "AIR", "clocks of the signals", "position and commands are not synchronised"),
+    "command_loss": (_F, "FTR", "command path", "output, cable or amplifier drops commands"),
+    "supply_drop": (_S, "LOO", "supply", "pump, accumulator, filter or another consumer"),
+    UNKNOWN: (_M, "UNK", "valve", "a change like no known fault"),
+}
+
+_ACTIONS = {
+    "leak": ("flush, then inspect seat and seals", NEXT_STOP),
+    "stiction": ("clean or renew it, look at the filter", NEXT_STOP),
+    "preload": ("inspect it, measure the return pressure", NEXT_STOP),
+    "coil_resistance": ("measure resistance and plug, cold and warm", NEXT_STOP),
+    "dead_band": ("adjust the null or renew it", NEXT_STOP),
+    "aeration": ("bleed, look at level and suction line", NOW),
+    "no_motion": ("stop, measure the command at the valve, then free the spool", NOW),
+    "sensor_offset": ("check its zero against the seats", NEXT_STOP),
+    "sensor_gain": ("check its scale over the stroke", NEXT_STOP),
+    "sensor_freeze": ("look at signal and bus, renew it if it stays", NOW),
+    "sensor_noise": ("look at plug, shield and earth", NEXT_STOP),
+    "clock": ("synchronise the clocks or stamp at the source", NEXT_STOP),
+    "command_loss": ("measure the command at the valve", NOW),
+    "supply_drop": ("measure pressure or voltage under load", NOW),
+    UNKNOWN: ("compare a cycle with an old one, inspect", NEXT_STOP),
+}
+
+FAULT_ADVICE = {name: Advice(*known, *_ACTIONS[name]) for name, known in _CAUSES.items()}
+"""Advice by the name of a sudden fault (`core.diagnosis.table`)."""
+
+_WEAR = Advice(_M, "PDE", "valve", "wear or dirt", "overhaul it before its limit", PLAN)
+_BY_KIND = {
+    VerdictKind.OK: Advice(Ne107.GOOD),
+    VerdictKind.VALVE: _WEAR,
+    VerdictKind.COMMAND: Advice(_F, "FTR", "command path", "", "measure the command", NOW),
+    VerdictKind.SENSOR: Advice(_S, "AIR", "position sensor", "", "check it", NEXT_STOP),
+    VerdictKind.SUPPLY: Advice(_S, "LOO", "supply", "", "measure it under load", NEXT_STOP),
+}
+_UNJUDGED = Advice(_C, action="nothing can be said yet: see why", part="monitoring")
+
+
+def advise(verdict: Verdict, trends: Sequence[Trend] = ()) -> Advice:
+    """Return what a verdict asks of maintenance.
+
+    Parameters
+    ----------
+    verdict : Verdict
+        Of the newest cycle.
+    trends : sequence of Trend
+        The trends it was made from: one beyond its limit asks for more than one on its way.
+    """
+    trend = next((t for t in trends if t.parameter == verdict.fault), None)
+    worn = trend is not None and verdict.kind is VerdictKind.VALVE
+    advice = FAULT_ADVICE.get(verdict.fault)
+    if advice is None and worn:
+        advice = replace(_WEAR, cause=f"wear or dirt that changes {verdict.fault}")
+    if advice is None:
+        return _BY_KIND.get(verdict.kind, _UNJUDGED)
+    if trend is not None and trend.status is TrendStatus.BEYOND_THRESHOLD:
+        return replace(advice, ne107=_S, urgency=NOW)
+    return advice
+
+
+def with_advice_table(text: str) -> str:
+    """Return docs/diagnosis.md with the table between its two marks written anew."""
+    begin, end = "<!-- advice begins -->\n", "<!-- advice ends -->"
+    before, rest = text.split(begin)
+    return f"{before}{begin}{_table()}{end}{rest.split(end)[1]}"
+
+
+def _table() -> str:
+    """Return the table of all advices by fault."""
+    head = "| fault | NE 107 | ISO 14224 | look at | most probable cause | do | when |"
+    rows = [
+        f"| {name} | {a.ne107.letter} | {a.failure_mode} {FAILURE_MODES[a.failure_mode]} | "
+        f"{a.part} | {a.cause} | {a.action} | {a.urgency} |"
+        for name, a in (*FAULT_ADVICE.items(), ("wear of any parameter", _WEAR))
+    ]
+    return "\n".join((head, "| --- | --- | --- | --- | --- | --- | --- |", *rows)) + "\n"
