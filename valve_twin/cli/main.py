@@ -25,7 +25,7 @@ from valve_twin.cli.archive import backtest, batch, fleet, history
 from valve_twin.cli.bags import convert, cut, import_, info, recover, replay
 from valve_twin.cli.common import FAILED, OK, USAGE, Parser, fail
 from valve_twin.cli.design import verb as design
-from valve_twin.io.errors import ConfigError, ValveTwinError
+from valve_twin.io.errors import ConfigError, IndexLiesError, ValveTwinError
 
 if TYPE_CHECKING:
     import argparse
@@ -75,7 +75,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = _parser().parse_args(argv)
     verb: Callable[[argparse.Namespace], int] = arguments.run
     try:
-        code = verb(arguments)
+        try:
+            code = verb(arguments)
+        except IndexLiesError:  # what is wrong has been said; it is known from now on
+            code = verb(arguments)
         sys.stdout.flush()
     except ConfigError as err:
         return fail(str(err), USAGE)

@@ -5,6 +5,7 @@
 ValveTwinError
   ConfigError   a configuration key or value cannot be used
   BagError      a bag or CSV file cannot be read or written
+    IndexLiesError  a bag states wrong times: read once more, it is read another way
   StoreError    the history database cannot be used
 """
 
@@ -27,6 +28,10 @@ class ConfigError(ValveTwinError):
 
 class BagError(ValveTwinError):
     """A bag or CSV file cannot be read or written."""
+
+
+class IndexLiesError(BagError):
+    """A bag states wrong times; opened anew it is read by its data section."""
 
 
 class StoreError(ValveTwinError):

@@ -33,9 +33,10 @@ def add(verbs: Verbs) -> None:
 
 
 def _cut(arguments: argparse.Namespace) -> int:
-    from valve_twin.io.bags.contents import bag_info
+    from valve_twin.io.bags.contents import bag_info, compare_with_data
     from valve_twin.io.offline.cut import cut, cycles_span, read_time
 
+    compare_with_data(arguments.bag)
     info = bag_info(arguments.bag)
     if arguments.cycles:
         if not arguments.config or arguments.begin or arguments.end:

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,14 +12,18 @@ from typing import TYPE_CHECKING
 from valve_twin.io.bags.folder import bag_files
 from valve_twin.io.cdr.bag_types import BagTypes
 from valve_twin.io.cdr.message_types import known_type_name
-from valve_twin.io.errors import BagError, suggest
-from valve_twin.io.mcap.reader import McapFile
-from valve_twin.io.salvage.read import salvage
+from valve_twin.io.errors import BagError, IndexLiesError, suggest
+from valve_twin.io.mcap.reader import McapFile, messages
+from valve_twin.io.salvage.read import known, salvage
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from mcap.records import Channel
+
+
+_COMPARED: set[tuple[Path, int, int]] = set()
+"""Files that were compared with what they state and found sound, with time and size."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +96,7 @@ def bag_info(path: str | Path) -> BagInfo:
 
 def open_file(path: Path, stack: ExitStack) -> McapFile:
     """Open a file until the stack is left; of a damaged one what is intact is read."""
-    file = McapFile(path, salvage=salvage)
+    file = McapFile(path, salvage=salvage, salvaged=known(path))
     stack.callback(file.close)
     return file
 
@@ -201,3 +205,51 @@ def missing_topic(path: str | Path, topic: str, what: str, names: Sequence[str])
     hint = suggest(topic, names)
     there = f" there are {', '.join(names)}" if hint.startswith("did you") else ""
     return BagError(f"{path}: topic '{topic}'{what} is not in the bag; {hint}{there}")
+
+
+def read_texts(path: str | Path, topic: str) -> list[tuple[int, str]]:
+    """Return log times [ns] and texts of a std_msgs/msg/String topic; empty if it is not there.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be read.
+    """
+    found: list[tuple[int, str]] = []
+    names, _ = bag_files(path)
+    with ExitStack() as stack:
+        for name in names:
+            file = open_file(name, stack)
+            for channel in file.summary.channels.values():
+                if topic_name(channel.topic) != topic:
+                    continue
+                types = channel_types(file, channel)
+                for chunk in file.summary.chunks:
+                    for message in messages(file.chunk(chunk), {channel.id}):
+                        decoded = types.decode(message.data, message.log_ns)
+                        found.append((message.log_ns, str(decoded.data)))
+    return sorted(found)
+
+
+def compare_with_data(path: str | Path) -> None:
+    """Read every chunk of a bag and compare it with what is stated of it; say what differs.
+
+    Whoever opens the bag afterwards reads a file that lies by its data section.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be read.
+    """
+    for name in bag_files(path)[0]:
+        with ExitStack() as stack, suppress(IndexLiesError):
+            file = open_file(name, stack)
+            state = name.stat()
+            key = name, state.st_mtime_ns, state.st_size
+            if key in _COMPARED:
+                continue
+            for chunk in file.summary.chunks:
+                if file.is_sound:
+                    file.chunk(chunk)
+            if file.is_sound:
+                _COMPARED.add(key)

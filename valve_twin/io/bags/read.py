@@ -13,11 +13,12 @@ from valve_twin.io.bags.contents import (
     TopicInfo,
     bag_info,
     bag_types,
+    read_texts,
     topic_name,
 )
 from valve_twin.io.bags.folder import bag_files
 from valve_twin.io.bags.qos import QosProfile
-from valve_twin.io.bags.signals import SLICE_S, read_columns, read_signals, read_texts
+from valve_twin.io.bags.signals import SLICE_S, read_columns, read_signals
 from valve_twin.io.bags.writer import BagWriter
 
 __all__ = [

@@ -28,7 +28,8 @@ from valve_twin.io.bags.folder import bag_files
 from valve_twin.io.cdr.columns import Columns, ColumnStore, FieldPlan, Walker, pays
 from valve_twin.io.cdr.layout import layout_of
 from valve_twin.io.cdr.signals import Extractor, SignalBlock, SignalSource
-from valve_twin.io.errors import BagError
+from valve_twin.io.errors import BagError, IndexLiesError
+from valve_twin.io.mcap.index_check import Flaw
 from valve_twin.io.mcap.reader import messages, record_pieces
 
 if TYPE_CHECKING:
@@ -124,7 +125,8 @@ def read_signals(
     ConfigError
         If a field does not fit its type.
     """
-    return _blocks(_open(path, list(sources)), max(1, round(slice_s * 1e9)))
+    wanted = list(sources)
+    return _blocks_again(path, _open(path, wanted), max(1, round(slice_s * 1e9)))
 
 
 def read_columns(path: str | Path, sources: Iterable[SignalSource]) -> list[Columns]:
@@ -147,7 +149,14 @@ def read_columns(path: str | Path, sources: Iterable[SignalSource]) -> list[Colu
     BagError, ConfigError
         As `read_signals`.
     """
-    bag = _open(path, list(sources))
+    wanted = list(sources)
+    try:
+        return _columns(_open(path, wanted))
+    except IndexLiesError:
+        return _columns(_open(path, wanted))
+
+
+def _columns(bag: _Bag) -> list[Columns]:
     store = ColumnStore(bag.wanted, bag.capacity)
     with bag.stack:
         for group in _groups(bag.parts):
@@ -244,6 +253,19 @@ def _check_topics(
     return [counts[source.topic] for source in wanted]
 
 
+def _blocks_again(path: str | Path, bag: _Bag, slice_ns: int) -> Iterator[SignalBlock]:
+    """Yield all blocks; begin anew where the bag states wrong times and nothing was yielded."""
+    given = False
+    try:
+        for block in _blocks(bag, slice_ns):
+            given = True
+            yield block
+    except IndexLiesError:
+        if given:
+            raise
+        yield from _blocks(_open(path, bag.wanted), slice_ns)
+
+
 def _blocks(bag: _Bag, slice_ns: int) -> Iterator[SignalBlock]:
     with bag.stack:
         store = ColumnStore(bag.wanted)
@@ -284,20 +306,26 @@ def _groups(parts: Sequence[_Part]) -> Iterator[list[tuple[_Part, ChunkIndex | N
 
 def _read_chunk(part: _Part, chunk: ChunkIndex | None, store: ColumnStore) -> int:
     """Add the samples of a chunk to the store; return its size [B], 0 where nothing is wanted."""
-    present = chunk.message_indexes if chunk is not None else None
-    if present and part.channels.isdisjoint(present):
-        return 0
-    if chunk is not None:
-        return _read_data(part, part.file.chunk_view(chunk), store)
-    pieces = record_pieces(part.file.loose_messages(), _MOST_LOOSE)
-    return sum(_read_data(part, piece, store) for piece in pieces)
+    if chunk is None:
+        pieces = record_pieces(part.file.loose_messages(), _MOST_LOOSE)
+        return sum(_read_data(part, piece, store) for piece in pieces)
+    file = part.file
+    data = file.chunk_view(chunk)
+    if part.walker is None or not file.sum_stands:
+        return _read_data(part, file.chunk(chunk), store)
+    size = _read_data(part, data, store, None if file.damage is not None else chunk)
+    if part.walker.flaw is not Flaw.NONE:
+        file.doubt(chunk, file.flaw_of(chunk, data))
+    return size
 
 
-def _read_data(part: _Part, data: bytes | memoryview, store: ColumnStore) -> int:
+def _read_data(
+    part: _Part, data: bytes | memoryview, store: ColumnStore, chunk: ChunkIndex | None = None
+) -> int:
     """Add the samples of some records to the store; return their size [B]."""
     slow = part.slow
     if part.walker is not None:
-        odd = part.walker.take(data, store)
+        odd = part.walker.take(data, store, part.file.content, chunk)
         if odd:
             slow = [*slow, *(f for f in part.fields if f.row in odd)]
     if slow:
@@ -407,27 +435,3 @@ def _check_counts(bag: _Bag) -> None:
                     f"{counted}; the file is damaged, rewrite it with 'valve-twin recover'"
                 )
                 raise BagError(msg)
-
-
-def read_texts(path: str | Path, topic: str) -> list[tuple[int, str]]:
-    """Return log times [ns] and texts of a std_msgs/msg/String topic; empty if it is not there.
-
-    Raises
-    ------
-    BagError
-        If the bag cannot be read.
-    """
-    found: list[tuple[int, str]] = []
-    names, _ = bag_files(path)
-    with ExitStack() as stack:
-        for name in names:
-            file = open_file(name, stack)
-            for channel in file.summary.channels.values():
-                if topic_name(channel.topic) != topic:
-                    continue
-                types = channel_types(file, channel)
-                for chunk in file.summary.chunks:
-                    for message in messages(file.chunk(chunk), {channel.id}):
-                        decoded = types.decode(message.data, message.log_ns)
-                        found.append((message.log_ns, str(decoded.data)))
-    return sorted(found)

@@ -4,11 +4,14 @@
 
 from __future__ import annotations
 
+import struct
 import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from valve_twin.io.mcap.index_check import Flaw
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -16,6 +19,7 @@ if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, ByteArray, FloatArray, IntArray
     from valve_twin.io.cdr.layout import Layout
     from valve_twin.io.cdr.signals import SignalSource
+    from valve_twin.io.mcap.format import ChunkIndex
 
 COMPILED_FROM = 20_000
 """Messages from which on it pays to import numba where nothing else needed it [1]."""
@@ -23,6 +27,8 @@ COMPILED_FROM = 20_000
 _SMALLEST_MESSAGE = 35
 _LEAST_CAPACITY = 1024
 _SAMPLES, _ODD = 0, 2
+_LAST_NS = 2**63 - 1
+_STATED = struct.Struct("<4q")
 _NO_ROWS: frozenset[int] = frozenset()
 
 
@@ -164,6 +170,9 @@ class Walker:
         from valve_twin.io.cdr import columns_kernel as kernel
 
         self._take, self._read = kernel.take, read
+        self._flaw_bits = kernel.FLAW_BITS
+        self._stated = np.empty(4, dtype=np.int64)
+        self.flaw = Flaw.NONE
         self._rows = {f.row for f in fields}
         steps = max((len(f.layout.steps) for f in fields), default=0)
         plan = np.zeros((len(fields), kernel.FIRST_STEP + 4 * steps), dtype=np.int64)
@@ -184,8 +193,25 @@ class Walker:
         sizes = [f.layout.size if f.layout.batched else _SMALLEST_MESSAGE for f in fields]
         self._least = min(sizes, default=_SMALLEST_MESSAGE)
 
-    def take(self, data: bytes | memoryview, store: ColumnStore) -> Collection[int]:
-        """Append the samples of a chunk.
+    def take(
+        self,
+        data: bytes | memoryview,
+        store: ColumnStore,
+        content: ByteArray | None = None,
+        chunk: ChunkIndex | None = None,
+    ) -> Collection[int]:
+        """Append the samples of a chunk and compare it with what is stated of it, see `flaw`.
+
+        Parameters
+        ----------
+        data : bytes
+            Records.
+        store : ColumnStore
+            Takes the samples.
+        content : (F,) uint8 array, optional
+            The file.
+        chunk : ChunkIndex, optional
+            What the file states of these records; None = nothing.
 
         Returns
         -------
@@ -193,8 +219,17 @@ class Walker:
             Rows that are odd: of these, nothing was appended.
         """
         store.reserve(len(data) // self._least + 1)
-        odd = self._take(
-            np.frombuffer(data, dtype=np.uint8),
+        records = np.frombuffer(data, dtype=np.uint8)
+        if content is None or chunk is None:
+            content = records
+            self._stated[0] = -1
+        else:
+            at = chunk.offset + chunk.length
+            end, times = at + chunk.index_length, (chunk.start_ns, min(chunk.end_ns, _LAST_NS))
+            _STATED.pack_into(self._stated.data, 0, at, end, *times)
+        found = self._take(
+            records,
+            (content, self._stated),
             self._first,
             self._plan,
             self._memory,
@@ -204,7 +239,11 @@ class Walker:
             store.values,
             store.stamped,
         )
-        if not odd:
+        if not found:
+            self.flaw = Flaw.NONE
+            return _NO_ROWS
+        self.flaw = Flaw(found & (1 << self._flaw_bits) - 1)
+        if not found >> self._flaw_bits:
             return _NO_ROWS
         return set(np.flatnonzero(store.counts[:, _ODD]).tolist()) & self._rows
 

@@ -22,6 +22,7 @@ from numba.extending import intrinsic
 from valve_twin.io.cdr.layout import Number, Walk
 from valve_twin.io.cdr.signals import LONGEST_BATCH_S
 from valve_twin.io.mcap.format import Op
+from valve_twin.io.mcap.index_check import ENTRY_SIZE, INDEX_HEAD, Flaw
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -48,7 +49,12 @@ types: Any = import_module("numba.types")  # untyped: its names are made on impo
 _UNKNOWN = -1
 _ABSENT = -1
 _TERMINATOR = -1
-_MESSAGE = int(Op.MESSAGE)
+_MESSAGE, _INDEX = int(Op.MESSAGE), int(Op.MESSAGE_INDEX)
+_NONE, _TORN, _PLACES = int(Flaw.NONE), int(Flaw.TORN), int(Flaw.PLACES)
+_COUNT, _TIMES = int(Flaw.COUNT), int(Flaw.TIMES)
+FLAW_BITS = 8
+"""Bits of what `take` returns that hold the flaw; the others count odd signals."""
+
 _RECORD_HEAD = 9
 _MESSAGE_HEAD = 22
 _CHANNEL_AT, _LOG_AT = 9, 15
@@ -220,9 +226,52 @@ def _lay_out(
     return True
 
 
+@njit
+def _times_flaw(data: ByteArray, start_ns: int, end_ns: int) -> int:
+    """Return whether all messages of a chunk lie in a span of log time [ns]."""
+    at, end = 0, len(data)
+    while at + _RECORD_HEAD <= end:
+        if data[at] == _MESSAGE and not start_ns <= _i64(data, at + _LOG_AT) <= end_ns:
+            return _TIMES
+        at += _RECORD_HEAD + _i64(data, at + 1)
+    return _NONE
+
+
+@njit
+def _index_flaw(data: ByteArray, messages: int, content: ByteArray, stated: IntArray) -> int:
+    """Compare a chunk with what the file states of it."""
+    at, end, start_ns, end_ns = stated[0], stated[1], stated[2], stated[3]
+    if at == end:
+        return _times_flaw(data, start_ns, end_ns)
+    entries, outside, last = 0, False, len(data) - _RECORD_HEAD - _MESSAGE_HEAD
+    while at < end:
+        if at + INDEX_HEAD > end or content[at] != _INDEX:
+            return _PLACES
+        size = int(_u32(content, at + 11))
+        channel, begin = _u16(content, at + _CHANNEL_AT), at + INDEX_HEAD
+        if _i64(content, at + 1) != size + 6 or begin + size > end or size % ENTRY_SIZE != 0:
+            return _PLACES
+        # the first and the last: to read them all costs a tenth of the time; `index_check` does
+        for entry in (begin, begin + size - ENTRY_SIZE):
+            if size == 0:
+                break
+            log_ns, place = _i64(content, entry), _i64(content, entry + 8)
+            if place < 0 or place > last or data[place] != _MESSAGE:
+                return _PLACES
+            if _u16(data, place + _CHANNEL_AT) != channel or _i64(data, place + _LOG_AT) != log_ns:
+                return _PLACES
+            outside = outside or log_ns < start_ns or log_ns > end_ns
+        entries += size // ENTRY_SIZE
+        at = begin + size
+    if entries != messages:
+        return _COUNT
+    return _TIMES if outside else _NONE
+
+
 @njit(
     types.int64(
         _BYTES,
+        types.Tuple((_BYTES, _INTS)),
         _INTS,
         _INT_ROWS,
         _INT_ROWS,
@@ -236,6 +285,7 @@ def _lay_out(
 )
 def take(  # noqa: PLR0912, PLR0915  to hand arrays on to a call costs more than a message
     data: ByteArray,
+    about: tuple[ByteArray, IntArray],
     first_of: IntArray,
     plan: IntArray,
     memory: IntArray,
@@ -251,6 +301,9 @@ def take(  # noqa: PLR0912, PLR0915  to hand arrays on to a call costs more than
     ----------
     data : (B,) uint8 array
         Records, one after another.
+    about : (F,) uint8 array, (4,) int64 array
+        The file, and what it states of the records: begin and end of their message indexes in it
+        [B], first and last log time [ns]; begin -1 = nothing.
     first_of : (C,) int64 array
         By channel, the first of its fields, -1 = none.
     plan : (K, .) int64 array
@@ -271,14 +324,15 @@ def take(  # noqa: PLR0912, PLR0915  to hand arrays on to a call costs more than
     Returns
     -------
     int
-        Signals that only the general decoder can read in these records.
+        Signals that only the general decoder can read in these records, above `FLAW_BITS` that
+        hold the `Flaw` of the chunk.
     """
     for k in range(len(plan)):
         row = plan[k, ROW]
         counts[row, BEFORE], counts[row, ODD] = counts[row, SAMPLES], 0
         read[row, MESSAGES_BEFORE] = read[row, MESSAGES]
         read[row, REJECTED_BEFORE] = read[row, REJECTED]
-    odd, at, end = 0, 0, len(data)
+    odd, at, end, messages = 0, 0, len(data), 0
     while at + _RECORD_HEAD <= end:
         length = _i64(data, at + 1)
         if length < 0 or length > end - at - _RECORD_HEAD:
@@ -292,6 +346,7 @@ def take(  # noqa: PLR0912, PLR0915  to hand arrays on to a call costs more than
                 counts[plan[k, ROW], ODD] = 1
             odd = len(plan)
             break
+        messages += 1
         channel = np.int64(_u16(data, at + _CHANNEL_AT))
         k = first_of[channel] if channel < len(first_of) else -1
         while k >= 0:
@@ -366,4 +421,7 @@ def take(  # noqa: PLR0912, PLR0915  to hand arrays on to a call costs more than
                 counts[row, SAMPLES] = counts[row, BEFORE]
                 read[row, MESSAGES] = read[row, MESSAGES_BEFORE]
                 read[row, REJECTED] = read[row, REJECTED_BEFORE]
-    return odd
+    if about[1][0] < 0:
+        return odd << FLAW_BITS
+    flaw = _index_flaw(data, messages, about[0], about[1]) if at == end else _TORN
+    return odd << FLAW_BITS | flaw

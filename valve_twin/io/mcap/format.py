@@ -11,7 +11,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass, field
 from io import BytesIO
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from mcap.data_stream import ReadDataStream, RecordBuilder
@@ -32,12 +32,12 @@ MESSAGE_HEAD = struct.Struct("<BQHIQQ")
 
 RECORD_HEAD = struct.Struct("<BQ")
 _INDEX_HEAD, _INDEX_ENTRY = struct.Struct("<QQQQI"), struct.Struct("<HQ")
+_COMPRESSIONS = {b"zstd": "zstd", b"lz4": "lz4"}
 _INDEX_MIDDLE, _INDEX_TAIL = struct.Struct("<QI"), struct.Struct("<QQ")
 FOOTER_SIZE = RECORD_HEAD.size + 20 + len(MAGIC)
 
 
-@dataclass(frozen=True, slots=True)
-class ChunkIndex:
+class ChunkIndex(NamedTuple):
     """Where a chunk lies and what it holds; times in ns, offsets and sizes in bytes."""
 
     start_ns: int
@@ -49,6 +49,11 @@ class ChunkIndex:
     compression: str
     compressed_size: int
     size: int
+
+    @property
+    def index_at(self) -> int:
+        """Where the message indexes behind the chunk begin [B]."""
+        return self.offset + self.length
 
 
 @dataclass(slots=True)
@@ -112,7 +117,8 @@ def read_chunk_index(data: bytes) -> ChunkIndex:
     index_length, named = _INDEX_MIDDLE.unpack_from(data, at)
     at += _INDEX_MIDDLE.size + named
     compressed, size = _INDEX_TAIL.unpack_from(data, at)
-    compression = data[at - named : at].decode(errors="replace")
+    name = data[at - named : at]
+    compression = _COMPRESSIONS.get(name) or name.decode(errors="replace")
     return ChunkIndex(
         start, end, offset, length, offsets, index_length, compression, compressed, size
     )

@@ -10,10 +10,11 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
 import zstandard
 from mcap.records import Metadata, MetadataIndex
 
-from valve_twin.io.errors import BagError
+from valve_twin.io.errors import BagError, IndexLiesError
 from valve_twin.io.mcap.checksum import crc32
 from valve_twin.io.mcap.format import (
     FOOTER_SIZE,
@@ -24,17 +25,14 @@ from valve_twin.io.mcap.format import (
     ChunkIndex,
     Op,
 )
-from valve_twin.io.mcap.summary import (
-    Summary,
-    contradiction,
-    data_sum_is_right,
-    records_of,
-)
+from valve_twin.io.mcap.index_check import Flaw, find_flaw
+from valve_twin.io.mcap.summary import Summary, contradiction, records_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
+    from valve_twin.core.types import ByteArray
     from valve_twin.io.mcap.damage import Salvage
 
 
@@ -48,6 +46,7 @@ _MAX_CHUNK = 1 << 32
 _CHUNK_HEAD = struct.Struct("<QQQII")
 """First and last log time, decompressed size, check sum, length of the compression's name."""
 
+_WHOLE_HEAD = struct.Struct("<BQQQQII")
 _LENGTH = struct.Struct("<Q")
 _RECOVER = "rewrite the file with 'valve-twin recover'"
 _BROKEN = (struct.error, ValueError, IndexError, OverflowError)
@@ -69,6 +68,9 @@ class DamagedError(BagError):
 
 class McapFile:
     """One open file.
+
+    `content` is all of it, (N,) uint8, without a copy; `sum_stands` says whether the chunk that
+    was read last has a check sum.
 
     Parameters
     ----------
@@ -95,14 +97,21 @@ class McapFile:
     ) -> None:
         self.path = path
         self.damage = salvaged
+        self._kept = set() if salvaged is None else {c.offset for c in salvaged.summary.chunks}
         self._salvage = salvage
         self._map = _open(path)
         self._view = memoryview(self._map)
+        self.content: ByteArray = np.frombuffer(self._view, dtype=np.uint8)
+        self._compared: set[int] = set()
+        self._sums: dict[int, int] = {}
+        self.sum_stands = False
         self._unpacker = zstandard.ZstdDecompressor()
         try:
-            self.summary = self._read_summary() if salvaged is None else salvaged.summary
+            self.summary = Summary() if salvaged is not None else self._read_summary()
         except (*_BROKEN, DamagedError) as err:
-            self.summary = self._salvaged(self._refusal(err)).summary
+            self._salvaged(self._refusal(err))
+        if self.damage is not None:
+            self.summary = self.damage.summary
         self._is_salvaged = self.damage is not None
 
     def _refusal(self, err: Exception) -> BagError:
@@ -117,23 +126,76 @@ class McapFile:
             self.close()
             raise err
         self.damage = found
+        self._kept = {c.offset for c in found.summary.chunks}
         return found
 
     def close(self) -> None:
         """Close the file; what still looks into it keeps it mapped."""
+        self.content = np.empty(0, dtype=np.uint8)
         with suppress(BufferError):
             self._view.release()
             self._map.close()
 
     def chunk(self, index: ChunkIndex) -> bytes:
-        """Return the decompressed records of a chunk.
+        """Return the decompressed records of a chunk, compared with what is stated about them.
 
         Raises
         ------
         BagError
             If it is damaged or compressed in an unknown way.
+        IndexLiesError
+            If its messages lie outside the times that are stated for it.
         """
-        return bytes(self.chunk_view(index))
+        records = bytes(self.chunk_view(index))
+        if self.damage is not None or index.offset in self._compared:
+            return records
+        if self.doubt(index, self.flaw_of(index, records)):
+            return bytes(self.chunk_view(index))  # without a check sum a part may be left out
+        return records
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether no damage and no false statement was met so far."""
+        return self.damage is None
+
+    def flaw_of(self, index: ChunkIndex, records: bytes | memoryview) -> Flaw:
+        """Return how the records of a chunk compare with what is stated about them."""
+        stated = self._view[index.index_at : index.index_at + index.index_length]
+        return find_flaw(records, stated, index.start_ns, index.end_ns)
+
+    def doubt(self, index: ChunkIndex, flaw: Flaw) -> bool:
+        """Take note of how a chunk compares with what is stated about it.
+
+        At the first flaw the whole file is read by its data section, which says on the log what
+        else is wrong with it; the records that were read stand.
+
+        Parameters
+        ----------
+        index : ChunkIndex
+            The chunk.
+        flaw : Flaw
+            What was found; `Flaw.NONE` = nothing.
+
+        Returns
+        -------
+        bool
+            Whether the file is read by its data section from here on.
+
+        Raises
+        ------
+        IndexLiesError
+            If messages lie outside the stated times: those before may have come too early.
+        BagError
+            If damaged files are refused.
+        """
+        self._compared.add(index.offset)
+        if flaw is Flaw.NONE or self.damage is not None:
+            return False
+        self._salvaged(self._damaged(index, flaw.text))
+        if flaw is Flaw.TIMES:
+            msg = f"{self.path}: chunk at byte {index.offset}: {flaw.text}; {_RECOVER}"
+            raise IndexLiesError(msg)
+        return True
 
     def chunk_view(self, index: ChunkIndex) -> bytes | memoryview:
         """Return the decompressed records of a chunk without a copy; valid while it is open.
@@ -143,20 +205,31 @@ class McapFile:
         BagError
             If it is damaged and nothing in the file is intact.
         """
-        rescued = None if self.damage is None else self.damage.rescued.get(index.offset)
-        if rescued is not None:
-            return rescued
+        try:
+            return self._unpacked(index) if self.damage is None else self._rescued(index)
+        except DamagedError as err:
+            self._salvaged(err)
+            return self._rescued(index)
+
+    def _rescued(self, index: ChunkIndex) -> bytes | memoryview:
+        """Return what is intact of a chunk of a damaged file."""
+        assert self.damage is not None
+        if index.offset in self.damage.rescued:
+            return self.damage.rescued[index.offset]
+        if index.offset not in self._kept:
+            return b""
         try:
             return self._unpacked(index)
-        except DamagedError as err:
-            return self._salvaged(err).rescued.get(index.offset, b"")
+        except DamagedError:
+            return b""
 
     def _unpacked(self, index: ChunkIndex) -> bytes | memoryview:
         """Return the records of a chunk as it stands in the file."""
         try:
-            op, length = RECORD_HEAD.unpack_from(self._view, index.offset)
+            op, length, start_ns, end_ns, size, crc, named = _WHOLE_HEAD.unpack_from(
+                self._view, index.offset
+            )
             begin = index.offset + RECORD_HEAD.size
-            _, _, size, crc, named = _CHUNK_HEAD.unpack_from(self._view, begin)
             at = begin + _CHUNK_HEAD.size + named
             (packed,) = _LENGTH.unpack_from(self._view, at)
         except _BROKEN as err:
@@ -164,11 +237,29 @@ class McapFile:
         at += _LENGTH.size
         if op != Op.CHUNK or size > _MAX_CHUNK or at + packed > begin + length:
             raise self._damaged(index, "there is no chunk")
+        if self.damage is None and (
+            self._sums.setdefault(crc or start_ns, index.offset) != index.offset
+            or start_ns != index.start_ns
+            or end_ns != index.end_ns
+            or length + RECORD_HEAD.size != index.length
+        ):
+            self._compare_heads(index, crc or start_ns, (start_ns, end_ns, size))
         name = self._view[at - _LENGTH.size - named : at - _LENGTH.size]
         data = self._decompress(bytes(name), self._view[at : at + packed], size, index)
+        self.sum_stands = crc != 0
         if len(data) != size or (crc and crc32(data) != crc):
             raise self._damaged(index, "its check sum is wrong")
         return data
+
+    def _compare_heads(self, index: ChunkIndex, key: int, stated: tuple[int, int, int]) -> None:
+        """Refuse a chunk that the summary knows otherwise, or that repeats another."""
+        if stated != (index.start_ns, index.end_ns, index.size):
+            raise self._damaged(index, "the summary knows it otherwise")
+        before = self._sums[key]
+        if before == index.offset or stated[0] == stated[1]:
+            return
+        if self._view[before : before + index.length] == self._view[index.offset : index.index_at]:
+            raise self._damaged(index, f"it repeats the one at byte {before}")
 
     def _decompress(
         self, compression: bytes, packed: memoryview, size: int, index: ChunkIndex
@@ -213,7 +304,12 @@ class McapFile:
             msg = "no footer"
             raise ValueError(msg)
         if start == 0:
-            return self._scan()
+            end = len(self._map) - FOOTER_SIZE
+            summary = self._scan(end)
+            problem = contradiction(self._map, summary, end)
+            if problem:
+                raise ValueError(problem)
+            return summary
         tail = self._map[start : len(self._map) - len(MAGIC)]
         if crc and crc32(tail[:-4]) != crc:
             msg = "check sum of the summary is wrong"
@@ -222,37 +318,42 @@ class McapFile:
         for op, begin, end in records_of(tail):
             summary.add(op, tail[begin:end])
         counted = summary.statistics
-        loose = counted is not None and not counted.chunk_count
-        if (not crc or loose) and not data_sum_is_right(self._map, start):
-            problem = contradiction(self._map, summary)
-            if problem:
-                raise ValueError(problem)
         if not summary.chunks and (counted is None or counted.chunk_count):
-            summary = self._scan()
+            summary = self._scan(start)
             summary.statistics = counted
+        problem = contradiction(self._map, summary, start)
+        if problem:
+            raise ValueError(problem)
         for name, (offset, length) in _metadata_places(tail).items():
             body = self._map[offset + RECORD_HEAD.size : offset + length]
             found = Metadata.read(Body(body))
             summary.metadata[name] = found.metadata if found.name == name else {}
         return summary
 
-    def _scan(self) -> Summary:
-        """Read the records of the data section one by one: there is no summary."""
+    def _scan(self, end: int) -> Summary:
+        """Read the records of the data section one by one: the summary names no chunks."""
         summary = Summary()
-        data = self._map[len(MAGIC) : -len(MAGIC)]
-        for op, begin, end in records_of(data):
-            body = data[begin:end]
+        data = self._view[len(MAGIC) : end]
+        for op, begin, stop in records_of(data):
+            at = len(MAGIC) + begin - RECORD_HEAD.size
             if op == Op.CHUNK:
-                start, last, size, *_ = _CHUNK_HEAD.unpack_from(body)
-                offset = len(MAGIC) + begin - RECORD_HEAD.size
-                length = len(body) + RECORD_HEAD.size
-                summary.chunks.append(ChunkIndex(start, last, offset, length, {}, 0, "", 0, size))
-            else:
-                summary.add(op, body)
+                start, last, size, *_ = _CHUNK_HEAD.unpack_from(data, begin)
+                length = stop - begin + RECORD_HEAD.size
+                summary.chunks.append(ChunkIndex(start, last, at, length, {}, 0, "", 0, size))
+            elif op == Op.MESSAGE_INDEX and summary.chunks:
+                chunk = summary.chunks[-1]
+                channel = int.from_bytes(data[begin : begin + 2], "little")
+                summary.chunks[-1] = chunk._replace(
+                    message_indexes={**chunk.message_indexes, channel: at},
+                    index_length=chunk.index_length + stop - begin + RECORD_HEAD.size,
+                )
+            elif op != Op.MESSAGE:
+                summary.add(op, bytes(data[begin:stop]))
         for chunk in summary.chunks:
             records = self.chunk(chunk)
-            for op, begin, end in records_of(records):
-                summary.add(op, records[begin:end])
+            for op, begin, stop in records_of(records):
+                if op != Op.MESSAGE:
+                    summary.add(op, records[begin:stop])
         return summary
 
 

@@ -12,7 +12,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from valve_twin.io.bags.contents import bag_info, open_file
+from valve_twin.io.bags.contents import bag_info, compare_with_data, open_file
 from valve_twin.io.bags.folder import find_files
 from valve_twin.io.bags.read import topic_name
 from valve_twin.io.bags.writer import BagWriter
@@ -104,6 +104,7 @@ def cut(
     BagError
         If the bag cannot be read, nothing lies in the stretch, or the new bag cannot be written.
     """
+    compare_with_data(path)
     chosen = bag_topics(path, Choice(topics=tuple(topics)))
     names = [t.name for t in chosen]
     depths = {t.name: max(1, t.qos.depth) for t in chosen if t.qos.is_latched}

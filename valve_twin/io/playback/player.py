@@ -145,7 +145,7 @@ def read_messages(
         If the bag cannot be read.
     """
     with ExitStack() as stack:
-        places = _places(_opened(path, stack), set(topics))
+        places = _places(_opened(path, stack))
         for message in _merged([p for p in places if p.end_ns >= from_ns], set(topics)):
             if until_ns is not None and message.log_ns > until_ns:
                 return
@@ -174,7 +174,7 @@ def latched_before(
     """
     found: dict[str, list[BagMessage]] = {name: [] for name in depths}
     with ExitStack() as stack:
-        places = _places(_opened(path, stack), set(depths))
+        places = _places(_opened(path, stack))
         for place in sorted(places, key=attrgetter("end_ns"), reverse=True):
             if place.start_ns >= before_ns:
                 continue
@@ -218,16 +218,15 @@ def _may_add(kept: Sequence[BagMessage], depth: int, place: _Place) -> bool:
     return len(kept) < depth or place.end_ns >= kept[0].log_ns
 
 
-def _places(opened: Sequence[McapFile], topics: set[str]) -> list[_Place]:
-    """Return the places that may hold messages of some topics, by time."""
+def _places(opened: Sequence[McapFile]) -> list[_Place]:
+    """Return all places by time; what an index says of their topics is a hint."""
     found = []
     for file in opened:
         names = {i: topic_name(c.topic) for i, c in file.summary.channels.items()}
         for chunk in file.summary.chunks:
             indexed = {names[i] for i in chunk.message_indexes if i in names}
             inside = frozenset(indexed or names.values())
-            if inside & topics:
-                found.append(_Place(chunk.start_ns, chunk.end_ns, file, chunk, inside))
+            found.append(_Place(chunk.start_ns, chunk.end_ns, file, chunk, inside))
         if not file.summary.chunks:
             everything = frozenset(names.values())
             found.append(_Place(0, 2**63, file, None, everything))

@@ -78,6 +78,18 @@ class Places:
             found.counts[channel] = size // _ENTRY.size
         return found
 
+    def lie_about(self, records: bytes) -> bool:
+        """Return whether more than one entry denies a whole chunk: no damage does that."""
+        wrong = 0
+        for at, stated in self.entries.items():
+            end = record_end(records, at, len(records)) if at < len(records) else None
+            if end is None or records[at] != Op.MESSAGE:
+                wrong += 1
+            else:
+                _, _, channel, _, log_ns, _ = MESSAGE_HEAD.unpack_from(records, at)
+                wrong += (channel, log_ns) != stated
+        return wrong > 1
+
 
 class Checks:
     """Decides whether a message can be one of its topic.

@@ -48,9 +48,9 @@ def salvage(path: Path) -> Salvage:
     """
     state = path.stat()
     key = (state.st_mtime_ns, state.st_size)
-    known = _CACHE.get(path)
-    if known is not None and known[0] == key:
-        return known[1]
+    before = known(path)
+    if before is not None:
+        return before
     found = salvage_file(path)
     for loss in found.losses:
         _LOGGER.warning("%s", loss.line())
@@ -58,6 +58,16 @@ def salvage(path: Path) -> Salvage:
         _CACHE.pop(next(iter(_CACHE)))
     _CACHE[path] = (key, found)
     return found
+
+
+def known(path: Path) -> Salvage | None:
+    """Return what was remembered of a damaged file, None if nothing or it has changed."""
+    try:
+        state = path.stat()
+    except OSError:
+        return None
+    found = _CACHE.get(path)
+    return found[1] if found and found[0] == (state.st_mtime_ns, state.st_size) else None
 
 
 def forget() -> None:

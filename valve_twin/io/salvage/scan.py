@@ -5,16 +5,17 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from valve_twin.io.mcap.damage import Loss, Salvage
 from valve_twin.io.mcap.format import MAGIC, RECORD_HEAD, ChunkIndex, Op, Statistics
 from valve_twin.io.mcap.summary import Summary
-from valve_twin.io.salvage.chunk import ChunkHead, read_heads, unpack
+from valve_twin.io.salvage.agreement import of_chunk, of_summary
+from valve_twin.io.salvage.chunk import read_heads, unpack
 from valve_twin.io.salvage.definitions import Definitions
 from valve_twin.io.salvage.lost_counts import settle
 from valve_twin.io.salvage.message_checks import Checks, Places, plausible
+from valve_twin.io.salvage.piece import Piece
 from valve_twin.io.salvage.records import (
     claimed_end,
     is_whole,
@@ -23,7 +24,7 @@ from valve_twin.io.salvage.records import (
     record_end,
 )
 from valve_twin.io.salvage.tail import Tail, Trust, read_tail
-from valve_twin.io.salvage.walk import Walk, walk
+from valve_twin.io.salvage.walk import walk
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -45,58 +46,6 @@ _KINDS = {
 }
 _NO_MESSAGE = frozenset({*_KINDS, int(Op.CHUNK)})
 _ANY = _NO_MESSAGE | {int(Op.MESSAGE)}
-
-
-@dataclass(slots=True)
-class Piece:
-    """A chunk that was found, or messages outside chunks.
-
-    Attributes
-    ----------
-    offset, length : int
-        Where it lies in the file [B].
-    verified : bool
-        Whether a check sum stands for it.
-    records : bytes or None
-        Its records; None where any reader reads them out of the file.
-    found : Walk
-        What is in it.
-    size : int
-        Bytes of its records [B].
-    index : dict
-        Where its message indexes lie, by channel.
-    head, hint : ChunkHead, ChunkIndex or None
-        What the likeliest reading of its head says, and what the summary says.
-    loss : Loss or None
-        What is lost of it, where that was not counted yet.
-    """
-
-    offset: int
-    length: int
-    verified: bool
-    records: bytes | None
-    found: Walk
-    size: int
-    index: dict[int, int] = field(default_factory=dict)
-    head: ChunkHead | None = None
-    hint: ChunkIndex | None = None
-    loss: Loss | None = None
-
-    @property
-    def claimed(self) -> tuple[int | None, int | None]:
-        """First and last log time by the summary, else by its head [ns]; None = not believed."""
-        stated = self.hint or self.head
-        if stated is None or (stated is self.head and stated.start_ns > stated.end_ns):
-            return None, None
-        return stated.start_ns, stated.end_ns
-
-    @property
-    def span(self) -> tuple[int, int] | None:
-        """The wider of the spans that head and summary claim, unverified [ns]."""
-        stated = [t for t in (self.head, self.hint) if t is not None]
-        if not stated:
-            return None
-        return min(t.start_ns for t in stated), max(t.end_ns for t in stated)
 
 
 class Scan:
@@ -122,6 +71,8 @@ class Scan:
         self._loose_from: int | None = None
         self._chunked = bool(self._hints)
         self._outside = Summary()
+        self._known: dict[tuple[int, ...], int] = {}
+        self._repeats: Counter[int] = Counter()
 
     def run(self) -> Salvage:
         """Walk the file and settle what is lost."""
@@ -235,13 +186,32 @@ class Scan:
         kept = None if got.plain and (got.verified or found.whole) else got.records
         piece = Piece(at, stop - at, got.verified, kept, found, len(got.records))
         piece.head, piece.hint = heads[0] if heads else None, hint
+        before = self._repeated(piece)
+        if before is not None:
+            self._tell(at, stop, "chunk", f"it repeats the one at byte {before}; it counts once")
+            self._repeats += found.counts
+            return stop
         self._pieces.append(piece)
+        if not got.reason and found.whole:
+            for remark in of_chunk(self._data, piece, got.records, self._end):
+                self._tell(*remark)
         if got.verified and got.reason:
             self._tell(at, stop, "chunk", got.reason)
         elif got.reason or not (got.verified or got.plain or got.records):
             piece.loss = self._tell(at, stop, "chunk", got.reason or "it cannot be unpacked", None)
             piece.loss.start_ns, piece.loss.end_ns = piece.claimed
         return stop
+
+    def _repeated(self, piece: Piece) -> int | None:
+        """Return where the same bytes stood before as a chunk that spans some time."""
+        found, head = piece.found, piece.head
+        if head is None or found.start_ns >= found.end_ns or not found.whole:
+            return None
+        key = (head.crc, head.start_ns, head.size, piece.length)
+        first = self._known.setdefault(key, piece.offset)
+        same = self._data[first : first + piece.length]
+        stop = piece.offset + piece.length
+        return first if first != piece.offset and same == self._data[piece.offset : stop] else None
 
     def _chunk_end(self, at: int, stated: list[int]) -> int:
         """Return where a chunk that cannot be unpacked ends, as stated, else by what follows."""
@@ -283,6 +253,10 @@ class Scan:
         if orphans:
             why = f"no definition is left of channels {', '.join(map(str, sorted(orphans)))}"
             self._tell(0, 0, "topics", why, sum(orphans.values()))
+        told = sum(loss.count != 0 for loss in self._losses)
+        for remark in of_summary(self._tail, self._pieces, statistics, told):
+            self._tell(*remark)
+        self._forget_repeats(statistics.message_count)
         chunks = [self._chunk_index(p) for p in kept]
         losses, lost, total = settle(
             self._losses,
@@ -304,6 +278,13 @@ class Scan:
             total,
         )
 
+    def _forget_repeats(self, count: int) -> None:
+        """Take off the summary's counts what stands in chunks that repeat another."""
+        stated, more = self._tail.summary.statistics, self._repeats.total()
+        if more and stated is not None and stated.message_count == count + more:
+            stated.message_count = count
+            stated.counts = dict(Counter(stated.counts) - self._repeats)
+
     def _check(self, piece: Piece, checks: Checks, channels: Mapping[int, Channel]) -> None:
         """Keep only plausible messages of a piece that no check sum stands for."""
         records = piece.records
@@ -311,6 +292,8 @@ class Scan:
             records = unpack(self._data, piece.offset, self._end).records
         span = piece.span if self._data[piece.offset] != Op.MESSAGE else None
         places = Places.read(self._data, piece.index, self._end)
+        if piece.found.whole and places.lie_about(records):
+            places = Places()
         sound = plausible(records, checks, places, span)
         if len(sound) == len(records):
             return

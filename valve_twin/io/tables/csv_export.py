@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from valve_twin.io.bags.contents import bag_info, bag_types, topic_name
+from valve_twin.io.bags.contents import bag_info, bag_types, compare_with_data, topic_name
 from valve_twin.io.bags.signals import read_columns
 from valve_twin.io.errors import BagError, suggest
 from valve_twin.io.playback.player import read_messages
@@ -99,6 +99,7 @@ def convert_topics(path: str | Path, out: str | Path, topics: Sequence[str] = ()
         If the bag cannot be read, a topic is not there, or a file cannot be written.
     """
     check_format(out)
+    compare_with_data(path)
     counts = {t.name: t.count for t in bag_info(path).topics}
     wanted = [topic_name(t) for t in topics] or [n for n, count in counts.items() if count]
     for name in wanted:

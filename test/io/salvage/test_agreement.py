@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The data section is the truth: whatever indexes and summary say, nothing is lost untold."""
+
+import struct
+import zlib
+
+import numpy as np
+import pytest
+
+from test.io.salvage.damage_truth import TOPICS, written
+from valve_twin.io.bags.read import read_columns
+from valve_twin.io.bags.report import bag_report
+from valve_twin.io.cdr.signals import SignalSource
+from valve_twin.io.offline.cut import cut
+from valve_twin.io.playback.player import read_messages
+from valve_twin.io.salvage.read import forget
+from valve_twin.io.tables.csv_export import convert_topics
+
+CHUNK, INDEX, STATISTICS, CHUNK_INDEX = 6, 7, 11, 8
+KINDS = ["zstd-crc-2000", "zstd-nocrc-2000", "lz4-crc-2000", "none-nocrc-2000"]
+
+
+def records(data, begin=8, end=None):
+    """Return opcode, begin and end of every record of a file."""
+    found, at = [], begin
+    while at < (len(data) - 8 if end is None else end):
+        op, length = struct.unpack_from("<BQ", data, at)
+        found.append((op, at, at + 9 + length))
+        at += 9 + length
+    return found
+
+
+def sealed(data):
+    """Return a file whose summary carries the check sum of what now stands in it."""
+    data = bytearray(data)
+    (start,) = struct.unpack_from("<Q", data, len(data) - 28)
+    if struct.unpack_from("<I", data, len(data) - 12)[0]:
+        struct.pack_into("<I", data, len(data) - 12, zlib.crc32(data[start : len(data) - 12]))
+    return bytes(data)
+
+
+def groups(data):
+    """Return begin of the chunk, of its indexes and their end, of each chunk."""
+    found = []
+    for op, begin, end in records(data):
+        if op == CHUNK:
+            found.append([begin, end, end])
+        elif op == INDEX:
+            found[-1][2] = end
+    return found
+
+
+def swap_indexes(data, rng):
+    """Exchange the message indexes of two chunks that are of one size."""
+    all_of = groups(data)
+    sizes: dict[int, list[tuple[int, int]]] = {}
+    for _, at, end in all_of:
+        sizes.setdefault(end - at, []).append((at, end))
+    pairs = next(v for v in sizes.values() if len(v) > 1)
+    (a, b), (c, d) = (pairs[i] for i in rng.choice(len(pairs), 2, replace=False))
+    out = bytearray(data)
+    out[a:b], out[c:d] = data[c:d], data[a:b]
+    return bytes(out)
+
+
+def wrong_places(data, rng):
+    """Shift the places that one message index names."""
+    at = [b for op, b, e in records(data) if op == INDEX and e - b > 15]
+    begin = int(rng.choice(at))
+    out = bytearray(data)
+    (place,) = struct.unpack_from("<Q", out, begin + 23)
+    struct.pack_into("<Q", out, begin + 23, place + 1)
+    return bytes(out)
+
+
+def wrong_counts(data, rng):
+    """Count fewer messages of one topic in the statistics, so that the sum is still right."""
+    out = bytearray(data)
+    begin = next(b for op, b, _ in records(data) if op == STATISTICS)
+    (first,) = struct.unpack_from("<Q", out, begin + 9 + 46 + 2)
+    (total,) = struct.unpack_from("<Q", out, begin + 9)
+    less = int(rng.integers(1, first))
+    struct.pack_into("<Q", out, begin + 9 + 46 + 2, first - less)
+    struct.pack_into("<Q", out, begin + 9, total - less)
+    return sealed(out)
+
+
+def wrong_times(data, rng):
+    """State a chunk index and the head of its chunk an hour late."""
+    out = bytearray(data)
+    places = [b for op, b, _ in records(data) if op == CHUNK_INDEX]
+    begin = int(rng.choice(places[1:-1]))
+    start, end, offset = struct.unpack_from("<QQQ", out, begin + 9)
+    late = 3_000_000 * int(rng.integers(1, 9))
+    struct.pack_into("<QQ", out, begin + 9, start + late, end + late)
+    struct.pack_into("<QQ", out, offset + 9, start + late, end + late)
+    return sealed(out)
+
+
+def wrong_offset(data, rng):
+    """Let a chunk index name the place of another chunk."""
+    out = bytearray(data)
+    places = [b for op, b, _ in records(data) if op == CHUNK_INDEX]
+    one, other = (int(p) for p in rng.choice(places, 2, replace=False))
+    out[one + 25 : one + 33] = data[other + 25 : other + 33]
+    return sealed(out)
+
+
+def repeated_entry(data, rng):
+    """Name a chunk twice in the summary."""
+    begin, end = next((b, e) for op, b, e in records(data) if op == CHUNK_INDEX)
+    out = bytearray(data[:end] + data[begin:end] + data[end:])
+    _, offsets = struct.unpack_from("<QQ", out, len(out) - 28)
+    if offsets:
+        struct.pack_into("<Q", out, len(out) - 20, offsets + end - begin)
+    return sealed(out)
+
+
+def repeated_chunk(data, rng):
+    """Write a chunk with its indexes a second time into a file without summary."""
+    begin, _, end = groups(data)[2]
+    stop = next(b for op, b, _ in records(data) if op == 15)
+    body = data[:end] + data[begin:end] + data[end : stop + 13]
+    return body + struct.pack("<BQQQI", 2, 20, 0, 0, 0) + data[-8:]
+
+
+LIES = [
+    swap_indexes,
+    wrong_places,
+    wrong_counts,
+    wrong_times,
+    wrong_offset,
+    repeated_entry,
+    repeated_chunk,
+]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("lie", LIES, ids=lambda f: f.__name__)
+def test_a_lie_about_intact_chunks_loses_nothing_and_is_told(lie, kind, tmp_path, caplog):
+    rng = np.random.default_rng(zlib.crc32(f"{kind}{lie.__name__}".encode()))
+    truth = written(kind, rng, tmp_path, 300)
+    path = tmp_path / "lying.mcap"
+    sound = tmp_path / "sound.mcap"
+    sound.write_bytes(truth.data)
+    path.write_bytes(lie(truth.data, rng))
+    forget()
+    report = bag_report(path, verify=True)
+    assert report["damaged"], report
+    assert report["messages"] == truth.messages.total()
+    assert not bag_report(sound, verify=True)["damaged"]
+
+    sources = [SignalSource(n.split("/")[-1], n) for n, t in list(TOPICS.items())[:2]]
+    caplog.clear()
+    for a, b in zip(read_columns(path, sources), read_columns(sound, sources), strict=True):
+        assert a.stamp_ns.tobytes() == b.stamp_ns.tobytes()
+        assert a.values.tobytes() == b.values.tobytes()
+    assert str(path) in caplog.text
+
+    forget()
+    caplog.clear()
+    found = cut(path, tmp_path / "cut")
+    assert str(path) in caplog.text
+    assert sum(found.topics.values()) == truth.messages.total()
+    kept = [(m.topic, m.log_ns, m.data) for m in read_messages(found.out, list(TOPICS))]
+    assert kept == [(m.topic, m.log_ns, m.data) for m in read_messages(sound, list(TOPICS))]
+
+    forget()
+    rows = {w.topic: w.rows for w in convert_topics(path, tmp_path / "t.csv")}
+    assert sum(rows.values()) == truth.messages.total()
+
+
+@pytest.mark.parametrize("summary", [True, False])
+@pytest.mark.parametrize("what", ["length", "opcode"])
+def test_a_file_without_chunks_that_breaks_in_the_middle_says_so(what, summary, tmp_path):
+    rng = np.random.default_rng(7)
+    data = written("loose-nocrc-0", rng, tmp_path, 30).data
+    if not summary:
+        stop = next(b for op, b, _ in records(data) if op == 15)
+        data = data[: stop + 13] + struct.pack("<BQQQI", 2, 20, 0, 0, 0) + data[-8:]
+    out = bytearray(data)
+    seventh = [b for op, b, _ in records(data) if op == 5][7]
+    if what == "length":
+        struct.pack_into("<Q", out, seventh + 1, 2**40)
+    else:
+        out[seventh] = 0x45
+    path = tmp_path / "broken.mcap"
+    path.write_bytes(out)
+    forget()
+    for verify in (False, True):
+        report = bag_report(path, verify=verify)
+        assert report["damaged"]
+        assert report["lost_messages"] in {1, None}
+        assert any(str(seventh) in str(line["line"]) for line in report["damage"])
+    names = {m.topic for m in read_messages(path, list(TOPICS))}
+    assert names == set(TOPICS)
