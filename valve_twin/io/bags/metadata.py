@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import yaml
 
 from valve_twin.io.errors import BagError
+from valve_twin.io.limits import load_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 
     from valve_twin.io.bags.qos import QosProfile
 
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 FILE_NAME = "metadata.yaml"
 VERSION = 9
 """What the ROS 2 Jazzy recorder writes."""
@@ -127,7 +127,7 @@ def read_metadata(path: Path) -> BagMetadata:
         If it is none, names no files, or the bag is of a kind that is not read.
     """
     try:
-        root = yaml.load(path.read_text(encoding="utf-8"), Loader=_LOADER)
+        root = load_yaml(path.read_text(encoding="utf-8"))
         content = root[_ROOT]
         files = tuple(str(f) for f in content.get("relative_file_paths") or ())
         counts = {
@@ -137,10 +137,12 @@ def read_metadata(path: Path) -> BagMetadata:
         storage = str(content.get("storage_identifier", "mcap"))
         mode = str(content.get("compression_mode") or "").lower()
         custom = content.get("custom_data") or {}
+        custom = {str(k): str(v) for k, v in dict(custom).items()}
     except (
         OSError,
         yaml.YAMLError,
-        UnicodeDecodeError,
+        ValueError,
+        OverflowError,
         TypeError,
         KeyError,
         AttributeError,
@@ -161,4 +163,4 @@ def read_metadata(path: Path) -> BagMetadata:
     if not files:
         msg = f"{path}: names no files; give the .mcap file itself"
         raise BagError(msg)
-    return BagMetadata(files, counts, {str(k): str(v) for k, v in dict(custom).items()})
+    return BagMetadata(files, counts, custom)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import yaml
 
 from valve_twin.io.errors import ConfigError, suggest
+from valve_twin.io.limits import load_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -89,7 +90,7 @@ def read_profiles(text: str) -> tuple[QosProfile, ...]:
         `offered_qos_profiles` of a bag: numbers or words; many bags write nothing.
     """
     try:
-        listed = yaml.safe_load(text) if text else None
+        listed = load_yaml(text) if text else None
     except yaml.YAMLError:
         return ()
     if not isinstance(listed, list):
@@ -117,7 +118,7 @@ def read_overrides(path: str | Path) -> dict[str, dict[str, Any]]:
         If there is no such file or it holds something else; names the topic and the policy.
     """
     try:
-        found = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+        found = load_yaml(Path(path).read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as err:
         reason = err.strerror if isinstance(err, OSError) else "is no YAML"
         msg = f"{path}: cannot be read ({reason}); give a YAML file of policies by topic"

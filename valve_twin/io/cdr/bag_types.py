@@ -29,8 +29,16 @@ _UNDECODABLE = (
     KeyError,
     ValueError,
     TypeError,
+    OverflowError,
+    MemoryError,
+    RecursionError,
     struct.error,
 )
+
+_MAX_DEFINITION = 1 << 20
+_MAX_NESTED = 40
+_MAX_MESSAGES, _MAX_NUMBERS = 1 << 16, 1 << 26
+"""Messages within one another and numbers that one message may hold for sure [1]."""
 
 _READERS: Mapping[str, Callable[[str, str], Typesdict]] = {
     "ros2msg": get_types_from_msg,
@@ -68,8 +76,8 @@ class BagTypes:
             self._store = _parsed(self.name, schema.encoding, schema.data)
         except Exception as err:  # the parser of rosbags raises what its grammar meets
             msg = (
-                f"{where}: the bag holds no readable definition of {schema.name}; record the "
-                "topic anew"
+                f"{where}: the bag holds no readable definition of {schema.name} "
+                f"({_line_of(err)}); record the topic anew"
             )
             raise BagError(msg) from err
 
@@ -98,10 +106,49 @@ class BagTypes:
 @lru_cache(maxsize=64)
 def _parsed(name: str, encoding: str, data: bytes) -> Typestore:
     """Return the types of a definition; the parser takes longer than a thousand messages."""
+    if len(data) > _MAX_DEFINITION:
+        msg = f"the definition is longer than {_MAX_DEFINITION} bytes"
+        raise ValueError(msg)
     store = get_typestore(Stores.EMPTY)
     store.register(_READERS[encoding](data.decode(errors="replace"), name))
     store.fielddefs[name]
+    _expanded(store, name, (), {})
     return store
+
+
+def _expanded(
+    store: Typestore, name: str, around: tuple[str, ...], known: dict[str, tuple[int, int]]
+) -> tuple[int, int]:
+    """Return how many messages and numbers one message of a type holds for sure.
+
+    Raises
+    ------
+    ValueError
+        If it holds itself, or more than any sensor sends.
+    """
+    if name in around or len(around) > _MAX_NESTED:
+        msg = f"type {name} holds itself, or is nested deeper than {_MAX_NESTED} types"
+        raise ValueError(msg)
+    if name in known:
+        return known[name]
+    messages = numbers = 1
+    for _, node in store.fielddefs[name][1]:
+        found = _field(node)
+        times = (found.size or 1) if found.is_array else 1
+        inner = (0, 1)
+        if found.base in store.fielddefs:
+            inner = _expanded(store, found.base, (*around, name), known)
+        messages, numbers = messages + times * inner[0], numbers + times * inner[1]
+        if messages > _MAX_MESSAGES or numbers > _MAX_NUMBERS:
+            msg = f"a message of type {name} holds more than {_MAX_NUMBERS} values"
+            raise ValueError(msg)
+    known[name] = messages, numbers
+    return known[name]
+
+
+def _line_of(err: Exception) -> str:
+    """Return the first words of an error of the parser."""
+    return " ".join(str(err).split())[:120] or type(err).__name__
 
 
 def _field(node: Message) -> FieldType:

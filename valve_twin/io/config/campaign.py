@@ -20,6 +20,7 @@ from valve_twin.core.simulation.faults import Faults
 from valve_twin.core.simulation.settings import configure
 from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
 from valve_twin.io.errors import ConfigError, suggest
+from valve_twin.io.limits import load_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -70,7 +71,7 @@ def load_campaign(path: str | Path) -> Campaign:
         If a key is unknown or a value cannot be used.
     """
     try:
-        given = yaml.safe_load(Path(path).read_text(encoding="utf-8")) or {}
+        given = load_yaml(Path(path).read_text(encoding="utf-8")) or {}
         keys = _keys(given)
         model = _model(keys.model)
         if model.signatures() is None:

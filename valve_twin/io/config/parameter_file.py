@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING
 import yaml
 
 from valve_twin.io.errors import ConfigError
+from valve_twin.io.limits import CONSTRUCTORS_MEET, check_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
 WRAPPER = "ros__parameters"
+_LIST = "tag:yaml.org,2002:seq"
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,15 +76,11 @@ def read_parameter_file(path: Path) -> list[Section]:
     except (OSError, UnicodeDecodeError) as err:
         msg = f"{path}: cannot be read ({err}); give a YAML file in UTF-8 that you may read"
         raise ConfigError(msg) from err
-    loader = yaml.SafeLoader(text)
     try:
-        root = loader.get_single_node()
-        sections = list(_sections(loader, root, "", path)) if root is not None else []
-    except yaml.YAMLError as err:
+        sections = _read_sections(text, path)
+    except (yaml.YAMLError, *CONSTRUCTORS_MEET) as err:
         msg = f"{path}: is not valid YAML ({_one_line(err)}); fix that line"
         raise ConfigError(msg) from err
-    finally:
-        loader.dispose()
     if not sections:
         msg = (
             f"{path}: no section with '{WRAPPER}:'; write '/**:' in the first line, '  "
@@ -91,6 +89,16 @@ def read_parameter_file(path: Path) -> list[Section]:
         )
         raise ConfigError(msg)
     return sections
+
+
+def _read_sections(text: str, path: Path) -> list[Section]:
+    check_yaml(text)
+    loader = yaml.SafeLoader(text)
+    try:
+        root = loader.get_single_node()
+        return list(_sections(loader, root, "", path)) if root is not None else []
+    finally:
+        loader.dispose()
 
 
 def _sections(
@@ -140,7 +148,7 @@ def _flatten(
 
 
 def _value(loader: yaml.SafeLoader, node: yaml.Node) -> object:
-    if isinstance(node, yaml.SequenceNode):
+    if isinstance(node, yaml.SequenceNode) and node.tag == _LIST:
         return [_value(loader, item) for item in node.value]
     value = loader.construct_object(node)
     if isinstance(value, str) and isinstance(node, yaml.ScalarNode) and node.style is None:
@@ -155,7 +163,7 @@ def _ros_number(text: str) -> object:
     return float(text)
 
 
-def _one_line(err: yaml.YAMLError) -> str:
+def _one_line(err: Exception) -> str:
     mark = getattr(err, "problem_mark", None)
     problem = getattr(err, "problem", None) or str(err)
     where = f"line {mark.line + 1}: " if mark is not None else ""

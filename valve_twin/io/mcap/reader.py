@@ -15,6 +15,7 @@ import zstandard
 from mcap.records import Metadata, MetadataIndex
 
 from valve_twin.io.errors import BagError, IndexLiesError
+from valve_twin.io.limits import too_large
 from valve_twin.io.mcap.checksum import crc32
 from valve_twin.io.mcap.format import (
     FOOTER_SIZE,
@@ -42,7 +43,7 @@ _FOREIGN = {
     b"\x28\xb5\x2f\xfd": "compressed as a whole file; unpack it with 'zstd -d'",
 }
 
-_MAX_CHUNK = 1 << 32
+_MODEST = 1 << 24
 _CHUNK_HEAD = struct.Struct("<QQQII")
 """First and last log time, decompressed size, check sum, length of the compression's name."""
 
@@ -235,8 +236,10 @@ class McapFile:
         except _BROKEN as err:
             raise self._damaged(index, f"cannot be read ({err})") from err
         at += _LENGTH.size
-        if op != Op.CHUNK or size > _MAX_CHUNK or at + packed > begin + length:
+        if op != Op.CHUNK or at + packed > begin + length:
             raise self._damaged(index, "there is no chunk")
+        if size > _MODEST and named and (problem := too_large(size, packed)):
+            raise self._damaged(index, f"it {problem}")
         if self.damage is None and (
             self._sums.setdefault(crc or start_ns, index.offset) != index.offset
             or start_ns != index.start_ns
@@ -266,12 +269,15 @@ class McapFile:
     ) -> bytes | memoryview:
         try:
             if compression == b"zstd":
+                claimed = zstandard.frame_content_size(packed)
+                if claimed > size:
+                    raise self._damaged(index, f"it claims {size} bytes and unpacks to {claimed}")
                 return self._unpacker.decompress(packed, max_output_size=size)
             if compression == b"lz4":
                 import lz4.frame
 
-                return bytes(lz4.frame.decompress(packed))
-        except (zstandard.ZstdError, RuntimeError, MemoryError) as err:
+                return bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, size + 1))
+        except (zstandard.ZstdError, RuntimeError, MemoryError, EOFError) as err:
             raise self._damaged(index, f"cannot be unpacked ({err})") from err
         if compression:
             what = f"compression '{compression.decode(errors='replace')}' is unknown"

@@ -15,6 +15,7 @@ from valve_twin.core.valves.registry import get_simulation
 from valve_twin.io.bags.read import BagWriter
 from valve_twin.io.cdr.signals import SERIES_TYPE
 from valve_twin.io.errors import ConfigError
+from valve_twin.io.limits import load_yaml
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -66,7 +67,7 @@ def simulation_of(config: ValveConfig, overrides: Sequence[str] = ()) -> Simulat
 def _value(setting: str, text: str) -> object:
     """Read a value as a parameter file does, where 1e-3 is a number."""
     try:
-        return float(text) if _EXPONENT.fullmatch(text) else yaml.safe_load(text)
+        return float(text) if _EXPONENT.fullmatch(text) else load_yaml(text)
     except yaml.YAMLError as err:
         msg = f"--set {setting}: '{text}' is no value of YAML; write a number, a word or [a, b]"
         raise ConfigError(msg) from err

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import zstandard
 
+from valve_twin.io.limits import too_large, unpack_limit
 from valve_twin.io.mcap.format import RECORD_HEAD, ChunkIndex, Op
 from valve_twin.io.salvage.walk import walk
 
@@ -28,9 +29,10 @@ _MARKS = {b"\x28\xb5\x2f\xfd": "zstd", b"\x04\x22\x4d\x18": "lz4"}
 _NAMES = {0: "", 3: "lz4", 4: "zstd"}
 _FIXED = struct.Struct("<QQQII")
 _PACKED = struct.Struct("<Q")
-_MOST = 1 << 30
 _USUAL = 1 << 26
-_STEP = 1 << 10
+_LONG_STEP, _STEP = 1 << 12, 1 << 10
+"""Packed bytes that are unpacked at a time: a bomb of zstd makes 32 768 of each."""
+
 _OUTSIDE = "it is damaged outside its messages, which its check sum proves"
 _CUT = "the file ends in it; what unpacks is not verified"
 _TORN = "it is damaged and has no check sum; what unpacks is not verified"
@@ -160,6 +162,9 @@ def unpack(data: Bytes, at: int, end: int, hint: ChunkIndex | None = None) -> Un
     heads = read_heads(data, at, end)
     if not heads:
         return Unpacked(reason="its head is cut")
+    problem = too_large(heads[0].size, min(heads[0].packed, end - at))
+    if problem and heads[0].is_sound(data) and heads[0].compression:
+        return Unpacked(end=heads[0].end, reason=f"it {problem}")
     for head in heads:
         found = _verified(data, head, end, hint) if head.crc else None
         if found is not None:
@@ -184,14 +189,16 @@ class _Attempt:
 def _attempts(
     data: Bytes, head: ChunkHead, lengths: Iterable[int], hint: ChunkIndex | None
 ) -> Iterator[_Attempt]:
-    sizes = [n for n in (head.size, hint.size if hint else 0) if n <= _MOST]
+    most = unpack_limit()
+    sizes = [n for n in (head.size, hint.size if hint else 0) if n <= most]
     for length in lengths:
         packed = bytes(data[head.packed_at : head.packed_at + length])
         marked = [name for mark, name in _MARKS.items() if packed.startswith(mark)]
         known = head.compression in _NAMES.values()
         named = [head.compression] if known else list(_NAMES.values())
         for name in dict.fromkeys((*named, *marked)):
-            yield _Attempt(length, name, *inflate(packed, name, max((_USUAL, *sizes))))
+            limit = min(most, max((_USUAL, *sizes)))
+            yield _Attempt(length, name, *inflate(packed, name, limit))
 
 
 def _verified(data: Bytes, head: ChunkHead, end: int, hint: ChunkIndex | None) -> Unpacked | None:
@@ -247,7 +254,7 @@ def inflate(packed: bytes, compression: str, limit: int) -> tuple[bytes, int | N
     compression : str
         "zstd", "lz4" or "".
     limit : int
-        Stop beyond this many bytes.
+        Give up beyond this many bytes.
 
     Returns
     -------
@@ -256,7 +263,7 @@ def inflate(packed: bytes, compression: str, limit: int) -> tuple[bytes, int | N
     """
     if not compression:
         return packed, len(packed)
-    for step in (max(1, len(packed)), _STEP):
+    for step in (_LONG_STEP, _STEP):
         stream = _stream(compression)
         parts: list[bytes] = []
         size, at = 0, 0
@@ -264,8 +271,10 @@ def inflate(packed: bytes, compression: str, limit: int) -> tuple[bytes, int | N
             for at in range(0, len(packed), step):
                 parts.append(stream.decompress(packed[at : at + step]))
                 size += len(parts[-1])
-                if stream.eof or size > limit:
+                if stream.eof:
                     break
+                if size > limit:
+                    return b"", None
         except (zstandard.ZstdError, RuntimeError, MemoryError, EOFError):
             if step == _STEP:
                 return b"".join(parts), None

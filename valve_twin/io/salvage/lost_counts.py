@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import yaml
 
+from valve_twin.io.limits import load_yaml
 from valve_twin.io.mcap.damage import Loss, total_lost
 from valve_twin.io.salvage.tail import Tail, Trust
 
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 
     from valve_twin.io.mcap.format import Statistics
 
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _FILE_NAME, _ROOT = "metadata.yaml", "rosbag2_bagfile_information"
 
 
@@ -122,7 +122,7 @@ def _by_metadata(path: Path, found: int, present: Counter[str]) -> _Expected:
     """Read the counts of the metadata.yaml beside a file; believed only where they add up."""
     try:
         text = (path.parent / _FILE_NAME).read_text(encoding="utf-8")
-        root = yaml.load(text, _LOADER)[_ROOT]  # a safe loader, the fast one
+        root = load_yaml(text)[_ROOT]
         files = {str(f["path"]): f for f in root["files"]}
         own = files[path.name]
         topics = Counter(

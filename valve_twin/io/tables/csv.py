@@ -9,7 +9,6 @@ whatever cannot be a number is named with its line.
 from __future__ import annotations
 
 import csv
-import gzip
 import math
 import zlib
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.io.errors import BagError, suggest
+from valve_twin.io.limits import unpack_gzip
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -125,7 +125,7 @@ def _read_text(path: Path) -> str:
     try:
         data = path.read_bytes()
         if data.startswith(b"\x1f\x8b"):
-            data = gzip.decompress(data)
+            data = unpack_gzip(data)
     except FileNotFoundError:
         msg = f"{path}: there is no such file; give a CSV file"
         raise BagError(msg) from None
