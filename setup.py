@@ -135,6 +135,7 @@ setup(
         "dask": ["distributed"],
         "design": ["ezdxf", "scikit-fem"],
         "fast": ["isal"],
+        "gateway": ["prometheus-client", "starlette", "uvicorn"],
         "parquet": ["pyarrow"],
         "postgresql": ["psycopg[binary]"],
         "test": ["hypothesis", "pytest", "pytest-timeout"],

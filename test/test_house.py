@@ -58,17 +58,25 @@ FILES_AND_CLOCKS = {
 }
 COMMAND_ROOMS = ("cli", "bench", "demo", "warmup")
 ABOVE_VALIDATION = {f"valve_twin.{room}" for room in ("io", "report", "nodes", *COMMAND_ROOMS)}
-ABOVE_CORE = ABOVE_VALIDATION | {"valve_twin.validation", "valve_twin.design"}
-ABOVE_IO = {f"valve_twin.{room}" for room in ("design", "nodes", *COMMAND_ROOMS)}
+ABOVE_CORE = ABOVE_VALIDATION | {f"valve_twin.{r}" for r in ("design", "gateway", "validation")}
+ABOVE_IO = {f"valve_twin.{room}" for room in ("design", "gateway", "nodes", *COMMAND_ROOMS)}
 FORBIDDEN = {
     "core": ROS | FILES_AND_CLOCKS | ABOVE_CORE,
     "design": ROS | ABOVE_VALIDATION | {"valve_twin.validation"},
     "validation": ROS | FILES_AND_CLOCKS | ABOVE_VALIDATION,
     "io": ROS | ABOVE_IO,
     "report": ROS | ABOVE_IO,
+    "gateway": ROS | (ABOVE_IO - {"valve_twin.gateway"}) | {"valve_twin.validation"},
     "nodes": {f"valve_twin.{room}" for room in ("design", "cli", "bench", "demo")},
 }
-LAZY = {"cvxpy", "ezdxf", "skfem"}  # slow, or of an extra: only inside the function that uses it
+LAZY = {
+    "cvxpy",
+    "ezdxf",
+    "prometheus_client",
+    "skfem",
+    "starlette",
+    "uvicorn",
+}  # slow, or of an extra: only inside the function that uses it
 SEEDED = {"BitGenerator", "Generator", "PCG64", "Philox", "SeedSequence", "default_rng"}
 OUTPUT_AND_EXIT = {"print", "sys.exit", "exit", "quit"}
 COMMON_SIGNALS = {"command", "current", "position"}  # words of any valve

@@ -21,7 +21,7 @@ from valve_twin.cli import (
     simulate,
     validate,
 )
-from valve_twin.cli.archive import backtest, batch, fleet, history
+from valve_twin.cli.archive import backtest, batch, fleet, history, serve
 from valve_twin.cli.bags import convert, cut, import_, info, recover, replay
 from valve_twin.cli.common import FAILED, OK, USAGE, Parser, fail
 from valve_twin.cli.design import verb as design
@@ -40,6 +40,7 @@ VERBS = (
     report,
     batch,
     fleet,
+    serve,
     history,
     info,
     recover,

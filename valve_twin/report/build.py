@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 import statistics
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from valve_twin import __version__
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from valve_twin.core.aging import Assessment
+    from valve_twin.core.aging.config import AgingConfig
     from valve_twin.core.valves.error_budget import Budget
     from valve_twin.io.config.valve import ValveConfig
     from valve_twin.io.offline.run import Record
@@ -131,31 +133,55 @@ def report_history(
     StoreError
         If the history cannot be read or does not know the valve.
     """
-    model = get_model(config.model)
     with History(config.history_url, read_only=True) as history:
-        if config.name not in history.valves():
-            known = ", ".join(history.valves()) or "no valve"
-            msg = f"{history.where}: knows nothing about {config.name}; it holds {known}"
-            raise StoreError(msg)
-        estimates = history.estimates(config.name)
-        maintenance = history.maintenance(config.name)
-        cycles = history.cycles(config.name)
-        where = history.where
-    data = ReportData(
-        valve=config.name,
-        model=config.model,
-        source=where,
-        parameters=model.parameters,
-        cycles=tuple(cycles),
+        data = history_data(history, config.name, config.aging, label, config.model)
+    options = {d.name: example(d.default) for d in describe(config.options)}
+    return write_report(replace(data, options=options, budget=budget), out)
+
+
+def history_data(
+    history: History, valve: str, aging: AgingConfig, label: str = "", model: str = ""
+) -> ReportData:
+    """Return what a history holds about a valve, for its page.
+
+    Parameters
+    ----------
+    history : History
+        Where it is stored.
+    valve : str
+        Its name.
+    aging : AgingConfig
+        Rules of aging.
+    label : str
+        As in `report_bag`.
+    model : str
+        Its model, default that of its newest estimate.
+
+    Raises
+    ------
+    StoreError
+        If the history cannot be read or does not know the valve.
+    ValueError
+        If its model is not known here.
+    """
+    if valve not in history.valves():
+        known = ", ".join(history.valves()) or "no valve"
+        msg = f"{history.where}: knows nothing about {valve}; it holds {known}"
+        raise StoreError(msg)
+    estimates = history.estimates(valve)
+    maintenance = history.maintenance(valve)
+    name = model or (estimates[-1].model if estimates else "")
+    parameters = get_model(name).parameters if name else ()
+    return ReportData(
+        valve=valve,
+        model=name,
+        source=history.where,
+        parameters=parameters,
+        cycles=tuple(history.cycles(valve)),
         estimates=tuple(estimates),
-        assessment=assess(
-            estimates, maintenance, config.aging, parameters=model.parameters, valve=config.name
-        ),
+        assessment=assess(estimates, maintenance, aging, parameters=parameters, valve=valve),
         maintenance=tuple(maintenance),
-        label=label or config.aging.label,
-        options={d.name: example(d.default) for d in describe(config.options)},
+        label=label or aging.label,
         version=__version__,
         written_ns=time.time_ns(),
-        budget=budget,
     )
-    return write_report(data, out)

@@ -49,7 +49,7 @@ def _fleet(arguments: argparse.Namespace) -> int:
     from valve_twin.io.history.fleet import FleetOrder, rank_fleet
     from valve_twin.io.history.store import History
 
-    aging = _aging(arguments.config)
+    aging = aging_rules(arguments.config)
     with (
         History(arguments.url, read_only=True) as history,
         progress_of("assessing", len(history.valves())) as advance,
@@ -67,7 +67,8 @@ def _fleet(arguments: argparse.Namespace) -> int:
     return FAILED if arguments.check and any(row.needs_attention for row in rows) else OK
 
 
-def _aging(path: str | None) -> dict[str, AgingConfig]:
+def aging_rules(path: str | None) -> dict[str, AgingConfig]:
+    """Return the rules of aging of a YAML of valves, by name of the valve; none without a file."""
     if not path:
         return {}
     from valve_twin.io.config.valve import load_config

@@ -33,7 +33,7 @@ FAILURE_MODES = {
 }
 """Failure modes of ISO 14224 that are used here, by code."""
 
-NOW, NEXT_STOP, PLAN, NONE = "now", "at the next stop", "plan it", ""
+NOW, NEXT_STOP, PLAN, NONE = "now", "at the next stop", "to be planned", ""
 """How soon."""
 
 
@@ -113,7 +113,7 @@ _ACTIONS = {
 FAULT_ADVICE = {name: Advice(*known, *_ACTIONS[name]) for name, known in _CAUSES.items()}
 """Advice by the name of a sudden fault (`core.diagnosis.table`)."""
 
-_WEAR = Advice(_M, "PDE", "valve", "wear or dirt", "overhaul it before its limit", PLAN)
+_WEAR = Advice(_M, "PDE", "valve", "wear or dirt", "overhaul it", PLAN)
 _BY_KIND = {
     VerdictKind.OK: Advice(Ne107.GOOD),
     VerdictKind.VALVE: _WEAR,

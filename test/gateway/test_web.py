@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""A history in a browser: a real server in a process of its own, asked over TCP."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+from test.io.history.test_fleet import estimate, record
+from valve_twin.cli import main
+from valve_twin.gateway.web import HEADERS
+from valve_twin.io.history.store import History
+
+HOSTILE = '/press/<script>alert(1)</script> & "co"'
+
+
+def store(path: Path, valve: str, cycles: range, rate: float) -> None:
+    with History(path) as history:
+        for cycle in cycles:
+            wave = 0.003 * (-1) ** cycle
+            values = {"K_in": 0.01 * (1 + rate * cycle + wave), "K_out": 0.045, "leak": 1e-3}
+            history.store(valve, record(cycle), (estimate(cycle, values),))
+
+
+class Server:
+    """`valve-twin serve` as a user starts it."""
+
+    def __init__(self, path: Path) -> None:
+        command = [sys.executable, "-m", "valve_twin.cli", "serve", "--port", "0"]
+        self.process = subprocess.Popen(
+            [*command, "--url", f"sqlite:///{path}"], stderr=subprocess.PIPE, text=True
+        )
+        assert self.process.stderr is not None
+        line = self.process.stderr.readline()
+        found = re.search(r"http://127\.0\.0\.1:\d+", line)
+        assert found, line
+        self.address = found.group()
+
+    def get(self, path: str, method: str = "GET") -> tuple[int, str, dict[str, str]]:
+        request = urllib.request.Request(self.address + path, method=method)
+        try:
+            with urllib.request.urlopen(request, timeout=30) as answer:
+                return answer.status, answer.read().decode(), dict(answer.headers)
+        except urllib.error.HTTPError as err:
+            return err.code, err.read().decode(), dict(err.headers)
+
+    def end(self) -> int:
+        self.process.send_signal(signal.SIGINT)
+        try:
+            return self.process.wait(30)
+        finally:
+            self.process.kill()
+            assert self.process.stderr is not None
+            self.process.stderr.close()
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    made = tmp_path_factory.mktemp("gateway") / "history.sqlite"
+    store(made, "/press/worn", range(1, 61), -0.0045)
+    store(made, "/press/new", range(1, 61), 0.0)
+    store(made, HOSTILE, range(1, 3), 0.0)
+    return made
+
+
+@pytest.fixture(scope="module")
+def server(path):
+    made = Server(path)
+    yield made
+    assert made.end() == 0
+
+
+def test_the_page_of_all_valves_shows_the_worst_first_with_state_and_what_to_do(server):
+    status, page, headers = server.get("/")
+    assert status == 200
+    assert page.index("/press/worn") < page.index("/press/new")
+    assert '<span class="sign out_of_specification">S</span>' in page
+    assert '<span class="sign good">' in page
+    assert "overhaul it, now" in page
+    assert {k.lower(): v for k, v in headers.items()}.items() >= {
+        k.lower(): v for k, v in HEADERS.items()
+    }.items()
+
+
+def test_a_hostile_name_is_text(server):
+    _, page, _ = server.get("/")
+    assert "<script" not in page
+    assert "&lt;script&gt;alert(1)&lt;/script&gt; &amp; " in page
+    link = re.findall(r'href="(valve/press/%3Cscript[^"]*)"', page)
+    assert len(link) == 1
+    status, own, _ = server.get("/" + link[0])
+    assert status == 200
+    assert "<script" not in own
+
+
+def test_a_valve_leads_to_the_page_that_report_writes(server):
+    status, page, _ = server.get("/valve/press/worn")
+    assert status == 200
+    assert "NE 107: out of specification" in page
+    assert "K_in" in page
+
+
+def test_json_says_what_fleet_says(server, path, capsys):
+    _, text, _ = server.get("/api/valves")
+    assert main(["fleet", "--url", f"sqlite:///{path}", "--json"]) == 0
+    theirs = {x["valve"]: x for x in map(json.loads, capsys.readouterr().out.splitlines())}
+    ours = json.loads(text)
+    assert ours["failure"] == ""
+    for row in ours["valves"]:
+        other = theirs[row["valve"]]
+        assert row["verdict"].replace(" ", "_").upper() == other["verdict"]
+        for name in ("ne107", "failure_mode", "action", "drift", "way", "cycle", "parameter"):
+            assert row[name] == other[name], name
+    status, one, _ = server.get("/api/valves/press/worn")
+    assert (status, json.loads(one)["valve"]) == (200, "/press/worn")
+
+
+def test_prometheus_reads_every_valve(server):
+    from prometheus_client.parser import text_string_to_metric_families
+
+    status, text, headers = server.get("/metrics")
+    assert status == 200
+    assert headers["content-type"].startswith("text/plain; version=0.0.4")
+    samples = [s for f in text_string_to_metric_families(text) for s in f.samples]
+    states = {
+        s.labels["valve"]: s.labels["state"]
+        for s in samples
+        if s.name == "valve_twin_ne107" and s.value == 1.0
+    }
+    assert states["/press/worn"] == "out of specification"
+    assert states["/press/new"] == "good"
+    assert HOSTILE in states
+    (drift,) = (
+        s.value
+        for s in samples
+        if s.name == "valve_twin_drift_percent" and s.labels["valve"] == "/press/worn"
+    )
+    assert -30.0 < drift < -20.0
+    document = (Path(__file__).parents[2] / "docs" / "browser.md").read_text(encoding="utf-8")
+    assert {s.name for s in samples} <= set(re.findall(r"valve_twin_\w+", document))
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH"])
+def test_nothing_is_taken(server, method):
+    assert server.get("/", method)[0] == 405
+    assert server.get("/api/valves", method)[0] == 405
+
+
+@pytest.mark.parametrize(
+    "path_", ["/valve/none", "/api/valves/none", "/x", "/valve/..%2f..%2fetc"]
+)
+def test_what_is_not_there_is_said(server, path_):
+    status, text, _ = server.get(path_)
+    assert status == 404
+    assert "Traceback" not in text
+
+
+def test_a_new_cycle_shows_and_a_history_that_is_gone_is_told(tmp_path):
+    path = tmp_path / "history.sqlite"
+    store(path, "/v", range(1, 21), 0.0)
+    server = Server(path)
+    try:
+
+        def cycle() -> int:
+            return int(json.loads(server.get("/api/valves")[1])["valves"][0]["cycle"])
+
+        assert cycle() == 20
+        store(path, "/v", range(21, 22), 0.0)
+        wait_for(lambda: cycle() == 21)
+        assert server.get("/health")[:2] == (200, "ok")
+        with sqlite3.connect(path) as raw:
+            raw.execute("ALTER TABLE cycle RENAME TO gone")
+        wait_for(lambda: server.get("/health")[0] == 503)
+        _, page, _ = server.get("/")
+        assert "<b>Stale.</b> The history cannot be read now; what is shown is" in page
+        assert "valve_twin_history_up 0.0" in server.get("/metrics")[1]
+        with sqlite3.connect(path) as raw:
+            raw.execute("ALTER TABLE gone RENAME TO cycle")
+        wait_for(lambda: server.get("/health")[0] == 200)
+    finally:
+        assert server.end() == 0
+
+
+def wait_for(condition, most_s: float = 60.0) -> None:
+    end = time.monotonic() + most_s
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.2)  # the server reads the history every two seconds
+
+
+def test_wrong_arguments_get_one_line(tmp_path, capsys, server, path):
+    assert main(["serve", "--url", f"sqlite:///{tmp_path}/none.sqlite"]) == 1
+    assert "there is no such file" in capsys.readouterr().err
+    assert main(["serve", "--url", f"sqlite:///{path}", "--port", "70000"]) == 2
+    assert "port 70000 is not in 0 .. 65535" in capsys.readouterr().err
+    taken = server.address.rsplit(":", 1)[1]
+    assert main(["serve", "--url", f"sqlite:///{path}", "--port", taken]) == 1
+    said = capsys.readouterr().err
+    assert f"cannot listen at 127.0.0.1:{taken}" in said
+    assert said.count("\n") == 1

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The valves of a history as metrics of Prometheus."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from valve_twin.core.aging.verdict import VerdictKind
+from valve_twin.core.faults.ne107 import Ne107
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from valve_twin.gateway.plant import View
+    from valve_twin.io.history.fleet import FleetRow
+
+TYPE = "text/plain; version=0.0.4; charset=utf-8"
+
+_NUMBERS: tuple[tuple[str, str, Callable[[FleetRow], float]], ...] = (
+    ("valve_twin_cycle", "Last stored cycle [1].", lambda r: r.cycle),
+    (
+        "valve_twin_end_seconds",
+        "Last stamp of it on the data's clock [s].",
+        lambda r: r.end_ns * 1e-9,
+    ),
+    ("valve_twin_drift_percent", "Change of the worst parameter [%].", lambda r: r.drift),
+    (
+        "valve_twin_way_ratio",
+        "Share of the way to its limit that is surely covered [1].",
+        lambda r: r.way,
+    ),
+    (
+        "valve_twin_remaining",
+        "Remaining life, median [unit of the label axis].",
+        lambda r: r.remaining,
+    ),
+    (
+        "valve_twin_residual",
+        "One-step residual of the newest cycles, RMS [1].",
+        lambda r: r.residual,
+    ),
+    (
+        "valve_twin_confidence_ratio",
+        "Share of the newest estimates that are trusted [1].",
+        lambda r: r.confidence,
+    ),
+)
+
+
+def exposition(view: View) -> bytes:
+    """Return the metrics of all valves in the text format; what is not known is left out.
+
+    Parameters
+    ----------
+    view : View
+        What the history holds.
+    """
+    from prometheus_client import CollectorRegistry, Gauge, generate_latest
+
+    registry = CollectorRegistry()
+    up = Gauge("valve_twin_history_up", "1 where the history could be read.", registry=registry)
+    up.set(not view.failure)
+    states = Gauge(
+        "valve_twin_ne107",
+        "1 for the state of NAMUR NE 107.",
+        ["valve", "state"],
+        registry=registry,
+    )
+    verdicts = Gauge(
+        "valve_twin_verdict", "1 for the verdict.", ["valve", "verdict"], registry=registry
+    )
+    for row in view.rows:
+        for state in Ne107:
+            states.labels(row.valve, state.value).set(row.ne107 == state.value)
+        for kind in VerdictKind:
+            verdicts.labels(row.valve, kind.text).set(row.verdict is kind)
+    for name, text, value in _NUMBERS:
+        gauge = Gauge(name, text, ["valve", "parameter", "axis"], registry=registry)
+        for row in view.rows:
+            if not math.isnan(value(row)):
+                gauge.labels(row.valve, row.parameter, row.axis).set(value(row))
+    found: bytes = generate_latest(registry)
+    return found
