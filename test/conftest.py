@@ -9,6 +9,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 NODES = ROOT / "test" / "nodes"
+LIVE = (NODES, *(ROOT / "test" / name for name in ("demo", "bench", "test_packaging.py")))
+"""Where tools/check looks for tests marked `ros` or `alone`."""
 
 hypothesis.settings.register_profile(
     "deterministic",
@@ -28,6 +30,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if NODES in item.path.parents:
             item.add_marker(pytest.mark.ros)
+        marks = {mark.name for mark in item.iter_markers()}
+        if marks & {"ros", "alone"} and not {item.path, *item.path.parents} & set(LIVE):
+            msg = f"{item.nodeid}: tools/check does not look for tests marked ros or alone here"
+            raise pytest.UsageError(msg)
 
 
 @pytest.fixture(scope="session")

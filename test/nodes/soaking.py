@@ -174,7 +174,7 @@ class Soak:
             plant.stdin.write("go\n")
             plant.stdin.flush()
             sent = (len(found) + 1) * CYCLE * self.valves
-            self.graph.spin_until(lambda n=sent: self.is_quiet(n), 90.0, "a quiet twin")
+            self.graph.spin_until(lambda n=sent: self.is_quiet(n), 240.0, "a quiet twin")
             figures = self.figures()
             lines = len(self._blocks())
             os.kill(self.twin.pid, signal.SIGUSR1)

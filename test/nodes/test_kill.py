@@ -79,8 +79,7 @@ class Life:
         graph.be_heard(f"{ns}/twin")
 
     def kill(self) -> None:
-        self.twin.process.kill()
-        self.twin.process.wait(10)
+        self.twin.kill()
         self.graph.strangers.remove(self.hardware)
         self.hardware.destroy_node()
         rclpy.shutdown(context=self.hardware.context)

@@ -106,8 +106,7 @@ def _live(graph, run: Run) -> Run:
     reached(estimated() + 1)
     run.before_kill = {"samples": len(run.predictions), "trend": run.uninterrupted[-1]}
     run.killed_at = estimated()
-    twin.process.kill()
-    twin.process.wait()
+    twin.kill()
     graph.start("twin", **twin_parameters)
     reached(run.killed_at + 4)
     graph.spin_until(

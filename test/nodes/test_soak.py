@@ -27,6 +27,7 @@ GOAL_MB = 1.0
 RESULT = Path(__file__).resolve().parents[2] / "docs" / "campaigns" / "soak.json"
 
 
+@pytest.mark.timeout(900)
 def test_fifty_valves_at_twenty_times_real_time_lose_nothing_and_keep_nothing(graph, tmp_path):
     """A cycle of every valve at a time: what is kept of each is seen in a second or two.
 
@@ -50,6 +51,7 @@ def test_fifty_valves_at_twenty_times_real_time_lose_nothing_and_keep_nothing(gr
     assert blocks < 120.0, [r.blocks for r in rounds]
 
 
+@pytest.mark.timeout(900)
 def test_memory_of_a_backlog_of_estimations_goes_back_to_the_system(graph, tmp_path):
     """The estimating process stands still for 20 cycles of ten valves, then catches up."""
     made = Soak(graph, tmp_path, valves=10, rate=100.0, batch=34)
@@ -65,9 +67,9 @@ def test_memory_of_a_backlog_of_estimations_goes_back_to_the_system(graph, tmp_p
         )
         grown = rss_mb(made.twin.pid) - base
         os.kill(worker, signal.SIGCONT)
-        graph.spin_until(lambda: made.is_quiet(23 * CYCLE * 10), 60.0, "a quiet twin")
+        graph.spin_until(lambda: made.is_quiet(23 * CYCLE * 10), 240.0, "a quiet twin")
         graph.spin_until(
-            lambda: rss_mb(made.twin.pid) - base < 0.6 * grown, 15.0, f"less than {grown} MB more"
+            lambda: rss_mb(made.twin.pid) - base < 0.6 * grown, 60.0, f"less than {grown} MB more"
         )
         assert made.end() == 0
     finally:

@@ -32,7 +32,8 @@ TOPICS = [f"/press/v1/{name}" for name in ("command/v_in", "command/v_out", "spo
 STATE = "/press/v1/state"
 PLAYER = f"{NS}/bag_player"
 STRING = "std_msgs/msg/String"
-LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""Deeper than what is offered: of states that leave at once a queue of one would keep the last."""
 
 
 def time_of(ns: int) -> Time:

@@ -458,8 +458,7 @@ def test_a_full_disk_ends_the_file_not_the_node(graph, tmp_path):
         assert bag_info(place / "bag").message_count == metadata(place / "bag")["message_count"]
     finally:
         for process in graph.processes:
-            process.process.poll() is None and process.process.kill()
-            process.process.wait(10)
+            process.kill()
         subprocess.run(["umount", str(place)], check=True)
 
 

@@ -16,7 +16,7 @@ from valve_twin.nodes.runtime.safety import is_replayed
 from valve_twin.nodes.runtime.stamps import from_time
 from valve_twin.nodes.twin.estimate_wait import EstimateWait
 
-RUNS = 5
+RUNS = 5  # at most
 ESTIMATIONS = 6  # a run
 RATE = 10.0  # a cycle lasts 2.55 s, an estimation of it 2 s
 
@@ -136,19 +136,23 @@ class Latencies:
         (first, begun), (last, ended) = positions[0], positions[-1]
         data_ns = from_time(last.header.stamp) - from_time(first.header.stamp)
         self.rate = data_ns / (ended["source_timestamp"] - begun["source_timestamp"])
+        # what waits for an estimation is late by most of it; a twentieth and twice the quiet
+        # latency are the price of a core that computes
+        price = 0.05e-6 * float(np.median(np.diff(self.busy, axis=1)))
+        in_time = self.loud <= max(2.0 * self.quiet, price)
+        self.is_good = in_time and self.rate == pytest.approx(RATE, rel=0.05)
+
+    def __str__(self) -> str:
+        return f"{self.loud:.1f} ms during and {self.quiet:.1f} ms without at rate {self.rate:.2f}"
 
 
 @pytest.mark.alone
 @pytest.mark.timeout(900)
 def test_an_estimation_does_not_delay_the_predictions(tmp_path_factory, tmp_path, slow):
-    runs = [Latencies(tmp_path_factory.mktemp("run"), slow) for _ in range(RUNS)]
-    assert sum(len(r.busy) for r in runs) >= RUNS * ESTIMATIONS
-    spans = np.concatenate([np.diff(r.busy, axis=1) for r in runs])
-    assert np.all(spans >= slow_press.ESTIMATION_S * 1e9)
-    said = ", ".join(f"{r.loud:.1f} ms during and {r.quiet:.1f} ms without" for r in runs)
-    # what waits for an estimation is late by most of it; a twentieth and twice the quiet latency
-    # are the price of a core that computes
-    bearable = [max(2.0 * r.quiet, 0.05e-6 * float(np.median(spans))) for r in runs]
-    late = [r.loud / b for r, b in zip(runs, bearable, strict=True)]
-    assert np.median(late) <= 1.0, said
-    assert np.median([r.rate for r in runs]) == pytest.approx(RATE, rel=0.05)
+    runs: list[Latencies] = []
+    while 2 * max(sum(r.is_good == found for r in runs) for found in (True, False)) < RUNS:
+        runs.append(Latencies(tmp_path_factory.mktemp("run"), slow))
+        assert len(runs[-1].busy) >= ESTIMATIONS
+        assert np.all(np.diff(runs[-1].busy, axis=1) >= slow_press.ESTIMATION_S * 1e9)
+    said = ", ".join(map(str, runs))
+    assert 2 * sum(r.is_good for r in runs) > RUNS, said
