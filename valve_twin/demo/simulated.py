@@ -103,7 +103,9 @@ def _conclude(case: Case, out: Path, bag: Path, files: list[Path]) -> bool:
     found = _injected_drift_is_found(case, merged)
     say(f"report page: {page}")
     say(f"recorded bag: {bag}")
-    say(f"history:      {out / 'history.sqlite'}")
+    history = out / "history.sqlite"
+    say(f"history:      {history}")
+    say(f"in a browser: tools/run valve-twin serve --url sqlite:///{history}")
     return code == 0 and found
 
 
