@@ -42,6 +42,8 @@ class Field:
         Of the armature [m].
     potential : (N,) array
         Vector potential at the unknowns [Wb/m].
+    potential_slope : (C, N) array
+        Its slope over the currents [H/m].
     flux : (C,) array
         Flux linkages [Wb].
     energy, coenergy : float
@@ -60,6 +62,7 @@ class Field:
     currents: FloatArray
     position: float
     potential: FloatArray
+    potential_slope: FloatArray
     flux: FloatArray
     energy: float
     coenergy: float
@@ -130,6 +133,8 @@ def solve_field(
     rows = np.zeros((len(i), model.unknowns))
     rows[:, order] = model.coils[:, free]
     answers = factors.solve(rows.T) if len(i) else np.zeros((model.unknowns, 0))
+    slopes = np.zeros((len(i), len(a)))
+    slopes[:, free] = answers[order].T
     force, force_over_a = force_of(model, points, a)
     pull = np.zeros(model.unknowns)
     pull[order] = force_over_a[free]
@@ -138,6 +143,7 @@ def solve_field(
         currents=i,
         position=position,
         potential=a,
+        potential_slope=slopes,
         flux=flux,
         energy=energy,
         coenergy=float(i @ flux) - energy,

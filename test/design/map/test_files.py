@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Maps as files."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from valve_twin.core.physics.coenergy import CoenergyMap, spline_coefficients
+from valve_twin.design.map import read_map, write_map
+
+NODES = np.linspace(0.0, 1.0, 4)
+
+
+def a_map():
+    values = np.random.default_rng(0).normal(size=(8, 8))
+    made = spline_coefficients(values, (NODES, NODES))
+    return CoenergyMap(("A",), NODES, NODES, made, {"name": "x", "unknowns": 7})
+
+
+def test_a_map_comes_back_to_the_last_bit_and_its_file_is_always_the_same(tmp_path):
+    paths = [tmp_path / name for name in ("one.npz", "two.npz")]
+    for path in paths:
+        write_map(a_map(), path)
+    found = read_map(paths[0])
+    assert (found.coefficients == a_map().coefficients).all()
+    assert (found.coils, dict(found.provenance)) == (("A",), {"name": "x", "unknowns": 7})
+    assert paths[0].read_bytes() == paths[1].read_bytes()
+
+
+def test_what_is_no_map_is_refused_with_its_name(tmp_path):
+    path = tmp_path / "m.npz"
+    with pytest.raises(ValueError, match=r"m.npz: is no map"):
+        read_map(path)
+    path.write_bytes(b"PK\x03\x04 broken")
+    with pytest.raises(ValueError, match=r"m.npz: is no map"):
+        read_map(path)
+    np.savez(path, form=np.array(9))
+    with pytest.raises(ValueError, match="is a map of form 9: this version reads form 1"):
+        read_map(path)
+    np.savez(path, form=np.array(1))
+    with pytest.raises(ValueError, match="is no map"):
+        read_map(path)

@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""A map as a file: arrays of numpy and the provenance as JSON."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.physics.coenergy import CoenergyMap
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+_FORM = 1
+
+
+def write_map(found: CoenergyMap, path: Path) -> None:
+    """Write a map to a file of numpy's form npz.
+
+    Parameters
+    ----------
+    found : CoenergyMap
+        The map.
+    path : Path
+        File to write.
+    """
+    with path.open("wb") as file:
+        np.savez_compressed(
+            file,
+            form=np.array(_FORM),
+            coils=np.array(found.coils),
+            currents=found.currents,
+            positions=found.positions,
+            coefficients=found.coefficients,
+            provenance=np.array(json.dumps(found.provenance)),
+        )
+
+
+def read_map(path: Path) -> CoenergyMap:
+    """Read a map.
+
+    Raises
+    ------
+    ValueError
+        If the file cannot be read or is no map; names it.
+    """
+    try:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            held = {name: file[name] for name in file.files}
+        form = int(held["form"])
+        if form == _FORM:
+            return CoenergyMap(
+                tuple(str(name) for name in held["coils"]),
+                held["currents"],
+                held["positions"],
+                held["coefficients"],
+                json.loads(str(held["provenance"])),
+            )
+    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as err:
+        message = f"{path}: is no map of valve-twin design map ({' '.join(str(err).split())})"
+        raise ValueError(message) from err
+    message = f"{path}: is a map of form {form}: this version reads form {_FORM}"
+    raise ValueError(message)
