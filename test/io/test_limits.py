@@ -15,6 +15,7 @@ import yaml
 import zstandard
 from mcap.records import Schema
 
+from test.io.foreign import SUBJECTS, campaign
 from valve_twin.io.bags.folder import find_files
 from valve_twin.io.cdr.bag_types import BagTypes
 from valve_twin.io.config.parameter_file import read_parameter_file
@@ -169,3 +170,32 @@ def test_a_bomb_in_a_chunk_is_told_and_takes_no_memory(compression, claim, tmp_p
         assert found["code"] == 1
         assert found["mb"] < 1000, found
         assert str(path) in done.stdout + done.stderr
+
+
+def hold(kind, folder, seed, count):
+    """Run a campaign of mutations and hold it to what is promised."""
+    tally = campaign(SUBJECTS[kind](folder), folder, seed, count)
+    assert tally.cases == count
+    assert not tally.tracebacks, tally.tracebacks[:5]
+    assert not tally.silent, tally.silent[:5]
+    assert not tally.slow, tally.slow[:5]
+    assert tally.grown_mb < 1000.0
+    assert tally.refused + tally.told > 0
+    assert {p.name for p in folder.iterdir()} <= {"made", "meta", tally_name(kind)}
+
+
+def tally_name(kind):
+    return {"bag": "a.mcap", "metadata": "meta", "configuration": "valve.yaml"}.get(
+        kind, "a.csv" if kind == "table" else "a.cdr"
+    )
+
+
+@pytest.mark.parametrize("kind", SUBJECTS)
+def test_no_mutation_of_a_file_ends_in_a_trace_or_is_read_wrong_silently(kind, tmp_path):
+    hold(kind, tmp_path, 1, 150)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", SUBJECTS)
+def test_none_of_ten_thousand_mutations_does(kind, tmp_path):
+    hold(kind, tmp_path, 2, 10_000)

@@ -57,6 +57,9 @@ VERBS = (
 )
 """One module a verb, in the order of the help."""
 
+TRACE = "VALVE_TWIN_TRACE"
+"""Environment variable that shows where something unexpected happened."""
+
 _ACCESS = "check the folder, its access rights and the free space"
 
 
@@ -93,6 +96,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         return fail(f"{err.filename or 'standard output'}: {err.strerror or err}; {_ACCESS}")
     except KeyboardInterrupt:
         return fail("interrupted")
+    except Exception as err:  # what was read is of foreign origin; no content may end in a trace
+        if os.environ.get(TRACE):
+            raise
+        return fail(
+            f"{arguments.verb}: stopped by something unexpected in what was read "
+            f"({type(err).__name__}: {err}); please report it with the file; {TRACE}=1 shows where"
+        )
     return code
 
 

@@ -93,3 +93,15 @@ def test_a_file_that_is_no_text_is_named(tmp_path):
     (tmp_path / "a.yaml").write_bytes(b"\xff\xfe\x00\x80")
     with pytest.raises(ConfigError, match=r"a.yaml: cannot be read"):
         read_parameter_file(tmp_path / "a.yaml")
+
+
+@pytest.mark.parametrize("text", ["1:30", "1_000", "0x10", "010", "0b11"])
+def test_a_number_that_people_read_otherwise_is_told(text, yaml_file):
+    path = yaml_file(f"period_s: {text}")
+    with pytest.raises(ConfigError, match=r":3: key 'period_s': .*to YAML"):
+        read_parameter_file(path)
+
+
+def test_an_empty_map_is_no_value(yaml_file):
+    with pytest.raises(ConfigError, match=r":3: key 'period_s' holds no value"):
+        read_parameter_file(yaml_file("period_s: {}"))

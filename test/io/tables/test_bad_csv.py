@@ -11,6 +11,8 @@ import pytest
 from valve_twin.cli import main
 from valve_twin.core.simulation import simulate_cycles
 from valve_twin.core.valves.registry import get_simulation
+from valve_twin.io.errors import BagError
+from valve_twin.io.tables.csv import read_table
 
 CYCLES = 2
 CONFIG = """\
@@ -237,3 +239,51 @@ def test_a_wrong_period_is_named_where_the_bag_is_estimated(
     main(["estimate", str(tmp_path / "b"), "--config", str(wrong)])
     said = capsys.readouterr().err
     assert "the stamps are 0.03 s apart (median) but period_s is 0.02 s: correct period_s" in said
+
+
+def told(tmp_path, text, names=("0", "1"), **more):
+    path = tmp_path / "a.csv"
+    path.write_text(text)
+    with pytest.raises(BagError) as caught:
+        read_table(path, list(names), **more)
+    return str(caught.value)
+
+
+def test_a_quote_that_is_not_closed_swallows_nothing(tmp_path):
+    rows = [f"{i},{i}" for i in range(100)]
+    rows[3] = '3,"3'
+    rows[97] = '97,97"'
+    text = told(tmp_path, "\n".join(rows))
+    assert ":4: a quote is opened" in text
+
+
+@pytest.mark.parametrize("cell", ["1_000", "0x10", "1:30", "{}", "0b1", "1d5", "١٢", "1 000"])
+def test_what_only_a_program_takes_for_a_number_is_told(cell, tmp_path):
+    text = told(tmp_path, f"t,x\n0,1\n1,{cell}\n2,3\n", ("t", "x"))
+    assert f":3: column 'x': '{cell}' is no number" in text
+
+
+@pytest.mark.parametrize("cells", [("999.5", "1,000"), ("999", "1,000"), ("1,000", "0.5")])
+def test_a_comma_of_two_meanings_is_told(cells, tmp_path):
+    text = told(tmp_path, "t;x\n" + "".join(f"{i};{c}\n" for i, c in enumerate(cells)), ("t", "x"))
+    assert "between thousands" in text
+    assert "column 'x'" in text
+
+
+@pytest.mark.parametrize("cells", [("0,5", "1"), ("1,25", "2,125"), ("1,000", "1,001")])
+def test_a_decimal_comma_is_read(cells, tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text("t;x\n" + "".join(f"{i};{c}\n" for i, c in enumerate(cells)))
+    table = read_table(path, ["x"])
+    assert table.columns[0].tolist() == [float(c.replace(",", ".")) for c in cells]
+
+
+@pytest.mark.parametrize(("zone", "count"), [("", 1), ("+00:00", 0)])
+def test_the_hour_that_a_clock_without_zone_skips_is_told(zone, count, tmp_path):
+    before = [f"2026-03-29 01:{m:02d}:00{zone},{m}" for m in range(60)]
+    after = [f"2026-03-29 03:{m:02d}:00{zone},{m}" for m in range(60)]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join(["t,x", *before, *after]))
+    table = read_table(path, ["t", "x"], dates=True)
+    assert len(table.notices) == count
+    assert all(":62: the clock skips the hour" in n for n in table.notices)

@@ -21,6 +21,14 @@ WRAPPER = "ros__parameters"
 _LIST = "tag:yaml.org,2002:seq"
 
 
+_ODD_NUMBER = re.compile(r"[-+]?(\d[\d_]*(:\d+)+(\.\d*)?|.*_.*|0[xXbBoO].*|0\d+)")
+"""Numbers of YAML 1.1 that people write as something else: 1:30, 1_000, 0x10, 010."""
+
+
+class _OddNumberError(Exception):
+    """A number that people read otherwise than YAML does."""
+
+
 @dataclass(frozen=True, slots=True)
 class Section:
     """Parameters of the nodes that a pattern matches.
@@ -135,6 +143,9 @@ def _flatten(
         name = f"{prefix}{key.value}"
         line = key.start_mark.line + 1
         if isinstance(value, yaml.MappingNode):
+            if not value.value:
+                msg = f"{path}:{line}: key '{name}' holds no value; write one or remove the key"
+                raise ConfigError(msg)
             _flatten(loader, value, f"{name}.", out, path)
             continue
         if name in out.values:
@@ -143,7 +154,11 @@ def _flatten(
                 "remove one"
             )
             raise ConfigError(msg)
-        out.values[name] = _value(loader, value)
+        try:
+            out.values[name] = _value(loader, value)
+        except _OddNumberError as err:
+            msg = f"{path}:{line}: key '{name}': {err}"
+            raise ConfigError(msg) from None
         out.lines[name] = line
 
 
@@ -151,6 +166,13 @@ def _value(loader: yaml.SafeLoader, node: yaml.Node) -> object:
     if isinstance(node, yaml.SequenceNode) and node.tag == _LIST:
         return [_value(loader, item) for item in node.value]
     value = loader.construct_object(node)
+    if (
+        isinstance(value, (int, float))
+        and isinstance(node, yaml.ScalarNode)
+        and _ODD_NUMBER.fullmatch(node.value)
+    ):
+        msg = f"'{node.value}' is {value} to YAML; write {value}, or '\"{node.value}\"' for a text"
+        raise _OddNumberError(msg)
     if isinstance(value, str) and isinstance(node, yaml.ScalarNode) and node.style is None:
         return _ros_number(value)
     return value

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 import zlib
 from dataclasses import dataclass
 from datetime import datetime, timezone
@@ -19,6 +20,7 @@ import numpy as np
 
 from valve_twin.io.errors import BagError, suggest
 from valve_twin.io.limits import unpack_gzip
+from valve_twin.io.tables.csv_doubts import check_commas, check_quotes, clock_notices
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,6 +30,11 @@ if TYPE_CHECKING:
 
 _SEPARATORS = ";\t,|"
 _NO_VALUE = {"", "nan", "null", "none", "n/a", "na", "-", "bad", "#n/a"}
+_NUMBER = re.compile(
+    r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?inf(inity)?", re.ASCII | re.IGNORECASE
+)
+"""What is a number in a table; Python alone would take 1_000 for one, too."""
+
 _PROBE_LINES = 20
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 
@@ -46,12 +53,15 @@ class Table:
         In the order they were asked for; NaN = no value.
     dated : bool
         Whether the first column held dates; its unit is then the second since 1970.
+    notices : tuple of str
+        What looks wrong but could be so.
     """
 
     path: Path
     lines: IntArray
     columns: list[FloatArray]
     dated: bool = False
+    notices: tuple[str, ...] = ()
 
 
 def read_table(
@@ -86,20 +96,25 @@ def read_table(
     if not numbered:
         msg = f"{path}: is empty; give a CSV file with rows"
         raise BagError(msg)
+    check_quotes(path, numbered)
     mark = separator or _find_separator([line for _, line in numbered[:_PROBE_LINES]])
-    first = next(csv.reader([numbered[0][1]], delimiter=mark))
+    first = _cells(path, numbered[0][1], mark)
     header = [] if all(_is_value(cell, mark) for cell in first) else [c.strip() for c in first]
     rows = numbered[1:] if header else numbered
     if not rows:
         msg = f"{path}: has a header but no rows; export the data with it"
         raise BagError(msg)
     indexes = [_index(path, name, header, len(first)) for name in names]
+    check_commas(path, rows, mark, list(zip(indexes, names, strict=True)))
     lines = np.array([number for number, _ in rows], dtype=np.int64)
     columns = _parse_fast([line for _, line in rows], mark, indexes)
     if columns is not None:
         return Table(path, lines, columns)
-    dated = dates and _is_date(_cell(rows[0][1], mark, indexes[0]))
-    return Table(path, lines, _parse_slow(path, rows, mark, indexes, names, dated=dated), dated)
+    begin = _cell(path, rows[0][1], mark, indexes[0])
+    dated = dates and _is_date(begin)
+    columns = _parse_slow(path, rows, mark, indexes, names, dated=dated)
+    notices = clock_notices(path, lines, columns[0]) if dated and not _has_zone(begin) else ()
+    return Table(path, lines, columns, dated, notices)
 
 
 def read_header(path: Path, *, separator: str = "") -> list[str]:
@@ -117,7 +132,7 @@ def read_header(path: Path, *, separator: str = "") -> list[str]:
         msg = f"{path}: is empty; give a CSV file with rows"
         raise BagError(msg)
     mark = separator or _find_separator(lines[:_PROBE_LINES])
-    first = next(csv.reader([lines[0]], delimiter=mark))
+    first = _cells(path, lines[0], mark)
     return [] if all(_is_value(cell, mark) for cell in first) else [c.strip() for c in first]
 
 
@@ -134,7 +149,7 @@ def _read_text(path: Path) -> str:
         raise BagError(msg) from err
     if data.startswith(b"PK") or b"\0" in data[:4096]:
         if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-            return data.decode("utf-16")
+            return data.decode("utf-16", errors="replace")
         msg = f"{path}: is no text; save the table as CSV"
         raise BagError(msg)
     try:
@@ -147,7 +162,10 @@ def _find_separator(lines: Sequence[str]) -> str:
     """Return the separator that splits all first lines into equally many, and most, cells."""
     best, most = ",", 0
     for mark in _SEPARATORS:
-        counts = {len(row) for row in csv.reader(lines, delimiter=mark)}
+        try:
+            counts = {len(row) for row in csv.reader(lines, delimiter=mark)}
+        except csv.Error:
+            continue
         cells = counts.pop() if len(counts) == 1 else 1
         if cells > most:
             best, most = mark, cells
@@ -161,10 +179,7 @@ def _number(cell: str, separator: str) -> float | None:
         return math.nan
     if separator != ",":
         text = text.replace(",", ".")
-    try:
-        return float(text)
-    except ValueError:
-        return None
+    return float(text) if _NUMBER.fullmatch(text) else None
 
 
 def _is_value(cell: str, separator: str) -> bool:
@@ -175,11 +190,15 @@ def _is_date(cell: str) -> bool:
     return _date_s(cell) is not None
 
 
+def _has_zone(cell: str) -> bool:
+    return datetime.fromisoformat(cell.strip().replace("Z", "+00:00")).tzinfo is not None
+
+
 def _date_s(cell: str) -> float | None:
     """Return seconds since 1970 of an ISO date and time, UTC unless it says otherwise."""
     try:
         when = datetime.fromisoformat(cell.strip().replace("Z", "+00:00"))
-    except ValueError:
+    except (ValueError, OverflowError):
         return None
     if when.tzinfo is None:
         when = when.replace(tzinfo=timezone.utc)
@@ -228,11 +247,21 @@ def _parse_fast(
         )
     except (ValueError, IndexError):
         return None
+    if len(table) != len(lines):
+        return None
     return [np.ascontiguousarray(table[:, i]) for i in range(len(indexes))]
 
 
-def _cell(line: str, separator: str, index: int) -> str:
-    row = next(csv.reader([line], delimiter=separator))
+def _cells(path: Path, line: str, separator: str) -> list[str]:
+    try:
+        return next(csv.reader([line], delimiter=separator))
+    except csv.Error as err:
+        msg = f"{path}: is no table ({err}); give a CSV file"
+        raise BagError(msg) from err
+
+
+def _cell(path: Path, line: str, separator: str, index: int) -> str:
+    row = _cells(path, line, separator)
     return row[index] if index < len(row) else ""
 
 
@@ -246,8 +275,9 @@ def _parse_slow(
     dated: bool,
 ) -> list[FloatArray]:
     columns = [np.empty(len(rows)) for _ in indexes]
-    cells_of = csv.reader((line for _, line in rows), delimiter=separator)
-    for at, ((number, _), cells) in enumerate(zip(rows, cells_of, strict=True)):
+    quoted = any('"' in line for _, line in rows)
+    for at, (number, line) in enumerate(rows):
+        cells = _cells(path, line, separator) if quoted else line.split(separator)
         for column, (index, name) in enumerate(zip(indexes, names, strict=True)):
             if index >= len(cells):
                 msg = (

@@ -161,7 +161,7 @@ def import_csv(
                 table = tables.pop() if tables else _read(path, config, streams)
                 after_ns = done[-1].end_ns + round(config.csv.gap_s * _SECOND_NS) if done else None
                 stamps = _stamps(table, config, base_ns, after_ns)
-                notices += _notices(table, config)
+                notices += [*table.notices, *_notices(table, config)]
                 done.append(_write_file(bag, config, streams, table, stamps))
                 on_file()
         except BagError as err:

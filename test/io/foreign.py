@@ -1,0 +1,280 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Files as they may come from outside: sound ones, seeded mutations, and what has to hold of them.
+
+Each class of file has a `Subject`: the sound bytes, how they are read, and an oracle that says
+whether what was read of mutated bytes may be said silently.
+"""
+
+from __future__ import annotations
+
+import logging
+import resource
+import struct
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+from mcap.records import Schema
+
+from valve_twin.io.bags.definitions import definition
+from valve_twin.io.bags.read import BagWriter, read_columns
+from valve_twin.io.bags.report import bag_report
+from valve_twin.io.cdr.bag_types import BagTypes
+from valve_twin.io.cdr.codec import encode_series, encode_stamped
+from valve_twin.io.cdr.signals import SERIES_TYPE, STAMPED_TYPE, SignalSource
+from valve_twin.io.config.valve import load_config
+from valve_twin.io.errors import IndexLiesError, ValveTwinError
+from valve_twin.io.salvage.read import forget
+from valve_twin.io.tables.csv import read_table
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+START_NS = 1_577_836_800_000_000_000
+SOURCES = [SignalSource("position", "/press/position"), SignalSource("command", "/press/command")]
+LONGEST_S = 10.0
+NUMBERS = (0, 1, 2**31, 2**32 - 1, 2**63 - 1, 2**64 - 1)
+TOKENS = [
+    b"1:30", b"1_000", b"0x10", b"{}", b"[]", b"~", b"-", b"nan", b".inf", b"1e999", b'"', b"'",
+    b"&a", b"*a", b"!!int", b"!!python/none", b"\x00", b"\xff\xfe", b"%", b"@", b"|", b">", b"- -",
+    b"? ", b"[" * 40, b"9" * 30, b"-1", b"1,5", b"1.000,5", b"\t", b"\r", b"\n\n", b"=1+1", b"true",
+    b"\xc3\x28",
+]  # fmt: skip
+
+
+class _Told(logging.Handler):
+    """Remembers whether anything was said."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self.count = 0
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.count += 1
+
+
+@dataclass(slots=True)
+class Subject:
+    """One class of foreign files.
+
+    Attributes
+    ----------
+    name : str
+        File name in its folder.
+    data : bytes
+        The sound file.
+    read : callable
+        Reads the file at a path; returns what is compared.
+    may_be : callable
+        Whether a result of mutated bytes may be returned without a word: result, sound result and
+        the mutated bytes.
+    """
+
+    name: str
+    data: bytes
+    read: Callable[[Path], object]
+    may_be: Callable[[object, object, bytes], bool]
+
+
+@dataclass(slots=True)
+class Tally:
+    """What a campaign met."""
+
+    cases: int = 0
+    refused: int = 0
+    told: int = 0
+    same: int = 0
+    tracebacks: list[str] = field(default_factory=list)
+    silent: list[str] = field(default_factory=list)
+    slow: list[str] = field(default_factory=list)
+    grown_mb: float = 0.0
+
+
+def mutations(data: bytes, rng: np.random.Generator, count: int) -> Iterator[tuple[str, bytes]]:
+    """Yield a name and mutated bytes."""
+    kinds = ["flip", "flips", "cut", "token", "double", "drop", "swap", "number", "zeros"]
+    for _ in range(count):
+        kind = str(rng.choice(kinds))
+        out = bytearray(data)
+        at, other = sorted(int(n) for n in rng.integers(0, len(data), 2))
+        span = min(other - at, 200)
+        if kind == "flip":
+            out[at] ^= int(rng.integers(1, 256))
+        elif kind == "flips":
+            for place in rng.integers(0, len(data), 8).tolist():
+                out[place] ^= int(rng.integers(1, 256))
+        elif kind == "cut":
+            del out[at:]
+        elif kind == "token":
+            out[at : at + int(rng.integers(0, 6))] = TOKENS[int(rng.integers(len(TOKENS)))]
+        elif kind == "double":
+            out[at:at] = out[at : at + span]
+        elif kind == "drop":
+            del out[at : at + span]
+        elif kind == "swap":
+            out[at : at + 40], out[other : other + 40] = (
+                data[other : other + 40],
+                data[at : at + 40],
+            )
+        elif kind == "number":
+            out[at : at + 8] = struct.pack("<Q", NUMBERS[int(rng.integers(len(NUMBERS)))])
+        else:
+            out[at : at + span] = bytes(span)
+        yield kind, bytes(out)
+
+
+def campaign(subject: Subject, folder: Path, seed: int, count: int) -> Tally:
+    """Mutate a file many times and read each; return what was met."""
+    rng = np.random.default_rng(seed)
+    path = folder / subject.name
+    path.write_bytes(subject.data)
+    sound = subject.read(path)
+    tally = Tally()
+    ear = _Told()
+    logger = logging.getLogger("valve_twin")
+    logger.addHandler(ear)
+    before_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    try:
+        for n, (kind, data) in enumerate(mutations(subject.data, rng, count)):
+            path.write_bytes(data)
+            forget()
+            ear.count = 0
+            case = f"{subject.name} seed {seed} case {n} ({kind})"
+            begin = time.process_time()
+            tally.cases += 1
+            try:
+                found = _read_twice(subject, path)
+            except ValveTwinError:
+                tally.refused += 1
+            except Exception as err:
+                tally.tracebacks.append(f"{case}: {type(err).__name__}: {err}")
+            else:
+                if ear.count:
+                    tally.told += 1
+                elif found == sound:
+                    tally.same += 1
+                elif not subject.may_be(found, sound, data):
+                    tally.silent.append(case)
+            if time.process_time() - begin > LONGEST_S:
+                tally.slow.append(case)
+    finally:
+        logger.removeHandler(ear)
+    tally.grown_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 - before_mb
+    return tally
+
+
+def _read_twice(subject: Subject, path: Path) -> object:
+    """Read as the verbs do: once more where a bag states wrong times."""
+    try:
+        return subject.read(path)
+    except IndexLiesError:
+        return subject.read(path)
+
+
+def bag(folder: Path) -> Subject:
+    """Return a bag of ours: every message stands under a check sum."""
+    with BagWriter(folder / "made", chunk_size=1500) as writer:
+        for i in range(60):
+            writer.write_sample("/press/position", START_NS + i * 10_000_000, 0.25 * i)
+            writer.write_sample("/press/command", START_NS + i * 10_000_000, -0.5 * i)
+
+    def read(path: Path) -> object:
+        columns = read_columns(path, SOURCES)
+        return [(c.stamp_ns.tobytes(), c.values.tobytes()) for c in columns]
+
+    return Subject(
+        "a.mcap", (folder / "made" / "made_0.mcap").read_bytes(), read, lambda *_: False
+    )
+
+
+def metadata(folder: Path) -> Subject:
+    """Return the metadata of a bag; what stands in the files must come whatever it says."""
+    with BagWriter(folder / "meta") as writer:
+        for i in range(5):
+            writer.write_sample("/press/position", START_NS + i * 10_000_000, 0.25 * i)
+
+    def read(path: Path) -> object:
+        report = bag_report(path.parent)
+        (columns,) = read_columns(path.parent, SOURCES[:1])
+        if report["damaged"]:
+            logging.getLogger("valve_twin").warning("told")
+        return columns.values.tobytes()
+
+    data = (folder / "meta" / "metadata.yaml").read_bytes()
+    return Subject("meta/metadata.yaml", data, read, lambda *_: False)
+
+
+def configuration(_: Path) -> Subject:
+    """Return a configuration; what is accepted has to be within the bounds of every key."""
+    text = (
+        "/**:\n  ros__parameters:\n    model: press_cartridge\n    period_s: 0.03\n"
+        "    hold_back_s: 2.0\n    signals:\n      spool_position: {topic: position, lower: -1.0, "
+        "upper: 1.0}\n    cycles:\n      rule: window\n      window_s: 300.0\n"
+    )
+
+    def read(path: Path) -> object:
+        return [(c.name, c.period_s, c.hold_back_s, c.cycles) for c in load_config(path)]
+
+    def may_be(found: object, _sound: object, _data: bytes) -> bool:
+        assert isinstance(found, list)
+        return all(1e-6 <= c[1] <= 3600.0 and 0.0 <= c[2] <= 3600.0 for c in found)
+
+    return Subject("valve.yaml", text.encode(), read, may_be)
+
+
+def table(_: Path) -> Subject:
+    """Return a CSV file; the rows before the mutation stay what they are."""
+    rows = [f"{0.01 * i:.2f},{0.5 * i},{-0.25 * i}" for i in range(60)]
+
+    def read(path: Path) -> object:
+        found = read_table(path, ["t", "x"])
+        return [c.tolist() for c in found.columns]
+
+    sound = "t,x,y\n" + "\n".join(rows) + "\n"
+
+    def may_be(found: object, before: object, data: bytes) -> bool:
+        same = 0
+        for a, b in zip(data.splitlines(), sound.encode().splitlines(), strict=False):
+            if a != b:
+                break
+            same += 1
+        assert isinstance(found, list)
+        assert isinstance(before, list)
+        count = max(0, same - 1)
+        lines = len([x for x in data.decode("utf-8", "replace").splitlines() if x.strip()])
+        whole = all(len(c) >= lines - 1 for c in found)
+        return whole and all(a[:count] == b[:count] for a, b in zip(found, before, strict=True))
+
+    return Subject("a.csv", sound.encode(), read, may_be)
+
+
+def messages(_: Path) -> Subject:
+    """Return serialized messages behind one another, each with its length."""
+    kinds = (STAMPED_TYPE, SERIES_TYPE)
+    types = [BagTypes(Schema(1, definition(k).encode(), "ros2msg", k), "here") for k in kinds]
+    parts = [
+        encode_stamped(START_NS, 1.5, "frame"),
+        encode_series(START_NS, 0.03, np.arange(7.0)),
+    ]
+    sizes = [len(p) for p in parts]
+
+    def read(path: Path) -> object:
+        data, at, found = path.read_bytes(), 0, []
+        for size, kind in zip(sizes, types, strict=True):
+            found.append(str(kind.decode(data[at : at + size], 7)))
+            at += size
+        return found
+
+    return Subject("a.cdr", b"".join(parts), read, lambda *_: True)
+
+
+SUBJECTS = {
+    "bag": bag,
+    "metadata": metadata,
+    "configuration": configuration,
+    "table": table,
+    "messages": messages,
+}

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What can be read in two ways in a CSV file: quotes, commas, the hour in which clocks change."""
+
+from __future__ import annotations
+
+import re
+from datetime import datetime, timezone
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.io.errors import BagError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from valve_twin.core.types import FloatArray, IntArray
+
+_GROUPED = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}", re.ASCII)
+_WHOLE = re.compile(r"[-+]?\d+", re.ASCII)
+_HOUR_S = 3600.0
+_CHANGES = {3, 4, 9, 10, 11}
+"""Months in which clocks are put forward or back somewhere."""
+
+_SUNDAY = 6
+_EARLY = 4
+
+
+def check_quotes(path: Path, rows: Sequence[tuple[int, str]]) -> None:
+    """Refuse a line whose quote is not closed: it would swallow what follows.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    rows : sequence of (int, str)
+        Numbers and texts of its lines.
+
+    Raises
+    ------
+    BagError
+        Names the line.
+    """
+    for number, line in rows:
+        if '"' in line and line.count('"') % 2:
+            msg = f"{path}:{number}: a quote is opened and not closed in this line; correct it"
+            raise BagError(msg)
+
+
+def check_commas(
+    path: Path, rows: Sequence[tuple[int, str]], separator: str, columns: Sequence[tuple[int, str]]
+) -> None:
+    """Refuse a column whose commas may stand before decimals or between thousands.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    rows : sequence of (int, str)
+        Numbers and texts of its lines.
+    separator : str
+        Of its cells.
+    columns : sequence of (int, str)
+        Place and name of what is read.
+
+    Raises
+    ------
+    BagError
+        Names the line, the column and both readings.
+    """
+    if separator == "," or not any("," in line for _, line in rows):
+        return
+    for index, name in columns:
+        with_comma: tuple[int, str] | None = None
+        with_point = whole = ""
+        grouped = True
+        for number, line in rows:
+            cells = line.split(separator)
+            cell = cells[index].strip(' "') if index < len(cells) else ""
+            if "," in cell:
+                with_comma = with_comma or (number, cell)
+                grouped = grouped and _GROUPED.fullmatch(cell) is not None
+            elif "." in cell:
+                with_point = cell
+            elif _WHOLE.fullmatch(cell):
+                whole = cell
+        other = with_point or (whole if grouped else "")
+        if with_comma is not None and other:
+            msg = (
+                f"{path}:{with_comma[0]}: column '{name}': '{with_comma[1]}' beside '{other}': "
+                "the comma may stand before decimals or between thousands; export the numbers "
+                "with a decimal point and nothing between thousands"
+            )
+            raise BagError(msg)
+
+
+def clock_notices(path: Path, lines: IntArray, seconds: FloatArray) -> tuple[str, ...]:
+    """Return where a clock without zone seems to be put forward.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    lines : (N,) int64 array
+        Line of every row.
+    seconds : (N,) array
+        Times as they stand, taken for UTC [s].
+    """
+    steps = np.diff(seconds)
+    if not len(steps):
+        return ()
+    usual = float(np.nanmedian(steps))
+    found = np.flatnonzero((steps >= _HOUR_S) & (steps <= _HOUR_S + 3.0 * usual) & (usual < 900.0))
+    told = []
+    for at in found.tolist():
+        before = datetime.fromtimestamp(float(seconds[at]), tz=timezone.utc)
+        if before.weekday() == _SUNDAY and before.month in _CHANGES and before.hour < _EARLY:
+            told.append(
+                f"{path}:{int(lines[at + 1])}: the clock skips the hour after "
+                f"{before:%Y-%m-%d %H:%M} and names no zone: it was put forward, not the plant "
+                "stopped? Export the time in UTC or with its offset (+01:00)"
+            )
+    return tuple(told)
