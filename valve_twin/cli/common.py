@@ -78,6 +78,22 @@ def add_url(parser: argparse.ArgumentParser, *, required: bool = True) -> None:
     parser.add_argument("--url", required=required, help=text)
 
 
+def add_freeze(parser: argparse.ArgumentParser) -> None:
+    """Add --freeze."""
+    parser.add_argument(
+        "--freeze",
+        type=cycle_number,
+        default=0,
+        metavar="N",
+        help="learn from the first N cycles only; later ones are test data for that model",
+    )
+
+
+def cycle_number(text: str) -> int:
+    """Return the number of a cycle, 1 or more."""
+    return _read(int, text, lambda value: value >= 1, "a number of cycles, 1 or more")
+
+
 def add_simulation(parser: argparse.ArgumentParser, about: str) -> None:
     """Add --seed and --set of a simulation; `about` says what may be set."""
     parser.add_argument(
@@ -105,7 +121,12 @@ def chosen_config(arguments: argparse.Namespace) -> ValveConfig:
 
 
 def run_offline(
-    config: ValveConfig, bag: str, *, close_last: bool = True, predict: bool = True
+    config: ValveConfig,
+    bag: str,
+    *,
+    close_last: bool = True,
+    predict: bool = True,
+    freeze_after: int = 0,
 ) -> tuple[Record, Assessment]:
     """Estimate a bag and assess its trends; say on stderr what was bad in it.
 
@@ -119,11 +140,20 @@ def run_offline(
         Whether the last cycle counts although nothing follows it.
     predict : bool
         Whether samples are predicted, too.
+    freeze_after : int
+        The cycle after which nothing more is learnt; 0 = none.
     """
     from valve_twin.io.offline.run import assess_record, describe_bad, describe_refused, run_bag
 
     with progress_of("estimating", None) as advance:
-        record = run_bag(config, bag, close_last=close_last, predict=predict, on_cycle=advance)
+        record = run_bag(
+            config,
+            bag,
+            close_last=close_last,
+            predict=predict,
+            freeze_after=freeze_after,
+            on_cycle=advance,
+        )
     for line in [*describe_bad(config, bag, record), *describe_refused(bag, record)]:
         say(f"valve-twin: {line}")
     return record, assess_record(config, record)

@@ -12,6 +12,7 @@ from valve_twin.cli.common import (
     OK,
     add_bag,
     add_config,
+    add_freeze,
     add_verb,
     check_writable,
     chosen_config,
@@ -34,6 +35,7 @@ def add(verbs: Verbs) -> None:
     add_bag(parser)
     add_config(parser)
     parser.add_argument("--json", metavar="OUT", help="file to write, default standard output")
+    add_freeze(parser)
     parser.add_argument(
         "--closed-cycles-only",
         action="store_true",
@@ -48,7 +50,11 @@ def _estimate(arguments: argparse.Namespace) -> int:
     if arguments.json:
         check_writable(arguments.json)
     record, assessment = run_offline(
-        config, arguments.bag, close_last=not arguments.closed_cycles_only, predict=False
+        config,
+        arguments.bag,
+        close_last=not arguments.closed_cycles_only,
+        predict=False,
+        freeze_after=arguments.freeze,
     )
     lines = json_lines(record.estimates, assessment, config.name)
     text = "".join(f"{line}\n" for line in lines)

@@ -22,7 +22,7 @@ from valve_twin.cli import (
     validate,
 )
 from valve_twin.cli.archive import backtest, batch, fleet, history, serve
-from valve_twin.cli.bags import convert, cut, import_, info, recover, replay
+from valve_twin.cli.bags import convert, cut, import_, info, predict, recover, replay
 from valve_twin.cli.common import FAILED, OK, USAGE, Parser, fail
 from valve_twin.cli.design import verb as design
 from valve_twin.io.errors import ConfigError, IndexLiesError, ValveTwinError
@@ -46,6 +46,7 @@ VERBS = (
     recover,
     cut,
     convert,
+    predict,
     budget,
     backtest,
     validate,

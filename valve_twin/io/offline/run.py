@@ -106,6 +106,7 @@ def drive(
     rounds: Iterable[Sequence[SignalBlock]],
     *,
     close_last: bool = True,
+    freeze_after: int = 0,
 ) -> Iterator[Event]:
     """Push signals through a twin and estimate in between.
 
@@ -119,6 +120,9 @@ def drive(
         Samples in the order in which they were recorded; those of one round together.
     close_last : bool
         Close the cycle in which the record ends; the live node cannot know that it has ended.
+    freeze_after : int
+        The cycle after which nothing more is learnt: later ones are estimated and judged by the
+        model that was in force then; 0 = none.
 
     Yields
     ------
@@ -132,7 +136,8 @@ def drive(
         yield from events
         while (job := twin.next_job()) is not None:
             estimates, memory = estimate_cycle(model, options, job.cycle, job.memory)
-            yield from twin.deliver(estimates, memory)
+            frozen = 0 < freeze_after < job.cycle.number
+            yield from twin.deliver(estimates, job.memory if frozen else memory)
 
     for parts in rounds:
         if len(parts) == 1:
@@ -146,7 +151,12 @@ def drive(
 
 
 def estimate_bag(
-    config: ValveConfig, bag: str | Path, *, close_last: bool = True, twin: Twin | None = None
+    config: ValveConfig,
+    bag: str | Path,
+    *,
+    close_last: bool = True,
+    twin: Twin | None = None,
+    freeze_after: int = 0,
 ) -> Iterator[Event]:
     """Estimate every cycle of a bag.
 
@@ -160,6 +170,8 @@ def estimate_bag(
         See `drive`.
     twin : Twin, optional
         The twin to drive, default a new one.
+    freeze_after : int
+        See `drive`.
 
     Yields
     ------
@@ -183,7 +195,7 @@ def estimate_bag(
         hold_back_s=config.hold_back_s,
         slice_s=SLICE_S,
     )
-    return drive(twin, config, rounds, close_last=close_last)
+    return drive(twin, config, rounds, close_last=close_last, freeze_after=freeze_after)
 
 
 def run_bag(
@@ -192,6 +204,7 @@ def run_bag(
     *,
     close_last: bool = True,
     predict: bool = True,
+    freeze_after: int = 0,
     on_cycle: Callable[[], None] = lambda: None,
 ) -> Record:
     """Estimate every cycle of a bag and keep what was found.
@@ -206,6 +219,8 @@ def run_bag(
         See `drive`.
     predict : bool
         Predict every sample; the estimates do not need it.
+    freeze_after : int
+        See `drive`.
     on_cycle : callable
         Called after each cycle.
 
@@ -224,7 +239,8 @@ def run_bag(
     twin = make_twin(config)
     twin.predicts = predict
     record = Record()
-    for event in estimate_bag(config, bag, close_last=close_last, twin=twin):
+    events = estimate_bag(config, bag, close_last=close_last, twin=twin, freeze_after=freeze_after)
+    for event in events:
         record.add(event)
         if isinstance(event, Cycle):
             on_cycle()
