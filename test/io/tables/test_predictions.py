@@ -135,7 +135,7 @@ def test_the_command_says_which_model_and_which_error(bag, tmp_path, capsys):
 def test_wrong_arguments_get_one_line(bag, tmp_path, monkeypatch, capsys, extra, said):
     monkeypatch.chdir(tmp_path)
     try:
-        code = main(["predict", str(bag), "--config", str(CONFIG), *extra])
+        code: object = main(["predict", str(bag), "--config", str(CONFIG), *extra])
     except SystemExit as err:
         code = err.code
     assert code in (1, 2)
