@@ -16,6 +16,7 @@ from valve_twin.cli.common import (
     add_verb,
     check_writable,
     chosen_config,
+    fail,
     no_cycle,
     run_offline,
     say,
@@ -44,6 +45,7 @@ def add(verbs: Verbs) -> None:
 
 
 def _estimate(arguments: argparse.Namespace) -> int:
+    from valve_twin.io.offline.doubtful import describe_use, is_doubtful
     from valve_twin.io.tables.json_lines import json_lines
 
     config = chosen_config(arguments)
@@ -60,7 +62,15 @@ def _estimate(arguments: argparse.Namespace) -> int:
     text = "".join(f"{line}\n" for line in lines)
     if arguments.json:
         Path(arguments.json).write_text(text, encoding="utf-8")
-        say(f"{arguments.json}: {len(record.cycles)} cycles; {assessment.verdict.evidence}")
+        verdict = assessment.verdict
+        say(f"{arguments.json}: {describe_use(record)}; {verdict.text}: {verdict.evidence}")
     else:
         sys.stdout.write(text)
-    return OK if record.cycles else no_cycle(config, arguments.bag)
+    if not record.cycles:
+        return no_cycle(config, arguments.bag)
+    if is_doubtful(record, assessment):
+        verdict = assessment.verdict
+        return fail(
+            f"{arguments.bag}: not to be relied on: {describe_use(record)}; {verdict.evidence}"
+        )
+    return OK

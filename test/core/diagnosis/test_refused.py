@@ -7,16 +7,17 @@ from dataclasses import replace
 import pytest
 
 from valve_twin.core.aging import AgingConfig, VerdictKind, assess
-from valve_twin.core.diagnosis.refused import LEAST_REFUSED, overdue, refused_lately
+from valve_twin.core.aging.verdict import UNUSABLE
+from valve_twin.core.diagnosis.refused import FRESH, LEAST_REFUSED, refused_lately, still
 from valve_twin.core.refusal import RefusalCode
-from valve_twin.core.types import Estimate, EstimateStatus, ParameterValue
+from valve_twin.core.types import Condition, Estimate, EstimateStatus, ParameterValue
 from valve_twin.core.valves.press_cartridge import MODEL
 
 CYCLE_NS = 10**10
 
 
-def given(cycle, *, status=EstimateStatus.ACCEPTED, code="", reason="", length=1.0):
-    """Return the estimate of a cycle of `length` usual lengths."""
+def given(cycle, *, status=EstimateStatus.ACCEPTED, code="", reason="", length=1.0, stroke=0.5):
+    """Return the estimate of a cycle of `length` usual lengths, which ran through `stroke`."""
     start = cycle * CYCLE_NS
     return Estimate(
         model=MODEL.name,
@@ -31,6 +32,7 @@ def given(cycle, *, status=EstimateStatus.ACCEPTED, code="", reason="", length=1
         reason=reason,
         reason_code=code,
         used_by_trend=True,
+        conditions=(Condition("stroke", stroke),),
     )
 
 
@@ -46,39 +48,74 @@ def verdict(history):
 
 
 def test_ok_is_withdrawn_after_the_fifth_refused_cycle_and_comes_back():
-    bad = [refused(c, RefusalCode.IMPLAUSIBLE.value) for c in range(21, 21 + LEAST_REFUSED)]
+    bad = [refused(c, RefusalCode.MISFIT.value) for c in range(21, 21 + LEAST_REFUSED)]
     assert verdict(USUAL).kind is VerdictKind.OK
     assert verdict(USUAL + bad[:-1]).kind is VerdictKind.OK
     said = verdict(USUAL + bad)
-    assert said.kind is VerdictKind.NOT_ENOUGH_DATA
+    assert said.text == "not enough data"
     assert said.evidence == "the newest 5 cycles gave no estimate: why"
+    assert not said.asks_for_help
     assert verdict([*USUAL, *bad, given(26)]).kind is VerdictKind.OK
+
+
+@pytest.mark.parametrize("before", [[], USUAL])
+def test_signals_that_cannot_be_those_of_a_valve_are_an_unusable_recording(before):
+    bad = [refused(c, RefusalCode.IMPLAUSIBLE.value) for c in range(21, 21 + LEAST_REFUSED)]
+    said = verdict(before + bad)
+    assert (said.kind, said.text) == (VerdictKind.NOT_ENOUGH_DATA, "recording unusable")
+    assert said.fault == UNUSABLE
+    assert said.evidence == "the newest 5 cycles gave no estimate: why"
+    assert said.asks_for_help
+    other = [*bad[1:], refused(26, RefusalCode.MISFIT.value)]
+    assert verdict(before + other).text == "not enough data"
 
 
 def test_what_does_not_feed_the_trend_says_nothing():
     others = [replace(refused(c, "other"), used_by_trend=False) for c in range(21, 31)]
-    assert not refused_lately(USUAL + others)
+    assert refused_lately(USUAL + others) == FRESH
 
 
-def test_a_cycle_that_does_not_end_and_does_not_move_is_no_motion_until_one_moves():
-    stuck = refused(21, RefusalCode.NO_MOTION.value, length=3.0)
-    found = overdue([*USUAL, stuck])
+@pytest.mark.parametrize("code", [RefusalCode.NO_MOTION, RefusalCode.NOT_EXCITED])
+def test_a_cycle_that_does_not_end_and_does_not_move_is_no_motion_until_one_moves(code):
+    stuck = refused(21, code.value, length=3.0, stroke=0.01)
+    found = still([*USUAL, stuck])
     assert found is not None
     assert (found.fault, found.part, found.onset, found.end) == ("no_motion", "valve", 21, -1)
-    assert overdue([*USUAL, stuck, given(25)]) is None
+    assert still([*USUAL, stuck, given(25)]) is None
+
+
+def with_repeats(cycle, share):
+    """Return the features of a cycle of which this share of samples repeats the one before."""
+    features = (ParameterValue("repeats", share),)
+    return replace(
+        refused(cycle, ""), estimator="features", parameters=features, used_by_trend=False
+    )
+
+
+@pytest.mark.parametrize(("share", "fault"), [(1.0, "sensor_freeze"), (0.8, "no_motion")])
+def test_two_still_cycles_are_a_frozen_sensor_where_not_even_noise_is_left(share, fault):
+    cycles = [refused(c, RefusalCode.NO_MOTION.value, stroke=0.0) for c in (21, 22)]
+    shown = [with_repeats(c, share) for c in (21, 22)]
+    found = still([*USUAL, *cycles, *shown])
+    assert found is not None
+    assert (found.fault, found.onset, found.alarm) == (fault, 21, 22)
+    assert still([*USUAL, cycles[0], shown[0]]) is None
 
 
 @pytest.mark.parametrize(
     "last",
     [
-        refused(21, RefusalCode.NO_MOTION.value),
+        refused(21, RefusalCode.NO_MOTION.value, stroke=0.01),
         refused(21, RefusalCode.MISFIT.value, length=3.0),
         given(21, length=3.0),
     ],
 )
 def test_a_cycle_of_usual_length_or_with_motion_is_not(last):
-    assert overdue([*USUAL, last]) is None
+    assert still([*USUAL, last]) is None
 
 
-def test_a_first_cycle_that_does_not_end_has_no_usual_length():
-    assert overdue([*USUAL[:4], refused(5, RefusalCode.NO_MOTION.value, length=9.0)]) is None
+def test_first_cycles_that_do_not_move_have_no_usual_stroke():
+    still_ones = [
+        refused(c, RefusalCode.NO_MOTION.value, length=9.0, stroke=0.0) for c in (5, 6, 7)
+    ]
+    assert still([*USUAL[:4], *still_ones]) is None

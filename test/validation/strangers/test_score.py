@@ -7,7 +7,15 @@ import dataclasses
 import pytest
 
 from valve_twin.core.aging.assess import Assessment
-from valve_twin.core.aging.verdict import Trend, TrendStatus, Verdict, VerdictKind
+from valve_twin.core.aging.verdict import (
+    NO_REFERENCE,
+    UNUSABLE,
+    Trend,
+    TrendStatus,
+    Verdict,
+    VerdictKind,
+    word_of,
+)
 from valve_twin.core.diagnosis.detection import Diagnosis, Finding
 from valve_twin.core.types import Estimate, EstimateStatus, ParameterValue
 from valve_twin.validation.strangers.draw import draw
@@ -17,6 +25,7 @@ from valve_twin.validation.strangers.troubles import Trouble
 from valve_twin.validation.strangers.watch import Said
 
 KINDS = dict(zip("novcsp", VerdictKind, strict=True))
+CAUSES = {"r": NO_REFERENCE, "u": UNUSABLE}
 HEALTHY = dataclasses.replace(
     draw(0), cycles=40, troubles=(), aging=dataclasses.replace(draw(0).aging, law="none")
 )
@@ -30,7 +39,8 @@ def said(words, stranger=HEALTHY, diagnosis=None, trends=(), estimates=()):
     """Return answers from one letter a cycle."""
     found = []
     for number, word in enumerate(words, 1):
-        verdict = Verdict(0, "", KINDS[word], KINDS[word].text, "", number)
+        kind, cause = KINDS.get(word, VerdictKind.NOT_ENOUGH_DATA), CAUSES.get(word, "")
+        verdict = Verdict(0, "", kind, word_of(kind, cause), "", number, cause)
         assessment = Assessment(tuple(trends), verdict, (), diagnosis or Diagnosis((), 0, True))
         found.append(Said(number, aged(stranger, number), tuple(estimates), assessment))
     return found
@@ -78,6 +88,25 @@ def test_a_fault_of_the_first_cycles_is_counted_apart():
     assert found["early: silent wrong"] == [30, 30]
     assert "silent wrong" not in found
     assert "not enough data" not in found
+
+
+def test_no_reference_is_right_of_a_fault_of_the_first_cycles_and_told_apart_from_few_data():
+    found = shares("n" * 10 + "r" * 20 + "o" * 10, with_fault("leak", "valve", 3))
+    assert found["early: no reference"] == [20, 30]
+    assert found["early: silent wrong"] == [10, 30]
+    healthy = shares("r" * 20 + "o" * 20)
+    assert healthy["no reference in a healthy cycle"] == [10, 30]
+    assert healthy["not enough data"] == [0, 30]
+    assert healthy["false alarm"] == [0, 40]
+
+
+@pytest.mark.parametrize(("bits", "apart", "alarms"), [(6, 0.0, 0), (12, 1e-4, 0), (12, 0.0, 20)])
+def test_a_recording_is_unusable_only_where_bits_or_clocks_say_so(bits, apart, alarms):
+    logger = dataclasses.replace(HEALTHY.logger, bits=bits, clocks_apart=apart)
+    found = shares("r" * 20 + "u" * 20, dataclasses.replace(HEALTHY, logger=logger))
+    assert found["false alarm"] == [alarms, 40]
+    assert found["recording unusable"] == [20, 30]
+    assert found["not enough data"] == [0, 30]
 
 
 def test_a_verdict_that_comes_back_within_five_cycles_flickers():

@@ -41,6 +41,7 @@ from valve_twin.core.aging.trend import (
 )
 from valve_twin.core.aging.verdict import Trend, TrendStatus, Verdict, decide, describe_remaining
 from valve_twin.core.aging.wave import find_waves
+from valve_twin.core.diagnosis.checks import failed_checks
 from valve_twin.core.diagnosis.detection import NOTHING, Diagnosis
 from valve_twin.core.diagnosis.history import diagnose
 from valve_twin.core.diagnosis.products import CLOCK
@@ -174,6 +175,8 @@ def assess(
         cycle=last.cycle if last else 0,
         fault=diagnosis.present,
         stale=refused_lately(history),
+        doubt=diagnosis.doubt,
+        failed=failed_checks(history),
     )
     return Assessment(trends, verdict, tuple(detail for _, detail in results), diagnosis)
 

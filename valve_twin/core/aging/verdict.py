@@ -15,9 +15,17 @@ Else the verdict is `valve` if for any followed parameter
    units (median), and the drift has gone half as far as in 2. already; without this a short
    segment that was cut out of wandering scatter raises false alarms.
 
-`not enough data` if no parameter can be judged, the newest cycles were all refused or a label
-says that the cycles' order is no aging, else `ok`. A significant but small drift is reported in
-the trend and does not raise the verdict.
+Else nothing is named, in four words:
+
+recording unusable  the newest cycles were all refused for what the signals are
+not enough data     the newest cycles were refused for another reason, or none gave an estimate,
+                    or a label says that the cycles' order is no aging, or a parameter seems to be
+                    beyond its threshold, but not beyond doubt
+no reference        there are too few cycles to compare with, or the first ones differ from those
+                    since, so that only another reference can tell which of them are right
+ok                  nothing has changed against the reference that the evidence names
+
+A significant but small drift is reported in the trend and does not raise the verdict.
 """
 
 from __future__ import annotations
@@ -29,12 +37,14 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 
 from valve_twin.core.diagnosis.history import describe_finding
+from valve_twin.core.diagnosis.refused import FRESH
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from valve_twin.core.aging.config import AgingConfig
     from valve_twin.core.diagnosis.detection import Finding
+    from valve_twin.core.diagnosis.refused import Stale
 
 
 class TrendStatus(IntEnum):
@@ -60,6 +70,20 @@ class VerdictKind(IntEnum):
     def text(self) -> str:
         """The word, as published."""
         return self.name.lower().replace("_", " ")
+
+
+NO_REFERENCE = "no_reference"
+"""Cause, as `Verdict.fault`, of a verdict that there is nothing to compare with."""
+
+UNUSABLE = "recording_unusable"
+"""Cause of a verdict that the signals are not those of a valve, or too coarse to tell."""
+
+_WORDS = {NO_REFERENCE: "no reference", UNUSABLE: "recording unusable"}
+
+
+def word_of(kind: VerdictKind, fault: str) -> str:
+    """Return the word of a verdict, as published: without a judgement the cause has its own."""
+    return _WORDS.get(fault, kind.text) if kind is VerdictKind.NOT_ENOUGH_DATA else kind.text
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +143,8 @@ class Verdict:
     """One word with its evidence; fields as in Verdict.msg.
 
     `fault` is the name of the sudden fault (`core.diagnosis.table`, or `UNKNOWN`), else the
-    parameter whose drift gives the verdict; empty where there is neither.
+    parameter whose drift gives the verdict, `NO_REFERENCE` or `UNUSABLE` where that is why nothing
+    is judged; else empty.
     """
 
     stamp_ns: int
@@ -129,6 +154,11 @@ class Verdict:
     evidence: str
     cycle: int
     fault: str = ""
+
+    @property
+    def asks_for_help(self) -> bool:
+        """Whether somebody has to look: a part is named, or the recording is unusable."""
+        return self.kind >= VerdictKind.VALVE or self.fault == UNUSABLE
 
 
 def way_to_threshold(trend: Trend) -> float:
@@ -141,6 +171,9 @@ def way_to_threshold(trend: Trend) -> float:
         (trend.drift_reference_lower_95 / way, trend.drift_reference_upper_95 / way) if way else ()
     )
     return float(min(ends, default=np.nan))
+
+
+_OWN_ONLY = "compared with its own first {} cycles only"
 
 
 def concern(trend: Trend, config: AgingConfig) -> int:
@@ -165,7 +198,9 @@ def decide(
     stamp_ns: int,
     cycle: int,
     fault: Finding | None = None,
-    stale: str = "",
+    stale: Stale = FRESH,
+    doubt: str = "",
+    failed: str = "",
 ) -> Verdict:
     """Return the verdict from all trends of one valve and its fault (rule: see the module).
 
@@ -183,8 +218,12 @@ def decide(
         Its cycle.
     fault : Finding, optional
         A sudden fault that lasts.
-    stale : str
-        Why the newest cycles say nothing; empty where they do.
+    stale : Stale
+        Why the newest cycles say nothing.
+    doubt : str
+        Why the features have nothing to be compared with; empty where they have.
+    failed : str
+        Which checks the newest estimates fail; told behind the evidence.
     """
     judged = [t for t in trends if t.status is not TrendStatus.NOT_ENOUGH_DATA]
     graves = [(concern(t, config), -t.remaining_median, t) for t in judged]
@@ -197,18 +236,40 @@ def decide(
         kind, evidence = VerdictKind[fault.part.upper()], describe_finding(fault)
         named = fault.fault
         evidence += f"; beside it {describe(worst[2])}" if worst and worst[0] else ""
-    elif stale:
-        kind, evidence = VerdictKind.NOT_ENOUGH_DATA, stale
+    elif stale.reason:
+        kind, evidence = VerdictKind.NOT_ENOUGH_DATA, stale.reason
+        named = UNUSABLE if stale.unusable else ""
     elif worst is None:
         kind = VerdictKind.NOT_ENOUGH_DATA
         why = "; ".join(f"{t.parameter}: {t.reason}" for t in trends)
         evidence = f"no reference yet: {why}" if why else "no parameter is followed"
+        named = NO_REFERENCE if any(t.samples for t in trends) else ""
     elif worst[0]:
         kind, evidence, named = VerdictKind.VALVE, describe(worst[2]), worst[2].parameter
+    elif doubt and not _all_commissioned(judged):
+        kind, evidence, named = VerdictKind.NOT_ENOUGH_DATA, doubt, NO_REFERENCE
+    elif beyond := [t for t in judged if _perhaps_beyond(t)]:
+        kind = VerdictKind.NOT_ENOUGH_DATA
+        evidence = f"perhaps beyond a limit: {describe(max(beyond, key=_share))}"
     else:
         kind = VerdictKind.OK
         evidence = f"largest drift: {describe(max(judged, key=_share))}"
-    return Verdict(stamp_ns, valve, kind, kind.text, evidence, cycle, named)
+        if not _all_commissioned(judged):
+            evidence += f"; {_OWN_ONLY.format(config.reference_cycles)}"
+    evidence += f"; {failed}" if failed else ""
+    text = word_of(kind, named)
+    return Verdict(stamp_ns, valve, kind, text, evidence, cycle, named)
+
+
+def _perhaps_beyond(trend: Trend) -> bool:
+    """Return whether a level has moved beyond its threshold, with 95 % confidence at most."""
+    moved = trend.drift_reference_lower_95 * trend.drift_reference_upper_95 > 0.0
+    return trend.status is TrendStatus.BEYOND_THRESHOLD and moved
+
+
+def _all_commissioned(trends: Sequence[Trend]) -> bool:
+    """Return whether every trend is held against what was recorded at commissioning."""
+    return all(t.reference_source == "commissioning" for t in trends)
 
 
 def _share(trend: Trend) -> float:

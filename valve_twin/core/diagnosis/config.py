@@ -30,6 +30,12 @@ class DetectionConfig:
     each: float = quantity(
         2.5, "1", "Distance by which each of the `confirm` cycles must show it.", lower=0.0
     )
+    settled: int = quantity(
+        20,
+        "1",
+        "Cycles of a product from which on nothing found means that nothing changed.",
+        lower=2,
+    )
     isolate: int = quantity(
         5, "1", "Cycles behind that of the onset that name the fault.", lower=1
     )
@@ -50,6 +56,13 @@ class DetectionConfig:
     trust: float = quantity(60.0, "1", "Cycles that the table's correlations count as.", lower=0.0)
     margin: float = quantity(
         1.1, "1", "Factor on the own standard deviations: they come from few cycles.", lower=1.0
+    )
+    quiet: float = quantity(
+        1.0,
+        "1",
+        "Least standard deviation of a feature, in that of the table: a run of one sample more "
+        "changes what no noise hides.",
+        lower=0.0,
     )
     like: float = quantity(
         0.4,

@@ -18,17 +18,18 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from valve_twin.core.diagnosis.config import DetectionConfig
-from valve_twin.core.diagnosis.features import NOISE
 from valve_twin.core.diagnosis.lines import (
     Lines,
     Rays,
     filled,
     lines_through,
+    more_noise,
+    more_repeats,
+    strayed,
     whitened_rays,
     without_outliers,
 )
 from valve_twin.core.diagnosis.table import BY_NAME, SignatureTable
-from valve_twin.core.estimation.data.robust import MAD_SCALE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -74,12 +75,6 @@ class Finding:
 _OF_LARGEST = 0.3
 """Share of the largest deviation that another cycle must show: one wild cycle is no fault [1]."""
 
-_RISE = 0.4
-"""Least rise of the logarithm of the noise at rest that is a noisier sensor [1]."""
-
-_LEAST_NOISE = 5
-"""Fewest cycles whose noise at rest says what is usual."""
-
 _NO_SIZE = 1e-3
 """Size, in that of a signature, below which a fault explains nothing [1]."""
 
@@ -99,11 +94,14 @@ class Diagnosis:
         Cycles looked at.
     ready : bool
         Whether there are enough cycles since start or maintenance to name a fault.
+    doubt : str
+        Why the cycles have nothing to be compared with; empty where they have.
     """
 
     findings: tuple[Finding, ...]
     cycles: int
     ready: bool
+    doubt: str = ""
 
     @property
     def present(self) -> Finding | None:
@@ -179,9 +177,9 @@ def _search(
         at = alarm[0]
         onset = _onset(w, base, rays, config, *alarm)
         finding, end = _isolate(w, base, rays, table, config, onset, at)
-        repeats = _more_repeats(vectors, onset, table)[onset : at + 1]
+        repeats = more_repeats(vectors, onset, table)[onset : at + 1]
         if (repeats > 0.5).any():
-            end = _over(_more_repeats(vectors, onset, table) > 0.5, at, config)
+            end = _over(more_repeats(vectors, onset, table) > 0.5, at, config)
         over = int(cycles[end]) if end >= 0 else -1
         found = _finding(finding, int(cycles[onset]), int(cycles[at]), over)
         last = None if end < 0 else end - config.heal + 1
@@ -193,12 +191,13 @@ def _search(
     return findings, False
 
 
-_View: TypeAlias = "tuple[FloatArray, FloatArray, Rays]"
+View: TypeAlias = "tuple[FloatArray, FloatArray, Rays]"
+"""Whitened cycles, the same without outliers, and the whitened signatures."""
 
 
 def _first_seen(
     vectors: FloatArray, table: SignatureTable, config: DetectionConfig, start: int
-) -> tuple[_View, tuple[int, int]] | None:
+) -> tuple[View, tuple[int, int]] | None:
     """Return what the first alarm from row `start` on was raised in, and its rows; None = none.
 
     Each cycle is judged by the scatter of cycles known by then: what comes later is never taken
@@ -208,21 +207,33 @@ def _first_seen(
     least = max(config.least + config.confirm, start + 1)
     for end in range(least, min(len(vectors), settled - 1) + 1):
         known = min(config.learn, max(end - config.recent, config.least))
-        view = _whitened(vectors, known, end, table, config)
-        alarm = _first_alarm(*view, config, first=end - 1)
+        view = whitened(vectors, known, end, table, config)
+        alarm = first_alarm(*view, config, first=end - 1)
         if alarm is not None:
-            return _whitened(vectors, known, len(vectors), table, config), alarm
+            return whitened(vectors, known, len(vectors), table, config), alarm
     if len(vectors) < settled:
         return None
-    view = _whitened(vectors, config.learn, len(vectors), table, config)
-    alarm = _first_alarm(*view, config, first=max(settled - 1, start))
+    view = whitened(vectors, config.learn, len(vectors), table, config)
+    alarm = first_alarm(*view, config, first=max(settled - 1, start))
     return None if alarm is None else (view, alarm)
 
 
-def _whitened(
+def whitened(
     vectors: FloatArray, known: int, end: int, table: SignatureTable, config: DetectionConfig
-) -> _View:
-    """Return the first `end` cycles whitened by the scatter of the first `known`."""
+) -> View:
+    """Return the first `end` cycles whitened by the scatter of the first `known`.
+
+    Parameters
+    ----------
+    vectors : (N, F) array
+        Features as they are followed [unit by feature].
+    known, end : int
+        Numbers of cycles.
+    table : SignatureTable
+        Signatures of the valve's faults.
+    config : DetectionConfig
+        When to speak.
+    """
     y = filled(vectors[:end], config.least)
     y -= y[:known].mean(axis=0)
     rays = whitened_rays(y[:known], np.isfinite(vectors[:end]), table, config)
@@ -230,21 +241,35 @@ def _whitened(
     return w, without_outliers(w, config), rays
 
 
-def _first_alarm(
+def first_alarm(
     w: FloatArray, base: FloatArray, rays: Rays, config: DetectionConfig, *, first: int
 ) -> tuple[int, int] | None:
-    """Return the row from `first` on that raises an alarm and that of its onset, None = none."""
+    """Return the row from `first` on that raises an alarm and that of its onset, None = none.
+
+    Parameters
+    ----------
+    w, base : (N, F) arrays
+        Whitened features, and the same without outliers [standard deviations].
+    rays : Rays
+        Whitened signatures.
+    config : DetectionConfig
+        When to speak.
+    first : int
+        First row that is judged.
+    """
     total = np.concatenate((np.zeros((1, w.shape[1])), np.cumsum(w, axis=0)))
     best: tuple[int, float, int] | None = None
     for m in range(config.confirm, config.recent + 1):
-        end = np.arange(max(config.least + m - 1, first), len(w))
-        if not len(end):
+        end = np.arange(config.least + m - 1, len(w))
+        judged = end >= first
+        if not judged.any():
             continue
         lines = lines_through(base, end - m, config.window)
         line, variance = lines.at(end.astype(np.float64) - 0.5 * (m - 1))
         mean = (total[end + 1] - total[end + 1 - m]) / m - line
         ratio = (mean / np.sqrt(1.0 / m + variance)[:, None]) @ rays.rays.T
-        shown = ratio > np.sqrt(config.threshold)
+        shown = ratio > np.sqrt(config.threshold) * strayed(ratio, config)
+        shown &= judged[:, None]
         cycles = np.empty((m, *shown.shape))
         for back in range(m):
             line, variance = lines.at((end - back).astype(np.float64))
@@ -388,7 +413,7 @@ def _gross(
     gains = [i for i, n in enumerate(table.features) if n.startswith("gain_")]
     fallen = newest[gains] - np.median(filled(before, len(before))[:, gains], axis=0)
     fallen = fallen[np.isfinite(fallen)]
-    noise = _more_noise(before, after, table)
+    noise = more_noise(before, after, table)
     if repeats.max() > 0.5:
         name, severity = "sensor_freeze", float(repeats.max())
     elif noise > 0.0:
@@ -398,30 +423,6 @@ def _gross(
     else:
         return found
     return replace(found, fault=name, rivals=(), part=BY_NAME[name].part, severity=severity)
-
-
-def _more_repeats(vectors: FloatArray, onset: int, table: SignatureTable) -> FloatArray:
-    """Return by row the share of samples that repeat though they did not before the onset [1]."""
-    if "repeats" not in table.features:
-        return np.zeros(len(vectors))
-    repeats = np.nan_to_num(vectors[:, table.features.index("repeats")])
-    usual = float(np.median(repeats[:onset]))
-    return np.asarray((repeats - usual) / max(1.0 - usual, 1e-9), dtype=np.float64)
-
-
-def _more_noise(before: FloatArray, after: FloatArray, table: SignatureTable) -> float:
-    """Return how many times noisier the position at rest is, 0 where it is not beyond doubt."""
-    if NOISE not in table.features:
-        return 0.0
-    index = table.features.index(NOISE)
-    old, new = before[:, index], after[:, index]
-    old, new = old[np.isfinite(old)], new[np.isfinite(new)]
-    if len(old) < _LEAST_NOISE or not len(new):
-        return 0.0
-    usual = float(np.median(old))
-    spread = MAD_SCALE * float(np.median(np.abs(old - usual)))
-    rise = float(np.median(new)) - usual
-    return float(np.exp(rise)) if rise > max(_RISE, 6.0 * spread) else 0.0
 
 
 def _finding(match: _Match, onset: int, alarm: int, end: int) -> Finding:

@@ -11,7 +11,8 @@ import numpy as np
 from valve_twin.core.diagnosis.detection import NOTHING, UNKNOWN, Diagnosis, Finding, detect
 from valve_twin.core.diagnosis.features import ESTIMATOR
 from valve_twin.core.diagnosis.products import CLOCK, clocks_apart, products, without_slips
-from valve_twin.core.diagnosis.refused import overdue
+from valve_twin.core.diagnosis.reference import doubt_of
+from valve_twin.core.diagnosis.refused import still
 from valve_twin.core.diagnosis.table import BY_NAME
 
 if TYPE_CHECKING:
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
 
     from valve_twin.core.types import Estimate, Maintenance
     from valve_twin.core.valves.interface import ValveModel
+
+_LATELY = 8
+"""Newest cycles whose products must all have a reference: recipes may alternate."""
 
 
 def diagnose(history: Sequence[Estimate], maintenance: Sequence[Maintenance]) -> Diagnosis:
@@ -49,7 +53,9 @@ def diagnose(history: Sequence[Estimate], maintenance: Sequence[Maintenance]) ->
     chosen = [shown[int(c)] for c in cycles]
     product = products(np.array([(e.end_ns - e.start_ns) * 1e-9 for e in chosen]))
     found: list[Finding] = []
-    ready = False
+    ready, doubt = False, ""
+    since = int(np.searchsorted(cycles, max(restarts, default=0)))
+    lately = [int(p) for p in product[::-1] if p >= 0][:_LATELY]
     for number in sorted(set(product.tolist()) - {-1}):
         own = product == number
         steady = without_slips(vectors[own], table)
@@ -57,13 +63,15 @@ def diagnose(history: Sequence[Estimate], maintenance: Sequence[Maintenance]) ->
         found += part.findings
         if number == product[-1]:
             ready = part.ready
-    since = int(np.searchsorted(cycles, max(restarts, default=0)))
+        if number in lately:
+            begun = int(np.count_nonzero(own[:since]))
+            doubt = doubt or doubt_of(cycles[own][begun:], steady[begun:], table)
     start_s = np.array([(e.start_ns - chosen[0].start_ns) * 1e-9 for e in chosen])
     clock = clocks_apart(cycles[since:], start_s[since:], vectors[since:], table)
     found.sort(key=lambda f: (f.alarm, f.onset))
-    stuck = overdue(history)
+    stuck = still(history)
     found += [f for f in (clock, stuck) if f is not None]
-    return Diagnosis(tuple(found), len(cycles), ready)
+    return Diagnosis(tuple(found), len(cycles), ready, doubt)
 
 
 def _model(name: str) -> ValveModel | None:

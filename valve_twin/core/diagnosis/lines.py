@@ -27,6 +27,12 @@ _ROUNDING = 1e-6
 _NEVER_JUDGED = 1e3
 """Deviation of a feature that never changed, so that its scatter is not known [1]."""
 
+_RISE = 0.4
+"""Least rise of the logarithm of the noise at rest that is a noisier sensor [1]."""
+
+_LEAST_NOISE = 5
+"""Fewest cycles whose noise at rest says what is usual."""
+
 _BEFORE = 5
 """Cycles before a cycle whose median it is compared with."""
 
@@ -88,7 +94,8 @@ def whitened_rays(
     floor = np.array(table.floor)
     constant = (np.ptp(y, axis=0) == 0.0) & (floor < _ROUNDING)
     floor = np.where(constant, _NEVER_JUDGED, floor)
-    own = with_floor(off.T @ off / (n - 2), floor)
+    quiet = np.sqrt(np.diag(table.covariance))  # what sampling alone does to a feature
+    own = with_floor(off.T @ off / (n - 2), np.maximum(floor, config.quiet * quiet))
     scale = config.margin * _doubt(n - 2, config.learn - 2) * np.sqrt(np.diag(own))
     prior = with_floor(np.array(table.covariance), floor)
     deviation = np.sqrt(np.diag(prior))
@@ -172,3 +179,72 @@ def without_outliers(w: FloatArray, config: DetectionConfig) -> FloatArray:
     outlier = (off > config.outlier) & (back < config.outlier)
     base[_BEFORE:-1][outlier] = middle[outlier]
     return base
+
+
+def strayed(ratio: FloatArray, config: DetectionConfig) -> FloatArray:
+    """Return by how much more than by chance the cycles before strayed from their lines.
+
+    Scatter that wanders leads a line astray.
+
+    Parameters
+    ----------
+    ratio : (K, S) array
+        How far the cycles up to each row lie off the line before them, by ray [standard
+        deviations].
+    config : DetectionConfig
+        The newest `recent` cycles, which are judged, do not count; as many that stray by chance
+        stand before the first.
+
+    Returns
+    -------
+    (K, S) array
+        Root mean square of what was known in each row, at least 1.
+    """
+    square = np.cumsum(np.minimum(ratio**2, config.threshold), axis=0)
+    known = np.zeros_like(ratio)
+    known[config.recent :] = square[: -config.recent]
+    count = np.maximum(np.arange(len(ratio)) - config.recent + 1.0, 0.0)[:, None]
+    mean = (config.recent + known) / (config.recent + count)
+    return np.asarray(np.sqrt(np.maximum(mean, 1.0)), dtype=np.float64)
+
+
+def more_repeats(vectors: FloatArray, onset: int, table: SignatureTable) -> FloatArray:
+    """Return by row the share of samples that repeat though they did not before the onset [1].
+
+    Parameters
+    ----------
+    vectors : (N, F) array
+        Features as they are followed [unit by feature].
+    onset : int
+        First row that has the change.
+    table : SignatureTable
+        Names of the features.
+    """
+    if "repeats" not in table.features:
+        return np.zeros(len(vectors))
+    repeats = np.nan_to_num(vectors[:, table.features.index("repeats")])
+    usual = float(np.median(repeats[:onset]))
+    return np.asarray((repeats - usual) / max(1.0 - usual, 1e-9), dtype=np.float64)
+
+
+def more_noise(before: FloatArray, after: FloatArray, table: SignatureTable) -> float:
+    """Return how many times noisier the position at rest is [1], 0 where not beyond doubt.
+
+    Parameters
+    ----------
+    before, after : (N, F), (M, F) arrays
+        Features as they are followed [unit by feature].
+    table : SignatureTable
+        Names of the features.
+    """
+    if NOISE not in table.features:
+        return 0.0
+    index = table.features.index(NOISE)
+    old, new = before[:, index], after[:, index]
+    old, new = old[np.isfinite(old)], new[np.isfinite(new)]
+    if len(old) < _LEAST_NOISE or not len(new):
+        return 0.0
+    usual = float(np.median(old))
+    spread = MAD_SCALE * float(np.median(np.abs(old - usual)))
+    rise = float(np.median(new)) - usual
+    return float(np.exp(rise)) if rise > max(_RISE, 6.0 * spread) else 0.0

@@ -41,6 +41,9 @@ _UNMOVED = 0.1
 
 _LEAST_CYCLES = 16
 _NEWEST = 200
+_LOOKS = (16, 24, 36, 54, 80, 120, 180)
+"""Numbers of first cycles that are looked at again in every longer history."""
+
 _SURE = 10.0
 _LEAST_SHIFT_S = 0.01
 _LEAST_ALONE_S = 0.04
@@ -131,7 +134,8 @@ def clocks_apart(
     """Find clocks of position and commands that run apart: delays grow steadily and alike.
 
     It grows as fast in both halves of the record. A single delay, where a cycle shows no other,
-    must grow by more than a pilot becomes slower.
+    must grow by more than a pilot becomes slower. What the first cycles showed stays found, when
+    later ones are refused since their delay is longer than is searched.
 
     Parameters
     ----------
@@ -149,11 +153,30 @@ def clocks_apart(
     Finding or None
         Its severity is the rate of one clock over the other, less 1.
     """
-    t = start_s[-_NEWEST:]
+    count = len(cycles)
+    looks = [slice(max(count - _NEWEST, 0), count)]
+    looks += [slice(0, end) for end in _LOOKS if end < count]
+    rates = (_rate(start_s[k], vectors[k], table) for k in looks)
+    for seen, rate in zip(looks, rates, strict=True):
+        if rate is not None:
+            first, last = int(cycles[seen.start]), int(cycles[-1])
+            return Finding(CLOCK, (), "sensor", rate.value, rate.sure, first, last)
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class _Rate:
+    """Rate of one clock over the other, less 1 [1], and how many standard errors that is."""
+
+    value: float
+    sure: float
+
+
+def _rate(t: FloatArray, vectors: FloatArray, table: SignatureTable) -> _Rate | None:
     whole: list[_Slope] = []
     parts: list[float] = []
     for name in set(DELAYS) & set(table.features):
-        delay = vectors[-_NEWEST:, table.features.index(name)]
+        delay = vectors[:, table.features.index(name)]
         known = np.isfinite(delay)
         if np.count_nonzero(known) >= _LEAST_CYCLES and np.ptp(t[known]) > 0.0:
             half = np.count_nonzero(known) // 2
@@ -169,8 +192,7 @@ def clocks_apart(
     least = _LEAST_SHIFT_S if len(whole) > 1 else _LEAST_ALONE_S
     if not (alike and sure > _SURE and least < abs(rate) * np.ptp(t) and abs(rate) < _FASTEST):
         return None
-    newest = cycles[-_NEWEST:]
-    return Finding(CLOCK, (), "sensor", rate, sure, int(newest[0]), int(newest[-1]))
+    return _Rate(rate, sure)
 
 
 def _slope(t: FloatArray, y: FloatArray) -> _Slope:

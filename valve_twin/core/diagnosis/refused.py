@@ -4,10 +4,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from statistics import median
 from typing import TYPE_CHECKING
 
 from valve_twin.core.diagnosis.detection import Finding
+from valve_twin.core.diagnosis.features import ESTIMATOR
 from valve_twin.core.refusal import RefusalCode
 from valve_twin.core.types import EstimateStatus
 
@@ -21,10 +23,29 @@ LEAST_REFUSED = 5
 
 _LEAST_USUAL = 5
 _OVERDUE = 2.5  # usual lengths of a cycle in which nothing answered the command, assumed
+_STILL = 0.1  # share of the usual stroke below which a cycle did not move, assumed
+_LEAST_STILL = 2  # still cycles in a row that are no accident, assumed
+_FROZEN = 0.999  # share of samples that repeat the one before: not even noise is left, assumed
 
 
-def refused_lately(history: Iterable[Estimate]) -> str:
-    """Return why the newest cycles say nothing, empty where one of them gave an estimate.
+@dataclass(frozen=True, slots=True)
+class Stale:
+    """Why the newest cycles say nothing: an empty `reason` = they do.
+
+    `unusable` where the signals themselves are why: they cannot be those of a valve, or are too
+    coarse.
+    """
+
+    reason: str = ""
+    unusable: bool = False
+
+
+FRESH = Stale()
+"""The newest cycles say something."""
+
+
+def refused_lately(history: Iterable[Estimate]) -> Stale:
+    """Return why the newest cycles say nothing.
 
     Parameters
     ----------
@@ -33,12 +54,16 @@ def refused_lately(history: Iterable[Estimate]) -> str:
     """
     newest = _newest_refused(history)
     if len(newest) < LEAST_REFUSED:
-        return ""
-    return f"the newest {len(newest)} cycles gave no estimate: {newest[-1].reason}"
+        return FRESH
+    unusable = all(e.reason_code == RefusalCode.IMPLAUSIBLE for e in newest[-LEAST_REFUSED:])
+    why = f"the newest {len(newest)} cycles gave no estimate: {newest[-1].reason}"
+    return Stale(why, unusable)
 
 
-def overdue(history: Sequence[Estimate]) -> Finding | None:
-    """Return that nothing moves: the newest cycle did not end, and its position stayed.
+def still(history: Sequence[Estimate]) -> Finding | None:
+    """Return that nothing moves: the newest cycles were refused, and their position stayed.
+
+    One such cycle is enough where it did not end either.
 
     Parameters
     ----------
@@ -48,17 +73,37 @@ def overdue(history: Sequence[Estimate]) -> Finding | None:
     Returns
     -------
     Finding or None
-        None where the newest cycle moved or was as long as usual.
+        `sensor_freeze` where not even noise is left, else `no_motion`; None where a newest cycle
+        moved, or nothing is known of how far usual ones move.
     """
     newest = _newest_refused(history)
-    if not newest or newest[-1].reason_code != RefusalCode.NO_MOTION:
+    if not newest:
         return None
-    last = newest[-1]
-    lengths = [_length(e) for e in history if e.used_by_trend and e.cycle < last.cycle]
-    if len(lengths) < _LEAST_USUAL or _length(last) < _OVERDUE * median(lengths):
+    before = [e for e in history if e.used_by_trend and e.cycle < newest[0].cycle]
+    usual = [_stroke(e) for e in before if e.status is not EstimateStatus.REFUSED]
+    usual = [stroke for stroke in usual if stroke > 0.0]
+    if len(usual) < _LEAST_USUAL:
         return None
-    nan = float("nan")
-    return Finding("no_motion", (), "valve", nan, nan, last.cycle, last.cycle)
+    run: list[Estimate] = []
+    for e in reversed(newest):
+        if not _stroke(e) < _STILL * median(usual):
+            break
+        run.append(e)
+    overdue = run and _length(run[0]) > _OVERDUE * median(_length(e) for e in before)
+    if not overdue and len(run) < _LEAST_STILL:
+        return None
+    cycle = {e.cycle for e in run}
+    features = [e for e in history if e.estimator == ESTIMATOR and e.cycle in cycle]
+    repeats = [e.value("repeats") for e in features]
+    frozen = min((r for r in repeats if r >= 0.0), default=0.0) > _FROZEN
+    name, part = ("sensor_freeze", "sensor") if frozen else ("no_motion", "valve")
+    size = 1.0 if frozen else float("nan")
+    return Finding(name, (), part, size, float("nan"), run[-1].cycle, run[0].cycle)
+
+
+def _stroke(estimate: Estimate) -> float:
+    """Return how far the position ran in a cycle [1], NaN = not known."""
+    return next((c.value for c in estimate.conditions if c.name == "stroke"), float("nan"))
 
 
 def _length(estimate: Estimate) -> int:

@@ -15,7 +15,6 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from valve_twin_msgs import msg, srv
 
 from valve_twin.core.aging.assess import Assessment, assess
-from valve_twin.core.aging.verdict import VerdictKind
 from valve_twin.core.diagnosis.features import ESTIMATOR
 from valve_twin.core.types import Maintenance
 from valve_twin.core.valves.registry import get_model
@@ -212,9 +211,9 @@ class MonitoredValve:
         before, self.assessment = self.assessment, outcome.result
         self._publish(outcome.result)
         verdict = outcome.result.verdict
-        if before is None or before.verdict.kind is not verdict.kind:
+        if before is None or before.verdict.text != verdict.text:
             text = f"{self.name}: {verdict.text}: {verdict.evidence}"
-            if verdict.kind in (VerdictKind.OK, VerdictKind.NOT_ENOUGH_DATA):
+            if not verdict.asks_for_help:
                 self._node.get_logger().info(text)
             else:  # on a line of its own: a logger refuses another severity from the same line
                 self._node.get_logger().warning(text)

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from valve_twin.core.aging.verdict import TrendStatus, VerdictKind
+from valve_twin.core.aging.verdict import TrendStatus
 from valve_twin.core.diagnosis.history import describe_finding
 from valve_twin.core.diagnosis.table import PARTS
 from valve_twin.core.faults.advice import advise
@@ -100,7 +100,7 @@ class AgingMonitorNode(ValveNode):
                 report.values[f"{trend.parameter} drift [%]"] = f"{trend.drift_reference:.2f}"
                 if trend.status is TrendStatus.BEYOND_THRESHOLD:
                     report.raise_to(ERROR, f"{trend.parameter}: {trend.reason}")
-            if found.verdict.kind not in (VerdictKind.OK, VerdictKind.NOT_ENOUGH_DATA):
+            if found.verdict.asks_for_help:
                 report.raise_to(WARN, found.verdict.evidence)
         return report
 

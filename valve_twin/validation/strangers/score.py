@@ -9,8 +9,12 @@ healthy         no fault now or in the last `GRACE` cycles: any part named is a 
                 a stepwise aging has made a step, and for clocks that are told to be apart
 faulty          a medium or large fault that began after cycle `EARLY`: "ok" is silent wrong; a
                 part named must be that of a fault, or of wear that shows
-early           the same for faults that began up to cycle `EARLY`, which have no reference
+early           the same for faults that began up to cycle `EARLY`, which have no reference: "no
+                reference" is right
 worn            beyond a service limit: "ok" is wrong
+
+"recording unusable" is right of loggers of `FEW_BITS` and clocks apart, of others without a fault
+a false alarm. "No reference" and "recording unusable" are counted apart from "not enough data".
 """
 
 from __future__ import annotations
@@ -20,7 +24,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.aging.verdict import VerdictKind
+from valve_twin.core.aging.verdict import NO_REFERENCE, UNUSABLE, VerdictKind
 from valve_twin.core.diagnosis.table import BY_NAME
 from valve_twin.validation.strangers.record import aged, gain, leak
 
@@ -35,6 +39,7 @@ FIRST_JUDGED = 11
 GRACE = 6
 WEAR_SHOWS = 0.3
 WORN = 1.05
+FEW_BITS = 6
 FOLLOWED = ("K_in", "K_out", "leak")
 V_REF = 0.3
 PAIRS = (
@@ -160,9 +165,9 @@ def _score_verdicts(found: Score, stranger: Stranger, said: list[Said], truth: _
         verdict = one.assessment.verdict if one.assessment else None
         kind = verdict.kind if verdict else VerdictKind.NOT_ENOUGH_DATA
         kinds.append(kind)
+        found.words += _letter(one, kind)
         _score_cycle(found, stranger, one, kind, truth.wear(one.cycle))
-    found.words = "".join("no"[k] if k < VerdictKind.VALVE else "vcsp"[k - 2] for k in kinds)
-    _score_flicker(found, stranger, kinds)
+    _score_flicker(found, stranger)
     for trouble in stranger.troubles:
         if _is_big(trouble) and trouble.onset >= FIRST_JUDGED:
             end = trouble.end or stranger.cycles + 1
@@ -171,6 +176,14 @@ def _score_verdicts(found: Score, stranger: Stranger, said: list[Said], truth: _
             ]
             found.delays.append(told[0] - trouble.onset + 1 if told else 0)
             found.count(f"detected: {trouble.name}", bool(told))
+
+
+def _letter(one: Said, kind: VerdictKind) -> str:
+    """Return one letter: the part, ok, or why nothing is named (n, r, u)."""
+    unnamed = {NO_REFERENCE: "r", UNUSABLE: "u"}
+    if kind is VerdictKind.NOT_ENOUGH_DATA:
+        return unnamed.get(_fault(one), "n")
+    return "novcsp"[kind]
 
 
 def _score_cycle(
@@ -182,16 +195,24 @@ def _score_cycle(
     big = [t for t in active if _is_big(t)]
     early = any(t.onset <= EARLY for t in big)
     late = one.cycle >= FIRST_JUDGED
-    silent = kind is VerdictKind.OK
+    silent, word = kind is VerdictKind.OK, _letter(one, kind)
+    unusable = stranger.logger.bits <= FEW_BITS or bool(stranger.logger.clocks_apart)
     if not active and not recent:
         named = kind >= VerdictKind.VALVE
         fair = kind is VerdictKind.VALVE and (wear >= WEAR_SHOWS or _has_stepped(stranger, one))
         fair |= bool(stranger.logger.clocks_apart) and _fault(one) == "clock"
+        named |= word == "u"
+        fair |= word == "u" and unusable
         found.count("false alarm", named and not fair)
+        if late:
+            found.count("no reference in a healthy cycle", word == "r")
     if late and not early:
-        found.count("not enough data", kind is VerdictKind.NOT_ENOUGH_DATA)
+        found.count("not enough data", word == "n")
+        found.count("recording unusable", word == "u")
     if big and late:
         found.count("early: silent wrong" if early else "silent wrong", silent)
+        if early:
+            found.count("early: no reference", word == "r")
         since = min(t.onset for t in big)
         if not early and one.cycle >= since + 2:
             found.count("silent wrong from the third cycle", silent)
@@ -230,13 +251,14 @@ def _names(one: Said, kind: VerdictKind, trouble: Trouble) -> bool:
     return both in PAIRS and any(BY_NAME[n].part == trouble.part for n in both)
 
 
-def _score_flicker(found: Score, stranger: Stranger, kinds: list[VerdictKind]) -> None:
+def _score_flicker(found: Score, stranger: Stranger) -> None:
     """Count verdicts that come back within five cycles while nothing happened."""
     happened = [t.onset for t in stranger.troubles] + [t.end for t in stranger.troubles if t.end]
-    for i in range(FIRST_JUDGED, len(kinds)):
+    words = found.words
+    for i in range(FIRST_JUDGED, len(words)):
         quiet = all(not i - GRACE < c <= i + 1 for c in happened)
         if quiet:
-            back = kinds[i] is not kinds[i - 1] and kinds[i] in kinds[max(i - 5, 10) : i - 1]
+            back = words[i] != words[i - 1] and words[i] in words[max(i - 5, 10) : i - 1]
             found.count("flicker", back)
 
 

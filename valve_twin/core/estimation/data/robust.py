@@ -10,10 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from valve_twin.core.types import FloatArray
+    from valve_twin.core.types import BoolArray, FloatArray
 
 MAD_SCALE = 1.4826
 """Standard deviation of a normal variable over its median absolute deviation."""
+
+_SPIKE = 12.0
+"""Height of a spike over the median height of all peaks; of normal noise one in 1e8 has it [1]."""
 
 NORMAL_975 = 1.959963984540054
 """97.5 % point of the normal distribution."""
@@ -31,3 +34,32 @@ def difference_sigma(differences: FloatArray, order: int) -> float:
     has none.
     """
     return robust_sigma(differences) / sqrt(comb(2 * order, order))
+
+
+def find_spikes(values: FloatArray, least: float) -> BoolArray:
+    """Return which values jump away and come straight back: what no mass does, (N,).
+
+    A slow sensor's repeated values are one. A ramp and the corner of a motion are no spikes.
+
+    Parameters
+    ----------
+    values : (N,) array
+        A signal, in order; not a number = missing.
+    least : float
+        Least height of a spike [unit of the values].
+    """
+    spikes = np.zeros(len(values), dtype=bool)
+    known = np.flatnonzero(np.isfinite(values))
+    first = known[np.concatenate(([True], np.diff(values[known]) != 0.0))] if len(known) else known
+    if len(first) < 3:
+        return spikes
+    step = np.diff(values[first])
+    turns = step[:-1] * step[1:] < 0.0
+    height = np.where(turns, np.minimum(np.abs(step[:-1]), np.abs(step[1:])), 0.0)
+    if not turns.any():
+        return spikes
+    high = height > max(_SPIKE * float(np.median(height[turns])), least)
+    last = np.append(first[1:], len(values))
+    for k in (np.flatnonzero(high) + 1).tolist():
+        spikes[first[k] : last[k]] = True
+    return spikes

@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Which checks the newest estimates fail: what their numbers rest on is then in doubt."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from valve_twin.core.types import EstimateStatus
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from valve_twin.core.types import Estimate, Guard
+
+_GRAVE = ("bounds", "identifiability", "noise at rest", "excitation", "condition number")
+"""Beginnings of the names of checks that an estimate must pass; others only inform."""
+
+_NEWEST = 20
+_LEAST = 5
+_SHARE = 0.5
+"""Share of the newest cycles that must fail a check before it is told, assumed [1]."""
+
+
+def failed_checks(history: Iterable[Estimate]) -> str:
+    """Return which grave checks at least half of the newest estimates fail, empty = none.
+
+    Parameters
+    ----------
+    history : iterable of Estimate
+        Estimates of all estimators; those that feed the trend count, refused ones do not.
+
+    Returns
+    -------
+    str
+        A clause for each, with the finding of the newest cycle that fails it.
+    """
+    given = [e for e in history if e.used_by_trend and e.status is not EstimateStatus.REFUSED]
+    newest = sorted(given, key=lambda e: e.end_ns)[-_NEWEST:]
+    if len(newest) < _LEAST:
+        return ""
+    failed: dict[str, list[Guard]] = {}
+    for guard in (g for e in newest for g in e.guards):
+        if not guard.passed and guard.name.startswith(_GRAVE):
+            failed.setdefault(guard.name, []).append(guard)
+    return "; ".join(
+        f"check of {name} failed in {len(guards)} of the newest {len(newest)} cycles: "
+        f"{guards[-1].reason}"
+        for name, guards in failed.items()
+        if len(guards) >= _SHARE * len(newest)
+    )
