@@ -225,7 +225,7 @@ class TestHonesty:
             few, (), example.AgingConfig(), parameters=example.PARAMETERS, valve="/v"
         )
         page = render_report(dataclasses.replace(made, assessment=trends, maintenance=()))
-        assert "Not enough data for a verdict" in page
+        assert "Nothing to compare the valve with yet" in page
         for svg in svgs(page, "small"):
             assert not any(paths(svg, style) for style in ("trend", "mean", "prediction"))
             assert paths(svg, "estimate")
