@@ -82,7 +82,7 @@ class NodeProcess:
         caught = int(next(x for x in status.splitlines() if x.startswith("SigCgt")).split()[1], 16)
         return all(caught >> (number - 1) & 1 for number in (signal.SIGINT, signal.SIGTERM))
 
-    def end(self, number: int = signal.SIGTERM, timeout: float = 60.0) -> int:
+    def end(self, number: int = signal.SIGTERM, timeout: float = 120.0) -> int:
         """Send a signal and return the exit code."""
         if self.process.poll() is None:
             self.process.send_signal(number)
@@ -167,7 +167,7 @@ class Graph:
         path.write_text(yaml.safe_dump(content))
         return ["--ros-args", "-r", f"__ns:={ns}", *extra, "--params-file", str(path)]
 
-    def spin_until(self, condition, timeout: float = 60.0, what: str = ""):
+    def spin_until(self, condition, timeout: float = 120.0, what: str = ""):
         """Run callbacks until the condition holds; return its value."""
         end = time.monotonic() + timeout
         while True:
@@ -221,10 +221,10 @@ class Graph:
             heard.extend(s.name for s in message.status if s.name.startswith(node))
 
         latest = self.node.create_subscription(DiagnosticArray, "/diagnostics", take, DEEP)
-        self.spin_until(lambda: heard, 60.0, f"the diagnostics of {node}")
+        self.spin_until(lambda: heard, 120.0, f"the diagnostics of {node}")
         self.node.destroy_subscription(latest)
 
-    def call(self, service, name: str, /, timeout: float = 60.0, **fields):
+    def call(self, service, name: str, /, timeout: float = 120.0, **fields):
         """Call a service of any node and return the response."""
         client = self.node.create_client(service, name)
         self.spin_until(client.service_is_ready, timeout, f"service {name}")

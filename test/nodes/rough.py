@@ -29,7 +29,7 @@ class Watched:
         self.process = graph.start("twin", **{**REARM, **database, **parameters})
         graph.spin_until(
             lambda: graph.connected(f"{NS}/twin/prediction", f"{NS}/twin/estimate"),
-            30.0,
+            120.0,
             "the twin's publishers",
         )
 
@@ -41,7 +41,7 @@ class Watched:
         """Wait until a fault has a status."""
         return self.graph.spin_until(
             lambda: (f := self.faults().get((code, subject))) and f.status == status and f,
-            30.0,
+            120.0,
             f"{code} {subject} with status {status}; told: {self.faults()}",
         )
 

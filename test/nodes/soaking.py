@@ -112,7 +112,7 @@ class Soak:
         self.log = folder / "twin.log"
         self.twin = self._start("twin", [str(self.counts), *ros], self.log)
         self.plant: subprocess.Popen[str] | None = None
-        graph.spin_until(lambda: len(self.figures()) == valves, 60.0, "the twin's diagnostics")
+        graph.spin_until(lambda: len(self.figures()) == valves, 120.0, "the twin's diagnostics")
 
     def _start(self, what: str, arguments: list[str], log: Path) -> subprocess.Popen[str]:
         command = [sys.executable, __file__, what, *arguments]
@@ -178,7 +178,7 @@ class Soak:
             figures = self.figures()
             lines = len(self._blocks())
             os.kill(self.twin.pid, signal.SIGUSR1)
-            self.graph.spin_until(lambda n=lines: len(self._blocks()) > n, 60.0, "its blocks")
+            self.graph.spin_until(lambda n=lines: len(self._blocks()) > n, 120.0, "its blocks")
             lost = (v for f in figures for k, v in f.items() if "/lost" in k)
             found.append(
                 Round(

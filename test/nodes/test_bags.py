@@ -183,12 +183,12 @@ def test_a_slow_subscriber_sets_the_pace_and_loses_nothing(graph, tmp_path):
         return len(values) >= count
 
     graph.start("bag_player", bag=str(path), rate=0.0, wait_for_subscribers=1)
-    graph.spin_until(lambda: taken(1), 30.0, "the first message")
+    graph.spin_until(lambda: taken(1), 120.0, "the first message")
     signal.pthread_sigmask(signal.SIG_BLOCK, [])  # no callbacks run until the next spin
     end = graph.node.get_clock().now().nanoseconds + 10**9
     while graph.node.get_clock().now().nanoseconds < end:
         pass
-    graph.spin_until(lambda: taken(15000), 30.0, "all messages")
+    graph.spin_until(lambda: taken(15000), 120.0, "all messages")
     assert values == [float(i) for i in range(15000)]
     assert reader.lost == 0
 
@@ -209,6 +209,6 @@ def test_the_command_replays_and_ends(graph, bag):
     ]
     environment = {**os.environ, "ROS_DOMAIN_ID": str(graph.domain)}
     process = subprocess.Popen(command, env=environment)
-    graph.spin_until(lambda: process.poll() is not None, 30.0, "the end of the command")
+    graph.spin_until(lambda: process.poll() is not None, 120.0, "the end of the command")
     assert process.returncode == 0
-    graph.spin_until(lambda: len(found) == 300, 60.0, "300 messages")
+    graph.spin_until(lambda: len(found) == 300, 120.0, "300 messages")

@@ -73,7 +73,7 @@ def test_the_unit_starts_a_node_that_sigterm_ends(tmp_path, executable):
             lambda: f"{NS[1:].replace('/', '.')}.{executable}" in log.read_text(), node, log
         )
         node.send_signal(signal.SIGTERM)
-        assert node.wait(10) == 0, log.read_text()
+        assert node.wait(60) == 0, log.read_text()
     finally:
         if node.poll() is None:
             node.kill()

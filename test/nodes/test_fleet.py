@@ -104,7 +104,7 @@ def test_fifty_valves_of_one_file_bear_the_bad_ones_among_them(graph, tmp_path, 
                 wrong = math.nan if number == 2 else 7.0 if number == 4 and raising else None
                 feeder.feed(samples, position=wrong)
             sent = feeders[1].sent - 2  # the newest wait for a command that may still come
-            graph.spin_until(lambda n=sent: all(len(p) >= n for p in predictions.values()), 60.0)
+            graph.spin_until(lambda n=sent: all(len(p) >= n for p in predictions.values()), 120.0)
 
     def stored(valve: str) -> list[str]:
         if not database.exists():
@@ -137,7 +137,7 @@ def test_fifty_valves_of_one_file_bear_the_bad_ones_among_them(graph, tmp_path, 
         status = condition("/press/v_03")
         return status is not None and status.level != DiagnosticStatus.OK
 
-    graph.spin_until(is_told_silent, 60.0, "the silent valve")
+    graph.spin_until(is_told_silent, 120.0, "the silent valve")
     with History(database, read_only=True) as history:
         assert {c.cycle for c in history.cycles("/press/v_50")} == set(range(1, CYCLES + 1))
         assert not any(

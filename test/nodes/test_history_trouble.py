@@ -37,7 +37,7 @@ class Plant:
         self.parameters = {"history_url": f"sqlite:///{database}", **FAST, **parameters}
         self.twin = graph.start("twin", **self.parameters)
         own = [f"{NS}/twin/{name}" for name in ("estimate", "prediction", "cycle")]
-        graph.spin_until(lambda: graph.connected(*own), 30.0, "the twin's publishers")
+        graph.spin_until(lambda: graph.connected(*own), 120.0, "the twin's publishers")
         self.feeder = Feeder(graph, NS)
 
     def feed(self, cycles: int) -> None:
@@ -45,7 +45,7 @@ class Plant:
         for _ in range(cycles):
             self.feeder.feed(self.feeder.cycle_samples)
         done = self.feeder.sent // self.feeder.cycle_samples - 1
-        self.graph.spin_until(lambda: len(set(self.told())) >= done, 60.0, f"{done} estimates")
+        self.graph.spin_until(lambda: len(set(self.told())) >= done, 120.0, f"{done} estimates")
 
     def told(self, *, stored: bool | None = None) -> list[int]:
         """Return the cycles of the estimates that feed the trend, as they came."""
@@ -57,7 +57,7 @@ class Plant:
 
     def wait_stored(self, cycles: list[int]) -> None:
         self.graph.spin_until(
-            lambda: self.told(stored=True) == cycles, 60.0, f"{cycles} stored, have {self.told()}"
+            lambda: self.told(stored=True) == cycles, 120.0, f"{cycles} stored, have {self.told()}"
         )
         assert self.in_database() == cycles
 
@@ -71,7 +71,7 @@ class Plant:
             grave = found and found[-1].level == DiagnosticStatus.ERROR
             return found[-1] if grave and text in found[-1].message else None
 
-        return self.graph.spin_until(newest, 60.0, f"an error '{text}' in the diagnostics")
+        return self.graph.spin_until(newest, 120.0, f"an error '{text}' in the diagnostics")
 
     def figure(self, name: str) -> str:
         status = [s for m in self.diagnostics for s in m.status if s.hardware_id == NS][-1]
@@ -109,12 +109,12 @@ def test_no_prediction_is_late_while_the_database_is_locked(graph, database):
     plant.wait_stored([1, 2])
     with closing(lock(database)) as holder:
         plant.feeder.feed(plant.feeder.cycle_samples)
-        graph.spin_until(lambda: len(plant.summaries) == 3, 60.0, "the summary of cycle 3")
-        graph.spin_until(lambda: len(plant.predictions) == plant.feeder.sent, 60.0)
+        graph.spin_until(lambda: len(plant.summaries) == 3, 120.0, "the summary of cycle 3")
+        graph.spin_until(lambda: len(plant.predictions) == plant.feeder.sent, 120.0)
         locked = answers_s(graph, plant, 60)
         assert plant.in_database() == [1, 2]  # it was locked to the end
         holder.execute("ROLLBACK")
-    graph.spin_until(lambda: plant.told(stored=True)[:3] == [1, 2, 3], 60.0, "cycle 3 stored")
+    graph.spin_until(lambda: plant.told(stored=True)[:3] == [1, 2, 3], 120.0, "cycle 3 stored")
     free = answers_s(graph, plant, 60)
     assert statistics.median(locked) < min(2.0 * statistics.median(free) + 0.01, 0.1)
     assert max(locked) < 1.0
@@ -183,7 +183,7 @@ def test_beyond_the_limit_the_oldest_are_lost_and_counted(graph, database):
     with closing(lock(database)) as holder:
         plant.feed(6)
         graph.spin_until(
-            lambda: int(plant.figure("cycles dropped unsaved")) == 4, 60.0, "four cycles dropped"
+            lambda: int(plant.figure("cycles dropped unsaved")) == 4, 120.0, "four cycles dropped"
         )
         assert "2 cycles wait for the history, more are not kept" in plant.twin.log
         holder.execute("ROLLBACK")
@@ -197,7 +197,7 @@ def test_the_twin_ends_in_time_while_the_database_is_locked(graph, database):
     plant.wait_stored([1])
     with closing(lock(database)):
         plant.feeder.feed(plant.feeder.cycle_samples)
-        graph.spin_until(lambda: len(plant.summaries) == 2, 60.0, "the summary of cycle 2")
+        graph.spin_until(lambda: len(plant.summaries) == 2, 120.0, "the summary of cycle 2")
         begin = time.monotonic()
         assert plant.twin.end() == 0
         assert time.monotonic() - begin < 2.0
@@ -206,7 +206,7 @@ def test_the_twin_ends_in_time_while_the_database_is_locked(graph, database):
 def test_one_valve_has_one_twin(graph, database):
     plant = Plant(graph, database)
     second = graph.start("twin", extra=["-r", "__node:=second"], **plant.parameters)
-    graph.spin_until(lambda: "cannot configure" in second.log, 60.0, "a refusal")
+    graph.spin_until(lambda: "cannot configure" in second.log, 120.0, "a refusal")
     said = next(line for line in second.log.splitlines() if "cannot configure" in line)
     assert f"{NS} is already written by process {plant.twin.pid} on" in said
     assert second.process.poll() is None
@@ -224,7 +224,7 @@ def test_a_number_that_another_program_took_is_left_and_counting_goes_on_after_i
         stranger.store(NS, CycleRecord(2, 5, 6, samples=7, reason="of another program"))
         stranger.add_maintenance(NS, Maintenance(5, 2, "seal"))
     plant.feed(4)
-    plant.graph.spin_until(lambda: len(plant.told(stored=True)) >= 3, 60.0, "stored again")
+    plant.graph.spin_until(lambda: len(plant.told(stored=True)) >= 3, 120.0, "stored again")
     assert plant.told(stored=False) == [2]
     numbers = [m.cycle for m in plant.summaries]
     assert len(numbers) == len(set(numbers))

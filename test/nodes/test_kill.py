@@ -74,7 +74,7 @@ class Life:
         self.twin = graph.start("twin", ns=ns, history_url=f"sqlite:///{database}", **REARM)
         gate = SubscriberGate()
         graph.spin_until(
-            lambda: gate.is_open(self.publishers, 1, time.monotonic()), 60.0, "the twin's inputs"
+            lambda: gate.is_open(self.publishers, 1, time.monotonic()), 120.0, "the twin's inputs"
         )
         graph.be_heard(f"{ns}/twin")
 
@@ -94,14 +94,14 @@ def wait_for_cycle(life: Life, number: int) -> None:
         last = life.last_stored()
         return last is not None and last.cycle >= number
 
-    life.graph.spin_until(reached, 60.0, f"cycle {number} in the history")
+    life.graph.spin_until(reached, 120.0, f"cycle {number} in the history")
 
 
 def wait_for_word(life: Life, estimates, number: int) -> None:
     """Wait for the news of a stored cycle; a twin that ends at once takes it along."""
     life.graph.spin_until(
         lambda: any(m.stored and m.cycle >= number for m in estimates),
-        60.0,
+        120.0,
         f"the estimates of cycle {number}",
     )
 
@@ -221,7 +221,7 @@ def test_a_twin_goes_on_inside_a_cycle_with_the_bits_of_an_undisturbed_one(graph
         stamp = data.stamps[sample]
         graph.spin_until(
             lambda: bool(said[ns]) and from_time(said[ns][-1].header.stamp) >= stamp,
-            60.0,
+            120.0,
             f"the prediction of sample {sample} of {ns}",
         )
 
@@ -231,7 +231,7 @@ def test_a_twin_goes_on_inside_a_cycle_with_the_bits_of_an_undisturbed_one(graph
     wait_for_cycle(life, 2)
     if death == "kill":
         snapshot = tmp_path / "killed.sqlite-twin.press.v1"
-        graph.spin_until(lambda: holds(snapshot, 2, data.stamps[until - 1]), 60.0, "a snapshot")
+        graph.spin_until(lambda: holds(snapshot, 2, data.stamps[until - 1]), 120.0, "a snapshot")
     else:
         assert life.twin.end() == 0
     life.kill()
@@ -269,7 +269,7 @@ def test_where_the_plant_goes_on_only_whole_cycles_are_stored_under_new_numbers(
         start = data.stamps[cycle * n]
         graph.spin_until(
             lambda: bool(summaries) and from_time(summaries[-1].start) >= start,
-            60.0,
+            120.0,
             f"the summary of the cycle at sample {cycle * n}",
         )
 

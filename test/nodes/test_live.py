@@ -79,11 +79,11 @@ def _live(graph, run: Run) -> Run:
         )
 
     def reached(cycle: int):
-        graph.spin_until(lambda: estimated() >= cycle, 60.0, f"the estimate of cycle {cycle}")
+        graph.spin_until(lambda: estimated() >= cycle, 120.0, f"the estimate of cycle {cycle}")
 
     twin = graph.start("twin", **twin_parameters)
     own = [f"{NS}/twin/{name}" for name in ("prediction", "cycle", "estimate")]
-    graph.spin_until(lambda: graph.connected(*own), 60.0, "the twin's publishers")
+    graph.spin_until(lambda: graph.connected(*own), 120.0, "the twin's publishers")
     names = ("trend/K_in", "trend/K_out", "trend/leak", "verdict")
     elsewhere = [f"aging_monitor/{n}:=/always/{n.split('/')[-1]}" for n in names]
     graph.start("aging_monitor", extra=[a for e in elsewhere for a in ("-r", e)], **REARM)
@@ -102,7 +102,7 @@ def _live(graph, run: Run) -> Run:
     seen = estimated()
     reached(seen + 10)
     graph.start("aging_monitor", **REARM)
-    graph.spin_until(lambda: _same_cycle(run), 60.0, "both monitors at the same cycle")
+    graph.spin_until(lambda: _same_cycle(run), 120.0, "both monitors at the same cycle")
     reached(estimated() + 1)
     run.before_kill = {"samples": len(run.predictions), "trend": run.uninterrupted[-1]}
     run.killed_at = estimated()
@@ -111,7 +111,7 @@ def _live(graph, run: Run) -> Run:
     reached(run.killed_at + 4)
     graph.spin_until(
         lambda: from_time(run.uninterrupted[-1].header.stamp) >= _end(run, run.killed_at + 3),
-        60.0,
+        120.0,
         "a trend after the restart",
     )
     return run

@@ -61,11 +61,11 @@ def _live(graph, folder, file) -> Run:
     graph.be_heard(f"{NAME}/twin")
     live = {"rate": 1.0, "stop_after_cycles": CYCLES + 1, "wait_for_subscribers": 2}
     graph.start("simulated_valve", NAME, given, **live)
-    graph.spin_until(lambda: len(run.estimates) >= CYCLES, 60.0, "the estimates")
-    graph.spin_until(lambda: run.trend and run.trend[-1].samples >= CYCLES, 60.0, "the trend")
+    graph.spin_until(lambda: len(run.estimates) >= CYCLES, 120.0, "the estimates")
+    graph.spin_until(lambda: run.trend and run.trend[-1].samples >= CYCLES, 120.0, "the trend")
     total = (CYCLES + 1) * SAMPLES
-    graph.spin_until(lambda: _count(run.inputs["position"]) >= total, 60.0, "all positions")
-    graph.spin_until(lambda: _count(run.predictions) >= CYCLES * SAMPLES, 60.0, "predictions")
+    graph.spin_until(lambda: _count(run.inputs["position"]) >= total, 120.0, "all positions")
+    graph.spin_until(lambda: _count(run.predictions) >= CYCLES * SAMPLES, 120.0, "predictions")
     return run
 
 

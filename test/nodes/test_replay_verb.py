@@ -47,7 +47,7 @@ def test_every_message_comes_back_and_the_command_ends(graph, bag):
 
 def test_a_missing_bag_is_told_in_one_line(graph, tmp_path):
     process = replay(graph, tmp_path / "gone")
-    _, told = process.communicate(timeout=40)
+    _, told = process.communicate(timeout=120)
     assert process.returncode == 1
     assert told.count("\n") == 1
     assert f"{tmp_path / 'gone'}: there is no such file; give a bag folder" in told
@@ -75,7 +75,7 @@ def test_the_options_of_ros2_bag_play_are_understood(graph, bag):
 )
 def test_a_wrong_option_is_told_in_one_line(graph, bag, wrong):
     process = replay(graph, bag, *wrong)
-    _, told = process.communicate(timeout=40)
+    _, told = process.communicate(timeout=120)
     assert process.returncode == 2
     assert told.count("\n") == 1
 
@@ -85,7 +85,7 @@ def test_a_player_that_loops_ends_on_a_signal(graph, bag):
     process = replay(graph, bag, "--rate", "0", "--loop")
     graph.spin_until(lambda: len(found) > 400, 40.0, "the third round")
     process.send_signal(signal.SIGINT)
-    process.communicate(timeout=10)
+    process.communicate(timeout=120)
     assert process.returncode == 0
     values = [m.value for m in found[:400]]
     np.testing.assert_array_equal(values, np.tile(np.arange(200) / 8, 2))

@@ -71,7 +71,7 @@ def _run(graph, folder: Path) -> Run:
             and len(graph.node.get_subscriptions_info_by_topic(f"{CLEAN}/{t}")) == 2
             for t in TOPICS
         ),
-        30.0,
+        120.0,
         "relay and twin",
     )
     graph.spin(1.0)  # both sides of every match know of it
@@ -85,7 +85,7 @@ def _run(graph, folder: Path) -> Run:
     graph.spin_until(lambda: len(by_cycle(CLEAN)) == CYCLES, 90.0, "the clean estimates")
     graph.spin_until(lambda: len(by_cycle(LOSSY)) >= CYCLES, 90.0, "the lossy estimates")
     last = START_NS + (feeder.sent - 20) * feeder.period_ns
-    graph.spin_until(lambda: stamps_of(predictions[-1:])[0] > last, 60.0, "the last samples")
+    graph.spin_until(lambda: stamps_of(predictions[-1:])[0] > last, 120.0, "the last samples")
     graph.spin(1.0)
     assert relay.end() == 0
     seen = len(diagnostics)

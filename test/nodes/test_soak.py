@@ -63,13 +63,13 @@ def test_memory_of_a_backlog_of_estimations_goes_back_to_the_system(graph, tmp_p
         made.send(20)
         pending = "estimations pending"
         graph.spin_until(
-            lambda: sum(int(f[pending]) for f in made.figures()) >= 190, 60.0, "a backlog"
+            lambda: sum(int(f[pending]) for f in made.figures()) >= 190, 120.0, "a backlog"
         )
         grown = rss_mb(made.twin.pid) - base
         os.kill(worker, signal.SIGCONT)
         graph.spin_until(lambda: made.is_quiet(23 * CYCLE * 10), 240.0, "a quiet twin")
         graph.spin_until(
-            lambda: rss_mb(made.twin.pid) - base < 0.6 * grown, 60.0, f"less than {grown} MB more"
+            lambda: rss_mb(made.twin.pid) - base < 0.6 * grown, 120.0, f"less than {grown} MB more"
         )
         assert made.end() == 0
     finally:

@@ -119,7 +119,7 @@ def test_a_node_that_stands_still_is_named_and_left_behind(graph, tmp_path, monk
         BagPlayerNode, bag=bag, rate=0.0, window=100, wait_for_subscribers=1, start_paused=True
     )
     publishers = player._player_publishers
-    graph.spin_until(lambda: publishers.has_subscribers(1), 60.0, "the recorder")
+    graph.spin_until(lambda: publishers.has_subscribers(1), 120.0, "the recorder")
     stopped.process.send_signal(signal.SIGSTOP)
     try:
         player.playback.resume()

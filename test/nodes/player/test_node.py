@@ -95,7 +95,7 @@ class Listener:
     def times(self) -> list[int]:
         return [from_time(c.clock) for c in self.clock]
 
-    def until(self, count: int, timeout: float = 60.0) -> None:
+    def until(self, count: int, timeout: float = 120.0) -> None:
         self.graph.spin_until(lambda: len(self.heard) >= count, timeout, f"{count} messages")
 
     def nothing_more(self, seconds: float = 0.3) -> None:
@@ -354,9 +354,12 @@ def test_a_seek_while_paused_shows_time_and_state_and_waits(graph, paused):
 
 def test_a_seek_back_while_playing_goes_on_in_order(graph, bag):
     listener = Listener(graph)
-    graph.host(BagPlayerNode, bag=bag, wait_for_subscribers=1)
-    listener.until(200)
+    graph.host(BagPlayerNode, bag=bag, rate=0.05, start_paused=True, wait_for_subscribers=1)
+    graph.call(srv.Burst, f"{PLAYER}/burst", num_messages=46)
+    graph.call(srv.Resume, f"{PLAYER}/resume")
+    listener.until(46)  # it plays, for 17 s
     assert graph.call(srv.Seek, f"{PLAYER}/seek", time=time_of(at(10))).success
+    assert graph.call(srv.SetRate, f"{PLAYER}/set_rate", rate=4.0).success
     graph.spin_until(lambda: listener.values[-1] == 299.0, what="the end")
     listener.until(300)
     values = listener.values

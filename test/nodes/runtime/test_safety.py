@@ -244,7 +244,7 @@ def test_the_command_line_ends_before_a_real_valve(graph, bag):
     command = [sys.executable, "-m", "valve_twin.cli", "replay", bag["bag"], "--prefix", ""]
     environment = {**os.environ, "ROS_DOMAIN_ID": str(graph.domain)}
     process = subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True)
-    graph.spin_until(lambda: process.poll() is not None, 30.0, "the end of the command")
+    graph.spin_until(lambda: process.poll() is not None, 120.0, "the end of the command")
     _, told = process.communicate()
     assert process.returncode == 1
     assert f"topic '{REAL}' is a command that is taken by" in told

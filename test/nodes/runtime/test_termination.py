@@ -148,7 +148,7 @@ def test_a_node_that_ends_says_goodbye(graph, tmp_path):
     """Peers forget it at once, not when its lease ends after 20 s; a publisher waits for none."""
     publisher = graph.node.create_publisher(Float64Stamped, f"{NS}/spool_position", 10)
     process = graph.start("twin", history_url=f"sqlite:///{tmp_path}/history.sqlite")
-    graph.spin_until(publisher.get_subscription_count, 30.0, "the twin's subscription")
+    graph.spin_until(publisher.get_subscription_count, 120.0, "the twin's subscription")
     assert process.end() == 0
     graph.spin_until(
         lambda: not publisher.get_subscription_count(), LEASE_S / 2, "its end to be known"

@@ -70,7 +70,7 @@ def test_a_live_input_does_not_wait_longer_than_the_bound(graph, tmp_path, slow)
     told = twin.wait_for("estimation.late")
     assert "cut off after 0.2 s" in told.evidence
     for count in (3, 4, 5):
-        graph.spin_until(lambda n=count: n in twin.estimated(), 60.0, f"estimate {count}")
+        graph.spin_until(lambda n=count: n in twin.estimated(), 120.0, f"estimate {count}")
         feeder.feed(feeder.cycle_samples)
     third = [p for p in twin.predictions if p.cycle == 3]
     assert {(p.validity, p.reproducible) for p in third} == {(Prediction.NO_MODEL, False)}
@@ -84,7 +84,7 @@ def test_a_replay_waits_as_long_as_it_takes(graph, tmp_path, slow):
     twin = Watched(graph, tmp_path, **{**slow, **topics, "estimate_wait_s": 0.2})
     feeder = Feeder(graph, f"/replay{NS}")
     feeder.feed(3 * feeder.cycle_samples)
-    graph.spin_until(lambda: len(twin.predictions) >= feeder.sent - 2, 60.0, "all predictions")
+    graph.spin_until(lambda: len(twin.predictions) >= feeder.sent - 2, 120.0, "all predictions")
     assert twin.estimated()[1].reproducible
     assert all(p.reproducible for p in twin.predictions)
     assert Prediction.NO_MODEL not in {p.validity for p in twin.predictions if p.cycle == 3}
@@ -112,7 +112,7 @@ class Latencies:
         live = {**slow, "history_url": url, "topic_prefix": "/sim", "estimate_wait_s": 0.5}
         graph.start("twin", **live)
         own = [f"{NS}/twin/{name}" for name in ("prediction", "cycle", "estimate")]
-        graph.spin_until(lambda: graph.connected(*own), 60.0, "the twin's publishers")
+        graph.spin_until(lambda: graph.connected(*own), 120.0, "the twin's publishers")
         graph.be_heard(f"{NS}/twin")
         graph.start(
             "simulated_valve", rate=RATE, start_time_s=slow_press.START_S, lossless=False,

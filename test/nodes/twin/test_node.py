@@ -49,7 +49,7 @@ def feed_cycles(graph, feeder, estimates, count):
         feeder.feed(feeder.cycle_samples)
         graph.spin(0.01)
     done = feeder.sent // feeder.cycle_samples - 1
-    graph.spin_until(lambda: len(cycles_of(estimates)) >= done, 60.0, f"{done} estimates")
+    graph.spin_until(lambda: len(cycles_of(estimates)) >= done, 120.0, f"{done} estimates")
 
 
 def test_a_locked_database_delays_storing_and_loses_nothing(
@@ -75,7 +75,7 @@ def test_a_locked_database_delays_storing_and_loses_nothing(
     assert "wait for the database" in diagnostics[-1].status[0].message
     lock.execute("ROLLBACK")
     lock.close()
-    graph.spin_until(lambda: "all cycles are stored again" in capfd.readouterr().err, 60.0)
+    graph.spin_until(lambda: "all cycles are stored again" in capfd.readouterr().err, 120.0)
     with History(f"sqlite:///{database}", read_only=True) as history:
         assert [c.cycle for c in history.cycles(NS)] == [1, 2, 3]
 
