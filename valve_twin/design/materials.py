@@ -31,7 +31,8 @@ _CURVE_POINTS = 4000
 class Linear:
     """Air, copper, plastics: B = mu_r mu_0 H."""
 
-    permeability: float = quantity(1.0, "1", "Relative permeability", 1e-3, 1e6)
+    permeability: float = quantity(1.0, "1", "Relative permeability", 1e-3, 1e8)
+    conductivity: float = quantity(0.0, "S/m", "Of eddy currents; 0 = none", 0.0, 1e8)
 
     def __post_init__(self) -> None:
         """Refuse numbers outside their range."""
@@ -44,6 +45,7 @@ class Magnet:
 
     remanence: float = assumed(1.1, "T", "Remanent flux density, negative = reversed", -2.0, 2.0)
     permeability: float = assumed(1.05, "1", "Relative recoil permeability", 1.0, 10.0)
+    conductivity: float = quantity(0.0, "S/m", "Of eddy currents; 0 = none", 0.0, 1e8)
     direction: str = setting("axial", "Of the magnetisation", choices=("axial", "radial"))
 
     def __post_init__(self) -> None:
@@ -60,6 +62,7 @@ class Steel:
     sharpness: float = assumed(2.919, "1", "p of the closed form", 0.5, 20.0)
     share: float = assumed(0.636, "1", "f of the closed form", 0.0, 1.0)
     approach: float = assumed(6127.0, "A/m", "H_b of the closed form", 1.0, 1e6)
+    conductivity: float = assumed(5.8e6, "S/m", "Of eddy currents; 0 = none", 0.0, 1e8)
     table_h: tuple[float, ...] = quantity((), "A/m", "Field strengths of a table, from 0")
     table_b: tuple[float, ...] = quantity((), "T", "Flux densities of a table, from 0")
 

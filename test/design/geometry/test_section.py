@@ -41,7 +41,10 @@ def test_area_and_inside_of_a_triangle():
             "two: outline of 4 corners has no",
         ),
         (Region("two", "air", rectangle(3e-3, 4e-3, 0.0, 1e-3), "A"), "turns = 0 of coil A"),
-        (Region("two", "steel", rectangle(3e-3, 4e-3, 0.0, 1e-3), "A", 5), "wound in a linear"),
+        (
+            Region("two", "steel", rectangle(3e-3, 4e-3, 0.0, 1e-3), "A", 5),
+            "wound in a linear material without",
+        ),
     ],
 )
 def test_a_region_that_cannot_be_is_refused(region, words):

@@ -6,12 +6,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from valve_twin.cli.design import field, geometry, map
+from valve_twin.cli.design import field, geometry, map, transient
 
 if TYPE_CHECKING:
     from valve_twin.cli.common import Verbs
 
-STEPS = (geometry, field, map)
+STEPS = (geometry, field, map, transient)
 """One module a step, in their order."""
 
 

@@ -10,6 +10,7 @@ opposite forces cancel.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -28,6 +29,7 @@ _GROWTH = 0.5  # of the size of elements with the distance from a line that want
 _WIDEST = 6.0  # elements at least across the radius of what is magnetic [1]
 _AT_CORNER = 0.25  # size at the corners over the widest [1]
 _ACROSS_SLIDE, _ACROSS_GAP = 3.0, 6.0  # elements across the gaps around and before the armature
+_LEAST_SKIN = 2e-5  # [m]
 _MOST_LINES = 600
 _SAME = 1e-7  # of the size of the box: lines so near are one [1]
 
@@ -71,7 +73,7 @@ class _Edge:
         return self.z0 + (r - self.r0) * (self.z1 - self.z0) / (self.r1 - self.r0)
 
 
-def make_grid(section: Section, fine: float = 1.0) -> Grid:
+def make_grid(section: Section, fine: float = 1.0, skin: float = math.inf) -> Grid:
     """Return the mesh of a section.
 
     Parameters
@@ -80,14 +82,19 @@ def make_grid(section: Section, fine: float = 1.0) -> Grid:
         What is meshed.
     fine : float
         Elements along a line over those of the default mesh [1].
+    skin : float
+        Largest size of elements at the surfaces of regions, for eddy currents [m].
 
     Raises
     ------
     ValueError
-        If `fine` is out of range, or slanted edges ask for more lines than can be.
+        If `fine` or `skin` is out of range, or slanted edges ask for more lines than can be.
     """
     if not 0.2 <= fine <= 6.0:
         message = f"fine = {fine:g}: must be from 0.2 to 6 [1]"
+        raise ValueError(message)
+    if not skin > _LEAST_SKIN:
+        message = f"skin = {skin:g}: must be above {_LEAST_SKIN:g} [m]"
         raise ValueError(message)
     near = _SAME * max(section.radius, section.high - section.low)
     edges = _slanted(section)
@@ -100,9 +107,9 @@ def make_grid(section: Section, fine: float = 1.0) -> Grid:
     widest = max(r for region in section.regions for r, _ in region.outline) / _WIDEST / fine
     r_sizes, z_sizes = _wanted(section, fine)
     growth = _GROWTH / fine
-    z = _divided(base_z, z_sizes, (widest, growth))
+    z = _divided(base_z, z_sizes, (widest, min(_AT_CORNER * widest, skin), growth))
     kept = [(min(e.r0, e.r1), max(e.r0, e.r1)) for e in edges]
-    r = _divided(base_r, r_sizes, (widest, growth), kept)
+    r = _divided(base_r, r_sizes, (widest, min(_AT_CORNER * widest, skin), growth), kept)
     r, z = _closed(r, z, edges, near)
     if mirror:
         z = middle + 0.5 * (z - z[::-1])
@@ -177,13 +184,13 @@ def _wanted(
 def _divided(
     base: FloatArray,
     wanted: Sequence[tuple[float, float]],
-    size_and_growth: tuple[float, float],
+    sizes_and_growth: tuple[float, float, float],
     kept: Sequence[tuple[float, float]] = (),
 ) -> FloatArray:
     """Return lines between base lines, at most as far apart as the size wanted there."""
-    widest, growth = size_and_growth
+    widest, corner, growth = sizes_and_growth
     lines = [base[:1]]
-    small = dict.fromkeys(base.tolist(), _AT_CORNER * widest)
+    small = dict.fromkeys(base.tolist(), corner)
     for line, size in wanted:
         nearest = float(base[np.abs(base - line).argmin()])
         small[nearest] = min(small[nearest], size)

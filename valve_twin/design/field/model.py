@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -88,7 +89,7 @@ class FieldModel:
         return points
 
 
-def make_model(section: Section, fine: float = 1.0) -> FieldModel:
+def make_model(section: Section, fine: float = 1.0, skin: float = math.inf) -> FieldModel:
     """Return the field problem of a section.
 
     Parameters
@@ -97,6 +98,8 @@ def make_model(section: Section, fine: float = 1.0) -> FieldModel:
         What is computed.
     fine : float
         Elements along a line over those of the default mesh [1].
+    skin : float
+        Largest size of elements at the surfaces of regions, for eddy currents [m].
 
     Raises
     ------
@@ -105,7 +108,7 @@ def make_model(section: Section, fine: float = 1.0) -> FieldModel:
     """
     import skfem
 
-    grid = make_grid(section, fine)
+    grid = make_grid(section, fine, skin)
     mesh = skfem.MeshTri(grid.points, grid.triangles)
     basis = skfem.Basis(mesh, skfem.ElementTriP2(), intorder=_QUADRATURE)
     dofs = np.asarray(basis.element_dofs, dtype=np.int64)
@@ -249,7 +252,8 @@ def _check_stretched(section: Section, grid: Grid, ends: FloatArray, stretched: 
     """Refuse a movement that deforms what is no air, or moves a coil or a part of a region."""
     for k, region in enumerate(section.regions):
         of = grid.region == k
-        if section.materials[region.material] == Linear() and not region.coil:
+        of_air = section.materials[region.material] == Linear()
+        if of_air and not region.coil:
             continue
         moves = ends[:, of]
         if np.isin(stretched, np.flatnonzero(of)).any() or np.ptp(moves) > 0.0:

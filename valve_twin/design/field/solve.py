@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Newton's method on the field's energy, with a line search; flux linkages, force, inductances."""
+"""Static fields: flux linkages, force by virtual work, inductances."""
 
 from __future__ import annotations
 
@@ -10,22 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.physics.solenoid_map import VACUUM
-from valve_twin.design.field.kernel import assemble
+from valve_twin.design.field.newton import minimise
 from valve_twin.design.field.shapes import shapes_at
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from scipy.sparse.linalg import SuperLU
-
     from valve_twin.core.types import FloatArray
     from valve_twin.design.field.model import FieldModel
-
-_MOST_STEPS = 60
-_CLOSE = 1e-12  # Newton's decrement over the energy before the last step [1]
-_LEAST_ENERGY = 1e-18  # below which there is no field [J]
-_ENOUGH = 1e-4  # of the promised descent that a step has to give [1]
-_HALVINGS = 25
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,37 +94,18 @@ def solve_field(
         message = f"currents = {i.tolist()}: must be one finite number for each coil, {names} [A]"
         raise ValueError(message)
     points = model.moved(position)
-    source = i @ model.coils
-    a = np.zeros(model.coils.shape[1]) if start is None else start.copy()
-    residual, matrix = np.empty(len(a)), np.empty(len(model.rows))
-    free = model.place >= 0
+    a = np.zeros(model.coils.shape[1]) if start is None else start
+    try:
+        found = minimise(model, points, a, i @ model.coils)
+    except ValueError as err:
+        message = f"currents = {i.tolist()} A, position = {position:g} m: {err}"
+        raise ValueError(message) from err
+    a, free = found.potential, model.place >= 0
     order = model.place[free]
-    energy = assemble(model.elements, points, a, residual, matrix)
-    steps = 0
-    while True:
-        slope = np.empty(model.unknowns)
-        slope[order] = (residual - source)[free]
-        factors = factorised(model, matrix)
-        step = np.zeros(len(a))
-        step[free] = factors.solve(slope)[order]
-        promised = float(step[free] @ (residual - source)[free])
-        steps += 1
-        if promised <= _CLOSE * abs(energy) + _LEAST_ENERGY:
-            # the energy along the last step is a parabola to all digits: no further assembly
-            energy -= float(source @ step) + 0.5 * promised
-            a = a - step
-            break
-        if steps > _MOST_STEPS:
-            message = (
-                f"currents = {i.tolist()} A, position = {position:g} m: no field found in "
-                f"{_MOST_STEPS} steps; check the magnetisation curves"
-            )
-            raise ValueError(message)
-        a, energy = _stepped(model, points, a, step, energy, source, promised, (residual, matrix))
     flux = model.coils @ a
     rows = np.zeros((len(i), model.unknowns))
     rows[:, order] = model.coils[:, free]
-    answers = factors.solve(rows.T) if len(i) else np.zeros((model.unknowns, 0))
+    answers = found.factors.solve(rows.T) if len(i) else np.zeros((model.unknowns, 0))
     slopes = np.zeros((len(i), len(a)))
     slopes[:, free] = answers[order].T
     force, force_over_a = force_of(model, points, a)
@@ -145,59 +118,12 @@ def solve_field(
         potential=a,
         potential_slope=slopes,
         flux=flux,
-        energy=energy,
-        coenergy=float(i @ flux) - energy,
+        energy=found.energy,
+        coenergy=float(i @ flux) - found.energy,
         force=force,
         inductance=rows @ answers,
         force_slope=pull @ answers,
-        steps=steps,
-    )
-
-
-def _stepped(
-    model: FieldModel,
-    points: FloatArray,
-    a: FloatArray,
-    step: FloatArray,
-    energy: float,
-    source: FloatArray,
-    promised: float,
-    out: tuple[FloatArray, FloatArray],
-) -> tuple[FloatArray, float]:
-    """Go along a step until the energy falls; the assembly stands in `out` afterwards."""
-    share = 1.0
-    before = energy - float(source @ a)
-    rounding = 1e-13 * (abs(energy) + abs(float(source @ a)))
-    for _ in range(_HALVINGS):
-        tried = a - share * step
-        found = assemble(model.elements, points, tried, *out)
-        if found - float(source @ tried) <= before - _ENOUGH * share * promised + rounding:
-            return tried, found
-        share *= 0.5
-    return tried, found
-
-
-def factorised(model: FieldModel, matrix: FloatArray) -> SuperLU:
-    """Return the factors of a tangent in the order of elimination.
-
-    Parameters
-    ----------
-    model : FieldModel
-        Has the pattern.
-    matrix : (M,) array
-        Entries, as `assemble` writes them [A m^2/Wb].
-    """
-    from scipy.sparse import csc_array
-    from scipy.sparse.linalg import splu
-
-    tangent = csc_array((matrix, model.rows, model.columns), shape=(model.unknowns,) * 2)
-    # small supernodes: four times faster here than the default
-    return splu(
-        tangent,
-        permc_spec="NATURAL",
-        diag_pivot_thresh=0.0,
-        relax=1,
-        options={"SymmetricMode": True},
+        steps=found.steps,
     )
 
 

@@ -151,8 +151,12 @@ class Section:
         if region.coil and region.turns == 0.0:
             message = f"{region.name}: turns = 0 of coil {region.coil}: must not be 0"
             raise ValueError(message)
-        if region.coil and not isinstance(self.materials[region.material], Linear):
-            message = f"{region.name}: a coil is wound in a linear material, not {region.material}"
+        of = self.materials[region.material]
+        if region.coil and not (isinstance(of, Linear) and of.conductivity == 0.0):
+            message = (
+                f"{region.name}: a coil is wound in a linear material without conductivity, not "
+                f"{region.material}"
+            )
             raise ValueError(message)
 
     def _check_overlaps(self) -> None:
