@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,6 +39,7 @@ def add(steps: Verbs) -> None:
     add_design(parser)
     parser.add_argument("--out", required=True, metavar="FILE", help="record to write, .csv")
     parser.add_argument("--svg", metavar="FILE", help="picture to write")
+    parser.add_argument("--map", metavar="FILE", help="of the same design: fit G_A and G_F to it")
     for name, about in _TIMES:
         parser.add_argument(f"--{name}", type=float, metavar="N", help=about)
     parser.add_argument("--position", type=float, default=0.0, metavar="M", help="of the armature")
@@ -62,12 +63,20 @@ def _transient(arguments: argparse.Namespace) -> int:
 
     names = [f.name for f in fields(Trapezoid)]
     given = {n: getattr(arguments, n) for n in names if getattr(arguments, n) is not None}
+    from valve_twin.design.dynamics import identify
+    from valve_twin.design.map import read_map
+
+    fitted: dict[str, object] = {}
     with refusals():
+        curves = read_map(Path(arguments.map)) if arguments.map else None
         shape = Trapezoid(**given)
         model = make_model(section_of(design), arguments.fine, arguments.skin)
         time_s, currents = shape.record(len(model.section.coils))
         x = np.full(len(time_s), arguments.position)
         found = run_transient(model, time_s, currents, x, arguments.method)
+        if curves is not None:
+            both = zip(("G_A", "G_F"), identify(found, curves), strict=True)
+            fitted = {name: asdict(dynamics) for name, dynamics in both}
     _write(found, model.section.coils, Path(arguments.out))
     say(f"{arguments.out}: written")
     if arguments.svg:
@@ -83,9 +92,14 @@ def _transient(arguments: argparse.Namespace) -> int:
     mean = 0.5 * (currents[1:] + currents[:-1])
     given_j = float(np.sum(mean * np.diff(found.flux, axis=0)))
     stored = float(found.energy[-1] - found.energy[0])
-    print_json({"unknowns": model.unknowns, "times": len(time_s), "heat": heat,
-                "largest_force": float(found.force.max()),
-                "lacks_of_energy": (given_j - stored - heat) / heat if heat else 0.0})  # fmt: skip
+    numbers = {
+        "unknowns": model.unknowns,
+        "times": len(time_s),
+        "heat": heat,
+        "largest_force": float(found.force.max()),
+        "lacks_of_energy": (given_j - stored - heat) / heat if heat else 0.0,
+    }
+    print_json(numbers | fitted)
     return OK
 
 
