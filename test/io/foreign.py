@@ -10,14 +10,17 @@ from __future__ import annotations
 
 import logging
 import resource
+import sqlite3
 import struct
 import time
+from contextlib import closing
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 from mcap.records import Schema
 
+from valve_twin.core.types import Estimate, EstimateStatus, ParameterStatus, ParameterValue
 from valve_twin.io.bags.definitions import definition
 from valve_twin.io.bags.read import BagWriter, read_columns
 from valve_twin.io.bags.report import bag_report
@@ -26,6 +29,7 @@ from valve_twin.io.cdr.codec import encode_series, encode_stamped
 from valve_twin.io.cdr.signals import SERIES_TYPE, STAMPED_TYPE, SignalSource
 from valve_twin.io.config.valve import load_config
 from valve_twin.io.errors import IndexLiesError, ValveTwinError
+from valve_twin.io.history.store import CycleRecord, History
 from valve_twin.io.salvage.read import forget
 from valve_twin.io.tables.csv import read_table
 
@@ -40,8 +44,8 @@ NUMBERS = (0, 1, 2**31, 2**32 - 1, 2**63 - 1, 2**64 - 1)
 TOKENS = [
     b"1:30", b"1_000", b"0x10", b"{}", b"[]", b"~", b"-", b"nan", b".inf", b"1e999", b'"', b"'",
     b"&a", b"*a", b"!!int", b"!!python/none", b"\x00", b"\xff\xfe", b"%", b"@", b"|", b">", b"- -",
-    b"? ", b"[" * 40, b"9" * 30, b"-1", b"1,5", b"1.000,5", b"\t", b"\r", b"\n\n", b"=1+1", b"true",
-    b"\xc3\x28",
+    b"? ", b"[" * 40, b"9" * 30, b"-1", b"1,5", b"1.000,5", b"\t", b"\r", b"\n\n", b"=1+1",
+    b"true", b"\xc3\x28",
 ]  # fmt: skip
 
 
@@ -271,7 +275,36 @@ def messages(_: Path) -> Subject:
     return Subject("a.cdr", b"".join(parts), read, lambda *_: True)
 
 
+def history(folder: Path) -> Subject:
+    """Return a history database; a row is shown as it was stored or not at all."""
+    made = folder / "made.sqlite"
+    with History(made) as store:
+        for cycle in range(1, 9):
+            values = (ParameterValue("K_in", 0.1 * cycle, ParameterStatus.OK),)
+            found = Estimate(
+                "press", "oe", cycle, 0, cycle, values, EstimateStatus.ACCEPTED, "good"
+            )
+            store.store("/v", CycleRecord(cycle, 0, cycle, 850), [found])
+    with closing(sqlite3.connect(made)) as connection:
+        connection.execute("PRAGMA journal_mode=DELETE")
+
+    def read(path: Path) -> object:
+        with History(path, read_only=True) as store:
+            return [repr(row) for row in (*store.cycles("/v"), *store.estimates("/v"))]
+
+    def may_be(shown: object, sound: object, _: bytes) -> bool:
+        assert isinstance(shown, list)
+        assert isinstance(sound, list)
+        return set(shown) <= set(sound)
+
+    data = made.read_bytes()
+    for left in folder.glob("made.sqlite*"):
+        left.unlink()
+    return Subject("a.sqlite", data, read, may_be)
+
+
 SUBJECTS = {
+    "history": history,
     "bag": bag,
     "metadata": metadata,
     "configuration": configuration,

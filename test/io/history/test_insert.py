@@ -11,6 +11,7 @@ import pytest
 import sqlalchemy as sa
 
 from valve_twin.core.types import Estimate, EstimateStatus, ParameterStatus, ParameterValue
+from valve_twin.io.history.check_sums import sealed
 from valve_twin.io.history.database import Database
 from valve_twin.io.history.insert import Insert
 from valve_twin.io.history.tables import CYCLE, ESTIMATE, VALVE, CycleRecord, estimate_row, to_row
@@ -57,8 +58,9 @@ def rows_of(table: sa.Table) -> list[dict[str, Any]]:
 @pytest.mark.parametrize("table", [CYCLE, ESTIMATE], ids=lambda t: t.name)
 def test_the_rows_are_those_of_sqlalchemy(database: Database, table: sa.Table) -> None:
     rows, found = rows_of(table), []
+    complete = [sealed(table, row) for row in rows]
     insert, named = Insert(database, table), Insert(database, VALVE)
-    for write in (insert, lambda c, r: c.execute(table.insert(), r)):
+    for write in (insert, lambda c, _: c.execute(table.insert(), complete)):
         with database.write() as connection:
             for old in (table, VALVE):
                 connection.execute(old.delete())

@@ -19,9 +19,10 @@ from typing import TYPE_CHECKING, Any
 
 import sqlalchemy as sa
 from sqlalchemy.engine import URL, Connection, Engine, make_url
-from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError
+from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError, NoSuchTableError
 
 from valve_twin.io.errors import StoreError
+from valve_twin.io.history.check_sums import seal_all
 from valve_twin.io.history.errors import explain
 from valve_twin.io.history.tables import METADATA, SCHEMA_TABLE, SCHEMA_VERSION
 
@@ -149,6 +150,12 @@ class Database:
         except (DBAPIError, sqlite3.Error) as err:
             msg = f"{self.where}: cannot be {done}: {explain(err, sqlite=self.is_sqlite)}"
             raise StoreError(msg) from err
+        except (UnicodeDecodeError, NoSuchTableError) as err:
+            msg = (
+                f"{self.where}: cannot be {done}: the file is damaged ({err}): move it away and"
+                " put the last backup in its place"
+            )
+            raise StoreError(msg) from err
         except OSError as err:
             msg = (
                 f"{self.where}: cannot be {done}: {err.strerror or err}: check the path and the"
@@ -247,6 +254,7 @@ class Database:
             check_same_thread=False,
             cached_statements=256,
         )
+        connection.text_factory = _text
         if self.read_only:
             return connection
         try:
@@ -341,6 +349,7 @@ class Database:
                 connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({_ADVISORY_LOCK})")
             if not self._schema_is_current(connection):  # another process may have been faster
                 migrate(connection)
+                seal_all(connection)
 
 
 def migrate(connection: Connection, revision: str = "head") -> None:
@@ -390,6 +399,11 @@ def _parse_url(text: str) -> URL:
         )
         raise StoreError(msg)
     return url
+
+
+def _text(data: bytes) -> str:
+    """Read a text; what is damaged in it stays so, for its check sum to tell."""
+    return data.decode("utf-8", "surrogateescape")
 
 
 def _identity(path: Path | str) -> tuple[int, int] | None:

@@ -24,8 +24,10 @@ import sqlalchemy as sa
 from valve_twin.core.records import columns, fields, flat
 from valve_twin.core.types import Estimate
 from valve_twin.io.errors import StoreError
+from valve_twin.io.history.check_sums import sound_rows
 from valve_twin.io.history.database import Database
 from valve_twin.io.history.tables import (
+    CHECK_SUM,
     CYCLE,
     ESTIMATE,
     MAINTENANCE,
@@ -42,7 +44,7 @@ if TYPE_CHECKING:
 _PAGE = 1000
 """Rows copied at a time."""
 
-_HIDDEN = {"id", "valve_id", "position"}
+_HIDDEN = {"id", "valve_id", "position", CHECK_SUM}
 """Columns that mean nothing outside the database."""
 
 
@@ -170,7 +172,7 @@ def _rows(connection: Connection, table: sa.Table) -> Iterator[Mapping[str, Any]
     result = connection.execution_options(yield_per=_PAGE).execute(
         query.order_by(VALVE.c.name, *order)
     )
-    for row in result.mappings():
+    for row in sound_rows(table, map(dict, result.mappings()), "the export"):
         yield {name: value for name, value in row.items() if name not in _HIDDEN}
 
 

@@ -8,6 +8,9 @@ import sqlite3
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from valve_twin.io.history.check_sums import sealed
+from valve_twin.io.history.tables import CHECK_SUM
+
 if TYPE_CHECKING:
     import sqlalchemy as sa
     from sqlalchemy.engine import Connection
@@ -23,7 +26,7 @@ class Insert:
     database : Database
         Where to.
     table : Table
-        Of rows that give every column but the table's own key `id`.
+        Of rows that give every column but the table's own key `id` and the check sum.
     skip_taken : bool
         Leave rows alone whose key is taken.
     """
@@ -33,6 +36,7 @@ class Insert:
         insert = import_module(f"sqlalchemy.dialects.{kind}").insert(table)
         if skip_taken:
             insert = insert.on_conflict_do_nothing()
+        self._table = table
         self._statement = insert.execution_options(preserve_rowcount=True)
         names = [c.name for c in table.columns if c.name != "id"]
         compiled = self._statement.compile(database.engine, column_keys=names)
@@ -40,6 +44,8 @@ class Insert:
 
     def __call__(self, connection: Connection, rows: list[dict[str, Any]]) -> int:
         """Insert rows in the running transaction; return how many were inserted."""
+        if CHECK_SUM in self._table.c:
+            rows = [sealed(self._table, row) for row in rows]
         if not self._text:
             return connection.execute(self._statement, rows).rowcount
         driver = connection.connection.driver_connection

@@ -19,10 +19,18 @@ import sqlalchemy as sa
 from sqlalchemy.exc import DBAPIError
 
 from valve_twin.io.errors import StoreError
+from valve_twin.io.history.check_sums import sealed, sound_rows
 from valve_twin.io.history.claim import only_one
 from valve_twin.io.history.database import Database, Trouble
 from valve_twin.io.history.insert import Insert
-from valve_twin.io.history.tables import CYCLE, ESTIMATE, MAINTENANCE, VALVE, VERDICT
+from valve_twin.io.history.tables import (
+    CHECK_SUM,
+    CYCLE,
+    ESTIMATE,
+    MAINTENANCE,
+    VALVE,
+    VERDICT,
+)
 
 if TYPE_CHECKING:
     from sqlalchemy.engine import Connection
@@ -168,15 +176,17 @@ def _carry_valve(
         rows[table] = [row for row in _rows(source, table, old_id) if row not in known]
     for table, found in rows.items():
         if found:
-            sink.execute(table.insert(), [row | {"valve_id": new_id} for row in found])
+            rows_of = [sealed(table, row | {"valve_id": new_id}) for row in found]
+            sink.execute(table.insert(), rows_of)
     return len(missing)
 
 
 def _rows(connection: Connection, table: sa.Table, valve_id: int) -> list[dict[str, Any]]:
     """Return the rows of a valve without the keys of their file."""
-    content = [c for c in table.c if c.name not in {"id", "valve_id"}]
     order = [table.c[name] for name in ("cycle", "position", "id") if name in table.c]
     found = connection.execute(
-        sa.select(*content).where(table.c.valve_id == valve_id).order_by(*order)
+        sa.select(table).where(table.c.valve_id == valve_id).order_by(*order)
     )
-    return [dict(row) for row in found.mappings()]
+    own = {"id", "valve_id", CHECK_SUM}
+    sound = sound_rows(table, map(dict, found.mappings()), "history that was in use")
+    return [{name: x for name, x in row.items() if name not in own} for row in sound]

@@ -18,6 +18,7 @@ import sqlalchemy as sa
 
 from valve_twin.core.types import Cycle, Maintenance
 from valve_twin.io.errors import StoreError
+from valve_twin.io.history.check_sums import Verification, sealed, sound_rows, verify
 from valve_twin.io.history.claim import make_claim, writers_file
 from valve_twin.io.history.database import Database
 from valve_twin.io.history.export import (
@@ -222,7 +223,7 @@ class History:
             same = sa.and_(*(MAINTENANCE.c[name] == value for name, value in row.items()))
             if connection.execute(sa.select(MAINTENANCE.c.id).where(same)).first() is not None:
                 return False
-            connection.execute(MAINTENANCE.insert(), row)
+            connection.execute(MAINTENANCE.insert(), sealed(MAINTENANCE, row))
         return True
 
     def add_verdict(self, valve: str, verdict: Verdict) -> bool:
@@ -240,7 +241,7 @@ class History:
     def verdicts(self, valve: str, first_cycle: int = 0) -> list[Verdict]:
         """Return the stored verdicts from `first_cycle` on, oldest first."""
         query = _of_valve(VERDICT, valve).where(VERDICT.c.cycle >= first_cycle)
-        return [row_verdict(valve, r) for r in self._rows(query.order_by(VERDICT.c.id))]
+        return [row_verdict(valve, r) for r in self._sound(VERDICT, query.order_by(VERDICT.c.id))]
 
     def valves(self) -> list[str]:
         """Return the names of all valves, sorted."""
@@ -255,7 +256,10 @@ class History:
     def last_record(self, valve: str) -> CycleRecord | None:
         """Return the stored cycle with the highest number, None if there is none."""
         query = _of_valve(CYCLE, valve).order_by(CYCLE.c.cycle.desc()).limit(1)
-        return next((from_row(CycleRecord, row) for row in self._rows(query)), None)
+        found = [from_row(CycleRecord, row) for row in self._sound(CYCLE, query)]
+        if not found and self._rows(query):  # the newest row is damaged: the last that is not
+            found = self.cycles(valve)[-1:]
+        return found[0] if found else None
 
     def cycles(
         self, valve: str, first_cycle: int = 0, limit: int | None = None
@@ -277,7 +281,7 @@ class History:
             .order_by(CYCLE.c.cycle)
             .limit(limit)
         )
-        return [from_row(CycleRecord, row) for row in self._rows(query)]
+        return [from_row(CycleRecord, row) for row in self._sound(CYCLE, query)]
 
     def estimates(
         self,
@@ -309,7 +313,7 @@ class History:
         if used_by_trend is not None:
             query = query.where(ESTIMATE.c.used_by_trend == used_by_trend)
         query = query.order_by(ESTIMATE.c.cycle, ESTIMATE.c.position).limit(limit)
-        return [row_estimate(row) for row in self._rows(query)]
+        return [row_estimate(row) for row in self._sound(ESTIMATE, query)]
 
     def recent_estimates(self, valve: str, cycles: int = 50) -> list[Estimate]:
         """Return all estimates of the last `cycles` cycles that have any, oldest first."""
@@ -324,7 +328,9 @@ class History:
         query = _of_valve(MAINTENANCE, valve).where(MAINTENANCE.c.cycle >= first_cycle)
         return [
             from_row(Maintenance, r)
-            for r in self._rows(query.order_by(MAINTENANCE.c.cycle, MAINTENANCE.c.id))
+            for r in self._sound(
+                MAINTENANCE, query.order_by(MAINTENANCE.c.cycle, MAINTENANCE.c.id)
+            )
         ]
 
     def backup(self, path: str | Path = "") -> Path:
@@ -364,9 +370,25 @@ class History:
         """
         return export_files(self._database, Path(folder))
 
+    def verify(self) -> Verification:
+        """Read all rows and compare their check sums; StoreError where nothing can be read."""
+        return verify(self._database.read, self.where)
+
+    def _sound(self, table: sa.Table, query: sa.Select[Any]) -> list[Mapping[str, Any]]:
+        """Return the rows of a table whose check sums are right; the others are named."""
+        return list(sound_rows(table, self._rows(query), self.where))
+
     def _rows(self, query: sa.Select[Any]) -> Sequence[Mapping[str, Any]]:
-        with self._database.read() as connection:
-            return cast("Sequence[Mapping[str, Any]]", connection.execute(query).mappings().all())
+        try:
+            with self._database.read() as connection:
+                found = connection.execute(query).mappings().all()
+        except (TypeError, ValueError, OverflowError) as err:
+            msg = (
+                f"{self.where}: cannot be read: a value is none of its column ({err}): put the "
+                "last backup in its place"
+            )
+            raise StoreError(msg) from err
+        return cast("Sequence[Mapping[str, Any]]", found)
 
     def _insert(self, valve: str, record: CycleRecord, estimates: Sequence[Estimate]) -> bool:
         """Insert a cycle where its number is free; return if it was."""

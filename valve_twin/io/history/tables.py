@@ -51,11 +51,14 @@ if TYPE_CHECKING:
     from valve_twin.core.records import Column as RecordColumn
     from valve_twin.core.records import Field
 
-SCHEMA_VERSION = "0006"
+SCHEMA_VERSION = "0007"
 """Revision of the schema of this code: the newest file in `migrations/versions`."""
 
 SCHEMA_TABLE = "valve_twin_schema"
 """Table of alembic's revision, named so that it is not another application's."""
+
+CHECK_SUM = "check_sum"
+"""Column of the check sum of a row, see `check_sums`."""
 
 _ENCODER = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
 
@@ -158,6 +161,10 @@ def _valve(*, key: bool = False, index: bool = False) -> Column[Any]:
     return Column("valve_id", _Id, ForeignKey("valve.id"), nullable=False, **options)
 
 
+def _sum() -> Column[Any]:
+    return Column(CHECK_SUM, BigInteger, nullable=False, server_default="0")
+
+
 def _columns(record: type, *but: str) -> list[Column[Any]]:
     """Return the columns of the plain values of a record but those that are declared by hand."""
     return [
@@ -181,6 +188,7 @@ CYCLE = Table(
     Column("cycle", BigInteger, primary_key=True, autoincrement=False),
     *_columns(CycleRecord, "cycle", "software"),
     Column("software", Text, nullable=False, server_default=""),
+    _sum(),
 )
 _LATER = ("reason_code",)
 _HEAD = ("model", "start_ns", "end_ns", "status", "reason")
@@ -198,10 +206,13 @@ ESTIMATE = Table(
     Column("samples_masked", Text, nullable=False),
     Column("findings", Text, nullable=False, server_default=""),
     *(Column(name, Text, nullable=False, server_default="") for name in _LATER),
+    _sum(),
     UniqueConstraint("valve_id", "cycle", "estimator", name="uq_estimate_cycle"),
     Index("ix_estimate_estimator", "valve_id", "estimator", "cycle"),
 )
-MAINTENANCE = Table("maintenance", METADATA, _id(), _valve(index=True), *_columns(Maintenance))
+MAINTENANCE = Table(
+    "maintenance", METADATA, _id(), _valve(index=True), *_columns(Maintenance), _sum()
+)
 VERDICT = Table(
     "verdict",
     METADATA,
@@ -209,6 +220,7 @@ VERDICT = Table(
     _valve(index=True),
     *_columns(Verdict, "fault"),
     Column("fault", Text, nullable=False, server_default=""),
+    _sum(),
 )
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import sqlalchemy as sa
 
 from valve_twin.core.aging.verdict import Verdict, VerdictKind, word_of
+from valve_twin.io.history.check_sums import sealed
 from valve_twin.io.history.tables import VERDICT, from_row, to_row
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ def add_verdict(connection: Connection, valve_id: int, verdict: Verdict) -> bool
     last = connection.execute(query.order_by(VERDICT.c.id.desc()).limit(1)).mappings().first()
     if last is not None and not _is_new(verdict, dict(last)):
         return False
-    connection.execute(VERDICT.insert(), to_row(verdict, valve_id))
+    connection.execute(VERDICT.insert(), sealed(VERDICT, to_row(verdict, valve_id)))
     return True
 
 

@@ -1,0 +1,178 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Check sums of the history's rows: a byte that a disk or another program changed is named.
+
+The sum stands over all values of a row but its own key, in the form in which they come back.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import sqlalchemy as sa
+
+from valve_twin.io.history.tables import CHECK_SUM, CYCLE, ESTIMATE, MAINTENANCE, VALVE, VERDICT
+from valve_twin.io.mcap.checksum import crc32
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from contextlib import AbstractContextManager
+
+    from sqlalchemy.engine import Connection
+
+_LOGGER = logging.getLogger("valve_twin")
+_PAGE = 1000
+_SEPARATOR = "\x1f"
+SEALED = (CYCLE, ESTIMATE, MAINTENANCE, VERDICT)
+"""Tables whose rows carry a check sum."""
+
+
+@dataclass(slots=True)
+class Verification:
+    """What a check of a whole history found: rows read, and a line for each that is damaged."""
+
+    rows: int = 0
+    damaged: list[str] = field(default_factory=list)
+
+
+def sealed(table: sa.Table, row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a row with its check sum."""
+    return {**row, CHECK_SUM: row_sum(table, row)}
+
+
+def row_sum(table: sa.Table, row: Mapping[str, Any]) -> int:
+    """Return the check sum of a row; -1 where its values cannot be those of the table.
+
+    Parameters
+    ----------
+    table : Table
+        Its table.
+    row : mapping
+        Its values by column.
+    """
+    try:
+        text = _SEPARATOR.join(put(row[name]) for name, put in _columns(table))
+    except (ValueError, TypeError, OverflowError):
+        return -1
+    return crc32(text.encode("utf-8", "surrogateescape"))
+
+
+def sound_rows(
+    table: sa.Table, rows: Iterable[Mapping[str, Any]], where: str
+) -> Iterator[Mapping[str, Any]]:
+    """Yield the rows whose check sum is right; say of the others which they are.
+
+    Parameters
+    ----------
+    table : Table
+        Their table.
+    rows : iterable of mapping
+        Rows with all columns of the table.
+    where : str
+        The database, for messages.
+    """
+    for row in rows:
+        if row_sum(table, row) == row[CHECK_SUM]:
+            yield row
+        else:
+            _LOGGER.warning("%s", _damaged_line(table, row, where))
+
+
+def verify(read: Callable[[], AbstractContextManager[Connection]], where: str) -> Verification:
+    """Read all rows and compare their check sums.
+
+    Parameters
+    ----------
+    read : callable
+        Gives a connection that sees one state of the database.
+    where : str
+        The database, for messages.
+
+    Raises
+    ------
+    StoreError
+        If the database itself cannot be read.
+    """
+    try:
+        with read() as connection:
+            return _verified(connection, where)
+    except (TypeError, ValueError, OverflowError) as err:
+        line = f"{where}: a value is none of its column ({err})"
+        return Verification(damaged=[line])
+
+
+def _verified(connection: Connection, where: str) -> Verification:
+    found = Verification()
+    known = set(connection.scalars(sa.select(VALVE.c.id)))
+    for table in SEALED:
+        result = connection.execution_options(yield_per=_PAGE).execute(sa.select(table))
+        for row in result.mappings():
+            found.rows += 1
+            if row_sum(table, dict(row)) != row[CHECK_SUM]:
+                found.damaged.append(_damaged_line(table, dict(row), where))
+            elif row["valve_id"] not in known:
+                found.damaged.append(f"{_place(table, dict(row), where)}: its valve is not there")
+    return found
+
+
+def seal_all(connection: Connection) -> None:
+    """Write the check sums of all rows, which are from before there were any.
+
+    Parameters
+    ----------
+    connection : Connection
+        With an open write transaction.
+    """
+    for table in SEALED:
+        if not connection.scalar(sa.select(sa.func.count()).select_from(table)):
+            continue
+        key = [c for c in table.c if c.primary_key]
+        keys: dict[str, Any] = {c.name: sa.bindparam(f"key_{c.name}") for c in key}
+        change = table.update().values({CHECK_SUM: sa.bindparam("new_sum")})
+        change = change.where(*(c == keys[c.name] for c in key))
+        rows = [dict(r) for r in connection.execute(sa.select(table)).mappings()]
+        for at in range(0, len(rows), _PAGE):
+            page = [
+                {"new_sum": row_sum(table, row), **{f"key_{c.name}": row[c.name] for c in key}}
+                for row in rows[at : at + _PAGE]
+            ]
+            connection.execute(change, page)
+
+
+def _damaged_line(table: sa.Table, row: Mapping[str, Any], where: str) -> str:
+    return (
+        f"{_place(table, row, where)}: its check sum is wrong, it is left out: put the last "
+        "backup in its place"
+    )
+
+
+def _place(table: sa.Table, row: Mapping[str, Any], where: str) -> str:
+    key = f"row {row['id']}, " if "id" in row else ""
+    return f"{where}: table {table.name}, {key}cycle {row['cycle']}"
+
+
+def _columns(table: sa.Table) -> list[tuple[str, Callable[[Any], str]]]:
+    known = _KNOWN.get(table.name)
+    if known is None:
+        own = [c for c in table.c if c.name not in {"id", CHECK_SUM}]
+        known = _KNOWN[table.name] = [(c.name, _put_of(c)) for c in own]
+    return known
+
+
+_KNOWN: dict[str, list[tuple[str, Callable[[Any], str]]]] = {}
+
+
+def _put_of(column: sa.Column[Any]) -> Callable[[Any], str]:
+    if isinstance(column.type, sa.Double):
+        return _float_text
+    return str if isinstance(column.type, sa.String) else _int_text
+
+
+def _float_text(value: Any) -> str:  # noqa: ANN401  a number or NULL
+    return "" if value is None else repr(float(value) + 0.0)  # SQLite keeps no sign of zero
+
+
+def _int_text(value: Any) -> str:  # noqa: ANN401  a whole number or a truth value
+    return str(int(value))
