@@ -90,7 +90,7 @@ def fit_dynamics(time_s: FloatArray, source: FloatArray, answer: FloatArray) -> 
     time_s : (T,) array
         Even times [s].
     source, answer : (T,) arrays
-        At rest in the first row; in the same unit.
+        At rest in the first row; both in one unit [A] or [N].
 
     Raises
     ------
