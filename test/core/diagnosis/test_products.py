@@ -44,6 +44,16 @@ def test_clocks_apart_are_found_by_their_rate(table, rate):
     assert found.severity == pytest.approx(rate, rel=0.05)
 
 
+def test_clocks_once_found_stay_found_when_the_delay_is_longer_than_is_searched(table):
+    noise = 1e-3 * np.random.default_rng(3).standard_normal((2, 40))
+    away = 350e-6 * START_S + noise[0], 350e-6 * START_S + noise[1]
+    wrapped = [np.where(CYCLES > 26, 0.03 * noise[0], d) for d in away]
+    found = clocks_apart(CYCLES, START_S, delays(table, *wrapped), table)
+    assert found is not None
+    assert found.severity == pytest.approx(350e-6, rel=0.1)
+    assert found.alarm == CYCLES[-1]
+
+
 def test_one_pilot_that_becomes_slower_and_a_step_are_no_clocks_apart(table):
     noise = 1e-3 * np.random.default_rng(4).standard_normal((2, 40))
     slower = delays(table, 0.01 + 5e-5 * START_S + noise[0], 0.02 + noise[1])

@@ -10,6 +10,7 @@ from valve_twin.core.estimation.data.robust import (
     MAD_SCALE,
     NORMAL_975,
     difference_sigma,
+    find_spikes,
     robust_sigma,
 )
 
@@ -30,3 +31,27 @@ def test_differences_tell_the_noise_and_not_a_smooth_motion(order):
     t = np.linspace(0.0, 1.0, 50_000)
     y = np.sin(6.0 * t) + 0.02 * np.random.default_rng(2).standard_normal(len(t))
     assert difference_sigma(np.diff(y, order), order) == pytest.approx(0.02, rel=0.03)
+
+
+@pytest.mark.parametrize("refresh", [1, 4])
+def test_samples_that_jump_away_and_back_are_spikes_and_a_motion_is_none(refresh):
+    rng = np.random.default_rng(3)
+    motion = np.interp(np.arange(400), [0, 100, 160, 250, 300, 399], [0, 0, 0.5, 0.5, 0, 0])
+    y = np.repeat((motion + 3e-4 * rng.standard_normal(400))[::refresh], refresh)
+    assert not find_spikes(y, 6e-3).any()
+    wild, near = np.zeros(400, dtype=bool), np.zeros(400, dtype=bool)
+    for first in (40, 128, 200, 280):
+        wild[first : first + refresh] = True
+        near[first - refresh : first + 2 * refresh] = True
+    y[wild] += 0.05
+    found = find_spikes(y, 6e-3)
+    assert found[wild].all()
+    assert not found[~near].any()  # in a motion the value beside a spike turns, too
+
+
+def test_normal_noise_and_missing_samples_have_no_spikes():
+    y = 1e-2 * np.random.default_rng(4).standard_normal(20_000)
+    y[::7] = np.nan
+    assert not find_spikes(y, 0.0).any()
+    assert not find_spikes(np.full(5, np.nan), 0.0).any()
+    assert not find_spikes(np.zeros(5), 0.0).any()
