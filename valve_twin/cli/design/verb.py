@@ -17,7 +17,7 @@ STEPS = (geometry, field, map, transient)
 
 def add(verbs: Verbs) -> None:
     """Add the verb and its steps."""
-    text = "Compute a solenoid from its drawing: geometry, field, map."
+    text = "Compute a solenoid from its drawing: geometry, field, map, transient."
     parser = verbs.add_parser("design", help=text, description=text)
     steps = parser.add_subparsers(dest="step", required=True, metavar="STEP")
     for step in STEPS:
