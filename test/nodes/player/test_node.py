@@ -366,6 +366,7 @@ def test_a_seek_back_while_playing_goes_on_in_order(graph, bag):
     (back,) = [i for i, (a, b) in enumerate(pairwise(values)) if b < a]
     assert values[: back + 1] == [float(i) for i in range(back + 1)]
     assert values[back + 1 :] == [float(i) for i in range(30, 300)]
+    graph.spin_until(lambda: listener.times[-1] == at(99) + 2, what="the last time")
     times = listener.times
     assert sum(b < a for a, b in pairwise(times)) == 1
 

@@ -26,8 +26,9 @@ if TYPE_CHECKING:
 
     from valve_twin.io.cdr.signals import SignalBlock
 
-MOST_WAIT_S = 5.0
-"""Longest wait for a signal; the middleware asks for what it lost every 3 s [s]."""
+MOST_WAIT_S = 7.0
+"""Longest wait for a signal; the middleware asks for what it lost every 3 s, and once may be lost,
+too [s]."""
 
 SHARE = 0.5
 """A signal that has been quiet for this share of the data time by which it lags is silent [1]."""
