@@ -20,7 +20,7 @@ from valve_twin.io.bags.folder import find_files
 from valve_twin.io.cdr.bag_types import BagTypes
 from valve_twin.io.config.parameter_file import read_parameter_file
 from valve_twin.io.errors import BagError, ConfigError
-from valve_twin.io.limits import VARIABLE, load_yaml, unpack_gzip, unpack_limit
+from valve_twin.io.limits import VARIABLE, load_yaml, no_formula, unpack_gzip, unpack_limit
 from valve_twin.io.tables.csv import read_table
 
 LAUGHS = "a0: &a0 [x, x, x]\n" + "".join(
@@ -96,6 +96,16 @@ def test_a_packed_table_may_not_unpack_without_end(tmp_path):
     path.write_bytes(bomb)
     with pytest.raises(BagError, match=VARIABLE + "|no measurement"):
         read_table(path, ["0"])
+
+
+@pytest.mark.parametrize("text", ["=1+1", "+cmd", "-x", "@a", " =1", "\t=1", "\r=1"])
+def test_no_text_leaves_as_a_formula(text):
+    assert no_formula(text) == f"'{text}"
+
+
+@pytest.mark.parametrize("cell", ["seal", "", "a=1", -1.5, None, 3])
+def test_any_other_cell_leaves_as_it_is(cell):
+    assert no_formula(cell) == cell
 
 
 def test_the_limit_can_be_set(monkeypatch):

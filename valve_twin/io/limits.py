@@ -21,6 +21,7 @@ _DEFAULT_MB = 256
 _MEGABYTE = 1 << 20
 _MODEST = 64 * _MEGABYTE
 _MOST_RATIO = 1000
+_FORMULA = frozenset("=+-@")
 _MAX_DEPTH = 32
 _MAX_ALIASES = 100
 _MAX_NODES = 1_000_000
@@ -89,6 +90,13 @@ def unpack_gzip(data: bytes) -> bytes:
             if problem:
                 raise OSError(problem)
     return b"".join(parts)
+
+
+def no_formula(cell: object) -> object:
+    """Return a cell of a CSV file; a text that a spreadsheet would calculate stands behind '."""
+    if isinstance(cell, str) and cell.lstrip()[:1] in _FORMULA:
+        return f"'{cell}"
+    return cell
 
 
 def load_yaml(text: str) -> Any:  # noqa: ANN401  whatever the text holds

@@ -35,6 +35,7 @@ from valve_twin.io.history.tables import (
     VALVE,
     row_estimate,
 )
+from valve_twin.io.limits import no_formula
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -180,7 +181,7 @@ def _write_csv(path: Path, columns: list[str], rows: Iterator[Mapping[str, Any]]
     with open(path, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(columns)
-        writer.writerows([row[name] for name in columns] for row in rows)
+        writer.writerows([no_formula(row[name]) for name in columns] for row in rows)
 
 
 def _write_table(table: sa.Table, connection: Connection, path: Path) -> None:

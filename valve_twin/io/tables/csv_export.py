@@ -18,6 +18,7 @@ import numpy as np
 from valve_twin.io.bags.contents import bag_info, bag_types, compare_with_data, topic_name
 from valve_twin.io.bags.signals import read_columns
 from valve_twin.io.errors import BagError, suggest
+from valve_twin.io.limits import no_formula
 from valve_twin.io.playback.player import read_messages
 
 if TYPE_CHECKING:
@@ -251,7 +252,7 @@ def _csv_cell(cell: Cell) -> Cell:
         return int(cell)
     if isinstance(cell, float):
         return repr(cell)  # reads back as the same number; nan and inf are words
-    return cell
+    return f"{no_formula(cell)}" if isinstance(cell, str) else cell
 
 
 def _write_parquet(table: Table, path: Path) -> None:
