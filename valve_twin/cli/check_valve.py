@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from valve_twin.cli.common import FAILED, OK, USAGE, add_verb, fail, positive
 from valve_twin.core.valves.check import SEEDS, check_valve
 from valve_twin.core.valves.registry import get_model
+from valve_twin.core.valves.strangers import DRAWN, SEED_BASE, Score, score_strangers
 
 if TYPE_CHECKING:
     import argparse
@@ -38,6 +39,17 @@ def add(verbs: Verbs) -> None:
         help=f"simulated records whose intervals are counted, default {SEEDS}",
     )
     parser.add_argument("--json", action="store_true", help="one JSON object a check")
+    parser.add_argument(
+        "--strangers",
+        action="store_true",
+        help="instead: a table of valves that are not as the options say, in Markdown",
+    )
+    parser.add_argument(
+        "--seed-base",
+        type=int,
+        default=SEED_BASE,
+        help="first seed of the strangers; those of the default are never tuned on",
+    )
 
 
 def _check(arguments: argparse.Namespace) -> int:
@@ -45,6 +57,8 @@ def _check(arguments: argparse.Namespace) -> int:
         get_model(arguments.name)
     except ValueError as err:
         return fail(f"check-valve: model {err}", USAGE)
+    if arguments.strangers:
+        return _strangers(arguments)
     failed = False
     for found in check_valve(arguments.name, perf_counter, seeds=arguments.seeds):
         failed |= found.passed is False
@@ -56,3 +70,35 @@ def _check(arguments: argparse.Namespace) -> int:
         sys.stdout.write(f"{line}\n")
         sys.stdout.flush()
     return FAILED if failed else OK
+
+
+def _strangers(arguments: argparse.Namespace) -> int:
+    """Print the table of strangers; those with drawn constants are one row."""
+    drawn: list[Score] = []
+    if not arguments.json:
+        sys.stdout.write("| stranger | inside | outside | withheld | worst outside |\n")
+        sys.stdout.write("| --- | --- | --- | --- | --- |\n")
+    scored = score_strangers(arguments.name, drawn=arguments.seeds, seed_base=arguments.seed_base)
+    for score in scored:
+        if arguments.json:
+            sys.stdout.write(f"{json.dumps(asdict(score))}\n")
+        elif score.name == DRAWN:
+            drawn.append(score)
+        else:
+            _row(score)
+        sys.stdout.flush()
+    if drawn:
+        whole = Score(
+            f"{DRAWN}, {len(drawn)} valves",
+            sum(s.inside for s in drawn),
+            sum(s.outside for s in drawn),
+            sum(s.withheld for s in drawn),
+            "",
+        )
+        _row(whole)
+    return OK
+
+
+def _row(score: Score) -> None:
+    counts = f"{score.inside} | {score.outside} | {score.withheld}"
+    sys.stdout.write(f"| {score.name} | {counts} | {score.wrong} |\n")

@@ -326,6 +326,10 @@ class ValveModel(Protocol):
         """Return the valve's default simulation; None = it cannot be simulated."""
         return None
 
+    def strangers(self) -> Mapping[str, Mapping[str, object]]:
+        """Return valves that are not as the options say: simulation values by name and by key."""
+        return {}
+
     def truth(self, simulation: SimulationConfig, cycle: int) -> Mapping[str, float]:
         """Return the true values of followed parameters in a cycle of the simulated valve.
 

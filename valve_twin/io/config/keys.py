@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 DEFAULT_HISTORY = "sqlite:///valve_twin_history.sqlite"
 """History database in the working directory."""
 
+_TOLERANCES = "options.tolerances."
+
 OPTIONAL_SIGNALS = ("cycle_counter", "reference", *CONDITIONS)
 """Signals that any valve may map beside its model's inputs and output."""
 
@@ -103,3 +105,17 @@ def valve_keys(model: ValveModel) -> tuple[Descriptor, ...]:
         *describe(AgingConfig, "aging.", names),
         *describe(CsvConfig, "csv."),
     )
+
+
+def constant_keys(model: ValveModel) -> dict[str, Descriptor]:
+    """Return the keys behind `options.NAME: {value: ..., tolerance: ...}` by these two names.
+
+    A known constant and its tolerance stand apart among the keys; a file may write them as one.
+    """
+    known = {key.name: key for key in option_descriptors(model, "options.")}
+    found: dict[str, Descriptor] = {}
+    for key in known.values():
+        constant = f"options.{key.name.removeprefix(_TOLERANCES)}"
+        if key.name.startswith(_TOLERANCES) and constant in known:
+            found |= {f"{constant}.value": known[constant], f"{constant}.tolerance": key}
+    return found

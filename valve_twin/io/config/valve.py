@@ -27,6 +27,7 @@ from valve_twin.io.config.keys import (
     VALVE_KEYS,
     SignalKeys,
     ValveKeys,
+    constant_keys,
     default_topics,
     valve_keys,
 )
@@ -271,11 +272,14 @@ class _Reader:
     ) -> ValveConfig:
         model = self._model(values, origin)
         known = {key.name: key for key in valve_keys(model)}
+        constants = constant_keys(model)
         given: dict[str, object] = {}
         simulation: dict[str, object] = {}
         for key, value in values.items():
             if key in known:
                 given[key] = self._checked(known[key], value, origin[key])
+            elif key in constants:
+                given[constants[key].name] = self._checked(constants[key], value, origin[key])
             elif key.startswith("simulation."):
                 simulation[key.removeprefix("simulation.")] = value
             elif not _of_a_node(key):

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from valve_twin.core.valves.registry import get_model
-from valve_twin.io.config.keys import VALVE_KEYS, valve_keys
+from valve_twin.io.config.keys import VALVE_KEYS, constant_keys, valve_keys
 from valve_twin.io.config.valve import ValveConfig, parse_config
 from valve_twin.io.config.valve_names import expand_names
 
@@ -46,10 +46,11 @@ def read_valves(node: ValveNode, refused: dict[str, str] | None = None) -> list[
     parameters.declare(VALVE_KEYS)
     model = str(parameters["model"])
     parameters.declare(_keys(model))
+    parameters.declare(s for s in _constants(model) if s.name in parameters.overrides)
     names = _names(parameters["valves"])
     for valve in names:
         own = str(parameters.overrides.get(f"{valve}.model", model))
-        prefixed = (replace(s, name=f"{valve}.{s.name}") for s in _keys(own))
+        prefixed = [replace(s, name=f"{valve}.{s.name}") for s in (*_keys(own), *_constants(own))]
         parameters.declare(s for s in prefixed if s.name in parameters.overrides)
     parameters.warn_unknown(hosts_valves=True)
     wrong = {v: parameters.take_errors(f"{v}.") for v in names} if len(names) > 1 else {}
@@ -84,3 +85,11 @@ def _keys(model: str) -> Iterable[Descriptor]:
         return valve_keys(get_model(model))
     except ValueError:
         return VALVE_KEYS
+
+
+def _constants(model: str) -> Iterable[Descriptor]:
+    """Return the keys of constants that are written with their tolerances."""
+    try:
+        return [replace(key, name=name) for name, key in constant_keys(get_model(model)).items()]
+    except ValueError:
+        return ()

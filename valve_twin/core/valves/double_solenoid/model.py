@@ -21,7 +21,7 @@ from valve_twin.core.types import (
     ParameterValue,
 )
 from valve_twin.core.valves.double_solenoid.bench_fits import BENCH_FITS
-from valve_twin.core.valves.double_solenoid.coils import fit_resistance, flux_record
+from valve_twin.core.valves.double_solenoid.coils import CoilFit, fit_resistance, flux_record
 from valve_twin.core.valves.double_solenoid.motion import MotionFit, Record, fit_motion
 from valve_twin.core.valves.double_solenoid.parameters import (
     COILS,
@@ -34,6 +34,7 @@ from valve_twin.core.valves.double_solenoid.parameters import (
 )
 from valve_twin.core.valves.double_solenoid.plant import (
     INPUTS,
+    STRANGERS,
     DoubleSolenoidPlant,
     default_simulation,
 )
@@ -45,8 +46,9 @@ from valve_twin.core.valves.double_solenoid.predictor import (
 )
 from valve_twin.core.valves.interface import Scale
 from valve_twin.core.valves.kit.compiled import CompiledModel
-from valve_twin.core.valves.kit.outcome import Evidence, at_zero, blank, conclude, withheld
+from valve_twin.core.valves.kit.outcome import Evidence, blank, conclude, withheld
 from valve_twin.core.valves.kit.record import held, usable, whole_refusal
+from valve_twin.core.valves.kit.tolerances import Doubt, Tolerated, tolerated
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -114,9 +116,13 @@ class DoubleSolenoidModel(CompiledModel):
         refusal = _beyond(record, valve)
         if refusal:
             return (_estimate(cycle, blank(NAMES, refusal), known, refused=refusal),)
-        coils = _coils(cycle, valve, record)
-        fit = fit_motion(record, valve.valve(), valve.tables())
-        values = (*coils, *_mechanical(fit, valve, _rest_noise(record.x)))
+        constants = tolerated(options, options.tolerances)
+        aside = _aside(cycle, options, known, constants)
+        coils = _coils(cycle, (valve, record), aside, constants.names)
+        variations = [(r, v.valve(), v.tables()) for v, r in aside]
+        fit = fit_motion(record, valve.valve(), valve.tables(), variations)
+        noise = _rest_noise(record.x)
+        values = (*coils, *_mechanical(fit, valve, noise, constants.names))
         return (_estimate(cycle, values, known, fit=fit, valve=valve),)
 
     def scales(self, options: DoubleSolenoidOptions) -> dict[str, Scale]:
@@ -148,6 +154,10 @@ class DoubleSolenoidModel(CompiledModel):
             return coefficients(known_valve(options, finite), period_s)
         except ValueError:
             return np.full(N_COEFFICIENTS, np.nan)
+
+    def strangers(self) -> Mapping[str, Mapping[str, object]]:
+        """Return valves that are not as the options say."""
+        return STRANGERS
 
     def simulation(self) -> SimulationConfig:
         """Return the default simulation."""
@@ -197,34 +207,59 @@ def _record(cycle: Cycle, valve: DoubleSolenoidPlant, known: BoolArray) -> Recor
     )
 
 
-def _coils(cycle: Cycle, valve: DoubleSolenoidPlant, record: Record) -> list[ParameterValue]:
+def _aside(
+    cycle: Cycle, options: DoubleSolenoidOptions, known: BoolArray, constants: Tolerated
+) -> list[tuple[DoubleSolenoidPlant, Record]]:
+    """Return valve and record with each constant moved by its standard deviation."""
+    moved = []
+    for name, sigma in zip(constants.names, constants.sigmas.tolist(), strict=True):
+        valve = known_valve(options, {name: getattr(options, name) * (1.0 + sigma)})
+        moved.append((valve, _record(cycle, valve, known)))
+    return moved
+
+
+def _coils(
+    cycle: Cycle,
+    here: tuple[DoubleSolenoidPlant, Record],
+    aside: list[tuple[DoubleSolenoidPlant, Record]],
+    names: tuple[str, ...],
+) -> list[ParameterValue]:
     """Return the resistances; they need every sample, their sums have no room for gaps."""
-    if not record.known.all():
-        bad = int(np.count_nonzero(~record.known))
-        first, end = _longest_run(record.known)
-        if end - first < _FEWEST:
-            return list(blank(COILS, f"{bad} samples cannot be used, no long part is whole"))
-    else:
-        first, end = 0, len(record.x)
+    known = here[1].known
+    first, end = (0, len(known)) if known.all() else _longest_run(known)
+    if end - first < _FEWEST and not known.all():
+        bad = int(np.count_nonzero(~known))
+        return list(blank(COILS, f"{bad} samples cannot be used, no long part is whole"))
     part = slice(first, end)
-    x = record.x[part]
-    sides = ((record.current_a, record.current_b, x), (record.current_b, record.current_a, -x))
-    values = []
-    for column, (own, other, place) in enumerate(sides):
-        flux = np.empty(end - first)
-        flux_record(
-            valve.tables(),
-            np.ascontiguousarray(own[part]),
-            np.ascontiguousarray(other[part]),
-            np.ascontiguousarray(place),
-            flux,
-        )
-        volts = np.nan_to_num(cycle.frames.inputs[part, 1 + column]) * valve.supply_voltage
-        fit = fit_resistance(volts, own[part], flux, cycle.period_s)
-        status = ParameterStatus.NOT_EXCITED if fit.reason else ParameterStatus.OK
-        status = ParameterStatus.REFUSED if fit.refused else status
-        values.append(ParameterValue(COILS[column], fit.resistance, status, fit.reason))
+    values: list[ParameterValue] = []
+    for column, name in enumerate(COILS):
+        fit = _coil(cycle, *here, part, column)
+        if fit.reason:
+            status = ParameterStatus.REFUSED if fit.refused else ParameterStatus.NOT_EXCITED
+            values += blank((name,), fit.reason, status)
+            continue
+        others = [_coil(cycle, *one, part, column).resistance for one in aside]
+        moved = np.nan_to_num(np.array(others) - fit.resistance, nan=fit.resistance)
+        values.append(Doubt(moved, names).around(name, fit.resistance))
     return values
+
+
+def _coil(
+    cycle: Cycle, valve: DoubleSolenoidPlant, record: Record, part: slice, column: int
+) -> CoilFit:
+    """Return the resistance of coil A (0) or B (1) from a part of the cycle."""
+    currents, x = (record.current_a[part], record.current_b[part]), record.x[part]
+    own, other = currents if column == 0 else currents[::-1]
+    flux = np.empty(len(x))
+    flux_record(
+        valve.tables(),
+        np.ascontiguousarray(own),
+        np.ascontiguousarray(other),
+        np.ascontiguousarray(x if column == 0 else -x),
+        flux,
+    )
+    volts = np.nan_to_num(cycle.frames.inputs[part, 1 + column]) * valve.supply_voltage
+    return fit_resistance(volts, own, flux, cycle.period_s)
 
 
 def _longest_run(known: BoolArray) -> tuple[int, int]:
@@ -236,12 +271,13 @@ def _longest_run(known: BoolArray) -> tuple[int, int]:
 
 
 def _mechanical(
-    fit: MotionFit | None, valve: DoubleSolenoidPlant, noise: float
+    fit: MotionFit | None, valve: DoubleSolenoidPlant, noise: float, names: tuple[str, ...]
 ) -> tuple[ParameterValue, ...]:
     status, reason = _doubt(fit, valve, noise)
     if fit is None or reason:
         return blank(MECHANICAL, reason, status)
-    return tuple(map(at_zero, MECHANICAL, fit.values))
+    found = zip(MECHANICAL, fit.values.tolist(), fit.moved, strict=True)
+    return tuple(Doubt(row, names).around(name, value) for name, value, row in found)
 
 
 def _doubt(

@@ -28,6 +28,8 @@ from valve_twin.core.valves.double_solenoid.plant_kernel import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from valve_twin.core.types import BoolArray, FloatArray
 
 SUB = 8
@@ -84,6 +86,8 @@ class MotionFit:
         Samples used.
     travel : float
         Largest distance between two fitted positions [m].
+    moved : (3, K) array
+        What each of the K variations changes in the values.
     """
 
     values: FloatArray
@@ -91,6 +95,7 @@ class MotionFit:
     condition: float
     used: int
     travel: float
+    moved: FloatArray
 
 
 @njit(cache=True)
@@ -281,7 +286,12 @@ def first_guess(record: Record, v: Valve, force: FloatArray, firsts: FloatArray)
     return guess
 
 
-def fit_motion(record: Record, v: Valve, m: MapTables) -> MotionFit | None:
+def fit_motion(
+    record: Record,
+    v: Valve,
+    m: MapTables,
+    variations: Sequence[tuple[Record, Valve, MapTables]] = (),
+) -> MotionFit | None:
     """Fit force gain, friction and preload of spring 1; None with too few usable windows.
 
     Parameters
@@ -291,6 +301,8 @@ def fit_motion(record: Record, v: Valve, m: MapTables) -> MotionFit | None:
     v, m : Valve, MapTables
         The valve of the data sheet: its force gain, friction and preload are where the search
         starts.
+    variations : sequence
+        The same with another constant each.
     """
     firsts = usable_windows(record, v.stop)
     if len(firsts) < _FEWEST_WINDOWS:
@@ -327,13 +339,37 @@ def fit_motion(record: Record, v: Valve, m: MapTables) -> MotionFit | None:
         if small:
             break
     freedom = max(residual.size - 2 * len(firsts) - 3, 1)
+    moved = _moved(problem, values, starts, (residual, jacobian, own), variations)
     return MotionFit(
         values=values,
         rms=float(np.sqrt(cost / freedom)),
         condition=column_condition(_reduced(jacobian, own)),
         used=residual.size,
         travel=float(np.ptp(measured)),
+        moved=moved,
     )
+
+
+def _moved(
+    problem: _Problem,
+    values: FloatArray,
+    starts: FloatArray,
+    found: tuple[FloatArray, FloatArray, FloatArray],
+    variations: Sequence[tuple[Record, Valve, MapTables]],
+) -> FloatArray:
+    """Return what variations change in the shared values (3, K), to first order."""
+    residual, jacobian, own = found
+    basis, places = _project(own), problem.firsts.astype(np.int64)[:, None] + np.arange(WINDOW)
+    matrix = _reduced(jacobian, own)
+    changes = np.empty((3, len(variations)))
+    for k, (record, v, m) in enumerate(variations):
+        force = np.empty((len(record.x), SUB))
+        force_record(v, m, record.x, record.current_a, record.current_b, record.period_s, force)
+        aside = _Problem(record, v, force, problem.firsts, record.x[places])
+        off = aside.residual(values, starts) - residual
+        off -= (basis @ (basis.transpose(0, 2, 1) @ off[:, :, None]))[:, :, 0]
+        changes[:, k] = np.linalg.lstsq(matrix, off.reshape(-1), rcond=None)[0]
+    return changes
 
 
 @dataclass(frozen=True, slots=True)

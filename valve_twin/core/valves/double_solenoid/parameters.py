@@ -4,13 +4,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING
 
 from valve_twin.core.quantity import setting
 from valve_twin.core.types import Parameter
 from valve_twin.core.valves.double_solenoid.numbers import DoubleSolenoidNumbers
 from valve_twin.core.valves.double_solenoid.plant import DoubleSolenoidPlant
+from valve_twin.core.valves.kit.tolerances import tolerance_section
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -45,11 +46,35 @@ COILS = NAMES[:2]
 MECHANICAL = NAMES[2:]
 
 
+DoubleSolenoidTolerances = tolerance_section(
+    "DoubleSolenoidTolerances",
+    __name__,
+    DoubleSolenoidNumbers,
+    {
+        "mass": 0.01,
+        "spring_1": 0.02,
+        "spring_2": 0.02,
+        "preload_2": 0.02,
+        "alpha": 0.1,
+        "beta": 0.05,
+        "half_stroke": 0.005,
+        "turns": 0.01,
+        "pole_area": 0.02,
+        "gap": 0.02,
+        "saturation_flux": 0.02,
+        "coupling": 0.1,
+        "supply_voltage": 0.01,
+        "current_scale": 0.005,
+    },
+)
+
+
 @dataclass(frozen=True, slots=True)
 class DoubleSolenoidOptions(DoubleSolenoidNumbers):
     """The numbers of the data sheet: what is not estimated has to be known."""
 
     estimators: tuple[str, ...] = setting((ESTIMATOR,), "estimators to run", choices=(ESTIMATOR,))
+    tolerances: object = field(default_factory=DoubleSolenoidTolerances)
 
 
 def known_valve(

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import lru_cache
+from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -46,6 +47,8 @@ from valve_twin.core.valves.double_solenoid.numbers import DoubleSolenoidNumbers
 from valve_twin.core.valves.double_solenoid.plant_kernel import Second, Valve, second_order
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from valve_twin.core.types import FloatArray
 
 INPUTS = ("setpoint", "voltage_a", "voltage_b", "current_a", "current_b")
@@ -289,6 +292,37 @@ def map_tables(
         largest_flux=_LARGEST_FLUX * saturation,
         largest_current=_LARGEST_CURRENT,
     )
+
+
+STRANGERS: Mapping[str, Mapping[str, object]] = MappingProxyType(
+    {
+        "springs +2 %": {"plant.spring_1": 5100.0, "plant.spring_2": 5100.0},
+        "springs +5 %": {"plant.spring_1": 5250.0, "plant.spring_2": 5250.0},
+        "spring 1 +2 %": {"plant.spring_1": 5100.0},
+        "gap +30 um": {"plant.gap": 0.00173},
+        "gap +100 um": {"plant.gap": 0.0018},
+        "mass +1 %": {"plant.mass": 0.07575},
+        "mass +5 %": {"plant.mass": 0.07875},
+        "turns +1 %": {"plant.turns": 353.5},
+        "turns -3 %": {"plant.turns": 339.5},
+        "damping +5 %": {"plant.beta": 18.9},
+        "damping +30 %": {"plant.beta": 23.4},
+        "friction 10 % steeper": {"plant.alpha": 880.0},
+        "friction 50 % steeper": {"plant.alpha": 1200.0},
+        "coupling +10 %": {"plant.coupling": 0.066},
+        "poles +2 %": {"plant.pole_area": 0.0001224},
+        "saturation +2 %": {"plant.saturation_flux": 0.0408},
+        "saturation +10 %": {"plant.saturation_flux": 0.044},
+        "preload 2 +2 %": {"plant.preload_2": 20.4},
+        "preload 2 +10 %": {"plant.preload_2": 22.0},
+        "half stroke +0.5 %": {"plant.half_stroke": 0.000804},
+        "force 10 % later": {"plant.force_d1": 0.000825},
+        "current sensors +0.5 %": {"plant.current_scale": 5.025},
+        "supply +1 %": {"plant.supply_voltage": 24.24},
+        "position three times as noisy": {"measurement.noise": 0.0009},
+    }
+)
+"""Valves that are not as the options say, by how they differ."""
 
 
 def default_simulation() -> SimulationConfig:

@@ -12,7 +12,7 @@ and the motion of the armature during the pulse is in the fluxes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -26,17 +26,25 @@ if TYPE_CHECKING:
     from valve_twin.core.valves.hybrid_actuator.magnetics import Magnetics
 
 _FEWEST = 12  # fewest samples with current, assumed
+_ROUNDINGS = 10  # of the currents, drawn to see what their steps do
+_SEED = 1  # of these draws
+_NO_STEP = 1e-9  # a smaller change of a current is none [A]
 _LONGEST_S = 0.03  # longest transient that is used [s]
 _MIN_EXCITATION = 0.02  # of the resistance's column that the others leave [1], assumed
 
 
 @dataclass(frozen=True, slots=True)
 class CoilFit:
-    """Resistance [ohm] and inductance at the seat [H] of one coil; NaN, with a reason, if not."""
+    """Resistance [ohm] and inductance at the seat [H] of one coil; NaN, with a reason, if not.
+
+    `rounding` holds their standard errors from the steps of the current sensor, alike in every
+    cycle: the same pulse is rounded the same way [ohm], [H].
+    """
 
     resistance: float
     inductance: float
     reason: str = ""
+    rounding: tuple[float, float] = (0.0, 0.0)
 
 
 def pulses(voltage: FloatArray, current: FloatArray, rest: float, period_s: float) -> list[slice]:
@@ -109,6 +117,7 @@ def fit_coil(
     period_s: float,
     rest: float,
     seat_gap: float,
+    rounded: bool = True,
 ) -> CoilFit:
     """Estimate resistance and inductance of a coil from all transients of a record.
 
@@ -124,11 +133,42 @@ def fit_coil(
         Kernel of the data sheet.
     period_s, rest, seat_gap : float
         Sampling time [s], current that counts as none [A], gap at the seat [m].
+    rounded : bool
+        Whether to find what the steps of the current sensor do.
     """
+    parts = [p for p in pulses(voltage, current, rest, period_s) if known[p].all()]
+    fit = _fit_parts(parts, voltage, current, gap, solenoid, (period_s, seat_gap))
+    if fit.reason or not rounded:
+        return fit
+    step, draw = _step(current), np.random.default_rng(_SEED)
+    found = []
+    for _ in range(_ROUNDINGS):
+        off_step = draw.uniform(-0.5 * step, 0.5 * step, len(current))
+        other = np.where(current != 0.0, current + off_step, 0.0)
+        again = _fit_parts(parts, voltage, other, gap, solenoid, (period_s, seat_gap))
+        found.append((again.resistance - fit.resistance, again.inductance - fit.inductance))
+    off = np.sqrt(np.nanmean(np.square(found), axis=0))
+    return replace(fit, rounding=(float(off[0]), float(off[1])))
+
+
+def _step(current: FloatArray) -> float:
+    """Return the steps in which a current is told: its smallest change [A]."""
+    steps = np.abs(np.diff(current))
+    steps = steps[steps > _NO_STEP]
+    return float(steps.min()) if len(steps) else 0.0
+
+
+def _fit_parts(
+    parts: list[slice],
+    voltage: FloatArray,
+    current: FloatArray,
+    gap: FloatArray,
+    solenoid: Magnetics,
+    settings: tuple[float, float],
+) -> CoilFit:
+    period_s, seat_gap = settings
     rows, targets = [], []
-    for part in pulses(voltage, current, rest, period_s):
-        if not known[part].all():
-            continue
+    for part in parts:
         v, i = voltage[part], current[part]
         switches = np.concatenate(([False], v[1:] != v[:-1]))
         flux = np.empty((len(v), 2))

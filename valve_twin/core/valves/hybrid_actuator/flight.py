@@ -9,16 +9,18 @@ position and speed at the start of each flight are its own. Bounces are left out
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
 
 from valve_twin.core.estimation.solvers.least_squares import column_condition
-from valve_twin.core.valves.hybrid_actuator.plant_kernel import Armature, net_force
+from valve_twin.core.valves.hybrid_actuator.plant_kernel import Armature, net_force, rubbing
 
 if TYPE_CHECKING:
+    from scipy.optimize import OptimizeResult
+
     from valve_twin.core.types import BoolArray, FloatArray
     from valve_twin.core.valves.hybrid_actuator.magnetics import Magnetics
 
@@ -30,6 +32,7 @@ SHARED = ("spring_rate", "damping", "magnet_force")
 _LONGEST_S = 0.03  # longest part of a flight that is fitted, for one that does not land [s]
 _FEWEST = 12  # fewest samples of a flight, assumed
 _MOST_STROKES = 6  # fitted of a cycle, which has two: noise may look like many
+_COULOMB_START = 1.0  # where the search of Coulomb friction starts, above the option [N]
 _SUBSTEPS = 2
 _STEPS_TO_SEAT = 20  # how far the fitted flight is followed to its seat, in half samples
 
@@ -176,7 +179,27 @@ def _acceleration(
     # a trial step may leave the travel: the force is that at the seat
     inside = min(max(x, -a.travel), a.travel)
     pull = net_force(a, solenoid, solenoid, inside, i_o, i_c)
-    return (pull - a.spring * (x - inside) - a.damping * v) / a.mass
+    return (pull - a.spring * (x - inside) - rubbing(a, v)) / a.mass
+
+
+@dataclass(frozen=True, slots=True)
+class Rubbing:
+    """What flights say of Coulomb friction.
+
+    Attributes
+    ----------
+    friction, error : float
+        Coulomb friction, of either sign, and its standard error [N].
+    values : (3,) array
+        Spring rate [N/m], damping [N s/m] and magnet force [N] with it.
+    slopes : (3,) array
+        What another newton of it changes in them [their units over N].
+    """
+
+    friction: float
+    error: float
+    values: FloatArray
+    slopes: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,7 +211,9 @@ class FlightFit:
     strokes : tuple of Stroke
         The flights.
     values : (3,) array
-        Spring rate [N/m], damping [N s/m], magnet force [N].
+        Spring rate [N/m], damping [N s/m], magnet force [N], with the options' Coulomb friction.
+    rubbing : Rubbing
+        The same where Coulomb friction is sought, too.
     condition : float
         Condition number of the column-scaled sensitivities.
     rms : float
@@ -197,14 +222,19 @@ class FlightFit:
         Speed at the seat of each flight [m/s], NaN for one that did not land.
     used : int
         Samples fitted.
+    unknowns, jacobian : (U,), (M, U) arrays
+        All that was sought, shared and of the flights, and the sensitivities of the residuals.
     """
 
     strokes: tuple[Stroke, ...]
     values: FloatArray
+    rubbing: Rubbing
     condition: float
     rms: float
     seating: tuple[float, ...]
     used: int
+    unknowns: FloatArray
+    jacobian: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,42 +266,67 @@ def fit_flights(
     strokes = strokes[:_MOST_STROKES]
     if not strokes:
         return None
-    problem = _Problem(record, strokes, a, solenoid)
-    start = problem.start()
-    from scipy.optimize import least_squares  # slow to import
-
-    lower = np.full(len(start), -np.inf)
-    lower[:3] = 0.0
-    found = least_squares(
-        problem.residuals,
-        start,
-        bounds=(lower, np.inf),
-        x_scale=problem.scale(),
-        xtol=1e-10,
-        ftol=1e-12,
-        gtol=1e-12,
-        max_nfev=50,
-    )
+    problem = FlightProblem(record, strokes, a, solenoid)
+    found = problem.solve(problem.start())
     if not np.isfinite(found.x).all():
         return None
     return FlightFit(
         strokes=tuple(strokes),
         values=np.asarray(found.x[:3]),
+        rubbing=problem.with_coulomb(found.x),
         condition=column_condition(np.asarray(found.jac)),
-        rms=float(np.sqrt(2.0 * found.cost / len(found.fun))),
+        rms=float(np.sqrt(2.0 * found.cost / max(len(found.fun) - len(found.x), 1))),
         seating=tuple(problem.seating(found.x, k) for k in range(len(strokes))),
         used=len(found.fun),
+        unknowns=np.asarray(found.x),
+        jacobian=np.asarray(found.jac),
     )
 
 
 @dataclass(frozen=True, slots=True)
-class _Problem:
+class FlightProblem:
+    """Residuals of all flights over what is sought: 3 or 4 shared, 2 of each flight."""
+
     record: Flights
     strokes: list[Stroke]
     a: Armature
     solenoid: Magnetics
+    frees_coulomb: bool = False
+
+    @property
+    def shared(self) -> int:
+        """How many unknowns all flights share."""
+        return 4 if self.frees_coulomb else 3
+
+    def solve(self, start: FloatArray) -> OptimizeResult:
+        """Return the least squares from a start (U,)."""
+        from scipy.optimize import least_squares  # slow to import
+
+        lower = np.full(len(start), -np.inf)
+        lower[:3] = 0.0
+        return least_squares(
+            self.residuals,
+            start,
+            bounds=(lower, np.inf),
+            x_scale=self.scale(),
+            xtol=1e-10,
+            ftol=1e-12,
+            gtol=1e-12,
+            max_nfev=50,
+        )
+
+    def with_coulomb(self, found: FloatArray) -> Rubbing:
+        """Return the least squares in which Coulomb friction is sought, too, of either sign."""
+        free = replace(self, frees_coulomb=True)
+        best = free.solve(np.insert(found, 3, self.a.coulomb + _COULOMB_START))
+        freedom = max(len(best.fun) - len(best.x), 1)
+        covariance = np.linalg.pinv(best.jac.T @ best.jac) * (2.0 * best.cost / freedom)
+        error = float(np.sqrt(covariance[3, 3]))
+        slopes = covariance[:3, 3] / max(error**2, 1e-300)
+        return Rubbing(float(best.x[3]), error, np.asarray(best.x[:3]), slopes)
 
     def start(self) -> FloatArray:
+        """Return where the search starts (U,)."""
         parts = [self.a.spring, self.a.damping, self.solenoid.magnet_force]
         for s in self.strokes:
             part = slice(s.first, min(s.first + 8, s.end))
@@ -282,24 +337,38 @@ class _Problem:
         return np.array(parts)
 
     def scale(self) -> FloatArray:
+        """Return how large the unknowns are (U,)."""
         own = [1e-5, 1e-2] * len(self.strokes)
-        return np.array([1e3, 0.3, 10.0, *own])
+        return np.array([1e3, 0.3, 10.0, 1.0][: self.shared] + own)
 
     def _with(self, p: FloatArray) -> tuple[Armature, Magnetics]:
         moving = self.a._replace(spring=float(p[0]), damping=float(p[1]))
+        if self.frees_coulomb:
+            moving = moving._replace(coulomb=float(p[3]))
         return moving, self.solenoid._replace(magnet_force=max(float(p[2]), 0.0))
 
     def flight(self, p: FloatArray, k: int) -> FloatArray:
+        """Return position [m] and speed [m/s] in the samples of a flight (N, 2).
+
+        Parameters
+        ----------
+        p : (U,) array
+            What is sought [unit of each].
+        k : int
+            Index of the flight.
+        """
         s = self.strokes[k]
         a, solenoid = self._with(p)
         out = np.empty((s.end - s.first, 2))
-        start = (float(p[3 + 2 * k]), float(p[4 + 2 * k]))
+        first = self.shared + 2 * k
+        start = (float(p[first]), float(p[first + 1]))
         part = slice(s.first, s.end)
         opener, closer = self.record.opener[part], self.record.closer[part]
         fly(a, solenoid, start, opener, closer, self.record.period_s, out)
         return out
 
     def residuals(self, p: FloatArray) -> FloatArray:
+        """Return measured minus simulated positions of all flights (M,) [m]."""
         parts = []
         for k, s in enumerate(self.strokes):
             part = slice(s.first, s.end)

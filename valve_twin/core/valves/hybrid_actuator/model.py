@@ -4,12 +4,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.data.robust import difference_sigma
+from valve_twin.core.estimation.data.robust import NORMAL_975, difference_sigma
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import (
     Estimate,
@@ -19,6 +19,7 @@ from valve_twin.core.types import (
     ParameterValue,
 )
 from valve_twin.core.valves.hybrid_actuator.bench_fits import BENCH_FITS
+from valve_twin.core.valves.hybrid_actuator.doubt import Friction, by_constants, pooled_friction
 from valve_twin.core.valves.hybrid_actuator.electrical import CoilFit, fit_coil
 from valve_twin.core.valves.hybrid_actuator.flight import (
     SHARED,
@@ -34,7 +35,12 @@ from valve_twin.core.valves.hybrid_actuator.parameters import (
     HybridActuatorOptions,
     refusal_of,
 )
-from valve_twin.core.valves.hybrid_actuator.plant import INPUTS, check_period, default_simulation
+from valve_twin.core.valves.hybrid_actuator.plant import (
+    INPUTS,
+    STRANGERS,
+    check_period,
+    default_simulation,
+)
 from valve_twin.core.valves.hybrid_actuator.predictor import (
     N_COEFFICIENTS,
     STATE_SIZE,
@@ -43,8 +49,9 @@ from valve_twin.core.valves.hybrid_actuator.predictor import (
 )
 from valve_twin.core.valves.interface import Scale
 from valve_twin.core.valves.kit.compiled import CompiledModel
-from valve_twin.core.valves.kit.outcome import Evidence, at_zero, blank, conclude, withheld
+from valve_twin.core.valves.kit.outcome import Evidence, blank, conclude, not_excited, withheld
 from valve_twin.core.valves.kit.record import held, usable, whole_refusal
+from valve_twin.core.valves.kit.tolerances import Doubt, Tolerated, tolerated
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -60,6 +67,9 @@ _MISFIT = 1.3
 
 _MISFIT_FLOOR = 6e-5
 """Residual that counts as none, of the stroke [1]: currents between samples are straight lines."""
+
+_SIDES = ("opener", "closer")
+_FLIGHT = (*SHARED, "natural_frequency", "damping_ratio", "rubbing", "coulomb_friction")
 
 _FEWEST_AT_REST = 12  # fewest samples on a seat that show the noise, assumed
 _FEWEST = 50  # fewest usable samples of a cycle, assumed
@@ -91,14 +101,13 @@ class HybridActuatorModel(CompiledModel):
         options : HybridActuatorOptions
             The model's options.
         earlier : sequence of Estimate
-            Not used: nothing is pooled.
+            Their Coulomb friction is pooled with that of this cycle.
 
         Returns
         -------
         tuple of Estimate
             One estimate; REFUSED with its reason where the cycle says nothing.
         """
-        del earlier
         known = usable(cycle.frames)
         refusal = _refusal(cycle, options, known)
         if refusal:
@@ -107,7 +116,7 @@ class HybridActuatorModel(CompiledModel):
         values = {p.name: p for p in _electrical(cycle, options, record, known)}
         strokes = find_strokes(cycle.frames.position, known, cycle.period_s)
         fit = fit_flights(record, strokes, options.armature(), options.magnetics())
-        values.update({p.name: p for p in _mechanical(fit, options, cycle)})
+        values.update({p.name: p for p in _mechanical(fit, options, cycle, known, earlier)})
         return (_estimate(cycle, tuple(values[n] for n in NAMES), fit=fit),)
 
     def scales(self, options: HybridActuatorOptions) -> dict[str, Scale]:
@@ -144,6 +153,10 @@ class HybridActuatorModel(CompiledModel):
             period_s,
         )
 
+    def strangers(self) -> Mapping[str, Mapping[str, object]]:
+        """Return valves that are not as the options say."""
+        return STRANGERS
+
     def simulation(self) -> SimulationConfig:
         """Return the default simulation."""
         return default_simulation()
@@ -174,51 +187,118 @@ def _record(cycle: Cycle, options: HybridActuatorOptions, known: BoolArray) -> F
 def _electrical(
     cycle: Cycle, options: HybridActuatorOptions, record: Flights, known: BoolArray
 ) -> list[ParameterValue]:
-    travel, residual = options.half_travel, options.residual_gap
-    inside = np.clip(record.position, -travel, travel)
-    found = []
-    sides = (("opener", record.opener, -1.0), ("closer", record.closer, 1.0))
-    for column, (side, current, sign) in enumerate(sides):
-        voltage = np.nan_to_num(cycle.frames.inputs[:, column])
-        fit = fit_coil(
-            np.ascontiguousarray(voltage * options.supply_voltage),
-            current,
-            travel + residual + sign * inside,
-            known,
-            options.magnetics(),
-            period_s=cycle.period_s,
-            rest=_REST_SHARE * options.current_scale,
-            seat_gap=residual,
+    constants = tolerated(options, options.tolerances)
+    found: list[ParameterValue] = []
+    for column, side in enumerate(_SIDES):
+        fit = _fit_side(cycle, options, record, known, column)
+        if fit.reason:
+            names = (f"resistance_{side}", f"inductance_{side}")
+            found += blank(names, fit.reason, ParameterStatus.NOT_EXCITED)
+            continue
+        moved = np.empty((2, len(constants.names)))
+        for k, (name, sigma) in enumerate(zip(constants.names, constants.sigmas, strict=True)):
+            changed = replace(options, **{name: getattr(options, name) * (1.0 + float(sigma))})
+            moving = _record(cycle, changed, known)
+            aside = _fit_side(cycle, changed, moving, known, column, rounded=False)
+            moved[:, k] = aside.resistance - fit.resistance, aside.inductance - fit.inductance
+        doubts = (
+            Doubt(row, constants.names, other)
+            for row, other in zip(moved, fit.rounding, strict=True)
         )
-        found += _coil(side, fit)
+        values = (("resistance", fit.resistance), ("inductance", fit.inductance))
+        found += [
+            doubt.around(f"{what}_{side}", value)
+            for (what, value), doubt in zip(values, doubts, strict=True)
+        ]
     return found
 
 
-def _coil(side: str, fit: CoilFit) -> list[ParameterValue]:
-    status = ParameterStatus.NOT_EXCITED if fit.reason else ParameterStatus.OK
-    return [
-        ParameterValue(f"resistance_{side}", fit.resistance, status, fit.reason),
-        ParameterValue(f"inductance_{side}", fit.inductance, status, fit.reason),
-    ]
+def _fit_side(
+    cycle: Cycle,
+    options: HybridActuatorOptions,
+    record: Flights,
+    known: BoolArray,
+    column: int,
+    *,
+    rounded: bool = True,
+) -> CoilFit:
+    """Return resistance and inductance of the opener (0) or the closer (1)."""
+    travel, residual = options.half_travel, options.residual_gap
+    sign = -1.0 if column == 0 else 1.0
+    current = record.opener if column == 0 else record.closer
+    voltage = np.nan_to_num(cycle.frames.inputs[:, column])
+    return fit_coil(
+        np.ascontiguousarray(voltage * options.supply_voltage),
+        current,
+        travel + residual + sign * np.clip(record.position, -travel, travel),
+        known,
+        options.magnetics(),
+        period_s=cycle.period_s,
+        rest=_REST_SHARE * options.current_scale,
+        seat_gap=residual,
+        rounded=rounded,
+    )
 
 
 def _mechanical(
-    fit: FlightFit | None, options: HybridActuatorOptions, cycle: Cycle
+    fit: FlightFit | None,
+    options: HybridActuatorOptions,
+    cycle: Cycle,
+    known: BoolArray,
+    earlier: Sequence[Estimate],
 ) -> list[ParameterValue]:
     if fit is None:
         reason = "the armature did not cross from seat to seat"
         return [*blank(NAMES[4:], reason, ParameterStatus.NOT_EXCITED)]
-    spring, damping, magnet = (float(value) for value in fit.values)
-    mass = options.mass
-    values: list[ParameterValue] = []
-    derived = (np.sqrt(spring / mass), damping / (2.0 * np.sqrt(max(spring * mass, 1e-300))))
-    names = (*SHARED, "natural_frequency", "damping_ratio")
+    constants = tolerated(options, options.tolerances)
+    moved = by_constants(fit, lambda o: _record(cycle, o, known), options, constants)
     status, reason = _doubt(fit, cycle, 2.0 * options.half_travel)
-    found = (spring, damping, magnet, *derived)
-    values += blank(names, reason, status) if reason else map(at_zero, names, found)
+    values: list[ParameterValue] = []
+    if reason:
+        values += blank(_FLIGHT, reason, status)
+    else:
+        values += _told(fit, options, moved[:3], constants, pooled_friction(fit, earlier))
     for opening, side in ((True, "open"), (False, "closed")):
-        values += _seating(fit, opening, side, cycle.period_s)
+        values += _seating(fit, opening, side, cycle.period_s, moved[3:], constants)
     return values
+
+
+def _told(
+    fit: FlightFit,
+    options: HybridActuatorOptions,
+    moved: FloatArray,
+    constants: Tolerated,
+    friction: Friction,
+) -> list[ParameterValue]:
+    """Return spring, damping, magnet, Coulomb friction and what follows from them."""
+    rubbing, option, mass = fit.rubbing, options.coulomb_friction, options.mass
+    shown = friction.shown(option)
+    spring, damping, magnet = (float(v) for v in (rubbing.values if shown else fit.values))
+    unsure = 0.0 if shown else float(np.hypot(friction.mean - option, friction.error))
+    frequency = float(np.sqrt(spring / mass))
+    ratio = damping / (2.0 * float(np.sqrt(max(spring * mass, 1e-300))))
+    k, c, m = np.column_stack([moved, unsure * rubbing.slopes])
+    heavier = np.append(np.array(constants.names) == "mass", False)
+    by_mass = heavier * np.append(constants.sigmas, 0.0)
+    rows = (
+        ("spring_rate", spring, k),
+        ("damping", damping, c),
+        ("magnet_force", magnet, m),
+        ("natural_frequency", frequency, frequency * 0.5 * (k / spring - by_mass)),
+        ("damping_ratio", ratio, ratio * (c / damping - 0.5 * (k / spring + by_mass))),
+    )
+    names = (*constants.names, "coulomb_friction")
+    found = [Doubt(row, names).around(name, value) for name, value, row in rows]
+    half = NORMAL_975 * rubbing.error
+    low, high = rubbing.friction - half, rubbing.friction + half
+    alone = ParameterValue(
+        "rubbing", rubbing.friction, ParameterStatus.OK, "", rubbing.error, low, high
+    )
+    hidden = f"{friction.mean:.2g} N, its standard error is {friction.error:.2g}: damping holds it"
+    coulomb = not_excited("coulomb_friction", hidden)
+    if shown:
+        coulomb = replace(alone, name="coulomb_friction", reason="damping is freed of it")
+    return [*found, alone, coulomb]
 
 
 def _doubt(fit: FlightFit, cycle: Cycle, stroke: float) -> tuple[ParameterStatus, str]:
@@ -239,13 +319,20 @@ def _doubt(fit: FlightFit, cycle: Cycle, stroke: float) -> tuple[ParameterStatus
     return ParameterStatus.OK, ""
 
 
-def _seating(fit: FlightFit, opening: bool, side: str, period_s: float) -> list[ParameterValue]:
+def _seating(
+    fit: FlightFit,
+    opening: bool,
+    side: str,
+    period_s: float,
+    moved: FloatArray,
+    constants: Tolerated,
+) -> list[ParameterValue]:
     """Return speed at the seat and flight time of the first stroke in a direction."""
-    for stroke, speed in zip(fit.strokes, fit.seating, strict=True):
+    for stroke, speed, row in zip(fit.strokes, fit.seating, moved, strict=True):
         if stroke.opening is opening and np.isfinite(speed):
             lasted = (stroke.end - stroke.first) * period_s
             return [
-                ParameterValue(f"seating_speed_{side}", speed),
+                Doubt(row, constants.names).around(f"seating_speed_{side}", speed),
                 ParameterValue(f"flight_time_{side}", lasted),
             ]
     reason = f"no stroke reached the {side} seat"
@@ -260,7 +347,7 @@ def _estimate(
     fit: FlightFit | None = None,
     refused: str = "",
 ) -> Estimate:
-    judged = withheld(values)
+    judged = withheld([v for v in values if v.name != "coulomb_friction"])
     if refused or all(not np.isfinite(v.value) for v in values):
         still = Refusal(RefusalCode.NOT_EXCITED, "neither pulse nor stroke in the cycle")
         judged = EstimateStatus.REFUSED, refused or still

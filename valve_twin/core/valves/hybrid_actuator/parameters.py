@@ -4,11 +4,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from valve_twin.core.quantity import setting
 from valve_twin.core.types import Parameter
 from valve_twin.core.valves.hybrid_actuator.plant import HybridActuatorNumbers, check_gap
+from valve_twin.core.valves.kit.tolerances import tolerance_section
 
 ESTIMATOR = "flight"
 
@@ -19,6 +20,10 @@ PARAMETERS = (
     Parameter("inductance_closer", "H", "closing solenoid at its seat, small current", 0.0),
     Parameter("spring_rate", "N/m", "both springs together (k of paper 001)", 0.0, trend=True),
     Parameter("damping", "N s/m", "viscous damping (c of paper 001)", 0.0, trend=True),
+    Parameter(
+        "coulomb_friction", "N", "friction that does not grow with speed, where it shows", 0.0
+    ),
+    Parameter("rubbing", "N", "Coulomb friction by this cycle alone, of either sign", -1e3, 1e3),
     Parameter("magnet_force", "N", "permanent magnet at a gap of 0.5 mm", 0.0, trend=True),
     Parameter("natural_frequency", "rad/s", "sqrt(k/m) without magnets", 0.0),
     Parameter("damping_ratio", "1", "c/(2 sqrt(m k)): the printed formula lacks the 2", 0.0),
@@ -34,11 +39,36 @@ PARAMETERS = (
 NAMES = tuple(p.name for p in PARAMETERS)
 
 
+HybridActuatorTolerances = tolerance_section(
+    "HybridActuatorTolerances",
+    __name__,
+    HybridActuatorNumbers,
+    {
+        "mass": 0.01,
+        "half_travel": 0.005,
+        "residual_gap": 0.05,
+        "beta": 0.02,
+        "kappa": 0.05,
+        "saturation_flux": 0.02,
+        "c1": 0.02,
+        "c2": 0.02,
+        "c3": 0.02,
+        "magnet_length": 0.02,
+        "magnet_coupling": 0.05,
+        "gas_force": 0.05,
+        "gas_length": 0.05,
+        "supply_voltage": 0.01,
+        "current_scale": 0.005,
+    },
+)
+
+
 @dataclass(frozen=True, slots=True)
 class HybridActuatorOptions(HybridActuatorNumbers):
     """The numbers of the data sheet: what is not estimated has to be known."""
 
     estimators: tuple[str, ...] = setting((ESTIMATOR,), "estimators to run", choices=(ESTIMATOR,))
+    tolerances: object = field(default_factory=HybridActuatorTolerances)
 
 
 def refusal_of(options: HybridActuatorOptions) -> str:

@@ -106,6 +106,7 @@ class HybridActuatorNumbers:
     )
     spring_rate: float = quantity(18820.0, "N/m", "Both springs together (k)", 10.0, 1e7)
     damping: float = quantity(3.559, "N s/m", "Viscous damping (c)", 0.0, 1e4)
+    coulomb_friction: float = assumed(0.0, "N", "Coulomb friction of the armature", 0.0, 1e3)
     half_travel: float = quantity(
         4e-3, "m", "Travel from the neutral position to a seat", 1e-4, 0.05
     )
@@ -158,6 +159,7 @@ class HybridActuatorNumbers:
             resistance_opener=known.get("resistance_opener", self.resistance_opener),
             resistance_closer=known.get("resistance_closer", self.resistance_closer),
             blocks=True,
+            coulomb=known.get("coulomb_friction", self.coulomb_friction),
         )
 
     def magnetics(self, known: Mapping[str, float] = MappingProxyType({})) -> Magnetics:
@@ -270,6 +272,37 @@ class HybridActuatorPlant(HybridActuatorNumbers, Plant):
         if refusal:
             raise ValueError(refusal)
         return whole_ratio(period_s, self.step, "period_s", "step")
+
+
+STRANGERS: Mapping[str, Mapping[str, object]] = MappingProxyType(
+    {
+        "Coulomb friction 0.5 N": {"plant.coulomb_friction": 0.5},
+        "Coulomb friction 1 N": {"plant.coulomb_friction": 1.0},
+        "Coulomb friction 2 N": {"plant.coulomb_friction": 2.0},
+        "Coulomb friction 4 N": {"plant.coulomb_friction": 4.0},
+        "mass +1 %": {"plant.mass": 0.1311283},
+        "mass +3 %": {"plant.mass": 0.1337249},
+        "travel +0.5 %": {"plant.half_travel": 0.00402},
+        "travel +2 %": {"plant.half_travel": 0.00408},
+        "residual gap +5 %": {"plant.residual_gap": 0.000525},
+        "residual gap +20 %": {"plant.residual_gap": 0.0006},
+        "coupling of magnet and coil 0.6": {"plant.magnet_coupling": 0.6},
+        "magnet length +2 %": {"plant.magnet_length": 0.0007486799999999999},
+        "magnet length +10 %": {"plant.magnet_length": 0.0008074},
+        "20 N of gas": {"plant.gas_force": 20.0},
+        "current sensors +0.5 %": {"plant.current_scale": 50.25},
+        "current sensors +2 %": {"plant.current_scale": 51.0},
+        "supply +1 %": {"plant.supply_voltage": 24.24},
+        "supply +5 %": {"plant.supply_voltage": 25.2},
+        "C1 +2 %": {"plant.c1": 7.14e-06},
+        "saturation +10 %": {"plant.saturation_flux": 0.0506},
+        "current steps of 0.5 A": {"plant.current_quantum": 0.5},
+        "position three times as noisy": {"measurement.noise": 0.001125},
+        "restitution 0.5": {"plant.restitution": 0.5},
+        "C2 +2 %": {"plant.c2": 6.1608e-05},
+    }
+)
+"""Valves that are not as the options say, by how they differ."""
 
 
 def default_simulation() -> SimulationConfig:

@@ -41,6 +41,7 @@ target of the sequencer, time since it changed [s]; 1 after a value that is not 
 _MAX_IMPACTS = 16  # impacts in one step, then the armature rests
 _BISECTIONS = 60
 _REST_SPEED = 1e-4  # slower than this after an impact is rest [m/s], assumed
+_RUB_SPEED = 1e-2  # over which Coulomb friction turns [m/s], assumed
 _NO_CURRENT = 1e-3  # below this a bridge that is off blocks [A], assumed
 
 
@@ -58,6 +59,7 @@ class Armature(NamedTuple):
     resistance_opener: float
     resistance_closer: float
     blocks: bool
+    coulomb: float
 
 
 class Clock(NamedTuple):
@@ -76,6 +78,14 @@ class Bridge(NamedTuple):
     release_s: float
     catch_start_s: float
     catch_s: float
+
+
+@njit(cache=True)
+def rubbing(a: Armature, v: float) -> float:
+    """Return viscous damping and Coulomb friction at a speed [N]."""
+    if a.coulomb == 0.0:
+        return a.damping * v
+    return a.damping * v + a.coulomb * math.tanh(v / _RUB_SPEED)
 
 
 @njit(cache=True)
@@ -127,8 +137,9 @@ def _slopes(
     joule = drop_o * i_o + drop_c * i_c
     if not free:
         return 0.0, 0.0, d_o, d_c, put_in, joule, 0.0, 0.0
-    accel = (net_force(a, opener, closer, x, i_o, i_c) - a.damping * v) / a.mass
-    return v, accel, d_o, d_c, put_in, joule, a.damping * v * v, gas_force(a, x) * v
+    against = rubbing(a, v)
+    accel = (net_force(a, opener, closer, x, i_o, i_c) - against) / a.mass
+    return v, accel, d_o, d_c, put_in, joule, against * v, gas_force(a, x) * v
 
 
 @njit(cache=True)

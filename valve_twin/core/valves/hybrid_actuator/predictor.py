@@ -26,7 +26,7 @@ _SEEN, _X, _V, _FREE_X, _FREE_V, _OPENER, _CLOSER = range(7)
 STATE_SIZE = 7
 """Samples seen, observed and free position [m] and speed [m/s], last currents [A]."""
 
-N_COEFFICIENTS = 20
+N_COEFFICIENTS = 21
 
 _SUBSTEPS = 4
 _POSITION_GAIN, _SPEED_GAIN = 0.5, 0.15  # of the observer, per sample [1], assumed
@@ -46,7 +46,8 @@ def coefficients(
         Full scale of the current signals [A] and sampling time [s].
     """
     moving = (a.mass, a.spring, a.damping, a.travel, a.residual_gap, a.restitution)
-    return np.array([*moving, a.gas_force, a.gas_length, *solenoid, current_scale, period_s])
+    gas, last = (a.gas_force, a.gas_length), (current_scale, period_s, a.coulomb)
+    return np.array([*moving, *gas, *solenoid, *last])
 
 
 @njit(cache=True)
@@ -113,7 +114,7 @@ def predict_block(
     validity : (N,) uint8 array
         One `Validity` a sample.
     """
-    a = Armature(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], 1.0, 1.0, True)
+    a = Armature(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], 1.0, 1.0, True, c[20])
     m = Magnetics(int(c[8]), c[9], c[10], c[11], c[12], c[13], c[14], c[15], c[16], c[17])
     scale, period = c[18], c[19]
     for n in range(len(position)):

@@ -43,9 +43,7 @@ UNKNOWNS = len(NAMES) + 2
 RTOL = 3e-5
 """Relative error of an integration step in the fit [1]."""
 
-_DIFFERENCE = np.array(
-    [0.02, 0.2, 0.04, 0.4, 0.15, 0.04, 0.04, 0.1, 0.15, 0.04, 0.01, 0.04, 2e-3, 0.3]
-)
+STEPS = np.array([0.02, 0.2, 0.04, 0.4, 0.15, 0.04, 0.04, 0.1, 0.15, 0.04, 0.01, 0.04, 2e-3, 0.3])
 """Steps of the sensitivities, the larger the less an unknown does: what they change in the signals
 is far above the integration's error."""
 
@@ -95,6 +93,8 @@ class LoopFit:
         Its residual over its noise [1].
     condition : float
         Condition number of the column-scaled sensitivities [1].
+    unknowns : (UNKNOWNS,) array
+        Where the search ended.
     failed : str
         Why nothing was found, empty if something was.
     """
@@ -107,6 +107,7 @@ class LoopFit:
     worst: str
     worst_misfit: float
     condition: float
+    unknowns: FloatArray
     failed: str = ""
 
 
@@ -157,19 +158,25 @@ def run_loop(
     return reached
 
 
-class _Problem:
+class LoopProblem:
     """The weighted residual of a record and its sensitivities, by forward differences."""
 
     def __init__(self, record: Record, p: FloatArray, sensors: Sensors) -> None:
         self.record, self.sensors, self.p = record, sensors, p
         self.base = p[INDEX].copy()
         self.start = _first_position(record)
+        self.lower, self.upper = _LOWER, _UPPER
         self.runs = 0
 
     def residual(self, x: FloatArray) -> FloatArray | None:
         """Return measured minus simulated over the noise, flat, and what start and memory cost.
 
         None where the integration fails.
+
+        Parameters
+        ----------
+        x : (UNKNOWNS,) array
+            Unknowns [1].
         """
         self.runs += 1
         p = self.p.copy()
@@ -194,10 +201,18 @@ class _Problem:
         return np.concatenate((weighted, [away, x[REMEMBERED] / _MEMORY_SIGMA]))
 
     def sensitivities(self, x: FloatArray, r: FloatArray) -> FloatArray | None:
-        """Return d residual / d x, (N * 9 + 2, UNKNOWNS); None where integration fails."""
+        """Return d residual / d x, (N * 9 + 2, UNKNOWNS); None where integration fails.
+
+        Parameters
+        ----------
+        x : (UNKNOWNS,) array
+            Unknowns [1].
+        r : (N * 9 + 2,) array
+            The residual there [1].
+        """
         jacobian = np.empty((len(r), UNKNOWNS))
         for j in range(UNKNOWNS):
-            step = _DIFFERENCE[j] * (x[j] if j < len(NAMES) else 1.0)
+            step = STEPS[j] * (x[j] if j < len(NAMES) else 1.0)
             if x[j] + step > _UPPER[j]:
                 step = -step
             aside = x.copy()
@@ -232,7 +247,7 @@ def fit_loop(
     guess : (12,) array, optional
         Values to search from, NaN = those of `p` [their units].
     """
-    problem = _Problem(record, p, sensors)
+    problem = LoopProblem(record, p, sensors)
     x = np.ones(UNKNOWNS)
     x[START] = problem.start
     x[REMEMBERED] = 0.0
@@ -296,7 +311,7 @@ def rank(jacobian: FloatArray, x: FloatArray, max_error: float) -> BoolArray:
 
 
 def _descend(
-    problem: _Problem, x: FloatArray, r: FloatArray, jacobian: FloatArray, free: BoolArray
+    problem: LoopProblem, x: FloatArray, r: FloatArray, jacobian: FloatArray, free: BoolArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Levenberg-Marquardt inside the bounds; sensitivities are renewed where they mislead."""
     damping, cost, fresh, taken_at = 1e-6, float(r @ r), True, x
@@ -331,7 +346,7 @@ def _descend(
 
 
 def _polish(
-    problem: _Problem, x: FloatArray, r: FloatArray, jacobian: FloatArray, free: BoolArray
+    problem: LoopProblem, x: FloatArray, r: FloatArray, jacobian: FloatArray, free: BoolArray
 ) -> tuple[FloatArray, FloatArray]:
     """Go on with whole steps to where the gradient vanishes.
 
@@ -373,7 +388,7 @@ def _first_position(record: Record) -> float:
 
 
 def _result(
-    problem: _Problem, x: FloatArray, r: FloatArray, jacobian: FloatArray, free: BoolArray
+    problem: LoopProblem, x: FloatArray, r: FloatArray, jacobian: FloatArray, free: BoolArray
 ) -> LoopFit:
     names = len(NAMES)
     used = problem.record.weight > 0.0
@@ -399,12 +414,14 @@ def _result(
         worst=SIGNALS[int(np.argmax(each))],
         worst_misfit=float(each.max()),
         condition=column_condition(jacobian[:, free]),
+        unknowns=x,
     )
 
 
-def _failure(problem: _Problem, reason: str) -> LoopFit:
+def _failure(problem: LoopProblem, reason: str) -> LoopFit:
     nothing = np.full(len(NAMES), np.nan)
     none = np.zeros(len(NAMES), dtype=np.bool_)
     nan = float("nan")
     failed = Refusal(RefusalCode.NO_CONVERGENCE, reason)
-    return LoopFit(nothing, nothing, none, none, nan, "", nan, nan, failed)
+    nowhere = np.full(UNKNOWNS, np.nan)
+    return LoopFit(nothing, nothing, none, none, nan, "", nan, nan, nowhere, failed)

@@ -28,9 +28,18 @@ from valve_twin.core.valves.kit.outcome import (
     refuse,
     withheld,
 )
+from valve_twin.core.valves.kit.tolerances import tolerated
 from valve_twin.core.valves.servo_system.bench_fits import BENCH_FITS
+from valve_twin.core.valves.servo_system.constants import (
+    HOPELESS,
+    Known,
+    open_constants,
+    recall,
+    with_constants,
+)
 from valve_twin.core.valves.servo_system.fit import LoopFit, fit_loop
 from valve_twin.core.valves.servo_system.parameters import (
+    CONSTANTS,
     ESTIMATOR,
     NAMES,
     PARAMETERS,
@@ -39,7 +48,7 @@ from valve_twin.core.valves.servo_system.parameters import (
     refusal_of,
     sensors,
 )
-from valve_twin.core.valves.servo_system.plant import default_simulation
+from valve_twin.core.valves.servo_system.plant import STRANGERS, default_simulation
 from valve_twin.core.valves.servo_system.plant_kernel import INPUTS
 from valve_twin.core.valves.servo_system.predictor import (
     N_COEFFICIENTS,
@@ -66,7 +75,7 @@ class ServoSystemModel(CompiledModel):
     name: str = "servo_system"
     inputs: tuple[str, ...] = INPUTS
     output: str = "piston_position"
-    parameters: tuple[Parameter, ...] = PARAMETERS
+    parameters: tuple[Parameter, ...] = (*PARAMETERS, *CONSTANTS)
     options: ServoSystemOptions = field(default_factory=ServoSystemOptions)
     kernel = predict_block
     state_size = STATE_SIZE
@@ -103,17 +112,12 @@ class ServoSystemModel(CompiledModel):
             refusal = excitation_of(record, options)
         if record is None or refusal:
             return (_refused(cycle, refusal),)
-        fit = fit_loop(
-            record,
-            numbers(options, {}),
-            sensors(options),
-            max_error=options.max_error,
-            guess=_guess(earlier),
-        )
-        refusal = fit.failed or _misfit(fit, options)
+        kept = recall(earlier, tolerated(options, options.tolerances), options)
+        told, fit = _fitted(record, options, kept, _guess(earlier))
+        refusal = fit.failed or told.contradiction or _misfit(fit, options)
         if refusal:
             return (_refused(cycle, refusal, fit),)
-        return (_accepted(cycle, record, fit, options.max_error),)
+        return (_accepted(cycle, record, fit, told, options.max_error),)
 
     def scales(self, options: ServoSystemOptions) -> dict[str, Scale]:
         """Return units of measured signals, as `ValveModel.scales`."""
@@ -149,6 +153,10 @@ class ServoSystemModel(CompiledModel):
             return np.full(N_COEFFICIENTS, np.nan)
         return np.append(numbers(options, values), period_s)
 
+    def strangers(self) -> Mapping[str, Mapping[str, object]]:
+        """Return valves that are not as the options say."""
+        return STRANGERS
+
     def simulation(self) -> SimulationConfig:
         """Return the default simulation."""
         return default_simulation()
@@ -162,6 +170,27 @@ def _guess(earlier: Sequence[Estimate]) -> FloatArray | None:
     return None
 
 
+def _fitted(
+    record: Record, options: ServoSystemOptions, kept: Known, guess: FloatArray | None
+) -> tuple[Known, LoopFit]:
+    """Return what is known of the constants, and the fit with it.
+
+    They are found anew where no cycle has shown them, or has shown all that this one tells.
+    """
+    start, limit = (numbers(options, {}), sensors(options)), options.max_error
+    known = with_constants(*start, kept.constants, kept.found)
+    fit = fit_loop(record, *known, max_error=limit, guess=guess)
+    settled = not kept.missing(fit.estimated) or not fit.misfit < HOPELESS
+    if fit.failed or settled:
+        return kept, fit
+    opened = open_constants(record, start, kept, fit, limit)
+    if opened is None:
+        return kept, fit
+    known = with_constants(*start, opened.constants, opened.found)
+    fit = fit_loop(record, *known, max_error=limit, guess=opened.parameters)
+    return opened.beyond(fit.errors / fit.values), fit
+
+
 def _misfit(fit: LoopFit, options: ServoSystemOptions) -> str:
     limit = options.max_misfit
     if fit.misfit <= limit:
@@ -169,12 +198,12 @@ def _misfit(fit: LoopFit, options: ServoSystemOptions) -> str:
     text = (
         f"the loop leaves {fit.misfit:.2g} times the noise of the signals, more than max_misfit "
         f"{limit:g}, most in {fit.worst} ({fit.worst_misfit:.2g}): the cycle does not begin at "
-        "rest, an option is wrong or a fault is not in the equations"
+        "rest, an option is wrong beyond its tolerance or a fault is not in the equations"
     )
     return Refusal(RefusalCode.MISFIT, text)
 
 
-def _value(fit: LoopFit, i: int, max_error: float) -> ParameterValue:
+def _value(fit: LoopFit, known: Known, i: int, max_error: float) -> ParameterValue:
     name, value, error = NAMES[i], float(fit.values[i]), float(fit.errors[i])
     if not fit.estimated[i] or error > max_error * value:
         share = f"{100.0 * error / value:.0f} %" if np.isfinite(error) and value > 0.0 else "none"
@@ -182,16 +211,19 @@ def _value(fit: LoopFit, i: int, max_error: float) -> ParameterValue:
         return not_excited(name, reason)
     if fit.at_bound[i]:
         return at_bound(name, value)
-    half = NORMAL_975 * error
+    half = NORMAL_975 * float(np.hypot(error, known.alike[i] * value))
     low, high = max(value - half, PARAMETERS[i].lower), min(value + half, PARAMETERS[i].upper)
-    return ParameterValue(name, value, ParameterStatus.OK, "", error, low, high)
+    return ParameterValue(name, value, ParameterStatus.OK, known.limits[i], error, low, high)
 
 
-def _accepted(cycle: Cycle, record: Record, fit: LoopFit, max_error: float) -> Estimate:
-    values = [_value(fit, i, max_error) for i in range(len(NAMES))]
+def _accepted(
+    cycle: Cycle, record: Record, fit: LoopFit, known: Known, max_error: float
+) -> Estimate:
+    values = [_value(fit, known, i, max_error) for i in range(len(NAMES))]
     counts = MaskCounts(len(record.wanted) - record.bad, bad=record.bad)
     evidence = Evidence(counts, fit.condition, float(record.sigma[0]))
     judged = withheld(values, "not told")
+    values += known.published()
     return conclude("servo_system", ESTIMATOR, cycle, values, judged, evidence)
 
 

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from valve_twin.core.quantity import assumed, describe, setting
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import Parameter
+from valve_twin.core.valves.kit.tolerances import tolerance_section
 from valve_twin.core.valves.servo_system.numbers import COUNT, PHYSICAL, ServoSystemNumbers, derive
 from valve_twin.core.valves.servo_system.plant import check_numbers
 from valve_twin.core.valves.servo_system.plant_kernel import Sensors
@@ -49,6 +50,79 @@ NAMES = tuple(p.name for p in PARAMETERS)
 INDEX = np.array([PHYSICAL.index(name) for name in NAMES], dtype=np.int64)
 """Where the estimated parameters stand among the numbers, (12,)."""
 
+SCALES = {
+    "current_scale": "current",
+    "valve_scale": "valve",
+    "pressure_scale": "pressure",
+    "return_scale": "return_pressure",
+    "speed_scale": "speed",
+}
+"""Full scales by their names in `Sensors`."""
+
+
+ServoSystemTolerances = tolerance_section(
+    "ServoSystemTolerances",
+    __name__,
+    ServoSystemNumbers,
+    {
+        "density": 0.01,
+        "viscosity": 0.1,
+        "line_bore": 0.0,
+        "line_wall": 0.0,
+        "line_modulus": 0.0,
+        "supply_length": 0.0,
+        "return_length": 0.0,
+        "length_1": 0.0,
+        "length_2": 0.0,
+        "supply_losses": 0.0,
+        "return_losses": 0.0,
+        "piston_losses": 0.0,
+        "area_1": 0.002,
+        "area_2": 0.002,
+        "stroke": 0.0,
+        "dead_length": 0.0,
+        "piston_mass": 0.0,
+        "creep_speed": 0.0,
+        "decay_speed": 0.0,
+        "load_inertia": 0.05,
+        "arm": 0.0,
+        "load_damping": 0.1,
+        "port_radius": 0.0,
+        "clearance": 0.0,
+        "supply_underlap": 0.0,
+        "return_underlap": 0.0,
+        "valve_mass": 0.0,
+        "valve_stiffness": 0.0,
+        "valve_damping_ratio": 0.0,
+        "motor_gain": 0.0,
+        "motor_force": 0.0,
+        "hysteresis_reach": 0.0,
+        "inductance": 0.0,
+        "resistance": 0.0,
+        "current_gain": 0.0,
+        "current_feedback": 0.0,
+        "flow_force": 0.0,
+        "flow_force_offset": 0.0,
+        "current_scale": 0.0,
+        "valve_scale": 0.0,
+        "pressure_scale": 0.0,
+        "return_scale": 0.0,
+        "speed_scale": 0.0,
+    },
+)
+"""Gains and limits of the controllers are numbers in a program: they have none."""
+
+CONSTANTS = tuple(
+    Parameter(
+        d.name,
+        _KNOWN[d.name].unit,
+        "known constant, inside its tolerance, told once",
+        _KNOWN[d.name].lower,
+        _KNOWN[d.name].upper,
+    )
+    for d in describe(ServoSystemTolerances)
+)
+
 
 @dataclass(frozen=True, slots=True)
 class ServoSystemOptions(ServoSystemNumbers):
@@ -71,6 +145,7 @@ class ServoSystemOptions(ServoSystemNumbers):
         100.0,
     )
     min_motion: float = assumed(0.02, "1", "a cycle that moves less is refused", 0.0, 1.0)
+    tolerances: object = field(default_factory=ServoSystemTolerances)
 
 
 def refusal_of(options: ServoSystemOptions) -> str:

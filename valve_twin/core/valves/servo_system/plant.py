@@ -9,6 +9,7 @@ The paper prints no value of a parameter: all are assumed, argued as a small act
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -26,6 +27,8 @@ from valve_twin.core.valves.servo_system.numbers import COUNT, PHYSICAL, ServoSy
 from valve_twin.core.valves.servo_system.plant_kernel import Sensors, run_plant
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from valve_twin.core.types import FloatArray
 
 SLOWEST_PERIOD_S = 4e-3
@@ -167,6 +170,37 @@ def check_numbers(n: dict[str, float]) -> str:
         if n[name] > most:
             return f"{name} = {n[name]!r}: must be a number from 0 to {most:g}, {what}"
     return ""
+
+
+STRANGERS: Mapping[str, Mapping[str, object]] = MappingProxyType(
+    {
+        "piston area 1 +0.2 %": {"plant.area_1": 0.000314628},
+        "piston area 2 -0.2 %": {"plant.area_2": 0.00023552799999999999},
+        "viscosity +10 %": {"plant.viscosity": 0.0154},
+        "load inertia +5 %": {"plant.load_inertia": 0.1575},
+        "density +1 %": {"plant.density": 868.6},
+        "load damping +10 %": {"plant.load_damping": 0.66},
+        "load inertia +10 %": {"plant.load_inertia": 0.165},
+        "piston mass +20 %": {"plant.piston_mass": 0.42},
+        "stroke +0.2 %": {"plant.stroke": 0.08016},
+        "lever arm +0.2 %": {"plant.arm": 0.08016},
+        "valve stiffness +2 %": {"plant.valve_stiffness": 3898.44},
+        "motor gain +2 %": {"plant.motor_gain": 22.44},
+        "clearance +10 %": {"plant.clearance": 4.4e-06},
+        "supply underlap +10 %": {"plant.supply_underlap": 8.8e-06},
+        "orifices +1 %": {"plant.port_radius": 0.0003535},
+        "flow force +20 %": {"plant.flow_force": 7.2},
+        "pressure sensors +0.5 %": {"plant.pressure_scale": 25125000.0},
+        "supply line 5 % longer": {"plant.supply_length": 1.575},
+        "dead length +50 %": {"plant.dead_length": 0.003},
+        "friction turns over twice the speed": {"plant.creep_speed": 0.004},
+        "5 N m on the load": {"plant.load_torque": 5.0},
+        "sensors three times as noisy": {"plant.sensor_noise": 0.003},
+        "hysteresis opens over 10 % more": {"plant.hysteresis_reach": 0.011},
+        "bore of the lines +2 %": {"plant.line_bore": 0.004692},
+    }
+)
+"""Valves that are not as the options say, by how they differ."""
 
 
 def default_simulation() -> SimulationConfig:

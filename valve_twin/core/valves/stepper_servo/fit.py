@@ -108,6 +108,31 @@ def fit_thread(record: Record, *, max_backlash: float, max_delay: float) -> Thre
     return ThreadFit(best, cost, hessian, up, down, way)
 
 
+def thread_residual(record: Record, thread: ThreadFit) -> FloatArray:
+    """Return measured minus simulated positions of a fitted thread (N,) [1]."""
+    simulated, jacobian = np.empty(len(record.motor)), np.empty((len(record.motor), N_PARAMETERS))
+    first = float(np.median(record.position[record.used][:5]))
+    run_play(thread.parameters, record.motor, first, simulated, jacobian)
+    return record.position - simulated
+
+
+def flow_residual(record: Record, spool: FloatArray, flow: FlowFit) -> FloatArray:
+    """Return measured minus simulated flow (N,) [1].
+
+    Parameters
+    ----------
+    record : Record
+        N samples.
+    spool : (N,) array
+        Spool position [1].
+    flow : FlowFit
+        The fitted flow curve.
+    """
+    metered = np.empty(len(spool))
+    run_flow(flow.parameters, spool, float(record.flow[0]), metered)
+    return record.flow - metered
+
+
 def spool_position(record: Record, thread: ThreadFit) -> FloatArray:
     """Return where the fitted thread holds the spool (N,), without the delay of the sensor [1]."""
     prompt = thread.parameters.copy()

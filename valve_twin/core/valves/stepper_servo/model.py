@@ -18,7 +18,7 @@ from valve_twin.core.types import (
     MaskCounts,
 )
 from valve_twin.core.valves.kit.compiled import CompiledModel
-from valve_twin.core.valves.kit.outcome import Evidence, conclude, refuse, unexcited
+from valve_twin.core.valves.kit.outcome import Evidence, conclude, refuse, unexcited, withheld
 from valve_twin.core.valves.stepper_servo.fit import end_offset
 from valve_twin.core.valves.stepper_servo.outcome import Settings, mechanics, wiener
 from valve_twin.core.valves.stepper_servo.parameters import (
@@ -32,6 +32,7 @@ from valve_twin.core.valves.stepper_servo.parameters import (
     StepperServoOptions,
 )
 from valve_twin.core.valves.stepper_servo.plant import (
+    STRANGERS,
     StepperServoPlant,
     check_period,
     default_simulation,
@@ -115,7 +116,7 @@ class StepperServoModel(CompiledModel):
         lag = max(1, round(float(thread.parameters[3])))
         sigma = rest_noise(record, lag)
         evidence = Evidence(counts, condition, sigma, lag)
-        done = [conclude(self.name, MECHANICS, cycle, values, unexcited(values), evidence)]
+        done = [conclude(self.name, MECHANICS, cycle, values, withheld(values), evidence)]
         if WIENER in names:
             lag = options.nk or lag
             structure = _structure(options, lag)
@@ -149,6 +150,10 @@ class StepperServoModel(CompiledModel):
         c[2] = values.get("offset", np.nan)
         c[3] = min(max(delay, 0.0), MAX_LAG)
         return c
+
+    def strangers(self) -> Mapping[str, Mapping[str, object]]:
+        """Return valves that are not as the options say."""
+        return STRANGERS
 
     def simulation(self) -> SimulationConfig:
         """Return the default simulation."""

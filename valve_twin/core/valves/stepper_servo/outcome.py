@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.estimation.data.robust import difference_sigma
 from valve_twin.core.estimation.recursive.estimator import fits, identify
 from valve_twin.core.types import ParameterStatus, ParameterValue
 from valve_twin.core.valves.kit.outcome import at_bound, blank
@@ -16,10 +17,13 @@ from valve_twin.core.valves.stepper_servo.fit import (
     end_offset,
     fit_flow,
     fit_thread,
+    flow_residual,
     spool_position,
+    thread_residual,
 )
 from valve_twin.core.valves.stepper_servo.kernels import BACKLASH, DELAY, LOST
-from valve_twin.core.valves.stepper_servo.parameters import FITS, FLOW, THETA, THREAD
+from valve_twin.core.valves.stepper_servo.parameters import EDGE, FITS, FLOW, THETA, THREAD
+from valve_twin.core.valves.stepper_servo.record import rest_noise
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -30,6 +34,23 @@ if TYPE_CHECKING:
 
 _LEAST = 5
 """Samples that must show a parameter, assumed."""
+
+_THREAD_LEFT, _FLOW_LEFT = 5e-4, 9e-4
+"""What corners of the sensor's average and of the meter leave of the position [1] and of the flow
+over the full one [1]; measured on the simulated valve."""
+
+_THREAD_MOST, _FLOW_MOST = 1.5e-3, 2e-3
+"""Residual beyond these and the noise from which the structure is another one [1]."""
+
+_BACKLASH_SHARE, _EDGE_SHARE, _FULL_SHARE = 0.4, 1.5, 0.2
+"""Error of backlash, edges [1] and full flow [full flow] over that residual; the worst of soft
+edges and of screws whose backlash varies."""
+
+_BACKLASH_FLOOR, _FULL_FLOOR = 1.5e-4, 3e-4
+"""Their errors on the simulated valve: a step takes a tenth of a sample [1]."""
+
+_AFTER_BAD = 400  # samples behind one that cannot be used in which nothing is judged
+_BAD_SHARE = 5e-3  # of such samples above which the structure is not judged at all [1]
 
 _LEAST_WAY = 5.0
 """Steps upwards that show whether steps are lost, assumed."""
@@ -72,13 +93,34 @@ def mechanics(
         Upper bounds [1], [samples].
     """
     thread = fit_thread(record, max_backlash=max_backlash, max_delay=max_delay)
-    return (*_thread(thread, period_s, step, max_backlash), *_flow(record, thread, period_s)), (
-        thread
-    )
+    noise = rest_noise(record, max(1, round(float(thread.parameters[DELAY]))))
+    left = _beyond(thread_residual(record, thread), record, _THREAD_LEFT, noise)
+    told = _thread(thread, period_s, step, max_backlash, left)
+    return (*told, *_flow(record, thread, period_s)), thread
+
+
+def _beyond(residual: FloatArray, record: Record, own: float, noise: float) -> float:
+    """Return what a fit leaves beyond noise and what it leaves of its own valve; 0 if unknown.
+
+    Behind a sample that cannot be used the screw may stand elsewhere: what follows is left out.
+    """
+    if float(np.mean(~record.used)) > _BAD_SHARE:
+        return 0.0
+    bad = np.concatenate((np.zeros(_AFTER_BAD), np.cumsum(~record.used)))
+    good = record.used & (bad[_AFTER_BAD:] == bad[:-_AFTER_BAD])
+    if not good.any():
+        return 0.0
+    squares = float(np.mean(residual[good] ** 2)) - own**2 - noise**2
+    return float(np.sqrt(squares)) if squares > 0.0 else 0.0
+
+
+def _around(name: str, value: float, half: float) -> ParameterValue:
+    """Return a value with what is wrong with it in every cycle alike, its scatter comes later."""
+    return ParameterValue(name, value, lower_95=value - half, upper_95=value + half)
 
 
 def _thread(
-    fit: ThreadFit, period_s: float, step: float, max_backlash: float
+    fit: ThreadFit, period_s: float, step: float, max_backlash: float, left: float
 ) -> list[ParameterValue]:
     p = fit.parameters
     delay = ParameterValue(THREAD[4], float(p[DELAY]) * period_s)
@@ -88,8 +130,15 @@ def _thread(
             f"samples, fewer than {_LEAST}: no reversal shows the backlash"
         )
         return [*_unknown(THREAD[:4], reason), delay]
-    backlash = ParameterValue(THREAD[0], float(p[BACKLASH]))
-    if not 0.0 < p[BACKLASH] < max_backlash:
+    half = float(np.hypot(_BACKLASH_FLOOR, _BACKLASH_SHARE * left))
+    backlash = _around(THREAD[0], float(p[BACKLASH]), half)
+    if left > _THREAD_MOST:
+        reason = (
+            f"the play leaves {left:.2g} of the stroke beyond the noise, more than "
+            f"{_THREAD_MOST:g}: the backlash varies along the screw, or the spool sticks"
+        )
+        (backlash,) = blank(THREAD[:1], reason)
+    elif not 0.0 < p[BACKLASH] < max_backlash:
         backlash = at_bound(THREAD[0], float(p[BACKLASH]))
     offset = ParameterValue(THREAD[3], end_offset(fit))
     if fit.up < _LEAST_WAY * step:
@@ -108,26 +157,38 @@ def _flow(record: Record, thread: ThreadFit, period_s: float) -> list[ParameterV
     if float(np.ptp(record.flow)) <= 0.0:
         return [*_unknown(FLOW, "the flow does not change: no meter?")]
     longest = max(1.0, 1.0 / period_s)
-    fit = fit_flow(record, spool_position(record, thread), max_lag=longest)
+    spool = spool_position(record, thread)
+    fit = fit_flow(record, spool, max_lag=longest)
     q = fit.parameters
+    noise = difference_sigma(np.diff(record.flow, 3), 3)
+    off = flow_residual(record, spool, fit)
+    left = _beyond(off, record, _FLOW_LEFT * float(q[4]), noise) / float(q[4])
+    if left > _FLOW_MOST:
+        reason = (
+            f"the flow leaves {left:.2g} of the full one, more than {_FLOW_MOST:g}: its edges are "
+            "not sharp, its slopes not straight or the backlash varies along the screw"
+        )
+        return list(blank(FLOW, reason))
     edges = [
-        _edge(name, float(q[i]), seen)
+        _edge(name, float(q[i]), seen, left)
         for i, (name, seen) in enumerate(zip(FLOW[:2], (fit.on_lower, fit.on_upper), strict=True))
     ]
-    band = ParameterValue(FLOW[2], edges[1].value - edges[0].value)
+    half = float(np.hypot(2.0 * EDGE, 2.0 * _EDGE_SHARE * left))
+    band = _around(FLOW[2], edges[1].value - edges[0].value, half)
     if not (edges[0].usable and edges[1].usable):
         (band,) = _unknown(FLOW[2:3], "one of its edges is not excited")
-    return [*edges, band, _full(fit), ParameterValue(FLOW[4], float(q[5]) * period_s)]
+    return [*edges, band, _full(fit, left), ParameterValue(FLOW[4], float(q[5]) * period_s)]
 
 
-def _edge(name: str, value: float, seen: int) -> ParameterValue:
+def _edge(name: str, value: float, seen: int, left: float) -> ParameterValue:
     if seen < _LEAST:
         return _unknown((name,), f"{seen} samples on its slope, fewer than {_LEAST}")[0]
-    return ParameterValue(name, value)
+    return _around(name, value, float(np.hypot(EDGE, _EDGE_SHARE * left)))
 
 
-def _full(fit: FlowFit) -> ParameterValue:
-    return ParameterValue(FLOW[3], float(fit.parameters[4]))
+def _full(fit: FlowFit, left: float) -> ParameterValue:
+    full = float(fit.parameters[4])
+    return _around(FLOW[3], full, full * float(np.hypot(_FULL_FLOOR, _FULL_SHARE * left)))
 
 
 def _unknown(names: Iterable[str], reason: str) -> tuple[ParameterValue, ...]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from itertools import pairwise
 from math import exp
+from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -20,6 +21,8 @@ from valve_twin.core.valves.stepper_servo import plant_kernel as at
 from valve_twin.core.valves.stepper_servo.plant_kernel import Valve, run_plant
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from valve_twin.core.types import FloatArray
 
 
@@ -62,6 +65,12 @@ class StepperServoPlant(Plant):
         1.0, "1", "Saturated flow in parts of the meter's range", 0.0, 10.0
     )
     flow_lag: float = assumed(0.05, "s", "Time constant of the flow meter", 0.0, 10.0)
+    edge_power: float = assumed(
+        1.0, "1", "Power of the opening that flows: 1 = sharp edges, above = soft", 0.5, 3.0
+    )
+    backlash_taper: float = assumed(
+        0.0, "1", "Change of the backlash from end to end of the screw", -1.0, 1.0
+    )
     window: int = assumed(8, "ticks", "Moving average of the position sensor", 1, at.MAX_WINDOW)
     controller: StepperConfig = field(default_factory=StepperConfig)
 
@@ -140,7 +149,38 @@ class StepperServoPlant(Plant):
             flow_share=1.0 - exp(-tick / self.flow_lag) if self.flow_lag > 0.0 else 1.0,
             volts=self.stroke * self.controller.volts_per_metre,
             window=int(self.window),
+            edge_power=float(self.edge_power),
+            backlash_taper=float(self.backlash_taper),
         )
+
+
+STRANGERS: Mapping[str, Mapping[str, object]] = MappingProxyType(
+    {
+        "edges of power 1.03": {"plant.edge_power": 1.03},
+        "edges of power 1.1": {"plant.edge_power": 1.1},
+        "edges of power 1.2": {"plant.edge_power": 1.2},
+        "edges of power 1.5": {"plant.edge_power": 1.5},
+        "edges of power 0.9": {"plant.edge_power": 0.9},
+        "backlash varies by 5 %": {"plant.backlash_taper": 0.05},
+        "backlash varies by 10 %": {"plant.backlash_taper": 0.1},
+        "backlash varies by 30 %": {"plant.backlash_taper": 0.3},
+        "backlash varies by -50 %": {"plant.backlash_taper": -0.5},
+        "1 % of the steps slip": {"plant.lost_share": 0.01},
+        "meter of 0.15 s": {"plant.flow_lag": 0.15},
+        "meter of 0.01 s": {"plant.flow_lag": 0.01},
+        "average of 4 ms": {"plant.window": 4},
+        "average of 32 ms": {"plant.window": 32},
+        "lower slope half as wide": {"plant.full_lower": 0.000325},
+        "screw 2 % steeper": {"plant.lead": 0.000204},
+        "noise 6.3 um": {"measurement.noise": 0.003},
+        "quantised to 10.5 um": {"measurement.quantum": 0.005},
+        "backlash 0.02 mm": {"plant.backlash": 2e-05},
+        "backlash 0.3 mm": {"plant.backlash": 0.0003},
+        "three samples late": {"measurement.delay": 3},
+        "stroke 2 % longer": {"plant.stroke": 0.002142},
+    }
+)
+"""Valves that are not as the options say, by how they differ."""
 
 
 def default_simulation() -> SimulationConfig:

@@ -40,6 +40,8 @@ class Valve(NamedTuple):
     flow_share: float
     volts: float
     window: int
+    edge_power: float
+    backlash_taper: float
 
 
 @njit(cache=True)
@@ -159,10 +161,13 @@ def run_plant(
                 x = state[SPOOL] - leak_rate * tick_s
                 if steps != 0:
                     x += disturbance[n] / ticks
-                x = play(x, state[ROTOR] * v.step, v.backlash)
+                slack = v.backlash * (1.0 + v.backlash_taper * (x - 0.5))
+                x = play(x, state[ROTOR] * v.step, slack)
                 state[SPOOL] = min(max(x, 0.0), 1.0)
             _sense(state, v, frozen)
             opening = flow_opening(
                 state[SPOOL], v.band_lower, v.band_upper, v.full_lower, v.full_upper
             )
+            if v.edge_power != 1.0:
+                opening = opening**v.edge_power
             state[FLOW] += v.flow_share * (v.flow_full * opening - state[FLOW])
