@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from valve_twin.core.estimation.cycle.sequence import evaluate
+from valve_twin.core.estimation.data.robust import NORMAL_975
 from valve_twin.core.simulation import SimulatedValve, configure, to_frames
 from valve_twin.core.simulation.program import CycleProgram
 from valve_twin.core.types import Cycle, EstimateStatus, ParameterStatus
@@ -67,7 +68,8 @@ def test_a_production_cycle_tells_every_parameter_within_its_interval(estimate):
     assert estimate.status is EstimateStatus.ACCEPTED
     truth = ServoSystemPlant()
     for value in estimate.parameters:
-        off = abs(value.value - getattr(truth, value.name)) / value.standard_error
+        sigma = (value.upper_95 - value.lower_95) / (2.0 * NORMAL_975)  # with the constants'
+        off = abs(value.value - getattr(truth, value.name)) / sigma
         assert off < 3.5, value.name  # once in 2000
         assert value.lower_95 < value.value < value.upper_95
 
