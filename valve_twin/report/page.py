@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from valve_twin.core.aging import VerdictKind
-from valve_twin.core.aging.verdict import NO_REFERENCE, UNUSABLE
 from valve_twin.core.faults.advice import FAILURE_MODES, advise
 from valve_twin.core.types import EstimateStatus, ParameterStatus
 from valve_twin.io.errors import ValveTwinError
@@ -63,13 +62,9 @@ _LIGHTS = {
     VerdictKind.SENSOR: Light("warn", "The sensor looks wrong, not the valve"),
     VerdictKind.SUPPLY: Light("warn", "The supply looks wrong, not the valve"),
     VerdictKind.NOT_ENOUGH_DATA: Light("unsure", "Not enough data for a verdict"),
+    VerdictKind.NO_REFERENCE: Light("unsure", "Nothing to compare the valve with yet"),
+    VerdictKind.RECORDING_UNUSABLE: Light("bad", "The recording cannot be used"),
 }
-
-_UNNAMED = {
-    NO_REFERENCE: Light("unsure", "Nothing to compare the valve with yet"),
-    UNUSABLE: Light("bad", "The recording cannot be used"),
-}
-"""By the cause of a verdict that names no part."""
 
 
 def write_report(data: ReportData, path: str | Path) -> Path:
@@ -161,8 +156,6 @@ def _light(data: ReportData) -> Light:
     if advice.cause:
         words.append(f"probably {advice.cause}")
     light = _LIGHTS[verdict.kind]
-    if verdict.kind is VerdictKind.NOT_ENOUGH_DATA:
-        light = _UNNAMED.get(verdict.fault, light)
     return light._replace(why=verdict.evidence, state="; ".join(words), action=advice.sentence)
 
 

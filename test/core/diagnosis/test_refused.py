@@ -7,7 +7,6 @@ from dataclasses import replace
 import pytest
 
 from valve_twin.core.aging import AgingConfig, VerdictKind, assess
-from valve_twin.core.aging.verdict import UNUSABLE
 from valve_twin.core.diagnosis.refused import FRESH, LEAST_REFUSED, refused_lately, still
 from valve_twin.core.refusal import RefusalCode
 from valve_twin.core.types import Condition, Estimate, EstimateStatus, ParameterValue
@@ -54,7 +53,7 @@ def test_ok_is_withdrawn_after_the_fifth_refused_cycle_and_comes_back():
     said = verdict(USUAL + bad)
     assert said.text == "not enough data"
     assert said.evidence == "the newest 5 cycles gave no estimate: why"
-    assert not said.asks_for_help
+    assert not said.kind.asks_for_help
     assert verdict([*USUAL, *bad, given(26)]).kind is VerdictKind.OK
 
 
@@ -62,10 +61,10 @@ def test_ok_is_withdrawn_after_the_fifth_refused_cycle_and_comes_back():
 def test_signals_that_cannot_be_those_of_a_valve_are_an_unusable_recording(before):
     bad = [refused(c, RefusalCode.IMPLAUSIBLE.value) for c in range(21, 21 + LEAST_REFUSED)]
     said = verdict(before + bad)
-    assert (said.kind, said.text) == (VerdictKind.NOT_ENOUGH_DATA, "recording unusable")
-    assert said.fault == UNUSABLE
+    assert (said.kind, said.text) == (VerdictKind.RECORDING_UNUSABLE, "recording unusable")
+    assert said.fault == ""
     assert said.evidence == "the newest 5 cycles gave no estimate: why"
-    assert said.asks_for_help
+    assert said.kind.asks_for_help
     other = [*bad[1:], refused(26, RefusalCode.MISFIT.value)]
     assert verdict(before + other).text == "not enough data"
 

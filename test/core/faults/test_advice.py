@@ -46,6 +46,7 @@ def test_every_verdict_has_a_state(kind):
     advice = advise(verdict(kind))
     assert (advice.ne107 is Ne107.GOOD) == (kind is VerdictKind.OK)
     assert bool(advice.sentence) == (kind is not VerdictKind.OK)
+    assert bool(advice.urgency) == kind.asks_for_help
 
 
 def test_a_sudden_fault_is_asked_for_by_its_name():

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from valve_twin.core.aging.verdict import UNUSABLE, Verdict, VerdictKind
+from valve_twin.core.aging.verdict import Verdict, VerdictKind
 from valve_twin.core.types import Estimate, EstimateStatus, Guard
 from valve_twin.io.offline.doubtful import describe_use, is_doubtful
 from valve_twin.io.offline.run import Record
@@ -36,8 +36,11 @@ def record(states, *, lost=0, passed=True):
     return Record(cycles=cycles, estimates=estimates)
 
 
-def said(fault=""):
-    return SimpleNamespace(verdict=Verdict(0, "", VerdictKind.NOT_ENOUGH_DATA, "", "", 1, fault))
+NONE, UNUSABLE = VerdictKind.NOT_ENOUGH_DATA, VerdictKind.RECORDING_UNUSABLE
+
+
+def said(kind=NONE):
+    return SimpleNamespace(verdict=Verdict(0, "", kind, kind.text, "", 1))
 
 
 @pytest.mark.parametrize(
@@ -53,16 +56,16 @@ def test_the_summary_counts_what_was_refused_and_lost(found, text):
 
 
 @pytest.mark.parametrize(
-    ("found", "fault", "doubtful"),
+    ("found", "kind", "doubtful"),
     [
-        (record([OK] * 6), "", False),
+        (record([OK] * 6), NONE, False),
         (record([OK] * 6), UNUSABLE, True),
-        (record([REFUSED] * 6), "", True),
-        (record([OK] + [REFUSED] * 5), "", False),
-        (record([OK] * 6, passed=False), "", True),
-        (record([OK] * 6, lost=5), "", False),
-        (record([OK] * 6, lost=6), "", True),
+        (record([REFUSED] * 6), NONE, True),
+        (record([OK] + [REFUSED] * 5), NONE, False),
+        (record([OK] * 6, passed=False), NONE, True),
+        (record([OK] * 6, lost=5), NONE, False),
+        (record([OK] * 6, lost=6), NONE, True),
     ],
 )
-def test_a_record_is_doubtful_for_four_reasons(found, fault, doubtful):
-    assert is_doubtful(found, said(fault)) is doubtful
+def test_a_record_is_doubtful_for_four_reasons(found, kind, doubtful):
+    assert is_doubtful(found, said(kind)) is doubtful

@@ -7,15 +7,7 @@ import dataclasses
 import pytest
 
 from valve_twin.core.aging.assess import Assessment
-from valve_twin.core.aging.verdict import (
-    NO_REFERENCE,
-    UNUSABLE,
-    Trend,
-    TrendStatus,
-    Verdict,
-    VerdictKind,
-    word_of,
-)
+from valve_twin.core.aging.verdict import Trend, TrendStatus, Verdict, VerdictKind
 from valve_twin.core.diagnosis.detection import Diagnosis, Finding
 from valve_twin.core.types import Estimate, EstimateStatus, ParameterValue
 from valve_twin.validation.strangers.draw import draw
@@ -24,8 +16,7 @@ from valve_twin.validation.strangers.score import score
 from valve_twin.validation.strangers.troubles import Trouble
 from valve_twin.validation.strangers.watch import Said
 
-KINDS = dict(zip("novcsp", VerdictKind, strict=True))
-CAUSES = {"r": NO_REFERENCE, "u": UNUSABLE}
+KINDS = dict(zip("novcspru", VerdictKind, strict=True))
 HEALTHY = dataclasses.replace(
     draw(0), cycles=40, troubles=(), aging=dataclasses.replace(draw(0).aging, law="none")
 )
@@ -39,8 +30,8 @@ def said(words, stranger=HEALTHY, diagnosis=None, trends=(), estimates=()):
     """Return answers from one letter a cycle."""
     found = []
     for number, word in enumerate(words, 1):
-        kind, cause = KINDS.get(word, VerdictKind.NOT_ENOUGH_DATA), CAUSES.get(word, "")
-        verdict = Verdict(0, "", kind, word_of(kind, cause), "", number, cause)
+        kind = KINDS[word]
+        verdict = Verdict(0, "", kind, kind.text, "", number)
         assessment = Assessment(tuple(trends), verdict, (), diagnosis or Diagnosis((), 0, True))
         found.append(Said(number, aged(stranger, number), tuple(estimates), assessment))
     return found

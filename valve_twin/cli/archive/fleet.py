@@ -22,7 +22,11 @@ if TYPE_CHECKING:
     from valve_twin.io.history.fleet import FleetRow
 
 _ORDERS = ("urgency", "drift", "residual", "confidence", "name")
-_COLOURS = {VerdictKind.OK: "green", VerdictKind.NOT_ENOUGH_DATA: "dim"}
+_COLOURS = {
+    VerdictKind.OK: "green",
+    VerdictKind.NOT_ENOUGH_DATA: "dim",
+    VerdictKind.NO_REFERENCE: "dim",
+}
 
 
 def add(verbs: Verbs) -> None:

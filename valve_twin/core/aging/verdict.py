@@ -65,25 +65,23 @@ class VerdictKind(IntEnum):
     COMMAND = 3
     SENSOR = 4
     SUPPLY = 5
+    NO_REFERENCE = 6
+    RECORDING_UNUSABLE = 7
 
     @property
     def text(self) -> str:
         """The word, as published."""
         return self.name.lower().replace("_", " ")
 
+    @property
+    def names_part(self) -> bool:
+        """Whether it says what is wrong: valve, command, sensor or supply."""
+        return VerdictKind.VALVE <= self <= VerdictKind.SUPPLY
 
-NO_REFERENCE = "no_reference"
-"""Cause, as `Verdict.fault`, of a verdict that there is nothing to compare with."""
-
-UNUSABLE = "recording_unusable"
-"""Cause of a verdict that the signals are not those of a valve, or too coarse to tell."""
-
-_WORDS = {NO_REFERENCE: "no reference", UNUSABLE: "recording unusable"}
-
-
-def word_of(kind: VerdictKind, fault: str) -> str:
-    """Return the word of a verdict, as published: without a judgement the cause has its own."""
-    return _WORDS.get(fault, kind.text) if kind is VerdictKind.NOT_ENOUGH_DATA else kind.text
+    @property
+    def asks_for_help(self) -> bool:
+        """Whether somebody has to look: a part is named, or the recording is unusable."""
+        return self.names_part or self is VerdictKind.RECORDING_UNUSABLE
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,8 +141,7 @@ class Verdict:
     """One word with its evidence; fields as in Verdict.msg.
 
     `fault` is the name of the sudden fault (`core.diagnosis.table`, or `UNKNOWN`), else the
-    parameter whose drift gives the verdict, `NO_REFERENCE` or `UNUSABLE` where that is why nothing
-    is judged; else empty.
+    parameter whose drift gives the verdict; empty where there is neither.
     """
 
     stamp_ns: int
@@ -154,11 +151,6 @@ class Verdict:
     evidence: str
     cycle: int
     fault: str = ""
-
-    @property
-    def asks_for_help(self) -> bool:
-        """Whether somebody has to look: a part is named, or the recording is unusable."""
-        return self.kind >= VerdictKind.VALVE or self.fault == UNUSABLE
 
 
 def way_to_threshold(trend: Trend) -> float:
@@ -237,17 +229,17 @@ def decide(
         named = fault.fault
         evidence += f"; beside it {describe(worst[2])}" if worst and worst[0] else ""
     elif stale.reason:
-        kind, evidence = VerdictKind.NOT_ENOUGH_DATA, stale.reason
-        named = UNUSABLE if stale.unusable else ""
+        evidence = stale.reason
+        kind = VerdictKind.RECORDING_UNUSABLE if stale.unusable else VerdictKind.NOT_ENOUGH_DATA
     elif worst is None:
-        kind = VerdictKind.NOT_ENOUGH_DATA
+        seen = any(t.samples for t in trends)
+        kind = VerdictKind.NO_REFERENCE if seen else VerdictKind.NOT_ENOUGH_DATA
         why = "; ".join(f"{t.parameter}: {t.reason}" for t in trends)
         evidence = f"no reference yet: {why}" if why else "no parameter is followed"
-        named = NO_REFERENCE if any(t.samples for t in trends) else ""
     elif worst[0]:
         kind, evidence, named = VerdictKind.VALVE, describe(worst[2]), worst[2].parameter
     elif doubt and not _all_commissioned(judged):
-        kind, evidence, named = VerdictKind.NOT_ENOUGH_DATA, doubt, NO_REFERENCE
+        kind, evidence = VerdictKind.NO_REFERENCE, doubt
     elif beyond := [t for t in judged if _perhaps_beyond(t)]:
         kind = VerdictKind.NOT_ENOUGH_DATA
         evidence = f"perhaps beyond a limit: {describe(max(beyond, key=_share))}"
@@ -257,8 +249,7 @@ def decide(
         if not _all_commissioned(judged):
             evidence += f"; {_OWN_ONLY.format(config.reference_cycles)}"
     evidence += f"; {failed}" if failed else ""
-    text = word_of(kind, named)
-    return Verdict(stamp_ns, valve, kind, text, evidence, cycle, named)
+    return Verdict(stamp_ns, valve, kind, kind.text, evidence, cycle, named)
 
 
 def _perhaps_beyond(trend: Trend) -> bool:

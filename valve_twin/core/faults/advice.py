@@ -115,13 +115,19 @@ FAULT_ADVICE = {name: Advice(*known, *_ACTIONS[name]) for name, known in _CAUSES
 
 _WEAR = Advice(_M, "PDE", "valve", "wear or dirt", "overhaul it", PLAN)
 _BY_KIND = {
+    VerdictKind.NOT_ENOUGH_DATA: Advice(_C, part="monitoring", action="see why there is none"),
+    VerdictKind.NO_REFERENCE: Advice(
+        _C, part="monitoring", action="let it run, or give a record of its commissioning"
+    ),
+    VerdictKind.RECORDING_UNUSABLE: Advice(
+        _F, "AIR", "signals", "too few bits, clocks apart, wrong unit or limits", "mend them", NOW
+    ),
     VerdictKind.OK: Advice(Ne107.GOOD),
     VerdictKind.VALVE: _WEAR,
     VerdictKind.COMMAND: Advice(_F, "FTR", "command path", "", "measure the command", NOW),
     VerdictKind.SENSOR: Advice(_S, "AIR", "position sensor", "", "check it", NEXT_STOP),
     VerdictKind.SUPPLY: Advice(_S, "LOO", "supply", "", "measure it under load", NEXT_STOP),
 }
-_UNJUDGED = Advice(_C, action="nothing can be said yet: see why", part="monitoring")
 
 
 def advise(verdict: Verdict, trends: Sequence[Trend] = ()) -> Advice:
@@ -140,7 +146,7 @@ def advise(verdict: Verdict, trends: Sequence[Trend] = ()) -> Advice:
     if advice is None and worn:
         advice = replace(_WEAR, cause=f"wear or dirt that changes {verdict.fault}")
     if advice is None:
-        return _BY_KIND.get(verdict.kind, _UNJUDGED)
+        return _BY_KIND[verdict.kind]
     if trend is not None and trend.status is TrendStatus.BEYOND_THRESHOLD:
         return replace(advice, ne107=_S, urgency=NOW)
     return advice

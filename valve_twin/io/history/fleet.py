@@ -109,8 +109,8 @@ class FleetRow:
 
     @property
     def needs_attention(self) -> bool:
-        """Whether the verdict names a cause."""
-        return self.verdict not in (VerdictKind.OK, VerdictKind.NOT_ENOUGH_DATA)
+        """Whether somebody has to look."""
+        return self.verdict.asks_for_help
 
 
 def rank_fleet(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import sqlalchemy as sa
 
-from valve_twin.core.aging.verdict import Verdict, VerdictKind, word_of
+from valve_twin.core.aging.verdict import Verdict, VerdictKind
 from valve_twin.io.history.check_sums import sealed
 from valve_twin.io.history.tables import VERDICT, from_row, to_row
 
@@ -44,7 +44,7 @@ def add_verdict(connection: Connection, valve_id: int, verdict: Verdict) -> bool
 def row_verdict(valve: str, row: Mapping[str, Any]) -> Verdict:
     """Return the verdict of a row of table `verdict`."""
     kind = VerdictKind(row["verdict"])
-    return from_row(Verdict, row, valve=valve, text=word_of(kind, row["fault"]))
+    return from_row(Verdict, row, valve=valve, text=kind.text)
 
 
 def _is_new(verdict: Verdict, last: Mapping[str, Any]) -> bool:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from valve_twin.core.aging.verdict import UNUSABLE
+from valve_twin.core.aging.verdict import VerdictKind
 from valve_twin.core.diagnosis.checks import failed_checks
 from valve_twin.core.types import EstimateStatus
 
@@ -50,5 +50,5 @@ def is_doubtful(record: Record, assessment: Assessment) -> bool:
     if all(e.status is EstimateStatus.REFUSED for e in given):
         return True
     samples, lost = sum(c.samples for c in record.cycles), sum(c.lost for c in record.cycles)
-    unusable = assessment.verdict.fault == UNUSABLE
+    unusable = assessment.verdict.kind is VerdictKind.RECORDING_UNUSABLE
     return unusable or bool(failed_checks(given)) or lost > MOST_LOST * (samples + lost)

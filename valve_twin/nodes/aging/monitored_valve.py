@@ -213,7 +213,7 @@ class MonitoredValve:
         verdict = outcome.result.verdict
         if before is None or before.verdict.text != verdict.text:
             text = f"{self.name}: {verdict.text}: {verdict.evidence}"
-            if not verdict.asks_for_help:
+            if not verdict.kind.asks_for_help:
                 self._node.get_logger().info(text)
             else:  # on a line of its own: a logger refuses another severity from the same line
                 self._node.get_logger().warning(text)

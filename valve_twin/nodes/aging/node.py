@@ -100,7 +100,7 @@ class AgingMonitorNode(ValveNode):
                 report.values[f"{trend.parameter} drift [%]"] = f"{trend.drift_reference:.2f}"
                 if trend.status is TrendStatus.BEYOND_THRESHOLD:
                     report.raise_to(ERROR, f"{trend.parameter}: {trend.reason}")
-            if found.verdict.asks_for_help:
+            if found.verdict.kind.asks_for_help:
                 report.raise_to(WARN, found.verdict.evidence)
         return report
 

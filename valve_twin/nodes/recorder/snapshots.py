@@ -29,6 +29,7 @@ _ALARMING = {
     msg.Verdict.COMMAND,
     msg.Verdict.SENSOR,
     msg.Verdict.SUPPLY,
+    msg.Verdict.RECORDING_UNUSABLE,
 }
 
 

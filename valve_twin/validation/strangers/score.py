@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.aging.verdict import NO_REFERENCE, UNUSABLE, VerdictKind
+from valve_twin.core.aging.verdict import VerdictKind
 from valve_twin.core.diagnosis.table import BY_NAME
 from valve_twin.validation.strangers.record import aged, gain, leak
 
@@ -159,13 +159,17 @@ class _Truth:
         return high
 
 
+_LETTERS = dict(zip(VerdictKind, "novcspru", strict=True))
+"""Of a verdict: the part (v, c, s, p), ok, or why nothing is named (n, r, u)."""
+
+
 def _score_verdicts(found: Score, stranger: Stranger, said: list[Said], truth: _Truth) -> None:
     kinds: list[VerdictKind] = []
     for one in said:
         verdict = one.assessment.verdict if one.assessment else None
         kind = verdict.kind if verdict else VerdictKind.NOT_ENOUGH_DATA
         kinds.append(kind)
-        found.words += _letter(one, kind)
+        found.words += _LETTERS[kind]
         _score_cycle(found, stranger, one, kind, truth.wear(one.cycle))
     _score_flicker(found, stranger)
     for trouble in stranger.troubles:
@@ -178,14 +182,6 @@ def _score_verdicts(found: Score, stranger: Stranger, said: list[Said], truth: _
             found.count(f"detected: {trouble.name}", bool(told))
 
 
-def _letter(one: Said, kind: VerdictKind) -> str:
-    """Return one letter: the part, ok, or why nothing is named (n, r, u)."""
-    unnamed = {NO_REFERENCE: "r", UNUSABLE: "u"}
-    if kind is VerdictKind.NOT_ENOUGH_DATA:
-        return unnamed.get(_fault(one), "n")
-    return "novcsp"[kind]
-
-
 def _score_cycle(
     found: Score, stranger: Stranger, one: Said, kind: VerdictKind, wear: float
 ) -> None:
@@ -195,10 +191,10 @@ def _score_cycle(
     big = [t for t in active if _is_big(t)]
     early = any(t.onset <= EARLY for t in big)
     late = one.cycle >= FIRST_JUDGED
-    silent, word = kind is VerdictKind.OK, _letter(one, kind)
+    silent, word = kind is VerdictKind.OK, _LETTERS[kind]
     unusable = stranger.logger.bits <= FEW_BITS or bool(stranger.logger.clocks_apart)
     if not active and not recent:
-        named = kind >= VerdictKind.VALVE
+        named = kind.names_part
         fair = kind is VerdictKind.VALVE and (wear >= WEAR_SHOWS or _has_stepped(stranger, one))
         fair |= bool(stranger.logger.clocks_apart) and _fault(one) == "clock"
         named |= word == "u"
@@ -218,7 +214,7 @@ def _score_cycle(
             found.count("silent wrong from the third cycle", silent)
             for t in big:
                 found.count(f"silent wrong: {t.name}", silent)
-    if big and kind >= VerdictKind.VALVE:
+    if big and kind.names_part:
         right = any(_names(one, kind, t) for t in active)
         right |= kind is VerdictKind.VALVE and wear >= WEAR_SHOWS
         found.count("early: right part" if early else "right part", right)
@@ -240,7 +236,7 @@ def _fault(one: Said) -> str:
 
 def _names(one: Said, kind: VerdictKind, trouble: Trouble) -> bool:
     """Whether a verdict names the part of a fault, alone or as one of a published pair."""
-    if kind < VerdictKind.VALVE:
+    if not kind.names_part:
         return False
     if kind.text == trouble.part:
         return True
