@@ -276,7 +276,8 @@ def _told(
     spring, damping, magnet = (float(v) for v in (rubbing.values if shown else fit.values))
     unsure = 0.0 if shown else float(np.hypot(friction.mean - option, friction.error))
     frequency = float(np.sqrt(spring / mass))
-    ratio = damping / (2.0 * float(np.sqrt(max(spring * mass, 1e-300))))
+    critical = 2.0 * float(np.sqrt(max(spring * mass, 1e-300)))
+    ratio = damping / critical
     k, c, m = np.column_stack([moved, unsure * rubbing.slopes])
     heavier = np.append(np.array(constants.names) == "mass", False)
     by_mass = heavier * np.append(constants.sigmas, 0.0)
@@ -285,7 +286,7 @@ def _told(
         ("damping", damping, c),
         ("magnet_force", magnet, m),
         ("natural_frequency", frequency, frequency * 0.5 * (k / spring - by_mass)),
-        ("damping_ratio", ratio, ratio * (c / damping - 0.5 * (k / spring + by_mass))),
+        ("damping_ratio", ratio, c / critical - 0.5 * ratio * (k / spring + by_mass)),
     )
     names = (*constants.names, "coulomb_friction")
     found = [Doubt(row, names).around(name, value) for name, value, row in rows]
