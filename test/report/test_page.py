@@ -204,6 +204,14 @@ class TestHonesty:
         text = Structure(render_report(example.report_data(estimates=tuple(found)))).text
         assert "on its bound: a limit, not a measurement" in text
 
+    def test_names_the_constant_that_limits_a_value(self, example: ModuleType) -> None:
+        found = example.estimates(cycles=20)
+        why = "limited by the tolerance of area_1"
+        limited = ParameterValue("K_in", 0.01, reason=why, lower_95=0.009, upper_95=0.011)
+        found[-2] = dataclasses.replace(found[-2], parameters=(limited, *found[-2].parameters[1:]))
+        text = Structure(render_report(example.report_data(estimates=tuple(found)))).text
+        assert why in text
+
     @pytest.mark.parametrize("without_cycles", [False, True])
     def test_says_what_is_missing(self, data: ReportData, without_cycles: bool) -> None:
         bare = dataclasses.replace(

@@ -85,6 +85,8 @@ class Descriptor:
         Whether it is a physical number that may age or scatter.
     read_only : bool
         True where it takes effect only at configure.
+    place : bool
+        Whether it names a place on this machine, which nobody sets from afar.
     words : type of Enum, optional
         Where the field holds members of it rather than their texts.
     note : str
@@ -102,6 +104,7 @@ class Descriptor:
     assumed: bool = False
     ages: bool = False
     read_only: bool = True
+    place: bool = False
     words: type[Enum] | None = None
     note: str = ""
 
@@ -243,7 +246,14 @@ def compiled(kind: type[T], owner: object, **others: object) -> T:
     return kind(**numbers)
 
 
-def setting(default: T, text: str, *, choices: tuple[str, ...] = (), assumed: bool = False) -> T:
+def setting(
+    default: T,
+    text: str,
+    *,
+    choices: tuple[str, ...] = (),
+    assumed: bool = False,
+    place: bool = False,
+) -> T:
     """Declare a dataclass field that holds a word, a tuple of words or a flag.
 
     Parameters
@@ -254,16 +264,17 @@ def setting(default: T, text: str, *, choices: tuple[str, ...] = (), assumed: bo
         One line: what it is.
     choices : tuple of str
         Allowed words, empty = any.
-    assumed : bool
-        Whether no source gives the value.
+    assumed, place : bool
+        As of `Descriptor`.
     """
     kinds = {str: Kind.STRING, bool: Kind.BOOL, tuple: Kind.STRINGS}
     words = type(default) if isinstance(default, Enum) else None
     kind = Kind.STRING if words else kinds[type(default)]
     choices = tuple(str(member.value) for member in words) if words else choices
     meta = Descriptor(
-        "", kind, _plain(default), "", text, choices=choices, assumed=assumed, words=words
-    )
+        "", kind, _plain(default), "", text,
+        choices=choices, assumed=assumed, words=words, place=place,
+    )  # fmt: skip
     return field(default=default, metadata={_KEY: meta})
 
 

@@ -191,7 +191,7 @@ def _value_cell(p: ParameterValue | None) -> str:
     if p.status is ParameterStatus.OK:
         text = with_interval(p.value, p.lower_95, p.upper_95)
         known = math.isfinite(p.lower_95) and math.isfinite(p.upper_95)
-        return noted(text, "" if known else "interval not calibrated")
+        return noted(text, p.reason if known else "interval not calibrated")
     value = number(p.value) if math.isfinite(p.value) else NONE
     return noted(value, p.reason or _UNUSABLE[p.status])
 

@@ -5,12 +5,20 @@
 import os
 import signal
 import sqlite3
+from pathlib import Path
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
 from valve_twin_msgs.msg import CycleSummary, Estimate, Maintenance, Prediction
-from valve_twin_msgs.srv import BackupHistory, EstimateNow, GetHistory, MarkMaintenance
+from valve_twin_msgs.srv import (
+    BackupHistory,
+    EstimateNow,
+    GetErrorBudget,
+    GetHistory,
+    MarkMaintenance,
+)
 
 from test.nodes.conftest import NS
 from test.nodes.feeding import REARM, Feeder
@@ -137,14 +145,55 @@ def test_maintenance_is_noted_from_the_next_cycle_on(graph, twin, estimates):
 
 def test_a_backup_can_be_read_while_the_twin_goes_on(graph, twin, estimates, tmp_path):
     feed_cycles(graph, Feeder(graph, NS), estimates, 2)
-    path = tmp_path / "copy.sqlite"
-    answer = graph.call(BackupHistory, f"{NS}/twin/backup_history", path=str(path))
+    answer = graph.call(BackupHistory, f"{NS}/twin/backup_history", path="copy.sqlite")
     assert answer.success, answer.message
+    path = Path(answer.path)
+    assert (path.name, path.parent.name) == ("copy.sqlite", "backups")
     with History(f"sqlite:///{answer.path}", read_only=True) as copy:
         assert copy.last_cycle(NS) == 1
-    again = graph.call(BackupHistory, f"{NS}/twin/backup_history", path=str(path))
-    assert not again.success
-    assert str(path) in again.message
+    for name, why in (
+        ("copy.sqlite", f"{path}: exists already"),
+        (str(tmp_path / "elsewhere.sqlite"), "is no name for a backup"),
+        ("../up.sqlite", "is no name for a backup"),
+        ("two\nlines", "is no name for a backup"),
+    ):
+        again = graph.call(BackupHistory, f"{NS}/twin/backup_history", path=name)
+        assert not again.success
+        assert why in again.message
+    assert not (tmp_path / "elsewhere.sqlite").exists()
+    assert len(list(path.parent.iterdir())) == 1
+
+
+def test_what_names_a_place_is_not_set_from_afar(graph, twin):
+    for name, value in (
+        ("history_url", "sqlite:////tmp/others.sqlite"),
+        ("backup_folder", "/etc"),
+        ("allow_remote_configuration", True),
+    ):
+        (result,) = twin.set_parameters([Parameter(name, value=value)])
+        assert not result.successful
+        assert "names a place on this machine" in result.reason
+
+
+def test_services_refuse_what_would_harm(graph, twin, estimates):
+    feed_cycles(graph, Feeder(graph, NS), estimates, 2)
+    for cycle, note, why in (
+        (0, "  ", "the note is empty"),
+        (0, "x" * 2049, "2049 bytes, 2048 at most"),
+        (9, "a service", "cycle 9 is to come, the next one is 3"),
+    ):
+        mark = f"{NS}/twin/mark_maintenance"
+        answer = graph.call(MarkMaintenance, mark, note=note, cycle=cycle)
+        assert not answer.success
+        assert why in answer.message
+    history = f"{NS}/twin/get_history"
+    assert not graph.call(GetHistory, history).maintenance
+    unknown = graph.call(GetHistory, history, estimator="output_eror")
+    assert not unknown.success
+    assert "did you mean 'output_error'" in unknown.message
+    budget = graph.call(GetErrorBudget, f"{NS}/twin/get_error_budget", realisations=4 * 10**9)
+    assert not budget.success
+    assert "realisations = 4000000000: 64 at most" in budget.message
 
 
 def test_a_cycle_summary_tells_samples_and_gaps(graph, twin, estimates):

@@ -57,7 +57,9 @@ class ValveKeys:
         "Put before every signal's topic: /sim for a simulated valve, /replay for a replayed bag.",
     )
     history_url: str = setting(
-        DEFAULT_HISTORY, "Database of estimates: sqlite:///FILE or a PostgreSQL address."
+        DEFAULT_HISTORY,
+        "Database of estimates: sqlite:///FILE or a PostgreSQL address.",
+        place=True,
     )
 
 

@@ -22,6 +22,11 @@ class NodeParameters:
         "Executor that drives the callbacks; events costs a quarter of single_threaded.",
         choices=("events", "single_threaded"),
     )
+    allow_remote_configuration: bool = setting(
+        default=False,
+        text="Let parameter services set what names a place on this machine: files, databases.",
+        place=True,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +79,14 @@ class SimulatedValveParameters(LiveParameters):
 class TwinParameters(NodeParameters):
     """Parameters of the twin."""
 
+    backup_folder: str = setting(
+        "",
+        "Folder below which backup_history writes; empty = backups beside the database.",
+        place=True,
+    )
+    backups_kept: int = quantity(
+        20, "1", "So many files there may be; then backup_history refuses.", lower=0, upper=10**6
+    )
     input_queue: int = quantity(
         100000,
         "1",
@@ -151,7 +164,7 @@ class AgingMonitorParameters(NodeParameters):
 class BagPlayerParameters(LiveParameters):
     """Parameters of the bag player."""
 
-    bag: str = setting("", "Folder of the bag.")
+    bag: str = setting("", "Folder of the bag.", place=True)
     publish_prefix: str = setting(
         "/replay", "Put before every topic, so that no real valve is moved."
     )
@@ -161,7 +174,7 @@ class BagPlayerParameters(LiveParameters):
     exclude_regex: str = setting("", "Do not play topics in whose name this expression is found.")
     remap: tuple[str, ...] = setting((), "New names before the prefix is put, each /old:=/new.")
     qos_overrides_path: str = setting(
-        "", "YAML file of policies by recorded topic, as ros2 bag play takes it."
+        "", "YAML file of policies by recorded topic, as ros2 bag play takes it.", place=True
     )
     rate: float = quantity(
         1.0,
@@ -226,7 +239,9 @@ class BagPlayerParameters(LiveParameters):
 class RecordedTopics(NodeParameters):
     """Which topics the recorder takes."""
 
-    bag: str = setting("", "Folder of the bag; empty = valve_twin_DATE in the working directory.")
+    bag: str = setting(
+        "", "Folder of the bag; empty = valve_twin_DATE in the working directory.", place=True
+    )
     topics: tuple[str, ...] = setting(
         (), "Topics to record; with regex and types empty too, all under the node's namespace."
     )

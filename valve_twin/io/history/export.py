@@ -11,8 +11,11 @@ import csv
 import json
 import math
 import os
+import re
+import shutil
 import sqlite3
 from contextlib import closing, contextmanager
+from dataclasses import dataclass
 from datetime import datetime, timezone
 from enum import IntEnum
 from functools import partial
@@ -42,6 +45,10 @@ if TYPE_CHECKING:
 
     from sqlalchemy.engine import Connection
 
+_BACKUP_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,119}")
+_FLOOR = 1 << 28
+"""Room that a backup leaves on the disk [B]."""
+
 _PAGE = 1000
 """Rows copied at a time."""
 
@@ -58,6 +65,69 @@ def default_backup_path(database: Database) -> Path:
         for tail in ("", *map("-{}".format, range(2, 99)))
     )
     return next(name for name in names if not name.exists())
+
+
+@dataclass(frozen=True, slots=True)
+class BackupRules:
+    """Where copies go that somebody else asks for, and how many there may be.
+
+    Attributes
+    ----------
+    folder : str
+        Below it they are written; empty = `backups` beside the database, or in the working
+        directory where that is no file.
+    most : int
+        Files that may be there [1].
+    """
+
+    folder: str
+    most: int
+
+
+def requested_backup_path(database: Database, rules: BackupRules, name: str) -> Path:
+    """Return where a copy goes that is asked for from outside.
+
+    Parameters
+    ----------
+    database : Database
+        What is copied.
+    rules : BackupRules
+        Where to.
+    name : str
+        Name of the file; empty = that of the database with the time in it.
+
+    Raises
+    ------
+    StoreError
+        If it is more than a name, is taken, or there is no room for it.
+    """
+    beside = database.file.parent if database.file else Path.cwd()
+    folder = Path(rules.folder) if rules.folder else beside / "backups"
+    if name and not _BACKUP_NAME.fullmatch(name):
+        msg = (
+            f"{name[:80]!r} is no name for a backup: it goes to {folder} under letters, digits, "
+            "'.', '_' and '-', 120 at most; leave it empty for the date"
+        )
+        raise StoreError(msg)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        there = sum(1 for _ in folder.iterdir())
+        free = shutil.disk_usage(folder).free
+        size = database.file.stat().st_size if database.file else 0
+    except OSError as err:
+        msg = f"{folder}: cannot take a backup ({err.strerror}): check backup_folder"
+        raise StoreError(msg) from err
+    if there >= rules.most:
+        msg = f"{folder}: {there} files are there, backups_kept is {rules.most}: take some away"
+        raise StoreError(msg)
+    if free < size + _FLOOR:
+        msg = f"{folder}: {free >> 20} MB are free, the backup needs {size >> 20}: make room"
+        raise StoreError(msg)
+    target = folder / (name or default_backup_path(database).name)
+    if os.path.lexists(target):
+        msg = f"{target}: exists already; give another name"
+        raise StoreError(msg)
+    return target
 
 
 def back_up_sqlite(database: Database, target: Path) -> None:

@@ -22,10 +22,12 @@ from valve_twin.io.history.check_sums import Verification, sealed, sound_rows, v
 from valve_twin.io.history.claim import make_claim, writers_file
 from valve_twin.io.history.database import Database
 from valve_twin.io.history.export import (
+    BackupRules,
     back_up_sqlite,
     copy_to_sqlite,
     default_backup_path,
     export_files,
+    requested_backup_path,
 )
 from valve_twin.io.history.insert import Insert
 from valve_twin.io.history.tables import (
@@ -332,6 +334,10 @@ class History:
                 MAINTENANCE, query.order_by(MAINTENANCE.c.cycle, MAINTENANCE.c.id)
             )
         ]
+
+    def backup_for(self, rules: BackupRules, name: str) -> Path:
+        """Write a copy that was asked for from outside; see `requested_backup_path`."""
+        return self.backup(requested_backup_path(self._database, rules, name))
 
     def backup(self, path: str | Path = "") -> Path:
         """Write a consistent copy into a new SQLite file while the history stays in use.

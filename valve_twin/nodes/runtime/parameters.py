@@ -36,6 +36,7 @@ _OF_VALVES = (
     *("valves", "model", "period_s", "hold_back_s", "topic_prefix", "history_url"),
     *("signals.", "cycles.", "options.", "aging.", "csv."),
 )
+_REMOTE = "allow_remote_configuration"
 _AT_START = ("simulation.aging.", "simulation.scatter.")
 _LARGEST = 2**62
 
@@ -159,7 +160,14 @@ class Parameters:
             spec = self._specs.get(parameter.name)
             if spec is None:
                 continue
-            if spec.read_only and not self._is_idle() and not self._declaring(parameter.name):
+            declared = self._node.has_parameter(parameter.name)
+            if spec.place and declared and not self[_REMOTE]:
+                reason = (
+                    f"'{spec.name}' names a place on this machine: give it at the start of the "
+                    f"node, or start it with {_REMOTE}"
+                )
+                return SetParametersResult(successful=False, reason=reason)
+            if spec.read_only and not self._is_idle() and declared:
                 reason = f"'{spec.name}' takes effect at configure: clean up the node, then set it"
                 return SetParametersResult(successful=False, reason=reason)
             try:
@@ -168,9 +176,6 @@ class Parameters:
                 return SetParametersResult(successful=False, reason=f"'{spec.name}': {err}")
             self._errors.pop(spec.name, None)
         return SetParametersResult(successful=True)
-
-    def _declaring(self, name: str) -> bool:
-        return not self._node.has_parameter(name)
 
 
 def _same(value: object, default: object) -> bool:

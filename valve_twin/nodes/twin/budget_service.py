@@ -8,11 +8,16 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from valve_twin.core.valves.error_budget import Budget
     from valve_twin.io.config.valve import ValveConfig
     from valve_twin.nodes.runtime.services import Done
     from valve_twin.nodes.runtime.worker import Outcome
     from valve_twin.nodes.twin.live_valve import LiveValve
+
+MOST_REALISATIONS, MOST_SETTINGS, MOST_OF_A_SETTING = 64, 64, 200
+"""What one request may ask for: the estimations that come meanwhile wait for it."""
 
 
 def compute_budget(
@@ -62,9 +67,23 @@ def begin_budget(valve: LiveValve, request: Any, response: Any, done: Done) -> N
     done : callable
         Gets the response, filled or with the reason why there is no budget.
     """
+    wrong = _too_much(int(request.realisations), request.settings)
+    if wrong:
+        response.success, response.message = False, f"{valve.name}: no error budget: {wrong}"
+        done(response)
+        return
     sizes = (float(request.offset), float(request.command_noise))
     arguments = (valve.config, sizes, int(request.realisations), tuple(request.settings))
     valve.jobs.run(compute_budget, arguments, partial(_answer, valve.name, response, done))
+
+
+def _too_much(realisations: int, settings: Sequence[str]) -> str:
+    """Return what of a request would hold up the estimations, empty where nothing does."""
+    if realisations > MOST_REALISATIONS:
+        return f"realisations = {realisations}: {MOST_REALISATIONS} at most"
+    if len(settings) > MOST_SETTINGS or any(len(s) > MOST_OF_A_SETTING for s in settings):
+        return f"settings: {MOST_SETTINGS} at most, of {MOST_OF_A_SETTING} characters"
+    return ""
 
 
 def _answer(valve: str, response: Any, done: Done, outcome: Outcome) -> None:

@@ -12,6 +12,9 @@ from valve_twin_msgs import msg, srv
 
 from valve_twin.core.aging.verdict import Verdict, VerdictKind
 from valve_twin.core.types import Maintenance
+from valve_twin.io.config.node_parameters import TwinParameters
+from valve_twin.io.errors import suggest
+from valve_twin.io.history.export import BackupRules
 from valve_twin.nodes.runtime import messages as convert
 from valve_twin.nodes.runtime.services import DeferredService, Done
 from valve_twin.nodes.twin.budget_service import begin_budget
@@ -22,7 +25,12 @@ if TYPE_CHECKING:
     from valve_twin.nodes.runtime.worker import Outcome, WorkerThread
     from valve_twin.nodes.twin.live_valve import LiveValve
 
-DEFAULT_PAGE = 1000
+DEFAULT_PAGE, MOST_OF_A_PAGE = 1000, 10000
+"""Estimates of an answer, unless asked for another number, and at most [1]."""
+
+MOST_OF_A_NOTE = 2048
+"""Length of the note of a maintenance event [B]."""
+
 EVENTS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Maintenance events: rare, and each of them counts."""
 
@@ -70,7 +78,13 @@ class TwinServices:
 
     def _mark(self, request: Any, response: Any, done: Done) -> None:
         valve = self._valve
-        cycle = int(request.cycle) or max(valve.twin.cycle, valve.last_cycle) + 1
+        following = max(valve.twin.cycle, valve.last_cycle) + 1
+        cycle = int(request.cycle) or following
+        wrong = _wrong_mark(request.note, cycle, following)
+        if wrong:
+            response.success, response.message = False, f"{valve.name}: {wrong}"
+            done(response)
+            return
         stamp_ns = valve.last_stamp_ns or self._node.get_clock().now().nanoseconds
         event = Maintenance(stamp_ns, cycle, request.note, bool(request.new_reference))
         response.cycle = cycle
@@ -90,10 +104,16 @@ class TwinServices:
     def _get_history(self, request: Any, response: Any, done: Done) -> None:
         valve, units = self._valve, self._valve.publishers.units
         estimator = request.estimator or valve.model.trend_estimator
-        first, limit = int(request.first_cycle), int(request.limit) or DEFAULT_PAGE
+        first = int(request.first_cycle)
+        limit = min(int(request.limit) or DEFAULT_PAGE, MOST_OF_A_PAGE)
 
         def read() -> Any:
             found = valve.history.estimates(valve.name, estimator, first, limit + 1)
+            if not found and request.estimator:
+                known = sorted({e.estimator for e in valve.history.recent_estimates(valve.name)})
+                if known and estimator not in known:
+                    response.message = f"no estimator {estimator!r}: {suggest(estimator, known)}"
+                    return response
             page = found[:limit]
             response.estimates = [
                 convert.estimate_message(valve.name, e, units, stored=True) for e in page
@@ -121,12 +141,28 @@ class TwinServices:
             response.message = outcome.error or f"history copied to {outcome.result}"
             done(response)
 
-        work = partial(valve.history.backup, request.path)
+        given = self._node.parameters.read(TwinParameters)
+        rules = BackupRules(given.backup_folder, given.backups_kept)
+        work = partial(valve.history.backup_for, rules, request.path)
         self._in_background(valve.cycle_queue.writer.read_thread, work, answer)
 
     def _in_background(self, thread: WorkerThread, work: Any, answer: Any) -> None:
         post = self._node.post
         thread.submit(work, lambda outcome: post(partial(answer, outcome)))
+
+
+def _wrong_mark(note: str, cycle: int, following: int) -> str:
+    """Return what is wrong with a maintenance event, empty where nothing is."""
+    if not note.strip():
+        return "the note is empty: say what was done"
+    size = len(note.encode())
+    if size > MOST_OF_A_NOTE:
+        return f"the note has {size} bytes, {MOST_OF_A_NOTE} at most: shorten it"
+    if cycle > following:
+        return (
+            f"cycle {cycle} is to come, the next one is {following}: give that or an earlier one"
+        )
+    return ""
 
 
 class VerdictLog:

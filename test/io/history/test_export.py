@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Copies that somebody else asks for stay in their folder, in number and in size."""
+
+from __future__ import annotations
+
+import os
+import shutil
+
+import pytest
+
+from test.io.history.test_fleet import record
+from valve_twin.io.errors import StoreError
+from valve_twin.io.history.export import BackupRules
+from valve_twin.io.history.store import History
+
+
+@pytest.fixture
+def history(tmp_path):
+    with History(tmp_path / "history.sqlite") as made:
+        made.store("/v", record(1))
+        yield made
+
+
+def test_a_copy_goes_beside_the_database_or_where_it_is_configured(history, tmp_path):
+    beside = history.backup_for(BackupRules("", 5), "")
+    assert beside.parent == tmp_path / "backups"
+    assert beside.name.startswith("history-2")
+    other = history.backup_for(BackupRules(str(tmp_path / "a" / "b"), 5), "x.sqlite")
+    assert other == tmp_path / "a" / "b" / "x.sqlite"
+    with History(other, read_only=True) as copy:
+        assert copy.last_cycle("/v") == 1
+
+
+@pytest.mark.parametrize(
+    "name", ["/etc/x", "../x", "a/b", "x\ny", ".hidden", "", " x", "x" * 121, "-rf", "x\0"]
+)
+def test_only_a_name_is_taken(history, tmp_path, name):
+    rules = BackupRules("", 5)
+    if not name:
+        assert history.backup_for(rules, name).exists()
+        return
+    with pytest.raises(StoreError, match="is no name for a backup") as found:
+        history.backup_for(rules, name)
+    assert "\n" not in str(found.value)
+    assert not (tmp_path / "backups").exists()
+
+
+def test_a_link_is_not_followed(history, tmp_path):
+    (tmp_path / "backups").mkdir()
+    elsewhere = tmp_path / "elsewhere.sqlite"
+    os.symlink(elsewhere, tmp_path / "backups" / "x.sqlite")
+    with pytest.raises(StoreError, match="exists already"):
+        history.backup_for(BackupRules("", 5), "x.sqlite")
+    assert not elsewhere.exists()
+
+
+def test_there_are_no_more_than_may_be(history):
+    rules = BackupRules("", 2)
+    for name in ("a", "b"):
+        history.backup_for(rules, name)
+    with pytest.raises(StoreError, match="2 files are there, backups_kept is 2: take some away"):
+        history.backup_for(rules, "c")
+
+
+def test_the_disk_is_not_filled(history, monkeypatch):
+    usage = shutil.disk_usage("/")
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: usage._replace(free=1 << 20))
+    with pytest.raises(StoreError, match="1 MB are free, the backup needs 0: make room"):
+        history.backup_for(BackupRules("", 5), "a")
