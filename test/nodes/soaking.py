@@ -21,6 +21,7 @@ from contextlib import closing
 from pathlib import Path
 
 import numpy as np
+import sqlalchemy as sa
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray
 from scipy.stats import theilslopes
@@ -28,6 +29,7 @@ from scipy.stats import theilslopes
 from valve_twin.core.simulation import simulate_cycles
 from valve_twin.core.valves.registry import get_simulation
 from valve_twin.io.history import tables as history_tables
+from valve_twin.io.history.check_sums import sealed
 from valve_twin.io.history.store import History, cycle_record
 from valve_twin.nodes.player.outbox import SubscriberGate
 
@@ -294,12 +296,15 @@ def fill(database: Path, valves: int) -> None:
     with closing(sqlite3.connect(database)) as copy, copy:
         for i, name in enumerate(valve_names(valves)[1:], start=2):
             copy.execute("INSERT INTO valve VALUES (?, ?)", (i, f"{NS}/{name}"))
+    engine = sa.create_engine(f"sqlite:///{database}")
+    with engine.begin() as copies:
         for table in (history_tables.CYCLE, history_tables.ESTIMATE):
-            names = ", ".join(c.name for c in table.c if c.name not in {"id", "valve_id"})
-            copy.execute(
-                f"INSERT INTO {table.name} (valve_id, {names}) SELECT valve.id, {names}"
-                f" FROM valve, {table.name} WHERE valve.id > 1 AND {table.name}.valve_id = 1"
-            )
+            rows = [dict(row) for row in copies.execute(sa.select(table)).mappings()]
+            for row in rows:
+                del row["id"]
+            for i in range(2, valves + 1):
+                copies.execute(table.insert(), [sealed(table, {**r, "valve_id": i}) for r in rows])
+    engine.dispose()
 
 
 def plant(valves: int, rate: float, batch: int, seconds: float) -> None:

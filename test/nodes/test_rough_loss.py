@@ -112,7 +112,9 @@ def _relay(graph, folder: Path) -> NodeProcess:
 
     command = [sys.executable, str(Path(__file__).with_name("relay.py"))]
     command += [CLEAN, LOSSY, str(SHARE), "1", *TOPICS]
-    environment = {**os.environ, "ROS_DOMAIN_ID": str(graph.domain)}
+    # over UDP: shared memory may leave a reader deaf that a busy machine held for a second
+    udp = {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
+    environment = {**os.environ, **udp, "ROS_DOMAIN_ID": str(graph.domain)}
     process = NodeProcess(command, environment, folder / "relay.log")
     graph.processes.append(process)
     return process

@@ -59,6 +59,19 @@ def row_sum(table: sa.Table, row: Mapping[str, Any]) -> int:
     return crc32(text.encode("utf-8", "surrogateescape"))
 
 
+_MOST_TOLD = 10_000
+_told: set[str] = set()
+
+
+def _tell(line: str) -> None:
+    """Log what is damaged once: a twin reads its history again and again."""
+    if line not in _told:
+        if len(_told) >= _MOST_TOLD:
+            _told.clear()
+        _told.add(line)
+        _LOGGER.warning("%s", line)
+
+
 def sound_rows(
     table: sa.Table, rows: Iterable[Mapping[str, Any]], where: str
 ) -> Iterator[Mapping[str, Any]]:
@@ -77,7 +90,7 @@ def sound_rows(
         if row_sum(table, row) == row[CHECK_SUM]:
             yield row
         else:
-            _LOGGER.warning("%s", _damaged_line(table, row, where))
+            _tell(_damaged_line(table, row, where))
 
 
 def verify(read: Callable[[], AbstractContextManager[Connection]], where: str) -> Verification:

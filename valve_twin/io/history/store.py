@@ -251,9 +251,10 @@ class History:
             return list(connection.scalars(sa.select(VALVE.c.name).order_by(VALVE.c.name)))
 
     def last_cycle(self, valve: str) -> int:
-        """Return the highest stored cycle number of a valve, 0 if there is none."""
-        record = self.last_record(valve)
-        return record.cycle if record else 0
+        """Return the highest number that is taken, also by a damaged row; 0 if there is none."""
+        query = _of_valve(CYCLE, valve).with_only_columns(sa.func.max(CYCLE.c.cycle))
+        with self._database.read() as connection:
+            return int(connection.scalar(query) or 0)
 
     def last_record(self, valve: str) -> CycleRecord | None:
         """Return the stored cycle with the highest number, None if there is none."""
