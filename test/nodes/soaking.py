@@ -301,7 +301,7 @@ def fill(database: Path, valves: int) -> None:
         for table in (history_tables.CYCLE, history_tables.ESTIMATE):
             rows = [dict(row) for row in copies.execute(sa.select(table)).mappings()]
             for row in rows:
-                del row["id"]
+                row.pop("id", None)
             for i in range(2, valves + 1):
                 copies.execute(table.insert(), [sealed(table, {**r, "valve_id": i}) for r in rows])
     engine.dispose()
