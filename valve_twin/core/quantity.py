@@ -85,8 +85,8 @@ class Descriptor:
         Whether it is a physical number that may age or scatter.
     read_only : bool
         True where it takes effect only at configure.
-    place : bool
-        Whether it names a place on this machine, which nobody sets from afar.
+    local : bool
+        Whether only who starts the node sets it: what names a place or lifts a rule of safety.
     words : type of Enum, optional
         Where the field holds members of it rather than their texts.
     note : str
@@ -104,7 +104,7 @@ class Descriptor:
     assumed: bool = False
     ages: bool = False
     read_only: bool = True
-    place: bool = False
+    local: bool = False
     words: type[Enum] | None = None
     note: str = ""
 
@@ -250,10 +250,8 @@ def setting(
     default: T,
     text: str,
     *,
-    choices: tuple[str, ...] = (),
-    assumed: bool = False,
-    place: bool = False,
-) -> T:
+    choices: tuple[str, ...] = (), assumed: bool = False, local: bool = False,
+) -> T:  # fmt: skip
     """Declare a dataclass field that holds a word, a tuple of words or a flag.
 
     Parameters
@@ -262,9 +260,7 @@ def setting(
         Default value; an Enum allows the values of its members.
     text : str
         One line: what it is.
-    choices : tuple of str
-        Allowed words, empty = any.
-    assumed, place : bool
+    choices, assumed, local
         As of `Descriptor`.
     """
     kinds = {str: Kind.STRING, bool: Kind.BOOL, tuple: Kind.STRINGS}
@@ -273,7 +269,7 @@ def setting(
     choices = tuple(str(member.value) for member in words) if words else choices
     meta = Descriptor(
         "", kind, _plain(default), "", text,
-        choices=choices, assumed=assumed, words=words, place=place,
+        choices=choices, assumed=assumed, words=words, local=local,
     )  # fmt: skip
     return field(default=default, metadata={_KEY: meta})
 

@@ -65,7 +65,7 @@ class Plant:
     def __init__(self, url: str, aging: Mapping[str, AgingConfig] | None = None) -> None:
         self._url, self._aging = url, dict(aging or {})
         self._lock = threading.Lock()
-        self._view = View(where=url.rsplit("@", 1)[-1])
+        self._view = View()
         self._asked_s = -REFRESH_S
         self._rows: dict[str, tuple[_Key, FleetRow]] = {}
         self._pages: dict[str, tuple[_Key, str]] = {}

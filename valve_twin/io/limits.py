@@ -92,9 +92,17 @@ def unpack_gzip(data: bytes) -> bytes:
     return b"".join(parts)
 
 
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return text.strip() in {"-", "+"}
+    return True
+
+
 def no_formula(cell: object) -> object:
     """Return a cell of a CSV file; a text that a spreadsheet would calculate stands behind '."""
-    if isinstance(cell, str) and cell.lstrip()[:1] in _FORMULA:
+    if isinstance(cell, str) and cell.lstrip()[:1] in _FORMULA and not _is_number(cell):
         return f"'{cell}"
     return cell
 

@@ -57,7 +57,7 @@ def test_a_sound_history_is_verified(file, capsys):
         ("UPDATE estimate SET parameters = replace(parameters, '0.7', '0.8')", "estimate"),
         ("UPDATE estimate SET reason = CAST(x'ff' AS TEXT) WHERE cycle = 7", "estimate"),
         ("UPDATE maintenance SET note = 'old seal'", "maintenance"),
-        ("UPDATE estimate SET check_sum = 0 WHERE cycle = 7", "estimate"),
+        ("UPDATE estimate SET check_sum = 1 WHERE cycle = 7", "estimate"),
     ],
 )
 def test_a_changed_row_is_named_and_never_shown(text, table, file, capsys, caplog):
@@ -113,3 +113,23 @@ def test_a_flipped_byte_of_the_file_is_never_shown(file, caplog):
         named += bool(caplog.text)
     assert named
     assert refused
+
+
+def test_what_an_older_twin_stores_after_the_upgrade_is_believed(file):
+    change(file, "UPDATE estimate SET check_sum = 0 WHERE cycle = 7")
+    with History(file, read_only=True) as history:
+        assert [e.cycle for e in history.estimates(VALVE)] == list(range(1, CYCLES + 1))
+        assert history.verify().damaged == []
+
+
+def test_a_page_goes_on_behind_damaged_rows_and_their_numbers_stay_taken(file):
+    change(file, "UPDATE estimate SET fit_test = 1.5 WHERE cycle IN (2, 3, 4)")
+    change(file, f"UPDATE cycle SET samples = 1 WHERE cycle >= {CYCLES - 1}")
+    with History(file, read_only=True) as history:
+        page = history.estimates(VALVE, limit=3)
+        assert [e.cycle for e in page] == [1, 5, 6]
+        assert [c.cycle for c in history.cycles(VALVE, limit=CYCLES)] == list(range(1, CYCLES - 1))
+        assert history.last_cycle(VALVE) == CYCLES
+        record = history.last_record(VALVE)
+        assert record is not None
+        assert record.cycle == CYCLES - 2

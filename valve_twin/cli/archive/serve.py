@@ -41,6 +41,7 @@ def add(verbs: Verbs) -> None:
 
 def _serve(arguments: argparse.Namespace) -> int:
     try:
+        import prometheus_client  # noqa: F401
         import starlette  # noqa: F401
         import uvicorn
     except ModuleNotFoundError as err:

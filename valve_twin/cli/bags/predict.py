@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 import statistics
 import sys
 from typing import TYPE_CHECKING
@@ -63,7 +64,8 @@ def _predict(arguments: argparse.Namespace) -> int:
         if of:
             what = "frozen" if frozen else "learnt from the cycles before"
             rmse = statistics.median(e.one_step_rmse for e in of)
-            fit = statistics.median(e.free_run_fit for e in of)
+            fits = [e.free_run_fit for e in of if math.isfinite(e.free_run_fit)]
+            fit = statistics.median(fits) if fits else math.nan
             sys.stdout.write(
                 f"{arguments.out}: {len(of)} cycles, model {what}; median on cycles that it does "
                 f"not know: one-step error {rmse:.3g} (RMS), free-run fit {fit:.1f} %\n"

@@ -59,7 +59,7 @@ class ValveKeys:
     history_url: str = setting(
         DEFAULT_HISTORY,
         "Database of estimates: sqlite:///FILE or a PostgreSQL address.",
-        place=True,
+        local=True,
     )
 
 

@@ -25,7 +25,7 @@ class NodeParameters:
     allow_remote_configuration: bool = setting(
         default=False,
         text="Let parameter services set what names a place on this machine: files, databases.",
-        place=True,
+        local=True,
     )
 
 
@@ -37,6 +37,7 @@ class LiveParameters(NodeParameters):
         default=False,
         text="Publish also to topics that already have a foreign publisher, and commands "
         "that somebody else takes.",
+        local=True,
     )
     lossless: bool = setting(
         default=True,
@@ -54,6 +55,7 @@ class SimulatedValveParameters(LiveParameters):
     publish_prefix: str = setting(
         "/sim",
         "Put before every topic that is published or taken, so that no real valve is moved.",
+        local=True,
     )
     rate: float = quantity(
         1.0,
@@ -82,7 +84,7 @@ class TwinParameters(NodeParameters):
     backup_folder: str = setting(
         "",
         "Folder below which backup_history writes; empty = backups beside the database.",
-        place=True,
+        local=True,
     )
     backups_kept: int = quantity(
         20, "1", "So many files there may be; then backup_history refuses.", lower=0, upper=10**6
@@ -164,9 +166,9 @@ class AgingMonitorParameters(NodeParameters):
 class BagPlayerParameters(LiveParameters):
     """Parameters of the bag player."""
 
-    bag: str = setting("", "Folder of the bag.", place=True)
+    bag: str = setting("", "Folder of the bag.", local=True)
     publish_prefix: str = setting(
-        "/replay", "Put before every topic, so that no real valve is moved."
+        "/replay", "Put before every topic, so that no real valve is moved.", local=True
     )
     topics: tuple[str, ...] = setting((), "Topics to play; empty with an empty regex = all.")
     regex: str = setting("", "Play also topics in whose name this expression is found.")
@@ -174,7 +176,7 @@ class BagPlayerParameters(LiveParameters):
     exclude_regex: str = setting("", "Do not play topics in whose name this expression is found.")
     remap: tuple[str, ...] = setting((), "New names before the prefix is put, each /old:=/new.")
     qos_overrides_path: str = setting(
-        "", "YAML file of policies by recorded topic, as ros2 bag play takes it.", place=True
+        "", "YAML file of policies by recorded topic, as ros2 bag play takes it.", local=True
     )
     rate: float = quantity(
         1.0,
@@ -240,7 +242,7 @@ class RecordedTopics(NodeParameters):
     """Which topics the recorder takes."""
 
     bag: str = setting(
-        "", "Folder of the bag; empty = valve_twin_DATE in the working directory.", place=True
+        "", "Folder of the bag; empty = valve_twin_DATE in the working directory.", local=True
     )
     topics: tuple[str, ...] = setting(
         (), "Topics to record; with regex and types empty too, all under the node's namespace."
@@ -265,6 +267,7 @@ class RecordedTopics(NodeParameters):
         "",
         "YAML file of QoS policies by topic, as `ros2 bag record` takes it; what it "
         "does not name adapts to the publishers.",
+        local=True,
     )
     start_paused: bool = setting(default=False, text="Wait for the service resume.")
 

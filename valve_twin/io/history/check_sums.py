@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import sqlalchemy as sa
 
@@ -17,14 +17,18 @@ from valve_twin.io.history.tables import CHECK_SUM, CYCLE, ESTIMATE, MAINTENANCE
 from valve_twin.io.mcap.checksum import crc32
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
     from contextlib import AbstractContextManager
 
     from sqlalchemy.engine import Connection
 
+Rows: TypeAlias = "list[Mapping[str, Any]]"
 _LOGGER = logging.getLogger("valve_twin")
 _PAGE = 1000
 _SEPARATOR = "\x1f"
+UNSEALED = 0
+"""Of a row that a twin of a version before check sums stored after the upgrade: it is believed."""
+
 SEALED = (CYCLE, ESTIMATE, MAINTENANCE, VERDICT)
 """Tables whose rows carry a check sum."""
 
@@ -87,10 +91,37 @@ def sound_rows(
         The database, for messages.
     """
     for row in rows:
-        if row_sum(table, row) == row[CHECK_SUM]:
+        if row[CHECK_SUM] in (UNSEALED, row_sum(table, row)):
             yield row
         else:
             _tell(_damaged_line(table, row, where))
+
+
+def sound_page(
+    table: sa.Table,
+    read: Callable[[int], Sequence[Mapping[str, Any]]],
+    limit: int | None,
+    where: str,
+) -> Rows:
+    """Return sound rows up to a limit, reading on behind damaged ones.
+
+    Parameters
+    ----------
+    table : Table
+        Their table.
+    read : callable
+        Returns the rows from an offset [1] on, `limit` at most.
+    limit : int or None
+        Rows wanted [1]; None = all that is read at once.
+    where : str
+        The database, for messages.
+    """
+    rows = read(0)
+    found, seen = list(sound_rows(table, rows, where)), len(rows)
+    while limit and len(rows) == limit and len(found) < limit:
+        rows = read(seen)
+        found, seen = [*found, *sound_rows(table, rows, where)], seen + len(rows)
+    return found[:limit]
 
 
 def verify(read: Callable[[], AbstractContextManager[Connection]], where: str) -> Verification:
@@ -123,7 +154,7 @@ def _verified(connection: Connection, where: str) -> Verification:
         result = connection.execution_options(yield_per=_PAGE).execute(sa.select(table))
         for row in result.mappings():
             found.rows += 1
-            if row_sum(table, dict(row)) != row[CHECK_SUM]:
+            if row[CHECK_SUM] not in (UNSEALED, row_sum(table, dict(row))):
                 found.damaged.append(_damaged_line(table, dict(row), where))
             elif row["valve_id"] not in known:
                 found.damaged.append(f"{_place(table, dict(row), where)}: its valve is not there")
@@ -145,13 +176,22 @@ def seal_all(connection: Connection) -> None:
         keys: dict[str, Any] = {c.name: sa.bindparam(f"key_{c.name}") for c in key}
         change = table.update().values({CHECK_SUM: sa.bindparam("new_sum")})
         change = change.where(*(c == keys[c.name] for c in key))
-        rows = [dict(r) for r in connection.execute(sa.select(table)).mappings()]
-        for at in range(0, len(rows), _PAGE):
+        last: tuple[Any, ...] | None = None
+        while True:
+            query = sa.select(table).order_by(*key).limit(_PAGE)
+            if last is not None:
+                query = query.where(sa.tuple_(*key) > sa.tuple_(*last))
+            rows = [dict(r) for r in connection.execute(query).mappings()]
+            if not rows:
+                break
+            last = tuple(rows[-1][c.name] for c in key)
             page = [
-                {"new_sum": row_sum(table, row), **{f"key_{c.name}": row[c.name] for c in key}}
-                for row in rows[at : at + _PAGE]
+                {"new_sum": max(row_sum(table, r), 0), **{f"key_{c.name}": r[c.name] for c in key}}
+                for r in rows
+                if r[CHECK_SUM] == UNSEALED
             ]
-            connection.execute(change, page)
+            if page:
+                connection.execute(change, page)
 
 
 def _damaged_line(table: sa.Table, row: Mapping[str, Any], where: str) -> str:

@@ -66,7 +66,7 @@ class Database:
         self.url = _parse_url(url)
         self.read_only = read_only
         self.file = Path(self.url.database or "") if self.is_sqlite else None
-        self.where = str(self.file) if self.file else self.url.render_as_string(hide_password=True)
+        self.where = str(self.file) if self.file else _shown(self.url)
         self._busy_timeout_s = busy_timeout_s
         self._identity: tuple[int, int] | None = None
         self._log = f"{self.file}-wal"
@@ -350,6 +350,11 @@ class Database:
             if not self._schema_is_current(connection):  # another process may have been faster
                 migrate(connection)
                 seal_all(connection)
+
+
+def _shown(url: sa.URL) -> str:
+    """Return a URL without its password, wherever it stands in it."""
+    return url.difference_update_query(("password", "passfile")).render_as_string()
 
 
 def migrate(connection: Connection, revision: str = "head") -> None:

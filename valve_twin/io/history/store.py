@@ -18,7 +18,7 @@ import sqlalchemy as sa
 
 from valve_twin.core.types import Cycle, Maintenance
 from valve_twin.io.errors import StoreError
-from valve_twin.io.history.check_sums import Verification, sealed, sound_rows, verify
+from valve_twin.io.history.check_sums import Rows, Verification, sealed, sound_page, verify
 from valve_twin.io.history.claim import make_claim, writers_file
 from valve_twin.io.history.database import Database
 from valve_twin.io.history.export import (
@@ -252,9 +252,8 @@ class History:
 
     def last_cycle(self, valve: str) -> int:
         """Return the highest number that is taken, also by a damaged row; 0 if there is none."""
-        query = _of_valve(CYCLE, valve).with_only_columns(sa.func.max(CYCLE.c.cycle))
-        with self._database.read() as connection:
-            return int(connection.scalar(query) or 0)
+        query = _of_valve(CYCLE, valve).with_only_columns(sa.func.max(CYCLE.c.cycle).label("last"))
+        return int(self._rows(query)[0]["last"] or 0)
 
     def last_record(self, valve: str) -> CycleRecord | None:
         """Return the stored cycle with the highest number, None if there is none."""
@@ -284,7 +283,7 @@ class History:
             .order_by(CYCLE.c.cycle)
             .limit(limit)
         )
-        return [from_row(CycleRecord, row) for row in self._sound(CYCLE, query)]
+        return [from_row(CycleRecord, row) for row in self._sound(CYCLE, query, limit)]
 
     def estimates(
         self,
@@ -316,7 +315,7 @@ class History:
         if used_by_trend is not None:
             query = query.where(ESTIMATE.c.used_by_trend == used_by_trend)
         query = query.order_by(ESTIMATE.c.cycle, ESTIMATE.c.position).limit(limit)
-        return [row_estimate(row) for row in self._sound(ESTIMATE, query)]
+        return [row_estimate(row) for row in self._sound(ESTIMATE, query, limit)]
 
     def recent_estimates(self, valve: str, cycles: int = 50) -> list[Estimate]:
         """Return all estimates of the last `cycles` cycles that have any, oldest first."""
@@ -381,9 +380,9 @@ class History:
         """Read all rows and compare their check sums; StoreError where nothing can be read."""
         return verify(self._database.read, self.where)
 
-    def _sound(self, table: sa.Table, query: sa.Select[Any]) -> list[Mapping[str, Any]]:
-        """Return the rows of a table whose check sums are right; the others are named."""
-        return list(sound_rows(table, self._rows(query), self.where))
+    def _sound(self, table: sa.Table, query: sa.Select[Any], limit: int | None = None) -> Rows:
+        """Return the rows whose check sums are right, so many if there are; others are named."""
+        return sound_page(table, lambda at: self._rows(query.offset(at)), limit, self.where)
 
     def _rows(self, query: sa.Select[Any]) -> Sequence[Mapping[str, Any]]:
         try:

@@ -161,10 +161,10 @@ class Parameters:
             if spec is None:
                 continue
             declared = self._node.has_parameter(parameter.name)
-            if spec.place and declared and not self[_REMOTE]:
+            if spec.local and declared and not self[_REMOTE]:
                 reason = (
-                    f"'{spec.name}' names a place on this machine: give it at the start of the "
-                    f"node, or start it with {_REMOTE}"
+                    f"'{spec.name}' takes effect at configure and is not changed from afar: give "
+                    f"it at the start of the node, or start it with {_REMOTE}"
                 )
                 return SetParametersResult(successful=False, reason=reason)
             if spec.read_only and not self._is_idle() and declared:

@@ -83,6 +83,8 @@ def _too_much(realisations: int, settings: Sequence[str]) -> str:
         return f"realisations = {realisations}: {MOST_REALISATIONS} at most"
     if len(settings) > MOST_SETTINGS or any(len(s) > MOST_OF_A_SETTING for s in settings):
         return f"settings: {MOST_SETTINGS} at most, of {MOST_OF_A_SETTING} characters"
+    if any(s.partition("=")[0].strip() == "period_s" for s in settings):
+        return "settings: period_s is that of the valve and is not set here"
     return ""
 
 

@@ -113,7 +113,6 @@ class TwinServices:
                 known = sorted({e.estimator for e in valve.history.recent_estimates(valve.name)})
                 if known and estimator not in known:
                     response.message = f"no estimator {estimator!r}: {suggest(estimator, known)}"
-                    return response
             page = found[:limit]
             response.estimates = [
                 convert.estimate_message(valve.name, e, units, stored=True) for e in page

@@ -213,7 +213,11 @@ def _aside(
     """Return valve and record with each constant moved by its standard deviation."""
     moved = []
     for name, sigma in zip(constants.names, constants.sigmas.tolist(), strict=True):
-        valve = known_valve(options, {name: getattr(options, name) * (1.0 + sigma)})
+        value = getattr(options, name)
+        try:
+            valve = known_valve(options, {name: value * (1.0 + sigma)})
+        except ValueError:  # it stands at its limit: as far the other way
+            valve = known_valve(options, {name: value * (1.0 - sigma)})
         moved.append((valve, _record(cycle, valve, known)))
     return moved
 

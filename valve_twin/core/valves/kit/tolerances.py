@@ -12,7 +12,7 @@ is a sum over the constants, so that each is told its share.
 from __future__ import annotations
 
 from dataclasses import dataclass, make_dataclass
-from math import sqrt
+from math import isfinite, sqrt
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -20,7 +20,7 @@ import numpy as np
 from valve_twin.core.estimation.data.robust import NORMAL_975
 from valve_twin.core.quantity import assumed, describe
 from valve_twin.core.types import ParameterValue
-from valve_twin.core.valves.kit.outcome import at_zero
+from valve_twin.core.valves.kit.outcome import at_zero, not_excited
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -171,6 +171,8 @@ class Doubt:
             return at_zero(name, value)
         squares = np.square(self.moved)
         whole = float(squares.sum() + self.method**2)
+        if not isfinite(whole):
+            return not_excited(name, "a constant moved by its tolerance gives no value")
         half = NORMAL_975 * sqrt(whole)
         line = _limit(squares / max(whole, _TINY), self.names)
         return ParameterValue(
