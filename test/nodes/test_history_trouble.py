@@ -74,8 +74,11 @@ class Plant:
         return self.graph.spin_until(newest, 120.0, f"an error '{text}' in the diagnostics")
 
     def figure(self, name: str) -> str:
-        status = [s for m in self.diagnostics for s in m.status if s.hardware_id == NS][-1]
-        return next(str(v.value) for v in status.values if v.key == name)
+        def told() -> list[DiagnosticStatus]:
+            return [s for m in self.diagnostics for s in m.status if s.hardware_id == NS]
+
+        found = self.graph.spin_until(told, 120.0, "diagnostics")[-1]
+        return next(str(v.value) for v in found.values if v.key == name)
 
 
 @pytest.fixture
