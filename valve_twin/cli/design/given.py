@@ -8,9 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import yaml
-
 from valve_twin.io.errors import ConfigError
+from valve_twin.io.limits import load_yaml
 
 if TYPE_CHECKING:
     import argparse
@@ -45,7 +44,7 @@ def read_given(arguments: argparse.Namespace) -> DoubleStroke | Section:
         if not equals:
             msg = f"--set {text}: write NAME=VALUE"
             raise ConfigError(msg)
-        changes[name] = yaml.safe_load(value)
+        changes[name] = load_yaml(value)
     with refusals():
         return read_design(Path(arguments.design) if arguments.design else None, changes)
 

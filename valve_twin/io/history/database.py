@@ -391,10 +391,9 @@ def _parse_url(text: str) -> URL:
         )
         raise StoreError(msg) from err
     if backend not in {"sqlite", "postgresql"}:
-        shown = url.render_as_string(hide_password=True)
         msg = (
-            f"history '{shown}': database '{backend}' is not supported: use sqlite:///file.db or"
-            " postgresql://..."
+            f"history '{_shown(url)}': database '{backend}' is not supported: use"
+            " sqlite:///file.db or postgresql://..."
         )
         raise StoreError(msg)
     if backend == "sqlite" and url.database in {None, "", ":memory:"}:
