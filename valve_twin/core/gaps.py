@@ -15,6 +15,9 @@ if TYPE_CHECKING:
 GAP_PERIODS = 1.5
 """A step between two stamps above this many periods is a gap: at least one sample is missing."""
 
+PAUSE_S, PAUSE_PERIODS = 1.0, 20.0
+"""A silence of at least both is a pause of the recording, not a loss of samples (assumed)."""
+
 PERIOD_TOLERANCE = 0.1
 """How far the median step of the stamps may be off the sampling time, relative (assumed)."""
 
@@ -119,3 +122,22 @@ def count_lost(stamp_ns: IntArray, period_s: float) -> int:
         return 0
     steps = np.diff(stamp_ns) / (period_s * 1e9)
     return int(np.rint(steps[steps > GAP_PERIODS] - 1.0).sum())
+
+
+def count_paused(stamp_ns: IntArray, period_s: float) -> int:
+    """Return how many of the samples that `count_lost` counts are missing in pauses.
+
+    A pause is a silence of at least `PAUSE_S` and `PAUSE_PERIODS`, as between two files.
+
+    Parameters
+    ----------
+    stamp_ns : (N,) int64 array
+        Stamps, increasing [ns].
+    period_s : float
+        Nominal sampling time [s].
+    """
+    least_ns = 1e9 * max(PAUSE_S, PAUSE_PERIODS * period_s)
+    if extreme_steps(stamp_ns)[1] < least_ns:
+        return 0
+    steps = np.diff(stamp_ns)
+    return int(np.rint(steps[steps >= least_ns] / (period_s * 1e9) - 1.0).sum())

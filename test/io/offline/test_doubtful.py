@@ -15,7 +15,7 @@ from valve_twin.io.offline.run import Record
 OK, REFUSED = EstimateStatus.ACCEPTED, EstimateStatus.REFUSED
 
 
-def record(states, *, lost=0, passed=True):
+def record(states, *, lost=0, paused=0, passed=True):
     """Return a record of cycles of 100 samples each, by the states of their estimates."""
     estimates = [
         Estimate(
@@ -33,7 +33,7 @@ def record(states, *, lost=0, passed=True):
         for k, state in enumerate(states, 1)
     ]
     cycles: Any = [SimpleNamespace(samples=100, lost=lost) for _ in states]
-    return Record(cycles=cycles, estimates=estimates)
+    return Record(cycles=cycles, estimates=estimates, paused=paused)
 
 
 NONE, UNUSABLE = VerdictKind.NOT_ENOUGH_DATA, VerdictKind.RECORDING_UNUSABLE
@@ -49,6 +49,10 @@ def said(kind=NONE):
         (record([OK] * 6), "6 cycles"),
         (record([OK] * 4 + [REFUSED] * 2), "6 cycles, 2 refused"),
         (record([OK] * 2, lost=25), "2 cycles, 50 of 250 samples lost"),
+        (
+            record([OK] * 2, lost=25, paused=48),
+            "2 cycles, 2 of 202 samples lost, 48 more in pauses",
+        ),
     ],
 )
 def test_the_summary_counts_what_was_refused_and_lost(found, text):
@@ -65,6 +69,8 @@ def test_the_summary_counts_what_was_refused_and_lost(found, text):
         (record([OK] * 6, passed=False), NONE, True),
         (record([OK] * 6, lost=5), NONE, False),
         (record([OK] * 6, lost=6), NONE, True),
+        (record([OK] * 6, lost=50, paused=300), NONE, False),
+        (record([OK] * 6, lost=50, paused=250), NONE, True),
     ],
 )
 def test_a_record_is_doubtful_for_four_reasons(found, kind, doubtful):

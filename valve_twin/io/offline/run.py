@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from valve_twin.core.aging import Assessment, assess
 from valve_twin.core.estimation.cycle.sequence import estimate_cycle
+from valve_twin.core.gaps import count_paused
 from valve_twin.core.prediction import fit_percent
 from valve_twin.core.twin import Estimated, Event
 from valve_twin.core.types import Cycle, Estimate, EstimateStatus, Prediction, join_blocks
@@ -50,6 +51,8 @@ class Record:
         What happened to the samples, by signal.
     last : Cycle or None
         The last cycle that was handed to estimation, with its samples.
+    paused : int
+        How many of the samples that the cycles lack are missing in pauses of the recording.
     """
 
     cycles: list[CycleRecord] = field(default_factory=list)
@@ -58,6 +61,7 @@ class Record:
     trivial_fits: dict[int, float] = field(default_factory=dict)
     counts: dict[str, SignalCounts] = field(default_factory=dict)
     last: Cycle | None = None
+    paused: int = 0
     _running: dict[int, list[Prediction]] = field(default_factory=dict)
 
     def add(self, event: Event) -> None:
@@ -67,6 +71,7 @@ class Record:
                 self._running.setdefault(event.cycle, []).append(event)
         elif isinstance(event, Cycle):
             self.cycles.append(cycle_record(event))
+            self.paused += count_paused(event.frames.stamp_ns, event.period_s) if event.lost else 0
         elif isinstance(event, Estimated):
             self.estimates += event.estimates
             self.last = event.cycle

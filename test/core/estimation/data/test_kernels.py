@@ -18,7 +18,7 @@ from valve_twin.core.estimation.data.kernels import (
     rest_bends,
 )
 from valve_twin.core.estimation.data.masks import held_recently
-from valve_twin.core.gaps import count_lost, extreme_steps, find_gaps
+from valve_twin.core.gaps import count_lost, count_paused, extreme_steps, find_gaps
 
 SEEDS = st.integers(0, 10**6)
 
@@ -163,4 +163,14 @@ def test_gaps_and_steps_of_stamps(seed, n):
     assert extreme_steps(stamps) == ((step.min(), step.max()) if n > 1 else (0, 0))
     rising = np.cumsum(np.abs(steps) + 1_000_000).astype(np.int64)
     missing = np.diff(rising) / 30e6
+    assert count_paused(rising, 0.03) == 0
     assert count_lost(rising, 0.03) == int(np.rint(missing[missing > 1.5] - 1.0).sum())
+
+
+def test_a_pause_is_not_a_loss():
+    """99 samples missing for a second at 10 ms are one; 19 periods of 1 s are a loss."""
+    stamps = np.cumsum([0, 1, 1, 5, 1, 100, 1, 99, 1]) * 10_000_000
+    assert count_lost(stamps, 0.01) == 4 + 99 + 98
+    assert count_paused(stamps, 0.01) == 99
+    slow = np.cumsum([0, 1, 19, 1, 20, 1]) * 1_000_000_000
+    assert (count_lost(slow, 1.0), count_paused(slow, 1.0)) == (18 + 19, 19)
