@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from valve_twin.core.aging import VerdictKind
+from valve_twin.core.aging.verdict import Outlook, outlook
 from valve_twin.core.faults.advice import FAILURE_MODES, advise
 from valve_twin.core.types import EstimateStatus, ParameterStatus
 from valve_twin.io.errors import ValveTwinError
@@ -173,11 +174,12 @@ def _facts(data: ReportData) -> list[tuple[str, str, str]]:
     samples = sum(c.samples for c in data.cycles) + lost
     rate = f"{fixed(100.0 * lost / samples, 2)} % of all" if samples else ""
     facts.append(("Samples lost", count(lost), rate))
-    moving = [t for t, _ in _trends(data).values() if math.isfinite(t.remaining_median)]
+    moving = [t for t, _ in _trends(data).values() if outlook(t).says_when]
     if moving:
         first = min(moving, key=lambda t: t.remaining_median)
         left = max(round(first.remaining_median), 0)
-        text = f"in {count(left)} {first.axis}" if left else "reached"
+        reached = outlook(first) is Outlook.REACHED
+        text = "reached" if reached else f"in {count(left)} {first.axis}"
         facts.append(("First service limit", text, f"{first.parameter}, median"))
     return facts
 

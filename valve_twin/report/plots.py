@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.aging import TrendStatus
+from valve_twin.core.aging.verdict import Outlook, outlook
 from valve_twin.core.types import ParameterStatus, Validity
 from valve_twin.report.svg import Panel, drawing, round_ticks, thin
 from valve_twin.report.text import MINUS, number
@@ -199,7 +200,7 @@ def _look_ahead(marks: Marks, length: float) -> float:
     trend, detail = marks.trend, marks.detail
     if trend is None or detail is None or detail.laws is None or not has_line(trend):
         return 0.0
-    if trend.status is not TrendStatus.DRIFTING or not math.isfinite(trend.remaining_median):
+    if trend.status is not TrendStatus.DRIFTING or outlook(trend) is not Outlook.FORECAST:
         return 0.0
     return min(1.1 * trend.remaining_median, _FAR * length)
 

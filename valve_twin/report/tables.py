@@ -12,6 +12,7 @@ import numpy as np
 from markupsafe import Markup
 
 from valve_twin.core.aging import TrendStatus
+from valve_twin.core.aging.verdict import SOON, Outlook, outlook
 from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.types import EstimateStatus, ParameterStatus
 from valve_twin.report.text import (
@@ -90,22 +91,17 @@ def _life_row(t: Trend) -> list[str]:
 
 
 def _remaining(t: Trend) -> str:
-    if t.status is TrendStatus.NOT_ENOUGH_DATA:
-        return "not enough data"
-    if not math.isfinite(t.threshold):
-        return "no limit set"
-    if t.remaining_high <= 0.0:
-        return "reached"
-    if not math.isfinite(t.remaining_median):
-        known = math.isfinite(t.remaining_low)
-        what = f"no forecast: it bends ({t.law})" if t.bends else "no end in sight"
-        return noted(what, f"at least {_cycles(t.remaining_low)}" if known else "")
-    upper = "unbounded" if t.unbounded else _cycles(t.remaining_high)
-    notes = [f"{_cycles(t.remaining_low)} … {upper}"]
-    notes += [f"bends ({t.law})"] * t.bends
-    if math.isfinite(t.next_stop_probability):
-        notes.append(f"{100.0 * t.next_stop_probability:.0f} % before the next stop")
-    return noted(_cycles(t.remaining_median), ", ".join(notes))
+    said = outlook(t)
+    law = f" ({t.law})" if t.bends else ""
+    if said is Outlook.FORECAST:
+        notes = [f"{_cycles(t.remaining_low)} … {_cycles(t.remaining_high)}"]
+        notes += [f"bends{law}"] if law else []
+        if math.isfinite(t.next_stop_probability):
+            notes.append(f"{100.0 * t.next_stop_probability:.0f} % before the next stop")
+        return noted(_cycles(t.remaining_median), ", ".join(notes))
+    known = said in (Outlook.OPEN, Outlook.BENDS) and SOON <= t.remaining_low < math.inf
+    least = f"at least {_cycles(t.remaining_low)}" if known else ""
+    return noted(said.value + (law if said is Outlook.BENDS else ""), least)
 
 
 def _cycles(x: float) -> str:
@@ -115,7 +111,7 @@ def _cycles(x: float) -> str:
 
 
 def _service_date(t: Trend) -> str:
-    if t.remaining_high <= 0.0:
+    if outlook(t) is Outlook.REACHED:
         return "due"
     if not t.service_date_known:
         return NONE

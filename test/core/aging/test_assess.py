@@ -441,7 +441,7 @@ def test_no_service_date_without_a_bounded_life(history, scatter):
     result = judge(history(K_in=aging(scatter, loss=0.0)))
     t = result.trends[0]
     assert t.unbounded
-    assert f"not in sight, not before {t.remaining_low:.0f} cycles" in result.verdict.evidence
+    assert f"no forecast yet, not before {t.remaining_low:.0f} cycles" in result.verdict.evidence
     assert not t.service_date_known
     assert t.service_date_ns == t.service_date_early_ns == 0
 

@@ -39,7 +39,14 @@ from valve_twin.core.aging.trend import (
     pooled_autocorrelation,
     residuals,
 )
-from valve_twin.core.aging.verdict import Trend, TrendStatus, Verdict, decide, describe_remaining
+from valve_twin.core.aging.verdict import (
+    Trend,
+    TrendStatus,
+    Verdict,
+    concern,
+    decide,
+    describe_remaining,
+)
 from valve_twin.core.aging.wave import find_waves
 from valve_twin.core.diagnosis.checks import failed_checks
 from valve_twin.core.diagnosis.detection import NOTHING, Diagnosis
@@ -300,13 +307,24 @@ def _judge(
     if not _is_sure(trend, limit, begun=begun):
         trend = _without_forecast(trend)
     trend = replace(trend, share_lost=share_lost(trend, pieces, series, lines, config))
+    drifting = line.p_value < config.significance
+    trend = replace(trend, status=TrendStatus.DRIFTING if drifting else TrendStatus.STEADY)
     if limit.beyond:
-        status = TrendStatus.BEYOND_THRESHOLD
-    else:
-        drifting = line.p_value < config.significance
-        status = TrendStatus.DRIFTING if drifting else TrendStatus.STEADY
-    trend = replace(trend, status=status)
+        trend = _beyond(trend)
+    elif trend.remaining_median <= config.horizon and not concern(trend, config):
+        trend = _without_forecast(trend)  # so near, it is told beyond doubt or not at all
     return replace(trend, reason=_reason(trend)), present.fit
+
+
+def _beyond(trend: Trend) -> Trend:
+    """Say of a level past its threshold that it is beyond it, unless it may not have moved.
+
+    Where the reference itself, within its doubt, is past the threshold, that tells nothing.
+    """
+    low, high = trend.drift_reference_lower_95, trend.drift_reference_upper_95
+    if low <= 0.0 <= high and not trend.share_lost > 0.0:
+        return replace(_without_forecast(trend), remaining_low=0.0, remaining_median=float("inf"))
+    return replace(trend, status=TrendStatus.BEYOND_THRESHOLD)
 
 
 def _with_laws(trend: Trend, fit: LawFit) -> Trend:

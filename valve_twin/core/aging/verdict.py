@@ -31,7 +31,7 @@ A significant but small drift is reported in the trend and does not raise the ve
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum
+from enum import Enum, IntEnum
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -54,6 +54,24 @@ class TrendStatus(IntEnum):
     STEADY = 1
     DRIFTING = 2
     BEYOND_THRESHOLD = 3
+
+
+class Outlook(Enum):
+    """What a trend says about its limit: every face says this, and no other, in its own words."""
+
+    UNKNOWN = "not enough data"
+    NO_LIMIT = "no threshold set"
+    REACHED = "beyond its threshold"
+    FORECAST = "so many cycles left"
+    BENDS = "no forecast: the trend bends"
+    IN_DOUBT = "no forecast: the threshold is within the doubt"
+    OPEN = "no forecast yet"
+    FAR = "threshold not in sight"
+
+    @property
+    def says_when(self) -> bool:
+        """Whether there is a number of cycles or hours to show: of a forecast, or none left."""
+        return self in (Outlook.REACHED, Outlook.FORECAST)
 
 
 class VerdictKind(IntEnum):
@@ -165,6 +183,9 @@ def way_to_threshold(trend: Trend) -> float:
     return float(min(ends, default=np.nan))
 
 
+SOON = 1.0
+"""Remaining cycles or hours below which "not before" says nothing [axis unit]."""
+
 _OWN_ONLY = "compared with its own first {} cycles only"
 
 
@@ -240,7 +261,7 @@ def decide(
         kind, evidence, named = VerdictKind.VALVE, describe(worst[2]), worst[2].parameter
     elif doubt and not _all_commissioned(judged):
         kind, evidence = VerdictKind.NO_REFERENCE, doubt
-    elif beyond := [t for t in judged if _perhaps_beyond(t)]:
+    elif beyond := [t for t in judged if t.status is TrendStatus.BEYOND_THRESHOLD]:
         kind = VerdictKind.NOT_ENOUGH_DATA
         evidence = f"perhaps beyond a limit: {describe(max(beyond, key=_share))}"
     else:
@@ -250,12 +271,6 @@ def decide(
             evidence += f"; {_OWN_ONLY.format(config.reference_cycles)}"
     evidence += f"; {failed}" if failed else ""
     return Verdict(stamp_ns, valve, kind, kind.text, evidence, cycle, named)
-
-
-def _perhaps_beyond(trend: Trend) -> bool:
-    """Return whether a level has moved beyond its threshold, with 95 % confidence at most."""
-    moved = trend.drift_reference_lower_95 * trend.drift_reference_upper_95 > 0.0
-    return trend.status is TrendStatus.BEYOND_THRESHOLD and moved
 
 
 def _all_commissioned(trends: Sequence[Trend]) -> bool:
@@ -286,21 +301,38 @@ def describe(trend: Trend) -> str:
     return f"{trend.parameter} {drift}{before}, {describe_remaining(trend)}"
 
 
+def outlook(trend: Trend) -> Outlook:
+    """Return what a trend says about its limit."""
+    if trend.status is TrendStatus.NOT_ENOUGH_DATA:
+        return Outlook.UNKNOWN
+    if not np.isfinite(trend.threshold):
+        return Outlook.NO_LIMIT
+    if trend.status is TrendStatus.BEYOND_THRESHOLD:
+        return Outlook.REACHED
+    if not trend.unbounded:
+        return Outlook.FORECAST
+    if trend.bends:
+        return Outlook.BENDS
+    if trend.remaining_low < SOON:
+        return Outlook.IN_DOUBT
+    return Outlook.OPEN if np.isfinite(trend.remaining_low) else Outlook.FAR
+
+
 def describe_remaining(trend: Trend) -> str:
     """Return what remains to the threshold in words."""
     unit = "hours" if trend.axis == "hours" else "cycles"
-    if not np.isfinite(trend.threshold):
-        return "no threshold set"
-    if trend.status is TrendStatus.BEYOND_THRESHOLD:
-        return f"beyond its threshold of {trend.threshold:.4g}"
-    bent = f", the trend bends ({trend.law})" if trend.bends else ""
-    if trend.unbounded:
-        known = np.isfinite(trend.remaining_low)
-        least = f", not before {_count(trend.remaining_low)} {unit}" if known else ""
-        what = f"no forecast: the trend bends ({trend.law})" if bent else "threshold not in sight"
-        return f"{what}{least}"
-    low, high = _count(trend.remaining_low), _count(trend.remaining_high)
-    return f"{_count(trend.remaining_median)} {unit} left ({low} .. {high}){bent}"
+    said = outlook(trend)
+    if said is Outlook.REACHED:
+        return f"{said.value} of {trend.threshold:.4g}"
+    law = f" ({trend.law})" if trend.bends else ""
+    if said is Outlook.FORECAST:
+        low, high = _count(trend.remaining_low), _count(trend.remaining_high)
+        bent = f", the trend bends{law}" if law else ""
+        return f"{_count(trend.remaining_median)} {unit} left ({low} .. {high}){bent}"
+    least = ""
+    if said in (Outlook.OPEN, Outlook.BENDS) and SOON <= trend.remaining_low < np.inf:
+        least = f", not before {_count(trend.remaining_low)} {unit}"
+    return f"{said.value}{law if said is Outlook.BENDS else ''}{least}"
 
 
 def _count(number: float) -> str:

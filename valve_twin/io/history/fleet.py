@@ -17,7 +17,7 @@ import numpy as np
 
 from valve_twin.core.aging import Assessment, assess
 from valve_twin.core.aging.config import AgingConfig
-from valve_twin.core.aging.verdict import VerdictKind, concern, way_to_threshold
+from valve_twin.core.aging.verdict import VerdictKind, concern, outlook, way_to_threshold
 from valve_twin.core.faults.advice import advise
 from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.core.types import EstimateStatus
@@ -247,7 +247,7 @@ def _with_trend(row: FleetRow, trend: Trend, config: AgingConfig) -> FleetRow:
         drift_lower_95=trend.drift_reference_lower_95,
         drift_upper_95=trend.drift_reference_upper_95,
         way=way_to_threshold(trend),
-        remaining=trend.remaining_median,
+        remaining=trend.remaining_median if outlook(trend).says_when else math.inf,
         axis=trend.axis,
         service_date_ns=trend.service_date_ns if trend.service_date_known else 0,
     )

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What is said about one valve at one time does not contradict itself, whatever its history."""
+
+import math
+
+import numpy as np
+import pytest
+
+from valve_twin.core.aging import AgingConfig, Threshold, TrendStatus, VerdictKind, assess
+from valve_twin.core.aging.verdict import Outlook, concern, outlook
+from valve_twin.core.faults.advice import NONE, NOW, advise
+from valve_twin.core.faults.ne107 import Ne107
+from valve_twin.core.types import Parameter
+
+PARAMETERS = [Parameter("K_in", "1", "gain", trend=True)]
+
+
+def random_history(seed, history, scatter):
+    """Return a history and a configuration: any law, scatter, limit; most are no valve's."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(10, 150))
+    x, change = np.arange(n) / n, rng.uniform(-0.3, 0.3)
+    law = [0.0 * x, x, x**3, x > rng.uniform(0.1, 0.9)][int(rng.integers(4))]
+    noise = 10.0 ** rng.uniform(-3.5, -1.2) * scatter(seed, n, rng.uniform(0.0, 0.8))
+    relative = Threshold("K_in", float(rng.choice([-20.0, -5.0, -1.0, 5.0, 10.0])))
+    itself = Threshold("K_in", float(rng.uniform(0.8, 1.2)), relative=False)
+    limits = [(), (relative,), (itself,)][int(rng.integers(3))]
+    return history(K_in=1.0 + change * law + noise), AgingConfig(thresholds=limits)
+
+
+@pytest.fixture(scope="module")
+def told(history, scatter):
+    """Return configuration, trend, verdict of 300 random histories."""
+    found = []
+    for seed in range(50_000, 50_300):
+        estimates, config = random_history(seed, history, scatter)
+        result = assess(estimates, (), config, parameters=PARAMETERS)
+        found.append((config, result.trends[0], result.verdict))
+    return found
+
+
+def test_every_word_and_every_outlook_occurs(told):
+    """Else the properties below would hold of nothing."""
+    kinds = [verdict.kind for _, _, verdict in told]
+    assert min(map(kinds.count, (VerdictKind.OK, VerdictKind.VALVE))) > 50
+    assert kinds.count(VerdictKind.NOT_ENOUGH_DATA) > 5
+    seen = [outlook(trend) for _, trend, _ in told]
+    assert set(seen) == set(Outlook)
+
+
+def test_ok_names_no_limit_that_is_reached_or_near(told):
+    for config, trend, verdict in told:
+        if verdict.kind is not VerdictKind.OK:
+            continue
+        assert trend.status is not TrendStatus.BEYOND_THRESHOLD
+        assert not concern(trend, config)
+        assert "beyond its" not in verdict.evidence
+        if outlook(trend).says_when:
+            assert trend.remaining_median > config.horizon
+        assert not trend.service_date_known or trend.remaining_median > config.horizon
+
+
+def test_nothing_is_said_to_last_for_no_time(told):
+    for _, trend, verdict in told:
+        assert "not before 0" not in verdict.evidence
+        said = outlook(trend)
+        if said is Outlook.REACHED:
+            assert trend.remaining_median == 0.0
+        elif said is Outlook.FORECAST:
+            assert 0.0 <= trend.remaining_low <= trend.remaining_median <= trend.remaining_high
+            assert math.isfinite(trend.remaining_high)
+        else:
+            assert not trend.service_date_known
+
+
+def test_a_limit_is_reached_where_the_status_says_so_and_nowhere_else(told):
+    for _, trend, verdict in told:
+        reached = trend.status is TrendStatus.BEYOND_THRESHOLD
+        assert reached == (outlook(trend) is Outlook.REACHED)
+        assert reached or "beyond its threshold" not in f"{trend.reason} {verdict.evidence}"
+
+
+def test_advice_follows_the_verdict(told):
+    """Good and nothing to do where all is well; now where a limit is passed beyond doubt."""
+    for config, trend, verdict in told:
+        advice = advise(verdict, [trend])
+        well = verdict.kind is VerdictKind.OK
+        assert well == (advice.ne107 is Ne107.GOOD) == (not advice.action)
+        if well:
+            assert advice.urgency == NONE
+        if verdict.kind is VerdictKind.VALVE:
+            assert (advice.urgency == NOW) == (concern(trend, config) == 3)
