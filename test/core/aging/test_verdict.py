@@ -21,7 +21,7 @@ def random_history(seed, history, scatter):
     rng = np.random.default_rng(seed)
     n = int(rng.integers(10, 150))
     x, change = np.arange(n) / n, rng.uniform(-0.3, 0.3)
-    law = [0.0 * x, x, x**3, x > rng.uniform(0.1, 0.9)][int(rng.integers(4))]
+    law = np.stack([0.0 * x, x, x**3, x > rng.uniform(0.1, 0.9)])[int(rng.integers(4))]
     noise = 10.0 ** rng.uniform(-3.5, -1.2) * scatter(seed, n, rng.uniform(0.0, 0.8))
     relative = Threshold("K_in", float(rng.choice([-20.0, -5.0, -1.0, 5.0, 10.0])))
     itself = Threshold("K_in", float(rng.uniform(0.8, 1.2)), relative=False)
