@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -194,6 +195,20 @@ def test_a_cycle_cut_off_by_the_end_of_the_record_is_refused():
         assert last.number == 3
         assert last.accepted is accepted
     assert "cut off: 140 samples of the usual 300" in last.reason
+
+
+@pytest.mark.parametrize(
+    ("end", "accepted"), [(1.0, True), (1.04, True), (1.1, False), (float("nan"), False)]
+)
+def test_a_short_last_stroke_that_came_back_is_whole(end, accepted):
+    """200 samples beside cycles of 300: at rest where it began, within 5 % of the stroke."""
+    frames = press_frames(3)
+    stroke = np.sin(np.pi * np.arange(180) / 180.0)
+    position = np.concatenate([np.zeros(620), stroke, np.full(100, end - 1.0)])
+    segmenter, _ = run(PRESS, replace(frames, position=position)[:860])
+    (last,) = segmenter.close(Closing.END)
+    assert len(last.frames) == 240
+    assert last.accepted is accepted
 
 
 def test_a_wrong_sampling_time_is_named_not_estimated():

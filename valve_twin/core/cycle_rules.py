@@ -14,7 +14,7 @@ from numba import njit
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from valve_twin.core.types import ByteArray, FloatArray, IntArray
+    from valve_twin.core.types import ByteArray, FloatArray, Frames, IntArray
 
 STAY, OPEN, CLOSE = 0, 1, 2
 START, ACTIVE, LAST = 0, 1, 2
@@ -22,6 +22,10 @@ ARMED, WAS_HIGH, RUNNING, SEEN = 0, 1, 2, 3
 
 OVERDUE = 3.0
 """Usual lengths after which a cycle is overdue in which nothing answers the command (assumed)."""
+
+BACK, REST = 0.05, 0.1
+"""How near to its begin, of the stroke, and for which share of the samples a whole cycle rests
+(assumed)."""
 
 _LEAST_USUAL = 3  # closed cycles that say what is usual
 
@@ -57,6 +61,26 @@ class RuleState:
         """Return new arrays for the kernels: times and key, flags."""
         values = astuple(self)
         return np.array(values[:3], dtype=np.int64), np.array(values[3:], dtype=np.uint8)
+
+
+def has_returned(frames: Frames) -> bool:
+    """Return whether the position stands again where the cycle began, and all signals rest.
+
+    They do where in the last `REST` of the samples no command changes and no position is farther
+    than `BACK` of the stroke from the first: a stroke forth and back is whole, though cycles
+    beside it may be longer. The command of the first sample is that which opened the cycle.
+
+    Parameters
+    ----------
+    frames : Frames
+        Samples of a cycle, N >= 1.
+    """
+    rest = max(1, round(REST * len(frames)))
+    commands, position = frames.inputs[-rest:], frames.position
+    away = np.abs(position[-rest:] - position[0]).max()
+    stroke = position.max() - position.min()
+    rests = bool((commands == commands[0]).all())
+    return rests and bool(stroke > 0.0 and away <= BACK * stroke)
 
 
 def column_of(name: str, inputs: tuple[str, ...], key: str) -> int:

@@ -26,6 +26,7 @@ from valve_twin.core.cycle_rules import (
     WAS_HIGH,
     RuleState,
     column_of,
+    has_returned,
     mark_changes,
     mark_commands,
     mark_reference,
@@ -34,14 +35,7 @@ from valve_twin.core.cycle_rules import (
 from valve_twin.core.gaps import PERIOD_TOLERANCE, count_lost, extreme_steps, gap_ns
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.state import Part, SegmenterState
-from valve_twin.core.types import (
-    ByteArray,
-    Cycle,
-    CycleRule,
-    Frames,
-    IntArray,
-    join_frames,
-)
+from valve_twin.core.types import ByteArray, Cycle, CycleRule, Frames, IntArray, join_frames
 
 if TYPE_CHECKING:
     from valve_twin.core.cycle_config import CycleConfig
@@ -392,9 +386,7 @@ class Segmenter:
         frames = join_frames([*self._parts, *self._loose])
         lost = count_lost(frames.stamp_ns, self._period_s)
         problem = (
-            self._too_short(len(frames), why)
-            or self._off_period(frames.stamp_ns)
-            or self._cut_late()
+            self._too_short(frames, why) or self._off_period(frames.stamp_ns) or self._cut_late()
         )
         cycle = Cycle(
             number=self._number,
@@ -436,13 +428,14 @@ class Segmenter:
         )
         return Refusal(RefusalCode.LATE, text)
 
-    def _too_short(self, samples: int, why: Closing) -> Refusal | None:
-        """Say why a cycle of that many samples cannot be estimated, None if it can."""
+    def _too_short(self, frames: Frames, why: Closing) -> Refusal | None:
+        """Say why a cycle of so few samples cannot be estimated, None if it can."""
+        samples = len(frames)
         usual = float(median(self._lengths)) if self._lengths else 0.0
         if why is not Closing.END:
             self._lengths.append(samples)
             set_overdue(self._limits_ns, self._lengths, self._period_s)
-        elif samples < USUAL_SHARE * usual:
+        elif samples < USUAL_SHARE * usual and not has_returned(frames):
             text = f"cut off: {samples} samples of the usual {usual:.0f}"
             return Refusal(RefusalCode.CYCLE_TOO_SHORT, text)
         if samples >= MIN_SAMPLES:
