@@ -209,3 +209,23 @@ def test_wrong_arguments_get_one_line(tmp_path, capsys, server, path):
     said = capsys.readouterr().err
     assert f"cannot listen at 127.0.0.1:{taken}" in said
     assert said.count("\n") == 1
+
+
+def test_a_damaged_name_spoils_no_other_valve(tmp_path):
+    path = tmp_path / "history.sqlite"
+    store(path, "/sound", range(1, 21), 0.0)
+    store(path, "/other", range(1, 3), 0.0)
+    with sqlite3.connect(path) as raw:
+        raw.execute("UPDATE valve SET name = CAST(x'2ff0ff' AS TEXT) WHERE name = '/other'")
+    server = Server(path)
+    try:
+        status, text, _ = server.get("/api/valves")
+        rows = {row["valve"]: row for row in json.loads(text)["valves"]}
+        assert (status, set(rows)) == (200, {"/sound", "/\\xf0\\xff"})
+        assert rows["/sound"]["verdict"] != ""
+        assert rows["/\\xf0\\xff"]["evidence"].startswith("its name is damaged")
+        for page in ("/", "/metrics", "/health"):
+            assert server.get(page)[0] == 200
+        assert server.get("/valve/sound")[0] == 200
+    finally:
+        assert server.end() == 0

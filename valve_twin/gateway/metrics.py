@@ -13,40 +13,68 @@ from valve_twin.core.faults.ne107 import Ne107
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from valve_twin.core.aging.verdict import Trend
     from valve_twin.gateway.plant import View
     from valve_twin.io.history.fleet import FleetRow
 
 TYPE = "text/plain; version=0.0.4; charset=utf-8"
 
-_NUMBERS: tuple[tuple[str, str, Callable[[FleetRow], float]], ...] = (
-    ("valve_twin_cycle", "Last stored cycle [1].", lambda r: r.cycle),
+_NUMBERS: tuple[tuple[str, str, tuple[str, ...], Callable[[FleetRow], float]], ...] = (
+    ("valve_twin_cycle", "Last stored cycle [1].", (), lambda r: r.cycle),
     (
         "valve_twin_end_seconds",
         "Last stamp of it on the data's clock [s].",
+        (),
         lambda r: r.end_ns * 1e-9,
     ),
-    ("valve_twin_drift_percent", "Change of the worst parameter [%].", lambda r: r.drift),
+    (
+        "valve_twin_drift_percent",
+        "Change of the worst parameter [%].",
+        ("parameter",),
+        lambda r: r.drift,
+    ),
     (
         "valve_twin_way_ratio",
         "Share of the way to its limit that is surely covered [1].",
+        ("parameter",),
         lambda r: r.way,
     ),
     (
         "valve_twin_remaining",
         "Remaining life, median [unit of the label axis].",
+        ("parameter", "axis"),
         lambda r: r.remaining,
     ),
     (
         "valve_twin_residual",
         "One-step residual of the newest cycles, RMS [1].",
+        (),
         lambda r: r.residual,
     ),
     (
         "valve_twin_confidence_ratio",
         "Share of the newest estimates that are trusted [1].",
+        (),
         lambda r: r.confidence,
     ),
 )
+"""Name, text, labels beside the valve and value: one number a valve."""
+
+_OF_PARAMETERS: tuple[tuple[str, str, Callable[[Trend], float]], ...] = (
+    ("valve_twin_parameter", "Level of a parameter [unit].", lambda t: t.level),
+    (
+        "valve_twin_parameter_lower_95",
+        "Lower end of its 95 % interval [unit].",
+        lambda t: t.mean_lower_95,
+    ),
+    (
+        "valve_twin_parameter_upper_95",
+        "Upper end of its 95 % interval [unit].",
+        lambda t: t.mean_upper_95,
+    ),
+    ("valve_twin_parameter_limit", "Its service limit [unit].", lambda t: t.threshold),
+)
+"""Name, text and value: one number a followed parameter."""
 
 
 def exposition(view: View) -> bytes:
@@ -76,10 +104,17 @@ def exposition(view: View) -> bytes:
             states.labels(row.valve, state.value).set(row.ne107 == state.value)
         for kind in VerdictKind:
             verdicts.labels(row.valve, kind.text).set(row.verdict is kind)
-    for name, text, value in _NUMBERS:
-        gauge = Gauge(name, text, ["valve", "parameter", "axis"], registry=registry)
+    for name, text, labels, value in _NUMBERS:
+        gauge = Gauge(name, text, ["valve", *labels], registry=registry)
         for row in view.rows:
             if not math.isnan(value(row)):
-                gauge.labels(row.valve, row.parameter, row.axis).set(value(row))
+                of_row = (str(getattr(row, label)) for label in labels)
+                gauge.labels(row.valve, *of_row).set(value(row))
+    for name, text, number in _OF_PARAMETERS:
+        gauge = Gauge(name, text, ["valve", "parameter", "unit"], registry=registry)
+        for valve, trends in view.trends.items():
+            for trend in trends:
+                if math.isfinite(number(trend)):
+                    gauge.labels(valve, trend.parameter, trend.unit).set(number(trend))
     found: bytes = generate_latest(registry)
     return found

@@ -16,6 +16,8 @@ from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.report.text import day, render, when
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from valve_twin.gateway.plant import View
     from valve_twin.io.history.fleet import FleetRow
 
@@ -100,11 +102,44 @@ def message_page(title: str, text: str) -> str:
     return _templates().get_template("message.html").render(title=title, text=text)
 
 
-def plain_row(row: FleetRow) -> dict[str, object]:
-    """Return a row as plain data: a number that is not known or unbounded is null."""
-    found: dict[str, object] = asdict(row)
-    found["verdict"] = row.verdict.text
+def plain_valve(view: View, row: FleetRow) -> dict[str, object]:
+    """Return a valve as plain data: a number that is not known or unbounded is null.
+
+    Parameters
+    ----------
+    view : View
+        What the history holds.
+    row : FleetRow
+        The valve's row in it.
+    """
+    trends = view.trends.get(row.valve, ())
+    parameters = [{key: getattr(t, name) for key, name in _OF_TREND.items()} for t in trends]
+    found: dict[str, object] = {**asdict(row), "verdict": row.verdict.text}
+    return {**_known(found), "parameters": [_known(p) for p in parameters]}
+
+
+_OF_TREND = {
+    "parameter": "parameter",
+    "unit": "unit",
+    "level": "level",
+    "lower_95": "mean_lower_95",
+    "upper_95": "mean_upper_95",
+    "reference": "reference",
+    "threshold": "threshold",
+    "drift": "drift_reference",
+    "drift_lower_95": "drift_reference_lower_95",
+    "drift_upper_95": "drift_reference_upper_95",
+    "remaining_low": "remaining_low",
+    "remaining": "remaining_median",
+    "remaining_high": "remaining_high",
+    "axis": "axis",
+    "reason": "reason",
+}
+"""Keys of a parameter in JSON by the fields of its trend."""
+
+
+def _known(values: Mapping[str, object]) -> dict[str, object]:
     return {
         name: None if isinstance(v, float) and not math.isfinite(v) else v
-        for name, v in found.items()
+        for name, v in values.items()
     }

@@ -6,23 +6,37 @@ from __future__ import annotations
 
 import threading
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from valve_twin.core.aging.config import AgingConfig
-from valve_twin.io.errors import ValveTwinError
-from valve_twin.io.history.fleet import FleetOrder, FleetRow, describe_valve, ranked
-from valve_twin.io.history.store import History
+from valve_twin.io.errors import StoreError, ValveTwinError
+from valve_twin.io.history.fleet import (
+    FleetOrder,
+    FleetRow,
+    ValveState,
+    describe_valve,
+    ranked,
+)
+from valve_twin.io.history.store import DamagedValueError, History
 from valve_twin.report.build import history_data
 from valve_twin.report.page import render_report
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from valve_twin.core.aging.verdict import Trend
+    from valve_twin.io.history.marks import Mark
+
 REFRESH_S = 2.0
 """The history is asked at most so often, however many look [s]."""
 
-_Key = tuple[object, ...]
+REST = 4.0
+"""Between two readings lies so many times what the last one took [1]: reading takes a fifth of a
+core at most, also where a large file cannot be opened and is checked again and again."""
+
+WAIT_S = 0.5
+"""Who looks while another look reads waits at most so long, then sees what there was [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,12 +53,15 @@ class View:
         When it was read last [ns since 1970]; 0 = never.
     failure : str
         Why it could not be read now; the rows are then those of `read_ns`.
+    trends : mapping
+        The trends of the followed parameters by name of the valve.
     """
 
     rows: tuple[FleetRow, ...] = ()
     where: str = ""
     read_ns: int = 0
     failure: str = ""
+    trends: Mapping[str, tuple[Trend, ...]] = field(default_factory=dict)
 
     def row(self, valve: str) -> FleetRow | None:
         """Return the row of a valve; None where the history does not know it."""
@@ -53,6 +70,9 @@ class View:
 
 class Plant:
     """Reads a history for many who look at it; safe from any thread.
+
+    The history stays open, so that its file is checked once and not at every look; a file that was
+    put in its place is opened anew. One look at a time reads, others wait briefly for it.
 
     Parameters
     ----------
@@ -64,27 +84,26 @@ class Plant:
 
     def __init__(self, url: str, aging: Mapping[str, AgingConfig] | None = None) -> None:
         self._url, self._aging = url, dict(aging or {})
-        self._lock = threading.Lock()
+        self._reading = threading.Lock()
+        self._history: History | None = None
         self._view = View()
-        self._asked_s = -REFRESH_S
-        self._rows: dict[str, tuple[_Key, FleetRow]] = {}
-        self._pages: dict[str, tuple[_Key, str]] = {}
+        self._due_s = time.monotonic()
+        self._states: dict[str, tuple[Mark, ValveState]] = {}
+        self._pages: dict[str, tuple[Mark, str]] = {}
+        self._writing: dict[str, threading.Lock] = {}
 
     def view(self) -> View:
         """Return all valves; a history that cannot be read is said, nothing is raised."""
-        with self._lock:
-            if time.monotonic() - self._asked_s < REFRESH_S:
-                return self._view
+        if time.monotonic() >= self._due_s and self._reading.acquire(timeout=WAIT_S):
             try:
-                with History(self._url, read_only=True) as history:
-                    rows = [self._row(history, valve) for valve in history.valves()]
-                    where = history.where
-                found = tuple(ranked(rows, FleetOrder.URGENCY))
-                self._view = View(found, where, time.time_ns())
-            except ValveTwinError as err:
-                self._view = replace(self._view, failure=str(err))
-            self._asked_s = time.monotonic()
-            return self._view
+                begun_s = time.monotonic()
+                if begun_s >= self._due_s:
+                    self._read()
+                    end_s = time.monotonic()
+                    self._due_s = end_s + max(REFRESH_S, REST * (end_s - begun_s))
+            finally:
+                self._reading.release()
+        return self._view
 
     def page(self, valve: str) -> str | None:
         """Return the report page of a valve; None where the history does not know it.
@@ -94,33 +113,68 @@ class Plant:
         ValveTwinError
             If the history cannot be read.
         """
-        with self._lock, History(self._url, read_only=True) as history:
-            if valve not in history.valves():
-                return None
-            key = _key(history, valve)
+        view = self.view()
+        if view.failure:
+            raise StoreError(view.failure)
+        history, known = self._history, self._states.get(valve)
+        if history is None or known is None:
+            return None
+        mark = known[0]
+        with self._writing.setdefault(valve, threading.Lock()):
             kept = self._pages.get(valve)
-            if kept is None or kept[0] != key:
+            if kept is None or kept[0] != mark:
                 try:
                     data = history_data(history, valve, self._rules(valve))
                 except ValueError as err:  # a model that is not installed here
                     raise ValveTwinError(str(err)) from err
-                kept = self._pages[valve] = key, render_report(data)
+                kept = self._pages[valve] = mark, render_report(data)
             return kept[1]
 
-    def _row(self, history: History, valve: str) -> FleetRow:
-        key = _key(history, valve)
-        kept = self._rows.get(valve)
-        if kept is None or kept[0] != key:
-            row = describe_valve(history, valve, self._rules(valve))
-            kept = self._rows[valve] = key, row
-        return kept[1]
+    def _read(self) -> None:
+        try:
+            history = self._opened()
+            marks = history.marks()
+            self._states = {name: self._state(history, name, m) for name, m in marks.items()}
+        except ValveTwinError as err:
+            self._view = replace(self._view, failure=str(err))
+            return
+        states = [state for _, state in self._states.values()]
+        rows = tuple(ranked([state.row for state in states], FleetOrder.URGENCY))
+        trends = {state.row.valve: state.trends for state in states}
+        self._view = View(rows, history.where, time.time_ns(), trends=trends)
+
+    def _opened(self) -> History:
+        if self._history is not None and self._history.moved:
+            self._history.close()
+            self._history = None
+        if self._history is None:
+            self._states, self._pages = {}, {}
+            self._history = History(self._url, read_only=True)
+        return self._history
+
+    def _state(self, history: History, valve: str, mark: Mark) -> tuple[Mark, ValveState]:
+        """Return the state of a valve; whatever is wrong with what is stored spoils no other."""
+        kept = self._states.get(valve)
+        if kept is not None and kept[0] == mark:
+            return kept
+        shown = shown_name(valve)
+        if shown != valve:
+            why = "its name is damaged in the history: put the last backup in its place"
+            return mark, ValveState(FleetRow(shown, evidence=why, cycle=mark.cycle))
+        try:
+            return mark, describe_valve(history, valve, self._rules(valve))
+        except DamagedValueError as err:
+            why = str(err)
+        except ValveTwinError:
+            raise
+        except Exception as err:
+            why = f"what is stored of it cannot be assessed ({type(err).__name__}: {err})"
+        return mark, ValveState(FleetRow(valve, evidence=why, cycle=mark.cycle))
 
     def _rules(self, valve: str) -> AgingConfig:
         return self._aging.get(valve, AgingConfig())
 
 
-def _key(history: History, valve: str) -> _Key:
-    """Return what changes whenever a valve has to be assessed anew."""
-    last = history.last_record(valve)
-    newest = (last.cycle, last.end_ns) if last is not None else ()
-    return (*newest, *((m.cycle, m.stamp_ns) for m in history.maintenance(valve)))
+def shown_name(valve: str) -> str:
+    r"""Return a valve's name as text that every face can carry: bytes that are none as \xNN."""
+    return valve.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")

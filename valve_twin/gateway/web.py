@@ -9,7 +9,7 @@ from datetime import datetime, timezone
 from typing import TYPE_CHECKING
 
 from valve_twin.gateway.metrics import TYPE, exposition
-from valve_twin.gateway.pages import fleet_page, message_page, plain_row
+from valve_twin.gateway.pages import fleet_page, message_page, plain_valve
 from valve_twin.io.errors import ValveTwinError
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ def application(plant: Plant) -> Starlette:
             "history": view.where,
             "read": _time(view.read_ns),
             "failure": view.failure,
-            "valves": [plain_row(row) for row in view.rows],
+            "valves": [plain_valve(view, row) for row in view.rows],
         }
         return JSONResponse(found, headers=HEADERS)
 
@@ -77,7 +77,7 @@ def application(plant: Plant) -> Starlette:
         row = view.row("/" + name) or view.row(name)
         if row is None:
             return JSONResponse({"failure": f"no valve {name}"}, 404, headers=HEADERS)
-        return JSONResponse(plain_row(row), headers=HEADERS)
+        return JSONResponse(plain_valve(view, row), headers=HEADERS)
 
     def metrics(_: Request) -> Response:
         return Response(exposition(plant.view()), media_type=TYPE, headers=HEADERS)

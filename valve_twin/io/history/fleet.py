@@ -113,6 +113,14 @@ class FleetRow:
         return self.verdict.asks_for_help
 
 
+@dataclass(frozen=True, slots=True)
+class ValveState:
+    """What the history says of one valve: its row and the trend of every followed parameter."""
+
+    row: FleetRow
+    trends: tuple[Trend, ...] = ()
+
+
 def rank_fleet(
     history: History,
     *,
@@ -141,7 +149,7 @@ def rank_fleet(
     rows = []
     for valve in history.valves():
         config = (aging or {}).get(valve, AgingConfig())
-        rows.append(describe_valve(history, valve, config))
+        rows.append(describe_valve(history, valve, config).row)
         on_valve()
     return ranked(rows, order)
 
@@ -179,7 +187,7 @@ def _width(row: FleetRow) -> float:
     return row.drift_upper_95 - row.drift_lower_95
 
 
-def describe_valve(history: History, valve: str, config: AgingConfig) -> FleetRow:
+def describe_valve(history: History, valve: str, config: AgingConfig) -> ValveState:
     """Assess one valve of a history.
 
     Parameters
@@ -193,19 +201,20 @@ def describe_valve(history: History, valve: str, config: AgingConfig) -> FleetRo
     """
     last = history.last_record(valve)
     if last is None:
-        return FleetRow(valve, evidence="no cycle is stored")
+        return ValveState(FleetRow(valve, evidence="no cycle is stored"))
     estimates = history.estimates(valve, used_by_trend=True)
     stored = FleetRow(valve, cycle=last.cycle, end_ns=last.end_ns)
     if not estimates:
-        return replace(stored, evidence="no stored estimate feeds a trend")
+        return ValveState(replace(stored, evidence="no stored estimate feeds a trend"))
     name = estimates[-1].model
     try:
         model = get_model(name)
     except ValueError as err:
-        return replace(stored, model=name, evidence=str(err))
+        return ValveState(replace(stored, model=name, evidence=str(err)))
     maintenance = history.maintenance(valve)
     found = assess(estimates, maintenance, config, parameters=model.parameters, valve=valve)
-    return _assessed(replace(stored, model=name), found, estimates, config)
+    row = _assessed(replace(stored, model=name), found, estimates, config)
+    return ValveState(row, found.trends)
 
 
 def _assessed(

@@ -12,10 +12,14 @@ from valve_twin.io.history.check_sums import sealed
 from valve_twin.io.history.tables import CHECK_SUM
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import sqlalchemy as sa
     from sqlalchemy.engine import Connection
 
+    from valve_twin.core.types import Estimate
     from valve_twin.io.history.database import Database
+    from valve_twin.io.history.tables import CycleRecord
 
 
 class Insert:
@@ -51,3 +55,15 @@ class Insert:
         driver = connection.connection.driver_connection
         assert isinstance(driver, sqlite3.Connection)
         return driver.executemany(self._text, rows).rowcount
+
+
+def check_estimates(record: CycleRecord, estimates: Sequence[Estimate]) -> None:
+    """Raise ValueError where an estimate is of another cycle or an estimator occurs twice."""
+    for estimate in estimates:
+        if estimate.cycle != record.cycle:
+            msg = f"estimate of cycle {estimate.cycle} given with cycle {record.cycle}"
+            raise ValueError(msg)
+    names = [e.estimator for e in estimates]
+    if len(set(names)) != len(names):
+        msg = f"cycle {record.cycle} has an estimator twice: {names}"
+        raise ValueError(msg)

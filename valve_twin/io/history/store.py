@@ -29,7 +29,8 @@ from valve_twin.io.history.export import (
     export_files,
     requested_backup_path,
 )
-from valve_twin.io.history.insert import Insert
+from valve_twin.io.history.insert import Insert, check_estimates
+from valve_twin.io.history.marks import Mark, read_marks
 from valve_twin.io.history.tables import (
     CYCLE,
     ESTIMATE,
@@ -40,6 +41,7 @@ from valve_twin.io.history.tables import (
     cycle_record,
     estimate_row,
     from_row,
+    of_valve,
     row_estimate,
     to_row,
 )
@@ -54,11 +56,15 @@ if TYPE_CHECKING:
     from valve_twin.core.types import Estimate
     from valve_twin.io.history.claim import Claim
 
-__all__ = ["CycleRecord", "CycleTakenError", "History", "cycle_record"]
+__all__ = ["CycleRecord", "CycleTakenError", "DamagedValueError", "History", "cycle_record"]
 
 
 class CycleTakenError(StoreError):
     """Another cycle is stored under the number; trying again is of no use."""
+
+
+class DamagedValueError(StoreError):
+    """A value is none of its column; what does not need it can still be read."""
 
 
 class History:
@@ -149,6 +155,11 @@ class History:
             self._claims[valve] = claim = make_claim(self._database, valve)
         return claim
 
+    @property
+    def moved(self) -> bool:
+        """Whether the file was deleted or replaced since: it is to be opened anew."""
+        return self._database.trouble() is not None
+
     def repair(self) -> None:
         """Make a SQLite file that was deleted or replaced while in use usable again.
 
@@ -195,7 +206,7 @@ class History:
             If an estimate belongs to another cycle or an estimator occurs twice.
         """
         record = cycle_record(cycle, self._software) if isinstance(cycle, Cycle) else cycle
-        _check_estimates(record, estimates)
+        check_estimates(record, estimates)
         self.repair()
         if valve in self._claims:
             with self._database.errors("claimed"):
@@ -242,7 +253,7 @@ class History:
 
     def verdicts(self, valve: str, first_cycle: int = 0) -> list[Verdict]:
         """Return the stored verdicts from `first_cycle` on, oldest first."""
-        query = _of_valve(VERDICT, valve).where(VERDICT.c.cycle >= first_cycle)
+        query = of_valve(VERDICT, valve).where(VERDICT.c.cycle >= first_cycle)
         return [row_verdict(valve, r) for r in self._sound(VERDICT, query.order_by(VERDICT.c.id))]
 
     def valves(self) -> list[str]:
@@ -250,14 +261,19 @@ class History:
         with self._database.read() as connection:
             return list(connection.scalars(sa.select(VALVE.c.name).order_by(VALVE.c.name)))
 
+    def marks(self) -> dict[str, Mark]:
+        """Return by valve what changes whenever something of it was stored, without reading it."""
+        with self._database.read() as connection:
+            return read_marks(connection)
+
     def last_cycle(self, valve: str) -> int:
         """Return the highest number that is taken, also by a damaged row; 0 if there is none."""
-        query = _of_valve(CYCLE, valve).with_only_columns(sa.func.max(CYCLE.c.cycle).label("last"))
+        query = of_valve(CYCLE, valve).with_only_columns(sa.func.max(CYCLE.c.cycle).label("last"))
         return int(self._rows(query)[0]["last"] or 0)
 
     def last_record(self, valve: str) -> CycleRecord | None:
         """Return the stored cycle with the highest number, None if there is none."""
-        query = _of_valve(CYCLE, valve).order_by(CYCLE.c.cycle.desc()).limit(1)
+        query = of_valve(CYCLE, valve).order_by(CYCLE.c.cycle.desc()).limit(1)
         found = [from_row(CycleRecord, row) for row in self._sound(CYCLE, query)]
         if not found and self._rows(query):  # the newest row is damaged: the last that is not
             found = self.cycles(valve)[-1:]
@@ -278,7 +294,7 @@ class History:
             At most this many cycles [1], the oldest of them; None = all.
         """
         query = (
-            _of_valve(CYCLE, valve)
+            of_valve(CYCLE, valve)
             .where(CYCLE.c.cycle >= first_cycle)
             .order_by(CYCLE.c.cycle)
             .limit(limit)
@@ -309,7 +325,7 @@ class History:
         used_by_trend : bool or None
             Only those that feed the trend, or do not.
         """
-        query = _of_valve(ESTIMATE, valve).where(ESTIMATE.c.cycle >= first_cycle)
+        query = of_valve(ESTIMATE, valve).where(ESTIMATE.c.cycle >= first_cycle)
         if estimator is not None:
             query = query.where(ESTIMATE.c.estimator == estimator)
         if used_by_trend is not None:
@@ -319,7 +335,7 @@ class History:
 
     def recent_estimates(self, valve: str, cycles: int = 50) -> list[Estimate]:
         """Return all estimates of the last `cycles` cycles that have any, oldest first."""
-        numbers = _of_valve(ESTIMATE, valve).with_only_columns(ESTIMATE.c.cycle).distinct()
+        numbers = of_valve(ESTIMATE, valve).with_only_columns(ESTIMATE.c.cycle).distinct()
         numbers = numbers.order_by(ESTIMATE.c.cycle.desc()).limit(cycles)
         with self._database.read() as connection:
             found = connection.scalars(numbers).all()
@@ -327,7 +343,7 @@ class History:
 
     def maintenance(self, valve: str, first_cycle: int = 0) -> list[Maintenance]:
         """Return the maintenance events from `first_cycle` on, by cycle and in stored order."""
-        query = _of_valve(MAINTENANCE, valve).where(MAINTENANCE.c.cycle >= first_cycle)
+        query = of_valve(MAINTENANCE, valve).where(MAINTENANCE.c.cycle >= first_cycle)
         return [
             from_row(Maintenance, r)
             for r in self._sound(
@@ -393,7 +409,7 @@ class History:
                 f"{self.where}: cannot be read: a value is none of its column ({err}): put the "
                 "last backup in its place"
             )
-            raise StoreError(msg) from err
+            raise DamagedValueError(msg) from err
         return cast("Sequence[Mapping[str, Any]]", found)
 
     def _insert(self, valve: str, record: CycleRecord, estimates: Sequence[Estimate]) -> bool:
@@ -431,20 +447,3 @@ class History:
             for old, new in zip(kept, rows, strict=True)
             for name, value in new.items()
         )
-
-
-def _of_valve(table: sa.Table, valve: str) -> sa.Select[Any]:
-    return (
-        sa.select(table).join(VALVE, VALVE.c.id == table.c.valve_id).where(VALVE.c.name == valve)
-    )
-
-
-def _check_estimates(record: CycleRecord, estimates: Sequence[Estimate]) -> None:
-    for estimate in estimates:
-        if estimate.cycle != record.cycle:
-            msg = f"estimate of cycle {estimate.cycle} given with cycle {record.cycle}"
-            raise ValueError(msg)
-    names = [e.estimator for e in estimates]
-    if len(set(names)) != len(names):
-        msg = f"cycle {record.cycle} has an estimator twice: {names}"
-        raise ValueError(msg)

@@ -32,6 +32,7 @@ from sqlalchemy import (
     Table,
     Text,
     UniqueConstraint,
+    select,
 )
 
 from valve_twin.core.aging.verdict import Verdict
@@ -47,6 +48,8 @@ from valve_twin.core.types import (
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
+
+    from sqlalchemy import Select
 
     from valve_twin.core.records import Column as RecordColumn
     from valve_twin.core.records import Field
@@ -222,6 +225,11 @@ VERDICT = Table(
     Column("fault", Text, nullable=False, server_default=""),
     _sum(),
 )
+
+
+def of_valve(table: Table, valve: str) -> Select[Any]:
+    """Return the query of all rows of a table that belong to a valve."""
+    return select(table).join(VALVE, VALVE.c.id == table.c.valve_id).where(VALVE.c.name == valve)
 
 
 def to_row(value: object, valve_id: int) -> dict[str, Any]:

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Many look at one history: it is opened once, and one look does not keep the others waiting."""
+
+from __future__ import annotations
+
+import sqlite3
+import threading
+from typing import TYPE_CHECKING
+
+import pytest
+
+from test.gateway.test_web import store
+from valve_twin.gateway import plant as module
+from valve_twin.gateway.plant import Plant
+from valve_twin.io.history.database import Database
+from valve_twin.io.history.fleet import describe_valve
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from valve_twin.core.aging.config import AgingConfig
+    from valve_twin.io.history.store import History
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    made = tmp_path / "history.sqlite"
+    store(made, "/a", range(1, 4), 0.0)
+    store(made, "/b", range(1, 4), 0.0)
+    return made
+
+
+@pytest.fixture(autouse=True)
+def at_once(monkeypatch):
+    monkeypatch.setattr(module, "REFRESH_S", 0.0)
+    monkeypatch.setattr(module, "REST", 0.0)
+
+
+def test_the_file_is_checked_once_however_often_it_is_looked_at(path, monkeypatch):
+    checks = []
+    check = Database._check_content
+
+    def told(*given):
+        checks.append(given)
+        check(*given)
+
+    monkeypatch.setattr(Database, "_check_content", told)
+    plant = Plant(str(path))
+    for _ in range(5):
+        assert not plant.view().failure
+    assert len(checks) == 1
+
+
+def test_only_a_valve_with_something_new_is_assessed(path, monkeypatch):
+    assessed = []
+    describe = describe_valve
+
+    def told(history, valve, rules):
+        assessed.append(valve)
+        return describe(history, valve, rules)
+
+    monkeypatch.setattr(module, "describe_valve", told)
+    plant = Plant(str(path))
+    plant.view()
+    store(path, "/b", range(4, 5), 0.0)
+    view = plant.view()
+    assert assessed == ["/a", "/b", "/b"]
+    assert {row.valve: row.cycle for row in view.rows} == {"/a": 3, "/b": 4}
+
+
+def test_who_looks_while_another_reads_sees_what_there_was(path, monkeypatch):
+    plant = Plant(str(path))
+    before = plant.view()
+    store(path, "/b", range(4, 5), 0.0)
+    reached, go_on = threading.Event(), threading.Event()
+    describe = describe_valve
+
+    def slow(*given):
+        reached.set()
+        assert go_on.wait(30)
+        return describe(*given)
+
+    monkeypatch.setattr(module, "describe_valve", slow)
+    monkeypatch.setattr(module, "WAIT_S", 0.01)
+    reader = threading.Thread(target=plant.view)
+    reader.start()
+    assert reached.wait(30)
+    assert plant.view() is before
+    go_on.set()
+    reader.join(30)
+    monkeypatch.undo()
+    row = plant.view().row("/b")
+    assert row is not None
+    assert row.cycle == 4
+
+
+def test_a_file_put_in_its_place_is_opened_anew(path, tmp_path):
+    plant = Plant(str(path))
+    assert plant.page("/a")
+    other = tmp_path / "other.sqlite"
+    store(other, "/c", range(1, 3), 0.0)
+    with sqlite3.connect(other) as raw:
+        raw.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    other.replace(path)
+    assert [row.valve for row in plant.view().rows] == ["/c"]
+    assert plant.page("/a") is None
+    path.unlink()
+    view = plant.view()
+    assert "no such file" in view.failure
+    assert [row.valve for row in view.rows] == ["/c"]
+
+
+def test_a_valve_that_cannot_be_assessed_says_so_and_spoils_no_other(path, monkeypatch):
+    describe = describe_valve
+
+    def broken(history: History, valve: str, rules: AgingConfig):
+        if valve == "/a":
+            raise KeyError(valve)
+        return describe(history, valve, rules)
+
+    monkeypatch.setattr(module, "describe_valve", broken)
+    view = Plant(str(path)).view()
+    assert not view.failure
+    rows = {row.valve: row for row in view.rows}
+    assert "cannot be assessed (KeyError" in rows["/a"].evidence
+    assert rows["/b"].cycle == 3
+
+
+def test_a_damaged_value_is_the_valves_own(path):
+    with sqlite3.connect(path) as raw:
+        raw.execute("UPDATE cycle SET start_ns = x'00' WHERE valve_id = 1")
+    rows = {row.valve: row for row in Plant(str(path)).view().rows}
+    assert rows["/b"].cycle == 3
+    assert len(rows) == 2
