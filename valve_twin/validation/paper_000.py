@@ -113,7 +113,7 @@ def flux(plant: DoubleSolenoidPlant) -> list[Check]:
 
 def dynamics(plant: DoubleSolenoidPlant) -> list[Check]:
     """Compare section 3.2, fig. 6: the character of G_A and G_F."""
-    m = plant.tables()
+    m = plant.pole_tables()
     of = excite(model_bench(plant), resistance=plant.resistance_a, supply=plant.supply_voltage)
     current = fit_current_dynamics(of, m, rebuilt=False)
     rebuilt = fit_current_dynamics(of, m)

@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 from valve_twin.core.physics.solenoid_map import (
     FluxCurves,
     coil_current,
+    coil_flux,
     coil_force,
     map_from_curves,
     pole_curves,
 )
-from valve_twin.core.valves.double_solenoid.coils import coil_flux
 
 GAP, CONSTANT, SATURATION = 1.7e-3, 4e-7 * np.pi * 350.0**2 * 1.2e-4, 0.040
 MUTUAL = 0.06 * CONSTANT / GAP

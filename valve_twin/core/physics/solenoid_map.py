@@ -33,6 +33,7 @@ FLUX_NODES, CURRENT_NODES = 97, 97
 POSITION_NODES = 65
 
 _NEWTON_STEPS = 60
+_HALVINGS = 40
 
 
 class MapTables(NamedTuple):
@@ -186,6 +187,32 @@ def coil_force(m: MapTables, current: float, x: float) -> float:
     """
     k, t = column_at(m, x)
     return force_at(m, current, k, t)
+
+
+@njit(cache=True)
+def coil_flux(m: MapTables, current: float, other: float, x: float) -> float:
+    """Return psi with i_s(psi, other, x) = current, by halving [Wb].
+
+    Parameters
+    ----------
+    m : MapTables
+        Curves of one coil.
+    current, other : float
+        Its current and that of the other coil [A].
+    x : float
+        Position, positive towards this coil [m].
+    """
+    reach = 2.0 * (m.current.shape[0] - 1) / m.per_flux
+    low, high = 0.0, reach
+    wanted = abs(current)
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        if coil_current(m, middle, 0.0, x) < wanted:
+            low = middle
+        else:
+            high = middle
+    flux = 0.5 * (low + high)
+    return float((flux if current >= 0.0 else -flux) + m.mutual * other)
 
 
 def pole_curves(

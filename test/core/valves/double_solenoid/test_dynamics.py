@@ -87,9 +87,9 @@ def test_a_voltage_that_never_suffices_is_told():
 
 def test_dynamics_are_exact_without_noise():
     of = excitation()
-    force = fit_force_dynamics(of, PLANT.tables()).coefficients
+    force = fit_force_dynamics(of, PLANT.pole_tables()).coefficients
     assert force == pytest.approx({"f1": 0.25, "f2": 0.010, "d1": 0.75, "d2": 0.090}, rel=1e-6)
-    current = fit_current_dynamics(of, PLANT.tables(), rebuilt=False).coefficients
+    current = fit_current_dynamics(of, PLANT.pole_tables(), rebuilt=False).coefficients
     wanted = {"b1": 0.55, "b2": 0.045, "a1": 0.43, "a2": 0.028}
     assert current == pytest.approx(wanted, rel=2e-3)
 
@@ -97,7 +97,7 @@ def test_dynamics_are_exact_without_noise():
 @pytest.mark.parametrize(("noise", "rms"), [(1e-3, 3e-4), (5e-3, 2e-3)])
 def test_with_noise_the_response_is_right_and_single_coefficients_are_not(noise, rms):
     """equations.md 5.3: coefficients 2 to 38 % off, response 9.3e-4; compare responses."""
-    of, m = excitation(), PLANT.tables()
+    of, m = excitation(), PLANT.pole_tables()
     static = np.array([coil_current(m, psi, BIAS_A, 0.0) for psi in of.answer.flux])
     rng = np.random.default_rng(0)
     for _ in range(3):
@@ -109,7 +109,7 @@ def test_with_noise_the_response_is_right_and_single_coefficients_are_not(noise,
 
 def test_from_the_rebuilt_flux_the_dynamics_lead_and_follow_within_its_steps():
     """Half a sample at 24 V is 1.2 mWb or 0.11 A: the response keeps 0.054 A of 0.8 A."""
-    found = fit_current_dynamics(excitation(), PLANT.tables())
+    found = fit_current_dynamics(excitation(), PLANT.pole_tables())
     assert found.rms < 0.08
     assert found.coefficients["b1"] > found.coefficients["a1"]
 

@@ -138,7 +138,7 @@ def test_springs_push_one_way_each_and_are_linear_together_while_both_press(x):
 
 
 def test_both_coils_at_one_ampere_hold_the_middle():
-    m = PLANT.tables()
+    m = PLANT.pole_tables()
     assert coil_force(m, 1.0, 0.0) - coil_force(m, 1.0, -0.0) == 0.0
 
 

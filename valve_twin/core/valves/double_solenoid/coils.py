@@ -18,13 +18,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
-from valve_twin.core.physics.solenoid_map import coil_current
+from valve_twin.core.physics.curves import flux_of
 
 if TYPE_CHECKING:
-    from valve_twin.core.physics.solenoid_map import MapTables
+    from valve_twin.core.physics.curves import Curves
     from valve_twin.core.types import FloatArray
 
-_HALVINGS = 40
 _MISFIT = 0.1  # of the largest flux that the balance may leave [1], assumed
 _MIN_CHARGE = 3.0
 """Least resistance times charge over the largest flux that shows a resistance [1], assumed."""
@@ -40,45 +39,21 @@ class CoilFit:
 
 
 @njit(cache=True)
-def coil_flux(m: MapTables, current: float, other: float, x: float) -> float:
-    """Return psi with i_s(psi, other, x) = current, by halving [Wb].
-
-    Parameters
-    ----------
-    m : MapTables
-        Curves of one coil.
-    current, other : float
-        Its current and that of the other coil [A].
-    x : float
-        Position, positive towards this coil [m].
-    """
-    reach = 2.0 * (m.current.shape[0] - 1) / m.per_flux
-    low, high = 0.0, reach
-    wanted = abs(current)
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        if coil_current(m, middle, 0.0, x) < wanted:
-            low = middle
-        else:
-            high = middle
-    flux = 0.5 * (low + high)
-    return float((flux if current >= 0.0 else -flux) + m.mutual * other)
-
-
-@njit(cache=True)
 def flux_record(
-    m: MapTables, own: FloatArray, other: FloatArray, x: FloatArray, out: FloatArray
+    m: Curves, coil: int, own: FloatArray, other: FloatArray, x: FloatArray, out: FloatArray
 ) -> None:
     """Write the flux linkage (N,) at N samples, by the curves.
 
     Parameters
     ----------
-    m : MapTables
-        Curves of one coil.
+    m : MapTables or CoenergyTables
+        Curves.
+    coil : int
+        0 = A, 1 = B.
     own, other : (N,) arrays
         Currents of the coil and of the other one, means over the samples before [A].
     x : (N,) array
-        Position, positive towards this coil [m].
+        Position, positive towards A [m].
     out : (N,) array
         Overwritten [Wb].
     """
@@ -86,7 +61,7 @@ def flux_record(
     for n in range(len(own)):
         after = min(n + 1, last)
         i, j = 0.5 * (own[n] + own[after]), 0.5 * (other[n] + other[after])
-        out[n] = coil_flux(m, i, j, x[n])
+        out[n] = flux_of(m, coil, i, j, x[n])
 
 
 def fit_resistance(

@@ -33,7 +33,7 @@ from valve_twin.core.valves.double_solenoid.plant_kernel import (
 )
 
 if TYPE_CHECKING:
-    from valve_twin.core.physics.solenoid_map import MapTables
+    from valve_twin.core.physics.curves import Curves
     from valve_twin.core.simulation.plant import Forcing, Response
     from valve_twin.core.types import FloatArray
 
@@ -56,7 +56,7 @@ class Controller(NamedTuple):
 def decide(
     s: FloatArray,
     v: Valve,
-    m: MapTables,
+    m: Curves,
     g: CurrentGains,
     w: TrajectoryWeights,
     wanted: float,
@@ -68,7 +68,7 @@ def decide(
     ----------
     s : (STATE_SIZE,) array
         State of the valve, see `STATE_SIZE`; not changed.
-    v, m, g, w : Valve, MapTables, CurrentGains, TrajectoryWeights
+    v, m, g, w : Valve, Curves, CurrentGains, TrajectoryWeights
         Model of the valve with its current controllers; weights.
     wanted : float
         Wanted position [m].
@@ -97,7 +97,7 @@ def decide(
 def decide_all(
     s: FloatArray,
     v: Valve,
-    m: MapTables,
+    m: Curves,
     g: CurrentGains,
     w: TrajectoryWeights,
     wanted: FloatArray,
@@ -107,7 +107,7 @@ def decide_all(
 
     Parameters
     ----------
-    s, v, m, g, w : (STATE_SIZE,) array, Valve, MapTables, CurrentGains, TrajectoryWeights
+    s, v, m, g, w : (STATE_SIZE,) array, Valve, Curves, CurrentGains, TrajectoryWeights
         As in `decide`.
     wanted : (N,) array
         Wanted positions [m].
@@ -123,7 +123,7 @@ def decide_all(
 def run_valve(
     s: FloatArray,
     v: Valve,
-    m: MapTables,
+    m: Curves,
     g: CurrentGains,
     controller: Controller,
     forcing: Forcing,
@@ -137,7 +137,7 @@ def run_valve(
     ----------
     s : (STATE_SIZE,) array
         See `STATE_SIZE`; written in place.
-    v, m, g, controller : Valve, MapTables, CurrentGains, Controller
+    v, m, g, controller : Valve, Curves, CurrentGains, Controller
         Numbers of valve and controllers.
     forcing : Forcing
         What acts on it; the reference, or the first command from outside, is the setpoint [1].
@@ -194,7 +194,7 @@ def run_valve(
 
 @njit(cache=True)
 def drive_open_loop(
-    s: FloatArray, v: Valve, m: MapTables, g: CurrentGains, command: FloatArray, out: FloatArray
+    s: FloatArray, v: Valve, m: Curves, g: CurrentGains, command: FloatArray, out: FloatArray
 ) -> None:
     """Run N control samples under given inputs and show every state, for studies.
 
@@ -202,7 +202,7 @@ def drive_open_loop(
     ----------
     s : (STATE_SIZE,) array
         See `STATE_SIZE`; written in place.
-    v, m, g : Valve, MapTables, CurrentGains
+    v, m, g : Valve, Curves, CurrentGains
         The valve and its current controllers.
     command : (N,) array
         Output of a position controller, -1..1 [1].

@@ -20,8 +20,7 @@ from numba import njit
 
 from valve_twin.core.control.current_loop import SUB_STEPS
 from valve_twin.core.estimation.solvers.nonlinear import Curve, CurveFit, FitParameter, fit_curves
-from valve_twin.core.physics.solenoid_map import MapTables, coil_current, coil_force
-from valve_twin.core.valves.double_solenoid.coils import coil_flux
+from valve_twin.core.physics.solenoid_map import MapTables, coil_current, coil_flux, coil_force
 from valve_twin.core.valves.double_solenoid.flux_reconstruction import (
     Reconstruction,
     reachable,
@@ -306,7 +305,7 @@ def model_bench(plant: DoubleSolenoidPlant) -> Bench:
     plant : DoubleSolenoidPlant
         The valve.
     """
-    m = plant.tables()
+    m = plant.pole_tables()
     inverse = second_order(plant.current_a1, plant.current_a2, plant.current_b1, plant.current_b2)
 
     def bench(current: FloatArray) -> FieldAnswer:

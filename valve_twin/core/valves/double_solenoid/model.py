@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.estimation.data.robust import difference_sigma
+from valve_twin.core.physics.coenergy_tables import CoenergyTables
 from valve_twin.core.physics.solenoid_map import CURRENT_NODES
 from valve_twin.core.quantity import QuantityError
 from valve_twin.core.refusal import Refusal, RefusalCode
@@ -43,6 +44,7 @@ from valve_twin.core.valves.double_solenoid.predictor import (
     STATE_SIZE,
     coefficients,
     predict_block,
+    predict_map,
 )
 from valve_twin.core.valves.interface import Scale
 from valve_twin.core.valves.kit.compiled import CompiledModel
@@ -51,7 +53,7 @@ from valve_twin.core.valves.kit.record import held, usable, whole_refusal
 from valve_twin.core.valves.kit.tolerances import Doubt, Tolerated, tolerated
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.types import BoolArray, Cycle, FloatArray, Parameter
@@ -125,6 +127,10 @@ class DoubleSolenoidModel(CompiledModel):
         values = (*coils, *_mechanical(fit, valve, noise, constants.names))
         return (_estimate(cycle, values, known, fit=fit, valve=valve),)
 
+    def kernel_of(self, coefficients: FloatArray) -> Callable[..., None]:
+        """Return the kernel that takes these coefficients (K,)."""
+        return predict_block if len(coefficients) == N_COEFFICIENTS else predict_map
+
     def scales(self, options: DoubleSolenoidOptions) -> dict[str, Scale]:
         """Return millimetres, volts and amperes, as `ValveModel.scales`."""
         half = 1e3 * options.half_stroke
@@ -187,7 +193,8 @@ def _refusal(cycle: Cycle, known: BoolArray) -> str:
 
 def _beyond(record: Record, valve: DoubleSolenoidPlant) -> str:
     """Return why the currents cannot be those of this valve, empty if they can."""
-    end = (CURRENT_NODES - 1) / valve.tables().per_current
+    m = valve.tables()
+    end = m.largest if isinstance(m, CoenergyTables) else (CURRENT_NODES - 1) / m.per_current
     largest = float(max(np.abs(record.current_a).max(), np.abs(record.current_b).max()))
     if largest <= end:
         return ""
@@ -255,13 +262,8 @@ def _coil(
     currents, x = (record.current_a[part], record.current_b[part]), record.x[part]
     own, other = currents if column == 0 else currents[::-1]
     flux = np.empty(len(x))
-    flux_record(
-        valve.tables(),
-        np.ascontiguousarray(own),
-        np.ascontiguousarray(other),
-        np.ascontiguousarray(x if column == 0 else -x),
-        flux,
-    )
+    both = np.ascontiguousarray(own), np.ascontiguousarray(other)
+    flux_record(valve.tables(), column, *both, np.ascontiguousarray(x), flux)
     volts = np.nan_to_num(cycle.frames.inputs[part, 1 + column]) * valve.supply_voltage
     return fit_resistance(volts, own, flux, cycle.period_s)
 

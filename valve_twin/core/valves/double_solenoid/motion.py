@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 
 from valve_twin.core.estimation.solvers.least_squares import column_condition, damped_step
-from valve_twin.core.physics.solenoid_map import MapTables, coil_force
+from valve_twin.core.physics.curves import force_of
 from valve_twin.core.valves.double_solenoid.plant_kernel import (
     Valve,
     friction_force,
@@ -30,6 +30,7 @@ from valve_twin.core.valves.double_solenoid.plant_kernel import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from valve_twin.core.physics.curves import Curves
     from valve_twin.core.types import BoolArray, FloatArray
 
 SUB = 8
@@ -101,7 +102,7 @@ class MotionFit:
 @njit(cache=True)
 def force_record(
     v: Valve,
-    m: MapTables,
+    m: Curves,
     x: FloatArray,
     current_a: FloatArray,
     current_b: FloatArray,
@@ -112,7 +113,7 @@ def force_record(
 
     Parameters
     ----------
-    v, m : Valve, MapTables
+    v, m : Valve, Curves
         Numbers of the valve, curves of a coil.
     x, current_a, current_b : (N,) arrays
         As in `Record`.
@@ -123,11 +124,11 @@ def force_record(
     """
     g = v.force
     h = period / SUB
-    f1 = coil_force(m, current_a[0], x[0]) - coil_force(m, current_b[0], -x[0])
+    f1 = force_of(m, current_a[0], current_b[0], x[0])
     f2 = 0.0
     for n in range(len(x)):
         middle = 0.5 * (x[n] + x[max(n - 1, 0)])
-        static = coil_force(m, current_a[n], middle) - coil_force(m, current_b[n], -middle)
+        static = force_of(m, current_a[n], current_b[n], middle)
         for k in range(SUB):
             out[n, k] = g.out_1 * f1 + g.out_2 * f2 + g.direct * static
             f1, f2 = f1 + h * f2, f2 + h * (g.rate_1 * (static - f1) - g.rate_2 * f2)
@@ -289,8 +290,8 @@ def first_guess(record: Record, v: Valve, force: FloatArray, firsts: FloatArray)
 def fit_motion(
     record: Record,
     v: Valve,
-    m: MapTables,
-    variations: Sequence[tuple[Record, Valve, MapTables]] = (),
+    m: Curves,
+    variations: Sequence[tuple[Record, Valve, Curves]] = (),
 ) -> MotionFit | None:
     """Fit force gain, friction and preload of spring 1; None with too few usable windows.
 
@@ -298,7 +299,7 @@ def fit_motion(
     ----------
     record : Record
         What was measured.
-    v, m : Valve, MapTables
+    v, m : Valve, Curves
         The valve of the data sheet: its force gain, friction and preload are where the search
         starts.
     variations : sequence
@@ -355,7 +356,7 @@ def _moved(
     values: FloatArray,
     starts: FloatArray,
     found: tuple[FloatArray, FloatArray, FloatArray],
-    variations: Sequence[tuple[Record, Valve, MapTables]],
+    variations: Sequence[tuple[Record, Valve, Curves]],
 ) -> FloatArray:
     """Return what variations change in the shared values (3, K), to first order."""
     residual, jacobian, own = found

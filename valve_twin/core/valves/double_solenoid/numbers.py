@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from valve_twin.core.quantity import assumed, quantity
+from valve_twin.core.quantity import assumed, quantity, setting
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,5 +65,13 @@ class DoubleSolenoidNumbers:
         (), "Wb", "Flux linkages, the positions of a current together"
     )
     map_mutual: float = quantity(
-        6.52e-4, "H", "Mutual inductance with a computed field", 0.0, 1.0, ages=False
+        6.52e-4, "H", "Mutual inductance with a computed field; below 0 where the fluxes of both "
+        "coils meet", -1.0, 1.0, ages=False
+    )  # fmt: skip
+    map_coenergy: tuple[float, ...] = quantity(
+        (),
+        "J",
+        "Coenergy of both coils in place of map_flux: coefficients of the spline that "
+        "valve-twin design export writes",
     )
+    map_source: str = setting("", "What map_coenergy was computed from; for the reader only")

@@ -9,6 +9,7 @@ sample. The paper gives no number: the set is that of equations.md 5.2.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import lru_cache
 from types import MappingProxyType
@@ -19,6 +20,9 @@ import numpy as np
 from valve_twin.core.control.current_loop import CurrentGains, CurrentSensor
 from valve_twin.core.control.nonlinear_pid import PidConfig
 from valve_twin.core.control.trajectory_set import TrajectorySetConfig
+from valve_twin.core.physics.coenergy import CoenergyMap
+from valve_twin.core.physics.coenergy_tables import CoenergyTables, coupling_of, make_tables
+from valve_twin.core.physics.curves import flux_of
 from valve_twin.core.physics.solenoid_map import (
     FluxCurves,
     MapTables,
@@ -49,10 +53,13 @@ from valve_twin.core.valves.double_solenoid.plant_kernel import Second, Valve, s
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from valve_twin.core.physics.curves import Curves
     from valve_twin.core.types import FloatArray
 
 INPUTS = ("setpoint", "voltage_a", "voltage_b", "current_a", "current_b")
 
+_FEWEST_NODES = 4  # of a map, along each axis
+_ROUNDED = 1e-9  # by which a stop may lie beyond the map [1]
 _REACH = 1.0667  # of the end stop: how far the tables go [1]
 _LARGEST_FLUX = 1.15  # of the saturation flux: how far the tables go [1]
 _LARGEST_CURRENT = 6.0  # how far the tables go, beyond in straight lines [A]
@@ -84,11 +91,11 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
     def __post_init__(self) -> None:
         """Refuse values outside their range, and numbers that do not fit together."""
         check_quantities(self)
-        refusal = check_geometry(self.gap, self.end_stop, self.half_stroke)
+        gap = math.inf if self.map_coenergy else self.gap
+        refusal = check_geometry(gap, self.end_stop, self.half_stroke)
         if refusal:
             raise QuantityError(type(self).__name__, refusal)
         self._check_dynamics()
-        self.tables()
 
     def ticks_per_sample(self, period_s: float) -> int:
         """Return 1: the setpoint is taken once a sample."""
@@ -98,12 +105,9 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
     def initial_state(self) -> FloatArray:
         """Return the state (STATE_SIZE,): in the middle, both coils at their bias."""
         m, bias = self.tables(), float(self.bias_current)
-        middle = m.current[:, (m.current.shape[1] - 1) // 2]
-        nodes = np.arange(len(middle)) / m.per_flux
-        flux = float(np.interp(bias, middle, nodes)) + m.mutual * bias
         state = np.zeros(at.STATE_SIZE)
         state[at.POSITION] = 0.5
-        state[[at.PSI_A, at.PSI_B]] = flux
+        state[[at.PSI_A, at.PSI_B]] = _linked(m, bias)
         state[[at.GA_1, at.GB_1, at.I_A, at.I_B, at.MEAN_A, at.MEAN_B, at.LOG_A, at.LOG_B]] = bias
         state[[at.LEVEL_A, at.LEVEL_B]] = 1.0
         return state
@@ -180,8 +184,19 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
             resistance=0.5 * (self.resistance_a + self.resistance_b),
         )
 
-    def tables(self) -> MapTables:
-        """Return the characteristic curves of a coil for the compiled functions."""
+    def tables(self) -> Curves:
+        """Return the characteristic curves for the compiled functions."""
+        if self.map_coenergy:
+            if self.map_flux:
+                refusal = "map_flux and map_coenergy: write one of them"
+                raise QuantityError(type(self).__name__, refusal)
+            return coenergy_tables(
+                self.map_current, self.map_position, self.map_coenergy, self.end_stop
+            )
+        return self.pole_tables()
+
+    def pole_tables(self) -> MapTables:
+        """Return the curves of a coil alone: of a pole, or of `map_flux`."""
         given = max(len(self.map_current), len(self.map_position), len(self.map_flux)) > 1
         return map_tables(
             given,
@@ -206,14 +221,33 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
                     "12.5 us"
                 )
                 raise QuantityError(type(self).__name__, refusal)
-        direct = self.current_b2 / self.current_a2
-        if direct * self.coupling >= 1.0:
+        direct, curves = self.current_b2 / self.current_a2, self.tables()
+        if isinstance(curves, CoenergyTables):
+            share = coupling_of(curves)
+            if direct * share >= 1.0:
+                refusal = (
+                    f"current_b2 = {self.current_b2!r}: must be below current_a2/{share:.3g} = "
+                    f"{self.current_a2 / share:g} [s^2], the currents of the two coils drive each "
+                    "other up otherwise"
+                )
+                raise QuantityError(type(self).__name__, refusal)
+        elif direct * self.coupling >= 1.0:
             refusal = (
                 f"coupling = {self.coupling!r}: must be below current_a2/current_b2 = "
                 f"{1.0 / direct:g} [1], the currents of the two coils drive each other up "
                 "otherwise"
             )
             raise QuantityError(type(self).__name__, refusal)
+
+
+def _linked(m: Curves, bias: float) -> tuple[float, float]:
+    """Return the flux linkages of both coils at their bias in the middle [Wb]."""
+    if isinstance(m, CoenergyTables):
+        return flux_of(m, 0, bias, bias, 0.0), flux_of(m, 1, bias, bias, 0.0)
+    middle = m.current[:, (m.current.shape[1] - 1) // 2]
+    nodes = np.arange(len(middle)) / m.per_flux
+    flux = float(np.interp(bias, middle, nodes)) + m.mutual * bias
+    return flux, flux
 
 
 def _samples(period_s: float) -> int:
@@ -292,6 +326,51 @@ def map_tables(
         largest_flux=_LARGEST_FLUX * saturation,
         largest_current=_LARGEST_CURRENT,
     )
+
+
+@lru_cache(maxsize=8)
+def coenergy_tables(
+    current: tuple[float, ...],
+    position: tuple[float, ...],
+    coefficients: tuple[float, ...],
+    end_stop: float,
+) -> CoenergyTables:
+    """Return the characteristic curves of both coils from a computed coenergy, computed once.
+
+    Parameters
+    ----------
+    current, position : tuple of float
+        Nodes, currents from 0 [A], positions symmetric about 0 [m].
+    coefficients : tuple of float
+        Of the spline, the last axis together [J].
+    end_stop : float
+        Largest position [m].
+
+    Raises
+    ------
+    ValueError
+        If the lists are no map or end before the stop.
+    """
+    for name, values in (("map_current", current), ("map_position", position)):
+        if len(values) < _FEWEST_NODES or not (np.diff(values) > 0.0).all():
+            message = f"{name}: {len(values)} values; must be {_FEWEST_NODES} or more, rising"
+            raise ValueError(message)
+    if current[0] != 0.0:
+        message = f"map_current[0] = {current[0]:g}: must be 0 [A]"
+        raise ValueError(message)
+    shape = (2 * len(current), 2 * len(current), 2 * len(position))
+    if len(coefficients) != shape[0] * shape[1] * shape[2]:
+        message = (
+            f"map_coenergy: {len(coefficients)} values; {len(current)} currents and "
+            f"{len(position)} positions need {shape[0] * shape[1] * shape[2]}"
+        )
+        raise ValueError(message)
+    if not position[-1] >= end_stop * (1.0 - _ROUNDED):
+        message = f"map_position ends at {position[-1]:g} m: must reach end_stop = {end_stop:g} m"
+        raise ValueError(message)
+    nodes = np.array(current, dtype=np.float64), np.array(position, dtype=np.float64)
+    table = np.array(coefficients, dtype=np.float64).reshape(shape)
+    return make_tables(CoenergyMap(("A", "B"), *nodes, table, {}))
 
 
 STRANGERS: Mapping[str, Mapping[str, object]] = MappingProxyType(

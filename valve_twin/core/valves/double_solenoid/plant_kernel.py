@@ -26,9 +26,10 @@ from valve_twin.core.control.current_loop import (
     mean_voltage,
     positive_steps,
 )
-from valve_twin.core.physics.solenoid_map import MapTables, column_at, current_at, force_at
+from valve_twin.core.physics.curves import locate, static_currents, static_force
 
 if TYPE_CHECKING:
+    from valve_twin.core.physics.curves import Curves
     from valve_twin.core.types import FloatArray
 
 POSITION, X, SPEED, PSI_A, PSI_B = 0, 1, 2, 3, 4
@@ -122,7 +123,7 @@ def spring_force(v: Valve, x: float) -> float:
 def step_sample(
     s: FloatArray,
     v: Valve,
-    m: MapTables,
+    m: Curves,
     volts: tuple[float, float],
     up: tuple[int, int],
     steps: int,
@@ -134,7 +135,7 @@ def step_sample(
     ----------
     s : (STATE_SIZE,) array
         See `STATE_SIZE`; written in place.
-    v, m : Valve, MapTables
+    v, m : Valve, Curves
         Numbers of the valve, curves of a coil.
     volts : tuple of float
         Voltage of each bridge: its supply, or with `up` below 0 its mean [V].
@@ -158,14 +159,11 @@ def step_sample(
         if switched:
             level_a = level_at(s[LEVEL_A], up[0], k)
             level_b = level_at(s[LEVEL_B], up[1], k)
-        at_a, share_a = column_at(m, x)
-        at_b, share_b = column_at(m, -x)
-        stat_a = current_at(m, psi_a, i_b, at_a, share_a)
-        stat_b = current_at(m, psi_b, i_a, at_b, share_b)
+        place = locate(m, x)
+        stat_a, stat_b = static_currents(m, (psi_a, psi_b), (i_a, i_b), place)
         i_a = c.out_1 * a1 + c.out_2 * a2 + c.direct * stat_a
         i_b = c.out_1 * b1 + c.out_2 * b2 + c.direct * stat_b
-        pull_a, pull_b = force_at(m, i_a, at_a, share_a), force_at(m, i_b, at_b, share_b)
-        static = v.force_gain * (pull_a - pull_b)
+        static = v.force_gain * static_force(m, i_a, i_b, place)
         force = g.out_1 * f1 + g.out_2 * f2 + g.direct * static
         sum_a += i_a
         sum_b += i_b
@@ -243,7 +241,7 @@ def drive_coil(
 
 @njit(cache=True)
 def control_sample(
-    s: FloatArray, v: Valve, m: MapTables, g: CurrentGains, command: float, stuck: bool
+    s: FloatArray, v: Valve, m: Curves, g: CurrentGains, command: float, stuck: bool
 ) -> None:
     """Run current controllers, bridges and plant for one control sample.
 
@@ -251,7 +249,7 @@ def control_sample(
     ----------
     s : (STATE_SIZE,) array
         See `STATE_SIZE`; written in place.
-    v, m, g : Valve, MapTables, CurrentGains
+    v, m, g : Valve, Curves, CurrentGains
         The valve and its current controllers.
     command : float
         Output of the position controller, -1..1 [1].
@@ -268,7 +266,7 @@ def control_sample(
 
 @njit(cache=True)
 def predict_sample(
-    s: FloatArray, v: Valve, m: MapTables, g: CurrentGains, command: float, steps: int
+    s: FloatArray, v: Valve, m: Curves, g: CurrentGains, command: float, steps: int
 ) -> None:
     """Run `control_sample` with bridges that give their mean voltage, in fewer steps.
 
@@ -276,7 +274,7 @@ def predict_sample(
     ----------
     s : (STATE_SIZE,) array
         See `STATE_SIZE`; written in place.
-    v, m, g : Valve, MapTables, CurrentGains
+    v, m, g : Valve, Curves, CurrentGains
         The valve and its current controllers.
     command : float
         Output of the position controller, -1..1 [1].

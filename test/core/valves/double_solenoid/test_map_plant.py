@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The plant on a computed map of both coils: energy balance, mirror image, refusals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from test.core.physics.test_coenergy_tables import CURRENTS, MAP, POSITIONS
+from valve_twin.core.physics.curves import force_of
+from valve_twin.core.quantity import replaced
+from valve_twin.core.valves.double_solenoid.plant import DoubleSolenoidPlant
+from valve_twin.core.valves.double_solenoid.plant_kernel import (
+    FORCE,
+    I_A,
+    I_B,
+    MEAN_A,
+    MEAN_B,
+    PSI_A,
+    PSI_B,
+    SAMPLE_S,
+    SPEED,
+    X,
+    second_order,
+    step_sample,
+)
+from valve_twin.core.valves.double_solenoid.step_response import step_response
+
+LISTS = {
+    "map_current": tuple(CURRENTS.tolist()),
+    "map_position": tuple(POSITIONS.tolist()),
+    "map_coenergy": tuple(MAP.coefficients.ravel().tolist()),
+}
+PLANT = replaced(DoubleSolenoidPlant(spring_1=2e4, spring_2=2e4), LISTS)
+AT_ONCE = second_order(0.55e-3, 0.045e-6, 0.55e-3, 0.045e-6)
+
+
+def lost(steps):
+    """Return the energy that a run without friction loses or makes over what it moves."""
+    v = PLANT.valve()._replace(
+        resistance_a=0.0, resistance_b=0.0, current=AT_ONCE, force=AT_ONCE, friction=0.0,
+        beta=0.0, stop=0.99e-3,
+    )  # fmt: skip
+    s = PLANT.initial_state()
+
+    def held():
+        """Return the energy of field, springs and motion."""
+        i, x = np.array([[s[I_A], s[I_B]]]), s[X]
+        field = s[PSI_A] * s[I_A] + s[PSI_B] * s[I_B] - MAP.coenergy(i, np.array([x]))[0]
+        springs = 0.5 * (v.spring_1 + v.spring_2) * x**2 - (v.preload_1 - v.preload_2) * x
+        return field + springs + 0.5 * v.mass * s[SPEED] ** 2
+
+    start, given, moved = held(), 0.0, 0.0
+    for n in range(300):
+        volts = 8.0 * np.cos(0.04 * n), -5.0 * np.cos(0.06 * n)
+        step_sample(s, v, PLANT.tables(), volts, (-1, -1), steps, False)
+        work = (volts[0] * s[MEAN_A] + volts[1] * s[MEAN_B]) * SAMPLE_S
+        given, moved = given + work, moved + abs(work)
+    assert abs(s[X]) < 0.98e-3
+    return (held() - start - given) / moved
+
+
+def test_the_power_of_the_coils_becomes_field_and_motion_and_nothing_else():
+    coarse, fine = lost(8), lost(32)
+    assert abs(coarse) < 5e-3  # measured: 2.4e-3, and 2.9e-4 with 64 steps
+    assert abs(fine) < 0.3 * abs(coarse)  # Euler, first order: what is left is the step
+
+
+def test_the_mirrored_currents_pull_the_other_way():
+    m = PLANT.tables()
+    assert force_of(m, 1.3, 0.4, 0.2e-3) == pytest.approx(-force_of(m, 0.4, 1.3, -0.2e-3))
+
+
+def test_both_coils_start_at_their_bias_and_stay_there():
+    plant = replace(PLANT, control="trajectory_set")
+    state = plant.initial_state()
+    v, m = plant.valve(), plant.tables()
+    volts = v.resistance_a * v.bias, v.resistance_b * v.bias
+    for _ in range(50):
+        step_sample(state, v, m, volts, (-1, -1), 8, True)
+    assert state[[I_A, I_B]] == pytest.approx([1.0, 1.0], abs=1e-6)
+    assert abs(state[FORCE]) < 1e-6
+
+
+def test_trajectory_set_control_takes_a_step_on_the_map():
+    of = step_response(replace(PLANT, control="trajectory_set"), 0.5)
+    assert of.position[-1] == pytest.approx(1.0, abs=0.05)
+    assert of.rise_s < 0.02
+
+
+@pytest.mark.parametrize(
+    ("numbers", "words"),
+    [
+        ({"map_coenergy": (1.0, 2.0)}, "map_coenergy: 2 values; 7 currents and 9 positions need"),
+        ({"end_stop": 1.1e-3}, "map_position ends at 0.001 m: must reach end_stop = 0.0011 m"),
+        ({"map_flux": (0.0,) * 63}, "map_flux and map_coenergy: write one of them"),
+        (
+            {"map_current": (0.0, 1.0, 1.0, 2.0)},
+            "map_current: 4 values; must be 4 or more",
+        ),
+        ({"current_b2": 5e-7}, "current_b2 = 5e-07: must be below current_a2/"),
+    ],
+)
+def test_lists_that_are_no_map_are_refused(numbers, words):
+    with pytest.raises(ValueError, match=words):
+        replace(PLANT, **numbers)
