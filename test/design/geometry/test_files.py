@@ -68,6 +68,9 @@ def test_regions_come_from_the_layers_of_a_drawing(tmp_path):
         ("kind: cube", "kind = 'cube': must be double_stroke or section"),
         ("[1, 2]", "holds no 'key: value' lines"),
         ("kind: [", "cannot be read"),
+        ("kind: " + 5000 * "[", "line 1: nested deeper than 8 levels"),
+        ("a: &x [1]\nkind: *x", "line 2: \\*x repeats a value; write it out"),
+        ("kind: 2001-99-99", "cannot be read"),
         (
             "kind: double_stroke\ngap_ratio: -1",
             "gap_ratio: value -1.0 is outside its limits; write",

@@ -34,9 +34,34 @@ def test_only_a_mirror_is_taken_for_one(root):
     assert is_mirror(SECTION)
     regions = (*SECTION.regions[:-1], replace(SECTION.regions[-1], turns=-300.0))
     assert not is_mirror(replace(SECTION, regions=regions))
+    assert not is_mirror(replace(SECTION, high=SECTION.high + 1e-3))
+    assert SECTION.motion is not None
+    motion = replace(SECTION.motion, still_high=SECTION.motion.still_high + 1e-4)
+    assert not is_mirror(replace(SECTION, motion=motion))
     other = read_design(root / "samples" / "design" / "pot_magnet.yaml")
     assert isinstance(other, Section)
     assert not is_mirror(other)
+
+
+def wound(*turns):
+    """Return the section with each coil in two halves of these turns: A, A, B, B."""
+    *rest, one, other = SECTION.regions
+    (inner, low), (outer, high) = one.outline[0], one.outline[2]
+    ends = (low, 0.5 * (low + high), high)
+    regions, left = list(rest), list(turns)
+    for coil, sign in ((one, 1.0), (other, -1.0)):
+        for k in range(2):
+            corners = tuple((r, sign * z) for z in ends[k : k + 2] for r in (inner, outer))
+            outline = (corners[0], corners[1], corners[3], corners[2])
+            name = f"{coil.name}_{k}"
+            regions.append(replace(coil, name=name, outline=outline, turns=left.pop(0)))
+    return replace(SECTION, regions=tuple(regions))
+
+
+def test_windings_against_each_other_are_a_mirror_only_if_both_coils_have_them():
+    assert is_mirror(wound(300.0, 75.0, -300.0, -75.0))
+    assert is_mirror(wound(300.0, -75.0, 300.0, -75.0))
+    assert not is_mirror(wound(300.0, -75.0, -300.0, -75.0))
 
 
 @pytest.mark.parametrize(

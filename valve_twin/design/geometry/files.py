@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 _KINDS: dict[str, type[Material]] = {"linear": Linear, "magnet": Magnet, "steel": Steel}
 _MM = 1e-3
+_DEEPEST = 8  # levels of a design's YAML
 _BOX = ("radius", "low", "high")
 
 
@@ -88,14 +89,31 @@ def write_design(design: DoubleStroke, path: Path) -> None:
 
 def _read_yaml(path: Path) -> dict[str, object]:
     try:
-        found = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as err:
+        text = path.read_text(encoding="utf-8")
+        _check_depth(text)
+        found = yaml.safe_load(text)
+    except (OSError, ValueError, yaml.YAMLError) as err:
         message = f"{path}: cannot be read ({' '.join(str(err).split())})"
         raise ValueError(message) from err
     if not isinstance(found, dict):
         message = f"{path}: holds no 'key: value' lines; the first is kind: double_stroke"
         raise ValueError(message)
     return {str(key): value for key, value in found.items()}
+
+
+def _check_depth(text: str) -> None:
+    """Refuse what no design holds, before a parser calls itself as deep as the text says."""
+    depth = 0
+    for event in yaml.parse(text, Loader=yaml.SafeLoader):
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        line = event.start_mark.line + 1 if event.start_mark else 1
+        if depth > _DEEPEST:
+            message = f"line {line}: nested deeper than {_DEEPEST} levels"
+            raise ValueError(message)
+        if isinstance(event, yaml.AliasEvent):
+            message = f"line {line}: *{event.anchor} repeats a value; write it out"
+            raise ValueError(message)
 
 
 def _flat(given: Mapping[str, object], prefix: str = "") -> dict[str, object]:

@@ -116,16 +116,27 @@ def is_mirror(section: Section) -> bool:
     """Return whether coil B is the mirror image of coil A, and the rest its own."""
     if len(section.coils) != _MOST_COILS or section.excited:
         return False
+    motion = section.motion
+    ends = (motion.low, motion.still_low) if motion else ()
+    images = (-motion.high, -motion.still_high) if motion else ()
+    for end, image in zip((section.low, *ends), (-section.high, *images), strict=True):
+        if round(end - image, _ROUND):
+            return False
     one, other = section.coils
     swapped = {one: other, other: one, "": ""}
-    there = {_key(r, r.outline, r.coil) for r in section.regions}
-    images = {_key(r, mirrored(r.outline), swapped[r.coil]) for r in section.regions}
-    return there == images
+    there = {_key(r, r.outline, r.coil, 1.0) for r in section.regions}
+    # all currents reversed change no flux linkage over its current, and no force
+    return any(
+        there == {_key(r, mirrored(r.outline), swapped[r.coil], sign) for r in section.regions}
+        for sign in (1.0, -1.0)
+    )
 
 
-def _key(region: Region, outline: tuple[tuple[float, float], ...], coil: str) -> object:
+def _key(
+    region: Region, outline: tuple[tuple[float, float], ...], coil: str, sign: float
+) -> object:
     corners = frozenset((round(r, _ROUND), round(z, _ROUND) + 0.0) for r, z in outline)
-    return region.material, corners, coil, abs(region.turns)
+    return region.material, corners, coil, sign * region.turns
 
 
 def _start(
