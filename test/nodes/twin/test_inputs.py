@@ -20,6 +20,9 @@ from valve_twin.nodes.runtime.stamps import to_time
 from valve_twin.nodes.twin.inputs import OVERRUN_S
 from valve_twin.nodes.twin.node import TwinNode
 
+PERIOD_S = 0.02
+RECOVERY_S = 1.0
+
 
 @pytest.fixture
 def history(tmp_path):
@@ -210,3 +213,76 @@ def test_what_our_own_queue_overwrote_is_told_apart_from_a_loss_on_the_way(
 
     graph.spin_until(lambda: {"input.overrun", "input.loss"} & set(found()), what="the count")
     assert {c: n for c, n in found().items() if c in {"input.overrun", "input.loss"}} == {code: 7}
+
+
+def at_pace(graph, feeder, seconds):
+    """Feed samples at the pace of a plant."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        feeder.feed(1)
+        graph.spin(PERIOD_S)
+
+
+def figures(diagnostics):
+    """Return the newest figures of the valve."""
+    found = [s for m in diagnostics for s in m.status if s.hardware_id == NS]
+    return {v.key: v.value for v in found[-1].values} if found else {}
+
+
+def test_a_message_of_0_bytes_silences_a_topic_for_a_second_at_most(graph, history):
+    twin = graph.start("twin", **history)
+    found = graph.record(f"{NS}/twin/prediction", Prediction)
+    diagnostics = graph.record("/diagnostics", DiagnosticArray)
+    feeder = Feeder(graph, NS)
+    graph.be_heard(f"{NS}/twin")
+    topic = f"{NS}/spool_position"
+    for times in (1, 2, 3):  # the third finds a subscription that nothing makes deaf
+        at_pace(graph, feeder, 0.3)
+        graph.spin_until(lambda: len(found) > 0, what="predictions")
+        feeder.publishers[2].publish(b"")
+        at_pace(graph, feeder, RECOVERY_S)
+        last = feeder.sent
+        at_pace(graph, feeder, 0.2)
+        since = found[-1].header.stamp.sec + 1e-9 * found[-1].header.stamp.nanosec
+        newest = 1000.0 + 1e-9 * feeder.period_ns * last
+        assert since >= newest, f"0 bytes, time {times}: silent"
+    graph.spin_until(lambda: figures(diagnostics).get(f"{topic} listened anew") == "2")
+    assert twin.log.count("sent a message of 0 bytes") == 1
+    assert "[input.deaf]" in twin.log
+
+
+@pytest.mark.parametrize("bad", [b"\0", b"\0\1\0\0", b"\0\1\0\0" + bytes(5), b"\xff" * 40])
+def test_a_message_that_cannot_be_read_is_counted_and_the_next_one_is_used(graph, history, bad):
+    graph.host(TwinNode, **history)
+    found = graph.record(f"{NS}/twin/prediction", Prediction)
+    diagnostics = graph.record("/diagnostics", DiagnosticArray)
+    feeder = Feeder(graph, NS)
+    feeder.feed(10)
+    for publisher in feeder.publishers:
+        publisher.publish(bad)
+    feeder.feed(10)
+    graph.spin_until(lambda: len(found) == 20, what="20 predictions")
+    key = f"{NS}/spool_position received/lost/unreadable"
+    graph.spin_until(lambda: figures(diagnostics).get(key) == "21/0/1", what="the count")
+
+
+def test_a_foreign_message_that_cannot_be_read_is_counted_as_such(graph, history):
+    """Not as one that was lost on the way."""
+    joint = {"topic": "/plc/joints", "type": "sensor_msgs/msg/JointState"}
+    fields = {"v_in": "effort[0]", "v_out": "effort[1]", "spool_position": "position[0]"}
+    mapping = {
+        f"signals.{signal}.{key}": value
+        for signal, field in fields.items()
+        for key, value in {**joint, "field": field}.items()
+    }
+    graph.host(TwinNode, **history, **mapping)
+    found = graph.record(f"{NS}/twin/prediction", Prediction)
+    diagnostics = graph.record("/diagnostics", DiagnosticArray)
+    publisher = graph.node.create_publisher(JointState, "/plc/joints", 10)
+    graph.spin_until(publisher.get_subscription_count)
+    good = JointState(position=[0.5], effort=[0.1, 0.0])
+    for message in (good, b"\0\1\0\0" + bytes(12) + b"\xff\xff\xff\x7f" * 6, good):
+        publisher.publish(message)
+    graph.spin_until(lambda: len(found) == 2, what="2 predictions")
+    key = "/plc/joints received/lost/unreadable"
+    graph.spin_until(lambda: figures(diagnostics).get(key) == "3/0/1", what="the count")

@@ -75,6 +75,14 @@ _INPUTS = (
         heal_s=EVENT_HEAL_S,
     ),
     FaultKind(
+        "input.deaf",
+        _WARN,
+        "A publisher sent what the middleware cannot hand on, a message of 0 bytes: the reliable "
+        "subscription heard nothing more of it and was made anew, the second time as best effort.",
+        "Look at the publisher: it sends serialized messages without content.",
+        heal_s=EVENT_HEAL_S,
+    ),
+    FaultKind(
         "input.values",
         _WARN,
         "Values are not finite or outside signals.NAME.lower and upper; they are not used.",

@@ -50,6 +50,7 @@ NODE_FAULTS = {
     "input.overrun": _S,
     "input.gaps": _S,
     "input.unreadable": _F,
+    "input.deaf": _S,
     "input.values": _S,
     "stamps.duplicate": _S,
     "stamps.late": _S,

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import TYPE_CHECKING, Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -14,6 +15,7 @@ from valve_twin.io.bags.qos import QosProfile as OfferedQos
 from valve_twin.io.cdr.message_types import message_class
 from valve_twin.io.recording.ring_buffer import RecordedMessage
 from valve_twin.nodes.runtime.compat import message_and_info, take_with_info
+from valve_twin.nodes.runtime.second_reader import RESENT_S, SecondReader
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -22,6 +24,10 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
 _DEPTH = 100_000
+
+DEAF_TOLD_S = 30.0
+"""A line about deafness is not repeated earlier [s]."""
+
 _POLICIES: dict[str, Any] = {
     "reliability": ReliabilityPolicy,
     "durability": DurabilityPolicy,
@@ -76,6 +82,8 @@ class RecordedTopic:
         profiles = self._look()
         self._profile = _matching(profiles, self._policies)
         self._subscription: Any = None
+        self._stood_in = 0
+        self._second = SecondReader(self._listen_beside, node.destroy_subscription, self._stand_in)
         self.listen()
 
     @property
@@ -91,8 +99,17 @@ class RecordedTopic:
     def adapt(self) -> bool:
         """Subscribe anew where what is offered now asks for it; return whether the offer changed.
 
-        A quality that one publisher does not offer is asked of none.
+        A quality that one publisher does not offer is asked of none. Subscribe anew also where
+        this subscription is deaf, see `SecondReader`.
         """
+        if self._is_deaf():
+            self._node.destroy_subscription(self._subscription)
+            self._subscription = self._subscribe()
+            self._node.get_logger().warning(
+                f"{self.name}: a publisher sent a message of 0 bytes, behind which nothing came: "
+                "subscribed anew",
+                throttle_duration_sec=DEAF_TOLD_S,
+            )
         if self._node.count_publishers(self.name) == self.publishers and not self._refused:
             return False
         before = self.offered
@@ -132,6 +149,7 @@ class RecordedTopic:
         subscription, self._subscription = self._subscription, None
         if subscription is None:
             return
+        self._second.close()
         while (
             arrived := subscription.handle.take_message(subscription.msg_type, True)
         ) is not None:
@@ -161,12 +179,37 @@ class RecordedTopic:
         )
         return take_with_info(subscription)
 
+    def _is_deaf(self) -> bool:
+        reliable = self._profile.reliability == ReliabilityPolicy.RELIABLE
+        listens = self._subscription is not None and reliable
+        return listens and self._second.look(time.monotonic(), RESENT_S)
+
+    def _listen_beside(self, callback: Callable[..., None]) -> Any:
+        profile = QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+        return take_with_info(
+            self._node.create_subscription(self._class, self.name, callback, profile, raw=True)
+        )
+
+    def _stand_in(self, *arguments: Any) -> None:
+        """Take a message of the second reader in place of the deaf one."""
+        data, info = message_and_info(arguments)
+        self._stood_in = int(info["publication_sequence_number"])
+        self._keep(data, info)
+
     def _on_refused(self, event: Any) -> None:
         del event
         self._refused = True
 
     def _take(self, *arguments: Any) -> None:
         data, info = message_and_info(arguments)
+        self._second.heard = True
+        if self._stood_in:
+            if info["publication_sequence_number"] <= self._stood_in and self.publishers == 1:
+                return
+            self._stood_in = 0
+        self._keep(data, info)
+
+    def _keep(self, data: bytes, info: Any) -> None:
         sequence = int(info["publication_sequence_number"])
         if self.publishers <= 1 and 0 < self._last < sequence:
             self.lost_transport += sequence - self._last - 1

@@ -155,6 +155,8 @@ class SimulatedValveNode(ValveNode):
 
     def _watch(self) -> None:
         """Look at the graph again; stop where a real valve has come into reach."""
+        for valve in self._valves:
+            valve.look()
         try:
             self._check_safety()
         except ConfigError as err:

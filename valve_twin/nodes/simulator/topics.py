@@ -121,6 +121,11 @@ class SimulatedTopics:
         for taker in self._takers:
             taker.drain()
 
+    def look(self) -> None:
+        """Listen anew where a subscription is deaf."""
+        for taker in self._takers:
+            taker.look()
+
     def close(self) -> None:
         """Take publishers and subscriptions down."""
         for publisher in self._publishers.values():

@@ -56,6 +56,12 @@ class TwinFaults:
                 topic.broken,
                 f": %d messages {unreadable} or hold a batch without a period",
             ),
+            (
+                "input.deaf",
+                topic.deaf,
+                ": its publisher sent a message of 0 bytes, behind which nothing came; listened "
+                "anew %d times",
+            ),
             ("input.deadline", topic.deadlines_missed, " missed its deadline %d times"),
         ):
             self._events(code, topic.topic, total, f"{where}{text}")

@@ -19,6 +19,7 @@ from rclpy.qos import (
     qos_policy_name_from_kind,
 )
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.serialization import deserialize_message
 
 from valve_twin.io.cdr.message_types import RosTypes, message_class
 from valve_twin.io.cdr.signals import Extractor, SignalBlock, SignalSource
@@ -30,7 +31,8 @@ from valve_twin.nodes.runtime.compat import (
     without_place,
 )
 from valve_twin.nodes.runtime.node import RCLError
-from valve_twin.nodes.runtime.safety import node_name
+from valve_twin.nodes.runtime.safety import is_replayed, node_name
+from valve_twin.nodes.runtime.second_reader import RESENT_S, Pace, SecondReader
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -41,6 +43,12 @@ INPUT_CODES = ("input.missing", "input.type", "input.qos", "input.silent")
 OVERRUN_S = 0.5
 """A message that waited this long to be taken, and before which some are missing, tells of an
 overrun of our own queue, not of a loss on the way [s]."""
+
+BESIDE = 1000
+"""Depth of a second reader where the first keeps all [1]."""
+
+MOST_DEAF = 2
+"""A topic whose subscription was deaf so often is taken best effort [1]."""
 
 OnBlock = Callable[[SignalBlock, int], None]
 
@@ -113,18 +121,51 @@ class TopicInput:
         self.signals = tuple(e.source.signal for e in extractors)
         self._extractors = extractors
         self._raw = all(e.is_raw_readable for e in self._extractors)
-        self._last_sequence = 0
+        self._class = message_class(self.type)
+        self._last_sequence = self._stood_in = 0
         self._matched = 0
         self._since = seconds_now()
         self._heard: float | None = None
         self._reliable = not self._is_best_effort_offered()
         self.received = self.lost = self.overrun = self.broken = self.deadlines_missed = 0
+        self.deaf = 0
         self.refused_policy = ""
+        simulated = bool(node.get_parameter("use_sim_time").value)
+        self._lossless = simulated or is_replayed(self.topic)
+        self._pace = Pace()
+        self._second = SecondReader(self._listen_beside, node.destroy_subscription, self._stand_in)
         self._subscription = self._subscribe()
 
     def destroy(self) -> None:
         """Stop listening."""
+        self._second.close()
         self._node.destroy_subscription(self._subscription)
+
+    def look(self) -> None:
+        """Listen anew where this subscription is deaf; the second time as best effort.
+
+        A best-effort reader is not made deaf by what makes a reliable one deaf.
+        """
+        now_s, beside = seconds_now(), self._second
+        if not ((self._matched and self._reliable) or beside.stands_in):
+            return
+        if beside.newest:
+            self._note_pace(beside.newest, now_s)
+        if not beside.look(now_s, RESENT_S if self._lossless else self._pace.patience_s(now_s)):
+            return
+        self.deaf += 1
+        self._reliable = self.deaf < MOST_DEAF
+        self._node.destroy_subscription(self._subscription)
+        self._subscription = self._subscribe()
+
+    def _note_pace(self, arguments: tuple[Any, ...], now_s: float) -> None:
+        """Note how far a message that the second reader keeps runs ahead."""
+        data, _ = message_and_info(arguments)
+        arrival, broken = (data, None, self._now_ns()), self.broken
+        for found in [arrival] if self._raw else self._decoded([arrival]):
+            for block in self._read(self._extractors[0], [found]):
+                self._pace.note(int(block.stamp_ns[-1]), now_s)
+        self.broken = broken  # counted when it is delivered
 
     def problem(self) -> tuple[str, str]:
         """Return fault code and one line why this topic gives nothing, both empty if it does."""
@@ -202,13 +243,12 @@ class TopicInput:
                 f"{self.type}: {without_place(err)}; correct signals.{self.signals[0]}.type"
             )
             raise ConfigError(msg) from err
-        self._last_sequence = 0
         return take_with_info(subscription)
 
     def _create(self, profile: QoSProfile) -> Any:
         config = self._config
         return self._node.create_subscription(
-            message_class(self.type),
+            self._class,
             self.topic,
             self._on_message,
             profile,
@@ -218,7 +258,15 @@ class TopicInput:
                 matched=self._on_matched,
             ),
             qos_overriding_options=self._overridable(),
-            raw=self._raw,
+            raw=True,
+        )
+
+    def _listen_beside(self, callback: Callable[..., None]) -> Any:
+        profile = QoSProfile(
+            depth=self._config.depth or BESIDE, reliability=ReliabilityPolicy.BEST_EFFORT
+        )
+        return take_with_info(
+            self._node.create_subscription(self._class, self.topic, callback, profile, raw=True)
         )
 
     def _overridable(self) -> QoSOverridingOptions:
@@ -232,6 +280,18 @@ class TopicInput:
     def _on_message(self, *arguments: Any) -> None:
         """Keep a message: what comes together is read together."""
         message, info = message_and_info(arguments)
+        self._second.heard = True
+        if self._stood_in:
+            if info["publication_sequence_number"] <= self._stood_in and self._matched == 1:
+                return
+            self._stood_in = 0
+        self._pending.append((message, info, self._now_ns()))
+        self._on_arrival(info["received_timestamp"])
+
+    def _stand_in(self, *arguments: Any) -> None:
+        """Keep a message that a second reader took in place of this deaf one."""
+        message, info = message_and_info(arguments)
+        self._stood_in = int(info["publication_sequence_number"])
         self._pending.append((message, info, self._now_ns()))
         self._on_arrival(info["received_timestamp"])
 
@@ -243,9 +303,19 @@ class TopicInput:
         self._count(arrivals)
         oldest_ns = int(arrivals[0][1]["received_timestamp"])
         arrivals = [a for a in arrivals if a[2] != 0]  # before that simulated time has not begun
+        if not self._raw:
+            arrivals = list(self._decoded(arrivals))
         for extractor in self._extractors if arrivals else ():
             for block in self._read(extractor, arrivals):
+                self._pace.note(int(block.stamp_ns[-1]), seconds_now())
                 self._on_block(block, oldest_ns)
+
+    def _decoded(self, arrivals: list[_Arrival]) -> Iterator[_Arrival]:
+        for data, info, now_ns in arrivals:
+            try:
+                yield deserialize_message(data, self._class), info, now_ns
+            except RuntimeError:
+                self.broken += 1
 
     def _read(self, extractor: Extractor, arrivals: list[_Arrival]) -> Iterator[SignalBlock]:
         if self._raw and len(arrivals) > 1:
@@ -293,11 +363,13 @@ class TopicInput:
         policy = qos_policy_name_from_kind(event.last_policy_kind)
         if event.last_policy_kind == QoSPolicyKind.RELIABILITY and self._reliable:
             self._reliable = False
+            self._second.close()
             self.drain()
             self._node.get_logger().info(
                 f"topic '{self.topic}' is offered best effort: taken so, losses are counted"
             )
             self._node.destroy_subscription(self._subscription)
+            self._last_sequence = 0
             self._subscription = self._subscribe()
             return
         self.refused_policy = policy

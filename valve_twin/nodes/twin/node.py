@@ -16,6 +16,7 @@ from valve_twin.nodes.runtime.compat import share_interpreter
 from valve_twin.nodes.runtime.diagnostics import ERROR, STALE, Diagnostics, Report
 from valve_twin.nodes.runtime.memory_trim import MemoryTrimmer
 from valve_twin.nodes.runtime.node import SPIN_S, STEADY, ValveNode
+from valve_twin.nodes.runtime.second_reader import LOOK_S
 from valve_twin.nodes.runtime.worker import WorkerProcess
 from valve_twin.nodes.twin.estimation_job import warm_up, warm_up_prediction
 from valve_twin.nodes.twin.faults import TwinFaults
@@ -54,6 +55,7 @@ class TwinNode(ValveNode):
         self._worker: WorkerProcess | None = None
         self._diagnostics: Diagnostics | None = None
         self._jump: Any = None
+        self._listening: Any = None
         self._faults: dict[str, TwinFaults] = {}
         self._restarts = 0
         self._left_out: dict[str, str] = {}
@@ -114,6 +116,7 @@ class TwinNode(ValveNode):
         self._jump = self.get_clock().create_jump_callback(threshold, post_callback=self._on_jump)
         for valve in self._valves:
             valve.listen(config)
+        self._listening = self.create_timer(LOOK_S, self._look_at_inputs, clock=STEADY)
         if self._worker is not None:
             self._worker.begin()
 
@@ -122,6 +125,9 @@ class TwinNode(ValveNode):
         if self._jump is not None:
             self._jump.unregister()
             self._jump = None
+        if self._listening is not None:
+            self.destroy_timer(self._listening)
+            self._listening = None
         for valve in self._valves:
             valve.silence()
 
@@ -162,6 +168,11 @@ class TwinNode(ValveNode):
         if self._valves:
             self._turn = (self._turn + 1) % len(self._valves)
             self._valves[self._turn].save()
+
+    def _look_at_inputs(self) -> None:
+        for valve in self._valves:
+            for topic in valve.inputs.topics:
+                topic.look()
 
     def work(self) -> None:
         """Work on what the inputs gathered."""
@@ -235,6 +246,7 @@ class TwinNode(ValveNode):
             figures[f"{topic.topic} received/lost/unreadable"] = (
                 f"{topic.received}/{topic.lost}/{topic.broken}"
             )
+            figures[f"{topic.topic} listened anew"] = topic.deaf
         for name, count in counts.items():
             figures[f"{name} late/duplicate/bad"] = f"{count.late}/{count.duplicate}/{count.bad}"
         return figures

@@ -1,0 +1,116 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""When a second reader is made, when it stands in for the first, and when it goes."""
+
+from typing import Any
+
+import pytest
+
+from valve_twin.nodes.runtime.second_reader import (
+    LOOK_S,
+    MOST_KEPT,
+    PATIENCE_S,
+    QUIET_S,
+    RESENT_S,
+    Pace,
+    SecondReader,
+)
+
+
+class Bench:
+    """A second reader on a clock of its own."""
+
+    def __init__(self):
+        self.made: list[Any] = []
+        self.gone: list[Any] = []
+        self.taken: list[Any] = []
+        self.now_s = 0.0
+        self.reader = SecondReader(self.subscribe, self.gone.append, self.deliver)
+
+    def subscribe(self, callback):
+        self.made.append(callback)
+        return callback
+
+    def deliver(self, *arguments):
+        self.taken.append(arguments)
+
+    def run(self, seconds, *, first=0.0, second=0.0):
+        """Let time pass; the readers hear something every so many seconds, 0 = never."""
+        deaf, begin_s = 0, self.now_s
+        due = {"first": first, "second": second}
+        while self.now_s < begin_s + seconds:
+            self.now_s += LOOK_S
+            if first and self.now_s - begin_s >= due["first"] - 1e-9:
+                self.reader.heard, due["first"] = True, due["first"] + first
+            if second and self.made and self.now_s - begin_s >= due["second"] - 1e-9:
+                self.made[-1](f"at {self.now_s:.1f}", {})
+                due["second"] += second
+            deaf += self.reader.look(self.now_s)
+        return deaf
+
+
+@pytest.fixture
+def bench():
+    return Bench()
+
+
+def test_nothing_is_made_of_a_topic_that_was_never_heard(bench):
+    assert bench.run(100.0) == 0
+    assert not bench.made
+
+
+def test_what_the_second_hears_and_the_first_does_not_tells_that_it_is_deaf(bench):
+    bench.run(2.0, first=LOOK_S)
+    assert not bench.made
+    assert bench.run(QUIET_S + PATIENCE_S + 3.0 * LOOK_S, second=LOOK_S) == 1
+    assert len(bench.made) == 1
+    before = len(bench.taken)
+    assert before > 0, "what it had kept is delivered"
+    assert bench.run(1.0, second=LOOK_S) == 0, "told once"
+    assert len(bench.taken) > before, "it stands in"
+    bench.run(LOOK_S, first=LOOK_S)
+    assert bench.gone == bench.made, "the first is heard again"
+    assert not bench.reader.stands_in
+
+
+def test_a_silence_that_both_hear_is_none_of_the_first(bench):
+    bench.run(2.0, first=LOOK_S)
+    assert bench.run(60.0) == 0
+    assert len(bench.made) == 1, "one for the whole silence"
+    assert bench.run(1.0, first=LOOK_S, second=LOOK_S) == 0
+    assert bench.gone == bench.made
+    assert not bench.taken, "the first has delivered it"
+
+
+def test_a_topic_that_speaks_seldom_is_silent_later(bench):
+    bench.run(60.0, first=2.0)
+    assert len(bench.made) < 10, "the usual pause is learnt"
+    made = len(bench.made)
+    bench.run(60.0, first=2.0)
+    assert len(bench.made) == made
+    assert bench.run(10.0, second=2.0) == 1
+
+
+def test_what_is_kept_is_bounded(bench):
+    bench.run(1.0, first=LOOK_S)
+    bench.run(QUIET_S + LOOK_S)
+    for number in range(2 * MOST_KEPT):
+        bench.made[-1](number, {})
+    bench.run(1.0)
+    assert len(bench.taken) == MOST_KEPT
+
+
+@pytest.mark.parametrize(
+    ("samples", "every_s", "patience_s"),
+    [(1, 0.03, PATIENCE_S), (40, 1.2, PATIENCE_S), (100, 0.03, RESENT_S)],
+)
+def test_who_gets_data_faster_than_a_plant_gives_them_waits_for_what_is_sent_again(
+    samples, every_s, patience_s
+):
+    """One batch of 1.2 s each 1.2 s is no rush."""
+    pace, stamp_ns = Pace(), 0
+    for k in range(20):
+        pace.note(stamp_ns + (samples - 1) * 30_000_000, k * every_s)
+        stamp_ns += samples * 30_000_000
+    assert pace.patience_s(20 * every_s) == patience_s
+    assert pace.patience_s(20 * every_s + 60.0) == PATIENCE_S

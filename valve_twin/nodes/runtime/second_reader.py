@@ -1,0 +1,171 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Notice that a reliable subscription hears nothing where a best-effort one does.
+
+A reliable reader of Fast DDS hands on nothing behind a message of 0 bytes: its receiver drops the
+message ("Serialized Payload value invalid", MessageReceiver.cpp, `payload_size > 0`; so in 2.14
+and on the main branch of August 2026) without marking it as received, asks for it for ever and
+is sent it for ever, until it has left the publisher's history; with a deep one it never does. No
+executor and no callback is asked. Only that publisher's messages are concerned; a best-effort
+reader goes on. So where a topic falls silent that was not, a best-effort reader is put beside the
+reliable one until that is heard again.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+LOOK_S = 0.1
+"""How often silence is looked at [s]."""
+
+QUIET_S = 0.3
+"""A topic that was never quiet for longer is silent after this [s]."""
+
+PATIENCE_S = 0.2
+"""So much later than the second reader the first one may hear [s]."""
+
+RESENT_S = 7.0
+"""The same where nothing may be lost: what was lost on the way is asked for every 3 s, and once
+may be lost, too [s]."""
+
+RUSH_S = 1.0
+"""Data time beyond twice the time that passed which tells of a rush [s]."""
+
+CALM_S = 30.0
+"""A rush is over so long after its last sign [s]."""
+
+SMOOTHING = 0.1
+"""Weight of the last pause in the usual one [1]."""
+
+MOST_KEPT = 10_000
+"""Messages of the second reader that are kept until it is clear that the first is deaf [1]."""
+
+
+class Pace:
+    """Whether data come faster than a plant gives them: then losses on the way are usual."""
+
+    def __init__(self) -> None:
+        self._newest_ns: int | None = None
+        self._at_s = 0.0
+        self._rush_s = -float("inf")
+
+    def note(self, newest_ns: int, now_s: float) -> None:
+        """Note samples that came.
+
+        Parameters
+        ----------
+        newest_ns : int
+            Their last stamp [ns].
+        now_s : float
+            The steady clock [s].
+        """
+        if self._newest_ns is None:
+            self._newest_ns, self._at_s = newest_ns, now_s
+        if 1e-9 * (newest_ns - self._newest_ns) > 2.0 * (now_s - self._at_s) + RUSH_S:
+            self._rush_s = now_s
+        self._newest_ns, self._at_s = newest_ns, now_s
+
+    def patience_s(self, now_s: float) -> float:
+        """Return how long a reader that hears nothing is waited for [s]."""
+        return RESENT_S if now_s - self._rush_s < CALM_S else PATIENCE_S
+
+
+class SecondReader:
+    """What watches one reliable subscription; looked after every `LOOK_S`.
+
+    Parameters
+    ----------
+    subscribe : callable
+        Makes a best-effort subscription of the same topic that calls back what it is given.
+    destroy : callable
+        Destroys it.
+    deliver : callable
+        Takes a message of a second reader whose first is deaf, as the first's callback does.
+
+    Attributes
+    ----------
+    heard : bool
+        To be set when the first reader has heard something.
+    stands_in : bool
+        Whether the second reader delivers in place of the first.
+    """
+
+    def __init__(
+        self,
+        subscribe: Callable[[Callable[..., None]], Any],
+        destroy: Callable[[Any], object],
+        deliver: Callable[..., None],
+    ) -> None:
+        self._subscribe, self._destroy, self._deliver = subscribe, destroy, deliver
+        self._reader: Any = None
+        self._kept: deque[tuple[Any, ...]] = deque(maxlen=MOST_KEPT)
+        self._since_s: float | None = None
+        self._last_s: float | None = None
+        self._usual_s = 0.0
+        self.stands_in = False
+        self.heard = False
+
+    def look(self, now_s: float, patience_s: float = PATIENCE_S) -> bool:
+        """Look after the silence.
+
+        Parameters
+        ----------
+        now_s : float
+            The steady clock [s].
+        patience_s : float
+            So much later than the second the first may hear [s].
+
+        Returns
+        -------
+        bool
+            True once the first reader is deaf: to be made anew. Until that one is heard, the
+            second stands in for it.
+        """
+        if self.heard:
+            pause_s = now_s - (self._last_s if self._last_s is not None else now_s)
+            self._usual_s += SMOOTHING * (pause_s - self._usual_s)
+            self._last_s, self.heard = now_s, False
+            self.close()
+        elif self._reader is not None:
+            return self._is_deaf(now_s, patience_s)
+        elif self._last_s is not None and now_s - self._last_s >= self._longest_s():
+            self._reader = self._subscribe(self._on_message)
+        return False
+
+    @property
+    def newest(self) -> tuple[Any, ...]:
+        """The last message that is kept, as its callback got it; empty where none is."""
+        return self._kept[-1] if self._kept else ()
+
+    def close(self) -> None:
+        """Take the second reader down; what it kept the first has heard."""
+        reader, self._reader = self._reader, None
+        self._since_s, self.stands_in = None, False
+        self._kept.clear()
+        if reader is not None:
+            self._destroy(reader)
+
+    def _longest_s(self) -> float:
+        return max(QUIET_S, 2.0 * self._usual_s)
+
+    def _is_deaf(self, now_s: float, patience_s: float) -> bool:
+        if self.stands_in or not self._kept:
+            return False
+        if self._since_s is None:
+            self._since_s = now_s
+        if now_s - self._since_s < patience_s:
+            return False
+        self.stands_in = True
+        while self._kept:
+            self._deliver(*self._kept.popleft())
+        return True
+
+    def _on_message(self, *arguments: Any) -> None:
+        if self.stands_in:
+            self._deliver(*arguments)
+        else:
+            self._kept.append(arguments)
