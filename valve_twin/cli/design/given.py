@@ -49,6 +49,23 @@ def read_given(arguments: argparse.Namespace) -> DoubleStroke | Section:
         return read_design(Path(arguments.design) if arguments.design else None, changes)
 
 
+def read_double_stroke(arguments: argparse.Namespace) -> DoubleStroke:
+    """Return the design of the arguments, which has to be a double-stroke solenoid.
+
+    Raises
+    ------
+    ConfigError
+        As `read_given`; or if it is another section.
+    """
+    from valve_twin.design.geometry import DoubleStroke
+
+    design = read_given(arguments)
+    if not isinstance(design, DoubleStroke):
+        msg = f"{arguments.design}: kind must be double_stroke: a valve takes no other solenoid"
+        raise ConfigError(msg)
+    return design
+
+
 def section_of(design: DoubleStroke | Section) -> Section:
     """Return what the field is computed of.
 

@@ -6,18 +6,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from valve_twin.cli.design import field, geometry, map, transient
+from valve_twin.cli.design import export, field, geometry, map, transient
 
 if TYPE_CHECKING:
     from valve_twin.cli.common import Verbs
 
-STEPS = (geometry, field, map, transient)
+STEPS = (geometry, field, map, transient, export)
 """One module a step, in their order."""
 
 
 def add(verbs: Verbs) -> None:
     """Add the verb and its steps."""
-    text = "Compute a solenoid from its drawing: geometry, field, map, transient."
+    text = "Compute a solenoid from its drawing: geometry, field, map, transient, export."
     parser = verbs.add_parser("design", help=text, description=text)
     steps = parser.add_subparsers(dest="step", required=True, metavar="STEP")
     for step in STEPS:

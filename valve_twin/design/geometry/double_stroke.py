@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 
 from valve_twin.core.physics.winding import Winding, wind
 from valve_twin.core.quantity import assumed, describe
+from valve_twin.core.valves.designed import Surroundings
 from valve_twin.design.geometry.section import Motion, Region, Section, mirrored, rectangle
 from valve_twin.design.geometry.wires import Wire, find_wire
 from valve_twin.design.materials import Steel
@@ -124,6 +125,7 @@ class DoubleStroke:
     )  # fmt: skip
     spool_mass: float = assumed(0.045, "kg", "What moves with the armature", 0.0, 10.0)
     steel: Steel = field(default_factory=Steel)
+    valve: Surroundings = field(default_factory=Surroundings)
 
     @property
     def gap(self) -> float:

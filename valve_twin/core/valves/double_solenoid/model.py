@@ -23,6 +23,7 @@ from valve_twin.core.types import (
 )
 from valve_twin.core.valves.double_solenoid.bench_fits import BENCH_FITS
 from valve_twin.core.valves.double_solenoid.coils import CoilFit, fit_resistance, flux_record
+from valve_twin.core.valves.double_solenoid.designed import follow_step, margin_of, numbers_of
 from valve_twin.core.valves.double_solenoid.motion import MotionFit, Record, fit_motion
 from valve_twin.core.valves.double_solenoid.parameters import (
     COILS,
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
     from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.types import BoolArray, Cycle, FloatArray, Parameter
     from valve_twin.core.valves.bench_fit import BenchFit
+    from valve_twin.core.valves.designed import Designed, Loop, Numbers
 
 LONGEST_PERIOD_S = 2e-4
 """Slowest sampling that shows the force behind currents that change in 0.3 ms [s], assumed."""
@@ -164,6 +166,18 @@ class DoubleSolenoidModel(CompiledModel):
     def strangers(self) -> Mapping[str, Mapping[str, object]]:
         """Return valves that are not as the options say."""
         return STRANGERS
+
+    def of_design(self, found: Designed) -> Numbers:
+        """Return a designed solenoid's numbers, as `Designable.of_design`."""
+        return numbers_of(found)
+
+    def loop(self, numbers: Numbers, share: float, changes: Mapping[str, float]) -> Loop:
+        """Follow a step of the setpoint, parameters as `Designable.loop`."""
+        return follow_step(numbers, share, changes)
+
+    def force_margin(self, numbers: Numbers) -> float:
+        """Return the force that is left, as `Designable.force_margin`."""
+        return margin_of(numbers)
 
     def simulation(self) -> SimulationConfig:
         """Return the default simulation."""

@@ -1,0 +1,60 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""`valve-twin design export`."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from valve_twin.cli import main
+from valve_twin.design import chain
+from valve_twin.design.geometry import DoubleStroke
+from valve_twin.design.map import MapGrid, compute_map, write_map
+from valve_twin.io.config.valve import load_config
+
+
+@pytest.fixture(scope="module")
+def coarse(tmp_path_factory):
+    path = tmp_path_factory.mktemp("map") / "map.npz"
+    grid = MapGrid(currents=4, positions=4, fine=0.3)
+    write_map(compute_map(DoubleStroke().section(), grid), path)
+    return str(path)
+
+
+def test_valve_and_twin_run_on_the_map(coarse, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(chain, "_FINE", 0.3)
+    monkeypatch.setattr(chain, "_STEP_S", 4e-4)
+    path = str(tmp_path / "designed.yaml")
+    assert main(["design", "export", "--map", coarse, "--out", path]) == 0
+    found = json.loads(capsys.readouterr().out)
+    options = load_config(path)[0].options
+    assert found["map"] in options.map_source
+    assert options.resistance_a == pytest.approx(found["resistance"])
+    bag = str(tmp_path / "bag")
+    assert main(["simulate", "--config", path, "--cycles", "2", "--out", bag]) == 0
+    capsys.readouterr()
+    assert main(["estimate", bag, "--config", path]) == 0
+    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    last = [line for line in lines if line["kind"] == "estimate"][-1]
+    assert last["status"] == "ACCEPTED", last["reason"]
+    value = dict(zip(last["names"], last["values"], strict=True))
+    assert value["resistance_a"] == pytest.approx(options.resistance_a, rel=0.02)
+    assert value["force_gain"] == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--set", "gap_ratio=0.2"], "the map was computed of another section"),
+        (["--valve", "first_order"], "model 'first_order' takes no designed solenoid"),
+        (["--set", "valve.preload=-1"], "valve.preload: value -1.0 N is outside its limits"),
+    ],
+)
+def test_bad_input_is_one_line(coarse, words, said, tmp_path, capsys):
+    out = str(tmp_path / "x.yaml")
+    assert main(["design", "export", "--map", coarse, "--out", out, *words]) == 2
+    shown = capsys.readouterr().err
+    assert said in shown
+    assert shown.count("\n") == 1

@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""A designed solenoid as a valve takes it: what was computed of it, and what stands around it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
+
+from valve_twin.core.quantity import assumed, check_quantities
+from valve_twin.core.valves.registry import get_model, model_names
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from valve_twin.core.physics.coenergy import CoenergyMap
+    from valve_twin.core.types import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What stands around a double-stroke solenoid; no source gives the numbers."""
+
+    spring_rate: float = assumed(1e4, "N/m", "Of either spring", 1.0, 1e6)
+    preload: float = assumed(20.0, "N", "Of either spring in the middle", 0.0, 1e3)
+    rubbing: float = assumed(4.0, "N", "Coulomb friction, peak to peak", 0.0, 500.0)
+    steepness: float = assumed(200.0, "s/m", "Of the smoothed friction", 1.0, 5e3)
+    viscous: float = assumed(15.0, "N s/m", "Damping", 0.0, 1e4)
+    supply: float = assumed(24.0, "V", "Of the bridges, + and -", 1.0, 100.0)
+    power: float = assumed(15.0, "W", "Most that a coil may take at rest", 0.1, 1e4)
+    bias: float = assumed(0.5, "A", "Of both coils at no output", 0.0, 10.0)
+    span: float = assumed(2.5, "A", "Change of the current at full output", 0.01, 100.0)
+    opened: float = assumed(0.8 / 0.9, "1", "Stroke to an open port over that of the solenoid",
+                            0.1, 1.0)  # fmt: skip
+    overshoot: float = assumed(
+        5.0, "1", "Controller: weight of errors beyond the target", 1.0, 1e4
+    )
+    speed_time: float = assumed(2e-4, "s", "Controller: time of the speed at the end", 0.0, 1.0)
+    effort: float = assumed(1e-6, "1", "Controller: weight of a change of the input", 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        """Refuse numbers outside their range."""
+        check_quantities(self)
+
+
+@dataclass(frozen=True, slots=True)
+class Designed:
+    """What was computed of a double-stroke solenoid.
+
+    Attributes
+    ----------
+    curves : CoenergyMap
+        Static curves of both coils.
+    resistance : float
+        Of a coil at 20 degrees Celsius [ohm].
+    mass : float
+        All that moves [kg].
+    stroke : float
+        To either side [m].
+    current_dynamics, force_dynamics : tuple of float
+        b1, b2, a1, a2 of G_A and G_F [s], [s^2].
+    around : Surroundings
+        What is not the solenoid's.
+    """
+
+    curves: CoenergyMap
+    resistance: float
+    mass: float
+    stroke: float
+    current_dynamics: tuple[float, float, float, float]
+    force_dynamics: tuple[float, float, float, float]
+    around: Surroundings
+
+    @property
+    def largest_current(self) -> float:
+        """Largest reference: by the power limit, within the map [A]."""
+        by_power = math.sqrt(self.around.power / self.resistance)
+        return min(float(self.curves.currents[-1]), by_power)
+
+
+@dataclass(frozen=True, slots=True)
+class Numbers:
+    """A designed valve by the names of a model's options.
+
+    Attributes
+    ----------
+    shared : mapping
+        Numbers of the data sheet, alike for valve and twin.
+    own : mapping
+        Settings of the simulated valve alone.
+    """
+
+    shared: Mapping[str, object]
+    own: Mapping[str, object]
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """A step of a designed valve in its position loop.
+
+    Attributes
+    ----------
+    time_s : (N,) array
+        Since the step [s].
+    rows : tuple
+        Signals to show together: label with unit, and by name (N,) arrays [of the label].
+    rise_s, overshoot, settling_s : float
+        10 to 90 % [s], beyond the step over the step [1], until it stays within 2 % [s].
+    error : float
+        What is left at the end, over the step [1].
+    loss : float
+        Mean heat of the copper until then [W].
+    """
+
+    time_s: FloatArray
+    rows: tuple[tuple[str, Mapping[str, FloatArray]], ...]
+    rise_s: float
+    overshoot: float
+    settling_s: float
+    error: float
+    loss: float
+
+
+@runtime_checkable
+class Designable(Protocol):
+    """A model whose valve is moved by a double-stroke solenoid."""
+
+    name: str
+
+    def of_design(self, found: Designed) -> Numbers:
+        """Return a designed solenoid's numbers by the names of the model's options."""
+        ...
+
+    def loop(self, numbers: Numbers, share: float, changes: Mapping[str, float]) -> Loop:
+        """Follow a step of the setpoint from the middle.
+
+        Parameters
+        ----------
+        numbers : Numbers
+            Of the valve.
+        share : float
+            Step over the way to an open port, -1..1, not 0 [1].
+        changes : mapping
+            Factors of `SCALED` [1].
+        """
+        ...
+
+    def force_margin(self, numbers: Numbers) -> float:
+        """Return what the largest current leaves against spring and friction at the worst place.
+
+        Parameters
+        ----------
+        numbers : Numbers
+            Of the valve [N].
+        """
+        ...
+
+
+SCALED = ("rubbing", "supply", "copper")
+"""What a robust evaluation scales: friction, supply, resistance of the copper."""
+
+
+def find_designable(name: str = "") -> Designable:
+    """Return the model that a designed solenoid moves.
+
+    Parameters
+    ----------
+    name : str
+        Its name; empty = the first there is.
+
+    Raises
+    ------
+    ValueError
+        If there is none of the name, or it takes no design.
+    """
+    for known in (name,) if name else model_names():
+        model = get_model(known)
+        if isinstance(model, Designable):
+            return model
+    message = f"model '{name}' takes no designed solenoid: it has no of_design()"
+    raise ValueError(message)

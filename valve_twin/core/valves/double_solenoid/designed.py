@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""A designed double-stroke solenoid in this valve: its numbers, steps in its position loop."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.physics.curves import force_of
+from valve_twin.core.quantity import replaced
+from valve_twin.core.valves.designed import Loop, Numbers
+from valve_twin.core.valves.double_solenoid import plant_kernel as at
+from valve_twin.core.valves.double_solenoid.control_kernel import decide
+from valve_twin.core.valves.double_solenoid.plant import DoubleSolenoidPlant
+from valve_twin.core.valves.double_solenoid.step_response import judge_step
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from valve_twin.core.types import FloatArray
+    from valve_twin.core.valves.designed import Designed
+
+_REST, _FOLLOWED = 50, 800  # control samples before and after a step
+_PLACES = 33  # between middle and open port at which the force is looked at
+
+
+def numbers_of(found: Designed) -> Numbers:
+    """Return a designed solenoid's numbers by the names of the valve's options."""
+    around, curves = found.around, found.curves
+    b1, b2, a1, a2 = found.current_dynamics
+    f1, f2, d1, d2 = found.force_dynamics
+    source = f"{curves.provenance.get('name')}, sha256 {curves.provenance.get('sha256')}"
+    shared: dict[str, object] = {
+        "mass": found.mass,
+        "spring_1": around.spring_rate,
+        "spring_2": around.spring_rate,
+        "preload_1": around.preload,
+        "preload_2": around.preload,
+        "friction": around.rubbing,
+        "alpha": around.steepness,
+        "beta": around.viscous,
+        "resistance_a": found.resistance,
+        "resistance_b": found.resistance,
+        "half_stroke": around.opened * found.stroke,
+        "end_stop": found.stroke,
+        "supply_voltage": around.supply,
+        "current_b1": b1,
+        "current_b2": b2,
+        "current_a1": a1,
+        "current_a2": a2,
+        "force_f1": f1,
+        "force_f2": f2,
+        "force_d1": d1,
+        "force_d2": d2,
+        "map_current": tuple(curves.currents.tolist()),
+        "map_position": tuple(curves.positions.tolist()),
+        "map_coenergy": tuple(curves.coefficients.ravel().tolist()),
+        "map_source": source,
+    }
+    own: dict[str, object] = {
+        "control": "trajectory_set",
+        "bias_current": around.bias,
+        "span_current": around.span,
+        "largest_current": found.largest_current,
+        "trajectory_set.overshoot": around.overshoot,
+        "trajectory_set.speed_time": around.speed_time,
+        "trajectory_set.effort": around.effort,
+    }
+    return Numbers(shared, own)
+
+
+def plant_of(numbers: Numbers) -> DoubleSolenoidPlant:
+    """Return the simulated valve of a design.
+
+    Raises
+    ------
+    ValueError
+        If a number is outside its range or does not fit the others; it names the number.
+    """
+    return replaced(DoubleSolenoidPlant(), {**numbers.shared, **numbers.own})
+
+
+def follow_step(numbers: Numbers, share: float, changes: Mapping[str, float]) -> Loop:
+    """Follow a step of the setpoint from the middle for 80 ms; see `Designable.loop`.
+
+    The controllers keep the model of the design and know the supply: what else changes is the
+    valve's alone.
+
+    Parameters
+    ----------
+    numbers : Numbers
+        Of the valve.
+    share : float
+        Step over half the stroke, -1..1, not 0 [1].
+    changes : mapping
+        Factors of friction, supply and copper [1].
+
+    Raises
+    ------
+    ValueError
+        If the integration fails; says when and where.
+    """
+    plant = plant_of(numbers)
+    v, m, weights = plant.valve(), plant.tables(), plant.trajectory_set.weights()
+    copper = changes.get("copper", 1.0)
+    real = v._replace(
+        friction=v.friction * changes.get("rubbing", 1.0),
+        resistance_a=v.resistance_a * copper,
+        resistance_b=v.resistance_b * copper,
+    )
+    gains = plant.current_gains()
+    gains = gains._replace(supply=gains.supply * changes.get("supply", 1.0))
+    state = plant.initial_state()
+    work, states = state.copy(), np.empty((_REST + _FOLLOWED + 1, len(state)))
+    for n in range(len(states)):
+        states[n] = state
+        target = share * plant.half_stroke if n >= _REST else 0.0
+        command = decide(state, v, m, gains, weights, target, work)
+        at.control_sample(state, real, m, gains, command, False)
+    refusal = plant.failure(state)
+    if refusal:
+        raise ValueError(refusal)
+    return _loop(plant, copper, share, states[_REST:])
+
+
+def _loop(plant: DoubleSolenoidPlant, copper: float, share: float, s: FloatArray) -> Loop:
+    time_s: FloatArray = at.SAMPLE_S * np.arange(len(s), dtype=np.float64)
+    place = s[:, at.X] / (share * plant.half_stroke)
+    of = judge_step(time_s, place)
+    heat = plant.resistance_a * s[:, at.MEAN_A] ** 2 + plant.resistance_b * s[:, at.MEAN_B] ** 2
+    wanted = np.full(len(s), 1e3 * share * plant.half_stroke)
+    rows: tuple[tuple[str, dict[str, FloatArray]], ...] = (
+        ("voltage [V]", {"A": s[:, at.VOLTS_A], "B": s[:, at.VOLTS_B]}),
+        ("flux linkage [mWb]", {"A": 1e3 * s[:, at.PSI_A], "B": 1e3 * s[:, at.PSI_B]}),
+        ("current [A]", {"A": s[:, at.MEAN_A], "B": s[:, at.MEAN_B]}),
+        ("u [1]", {"u": s[:, at.COMMAND]}),
+        ("force [N]", {"F": s[:, at.FORCE]}),
+        ("position [mm]", {"x": 1e3 * s[:, at.X], "setpoint": wanted}),
+    )
+    error = abs(float(place[-1]) - 1.0)
+    return Loop(
+        time_s, rows, of.rise_s, of.overshoot, of.settling_s, error, copper * float(heat.mean())
+    )
+
+
+def margin_of(numbers: Numbers) -> float:
+    """Return the least force that the largest current leaves on the way to an open port [N]."""
+    plant = plant_of(numbers)
+    tables, v = plant.tables(), plant.valve()
+    places = np.linspace(0.0, plant.half_stroke, _PLACES)
+    left = [
+        v.force_gain * force_of(tables, v.largest, 0.0, float(x)) + at.spring_force(v, float(x))
+        for x in places
+    ]
+    return float(min(left)) - 0.5 * plant.friction

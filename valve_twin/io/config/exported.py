@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""A parameter file for a designed valve: another file with numbers of its own in it."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import TYPE_CHECKING, cast
+
+import yaml
+
+from valve_twin.core.quantity import describe
+from valve_twin.core.valves.interface import option_descriptors
+from valve_twin.core.valves.registry import get_model, get_simulation
+from valve_twin.io.config.parameter_file import WRAPPER
+from valve_twin.io.errors import ConfigError
+from valve_twin.io.limits import load_yaml
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+    from pathlib import Path
+
+_ALL = "/**"
+_WIDTH = 120
+_HEADER = ("# SPDX-License-Identifier: Apache-2.0", "# Copyright 2026 valve_twin maintainers")
+
+
+def exported_yaml(
+    like: Path, model: str, shared: Mapping[str, object], own: Mapping[str, object], title: str
+) -> str:
+    """Return a parameter file with other numbers for the twin and for the simulated valve.
+
+    Parameters
+    ----------
+    like : Path
+        File of that model, whose other keys are kept.
+    model : str
+        Name of the model.
+    shared : mapping
+        Options of the twin, which the simulated valve has as well [unit by option].
+    own : mapping
+        Settings of the simulated valve alone, by dotted name [unit by setting].
+    title : str
+        What the file is, one line.
+
+    Raises
+    ------
+    ConfigError
+        If the file cannot be read or is none of that model.
+    """
+    try:
+        tree = load_yaml(like.read_text(encoding="utf-8"))
+        section = tree[_ALL][WRAPPER]
+        found = section["model"]
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, KeyError, TypeError) as err:
+        msg = f"{like}: is no parameter file with a section '{_ALL}' and a model ({err})"
+        raise ConfigError(msg) from err
+    if found != model:
+        msg = f"{like}: is of model '{found}'; give one of '{model}'"
+        raise ConfigError(msg)
+    section["options"] = {**section.get("options", {}), **shared}
+    simulation = section.setdefault("simulation", {})
+    simulation["plant"] = {**simulation.get("plant", {}), **shared, **_nested(own)}
+    known = (*option_descriptors(get_model(model), "options."),
+             *describe(get_simulation(model), "simulation."))  # fmt: skip
+    notes = {d.name: f"{d.text} [{d.unit}]" if d.unit else d.text for d in known}
+    lines = [*_HEADER, f"# {title}", *_lines(tree, "", notes, "")]
+    return "\n".join(lines) + "\n"
+
+
+def _nested(given: Mapping[str, object]) -> dict[str, object]:
+    """Return dotted names as sections."""
+    found: dict[str, object] = {}
+    for name, value in given.items():
+        *sections, last = name.split(".")
+        at = found
+        for section in sections:
+            at = cast("dict[str, object]", at.setdefault(section, {}))
+        at[last] = value
+    return found
+
+
+def _lines(
+    tree: Mapping[str, object], indent: str, notes: Mapping[str, str], prefix: str
+) -> Iterator[str]:
+    for key, value in tree.items():
+        name = "" if key in {_ALL, WRAPPER} or key.startswith("/") else f"{prefix}{key}"
+        if isinstance(value, dict):
+            yield f"{indent}{key}:"
+            yield from _lines(value, f"{indent}  ", notes, f"{name}." if name else "")
+            continue
+        note = f"  # {notes[name]}" if name in notes else ""
+        if isinstance(value, (list, tuple)):
+            yield f"{indent}{key}:{note}"
+            text = ", ".join(_scalar(item) for item in value)
+            yield from textwrap.wrap(
+                f"[{text}]", _WIDTH, initial_indent=f"{indent}  ", subsequent_indent=f"{indent}   "
+            )
+        else:
+            yield f"{indent}{key}: {_scalar(value)}{note}"
+
+
+def _scalar(value: object) -> str:
+    """Return a value as YAML writes it, on one line."""
+    return yaml.safe_dump(value, width=10**6).removesuffix("...\n").strip()
