@@ -4,21 +4,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from valve_twin.core.diagnosis.detection import NOTHING, UNKNOWN, Diagnosis, Finding, detect
-from valve_twin.core.diagnosis.features import ESTIMATOR
+from valve_twin.core.diagnosis.features import ESTIMATOR, NOISE
 from valve_twin.core.diagnosis.products import CLOCK, clocks_apart, products, without_slips
 from valve_twin.core.diagnosis.reference import doubt_of
 from valve_twin.core.diagnosis.refused import still
+from valve_twin.core.diagnosis.sensor.freezing import DUE, MISSED, freezing
+from valve_twin.core.diagnosis.sensor.noise import noisier
 from valve_twin.core.diagnosis.table import BY_NAME
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from valve_twin.core.types import Estimate, Maintenance
+    from valve_twin.core.types import Estimate, IntArray, Maintenance
     from valve_twin.core.valves.interface import ValveModel
 
 _LATELY = 8
@@ -70,8 +74,25 @@ def diagnose(history: Sequence[Estimate], maintenance: Sequence[Maintenance]) ->
     clock = clocks_apart(cycles[since:], start_s[since:], vectors[since:], table)
     found.sort(key=lambda f: (f.alarm, f.onset))
     stuck = still(history)
-    found += [f for f in (clock, stuck) if f is not None]
+    found += [clock] if clock else []
+    found += _of_sensor(chosen, cycles, restarts)
+    found += [stuck] if stuck else []
     return Diagnosis(tuple(found), len(cycles), ready, doubt)
+
+
+def _of_sensor(
+    shown: Sequence[Estimate], cycles: IntArray, restarts: Sequence[int]
+) -> list[Finding]:
+    """Return what the sensor shows over all products; maintenance ends it and begins anew."""
+    values = np.array([[e.value(n) for n in (NOISE, MISSED, DUE)] for e in shown])
+    found: list[Finding] = []
+    edges = [0, *sorted({int(np.searchsorted(cycles, c)) for c in restarts}), len(cycles)]
+    for first, last in pairwise(edges):
+        part, own = cycles[first:last], values[first:last]
+        over = int(cycles[last]) if last < len(cycles) else -1
+        new = [*noisier(part, own[:, 0]), *freezing(part, own[:, 1], own[:, 2])]
+        found += [replace(f, end=over) if f.end < 0 else f for f in new]
+    return sorted(found, key=lambda f: (f.alarm, f.onset))
 
 
 def _model(name: str) -> ValveModel | None:

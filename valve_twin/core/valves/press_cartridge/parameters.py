@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from valve_twin.core.diagnosis.features import ESTIMATOR as SHOWN
 from valve_twin.core.quantity import quantity, setting
 from valve_twin.core.types import Parameter
-from valve_twin.core.valves.press_cartridge.diagnosis.features import FEATURES
+from valve_twin.core.valves.press_cartridge.diagnosis.features import COUNTS, FEATURES
 from valve_twin.core.valves.press_cartridge.estimation import kalman, output_error
 from valve_twin.core.valves.press_cartridge.estimation.equation_error import (
     ESTIMATORS as EQUATION_ERROR,
@@ -69,6 +69,7 @@ PARAMETERS = (
     Parameter("theta_7", "1", "paper 002, eq. (18): inflow command times speed"),
     Parameter("theta_8", "1", "paper 002, eq. (18): outflow command times speed"),
     *FEATURES,
+    *COUNTS,
 )
 
 

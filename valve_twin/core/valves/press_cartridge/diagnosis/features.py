@@ -15,7 +15,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.diagnosis.features import FeatureSet
+from valve_twin.core.diagnosis.sensor.freezing import DUE, MISSED
 from valve_twin.core.estimation.data.masks import held_recently
+from valve_twin.core.estimation.data.missed import missed_values
 from valve_twin.core.estimation.data.noise import find_rest, rest_noise
 from valve_twin.core.estimation.data.robust import find_spikes
 from valve_twin.core.types import Parameter, ParameterStatus, ParameterValue
@@ -25,6 +27,12 @@ if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray, Frames
 
 _PER_COMMAND = "stroke a sample per unit command"
+
+COUNTS = (
+    Parameter(MISSED, "1", "values that the sensor repeated while the position moved on", 0.0),
+    Parameter(DUE, "1", "values in motions so fast that each must differ from the last", 0.0),
+)
+"""What is counted beside the features: it needs no past of the valve to be compared with."""
 
 FEATURES = (
     Parameter("rest_level", "1", "feature: mean position at rest on the lower seat"),
@@ -41,9 +49,10 @@ FEATURES = (
     Parameter("repeats", "1", "feature: share of samples that repeat the one before", 0.0, 1.0),
     Parameter("stuck", "1", "feature: share of samples commanded without motion", 0.0, 1.0),
 )
-"""What the features are, in the order of `cycle_features`."""
+"""What the features are, in the order of `cycle_features`; the counts stand behind them."""
 
 NAMES = tuple(p.name for p in FEATURES)
+_STORED = (*NAMES, *(p.name for p in COUNTS))
 
 _LEAST_SPIKE = 6e-3
 """Height of a single wild sample that is left out [1]: what noise of 5e-4 does not reach."""
@@ -133,7 +142,7 @@ _NO_LINE = _Line()
 def cycle_features(
     frames: Frames, masks: Masks, period_s: float, options: FeatureOptions
 ) -> tuple[ParameterValue, ...]:
-    """Return the features of one cycle in the order of `FEATURES`.
+    """Return the features of one cycle in the order of `FEATURES`, then the `COUNTS`.
 
     Parameters
     ----------
@@ -152,7 +161,7 @@ def cycle_features(
         NOT_EXCITED and NaN where the cycle does not show a feature.
     """
     if np.count_nonzero(masks.gap) > options.max_gaps * len(frames):
-        return tuple(_value(name, np.nan, "samples are missing") for name in NAMES)
+        return tuple(_value(name, np.nan, "samples are missing") for name in _STORED)
     masks = replace(masks, bad=masks.bad | find_spikes(frames.position, _LEAST_SPIKE))
     x, good = frames.position, ~masks.bad & np.isfinite(frames.position)
     good &= ~held_recently(masks.gap, options.lag)  # sums of commands do not reach over a gap
@@ -178,8 +187,9 @@ def cycle_features(
         np.fmax(in_high.shortfall, out_high.shortfall),
         repeats,
         np.count_nonzero(masks.stuck) / max(len(x), 1),
+        *missed_values(x),
     )
-    return tuple(_value(name, v) for name, v in zip(NAMES, values, strict=True))
+    return tuple(_value(name, v) for name, v in zip(_STORED, values, strict=True))
 
 
 def _value(

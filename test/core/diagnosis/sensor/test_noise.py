@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""A noisier sensor is found against its own past, and a healthy one is not."""
+
+import numpy as np
+import pytest
+
+from valve_twin.core.diagnosis.sensor.noise import noisier
+
+
+def levels(cycles, seed, spread=0.1):
+    """Return noise at rest that scatters about 1e-3 by a share."""
+    return 1e-3 * np.exp(spread * np.random.default_rng(seed).standard_normal(cycles))
+
+
+def test_8000_healthy_cycles_raise_at_most_one_alarm():
+    for_all = (noisier(np.arange(1, 101), levels(100, seed, 0.2)) for seed in range(80))
+    assert sum(len(found) for found in for_all) <= 1
+
+
+def test_a_noisier_sensor_is_told_with_its_factor_and_is_over():
+    noise = levels(60, 1)
+    noise[20:40] *= 3.0
+    (found,) = noisier(np.arange(1, 61), noise)
+    assert (found.fault, found.part, found.onset, found.alarm, found.end) == (
+        "sensor_noise",
+        "sensor",
+        21,
+        22,
+        45,
+    )
+    assert found.severity == pytest.approx(3.0, rel=0.1)  # the median of 20 at 10 %: 3 %
+
+
+def test_one_wild_cycle_is_no_noisier_sensor():
+    noise = levels(60, 2)
+    noise[[20, 40]] *= 5.0
+    assert noisier(np.arange(1, 61), noise) == []
+
+
+def test_cycles_without_rest_are_left_out():
+    noise = levels(60, 3)
+    noise[20:] *= 3.0
+    noise[::3] = np.nan
+    assert [f.onset for f in noisier(np.arange(1, 61), noise)] == [21]
+
+
+def test_nothing_is_said_before_it_is_known_how_noisy_it_is():
+    noise = levels(20, 4)
+    noise[5:] *= 3.0
+    assert noisier(np.arange(1, 8), noise[:7]) == []

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""A sensor that has become noisier than it was, over all products alike."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.diagnosis.detection import Finding
+from valve_twin.core.estimation.data.robust import robust_sigma
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import FloatArray, IntArray
+
+_LEAST = 8
+"""Fewest cycles that say how noisy the sensor is usually."""
+
+_MOST = 40
+"""Most cycles that say so."""
+
+_CONFIRM = 2
+"""Newest cycles that must all be noisier."""
+
+_RISE = 0.5
+"""Least rise of the logarithm of the noise: two thirds as much again [1]."""
+
+_SURE = 4.0
+"""Least rise of each of these cycles in standard deviations [1]."""
+
+_TAIL, _TAIL_DEVIATIONS = 0.9, 1.645
+_HEAL = 5
+"""Cycles that are less than half as much noisier after which it is over."""
+
+
+def noisier(cycles: IntArray, noise: FloatArray) -> list[Finding]:
+    """Find the times in which a sensor was noisier than before.
+
+    Noise at rest does not depend on what the valve makes, so that all products are one series.
+
+    Parameters
+    ----------
+    cycles : (N,) int64 array
+        Cycle numbers, rising.
+    noise : (N,) array
+        Standard deviation of the position at rest [unit of the position]; NaN where unknown.
+
+    Returns
+    -------
+    list of Finding
+        Oldest first; the size is how many times noisier.
+    """
+    known = np.isfinite(noise) & (noise > 0.0)
+    numbers, level = cycles[known], np.log(noise[known])
+    found: list[Finding] = []
+    usual: list[float] = []
+    row = 0
+    while row < len(level):
+        newest = level[row : row + _CONFIRM]
+        rise, sure = _rise(np.array(usual[-_MOST:]), newest)
+        if not rise or len(newest) < _CONFIRM:
+            usual.append(float(level[row]))
+            row += 1
+            continue
+        end = _over(level, row, float(np.median(usual[-_MOST:])) + 0.5 * rise)
+        stop = len(level) if end < 0 else end - _HEAL + 1
+        size = float(np.exp(np.median(level[row:stop]) - np.median(usual[-_MOST:])))
+        alarm = int(numbers[row + _CONFIRM - 1])
+        last = int(numbers[end]) if end >= 0 else -1
+        found.append(
+            Finding("sensor_noise", (), "sensor", size, sure, int(numbers[row]), alarm, last)
+        )
+        row = stop
+    return found
+
+
+def _rise(usual: FloatArray, newest: FloatArray) -> tuple[float, float]:
+    """Return the least rise of the newest cycles, and that in standard deviations; 0 = none."""
+    if len(usual) < _LEAST:
+        return 0.0, 0.0
+    off = usual - np.median(usual)
+    spread = max(robust_sigma(off), float(np.quantile(np.abs(off), _TAIL)) / _TAIL_DEVIATIONS)
+    rise = float(newest.min() - np.median(usual))
+    sure = rise / max(spread, _RISE / _SURE)
+    return (rise, sure) if sure > _SURE and newest.min() > usual.max() else (0.0, 0.0)
+
+
+def _over(level: FloatArray, onset: int, half: float) -> int:
+    """Return the first row that ends `_HEAL` rows of less than half the rise, or -1."""
+    run = 0
+    for row in range(onset, len(level)):
+        run = run + 1 if level[row] < half else 0
+        if run == _HEAL:
+            return row
+    return -1
