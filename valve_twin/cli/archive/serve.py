@@ -1,20 +1,27 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""`valve-twin serve`: the valves of a history in a browser, without ROS."""
+"""`valve-twin serve`: the valves of a history in a browser and by OPC UA, without ROS."""
 
 from __future__ import annotations
 
+import logging
+import os
 import socket
-from contextlib import suppress
+from contextlib import contextmanager, suppress
+from getpass import getpass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from valve_twin.cli.archive.fleet import aging_rules
 from valve_twin.cli.common import OK, USAGE, add_url, add_verb, fail, say
+from valve_twin.io.errors import ConfigError
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Iterator
 
     from valve_twin.cli.common import Verbs
+    from valve_twin.gateway.plant import Plant
 
 _MOST = 65535
 
@@ -24,7 +31,7 @@ def add(verbs: Verbs) -> None:
     parser = add_verb(
         verbs,
         "serve",
-        "Show the valves of a history in a browser; without ROS, read only.",
+        "Show the valves of a history in a browser and by OPC UA; without ROS, read only.",
         _serve,
     )
     add_url(parser)
@@ -37,9 +44,34 @@ def add(verbs: Verbs) -> None:
         "--host", default="127.0.0.1", help="address to listen at, default this machine only"
     )
     parser.add_argument("--port", type=int, default=8107, help="TCP port, default 8107; 0 = any")
+    opcua = parser.add_argument_group("OPC UA, off unless --opcua is given")
+    opcua.add_argument(
+        "--opcua",
+        nargs="?",
+        const="opc.tcp://127.0.0.1:4840",
+        metavar="ADDRESS",
+        help="serve devices (DI) at opc.tcp://HOST:PORT, default opc.tcp://127.0.0.1:4840",
+    )
+    opcua.add_argument("--opcua-users", metavar="FILE", help="users with hashed passwords")
+    opcua.add_argument(
+        "--opcua-add-user",
+        metavar="NAME",
+        help="ask for a password, add the user to --opcua-users, and end",
+    )
+    opcua.add_argument(
+        "--opcua-pki",
+        metavar="FOLDER",
+        default="~/.config/valve_twin/opcua",
+        help="certificate.der, key.pem (made where both are missing) and trusted/*.der of clients",
+    )
+    opcua.add_argument(
+        "--anonymous", action="store_true", help="let anybody look by OPC UA, unencrypted too"
+    )
 
 
 def _serve(arguments: argparse.Namespace) -> int:
+    if arguments.opcua_add_user:
+        return _add_user(arguments.opcua_users, arguments.opcua_add_user)
     try:
         import prometheus_client  # noqa: F401
         import starlette  # noqa: F401
@@ -67,8 +99,52 @@ def _serve(arguments: argparse.Namespace) -> int:
             return fail(f"{why} or --host")
         host, port = listening.getsockname()[:2]
         shown = f"[{host}]" if ":" in host else host
-        say(f"{view.where}: {len(view.rows)} valves at http://{shown}:{port}/ (Ctrl-C ends it)")
-        config = uvicorn.Config(application(plant), log_level="warning", server_header=False)
-        with suppress(KeyboardInterrupt):  # the usual end
-            uvicorn.Server(config).run(sockets=[listening])
+        with _opcua(arguments, plant):
+            say(
+                f"{view.where}: {len(view.rows)} valves at http://{shown}:{port}/ (Ctrl-C ends it)"
+            )
+            config = uvicorn.Config(application(plant), log_level="warning", server_header=False)
+            with suppress(KeyboardInterrupt):  # the usual end
+                uvicorn.Server(config).run(sockets=[listening])
+    return OK
+
+
+@contextmanager
+def _opcua(arguments: argparse.Namespace, plant: Plant) -> Iterator[None]:
+    """Serve OPC UA meanwhile, where it is asked for."""
+    if not arguments.opcua:
+        yield
+        return
+    try:
+        from valve_twin.gateway.opcua.access import Access
+        from valve_twin.gateway.opcua.server import OpcUaFace
+    except ModuleNotFoundError as err:
+        msg = f"serve: {err.name} is missing: pip install valve_twin[gateway]"
+        raise ConfigError(msg) from err
+    from valve_twin.gateway.opcua.passwords import Passwords, read_users
+
+    logging.getLogger("asyncua").setLevel(logging.CRITICAL + 1)  # traces of what clients do wrong
+    users = arguments.opcua_users
+    passwords = Passwords(read_users(users), say) if users else None
+    folder = Path(arguments.opcua_pki).expanduser()
+    face = OpcUaFace(plant.view, arguments.opcua, Access(folder, passwords, arguments.anonymous))
+    say(f"OPC UA at {face.start()}, certificates in {folder}")
+    try:
+        yield
+    finally:
+        face.stop()
+
+
+def _add_user(path: str | None, name: str) -> int:
+    from valve_twin.gateway.opcua.passwords import read_users, user_line
+
+    if not path:
+        return fail("serve: --opcua-add-user needs --opcua-users FILE to write to", USAGE)
+    file = Path(path)
+    if file.exists() and name in read_users(file):
+        return fail(f"{file}: there is a user {name} already: remove the line first")
+    line = user_line(name, getpass(f"Password of {name}: "))
+    with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600), "a") as stream:
+        stream.write(f"{line}\n")
+    say(f"{file}: user {name} may look")
     return OK

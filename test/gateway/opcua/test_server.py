@@ -1,0 +1,311 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The OPC UA face as `valve-twin serve` starts it, in its own process; asyncua's client here."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+import signal
+import socket
+import sqlite3
+import subprocess
+import sys
+import time
+import urllib.request
+from contextlib import asynccontextmanager
+from typing import Any
+
+import pytest
+
+pytest.importorskip("asyncua", reason="needs the extra gateway")
+
+from asyncua import Client, ua
+from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
+
+from test.gateway.test_web import HOSTILE, store
+from valve_twin.gateway.opcua.passwords import user_line
+from valve_twin.gateway.opcua.units import unit_number
+from valve_twin.gateway.opcua.valve_nodes import OF_PARAMETER, VALUES, stamp
+
+DI, VALVES = "http://opcfoundation.org/UA/DI/", "urn:valve_twin:valves"
+PASSWORD = "a long password"
+
+
+class Server:
+    """`valve-twin serve --opcua`, and where it listens."""
+
+    def __init__(self, path, folder, *more: str) -> None:
+        command = [sys.executable, "-m", "valve_twin.cli", "serve", "--port", "0"]
+        command += ["--opcua", "opc.tcp://127.0.0.1:0", "--opcua-pki", str(folder)]
+        self.process = subprocess.Popen(
+            [*command, "--url", f"sqlite:///{path}", *more], stderr=subprocess.PIPE, text=True
+        )
+        assert self.process.stderr is not None
+        lines = [self.process.stderr.readline() for _ in range(2)]
+        found = re.search(r"opc\.tcp://127\.0\.0\.1:\d+", lines[0])
+        web = re.search(r"http://127\.0\.0\.1:\d+", lines[1])
+        assert found, lines
+        assert web, lines
+        self.opcua, self.web = found.group(), web.group()
+
+    def json(self):
+        with urllib.request.urlopen(f"{self.web}/api/valves", timeout=30) as answer:
+            return {row["valve"]: row for row in json.load(answer)["valves"]}
+
+    def end(self) -> str:
+        self.process.send_signal(signal.SIGINT)
+        try:
+            assert self.process.wait(30) == 0
+        finally:
+            self.process.kill()
+        assert self.process.stderr is not None
+        with self.process.stderr as stream:
+            return stream.read()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("opcua")
+
+
+@pytest.fixture(scope="module")
+def path(folder):
+    made = folder / "history.sqlite"
+    store(made, "/press/worn", range(1, 61), -0.0045)
+    store(made, HOSTILE, range(1, 3), 0.0)
+    return made
+
+
+@pytest.fixture(scope="module")
+def server(path, folder):
+    users = folder / "users"
+    users.write_text(f"# who may look\n{user_line('anna', PASSWORD)}\n", encoding="utf-8")
+    made = Server(path, folder / "pki", "--opcua-users", str(users))
+    yield made
+    said = made.end()
+    assert "Traceback" not in said
+    assert said.count("5 wrong passwords of user anna: refused for 30 s") <= 1
+
+
+@asynccontextmanager
+async def connected(server, folder, user="anna", password=PASSWORD):
+    """Connect as a plant's client does: signed, encrypted, with a password."""
+    client = Client(server.opcua)
+    client.application_uri = "urn:test:client"
+    await make_client_pair(folder)
+    await client.set_security(
+        SecurityPolicyBasic256Sha256, str(folder / "client.der"), str(folder / "client.pem")
+    )
+    client.set_user(user)
+    client.set_password(password)
+    async with client:
+        yield client
+
+
+async def make_client_pair(folder):
+    from asyncua.crypto.cert_gen import setup_self_signed_certificate
+    from cryptography.x509.oid import ExtendedKeyUsageOID
+
+    if not (folder / "client.der").exists():
+        await setup_self_signed_certificate(
+            folder / "client.pem",
+            folder / "client.der",
+            "urn:test:client",
+            socket.gethostname(),
+            [ExtendedKeyUsageOID.CLIENT_AUTH],
+            {"organizationName": "test"},
+        )
+
+
+def test_a_client_finds_devices_of_di_with_what_the_json_shows(server, folder):
+    async def look():
+        async with connected(server, folder) as client:
+            di = await client.get_namespace_index(DI)
+            own = await client.get_namespace_index(VALVES)
+            device_set = await client.nodes.objects.get_child(f"{di}:DeviceSet")
+            devices = {
+                (await d.read_browse_name()).Name: d for d in await device_set.get_children()
+            }
+            json_rows = server.json()
+            assert set(devices) == set(json_rows) == {"/press/worn", HOSTILE}
+            for valve, device in devices.items():
+                assert await device.read_type_definition() == ua.NodeId(1002, di)
+                await agrees(device, json_rows[valve], own, di)
+            worn = devices["/press/worn"]
+            health = await worn.get_child(f"{di}:DeviceHealth")
+            assert await health.read_value() == 3  # OFF_SPEC
+            assert await health.read_data_type() == ua.NodeId(6244, di)
+            names = await client.get_node(ua.NodeId(6450, di)).read_value()
+            assert [n.Text for n in names][3] == "OFF_SPEC"
+
+    asyncio.run(look())
+
+
+async def agrees(device, row, own, di) -> None:
+    for name, (key, kind, _) in VALUES.items():
+        found = await (await device.get_child(f"{own}:{name}")).read_data_value(False)
+        wanted = stamp(row[key]) if kind is ua.VariantType.DateTime else row[key]
+        assert found.Value.Value == wanted, name
+        unknown = found.StatusCode.value == ua.StatusCodes.BadNoData
+        assert unknown == (wanted is None), name
+        if row["end_ns"] and wanted is not None:
+            assert found.SourceTimestamp == stamp(row["end_ns"])
+    group = await device.get_child(f"{di}:ParameterSet")
+    assert len(await group.get_children()) == len(row["parameters"])
+    for parameter in row["parameters"]:
+        node = await group.get_child(f"{own}:{parameter['parameter']}")
+        assert await node.read_type_definition() == ua.NodeId(ua.ObjectIds.AnalogItemType)
+        level = await node.read_data_value(False)
+        assert level.Value.Value == parameter["level"]
+        unit = await (await node.get_child("0:EngineeringUnits")).read_value()
+        assert unit.DisplayName.Text == parameter["unit"]
+        assert (await (await node.get_child("0:EURange")).read_value()).High is not None
+        for name, (key, _) in OF_PARAMETER.items():
+            value = await (await node.get_child(f"{own}:{name}")).read_data_value(False)
+            assert value.Value.Value == parameter[key], name
+
+
+def test_every_write_and_call_of_a_client_is_refused(server, folder):
+    async def attack():
+        async with connected(server, folder) as client:
+            own = await client.get_namespace_index(VALVES)
+            cycle = client.get_node(ua.NodeId("/press/worn#Cycle", own))
+            before = await cycle.read_value()
+            with pytest.raises(ua.uaerrors.BadUserAccessDenied):
+                await cycle.write_value(7)
+            with pytest.raises(ua.uaerrors.BadUserAccessDenied):
+                await client.nodes.server.call_method("0:GetMonitoredItems", 1)
+            with pytest.raises(ua.uaerrors.BadUserAccessDenied):
+                await client.nodes.objects.add_object(own, "mine")
+            with pytest.raises(ua.uaerrors.BadUserAccessDenied):
+                await client.delete_nodes([cycle])
+            assert await cycle.read_value() == before
+            assert await cycle.get_access_level() == {ua.AccessLevel.CurrentRead}
+
+    asyncio.run(attack())
+
+
+def test_without_user_or_encryption_nobody_looks(server, folder):
+    async def knock():
+        with pytest.raises(ua.UaError):  # anonymous
+            async with Client(server.opcua):
+                pass
+        plain = Client(server.opcua)
+        plain.set_user("anna")
+        plain.set_password(PASSWORD)
+        with pytest.raises((ua.UaError, ValueError)):  # in clear
+            async with plain:
+                await plain.get_node(ua.ObjectIds.Server_NamespaceArray).read_value()
+        for user, password in (("anna", "wrong"), ("nobody", PASSWORD)):
+            with pytest.raises(ua.uaerrors.BadUserAccessDenied):
+                async with connected(server, folder, user, password):
+                    pass
+        async with connected(server, folder):
+            pass
+
+    asyncio.run(knock())
+
+
+def test_a_verdict_that_changes_is_an_event_and_a_lost_history_a_status(tmp_path):
+    path = tmp_path / "history.sqlite"
+    store(path, "/v", range(1, 41), 0.0)
+    server = Server(path, tmp_path / "pki", "--anonymous")
+
+    class Events:
+        def __init__(self) -> None:
+            self.seen: list[object] = []
+
+        def event_notification(self, event) -> None:
+            self.seen.append(event)
+
+    async def follow():
+        async with Client(server.opcua) as client:
+            own = await client.get_namespace_index(VALVES)
+            device = client.get_node(ua.NodeId("/v", own))
+            kind = await client.nodes.base_event_type.get_child(f"{own}:VerdictChangedEventType")
+            events = Events()
+            subscription = await client.create_subscription(100, events)
+            await subscription.subscribe_events(device, kind)
+            before = await client.get_node(ua.NodeId("/v#Verdict", own)).read_value()
+            await asyncio.to_thread(store, path, "/v", range(41, 101), -0.006)
+            await until(lambda: events.seen)
+            event: Any = events.seen[-1]
+            assert event.Verdict != before
+            assert event.SourceName == "/v"
+            assert event.Message.Text.startswith(f"/v: {event.Verdict} ({event.State}): ")
+            cycle = client.get_node(ua.NodeId("/v#Cycle", own))
+            kept = await cycle.read_value()
+
+            async def status(node=cycle) -> int:
+                return int((await node.read_data_value(False)).StatusCode.value)
+
+            with sqlite3.connect(path) as raw:
+                raw.execute("ALTER TABLE cycle RENAME TO gone")
+            await until_status(status, ua.StatusCodes.UncertainLastUsableValue)
+            assert (await cycle.read_data_value(False)).Value.Value == kept
+            readable = client.get_node(ua.NodeId("History#Readable", own))
+            assert not await readable.read_value()
+            failure = await client.get_node(ua.NodeId("History#Failure", own)).read_value()
+            assert "no such table" in failure
+            with sqlite3.connect(path) as raw:
+                raw.execute("ALTER TABLE gone RENAME TO cycle")
+            await until_status(status, ua.StatusCodes.Good)
+            assert await readable.read_value()
+
+    try:
+        asyncio.run(follow())
+    finally:
+        assert "Traceback" not in server.end()
+
+
+async def until(condition, most_s=60.0) -> None:
+    end = time.monotonic() + most_s
+    while not condition():
+        assert time.monotonic() < end
+        await asyncio.sleep(0.1)
+
+
+async def until_status(read, wanted, most_s=60.0) -> None:
+    end = time.monotonic() + most_s
+    while await read() != wanted:
+        assert time.monotonic() < end
+        await asyncio.sleep(0.1)
+
+
+def refusal(path, *more: str) -> tuple[int, str]:
+    command = [sys.executable, "-m", "valve_twin.cli", "serve", "--port", "0", "--opcua", *more]
+    done = subprocess.run(
+        [*command, "--url", f"sqlite:///{path}"],
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
+    assert done.stderr.count("\n") == 1, done.stderr
+    return done.returncode, done.stderr
+
+
+def test_what_cannot_be_served_gets_one_line(path, tmp_path):
+    pki = ("--opcua-pki", str(tmp_path / "pki"))
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        address = f"opc.tcp://127.0.0.1:{port}"
+        code, said = refusal(path, address, "--anonymous", *pki)
+    assert code == 1
+    assert f"cannot listen at 127.0.0.1:{port}" in said
+    (tmp_path / "pki" / "key.pem").unlink()
+    code, said = refusal(path, address, "--anonymous", *pki)
+    assert code == 2
+    assert "key.pem: is missing" in said
+    code, said = refusal(path, "http://x", "--anonymous", *pki)
+    assert "'http://x' is no address" in said
+
+
+def test_the_number_of_a_unit_is_that_of_the_standard():
+    assert unit_number("C81") == 4405297  # radian, of the foundation's table
+    assert unit_number("DD") == 17476
+    assert unit_number("4T") == 13396

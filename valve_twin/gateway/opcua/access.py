@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Who may look: users, certificates, encryption; and that nobody may do more than look."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from typing import TYPE_CHECKING, Any
+
+from asyncua import ua
+from asyncua.common.utils import ServiceError
+from asyncua.crypto.cert_gen import setup_self_signed_certificate
+from asyncua.crypto.permission_rules import USER_TYPES, PermissionRuleset, User, UserRole
+from asyncua.crypto.security_policies import SecurityPolicyFactory, SecurityPolicyNone
+from cryptography import x509
+from cryptography.hazmat.primitives.serialization import Encoding
+from cryptography.x509.oid import ExtendedKeyUsageOID
+
+from valve_twin.io.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from asyncua import Server
+
+    from valve_twin.gateway.opcua.passwords import Passwords
+
+APPLICATION = f"urn:{socket.gethostname()}:valve_twin:gateway"
+"""Name of the server among all; its certificate carries it."""
+
+_POLICY = ua.SecurityPolicyType
+_REFUSED = {
+    ua.ObjectIds.WriteRequest_Encoding_DefaultBinary,
+    ua.ObjectIds.CallRequest_Encoding_DefaultBinary,
+}
+_LOOKING = {ua.NodeId(kind) for kind in USER_TYPES if kind not in _REFUSED}
+
+
+class _LookOnly(PermissionRuleset):  # type: ignore[misc]
+    """Lets who has logged in browse, read and subscribe, and do nothing else."""
+
+    def check_validity(self, user: User, action_type: ua.NodeId, _: object) -> bool:
+        return user.role is UserRole.User and action_type in _LOOKING
+
+
+class _Nothing(PermissionRuleset):  # type: ignore[misc]
+    """For a channel that is not encrypted: who may come in and how can be asked, no more."""
+
+    def check_validity(self, *_: object) -> bool:
+        return False
+
+
+@dataclass(frozen=True, slots=True)
+class Access:
+    """Who may look.
+
+    Attributes
+    ----------
+    folder : Path
+        Holds certificate.der and key.pem of the server, made where both are missing, and in
+        trusted/ certificates (DER) of clients; is there one, no other client is let in.
+    passwords : Passwords or None
+        Users by password.
+    anonymous : bool
+        Whether anybody may look, also without encryption.
+    """
+
+    folder: Path
+    passwords: Passwords | None = None
+    anonymous: bool = False
+
+    async def apply(self, server: Server) -> None:
+        """Set a server up that has not started.
+
+        Raises
+        ------
+        ConfigError
+            If nobody could come in, or certificate or key cannot be used.
+        """
+        trusted = await asyncio.to_thread(read_trusted, self.folder / "trusted")
+        if not (self.anonymous or self.passwords or trusted):
+            msg = (
+                "OPC UA: nobody could come in: name --opcua-users, put certificates into "
+                f"{self.folder / 'trusted'}, or let anybody look by --anonymous"
+            )
+            raise ConfigError(msg)
+        await _load_own(server, self.folder)
+        rules = _LookOnly()
+        policies = [_POLICY.Basic256Sha256_SignAndEncrypt, _POLICY.Basic256Sha256_Sign]
+        tokens = [ua.X509IdentityToken]
+        if self.passwords:
+            tokens.append(ua.UserNameIdentityToken)
+        if self.anonymous:
+            tokens.append(ua.AnonymousIdentityToken)
+            policies.append(_POLICY.NoSecurity)
+        else:  # asyncua opens such a channel anyway and would then ask nobody for permission
+            none = ua.MessageSecurityMode.None_
+            server._policies.append(
+                SecurityPolicyFactory(SecurityPolicyNone, none, permission_ruleset=_Nothing())
+            )
+        server.set_security_policy(policies, permission_ruleset=rules)
+        server.set_identity_tokens(tokens)
+        server.iserver.certificate_validator = _Validator(trusted)
+        server.iserver.user_manager = _Users(self, trusted)
+
+
+class _Users:
+    """Tells asyncua who somebody is; None = nobody who may come in."""
+
+    def __init__(self, access: Access, trusted: Mapping[bytes, str]) -> None:
+        self._access, self._trusted = access, trusted
+
+    def get_user(
+        self,
+        _: object,
+        username: str | None = None,
+        password: str | None = None,
+        certificate: bytes | None = None,
+    ) -> User | None:
+        if username is not None:
+            passwords = self._access.passwords
+            if passwords and passwords.fits(username, password or ""):
+                return User(UserRole.User, username)
+            return None
+        if certificate is not None and certificate in self._trusted:
+            return User(UserRole.User, self._trusted[certificate])
+        return User(UserRole.User, "anonymous") if self._access.anonymous else None
+
+
+class _Validator:
+    """Refuses a client with a certificate out of date, or not a trusted one if there are any."""
+
+    def __init__(self, trusted: Mapping[bytes, str]) -> None:
+        self._trusted = trusted
+
+    async def __call__(self, certificate: x509.Certificate, _: object) -> None:
+        if not is_in_date(certificate):
+            raise ServiceError(ua.StatusCodes.BadCertificateTimeInvalid)
+        if self._trusted and certificate.public_bytes(Encoding.DER) not in self._trusted:
+            raise ServiceError(ua.StatusCodes.BadCertificateUntrusted)
+
+
+def is_in_date(certificate: x509.Certificate) -> bool:
+    """Return whether a certificate holds today."""
+    now = datetime.now(timezone.utc)
+    return bool(certificate.not_valid_before_utc <= now <= certificate.not_valid_after_utc)
+
+
+def read_trusted(folder: Path) -> dict[bytes, str]:
+    """Return the certificates of a folder with their files' names; none where it is missing.
+
+    Raises
+    ------
+    ConfigError
+        If a file is no certificate (DER).
+    """
+    found = {}
+    for path in sorted(folder.glob("*.der")):
+        try:
+            data = path.read_bytes()
+            x509.load_der_x509_certificate(data)
+        except (OSError, ValueError) as err:
+            msg = f"{path}: is no certificate (DER): {err}"
+            raise ConfigError(msg) from err
+        found[data] = path.stem
+    return found
+
+
+async def _load_own(server: Server, folder: Path) -> None:
+    certificate, key = folder / "certificate.der", folder / "key.pem"
+    there = [path.exists() for path in (certificate, key)]
+    if any(there) and not all(there):
+        missing = certificate if there[1] else key
+        msg = f"{missing}: is missing: put it beside the other, or remove both for new ones"
+        raise ConfigError(msg)
+    try:
+        if not any(there):
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            await _make_own(certificate, key)
+        await server.load_certificate(certificate)
+        await server.load_private_key(key)
+    except OSError as err:
+        msg = f"{err.filename or folder}: {err.strerror or err}: check the access rights"
+        raise ConfigError(msg) from err
+    except (ValueError, TypeError) as err:
+        msg = f"{certificate}, {key}: no certificate (DER) with its key (PEM): {_line(err)}"
+        raise ConfigError(msg) from err
+    own: Any = server.iserver.certificate
+    if not is_in_date(own):
+        msg = (
+            f"{certificate}: holds from {own.not_valid_before_utc:%Y-%m-%d} to "
+            f"{own.not_valid_after_utc:%Y-%m-%d}: put a new one there, or remove it and its key"
+        )
+        raise ConfigError(msg)
+    if (
+        own.public_key().public_numbers()
+        != server.iserver.private_key.public_key().public_numbers()
+    ):
+        msg = f"{certificate}: does not belong to {key}: put the right pair there"
+        raise ConfigError(msg)
+
+
+async def _make_own(certificate: Path, key: Path) -> None:
+    await setup_self_signed_certificate(
+        key,
+        certificate,
+        APPLICATION,
+        socket.gethostname(),
+        [ExtendedKeyUsageOID.SERVER_AUTH],
+        {"organizationName": "valve_twin"},
+    )
+    await asyncio.to_thread(key.chmod, 0o600)
+
+
+def _line(err: Exception) -> str:
+    return (str(err).strip().splitlines() or [type(err).__name__])[0]
