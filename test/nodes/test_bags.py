@@ -100,10 +100,11 @@ def test_a_signal_leaves_a_finished_bag(graph, tmp_path, number):
 
 
 def test_an_existing_bag_is_not_overwritten(graph, tmp_path, capfd):
-    (tmp_path / "recorded").mkdir()
-    recorder = graph.host(BagRecorderNode, bag=str(tmp_path / "recorded"))
-    assert recorder.state == "unconfigured"
-    assert "exists already; give a new folder" in capfd.readouterr().err
+    path = tmp_path / "recorded"
+    path.mkdir()
+    graph.host(BagRecorderNode, bag=str(path))
+    assert f"{path} exists already: recording to {path}_002" in capfd.readouterr().err
+    assert not list(path.iterdir())
 
 
 def test_a_bag_comes_back_in_its_order_as_fast_as_possible(graph, bag):

@@ -6,15 +6,21 @@ What was sent and had not reached its middleware is counted beside: after a kill
 a publisher's messages to the shared memory of the dead, and to the living seconds later.
 """
 
+import itertools
 import json
 import os
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from valve_twin_msgs.msg import Float64Stamped
 
-from test.nodes.conftest import own_domain
+from test.nodes.conftest import NS, own_domain
 from test.nodes.recorder_kills import KillingField, kill_many
+from valve_twin.io.bags.read import bag_info
+from valve_twin.io.cdr.codec import encode_stamped
+from valve_twin.io.offline.recover import recover
 
 CAMPAIGN = Path(__file__).resolve().parents[3] / "docs" / "campaigns" / "kills.json"
 
@@ -80,3 +86,47 @@ def test_a_thousand_kills_lose_less_than_a_second_each(field):
     CAMPAIGN.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
     assert figures["of these missing"] == 0
     assert len(deaf) <= kills // 20, deaf[0]
+
+
+def spans(folder):
+    """Return first and last log time of every recording of a name that holds messages [ns]."""
+    found = []
+    for bag in sorted(folder.iterdir(), key=lambda p: (len(p.name), p.name)):
+        recover(bag, folder.parent / f"{bag.name}_recovered")
+        info = bag_info(folder.parent / f"{bag.name}_recovered")
+        if any(t.count for t in info.topics):
+            found.append((info.start_ns, info.end_ns))
+    return found
+
+
+def kill_and_restart(graph, folder, kills, keep):
+    """Kill a recorder that is always on, again and again; return the spans of its recordings."""
+    rng, topic = np.random.default_rng(3), f"{NS}/spool_position"
+    publisher = graph.node.create_publisher(Float64Stamped, topic, 1000)
+    for _ in range(kills):
+        recorder = graph.start(
+            "bag_recorder", bag=str(folder / "on"), keep_files=keep, max_bag_duration=1.0
+        )
+        graph.spin_until(lambda: f"recording {topic}" in recorder.log, what="the recorder")  # noqa: B023
+        end = time.monotonic() + rng.uniform(1.0, 2.0)
+        while time.monotonic() < end:
+            publisher.publish(encode_stamped(time.time_ns(), 0.5))
+            graph.spin(0.02)
+        recorder.kill()
+        assert len(list(folder.rglob("*.mcap"))) <= keep
+    return spans(folder)
+
+
+def test_a_recorder_that_is_killed_and_started_again_records_on(graph, tmp_path):
+    found = kill_and_restart(graph, tmp_path / "bags", kills=3, keep=2)
+    assert 1 <= len(found) <= 2
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+def test_a_recorder_that_is_killed_200_times_is_off_for_3_s_at_most(graph, tmp_path):
+    kills = int(os.environ.get("VALVE_TWIN_KILLS", "200"))
+    found = kill_and_restart(graph, tmp_path / "bags", kills, keep=kills)
+    gaps = [1e-9 * (b[0] - a[1]) for a, b in itertools.pairwise(found)]
+    assert len(found) > kills // 4
+    assert max(gaps) < 3.0, f"{len(found)} recordings, gaps {np.round(gaps, 2)} s"

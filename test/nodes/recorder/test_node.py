@@ -147,6 +147,17 @@ def test_what_cannot_be_configured_is_one_clear_line(graph, tmp_path, capfd, par
     assert not (tmp_path / "bag").exists()
 
 
+def test_a_bag_that_cannot_be_made_leaves_no_thread(graph, tmp_path, capfd):
+    (tmp_path / "file").write_text("no folder")
+    recorder = graph.host(BagRecorderNode, start=False, bag=str(tmp_path / "file" / "bag"))
+    before = threading.active_count()
+    for _ in range(2):
+        recorder.start()
+        assert recorder.state == "unconfigured"
+    assert "cannot be written" in capfd.readouterr().err
+    assert threading.active_count() == before
+
+
 def test_the_service_splits_and_the_event_names_both_files(graph, tmp_path, feeder):
     events = graph.record(f"{NS}/bag_recorder/events/write_split", WriteSplitEvent)
     recorder = graph.host(BagRecorderNode, bag=str(tmp_path / "bag"), topics=INPUTS)

@@ -50,7 +50,7 @@ def find_files(path: str | Path) -> BagFolder:
     if not path.is_dir() and path.name != FILE_NAME:
         return BagFolder((path,), {})
     folder = path if path.is_dir() else path.parent
-    present = tuple(sorted(folder.glob("*.mcap"), key=_natural))
+    present = tuple(sorted(folder.glob("*.mcap"), key=natural_order))
     if not (folder / FILE_NAME).is_file():
         if not present:
             msg = f"{path}: holds no .mcap file; give a bag folder with MCAP storage"
@@ -73,7 +73,7 @@ def find_files(path: str | Path) -> BagFolder:
     names = ", ".join(p.name for p in missing)
     flaw = f"{folder / FILE_NAME}: names {names}, which is not there; "
     flaw += f"read instead: {', '.join(p.name for p in spare)}"
-    files = tuple(sorted([p for p in named if p.is_file()] + spare, key=_natural))
+    files = tuple(sorted([p for p in named if p.is_file()] + spare, key=natural_order))
     return BagFolder(files, custom, flaw=flaw)
 
 
@@ -91,7 +91,7 @@ def bag_files(path: str | Path) -> tuple[tuple[Path, ...], dict[str, str]]:
     return found.files, found.custom
 
 
-def _natural(path: Path) -> list[tuple[bool, int, str]]:
+def natural_order(path: Path) -> list[tuple[bool, int, str]]:
     """Sort key that puts bag_2 before bag_10."""
     parts = re.split(r"(\d+)", path.name)
     return [(p.isdigit(), int(p) if p.isdigit() else 0, p) for p in parts]

@@ -97,6 +97,11 @@ class _Closed:
     size: int
 
 
+def _unlink(path: Path) -> int:
+    path.unlink(missing_ok=True)
+    return 0
+
+
 class RollingFiles:
     """The files of one bag folder.
 
@@ -138,6 +143,8 @@ class RollingFiles:
         self.custom: dict[str, str] = {}
         self.running: BagFile | None = None
         self._done: list[_Closed] = []
+        self._earlier: list[Path] = []
+        self._delete_earlier: Callable[[Path], int] = _unlink
         self._unfinished: list[BagFile] = []
         self._next = 0
         self._ended = False
@@ -150,6 +157,19 @@ class RollingFiles:
             raise self._unwritable(err) from err
         if at_once:
             self.open_next()
+
+    def follow(self, earlier: Sequence[Path], delete: Callable[[Path], int]) -> None:
+        """Count files of earlier recordings as the oldest of this one.
+
+        Parameters
+        ----------
+        earlier : sequence of Path
+            Oldest first.
+        delete : callable
+            Deletes one of them and returns its size [B].
+        """
+        self._earlier, self._delete_earlier = list(earlier), delete
+        self._keep(self._rule.keep - 1)
 
     def note(self, values: Mapping[str, object]) -> None:
         """Add values of the user's own to the metadata."""
@@ -252,6 +272,8 @@ class RollingFiles:
 
     def drop_oldest(self) -> int:
         """Delete the oldest file that is closed; return its size, 0 where there is none [B]."""
+        if self._earlier:
+            return max(self._delete_earlier(self._earlier.pop(0)), 1)
         if not self._done:
             return 0
         oldest = self._done.pop(0)
@@ -309,8 +331,9 @@ class RollingFiles:
 
     def _keep(self, files: int) -> None:
         """Delete the oldest closed files but so many."""
-        while self._rule.keep > 0 and len(self._done) > files and self.drop_oldest():
-            pass
+        if self._rule.keep > 0:
+            while len(self._earlier) + len(self._done) > files and self.drop_oldest():
+                pass
 
     def _finish(self, file: BagFile, notes: Mapping[str, Mapping[str, str]] | None = None) -> None:
         """Finish a file and list it; the metadata in it are its own."""

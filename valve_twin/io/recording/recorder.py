@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from valve_twin.io.bags.writer import BagWriter
 from valve_twin.io.errors import BagError
+from valve_twin.io.recording import restarted
 from valve_twin.io.recording.background_sync import BackgroundSync
 
 if TYPE_CHECKING:
@@ -113,17 +114,24 @@ class Recording:
         self._disk, self._flush_s = disk or DiskRule(), flush_s
         self._clock, self._free = clock, free
         self._by_snapshot = by_snapshot
-        self._writer = BagWriter(
-            path,
-            flush_s=math.inf,
-            clock=clock,
-            sync=self._late or sync,
-            sync_now=sync if in_background else None,
-            split=split,
-            at_once=not by_snapshot,
-            events=events,
-        )
-        self.path = self._writer.path
+        self._lock: int | None = None
+        try:
+            self._writer = BagWriter(
+                path,
+                flush_s=math.inf,
+                clock=clock,
+                sync=self._late or sync,
+                sync_now=sync if in_background else None,
+                split=split,
+                at_once=not by_snapshot,
+                events=events,
+            )
+            self.path = self._writer.path
+            self._lock = restarted.lock(self.path)
+            self._writer.rolling.follow(restarted.earlier_files(self.path), restarted.delete)
+        except BaseException:
+            self._let_go()
+            raise
         self._offered: dict[str, int] = {}
         self._dirty_since = self._unwritten_since = math.inf
         self._unseen = 0
@@ -254,8 +262,14 @@ class Recording:
         try:
             self._writer.close()
         finally:
-            if self._late is not None:
-                self._late.close(SYNC_S)
+            self._let_go()
+
+    def _let_go(self) -> None:
+        if self._late is not None:
+            self._late.close(SYNC_S)
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
 
     # -- figures
 

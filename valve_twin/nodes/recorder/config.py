@@ -14,10 +14,12 @@ from valve_twin.io.bags.rolling import SplitRule
 from valve_twin.io.config.node_parameters import BagRecorderParameters
 from valve_twin.io.errors import ConfigError
 from valve_twin.io.recording.recorder import DiskRule
+from valve_twin.io.recording.restarted import next_folder
 from valve_twin.io.recording.topic_choice import TopicChoice
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
 
     from valve_twin.nodes.runtime.node import ValveNode
 
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
 class RecorderConfig:
     """What follows from the parameters, and the parameters themselves."""
 
-    bag: str
+    bag: Path
     choice: TopicChoice
     overrides: Mapping[str, Mapping[str, Any]]
     split: SplitRule
@@ -47,7 +49,7 @@ def read_config(node: ValveNode) -> RecorderConfig:
     now = datetime.now(timezone.utc).strftime("%Y%m%d_%H%M%S")
     path = p.qos_profile_overrides_path
     config = RecorderConfig(
-        bag=p.bag or f"valve_twin_{now}",
+        bag=next_folder(p.bag or f"valve_twin_{now}").absolute(),
         choice=_choice(node, p),
         overrides=read_overrides(path) if path else {},
         split=SplitRule(p.max_bag_size, p.max_bag_duration, p.keep_files),

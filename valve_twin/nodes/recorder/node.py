@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import time
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from valve_twin_msgs import msg, srv
@@ -86,6 +87,7 @@ class BagRecorderNode(ValveNode):
             ),
             in_background=True,
         )
+        self._tell_folder(config)
         self._recording.note(config.custom)
         self._disk = DiskQueue(
             self, self._recording, limit=config.given.queue, limit_bytes=config.given.queue_bytes
@@ -123,8 +125,13 @@ class BagRecorderNode(ValveNode):
 
     def cleanup(self) -> None:
         """Write what waits and finish the file."""
-        if self._disk is not None and not self._disk.close(CLOSE_S):
-            self.get_logger().error("the disk is too slow: the end of the bag is not on it yet")
+        if self._disk is not None:
+            if not self._disk.close(CLOSE_S):
+                self.get_logger().error(
+                    "the disk is too slow: the end of the bag is not on it yet"
+                )
+        elif self._recording is not None:
+            self._recording.close()
         for publisher in (self._status, self._splits):
             if publisher is not None:
                 self.destroy_publisher(publisher)
@@ -133,6 +140,18 @@ class BagRecorderNode(ValveNode):
         self._topics = {}
         self._recording = self._disk = self._snapshots = self._diagnostics = None
         self._status = self._splits = None
+
+    def _tell_folder(self, config: RecorderConfig) -> None:
+        given = config.given
+        if given.bag and config.bag.name != Path(given.bag).name:
+            self.get_logger().info(
+                f"{Path(given.bag).absolute()} exists already: recording to {config.bag}"
+            )
+        elif not given.bag and given.keep_files:
+            self.get_logger().info(
+                f"keep_files counts the files of {config.bag} only: name the bag by the parameter "
+                "'bag' to have them counted over restarts"
+            )
 
     # -- data path
 

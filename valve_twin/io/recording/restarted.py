@@ -1,0 +1,120 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""A recording that is begun again under its name: NAME, then NAME_002, NAME_003 and so on.
+
+The files of earlier ones count as files of the recording when the oldest are deleted, unless
+another process still writes there: a recording holds a lock on its folder.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from valve_twin.io.bags.folder import natural_order
+from valve_twin.io.bags.metadata import FILE_NAME
+from valve_twin.io.mcap.format import MAGIC, RECORD_HEAD, Op
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+_NUMBERED = re.compile(r"(.+)_(\d{3,})")
+_SECOND = 2
+
+
+def next_folder(path: str | Path) -> Path:
+    """Return the folder itself, or where there was one already, NAME_ with the next number.
+
+    Parameters
+    ----------
+    path : path
+        Folder of the first recording of this name.
+    """
+    path = Path(path)
+    last = max((number for number, _ in _numbered(path)), default=0)
+    if not last and not os.path.lexists(path):
+        return path
+    return path.with_name(f"{path.name}_{max(last + 1, _SECOND):03d}")
+
+
+def earlier_files(path: Path) -> list[Path]:
+    """Return the files of earlier recordings of a name, oldest first.
+
+    Files without any message, as a recorder leaves that is killed at its start, are deleted.
+
+    Parameters
+    ----------
+    path : Path
+        Folder of the present recording, as `next_folder` gave it.
+    """
+    found = _NUMBERED.fullmatch(path.name)
+    if found is None or int(found[2]) < _SECOND:
+        return []
+    first = path.with_name(found[1])
+    folders = [first, *(f for n, f in sorted(_numbered(first)) if n < int(found[2]))]
+    files: list[Path] = []
+    for folder in folders:
+        held = lock(folder)
+        if held is None:
+            continue
+        for file in sorted(folder.glob("*.mcap"), key=natural_order):
+            if _has_messages(file):
+                files.append(file)
+            else:
+                delete(file)
+        os.close(held)
+    return files
+
+
+def delete(file: Path) -> int:
+    """Delete a file of an earlier recording and return its size [B].
+
+    The metadata of its folder, which would name it, go with it, and the folder with its last file.
+    """
+    with suppress(OSError):
+        size = file.stat().st_size
+        (file.parent / FILE_NAME).unlink(missing_ok=True)
+        file.unlink()
+        file.parent.rmdir()
+        return size
+    return 0
+
+
+def lock(folder: Path) -> int | None:
+    """Hold a folder until the number that is returned is closed; None where another holds it."""
+    try:
+        import fcntl
+    except ImportError:  # not on Windows, where no recorder runs
+        return None
+    try:
+        number = os.open(folder, os.O_RDONLY)
+    except OSError:
+        return None
+    try:
+        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(number)
+        return None
+    return number
+
+
+def _numbered(first: Path) -> Iterator[tuple[int, Path]]:
+    for folder in first.parent.glob(f"{first.name}_*"):
+        found = _NUMBERED.fullmatch(folder.name)
+        if found is not None and found[1] == first.name:
+            yield int(found[2]), folder
+
+
+def _has_messages(file: Path) -> bool:
+    """Return whether a chunk or message begins in a file, also in one that is cut."""
+    with suppress(OSError), file.open("rb") as stream:
+        stream.seek(len(MAGIC))
+        while len(head := stream.read(RECORD_HEAD.size)) == RECORD_HEAD.size:
+            code, length = RECORD_HEAD.unpack(head)
+            if code in {Op.MESSAGE, Op.CHUNK}:
+                return True
+            stream.seek(length, os.SEEK_CUR)
+    return False
