@@ -77,6 +77,11 @@ def generate_launch_description() -> LaunchDescription:
                 description="Take the time from the player's /clock",
             ),
             DeclareLaunchArgument(
+                "clock",
+                default_value=LaunchConfiguration("use_sim_time"),
+                description="Publish /clock; false where another node of the domain does",
+            ),
+            DeclareLaunchArgument(
                 "autostart",
                 default_value="true",
                 choices=["true", "false"],
@@ -131,7 +136,7 @@ def player() -> Node:
                     LaunchConfiguration("start_paused"), value_type=bool
                 ),
                 "autostart": ParameterValue(LaunchConfiguration("autostart"), value_type=bool),
-                "clock": ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool),
+                "clock": ParameterValue(LaunchConfiguration("clock"), value_type=bool),
             },
         ],
         arguments=["--ros-args", "--log-level", LaunchConfiguration("log_level")],

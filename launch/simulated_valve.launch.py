@@ -59,6 +59,11 @@ def generate_launch_description() -> LaunchDescription:
                 description="Take the time from the simulated valve's /clock",
             ),
             DeclareLaunchArgument(
+                "clock",
+                default_value=LaunchConfiguration("use_sim_time"),
+                description="Publish /clock; false for all but one simulated valve of a domain",
+            ),
+            DeclareLaunchArgument(
                 "autostart",
                 default_value="true",
                 choices=["true", "false"],
@@ -111,9 +116,7 @@ def generate_launch_description() -> LaunchDescription:
                     {
                         "publish_prefix": PREFIX,
                         "rate": ParameterValue(LaunchConfiguration("rate"), value_type=float),
-                        "clock": ParameterValue(
-                            LaunchConfiguration("use_sim_time"), value_type=bool
-                        ),
+                        "clock": ParameterValue(LaunchConfiguration("clock"), value_type=bool),
                         "autostart": autostart,
                     },
                 ],

@@ -54,13 +54,14 @@ def write(tmp_path_factory):
     simulation = get_simulation("press_cartridge")
     block = SimulatedValve(simulation, 3).advance(CYCLES * simulation.cycle_samples)
 
-    def record(position=(), command=()):
+    def record(position=(), command=(), ahead_s=0):
         path = tmp_path_factory.mktemp("record") / "bag"
         other, commanded = dict(position), dict(command)
         with BagWriter(path) as bag:
             for n, stamp in enumerate((block.stamp_ns + START_NS).tolist()):
                 v_in = commanded.get(n, float(block.inputs[n, 0]))
-                bag.write_sample(f"{PREFIX}/command/v_in", stamp, v_in)
+                ahead_ns = stamp + ahead_s * 10**9
+                bag.write_sample(f"{PREFIX}/command/v_in", ahead_ns, v_in, log_ns=stamp)
                 bag.write_sample(f"{PREFIX}/command/v_out", stamp, float(block.inputs[n, 1]))
                 measured = other.get(n, float(block.position[n]))
                 bag.write_sample(f"{PREFIX}/spool_position", stamp, measured)
@@ -102,6 +103,15 @@ def test_bad_values_are_counted_and_told_with_topic_and_remedy(config, spoilt):
     assert line.startswith(f"record: topic '{PREFIX}/spool_position': of 3400 values {len(BAD)} ")
     assert "outside -0.1 .. 1.1" in line
     assert "signals.spool_position.lower" in line
+
+
+@pytest.mark.parametrize("ahead_s", [3600, -500])
+def test_a_record_whose_clocks_differ_is_told_with_the_offset(config, write, ahead_s):
+    path = write(ahead_s=ahead_s)
+    lines = describe_bad(config, path, run_bag(config, path, predict=False))
+    where = "ahead of" if ahead_s > 0 else "behind"
+    wanted = f"{path}: signal v_in is stamped {abs(ahead_s)} s {where} spool_position"
+    assert lines[0].startswith(wanted)
 
 
 def test_nothing_is_told_about_a_clean_record(config, clean):

@@ -58,6 +58,17 @@ def test_batches_hold_the_same_samples(graph):
     assert found[0].period == pytest.approx(0.03)
 
 
+@pytest.mark.parametrize(
+    ("given", "published"), [({}, True), ({"clock": False}, False), ({"clock": True}, True)]
+)
+def test_the_clock_is_published_at_another_rate_unless_it_was_refused(graph, given, published):
+    clocks = graph.record("/clock", Clock)
+    positions = graph.record(POSITION, Float64Stamped)
+    graph.host(SimulatedValveNode, rate=20.0, **given)
+    graph.spin_until(lambda: len(positions) > 50, what="positions")
+    assert bool(clocks) == published
+
+
 @pytest.mark.alone
 def test_the_clock_runs_at_the_rate(graph):
     found: list[tuple[int, int]] = []

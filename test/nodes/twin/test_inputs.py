@@ -22,6 +22,7 @@ from valve_twin.nodes.twin.node import TwinNode
 
 PERIOD_S = 0.02
 RECOVERY_S = 1.0
+S = 10**9
 
 
 @pytest.fixture
@@ -175,6 +176,51 @@ def test_a_clock_that_is_set_back_drops_the_cycle_and_goes_on(graph, history, ca
     feeder.feed(100, offset_ns=START_NS - 500_000_000_000)
     graph.spin_until(lambda: len(found) > 190, what="predictions after the jump")
     assert "the clock of the data was set back" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("ahead_s", [3600, -3600])
+def test_signals_whose_clocks_differ_are_named_with_the_offset(graph, history, capfd, ahead_s):
+    graph.host(TwinNode, **history)
+    diagnostics = graph.record("/diagnostics", DiagnosticArray)
+    feeder = Feeder(graph, NS)
+    where = "ahead of" if ahead_s > 0 else "behind"
+    wanted = f"signal v_in is stamped 3600 s {where} spool_position: their clocks differ"
+    said = ""
+
+    def told():
+        nonlocal said
+        stamp_ns = 10 * START_NS + feeder.sent * feeder.period_ns
+        for publisher, ahead_ns in zip(feeder.publishers, (ahead_s * S, 0, 0), strict=True):
+            publisher.publish(encode_stamped(stamp_ns + ahead_ns, 0.0))
+        feeder.sent += 1
+        graph.spin(0.03)
+        said += capfd.readouterr().err
+        return wanted in said
+
+    graph.spin_until(told, what=wanted)
+    key = "clock of v_in ahead of spool_position [s]"
+    graph.spin_until(lambda: key in figures(diagnostics), what=key)
+    assert float(figures(diagnostics)[key]) == pytest.approx(ahead_s, abs=0.1)
+    assert said.count("their clocks differ") == 1
+
+
+def test_two_sources_of_the_clock_are_named_once(graph, history, capfd):
+    graph.host(TwinNode, use_sim_time=True, **history)
+    publishers = [graph.stranger(name).create_publisher(Clock, "/clock", 10) for name in "ab"]
+    said, k = "", 0
+
+    def told():
+        nonlocal said, k
+        for i, publisher in enumerate(publishers):
+            publisher.publish(Clock(clock=to_time(START_NS + k * S // 50 + i * 100 * S)))
+        k += 1
+        graph.spin(0.02)
+        said += capfd.readouterr().err
+        return k > 80 and "[clock.sources]" in said
+
+    graph.spin_until(told, what="the two sources")
+    assert said.count("2 publishers of /clock: /plant/a, /plant/b: time jumps") == 1
+    assert said.count("the clock of the data was set back") <= 1
 
 
 def test_topics_can_be_remapped(graph, history):

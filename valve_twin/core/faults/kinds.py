@@ -118,6 +118,19 @@ _STAMPS = (
         heal_s=EVENT_HEAL_S,
     ),
     FaultKind(
+        "clock.offset",
+        _ERROR,
+        "The signals of a valve are stamped by clocks that differ by more than hold_back_s.",
+        "Synchronise the clocks, stamp all signals on one computer, or do what the line says.",
+    ),
+    FaultKind(
+        "clock.sources",
+        _ERROR,
+        "Several nodes publish /clock: simulated time jumps between them.",
+        "Let one node publish it (clock: false at the others), or give each its ROS_DOMAIN_ID.",
+        confirm_s=2.0,
+    ),
+    FaultKind(
         "clock.waiting",
         _STALE,
         "use_sim_time is set and no /clock has come; nothing is processed before it.",

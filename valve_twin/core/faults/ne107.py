@@ -55,6 +55,8 @@ NODE_FAULTS = {
     "stamps.duplicate": _S,
     "stamps.late": _S,
     "clock.set_back": _S,
+    "clock.offset": _S,
+    "clock.sources": _C,
     "clock.waiting": _C,
     "estimation.overdue": _S,
     "estimation.late": _S,

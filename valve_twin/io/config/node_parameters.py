@@ -64,7 +64,9 @@ class SimulatedValveParameters(LiveParameters):
         lower=0.0,
         upper=1e4,
     )
-    clock: bool = setting(default=False, text="Publish /clock; a rate other than 1 always does.")
+    clock: bool = setting(
+        default=False, text="Publish /clock; where it is not given, a rate other than 1 does."
+    )
     seed: int = quantity(0, "1", "Seed of all random numbers.", lower=0, upper=2**31)
     start_time_s: float = quantity(
         0.0, "s", "Stamp of the first sample; 0 = the time at activation.", lower=0.0, upper=2e9

@@ -8,10 +8,13 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from valve_twin.core.aging import Assessment, assess
 from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.gaps import count_paused
 from valve_twin.core.prediction import fit_percent
+from valve_twin.core.signal_clocks import ClockOffset, SignalClocks
 from valve_twin.core.twin import Estimated, Event
 from valve_twin.core.types import Cycle, Estimate, EstimateStatus, Prediction, join_blocks
 from valve_twin.core.valves.registry import get_model
@@ -53,6 +56,8 @@ class Record:
         The last cycle that was handed to estimation, with its samples.
     paused : int
         How many of the samples that the cycles lack are missing in pauses of the recording.
+    offsets : list of ClockOffset
+        How far the clocks of the signals run apart.
     """
 
     cycles: list[CycleRecord] = field(default_factory=list)
@@ -62,6 +67,7 @@ class Record:
     counts: dict[str, SignalCounts] = field(default_factory=dict)
     last: Cycle | None = None
     paused: int = 0
+    offsets: list[ClockOffset] = field(default_factory=list)
     _running: dict[int, list[Prediction]] = field(default_factory=dict)
 
     def add(self, event: Event) -> None:
@@ -162,6 +168,7 @@ def estimate_bag(
     close_last: bool = True,
     twin: Twin | None = None,
     freeze_after: int = 0,
+    clocks: SignalClocks | None = None,
 ) -> Iterator[Event]:
     """Estimate every cycle of a bag.
 
@@ -177,6 +184,8 @@ def estimate_bag(
         The twin to drive, default a new one.
     freeze_after : int
         See `drive`.
+    clocks : SignalClocks, optional
+        Is told how far the stamps are ahead of the record.
 
     Yields
     ------
@@ -195,7 +204,7 @@ def estimate_bag(
     # the position comes last in each round of blocks: the commands it needs are then there
     sources = sorted(config.signals.values(), key=lambda s: s.signal == position)
     rounds = in_large_rounds(
-        read_signals(bag, sources, slice_s=LARGE_S),
+        _noted(read_signals(bag, sources, slice_s=LARGE_S), clocks),
         [source.signal for source in sources],
         hold_back_s=config.hold_back_s,
         slice_s=SLICE_S,
@@ -244,14 +253,27 @@ def run_bag(
     twin = make_twin(config)
     twin.predicts = predict
     record = Record()
-    events = estimate_bag(config, bag, close_last=close_last, twin=twin, freeze_after=freeze_after)
+    clocks = SignalClocks(get_model(config.model).output, config.hold_back_s, looks=1)
+    events = estimate_bag(
+        config, bag, close_last=close_last, twin=twin, freeze_after=freeze_after, clocks=clocks
+    )
     for event in events:
         record.add(event)
         if isinstance(event, Cycle):
             on_cycle()
     record.close()
     record.counts = twin.counts()
+    record.offsets = clocks.look()
     return record
+
+
+def _noted(blocks: Iterable[SignalBlock], clocks: SignalClocks | None) -> Iterator[SignalBlock]:
+    """Hand blocks on and note by how much their stamps are ahead of the record."""
+    for block in blocks:
+        if clocks is not None and block.log_ns is not None and len(block.log_ns):
+            ahead_ns = float(np.median(block.stamp_ns - block.log_ns))
+            clocks.note(block.signal, ahead_ns, has_header=block.has_header)
+        yield block
 
 
 def describe_bad(config: ValveConfig, bag: str | Path, record: Record) -> list[str]:
@@ -266,7 +288,7 @@ def describe_bad(config: ValveConfig, bag: str | Path, record: Record) -> list[s
     record : Record
         What was found.
     """
-    lines = []
+    lines = [f"{bag}: {offset}" for offset in record.offsets]
     for signal, counts in record.counts.items():
         source = config.signals[signal]
         where = f"{bag}: topic '{source.topic}': of {counts.received} values"

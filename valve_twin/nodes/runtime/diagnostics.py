@@ -14,6 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from valve_twin.core.faults.lifetime import Severity
 from valve_twin.nodes.runtime.fault_reporter import key_values
 from valve_twin.nodes.runtime.node import STEADY, ValveNode
+from valve_twin.nodes.runtime.safety import node_name
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from valve_twin.core.faults.lifetime import Fault
 
 PERIOD_S = 1.0
+CLOCK, SEVERAL = "/clock", 2
 OK, WARN, ERROR, STALE = (
     DiagnosticStatus.OK,
     DiagnosticStatus.WARN,
@@ -78,6 +80,21 @@ class Load:
         return {"cpu [%]": f"{share:.1f}", "peak memory [MB]": f"{peak:.0f}"}
 
 
+def clock_sources(node: ValveNode) -> str:
+    """Return in one line which nodes publish /clock; empty up to one, and where it is not used."""
+    uses = node.get_parameter("use_sim_time").value
+    if not uses and all(p.topic_name != CLOCK for p in node.publishers):
+        return ""
+    found = node.get_publishers_info_by_topic(CLOCK)
+    if len(found) < SEVERAL:
+        return ""
+    names = ", ".join(sorted(node_name(p) for p in found))
+    return (
+        f"{len(found)} publishers of {CLOCK}: {names}: time jumps between them; set clock to "
+        "false at all but one, or give them different ROS_DOMAIN_ID"
+    )
+
+
 class Diagnostics:
     """Timer and publisher of a node's diagnostics.
 
@@ -125,6 +142,7 @@ class Diagnostics:
     def _all_reports(self) -> Iterable[Report]:
         """Return a report of every valve, then one of the node, faults included."""
         reports = list(self._reports())
+        self._node.faults.look("clock.sources", clock_sources(self._node))
         self._node.faults.step()
         own = Report("node", "", {"state": self._node.state})
         for report in (*reports, own):

@@ -69,9 +69,13 @@ class Pace:
             self._rush_s = now_s
         self._newest_ns, self._at_s = newest_ns, now_s
 
+    def is_rush(self, now_s: float) -> bool:
+        """Return whether they did a short while ago [s]."""
+        return now_s - self._rush_s < CALM_S
+
     def patience_s(self, now_s: float) -> float:
         """Return how long a reader that hears nothing is waited for [s]."""
-        return RESENT_S if now_s - self._rush_s < CALM_S else PATIENCE_S
+        return RESENT_S if self.is_rush(now_s) else PATIENCE_S
 
 
 class SecondReader:

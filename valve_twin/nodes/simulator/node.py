@@ -88,7 +88,7 @@ class SimulatedValveNode(ValveNode):
         self._check_safety()
         lossless = self._given.lossless and self._rate != 1.0
         profile = sending_profile()
-        if self._rate != 1.0 or self._given.clock:
+        if self._publishes_clock():
             self._clock_publisher = self.create_publisher(ClockMessage, "/clock", 10)
         start = self._given.start_time_s or self.get_clock().now().nanoseconds * 1e-9
         for valve in self._valves:
@@ -101,6 +101,11 @@ class SimulatedValveNode(ValveNode):
             self.create_timer(TICK_S, self._tick, clock=STEADY),
             self.create_timer(CHECK_S, self._watch, clock=STEADY),
         ]
+
+    def _publishes_clock(self) -> bool:
+        """Return what was given; where nothing was, a rate other than 1 needs it."""
+        given = self.parameters.given().get("clock")
+        return bool(given) if given is not None else self._rate != 1.0
 
     def deactivate(self) -> None:
         """Stop publishing."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from valve_twin.nodes.twin.inputs import INPUT_CODES
 
 if TYPE_CHECKING:
+    from valve_twin.core.signal_clocks import ClockOffset
     from valve_twin.nodes.runtime.fault_reporter import FaultReporter
     from valve_twin.nodes.twin.inputs import TopicInput
     from valve_twin.nodes.twin.live_valve import LiveValve
@@ -26,16 +27,23 @@ class TwinFaults:
         Where faults are filed.
     valve : LiveValve
         The valve.
+
+    Attributes
+    ----------
+    offsets : list of ClockOffset
+        How far the clocks of its signals run apart.
     """
 
     def __init__(self, reporter: FaultReporter, valve: LiveValve) -> None:
         self._reporter, self._valve = reporter, valve
         self._seen: dict[tuple[str, str], int] = {}
+        self.offsets: list[ClockOffset] = []
 
     def look(self) -> None:
         """File what has happened since the last look."""
         for topic in self._valve.inputs.topics:
             self._look_at_topic(topic)
+        self._look_at_clocks()
         self._look_at_samples()
         self._look_at_estimation()
 
@@ -65,6 +73,12 @@ class TwinFaults:
             ("input.deadline", topic.deadlines_missed, " missed its deadline %d times"),
         ):
             self._events(code, topic.topic, total, f"{where}{text}")
+
+    def _look_at_clocks(self) -> None:
+        found = {offset.signal: offset for offset in self._valve.inputs.look_at_clocks()}
+        self.offsets = list(found.values())
+        for signal in self._valve.config.signals:
+            self._condition("clock.offset", str(found.get(signal, "")), signal)
 
     def _look_at_samples(self) -> None:
         valve = self._valve

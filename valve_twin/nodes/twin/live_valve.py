@@ -36,6 +36,10 @@ if TYPE_CHECKING:
     from valve_twin.nodes.twin.history_writer import HistoryWriter
 
 
+JUMP_TOLD_S = 10.0
+"""A jump of the clock is not told earlier again; all are counted [s]."""
+
+
 class LiveValve:
     """One valve that is hosted.
 
@@ -259,7 +263,8 @@ class LiveValve:
         self.publishers.gaps.restart()
         dropped = f"cycle {number} is dropped" if number else "no cycle was running"
         self._node.get_logger().warning(
-            f"{self.name}: the clock of the data was set back: {dropped}, what was learnt is kept"
+            f"{self.name}: the clock of the data was set back: {dropped}, what was learnt is kept",
+            throttle_duration_sec=JUMP_TOLD_S,
         )
 
     def _stop(self, err: Exception) -> None:

@@ -247,6 +247,9 @@ class TwinNode(ValveNode):
                 f"{topic.received}/{topic.lost}/{topic.broken}"
             )
             figures[f"{topic.topic} listened anew"] = topic.deaf
+        for offset in self._faults[valve.name].offsets:
+            key = f"clock of {offset.signal} ahead of {offset.output} [s]"
+            figures[key] = f"{offset.offset_s:.3f}"
         for name, count in counts.items():
             figures[f"{name} late/duplicate/bad"] = f"{count.late}/{count.duplicate}/{count.bad}"
         return figures

@@ -8,6 +8,8 @@ import time
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from valve_twin.core.signal_clocks import ClockOffset, SignalClocks
+from valve_twin.nodes.runtime.second_reader import Pace
 from valve_twin.nodes.twin.collector import Collector
 from valve_twin.nodes.twin.inputs import InputConfig, TopicInput, seconds_now
 
@@ -66,6 +68,8 @@ class ValveInputs:
         self._leading = next(
             i for i, group in enumerate(signals) if output in {e.source.signal for e in group}
         )
+        self._output, self._pace = output, Pace()
+        self._clocks = SignalClocks(output, config.hold_back_s)
         self._fresh: set[int] = set()
         self._scheduled = False
         self.due_s = 0.0
@@ -117,12 +121,22 @@ class ValveInputs:
             topic.drain()
         return self._collector.take_all() if everything else self._collector.take(now_s)
 
+    def look_at_clocks(self) -> list[ClockOffset]:
+        """Return how far the signals' clocks run apart; not told in a rush, see `Pace`."""
+        found = self._clocks.look()
+        return [] if self._pace.is_rush(seconds_now()) else found
+
     def answered(self) -> None:
         """Note that what the topics brought has been predicted."""
         self._fresh.clear()
 
     def _gather(self, block: SignalBlock, received_ns: int) -> None:
-        self._collector.add(block, received_ns, seconds_now())
+        newest_ns, now_s = int(block.stamp_ns[-1]), seconds_now()
+        ahead_ns = newest_ns - received_ns
+        self._clocks.note(block.signal, ahead_ns, has_header=block.has_header)
+        if block.signal == self._output:
+            self._pace.note(newest_ns, now_s)
+        self._collector.add(block, received_ns, now_s)
 
     def _arrive(self, topic: int, received_ns: int) -> None:
         """Answer once every topic has brought something, late ones together with what follows."""
