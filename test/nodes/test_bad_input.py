@@ -2,12 +2,17 @@
 # Copyright 2026 valve_twin maintainers
 """Whatever a user writes wrongly is told with name, value and remedy, and no node dies of it."""
 
+from pathlib import Path
+
 import pytest
+import yaml
 
 from valve_twin.nodes.aging.node import AgingMonitorNode
 from valve_twin.nodes.player.node import BagPlayerNode
 from valve_twin.nodes.simulator.node import SimulatedValveNode
 from valve_twin.nodes.twin.node import TwinNode
+
+CONFIG = Path(__file__).resolve().parents[2] / "config"
 
 
 @pytest.fixture
@@ -60,6 +65,49 @@ def test_a_wrong_value_is_told_and_the_node_stays_to_be_configured(
     assert [w for w in words if w not in said] == []
     assert "Traceback" not in said
     assert node.state == "unconfigured"
+
+
+def test_a_wrong_model_is_one_line(graph, capfd):
+    """Nothing that belongs to the right one is called unknown."""
+    text = yaml.safe_load((CONFIG / "press_cartridge.yaml").read_text())
+    given = {**text["/**"]["ros__parameters"], "model": "pres_cartridge"}
+    graph.host(TwinNode, **given)
+    said = [line for line in capfd.readouterr().err.splitlines() if line.startswith("[")]
+    assert len(said) == 1
+    assert "did you mean 'press_cartridge'?" in said[0]
+
+
+def test_a_twin_without_a_valve_makes_no_database(graph, capfd, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    node = graph.host(TwinNode)
+    assert node.state == "unconfigured"
+    assert "no valve is described: give --params-file" in capfd.readouterr().err
+    assert not list(tmp_path.glob("*.sqlite*"))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (None, "there is no such file"),
+        ("", "no section with"),
+        ("/other/twin:\n  ros__parameters:\n    model: press_cartridge\n", "holds nothing for"),
+    ],
+)
+def test_a_wrong_parameter_file_ends_the_start_with_one_line(graph, tmp_path, text, words):
+    path = tmp_path / "valves.yaml"
+    if text is not None:
+        path.write_text(text)
+    process = graph.start("twin", extra=["--params-file", str(path)])
+    assert process.process.wait(60.0) == 1
+    assert words in process.log
+    assert len(process.log.splitlines()) == 1
+
+
+def test_a_command_line_that_ros_does_not_take_is_no_traceback(graph, tmp_path):
+    process = graph.start("twin", extra=["-p", "model"])
+    assert process.process.wait(60.0) == 1
+    assert "cannot start" in process.log
+    assert "Traceback" not in process.log
 
 
 def test_an_unknown_key_is_named_with_the_nearest_valid_one(graph, capfd, history):

@@ -103,3 +103,15 @@ def test_a_second_interrupt_during_the_end_does_no_harm(graph, parameters):
         time.sleep(0.005)
     assert process.process.returncode == 0, process.log
     assert "Traceback" not in process.log
+
+
+@pytest.mark.parametrize("name", ["twin", "bag_recorder"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_after_the_shutdown_by_service_ends_the_process(graph, parameters, name, number):
+    process = graph.start(name, **parameters[name])
+    end = Transition(id=Transition.TRANSITION_ACTIVE_SHUTDOWN)
+    graph.spin_until(lambda: "is active" in process.log, what="the node")
+    assert graph.call(ChangeState, f"{NS}/{name}/change_state", transition=end).success
+    assert process.end(number) == 0
+    assert "Traceback" not in process.log
+    assert "ERROR" not in process.log

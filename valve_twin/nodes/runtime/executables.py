@@ -9,6 +9,8 @@ import sys
 from importlib import import_module
 from importlib.util import find_spec
 
+from valve_twin.io.config.node_arguments import check_arguments
+from valve_twin.io.errors import ConfigError
 from valve_twin.nodes.runtime import compat, termination
 
 _NODES = {
@@ -60,6 +62,8 @@ def run(name: str) -> int:
         )
         return _USAGE
     termination.install()
+    if not _accepts(name):
+        return 1
     gc.disable()  # until the node has started: imports make hardly any garbage
     if name in _PREDICT:
         compat.spare_imports()
@@ -68,6 +72,18 @@ def run(name: str) -> int:
     room, kind = _NODES[name]
     make = getattr(import_module(f"valve_twin.nodes.{room}.node"), kind)
     return int(import_module("valve_twin.nodes.runtime.node").run(make))
+
+
+def _accepts(name: str) -> bool:
+    """Say in a line what is wrong with the parameter files; return whether the node may start."""
+    try:
+        warning = check_arguments(name, sys.argv[1:])
+    except ConfigError as err:
+        sys.stderr.write(f"{name}: cannot start: {err}\n")
+        return False
+    if warning:
+        sys.stderr.write(f"{name}: {warning}\n")
+    return True
 
 
 if __name__ == "__main__":

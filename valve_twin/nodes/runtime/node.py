@@ -144,6 +144,8 @@ class ValveNode(LifecycleNode):
 
     def stop(self) -> None:
         """End in good order, whatever the state, also in the middle of a configuration."""
+        if self.state == "finalized":
+            return  # it was shut down by its service
         if self.state == "configuring":
             self._guarded(self.cleanup, "clean up")
         else:
@@ -274,11 +276,12 @@ def run(make: Callable[[], ValveNode], args: list[str] | None = None) -> int:
     """
     termination.install()
     with termination.put_off():
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         try:
+            rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
             node = make()
         except Exception as err:
-            rclpy.logging.get_logger("valve_twin").error(f"cannot start: {err}")
+            reason = compat.without_place(err)
+            rclpy.logging.get_logger("valve_twin").error(f"cannot start: {reason}")
             return _leave(1, [])
         executor = make_executor(node.parameters.read(NodeParameters).executor)
         executor.add_node(node)

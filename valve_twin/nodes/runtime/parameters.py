@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 _FOREIGN = ("qos_overrides.", "use_sim_time", "start_type_description_service", "simulation.")
-_OF_VALVES = (
+OF_VALVES = (
     *("valves", "model", "period_s", "hold_back_s", "topic_prefix", "history_url"),
     *("signals.", "cycles.", "options.", "aging.", "csv."),
 )
@@ -123,7 +123,7 @@ class Parameters:
         its business.
         """
         others = {s.name for table in NODE_PARAMETERS.values() for s in table}
-        foreign = _FOREIGN if hosts_valves else (*_FOREIGN, *_OF_VALVES)
+        foreign = _FOREIGN if hosts_valves else (*_FOREIGN, *OF_VALVES)
         for name in sorted(self.overrides):
             if name in self._specs or name in others or name.startswith(foreign):
                 continue

@@ -11,11 +11,13 @@ from rclpy.clock import JumpThreshold, TimeJump
 from rclpy.duration import Duration
 
 from valve_twin.io.config.node_parameters import TwinParameters
+from valve_twin.io.errors import ConfigError
 from valve_twin.io.history.store import History
 from valve_twin.nodes.runtime.compat import share_interpreter
 from valve_twin.nodes.runtime.diagnostics import ERROR, STALE, Diagnostics, Report
 from valve_twin.nodes.runtime.memory_trim import MemoryTrimmer
 from valve_twin.nodes.runtime.node import SPIN_S, STEADY, ValveNode
+from valve_twin.nodes.runtime.parameters import OF_VALVES
 from valve_twin.nodes.runtime.second_reader import LOOK_S
 from valve_twin.nodes.runtime.worker import WorkerProcess
 from valve_twin.nodes.twin.estimation_job import warm_up, warm_up_prediction
@@ -67,6 +69,7 @@ class TwinNode(ValveNode):
         """Open the histories and make the twins with what they had learnt."""
         self._left_out = {}
         share_interpreter()
+        self._check_given()
         configs = read_valves(self, self._left_out)
         signals = {c.name: by_topic(self, c.signals.values()) for c in configs}
         given = self.parameters.read(TwinParameters)
@@ -103,6 +106,16 @@ class TwinNode(ValveNode):
         self._diagnostics = Diagnostics(self, self._reports)
         each_s = max(SAVE_S / max(len(self._valves), 1), MOST_OFTEN_S)
         self._save_timer = self.create_timer(each_s, self._save_next, clock=STEADY)
+
+    def _check_given(self) -> None:
+        """Refuse to make a database for a valve that nobody described."""
+        given = {**self.parameters.overrides, **self.parameters.given()}
+        if not any(name.startswith(OF_VALVES) for name in given):
+            msg = (
+                f"{self.get_fully_qualified_name()}: no valve is described: give --params-file "
+                "FILE as in config/, or -p model:=press_cartridge to take its defaults"
+            )
+            raise ConfigError(msg)
 
     def activate(self) -> None:
         """Listen to the signals."""

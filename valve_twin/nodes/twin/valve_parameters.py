@@ -52,7 +52,8 @@ def read_valves(node: ValveNode, refused: dict[str, str] | None = None) -> list[
         own = str(parameters.overrides.get(f"{valve}.model", model))
         prefixed = [replace(s, name=f"{valve}.{s.name}") for s in (*_keys(own), *_constants(own))]
         parameters.declare(s for s in prefixed if s.name in parameters.overrides)
-    parameters.warn_unknown(hosts_valves=True)
+    if _is_known(model):  # else nothing that belongs to it is
+        parameters.warn_unknown(hosts_valves=True)
     wrong = {v: parameters.take_errors(f"{v}.") for v in names} if len(names) > 1 else {}
     parameters.check()
     given = parameters.given() | {
@@ -69,6 +70,14 @@ def read_valves(node: ValveNode, refused: dict[str, str] | None = None) -> list[
     if refused is not None:
         refused |= left_out
     return configs
+
+
+def _is_known(model: str) -> bool:
+    try:
+        get_model(model)
+    except ValueError:
+        return False
+    return True
 
 
 def _names(given: Sequence[str]) -> tuple[str, ...]:
