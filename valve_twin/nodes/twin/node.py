@@ -113,7 +113,7 @@ class TwinNode(ValveNode):
         if not any(name.startswith(OF_VALVES) for name in given):
             msg = (
                 f"{self.get_fully_qualified_name()}: no valve is described: give --params-file "
-                "FILE as in config/, or -p model:=press_cartridge to take its defaults"
+                "FILE as in config/, or -p model:=NAME to take the defaults of a model"
             )
             raise ConfigError(msg)
 
