@@ -22,7 +22,8 @@ from valve_twin.core.control.trajectory_set import (
 
 @given(st.floats(-1.0, 1.0))
 def test_candidates_hold_the_last_input_and_both_limits_and_stay_inside(last):
-    inputs = [candidate(k, last) for k in range(CANDIDATES)]
+    weights = TrajectorySetConfig().weights()
+    inputs = [candidate(weights, k, last) for k in range(CANDIDATES)]
     assert inputs[0] == last
     assert {-1.0, 1.0} <= set(inputs)
     assert all(-1.0 <= u <= 1.0 for u in inputs)

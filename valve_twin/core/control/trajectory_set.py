@@ -27,7 +27,7 @@ MODEL_STEPS = 4
 CANDIDATES = 7
 """Candidates: the last input, two small and two large changes, two limits, assumed."""
 
-_SMALL, _LARGE = 0.02, 0.2
+_SMALL = 0.02
 
 
 class TrajectoryWeights(NamedTuple):
@@ -36,11 +36,12 @@ class TrajectoryWeights(NamedTuple):
     overshoot: float
     speed_time: float
     effort: float
+    change: float
 
 
 @dataclass(frozen=True, slots=True)
 class TrajectorySetConfig:
-    """The three parameters of the controller."""
+    """The three parameters of the controller, and how far its set reaches."""
 
     overshoot: float = assumed(
         5.0,
@@ -61,6 +62,9 @@ class TrajectorySetConfig:
     effort: float = assumed(
         1e-6, "1", "Weight of a squared change of the input", 0.0, 1.0, ages=False
     )
+    change: float = assumed(
+        0.2, "1", "Large change among the candidates, besides 0.02", 0.02, 1.0, ages=False
+    )
 
     def __post_init__(self) -> None:
         """Refuse values outside their range."""
@@ -72,11 +76,13 @@ class TrajectorySetConfig:
 
 
 @njit(cache=True)
-def candidate(index: int, last: float) -> float:
+def candidate(w: TrajectoryWeights, index: int, last: float) -> float:
     """Return one input of the set, -1..1 [1].
 
     Parameters
     ----------
+    w : TrajectoryWeights
+        Holds the large change.
     index : int
         Which, 0..CANDIDATES - 1; 0 is the last input.
     last : float
@@ -86,7 +92,7 @@ def candidate(index: int, last: float) -> float:
         return 1.0 if index == CANDIDATES - 1 else -1.0
     if index == 0:
         return last
-    change = _SMALL if index < 3 else _LARGE
+    change = _SMALL if index < 3 else w.change
     return min(max(last + (change if index % 2 == 1 else -change), -1.0), 1.0)
 
 

@@ -34,10 +34,12 @@ class Surroundings:
     opened: float = assumed(0.8 / 0.9, "1", "Stroke to an open port over that of the solenoid",
                             0.1, 1.0)  # fmt: skip
     overshoot: float = assumed(
-        5.0, "1", "Controller: weight of errors beyond the target", 1.0, 1e4
+        10.0, "1", "Controller: weight of errors beyond the target", 1.0, 1e4
     )
     speed_time: float = assumed(2e-4, "s", "Controller: time of the speed at the end", 0.0, 1.0)
     effort: float = assumed(1e-6, "1", "Controller: weight of a change of the input", 0.0, 1.0)
+
+    change: float = assumed(0.5, "1", "Controller: large change among its inputs", 0.02, 1.0)
 
     def __post_init__(self) -> None:
         """Refuse numbers outside their range."""

@@ -80,7 +80,7 @@ def decide(
     first = (wanted - s[at.X]) * per_half
     best, lowest = last, math.inf
     for k in range(CANDIDATES):
-        u = candidate(k, last)
+        u = candidate(w, k, last)
         for j in range(len(s)):
             work[j] = s[j]
         cost = 0.0

@@ -67,6 +67,7 @@ def numbers_of(found: Designed) -> Numbers:
         "trajectory_set.overshoot": around.overshoot,
         "trajectory_set.speed_time": around.speed_time,
         "trajectory_set.effort": around.effort,
+        "trajectory_set.change": around.change,
     }
     return Numbers(shared, own)
 

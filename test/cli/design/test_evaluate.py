@@ -1,0 +1,49 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""`valve-twin design evaluate`."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from valve_twin.cli import main
+from valve_twin.design import chain
+from valve_twin.design.map import MapGrid
+
+
+def test_it_prints_the_steps_and_draws_them(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(chain, "_FINE", 0.3)
+    monkeypatch.setattr(chain, "_STEP_S", 4e-4)
+    monkeypatch.setattr(chain, "COARSE", MapGrid(currents=4, positions=4, fine=0.3))
+    monkeypatch.setattr(chain, "STEPS", (0.1, 1.0))
+    svg = tmp_path / "s.svg"
+    assert main(["design", "evaluate", "--robust", "--json", "--svg", str(svg)]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert [of["step"] for of in found["steps"]] == [0.1, 1.0]
+    assert found["steps"][0]["settling_s"] is None  # 10 % stick outside of 2 %
+    for of, worst in zip(found["steps"], found["worst"], strict=True):
+        assert worst["loss"] > of["loss"]
+    assert found["force_margin"] > 0.0
+    assert svg.read_text(encoding="utf-8").startswith("<svg")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--set", "turns=500"], "winding height = 0.0118516: must be 0 to 0.0095"),
+        (["--set", "valve.change=2"], "valve.change: value 2.0 is outside its limits"),
+    ],
+)
+def test_bad_input_is_one_line(words, said, capsys):
+    assert main(["design", "evaluate", *words]) == 2
+    shown = capsys.readouterr().err
+    assert said in shown
+    assert shown.count("\n") == 1
+
+
+def test_a_section_is_no_double_stroke_solenoid(root, capsys):
+    sample = str(root / "samples" / "design" / "pot_magnet.yaml")
+    assert main(["design", "evaluate", sample]) == 2
+    assert "kind must be double_stroke" in capsys.readouterr().err

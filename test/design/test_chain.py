@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""From a geometry to its closed loop, on a coarse mesh."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from valve_twin.core.valves.designed import SCALED, find_designable
+from valve_twin.design import chain
+from valve_twin.design.geometry import DoubleStroke
+from valve_twin.design.map import MapGrid, compute_map
+
+GRID = MapGrid(currents=4, positions=4, fine=0.3)
+
+
+@pytest.fixture(autouse=True)
+def coarse(monkeypatch):
+    monkeypatch.setattr(chain, "_FINE", 0.3)
+    monkeypatch.setattr(chain, "_STEP_S", 4e-4)
+    monkeypatch.setattr(chain, "COARSE", GRID)
+
+
+def test_a_geometry_becomes_steps_of_its_valve():
+    seen = []
+    found = chain.evaluate(
+        DoubleStroke(), find_designable(), robust=True, advance=lambda: seen.append(1)
+    )
+    assert len(seen) == 32
+    assert len(found.robust) == 2 ** len(SCALED)
+    assert found.margin > 0.0
+    of_current, of_force = found.dynamics
+    assert of_current.fast_gain > 1.0 > of_force.fast_gain
+    for share in (0.25, 0.5, 1.0):
+        of = found.loops[share]
+        assert 1e-3 < of.rise_s < 0.012
+        assert of.overshoot < 0.05
+        assert of.settling_s < 0.02
+    assert found.loops[1.0].loss > found.loops[0.1].loss
+    scaled = {case[1.0].loss for case in found.robust}
+    assert min(scaled) < found.loops[1.0].loss < max(scaled)
+
+
+def test_half_the_power_slows_the_largest_step_and_changes_no_field():
+    design = DoubleStroke()
+    curves = compute_map(design.section(), GRID)
+    designed, _ = chain.compute_design(design, curves)
+    weak = replace(designed, around=replace(design.valve, power=2.0))
+    model = find_designable()
+    usual, found = model.of_design(designed), model.of_design(weak)
+    assert usual.shared == found.shared
+    slow = model.loop(found, 1.0, {})
+    assert slow.rise_s > model.loop(usual, 1.0, {}).rise_s
+    assert max(slow.rows[2][1]["A"]) < 1.2 * (2.0 / design.winding().resistance) ** 0.5
+
+
+def test_a_map_of_another_section_is_refused():
+    curves = compute_map(DoubleStroke().section(), GRID)
+    with pytest.raises(ValueError, match="the map was computed of another section"):
+        chain.compute_design(DoubleStroke(gap_ratio=0.2), curves)

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""`valve-twin design evaluate`: from a geometry to the steps of its valve."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from valve_twin.cli.common import OK, add_verb, check_writable, progress_of, say
+from valve_twin.cli.design.given import add_design, read_double_stroke, refusals
+from valve_twin.cli.output import console, number, print_json, table
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Mapping
+
+    from valve_twin.cli.common import Verbs
+    from valve_twin.core.valves.designed import Loop
+    from valve_twin.design.chain import Evaluation
+
+_FIGURES = (
+    ("rise_s", "rise, ms", 1e3, ".2f"),
+    ("overshoot", "overshoot, %", 1e2, ".2f"),
+    ("settling_s", "settling, ms", 1e3, ".2f"),
+    ("error", "error, %", 1e2, ".2f"),
+    ("loss", "loss, W", 1.0, ".3f"),
+)
+
+
+def add(steps: Verbs) -> None:
+    """Add the step."""
+    parser = add_verb(steps, "evaluate", "Follow steps of the valve of a geometry.", _evaluate)
+    add_design(parser)
+    parser.add_argument("--valve", default="", metavar="NAME", help="model, default the only one")
+    parser.add_argument(
+        "--robust", action="store_true",
+        help="also the worst of friction, supply and copper 10 % lower and higher",
+    )  # fmt: skip
+    parser.add_argument("--svg", metavar="FILE", help="picture to write")
+    parser.add_argument("--json", action="store_true", help="one JSON object")
+
+
+def _evaluate(arguments: argparse.Namespace) -> int:
+    design = read_double_stroke(arguments)
+    if arguments.svg:
+        check_writable(arguments.svg)
+    from valve_twin.core.valves.designed import find_designable
+    from valve_twin.design.chain import evaluate
+
+    with refusals():
+        valve = find_designable(arguments.valve)
+        with progress_of("computing fields", None) as advance:
+            found = evaluate(design, valve, robust=arguments.robust, advance=advance)
+    if arguments.svg:
+        from valve_twin.report.loop import draw_loops
+
+        Path(arguments.svg).write_text(draw_loops(found.loops), encoding="utf-8")
+        say(f"{arguments.svg}: written")
+    worst = {share: _worst(found, share) for share in found.loops} if arguments.robust else {}
+    if arguments.json:
+        print_json(_as_json(found, worst))
+        return OK
+    _show({share: _figures(of) for share, of in found.loops.items()}, "Steps from the middle")
+    if worst:
+        _show(worst, "The worst of 8 with friction, supply, copper 10 % lower or higher")
+    of_current, of_force = found.dynamics
+    say(
+        f"force margin {found.margin:.3g} N; G_A fits {of_current.fit:.1f} %, G_F "
+        f"{of_force.fit:.1f} %"
+    )
+    return OK
+
+
+def _figures(of: Loop) -> dict[str, float]:
+    return {name: getattr(of, name) for name, *_ in _FIGURES}
+
+
+def _worst(found: Evaluation, share: float) -> dict[str, float]:
+    """Return the largest of each figure; NaN, which never gets there, is the largest of all."""
+    runs = [_figures(case[share]) for case in found.robust]
+    return {name: max((run[name] for run in runs), key=_rank) for name, *_ in _FIGURES}
+
+
+def _rank(value: float) -> tuple[bool, float]:
+    return (True, 0.0) if math.isnan(value) else (False, value)
+
+
+def _show(figures: Mapping[float, Mapping[str, float]], title: str) -> None:
+    shown = table(title, ["step"], [label for _, label, *_ in _FIGURES])
+    for share, values in figures.items():
+        cells = [number(factor * values[name], form) for name, _, factor, form in _FIGURES]
+        shown.add_row(f"{100 * share:g} %", *cells)
+    console().print(shown)
+
+
+def _as_json(found: Evaluation, worst: Mapping[float, Mapping[str, float]]) -> dict[str, object]:
+    steps = [{"step": share, **_finite(_figures(of))} for share, of in found.loops.items()]
+    both = zip(("G_A", "G_F"), found.dynamics, strict=True)
+    return {
+        "steps": steps,
+        "worst": [{"step": share, **_finite(v)} for share, v in worst.items()],
+        "force_margin": found.margin,
+        "dynamics": {name: asdict(of) for name, of in both},
+    }
+
+
+def _finite(values: Mapping[str, float]) -> dict[str, float | None]:
+    """Return values as JSON holds them: null where a step does not settle."""
+    return {name: value if math.isfinite(value) else None for name, value in values.items()}
