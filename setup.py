@@ -14,6 +14,7 @@ SHARE = f"share/{PACKAGE}"
 NODES = ("aging_monitor", "bag_player", "bag_recorder", "simulated_valve", "twin")
 VALVES = (
     "cycle_timing",
+    "damadics",
     "double_solenoid",
     "hybrid_actuator",
     "hydraulic_actuator",

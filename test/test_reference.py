@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
 import importlib
+import re
 
 import pytest
 
@@ -20,6 +21,10 @@ def text(root, monkeypatch):
 
 
 def test_the_committed_reference_is_current(root, text):
+    (block,) = re.findall(r"^VALVES = \((.*?)^\)", (root / "setup.py").read_text(), re.M | re.S)
+    missing = set(re.findall(r'"(\w+)"', block)) - set(MODELS)
+    if missing:
+        pytest.skip(f"not installed yet, make setup: {', '.join(sorted(missing))}")
     committed = (root / "docs" / "parameters.md").read_text(encoding="utf-8")
     assert committed == text, "run tools/run tools/parameters"
 
