@@ -3,11 +3,13 @@
 """`valve-twin validate`: the table, its JSON form, its exit codes."""
 
 import json
+import math
 
 import pytest
 
 from valve_twin.cli import main, validate
 from valve_twin.validation import Check, Paper
+from valve_twin.validation.registry import Benchmark, Outcome
 
 
 @pytest.fixture
@@ -50,3 +52,29 @@ def test_json_has_one_object_a_comparison(checks, capsys):
 def test_an_unknown_paper_is_refused_in_one_line(capsys):
     assert main(["validate", "2"]) == 2
     assert capsys.readouterr().err.startswith("valve-twin: validate: there is no paper '2'; ")
+
+
+@pytest.fixture
+def benchmark(monkeypatch):
+    row: dict[str, float | str] = {"scenario": "f1S", "r_td": 0.96, "named": "f1 [s]"}
+    checks = (Check("counts", "detected", 31.0, 36.0, 34.0, math.inf, "at least 34"),)
+    found = Benchmark("damadics", "a stub", 1, lambda _: Outcome({"Step I": (row,)}, checks))
+    monkeypatch.setattr(validate, "get_benchmark", lambda _: found)
+
+
+@pytest.mark.usefixtures("benchmark")
+def test_a_benchmark_prints_its_rows_and_its_counts(capsys):
+    assert main(["validate", "damadics"]) == 0
+    out = capsys.readouterr().out
+    assert "Step I" in out
+    assert "f1 [s]" in out
+    assert "published: 1 agree, 0 do not" in out
+
+
+@pytest.mark.usefixtures("benchmark")
+def test_a_benchmark_prints_a_json_object_a_row(capsys):
+    assert main(["validate", "damadics", "--json"]) == 0
+    row, check = map(json.loads, capsys.readouterr().out.splitlines())
+    assert row == {"benchmark": "damadics", "table": "Step I", "scenario": "f1S", "r_td": 0.96,
+                   "named": "f1 [s]"}  # fmt: skip
+    assert check["verdict"] == "PASS"
