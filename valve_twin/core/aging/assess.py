@@ -184,8 +184,15 @@ def assess(
         stale=refused_lately(history),
         doubt=diagnosis.doubt,
         failed=failed_checks(history),
+        since=_first_compared(ordered, maintenance),
     )
     return Assessment(trends, verdict, tuple(detail for _, detail in results), diagnosis)
+
+
+def _first_compared(history: History, maintenance: Sequence[Maintenance]) -> int:
+    """Return the first cycle since the last maintenance that gave an estimate, 1 = none yet."""
+    begun = max((m.cycle for m in maintenance), default=0)
+    return min((e.cycle for e in history.estimates if e.cycle >= begun), default=1)
 
 
 def warm_up() -> None:

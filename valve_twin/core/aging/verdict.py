@@ -23,7 +23,8 @@ not enough data     the newest cycles were refused for another reason, or none g
                     beyond its threshold, but not beyond doubt
 no reference        there are too few cycles to compare with, or the first ones differ from those
                     since, so that only another reference can tell which of them are right
-ok                  nothing has changed against the reference that the evidence names
+ok                  nothing has changed against the reference that the evidence names: without a
+                    record from commissioning the first cycles, whether they were right or not
 
 A significant but small drift is reported in the trend and does not raise the verdict.
 """
@@ -186,7 +187,9 @@ def way_to_threshold(trend: Trend) -> float:
 SOON = 1.0
 """Remaining cycles or hours below which "not before" says nothing [axis unit]."""
 
-_OWN_ONLY = "compared with its own first {} cycles only"
+_OWN_ONLY = (
+    "unchanged since cycle {}, no claim that it was right then: no record from commissioning; "
+)
 
 
 def concern(trend: Trend, config: AgingConfig) -> int:
@@ -214,6 +217,7 @@ def decide(
     stale: Stale = FRESH,
     doubt: str = "",
     failed: str = "",
+    since: int = 1,
 ) -> Verdict:
     """Return the verdict from all trends of one valve and its fault (rule: see the module).
 
@@ -237,6 +241,8 @@ def decide(
         Why the features have nothing to be compared with; empty where they have.
     failed : str
         Which checks the newest estimates fail; told behind the evidence.
+    since : int
+        First cycle that the newest ones are compared with.
     """
     judged = [t for t in trends if t.status is not TrendStatus.NOT_ENOUGH_DATA]
     graves = [(concern(t, config), -t.remaining_median, t) for t in judged]
@@ -266,9 +272,8 @@ def decide(
         evidence = f"perhaps beyond a limit: {describe(max(beyond, key=_share))}"
     else:
         kind = VerdictKind.OK
-        evidence = f"largest drift: {describe(max(judged, key=_share))}"
-        if not _all_commissioned(judged):
-            evidence += f"; {_OWN_ONLY.format(config.reference_cycles)}"
+        own_only = "" if _all_commissioned(judged) else _OWN_ONLY.format(since)
+        evidence = f"{own_only}largest drift: {describe(max(judged, key=_share))}"
     evidence += f"; {failed}" if failed else ""
     return Verdict(stamp_ns, valve, kind, kind.text, evidence, cycle, named)
 

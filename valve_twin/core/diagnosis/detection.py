@@ -29,7 +29,7 @@ from valve_twin.core.diagnosis.lines import (
     whitened_rays,
     without_outliers,
 )
-from valve_twin.core.diagnosis.table import BY_NAME, SignatureTable
+from valve_twin.core.diagnosis.table import BY_NAME, SignatureTable, partner
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -80,6 +80,9 @@ _NO_SIZE = 1e-3
 
 RIVAL = 6.0
 """Difference of twice the log likelihood below which two faults are not distinguished [1]."""
+
+PAIR_RIVAL = 2.0
+"""The same beside a pair that no data tell apart, of which both are named [1]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -428,8 +431,11 @@ def _gross(
 def _finding(match: _Match, onset: int, alarm: int, end: int) -> Finding:
     """Name the fault."""
     names = sorted(match.likelihood, key=lambda name: -match.likelihood[name])
-    best = names[0]
-    rivals = tuple(n for n in names[1:] if match.likelihood[best] - match.likelihood[n] < RIVAL)
+    best, other = names[0], partner(names[0])
+    behind = {n: match.likelihood[best] - match.likelihood[n] for n in names[1:]}
+    near = RIVAL if not other else PAIR_RIVAL
+    also = (n for n in behind if behind[n] < near)
+    rivals = tuple(dict.fromkeys(n for n in (other, *also) if n))
     config = DetectionConfig()
     if match.like < 0.0 or (match.like < config.like and match.excess > config.excess):
         return Finding(UNKNOWN, (), "valve", float("nan"), match.deviation, onset, alarm, end)

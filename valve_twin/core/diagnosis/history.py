@@ -11,19 +11,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.diagnosis.detection import NOTHING, UNKNOWN, Diagnosis, Finding, detect
+from valve_twin.core.diagnosis.direct.bounds import OFF_SEAT, WEAK_SMALL, beyond
+from valve_twin.core.diagnosis.direct.freezing import DUE, MISSED, freezing
+from valve_twin.core.diagnosis.direct.noise import noisier
 from valve_twin.core.diagnosis.features import ESTIMATOR, NOISE
 from valve_twin.core.diagnosis.products import CLOCK, clocks_apart, products, without_slips
 from valve_twin.core.diagnosis.reference import doubt_of
 from valve_twin.core.diagnosis.refused import still
-from valve_twin.core.diagnosis.sensor.freezing import DUE, MISSED, freezing
-from valve_twin.core.diagnosis.sensor.noise import noisier
-from valve_twin.core.diagnosis.table import BY_NAME
+from valve_twin.core.diagnosis.table import BY_NAME, PAIRS, partner
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from valve_twin.core.types import Estimate, IntArray, Maintenance
     from valve_twin.core.valves.interface import ValveModel
+
+_DIRECT = (NOISE, MISSED, DUE, OFF_SEAT, WEAK_SMALL)
 
 _LATELY = 8
 """Newest cycles whose products must all have a reference: recipes may alternate."""
@@ -75,22 +78,25 @@ def diagnose(history: Sequence[Estimate], maintenance: Sequence[Maintenance]) ->
     found.sort(key=lambda f: (f.alarm, f.onset))
     stuck = still(history)
     found += [clock] if clock else []
-    found += _of_sensor(chosen, cycles, restarts)
+    found += _direct(chosen, cycles, restarts)
     found += [stuck] if stuck else []
     return Diagnosis(tuple(found), len(cycles), ready, doubt)
 
 
-def _of_sensor(
-    shown: Sequence[Estimate], cycles: IntArray, restarts: Sequence[int]
-) -> list[Finding]:
-    """Return what the sensor shows over all products; maintenance ends it and begins anew."""
-    values = np.array([[e.value(n) for n in (NOISE, MISSED, DUE)] for e in shown])
+def _direct(shown: Sequence[Estimate], cycles: IntArray, restarts: Sequence[int]) -> list[Finding]:
+    """Return what shows without a signature; maintenance ends it and begins anew."""
+    values = np.array([[e.value(n) for n in _DIRECT] for e in shown])
     found: list[Finding] = []
     edges = [0, *sorted({int(np.searchsorted(cycles, c)) for c in restarts}), len(cycles)]
     for first, last in pairwise(edges):
         part, own = cycles[first:last], values[first:last]
         over = int(cycles[last]) if last < len(cycles) else -1
-        new = [*noisier(part, own[:, 0]), *freezing(part, own[:, 1], own[:, 2])]
+        new = [
+            *beyond(part, own[:, 4], "dead_band"),
+            *beyond(part, own[:, 3], "sensor_offset"),
+            *noisier(part, own[:, 0]),
+            *freezing(part, own[:, 1], own[:, 2]),
+        ]
         found += [replace(f, end=over) if f.end < 0 else f for f in new]
     return sorted(found, key=lambda f: (f.alarm, f.onset))
 
@@ -120,9 +126,13 @@ def describe_finding(finding: Finding) -> str:
         )
     if not np.isfinite(finding.severity):
         return f"{kind.text}, {since}"
+    if not np.isfinite(finding.deviation):
+        sure = "no sound valve shows it"
     unit = "" if kind.unit == "1" else f" {kind.unit}"
     line = f"{kind.text}, size {finding.severity:.2g}{unit}, {since} ({sure})"
     if not finding.rivals:
         return line
     others = " or ".join(BY_NAME[name].text for name in finding.rivals)
-    return f"{line}; the data fit as well: {others}"
+    settled = PAIRS.get(frozenset({finding.fault, partner(finding.fault)}), "")
+    how = f": {settled} to tell the two" if partner(finding.fault) in finding.rivals else ""
+    return f"{line}; the data fit as well: {others}{how}"

@@ -61,12 +61,25 @@ FAULT_TYPES = (
     FaultType("sensor_freeze", "sensor", "freezing position sensor", most=1.0),
     FaultType("sensor_noise", "sensor", "noisier position sensor, noise at rest times"),
     FaultType("clock", "sensor", "clocks of position and commands apart, by"),
+    FaultType("command_offset", "command", "offset of the command", two_sided=True),
     FaultType("command_loss", "command", "command that does not reach the valve", most=1.0),
     FaultType("supply_drop", "supply", "drop of the supply pressure", most=1.0),
 )
 """Every fault that is separated, by the part that has it."""
 
 BY_NAME = {f.name: f for f in FAULT_TYPES}
+
+PAIRS = {
+    frozenset({"preload", "coil_resistance"}): "measure the current of the filling coil",
+    frozenset({"sensor_gain", "supply_drop"}): "measure the pressure, or move to the upper seat",
+    frozenset({"dead_band", "command_offset"}): "measure the command at the valve",
+}
+"""Pairs of faults that position and commands do not tell apart, and what settles it."""
+
+
+def partner(fault: str) -> str:
+    """Return the fault that no data tell from a fault, empty = there is none."""
+    return next((n for pair in PAIRS if fault in pair for n in pair if n != fault), "")
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.aging.verdict import VerdictKind
-from valve_twin.core.diagnosis.table import BY_NAME
+from valve_twin.core.diagnosis.table import BY_NAME, PAIRS
 from valve_twin.validation.strangers.record import aged, gain, leak
 
 if TYPE_CHECKING:
@@ -42,12 +42,6 @@ WORN = 1.05
 FEW_BITS = 6
 FOLLOWED = ("K_in", "K_out", "leak")
 V_REF = 0.3
-PAIRS = (
-    frozenset({"preload", "coil_resistance"}),
-    frozenset({"sensor_gain", "supply_drop"}),
-)
-"""Pairs of faults that no data of this kind tell apart: both named is right."""
-
 _AGED = {"r_in": "K_in", "r_out": "K_out", "leak": "leak"}
 _LAYERS = ((3e-5, "1e-5"), (3e-4, "1e-4"), (2e-3, "1e-3"), (6e-3, "4e-3"), (np.inf, "1e-2"))
 _FARTHEST = 3000.0

@@ -50,9 +50,10 @@ def test_a_spool_that_stands_still_for_a_moment_is_no_frozen_sensor():
 def test_rounding_and_noise_hide_what_a_repeat_would_say():
     coarse = np.round(stroke() / 5e-3) * 5e-3
     assert missed_values(held(coarse, (70, 85))).due == 0
+    assert missed_values(coarse).quantum == pytest.approx(5e-3)
     assert missed_values(held(stroke(noise=3e-3), (70, 85))).due == 0
 
 
 def test_a_cycle_without_motion_says_nothing():
-    assert missed_values(np.zeros(500)) == (0, 0)
-    assert missed_values(np.zeros(0)) == (0, 0)
+    assert missed_values(np.zeros(500)) == (0, 0, 0.0)
+    assert missed_values(np.zeros(0)) == (0, 0, 0.0)

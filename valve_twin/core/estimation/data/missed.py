@@ -22,10 +22,14 @@ _AROUND = [0, 1, 3, 4]  # places about the middle of five values
 
 
 class Missed(NamedTuple):
-    """How many values a sensor left out and how many it owed, both in motion [1]."""
+    """How many values a sensor left out and how many it owed, both in motion [1].
+
+    `quantum` is the least step of the position [unit of the position], 0 = it never changed.
+    """
 
     missed: int
     due: int
+    quantum: float = 0.0
 
 
 NOTHING = Missed(0, 0)
@@ -55,9 +59,9 @@ def missed_values(x: FloatArray) -> Missed:
     step = np.lib.stride_tricks.sliding_window_view(np.diff(x)[first[1:] - 1], 5)
     held = np.lib.stride_tricks.sliding_window_view(np.diff(first), 5)
     one_way = (np.sign(step) == np.sign(step[:, 2:3])).all(axis=1)
-    if not one_way.any():
-        return NOTHING
     quantum = float(np.abs(step).min())
+    if not one_way.any():
+        return Missed(0, 0, quantum)
     refresh = max(int(np.quantile(held[one_way, 2], 0.75)), 1)
     bends = x[2 * refresh :] - 2.0 * x[refresh:-refresh] + x[: -2 * refresh]
     noise = max(difference_sigma(bends, 2), quantum / np.sqrt(12.0))
@@ -65,13 +69,12 @@ def missed_values(x: FloatArray) -> Missed:
     least = max(_STEPS_OF_QUANTUM * quantum, _STEPS_OF_NOISE * noise)
     due = one_way & (around.min(axis=1) >= least)
     if not due.any():
-        return NOTHING
+        return Missed(0, 0, quantum)
     usual = float(np.quantile(held[due, 2], 0.75))
     speed = np.median(around / held[:, _AROUND], axis=1)
     alike = np.abs(np.abs(step[:, 2]) - speed * held[:, 2]) < _ALIKE * speed * held[:, 2]
     caught_up = np.abs(step[:, 2]) > _CAUGHT_UP * np.median(around, axis=1)
     longer = held[:, 2] >= usual + max(1.0, _AGAIN * usual)
     values = np.round(held[:, 2] / usual)
-    return Missed(
-        int(np.sum(values[due & longer & alike & caught_up] - 1.0)), int(np.sum(values[due]))
-    )
+    missed = due & longer & alike & caught_up
+    return Missed(int(np.sum(values[missed] - 1.0)), int(np.sum(values[due])), quantum)

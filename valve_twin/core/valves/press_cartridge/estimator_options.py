@@ -34,6 +34,7 @@ def feature_options(options: PressCartridgeOptions) -> features.FeatureOptions:
     return features.FeatureOptions(
         lower_seat=options.lower_seat,
         upper_seat=options.upper_seat,
+        margin=options.seat_margin,
         active_command=options.active_command,
         lag=lag if lag >= 0 else features.FeatureOptions().lag,
     )

@@ -43,6 +43,7 @@ from valve_twin.core.valves.interface import Demonstration
 from valve_twin.core.valves.kit.compiled import CompiledModel
 from valve_twin.core.valves.press_cartridge.approximations import press_approximations
 from valve_twin.core.valves.press_cartridge.diagnosis import features
+from valve_twin.core.valves.press_cartridge.diagnosis.offset import with_command_offset
 from valve_twin.core.valves.press_cartridge.estimation import kalman, output_error
 from valve_twin.core.valves.press_cartridge.estimation.constraints import THETA
 from valve_twin.core.valves.press_cartridge.estimation.equation_error import (
@@ -171,7 +172,7 @@ class PressCartridgeModel(CompiledModel):
         """Return how faults change the features, derived by simulation."""
         from valve_twin.core.valves.press_cartridge.diagnosis.signatures import TABLE
 
-        return TABLE
+        return with_command_offset(TABLE)
 
     def judges(self, options: PressCartridgeOptions) -> bool:
         """Tell whether estimates are judged by the cycles before: not without the output error."""

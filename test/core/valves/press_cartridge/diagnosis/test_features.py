@@ -105,3 +105,29 @@ def test_relative_features_are_followed_by_their_logarithm(started):
         NAMES, (p.value for p in values[: len(NAMES)]), vector, strict=True
     ):
         assert followed == (np.log(value) if name in RELATIVE else value)
+
+
+def own(started, name, *fault, cycles=1):
+    """Return the sum over the first cycles of a number that stands beside the features."""
+    valve, total = started(*fault), 0.0
+    for number in range(cycles):
+        frames = to_frames(valve.advance(850))
+        values = MODEL.features(Cycle(number + 1, 0.03, frames), OPTIONS)
+        total += {p.name: p.value for p in values}[name]
+    return total
+
+
+def test_a_sensor_that_is_far_off_shows_the_spool_where_it_cannot_rest(started):
+    assert own(started, "off_seat") == 0.0
+    assert own(started, "off_seat", "sensor_offset", 0.02) == pytest.approx(0.02, abs=1e-3)
+
+
+def test_small_commands_lack_effect_behind_a_wide_dead_band_only(started):
+    assert own(started, "weak_small", cycles=3) == 0.0
+    assert own(started, "weak_small", "dead_band", 0.08) > 0.4
+
+
+def test_a_freezing_sensor_misses_values_from_its_first_cycle_on(started):
+    assert own(started, "missed", cycles=6) == 0.0
+    missed, due = (own(started, n, "sensor_freeze", 0.1, cycles=6) for n in ("missed", "due"))
+    assert missed / due == pytest.approx(0.1, abs=0.06)  # 160 values: two and a half deviations

@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.diagnosis.direct.bounds import OFF_SEAT, WEAK_SMALL
+from valve_twin.core.diagnosis.direct.freezing import DUE, MISSED
 from valve_twin.core.diagnosis.features import FeatureSet
-from valve_twin.core.diagnosis.sensor.freezing import DUE, MISSED
 from valve_twin.core.estimation.data.masks import held_recently
 from valve_twin.core.estimation.data.missed import missed_values
 from valve_twin.core.estimation.data.noise import find_rest, rest_noise
@@ -31,8 +32,10 @@ _PER_COMMAND = "stroke a sample per unit command"
 COUNTS = (
     Parameter(MISSED, "1", "values that the sensor repeated while the position moved on", 0.0),
     Parameter(DUE, "1", "values in motions so fast that each must differ from the last", 0.0),
+    Parameter(OFF_SEAT, "1", "distance from the lower seat at rest, 0 = where it may be"),
+    Parameter(WEAK_SMALL, "1", "share of a large command's gain that a small one lacks, 0 = few"),
 )
-"""What is counted beside the features: it needs no past of the valve to be compared with."""
+"""What stands beside the features: it needs no past of the valve to be compared with."""
 
 FEATURES = (
     Parameter("rest_level", "1", "feature: mean position at rest on the lower seat"),
@@ -53,6 +56,13 @@ FEATURES = (
 
 NAMES = tuple(p.name for p in FEATURES)
 _STORED = (*NAMES, *(p.name for p in COUNTS))
+
+_BELOW_SEAT = 0.25
+"""Share of the seat margin by which a closed spool may press into its seat, assumed [1]."""
+
+_LEAST_SMALL = 0.6
+"""Gain of small commands over that of large ones, below which small ones lack effect [1]: of 119
+strangers without a fault the least has 0.74."""
 
 _LEAST_SPIKE = 6e-3
 """Height of a single wild sample that is left out [1]: what noise of 5e-4 does not reach."""
@@ -95,6 +105,8 @@ class FeatureOptions:
     ----------
     lower_seat, upper_seat : float
         Positions of the seats [1].
+    margin : float
+        Distance from a seat that a spool which rests on it may have [1].
     near : float
         Distance from a seat within which the spool counts as resting on it [1].
     active_command : float
@@ -116,6 +128,7 @@ class FeatureOptions:
 
     lower_seat: float = 0.0
     upper_seat: float = 1.0
+    margin: float = 0.01
     near: float = 0.05
     active_command: float = 0.01
     low_command: float = 0.2
@@ -173,8 +186,10 @@ def cycle_features(
     out_low, out_high = _lines(frames, good, 1, -1.0, options)
     noise = rest_noise(frames, masks, active_command=options.active_command, settle=options.settle)
     repeats = np.count_nonzero(np.diff(x) == 0.0) / max(len(x) - 1, 1)
+    level = float(x[low].mean()) if np.count_nonzero(low) >= options.min_run else np.nan
+    missed = missed_values(x)
     values = (
-        float(x[low].mean()) if np.count_nonzero(low) >= options.min_run else np.nan,
+        level,
         noise.sigma,
         _slope(x, hold, period_s),
         in_low.gain,
@@ -187,7 +202,10 @@ def cycle_features(
         np.fmax(in_high.shortfall, out_high.shortfall),
         repeats,
         np.count_nonzero(masks.stuck) / max(len(x), 1),
-        *missed_values(x),
+        missed.missed,
+        missed.due,
+        _off_seat(level - options.lower_seat, noise.sigma, missed.quantum, options.margin),
+        _weak_small((in_low, in_high), (out_low, out_high)),
     )
     return tuple(_value(name, v) for name, v in zip(_STORED, values, strict=True))
 
@@ -198,6 +216,23 @@ def _value(
     if np.isfinite(value) and not (name in RELATIVE and value <= 0.0):
         return ParameterValue(name, float(value))
     return ParameterValue(name, np.nan, ParameterStatus.NOT_EXCITED, reason)
+
+
+def _off_seat(level: float, sigma: float, quantum: float, margin: float) -> float:
+    """Return the level at rest where no closed spool shows it, else 0 [1]."""
+    doubt = 0.5 * quantum + np.nan_to_num(sigma)
+    if not np.isfinite(level) or -_BELOW_SEAT * margin - doubt <= level <= margin + doubt:
+        return level if np.isnan(level) else 0.0
+    return level
+
+
+def _weak_small(*directions: tuple[_Line, _Line]) -> float:
+    """Return how much of its gain a small command lacks where that is much, else 0 [1]."""
+    ratios = [small.gain / large.gain for small, large in directions if large.gain > NO_GAIN]
+    known = [r for r in ratios if np.isfinite(r)]
+    if not known:
+        return float("nan")
+    return 1.0 - min(known) if min(known) < _LEAST_SMALL else 0.0
 
 
 def _runs(flag: BoolArray, fewest: int = 1) -> list[slice]:

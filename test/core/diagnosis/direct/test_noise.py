@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from valve_twin.core.diagnosis.sensor.noise import noisier
+from valve_twin.core.diagnosis.direct.noise import noisier
 
 
 def levels(cycles, seed, spread=0.1):

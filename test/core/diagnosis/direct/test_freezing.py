@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from valve_twin.core.diagnosis.sensor.freezing import freezing
+from valve_twin.core.diagnosis.direct.freezing import freezing
 
 
 def test_a_sensor_that_freezes_from_the_first_cycle_on_is_told():
