@@ -80,7 +80,7 @@ class Alarms:
     ----------
     high : (N,) bool array
         Detection decision.
-    cause : (N,) int array
+    cause : (N,) array
         What raised it: 0 nothing, 1 + k value k, 101 + k its jump, 201 + i pattern i, 211 + i
         its jump.
     pattern : (N, 8) array
