@@ -9,7 +9,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from valve_twin.core.physics.coenergy import CoenergyMap, check_inductances, spline_coefficients
+from valve_twin.core.physics.coenergy import (
+    CoenergyMap,
+    check_inductances,
+    linear_map,
+    spline_coefficients,
+)
 
 CURRENTS, POSITIONS = np.linspace(0.0, 3.0, 5), np.linspace(-1e-3, 1e-3, 6)
 X0 = 2e-3
@@ -52,6 +57,13 @@ def test_a_cubic_coenergy_comes_back_everywhere():
     assert found.force(i, x) == pytest.approx(0.05 * (a**2 - b**2) / 2 / X0)
     assert found.inductance(i, x)[:, 0, 1] == pytest.approx(np.full(200, -0.004))
     assert found.inductance(i, x)[:, 0, 0] == pytest.approx(0.05 * (1 + x / X0) - 6e-3 * a)
+
+
+def test_coils_without_iron_are_linear():
+    i, x = points(50)
+    (a, b), found = i.T, linear_map(0.05, -0.004, X0, 5, 6)
+    assert found.flux(i, x)[:, 1] == pytest.approx(0.05 * b * (1 - x / X0) - 0.004 * a)
+    assert found.force(i, x) == pytest.approx(0.05 * (a**2 - b**2) / 2 / X0)
 
 
 def test_force_over_current_is_flux_over_position_in_any_map():

@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.bench.measure import Ratio, Scale, median
-from valve_twin.core.physics.coenergy import spline_coefficients
+from valve_twin.core.physics.coenergy import linear_map
 from valve_twin.core.quantity import replaced
 from valve_twin.core.valves.double_solenoid.control_kernel import decide_all, drive_open_loop
+from valve_twin.core.valves.double_solenoid.designed import map_lists
 from valve_twin.core.valves.double_solenoid.plant import DoubleSolenoidPlant
 from valve_twin.core.valves.double_solenoid.plant_kernel import SAMPLE_S
 
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 BUDGET_S = 4e-5
 """What one decision of the trajectory set may take [s]."""
 
-_OWN, _MUTUAL, _GAP = 0.04, -8e-3, 2.5e-3  # of a map [H], [H], [m]
 _SAMPLES = 4000
 _DECISIONS = 100
 
@@ -29,7 +29,7 @@ _DECISIONS = 100
 def compare(scale: Scale) -> Iterator[Ratio]:
     """Yield the comparisons of this area."""
     yield _simulation("double-solenoid valve, 80 kHz", DoubleSolenoidPlant(), scale.repeats, 300.0)
-    mapped = replaced(DoubleSolenoidPlant(), _linear_map())
+    mapped = replaced(DoubleSolenoidPlant(), map_lists(linear_map(0.04, -8e-3, 2.5e-3, 7, 9)))
     yield _simulation("the same on a map of both coils", mapped, scale.repeats, 200.0)
     yield _control(scale.repeats)
 
@@ -42,22 +42,6 @@ def _simulation(name: str, plant: DoubleSolenoidPlant, repeats: int, goal: float
     numbers = (plant.valve(), plant.tables(), plant.current_gains(), commands, out)
     ours = median(lambda: drive_open_loop(state, *numbers), repeats)
     return Ratio(name, "real time", ours, SAMPLE_S * _SAMPLES, goal)
-
-
-def _linear_map() -> dict[str, tuple[float, ...]]:
-    """Return the map of W = L (a^2 (1 + x/x0) + b^2 (1 - x/x0))/2 + M a b."""
-    currents, positions = np.linspace(0.0, 3.0, 7), np.linspace(-1e-3, 1e-3, 9)
-    a, b, x = np.meshgrid(currents, currents, positions / _GAP, indexing="ij")
-    slopes = np.zeros(tuple(2 * n for n in a.shape))
-    slopes[0::2, 0::2, 0::2] = 0.5 * _OWN * (a**2 * (1 + x) + b**2 * (1 - x)) + _MUTUAL * a * b
-    slopes[1::2, 0::2, 0::2] = _OWN * a * (1 + x) + _MUTUAL * b
-    slopes[0::2, 1::2, 0::2] = _OWN * b * (1 - x) + _MUTUAL * a
-    slopes[0::2, 0::2, 1::2] = 0.5 * _OWN * (a**2 - b**2) / _GAP
-    slopes[1::2, 1::2, 0::2] = _MUTUAL
-    slopes[1::2, 0::2, 1::2], slopes[0::2, 1::2, 1::2] = _OWN * a / _GAP, -_OWN * b / _GAP
-    coefficients = spline_coefficients(slopes, (currents, currents, positions))
-    lists = {"map_current": currents, "map_position": positions, "map_coenergy": coefficients}
-    return {name: tuple(values.ravel().tolist()) for name, values in lists.items()}
 
 
 def _control(repeats: int) -> Ratio:

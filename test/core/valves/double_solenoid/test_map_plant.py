@@ -12,6 +12,9 @@ import pytest
 from test.core.physics.test_coenergy_tables import CURRENTS, MAP, POSITIONS
 from valve_twin.core.physics.curves import force_of
 from valve_twin.core.quantity import replaced
+from valve_twin.core.simulation import configure, simulate_cycles, to_frames
+from valve_twin.core.types import Cycle, EstimateStatus
+from valve_twin.core.valves.double_solenoid import MODEL
 from valve_twin.core.valves.double_solenoid.plant import DoubleSolenoidPlant
 from valve_twin.core.valves.double_solenoid.plant_kernel import (
     FORCE,
@@ -28,7 +31,9 @@ from valve_twin.core.valves.double_solenoid.plant_kernel import (
     step_sample,
 )
 from valve_twin.core.valves.double_solenoid.step_response import step_response
+from valve_twin.core.valves.registry import complete_options, get_simulation
 
+PERIOD_S = 1e-4
 LISTS = {
     "map_current": tuple(CURRENTS.tolist()),
     "map_position": tuple(POSITIONS.tolist()),
@@ -107,3 +112,28 @@ def test_trajectory_set_control_takes_a_step_on_the_map():
 def test_lists_that_are_no_map_are_refused(numbers, words):
     with pytest.raises(ValueError, match=words):
         replace(PLANT, **numbers)
+
+
+def test_the_twin_of_the_map_follows_and_estimates_its_valve():
+    numbers = {**LISTS, "spring_1": 2e4, "spring_2": 2e4}
+    given = {f"plant.{name}": value for name, value in numbers.items()}
+    given |= {"plant.control": "trajectory_set", "plant.friction": 7.0, "plant.force_gain": 0.95}
+    config = configure(get_simulation("double_solenoid"), given)
+    _, block = simulate_cycles(config, 2, 52)
+    one, options = Cycle(1, PERIOD_S, to_frames(block)), complete_options(MODEL, numbers)
+    (estimate,) = MODEL.estimate(one, options)
+    assert estimate.status is EstimateStatus.ACCEPTED, estimate.reason
+    wanted = {"resistance_a": 2.6, "resistance_b": 2.6, "force_gain": 0.95, "friction": 7.0}
+    values = {p.name: p for p in estimate.parameters}
+    for name, truth in wanted.items():
+        assert values[name].lower_95 <= truth <= values[name].upper_95
+    found = {name: p.value for name, p in values.items()}
+    c, n = MODEL.coefficients(found, 0, PERIOD_S, options), len(one.frames.position)
+    marks = np.zeros(n, dtype=np.uint8)
+    predicted, simulated, validity = np.empty(n), np.empty(n), np.zeros(n, dtype=np.uint8)
+    MODEL.predict(
+        MODEL.initial_state(), c, one.frames.position, one.frames.inputs, marks, predicted,
+        simulated, validity,
+    )  # fmt: skip
+    off = (predicted - one.frames.position)[200:]
+    assert np.sqrt(np.mean(off**2)) < 3e-4  # noise of the sensor: 1e-4

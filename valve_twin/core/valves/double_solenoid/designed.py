@@ -19,6 +19,7 @@ from valve_twin.core.valves.double_solenoid.step_response import judge_step
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from valve_twin.core.physics.coenergy import CoenergyMap
     from valve_twin.core.types import FloatArray
     from valve_twin.core.valves.designed import Designed
 
@@ -54,9 +55,7 @@ def numbers_of(found: Designed) -> Numbers:
         "force_f2": f2,
         "force_d1": d1,
         "force_d2": d2,
-        "map_current": tuple(curves.currents.tolist()),
-        "map_position": tuple(curves.positions.tolist()),
-        "map_coenergy": tuple(curves.coefficients.ravel().tolist()),
+        **map_lists(curves),
         "map_source": source,
     }
     own: dict[str, object] = {
@@ -70,6 +69,15 @@ def numbers_of(found: Designed) -> Numbers:
         "trajectory_set.change": around.change,
     }
     return Numbers(shared, own)
+
+
+def map_lists(curves: CoenergyMap) -> dict[str, tuple[float, ...]]:
+    """Return a map as the valve's options hold it."""
+    return {
+        "map_current": tuple(curves.currents.tolist()),
+        "map_position": tuple(curves.positions.tolist()),
+        "map_coenergy": tuple(curves.coefficients.ravel().tolist()),
+    }
 
 
 def plant_of(numbers: Numbers) -> DoubleSolenoidPlant:

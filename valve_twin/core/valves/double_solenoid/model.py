@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.estimation.data.robust import difference_sigma
+from valve_twin.core.physics.coenergy import linear_map
 from valve_twin.core.physics.coenergy_tables import CoenergyTables
 from valve_twin.core.physics.solenoid_map import CURRENT_NODES
 from valve_twin.core.quantity import QuantityError
@@ -23,7 +24,12 @@ from valve_twin.core.types import (
 )
 from valve_twin.core.valves.double_solenoid.bench_fits import BENCH_FITS
 from valve_twin.core.valves.double_solenoid.coils import CoilFit, fit_resistance, flux_record
-from valve_twin.core.valves.double_solenoid.designed import follow_step, margin_of, numbers_of
+from valve_twin.core.valves.double_solenoid.designed import (
+    follow_step,
+    map_lists,
+    margin_of,
+    numbers_of,
+)
 from valve_twin.core.valves.double_solenoid.motion import MotionFit, Record, fit_motion
 from valve_twin.core.valves.double_solenoid.parameters import (
     COILS,
@@ -128,6 +134,11 @@ class DoubleSolenoidModel(CompiledModel):
         noise = _rest_noise(record.x)
         values = (*coils, *_mechanical(fit, valve, noise, constants.names))
         return (_estimate(cycle, values, known, fit=fit, valve=valve),)
+
+    @property
+    def variants(self) -> tuple[Mapping[str, object], ...]:  # type: ignore[override]
+        """A map of both coils, on which further kernels run."""
+        return (map_lists(linear_map(0.04, -8e-3, 2.5e-3, 4, 4)),)
 
     def kernel_of(self, coefficients: FloatArray) -> Callable[..., None]:
         """Return the kernel that takes these coefficients (K,)."""
