@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from valve_twin.core.aging import VerdictKind
 from valve_twin.core.aging.verdict import Outlook, outlook
+from valve_twin.core.estimation.cycle.movement import total_movement
 from valve_twin.core.faults.advice import FAILURE_MODES, advise
 from valve_twin.core.types import EstimateStatus, ParameterStatus
 from valve_twin.io.errors import ValveTwinError
@@ -174,6 +175,10 @@ def _facts(data: ReportData) -> list[tuple[str, str, str]]:
     samples = sum(c.samples for c in data.cycles) + lost
     rate = f"{fixed(100.0 * lost / samples, 2)} % of all" if samples else ""
     facts.append(("Samples lost", count(lost), rate))
+    moved = total_movement(data.estimates)
+    if moved.cycles:
+        text = f"strokes of travel in {count(moved.cycles)} cycles"
+        facts.append(("Movements", count(moved.moves), f"{count(round(moved.travel))} {text}"))
     moving = [t for t, _ in _trends(data).values() if outlook(t).says_when]
     if moving:
         first = min(moving, key=lambda t: t.remaining_median)

@@ -117,12 +117,14 @@ def test_what_is_not_known_is_null_and_what_is_unbounded_is_a_word(lines):
 
 def test_estimates_come_first_then_trends_then_one_verdict_with_its_advice(lines):
     kinds = [strict(line)["kind"] for line in lines]
-    trends = len(kinds) - 22
+    trends = len(kinds) - 23
     assert trends >= 1
-    assert kinds == ["estimate"] * 20 + ["trend"] * trends + ["verdict", "advice"]
-    advice = strict(lines[-1])
+    assert kinds == ["estimate"] * 20 + ["trend"] * trends + ["verdict", "advice", "movement"]
+    advice = strict(lines[-2])
     assert advice["ne107"] in {state.value for state in Ne107}
     assert {"part", "cause", "action", "urgency", "failure_mode"} < set(advice)
+    moved = {k: v for k, v in strict(lines[-1]).items() if k != "valve"}
+    assert moved == {"kind": "movement", "moves": 0, "travel": 0.0, "cycles": 0, "seconds": 0.0}
 
 
 def test_every_value_survives_to_the_last_bit():

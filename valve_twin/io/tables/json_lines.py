@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Results as lines of JSON: one object an estimate, then trends, verdict and advice.
+"""Results as lines of JSON: one object an estimate, then trends, verdict, advice, movement.
 
 Strict JSON has neither NaN nor infinity: a number that is not known is null, an unbounded one the
 word "Infinity", which most languages read as a number.
@@ -16,6 +16,7 @@ from functools import cache
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
+from valve_twin.core.estimation.cycle.movement import total_movement
 from valve_twin.core.faults.advice import advise
 from valve_twin.core.records import columns, flat, once_a_record
 from valve_twin.core.types import ParameterStatus
@@ -63,7 +64,7 @@ def _units(model: str) -> dict[str, str]:
 def json_lines(
     estimates: list[Estimate], assessment: Assessment | None, valve: str
 ) -> Iterator[str]:
-    """Yield one line of JSON an estimate, a trend, the verdict and what it asks for.
+    """Yield one line of JSON an estimate, a trend, the verdict, what it asks for, the movement.
 
     Parameters
     ----------
@@ -84,6 +85,8 @@ def json_lines(
     yield json.dumps(verdict, allow_nan=False)
     advice = advise(assessment.verdict, assessment.trends)
     yield json.dumps({"kind": "advice", "valve": valve, **advice_fields(advice)})
+    moved = total_movement(estimates)._asdict()
+    yield json.dumps({"kind": "movement", "valve": valve, **moved})
 
 
 def advice_fields(advice: Advice) -> dict[str, str]:

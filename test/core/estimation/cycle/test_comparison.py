@@ -114,7 +114,8 @@ def test_every_cycle_says_how_its_estimators_agree_and_the_memory_stays_lean():
     assert abs(both["K_in"].standard_errors) < 4.0
     assert "K_in output_error" in feeding.trend_reason
     assert feeding.trend_reason == beside.trend_reason
-    (stroke,) = feeding.conditions
+    stroke = feeding.conditions[0]
+    assert [c.name for c in feeding.conditions] == ["stroke", "moves", "travel"]
     assert stroke.name == "stroke"
     assert stroke.value == pytest.approx(0.28, abs=0.02)
     assert not any(e.disagreements or e.guards or e.conditions for e in memory.estimates)

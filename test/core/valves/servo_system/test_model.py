@@ -2,7 +2,7 @@
 # Copyright 2026 valve_twin maintainers
 """The servosystem's twin: what it recovers, withholds, refuses and predicts."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from itertools import pairwise
 
 import numpy as np
@@ -14,6 +14,7 @@ from valve_twin.core.simulation import SimulatedValve, configure, to_frames
 from valve_twin.core.simulation.program import CycleProgram
 from valve_twin.core.types import Cycle, EstimateStatus, ParameterStatus
 from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
+from valve_twin.core.valves.servo_system import model as servo_model
 from valve_twin.core.valves.servo_system.fit import START, UNKNOWNS, rank
 from valve_twin.core.valves.servo_system.parameters import NAMES
 from valve_twin.core.valves.servo_system.plant import ServoSystemPlant, default_simulation
@@ -245,3 +246,24 @@ def test_refuses_a_load_that_the_options_do_not_know(cycle):
     (found,) = MODEL.estimate(cycle, replace(OPTIONS, load_inertia=0.25))
     assert found.status is EstimateStatus.REFUSED
     assert "times the noise of the signals" in found.reason or "tolerance" in found.reason
+
+
+def test_a_search_of_constants_that_fails_publishes_no_value_without_its_interval(
+    cycle, monkeypatch
+):
+    monkeypatch.setattr(servo_model, "open_constants", lambda *_: None)
+    (estimate,) = MODEL.estimate(cycle, OPTIONS, ())
+    assert estimate.status is EstimateStatus.REFUSED
+    assert estimate.reason.startswith("no interval: the simulation fails in the search")
+
+
+def test_constants_without_tolerance_are_not_searched(cycle, monkeypatch):
+    def search(*_):
+        raise AssertionError
+
+    monkeypatch.setattr(servo_model, "open_constants", search)
+    names = {f.name: 0.0 for f in fields(OPTIONS.tolerances)}
+    exact = replace(OPTIONS, tolerances=replace(OPTIONS.tolerances, **names))
+    (estimate,) = MODEL.estimate(cycle, exact, ())
+    assert estimate.status is not EstimateStatus.REFUSED
+    assert all(np.isfinite(p.upper_95) for p in estimate.parameters if p.usable)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.estimation.cycle.comparison import compare_estimators
+from valve_twin.core.estimation.cycle.movement import MOVES, TRAVEL, count_movement
 from valve_twin.core.estimation.cycle.scatter import scatter_between_cycles
 from valve_twin.core.prediction import fit_percent, restart_marks, run_model
 from valve_twin.core.refusal import Refusal, RefusalCode, code_of
@@ -178,6 +179,8 @@ def estimate_cycle(
     results = tuple(map(_coded, results))
     if not model.judges(options):
         return results, memory
+    conditions = cycle_conditions(cycle)
+    results = tuple(replace(e, conditions=(*e.conditions, *conditions)) for e in results)
     done = tuple(_judged(model, options, cycle, memory, e) for e in results)
     if len(done) > 1:
         done = compare_estimators(
@@ -236,6 +239,12 @@ def _judged(
     (mse_test, fit_test), (mse_train, fit_train) = errors
     if estimate.status is EstimateStatus.REFUSED:
         mse_train = fit_train = float("nan")
+    elif fit_train < 0.0:
+        text = (
+            f"the free run of this estimate misses the position by more than its mean does "
+            f"(fit {fit_train:.0f} %): scales, directions, model or cycles are wrong"
+        )
+        estimate = _coded(_refused(estimate, Refusal(RefusalCode.MISFIT, text)))
     known = {p.name: p for p in model.parameters}
     return replace(
         estimate,
@@ -247,7 +256,6 @@ def _judged(
         mse_train=mse_train,
         fit_train=fit_train,
         used_by_trend=estimate.estimator == model.trend_estimator,
-        conditions=(*estimate.conditions, *cycle_conditions(cycle)),
     )
 
 
@@ -263,15 +271,18 @@ def cycle_conditions(cycle: Cycle) -> tuple[Condition, ...]:
     -------
     tuple of Condition
         `stroke`: from the 1 % to the 99 % quantile of the believed positions [unit of the
-        position]. Of each mapped signal of `CONDITIONS` its mean while believed [unit as
-        configured].
+        position]; `moves` and `travel`: see `count_movement`. Of each mapped signal of
+        `CONDITIONS` its mean while believed [unit as configured].
     """
     position = cycle.frames.position[cycle.frames.valid & np.isfinite(cycle.frames.position)]
     if not len(position):
         return tuple(_mean_conditions(cycle.frames))
     ordered = np.sort(position)
     low, high = ordered[len(ordered) // 100], ordered[-1 - len(ordered) // 100]
-    return (Condition("stroke", float(high - low)), *_mean_conditions(cycle.frames))
+    moves, travel = count_movement(position)
+    own = {"stroke": high - low, MOVES: moves, TRAVEL: travel}
+    found = [Condition(name, float(value)) for name, value in own.items()]
+    return (*found, *_mean_conditions(cycle.frames))
 
 
 def _mean_conditions(frames: Frames) -> list[Condition]:

@@ -138,7 +138,7 @@ def recall(earlier: Sequence[Estimate], constants: Tolerated, options: object) -
             last |= given
             age = 0 if given.keys() >= set(constants.names) else age + 1
     known = [last.get(name) for name in constants.names]
-    if not all(known):
+    if not known or not all(known):
         nothing = np.full(len(NAMES), np.nan if constants.names else 0.0)
         ones = np.ones(len(values))
         return Known(

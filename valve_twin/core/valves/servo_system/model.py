@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -185,7 +185,8 @@ def _fitted(
         return kept, fit
     opened = open_constants(record, start, kept, fit, limit)
     if opened is None:
-        return kept, fit
+        text = "no interval: the simulation fails in the search of the constants with a tolerance"
+        return replace(kept, contradiction=Refusal(RefusalCode.NO_CONVERGENCE, text)), fit
     known = with_constants(*start, opened.constants, opened.found)
     fit = fit_loop(record, *known, max_error=limit, guess=opened.parameters)
     return opened.beyond(fit.errors / fit.values), fit
