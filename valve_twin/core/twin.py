@@ -22,14 +22,16 @@ from valve_twin.core.alignment import Aligner, SignalCounts, SignalRange
 from valve_twin.core.cycle_config import CycleConfig
 from valve_twin.core.cycles import Closing, Segmenter
 from valve_twin.core.estimation.cycle.sequence import InForce, Memory, model_in_force
+from valve_twin.core.job_queue import JobQueue
 from valve_twin.core.prediction import residuals, restart_marks, run_model
 from valve_twin.core.state import TwinState, join_parts
 from valve_twin.core.types import Cycle, Estimate, FloatArray, Frames, IntArray, Prediction
 from valve_twin.core.valves.interface import NoOptions
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
+    from valve_twin.core.job_queue import QueuedJob
     from valve_twin.core.state import Part, Resume
     from valve_twin.core.valves.interface import Options, ValveModel
 
@@ -145,7 +147,7 @@ class Twin:
         memory = memory if memory is not None else Memory.empty()
         self._memory_after: dict[int, Memory] = {0: memory}
         self._done = 0
-        self._jobs: deque[tuple[int, Cycle | None]] = deque()
+        self._jobs = JobQueue()
         self._running: Job | None = None
         self._waiting: deque[Part] = deque()
         self._ordinal = 0
@@ -170,6 +172,10 @@ class Twin:
     def pending_jobs(self) -> int:
         """Estimations asked for and not delivered."""
         return len(self._jobs) + (self._running is not None)
+
+    def queue_jobs(self, queue: Callable[[Iterable[QueuedJob]], JobQueue]) -> None:
+        """Keep the cycles that wait in the queue that `queue` makes of them."""
+        self._jobs = queue(self._jobs)
 
     @property
     def waits(self) -> bool:
@@ -208,7 +214,7 @@ class Twin:
         self._segmenter.restore(state.segmenter)
         self._memory_after = dict(state.memory_after)
         self._done, self._ordinal = state.done, state.ordinal
-        self._jobs, self._running = deque(state.jobs), None
+        self._jobs, self._running = JobQueue(state.jobs), None
         self._waiting, self._early = deque(state.waiting), set(state.early)
         self._in_force, self._state = state.in_force, state.predictor.copy()
         self._last_ns = state.last_ns
@@ -227,7 +233,7 @@ class Twin:
             What else is known of it, as after a restart without a snapshot.
         """
         if self._segmenter.running:
-            self._jobs.append((self._ordinal, None))
+            self._jobs.append(self._ordinal, None)
         self._aligner.reset()
         self._segmenter.begin_anew(last_cycle, resume)
         self._last_ns = None
@@ -310,7 +316,7 @@ class Twin:
         """Drop the running cycle after the clock was set back; keep what was learnt."""
         dropped = self._segmenter.running
         if dropped:
-            self._jobs.append((self._ordinal, None))
+            self._jobs.append(self._ordinal, None)
         self._segmenter.reset()
         if data:
             self._aligner.reset()
@@ -323,7 +329,9 @@ class Twin:
         if self._running is not None or not self._jobs:
             return None
         ordinal, cycle = self._jobs.popleft()
-        if cycle is not None:
+        if cycle is None:  # it could not be kept
+            self._finish_ordinal(ordinal, self._memory_after[self._done])
+        else:
             if ordinal in self._early:
                 cycle = replace(cycle, reproducible=False)
             self._running = Job(ordinal, cycle, self._memory_after[self._done])
@@ -362,7 +370,7 @@ class Twin:
 
     def _skip_dropped(self) -> None:
         """Pass over dropped cycles: the memory of the predecessor goes on."""
-        while self._running is None and self._jobs and self._jobs[0][1] is None:
+        while self._running is None and self._jobs.begins_dropped:
             ordinal, _ = self._jobs.popleft()
             self._finish_ordinal(ordinal, self._memory_after[self._done])
 
@@ -388,7 +396,7 @@ class Twin:
         return events + self._drain()
 
     def _enqueue(self, cycle: Cycle) -> None:
-        self._jobs.append((self._ordinal, cycle))
+        self._jobs.append(self._ordinal, cycle)
 
     def _drain(self) -> list[Event]:
         """Predict the parts whose model is known; the rest waits."""

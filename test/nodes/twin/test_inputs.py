@@ -17,7 +17,7 @@ from test.nodes.conftest import NS
 from test.nodes.feeding import START_NS, Feeder
 from valve_twin.io.cdr.codec import encode_stamped
 from valve_twin.nodes.runtime.stamps import to_time
-from valve_twin.nodes.twin.inputs import OVERRUN_S
+from valve_twin.nodes.twin.inputs import MOST_BYTES, OVERRUN_S
 from valve_twin.nodes.twin.node import TwinNode
 
 PERIOD_S = 0.02
@@ -310,6 +310,16 @@ def test_a_message_that_cannot_be_read_is_counted_and_the_next_one_is_used(graph
     graph.spin_until(lambda: len(found) == 20, what="20 predictions")
     key = f"{NS}/spool_position received/lost/unreadable"
     graph.spin_until(lambda: figures(diagnostics).get(key) == "21/0/1", what="the count")
+
+
+def test_a_message_of_more_than_a_million_samples_is_refused(graph, history):
+    node = graph.host(TwinNode, **history)
+    topic = next(t for t in node._valves[0].inputs.topics if t.topic.endswith("position"))
+    for size in (MOST_BYTES + 1, 40):
+        info = {"received_timestamp": time.time_ns(), "publication_sequence_number": 1}
+        topic._on_message((bytes(size), info))
+    topic.drain()
+    assert (topic.received, topic.broken) == (2, 1)
 
 
 def test_a_foreign_message_that_cannot_be_read_is_counted_as_such(graph, history):

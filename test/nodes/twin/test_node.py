@@ -97,6 +97,25 @@ def test_an_estimation_whose_process_is_killed_is_repeated(graph, twin, estimate
     assert twin._worker.restarts == 1
 
 
+def test_cycles_beyond_the_budget_wait_on_disk_and_give_the_same_estimates(graph, tmp_path):
+    names, found, spools = ("/press/a", "/press/b"), [], []
+    for name, budget_mb in zip(names, (400.0, 0.01), strict=True):
+        found.append(graph.record(f"{name}/twin/estimate", Estimate))
+        url = f"sqlite:///{tmp_path}/{name[-1]}.sqlite"
+        node = graph.host(TwinNode, ns=name, history_url=url, memory_budget_mb=budget_mb, **REARM)
+        spools.append(node._valves[0].spool)
+    feeders = [Feeder(graph, name) for name in names]
+    for _ in range(4):
+        for feeder in feeders:
+            feeder.feed(feeder.cycle_samples)
+    graph.spin_until(lambda: all(len(cycles_of(f)) >= 3 for f in found), what="the estimates")
+    assert [spool.written > 0 for spool in spools] == [False, True]
+    assert spools[0].spooled == spools[1].spooled == spools[1].dropped == 0
+    values = [{(m.cycle, m.estimator): repr(m.values) for m in f} for f in found]
+    assert values[0] == values[1]
+    assert not list(tmp_path.rglob("*.cycle"))
+
+
 def test_estimate_now_closes_the_running_cycle(graph, twin, estimates):
     feeder = Feeder(graph, NS)
     predictions = graph.record(f"{NS}/twin/prediction", Prediction)

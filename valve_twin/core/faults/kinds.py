@@ -148,6 +148,14 @@ _ESTIMATION = (
         heal_s=5.0,
     ),
     FaultKind(
+        "estimation.dropped",
+        _ERROR,
+        "Cycles were given up unestimated: memory_budget_mb and the disk beside the history are "
+        "full.",
+        "As for estimation.overdue, free some space, or raise memory_budget_mb.",
+        heal_s=EVENT_HEAL_S,
+    ),
+    FaultKind(
         "estimation.late",
         _WARN,
         "A cycle was predicted without the estimate that it was due: estimate_wait_s was over.",

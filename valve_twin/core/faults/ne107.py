@@ -59,6 +59,7 @@ NODE_FAULTS = {
     "clock.sources": _C,
     "clock.waiting": _C,
     "estimation.overdue": _S,
+    "estimation.dropped": _F,
     "estimation.late": _S,
     "estimation.refused": _C,
     "estimation.failed": _F,

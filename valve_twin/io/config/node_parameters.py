@@ -126,6 +126,14 @@ class TwinParameters(NodeParameters):
         lower=0.0,
         upper=3600.0,
     )
+    memory_budget_mb: float = quantity(
+        400.0,
+        "MB",
+        "Memory of all cycles that wait for their estimation; more wait on disk beside the "
+        "history, and where that is full the oldest are dropped and counted.",
+        lower=0.01,
+        upper=1e6,
+    )
     retry_s: float = quantity(
         1.0,
         "s",

@@ -153,6 +153,40 @@ def load_snapshot(
     return replace(state, memory_after=_memories(path, head["learnt"], recent()))
 
 
+def save_cycle(path: Path, cycle: Cycle) -> None:
+    """Write one cycle to a file with a check sum.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    cycle : Cycle
+        The cycle.
+
+    Raises
+    ------
+    OSError
+        If the disk does not take it.
+    """
+    arrays: list[np.ndarray[Any, Any]] = []
+    text = json.dumps(_encode(cycle, arrays)).encode() + b"\n"
+    content = b"".join([text, *(a.tobytes() for a in arrays)])
+    path.write_bytes(_MAGIC + hashlib.sha256(content).hexdigest().encode() + b"\n" + content)
+
+
+def load_cycle(path: Path) -> Cycle | None:
+    """Return the cycle that was saved, None where the file is gone or damaged."""
+    try:
+        line, _, content = path.read_bytes().partition(b"\n")
+    except OSError:
+        return None
+    if line != _MAGIC + hashlib.sha256(content).hexdigest().encode():
+        return None
+    text, _, data = content.partition(b"\n")
+    cycle: Cycle = _decode(json.loads(text), BytesIO(data))
+    return cycle
+
+
 def _memories(path: Path, learnt: list[list[int]], recent: Sequence[Estimate]) -> Any:  # noqa: ANN401
     """Return what was learnt after which cycles, from the history that holds it."""
     found = []

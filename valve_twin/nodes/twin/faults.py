@@ -62,7 +62,8 @@ class TwinFaults:
             (
                 "input.unreadable",
                 topic.broken,
-                f": %d messages {unreadable} or hold a batch without a period",
+                f": %d messages {unreadable}, hold a batch without a period or "
+                "more than a million samples",
             ),
             (
                 "input.deaf",
@@ -112,6 +113,11 @@ class TwinFaults:
         cut = f"%d waits for an estimate were cut off after {jobs.wait.limit_s:g} s"
         for code, total, text in (
             ("estimation.failed", jobs.failed, f"%d estimations failed: {jobs.failure}"),
+            (
+                "estimation.dropped",
+                valve.spool.dropped,
+                "%d cycles found neither memory nor disk while they waited for their estimation",
+            ),
             ("estimation.late", jobs.wait.cut, cut),
             ("history.dropped", queue.dropped, "%d cycles were given up unsaved"),
             ("history.refused", queue.refused, "%d cycles were refused by the history"),

@@ -47,6 +47,9 @@ overrun of our own queue, not of a loss on the way [s]."""
 BESIDE = 1000
 """Depth of a second reader where the first keeps all [1]."""
 
+MOST_BYTES = 8_000_000
+"""A longer message is refused: a million samples [B]."""
+
 MOST_DEAF = 2
 """A topic whose subscription was deaf so often is taken best effort [1]."""
 
@@ -302,6 +305,9 @@ class TopicInput:
         arrivals, self._pending = self._pending, []
         self._count(arrivals)
         oldest_ns = int(arrivals[0][1]["received_timestamp"])
+        known = len(arrivals)
+        arrivals = [a for a in arrivals if len(a[0]) <= MOST_BYTES]
+        self.broken += known - len(arrivals)
         arrivals = [a for a in arrivals if a[2] != 0]  # before that simulated time has not begun
         if not self._raw:
             arrivals = list(self._decoded(arrivals))

@@ -19,6 +19,7 @@ from valve_twin.core.twin import ClockJump, Estimated, Event
 from valve_twin.core.types import Cycle, Estimate, Prediction
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.history.restart import Restart
+from valve_twin.io.history.spool import CycleSpool
 from valve_twin.io.offline.make_twin import make_twin
 from valve_twin.nodes.twin.inputs import InputConfig, seconds_now
 from valve_twin.nodes.twin.jobs import Jobs
@@ -26,11 +27,13 @@ from valve_twin.nodes.twin.publishers import ValvePublishers
 from valve_twin.nodes.twin.valve_inputs import ValveInputs
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from valve_twin.core.estimation.cycle.sequence import Memory
+    from valve_twin.core.job_queue import JobQueue, QueuedJob
     from valve_twin.io.cdr.signals import Extractor, SignalBlock
     from valve_twin.io.config.valve import ValveConfig
+    from valve_twin.io.history.spool import MemoryBudget
     from valve_twin.nodes.runtime.node import ValveNode
     from valve_twin.nodes.runtime.worker import Outcome, WorkerProcess
     from valve_twin.nodes.twin.history_writer import HistoryWriter
@@ -57,6 +60,8 @@ class LiveValve:
         Runs the estimations.
     awake : set of LiveValve
         Valves for which something waits; this one enters and leaves it.
+    budget : MemoryBudget
+        Memory for cycles that wait, shared by all valves.
 
     Attributes
     ----------
@@ -83,6 +88,7 @@ class LiveValve:
         history_writer: HistoryWriter,
         worker: WorkerProcess,
         awake: set[LiveValve],
+        budget: MemoryBudget,
     ) -> None:
         self._node, self.config, self._awake = node, config, awake
         self.name, self.history = config.name, history_writer.history
@@ -96,6 +102,7 @@ class LiveValve:
             tell=node.get_logger().info,
         )
         self.twin, self.last_cycle = self._restart.twin, self._restart.last_cycle
+        self.spool = self._queue_in(budget)
         self.publishers = ValvePublishers(node, config, self.model)
         self.cycle_queue = history_writer.open(
             self.name, self.publishers.estimate, self.twin.number_from
@@ -114,6 +121,25 @@ class LiveValve:
         self.stopped = ""
         self._saving, self._saved, self._save_error = False, (0, 0), ""
 
+    def _queue_in(self, budget: MemoryBudget) -> CycleSpool:
+        """Let cycles wait for their estimation within the budget, else on disk."""
+        path = self.history.snapshot_path(self.name)
+        folder = None if path is None else path.with_name(f"{path.name}-cycles")
+        spool = CycleSpool(budget, folder)
+        if spool.left:
+            self._node.get_logger().warning(
+                f"{self.name}: {spool.left} cycles that waited on disk were not estimated before "
+                "the process ended"
+            )
+
+        def fill(jobs: Iterable[QueuedJob]) -> JobQueue:
+            for ordinal, cycle in jobs:
+                spool.append(ordinal, cycle)
+            return spool
+
+        self.twin.queue_jobs(fill)
+        return spool
+
     # -- life
 
     def listen(self, config: InputConfig) -> None:
@@ -130,14 +156,15 @@ class LiveValve:
     def close(self) -> None:
         """Take the publishers down."""
         self.publishers.close()
+        self.spool.close()
 
     def save(self) -> None:
         """Save what a restart goes on from, off the data path, where it has changed."""
         now = (self.last_stamp_ns, self.jobs.estimated)
         if self._saving or self.stopped or self.cycle_queue.waiting or now == self._saved:
             return
-        if self._restart.is_resting:
-            return
+        if self._restart.is_resting or self.spool.spooled:
+            return  # what is on disk would have to be read and written again every time
         saving = self._restart.saving()
         if saving is not None:
             self._saving, self._saved = True, now

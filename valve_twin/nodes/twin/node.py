@@ -12,6 +12,7 @@ from rclpy.duration import Duration
 
 from valve_twin.io.config.node_parameters import TwinParameters
 from valve_twin.io.errors import ConfigError
+from valve_twin.io.history.spool import MemoryBudget
 from valve_twin.io.history.store import History
 from valve_twin.nodes.runtime.compat import share_interpreter
 from valve_twin.nodes.runtime.diagnostics import ERROR, STALE, Diagnostics, Report
@@ -86,6 +87,7 @@ class TwinNode(ValveNode):
         compiled = warm_up_prediction(kinds)
         if compiled.kernels:
             self.get_logger().info(f"prediction: {compiled}")
+        budget = MemoryBudget(round(1e6 * given.memory_budget_mb))
         for config in configs:
             valve = LiveValve(
                 self,
@@ -94,6 +96,7 @@ class TwinNode(ValveNode):
                 history_writer=self._history_writers[config.history_url],
                 worker=self._worker,
                 awake=self._awake,
+                budget=budget,
             )
             self._valves.append(valve)
             self._valve_services.append(TwinServices(self, valve))
@@ -249,6 +252,8 @@ class TwinNode(ValveNode):
             "cycles dropped unsaved": valve.cycle_queue.dropped,
             "cycles refused by the history": valve.cycle_queue.refused,
             "estimations pending": valve.twin.pending_jobs,
+            "cycles waiting on disk": valve.spool.spooled,
+            "cycles dropped before estimation": valve.spool.dropped,
             "waits cut off": valve.jobs.wait.cut,
             "last estimation [s]": f"{valve.jobs.wall_s:.3f}",
             "worst latency [ms]": f"{1e3 * worst:.2f}",
