@@ -249,6 +249,19 @@ def told(tmp_path, text, names=("0", "1"), **more):
     return str(caught.value)
 
 
+def test_a_sign_of_inches_opens_no_quote(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text('t,note,x\n0,5" pipe,1\n1,"3 m, dn 50",2\n', encoding="utf-8")
+    table = read_table(path, ["t", "x"])
+    np.testing.assert_array_equal(table.columns[1], [1.0, 2.0])
+
+
+def test_a_comma_in_quotes_belongs_to_its_cell(tmp_path):
+    path = tmp_path / "a.csv"
+    path.write_text('t;note;x\n0;"a; 1,234";1,5\n1;"b; 7";2,25\n', encoding="utf-8")
+    np.testing.assert_array_equal(read_table(path, ["x"]).columns[0], [1.5, 2.25])
+
+
 def test_a_quote_that_is_not_closed_swallows_nothing(tmp_path):
     rows = [f"{i},{i}" for i in range(100)]
     rows[3] = '3,"3'

@@ -96,8 +96,8 @@ def read_table(
     if not numbered:
         msg = f"{path}: is empty; give a CSV file with rows"
         raise BagError(msg)
-    check_quotes(path, numbered)
     mark = separator or _find_separator([line for _, line in numbered[:_PROBE_LINES]])
+    check_quotes(path, numbered, mark)
     first = _cells(path, numbered[0][1], mark)
     header = [] if all(_is_value(cell, mark) for cell in first) else [c.strip() for c in first]
     rows = numbered[1:] if header else numbered

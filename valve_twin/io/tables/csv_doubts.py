@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
+import csv
 import re
+from dataclasses import dataclass
 from datetime import datetime, timezone
 from typing import TYPE_CHECKING
 
@@ -28,8 +30,29 @@ _SUNDAY = 6
 _EARLY = 4
 
 
-def check_quotes(path: Path, rows: Sequence[tuple[int, str]]) -> None:
+@dataclass(slots=True)
+class _Seen:
+    """Numbers of a column: the first with a comma and its line, one with a point, a whole one."""
+
+    comma: tuple[int, str] | None = None
+    point: str = ""
+    whole: str = ""
+    grouped: bool = True
+
+    def take(self, number: int, cell: str) -> None:
+        if "," in cell:
+            self.comma = self.comma or (number, cell)
+            self.grouped = self.grouped and _GROUPED.fullmatch(cell) is not None
+        elif "." in cell:
+            self.point = cell
+        elif _WHOLE.fullmatch(cell):
+            self.whole = cell
+
+
+def check_quotes(path: Path, rows: Sequence[tuple[int, str]], separator: str) -> None:
     """Refuse a line whose quote is not closed: it would swallow what follows.
+
+    A quote inside a cell, such as a sign of inches, opens nothing.
 
     Parameters
     ----------
@@ -37,6 +60,8 @@ def check_quotes(path: Path, rows: Sequence[tuple[int, str]]) -> None:
         The file.
     rows : sequence of (int, str)
         Numbers and texts of its lines.
+    separator : str
+        Of its cells.
 
     Raises
     ------
@@ -44,9 +69,13 @@ def check_quotes(path: Path, rows: Sequence[tuple[int, str]]) -> None:
         Names the line.
     """
     for number, line in rows:
-        if '"' in line and line.count('"') % 2:
+        if '"' not in line or not line.count('"') % 2:
+            continue
+        try:
+            next(csv.reader([line], delimiter=separator, strict=True))
+        except csv.Error:
             msg = f"{path}:{number}: a quote is opened and not closed in this line; correct it"
-            raise BagError(msg)
+            raise BagError(msg) from None
 
 
 def check_commas(
@@ -72,26 +101,20 @@ def check_commas(
     """
     if separator == "," or not any("," in line for _, line in rows):
         return
-    for index, name in columns:
-        with_comma: tuple[int, str] | None = None
-        with_point = whole = ""
-        grouped = True
-        for number, line in rows:
-            cells = line.split(separator)
-            cell = cells[index].strip(' "') if index < len(cells) else ""
-            if "," in cell:
-                with_comma = with_comma or (number, cell)
-                grouped = grouped and _GROUPED.fullmatch(cell) is not None
-            elif "." in cell:
-                with_point = cell
-            elif _WHOLE.fullmatch(cell):
-                whole = cell
-        other = with_point or (whole if grouped else "")
-        if with_comma is not None and other:
+    seen = [_Seen() for _ in columns]
+    for number, line in rows:
+        quoted = '"' in line
+        cells = next(csv.reader([line], delimiter=separator)) if quoted else line.split(separator)
+        for (index, _), column in zip(columns, seen, strict=True):
+            if index < len(cells):
+                column.take(number, cells[index].strip())
+    for (_, name), column in zip(columns, seen, strict=True):
+        other = column.point or (column.whole if column.grouped else "")
+        if column.comma is not None and other:
             msg = (
-                f"{path}:{with_comma[0]}: column '{name}': '{with_comma[1]}' beside '{other}': "
-                "the comma may stand before decimals or between thousands; export the numbers "
-                "with a decimal point and nothing between thousands"
+                f"{path}:{column.comma[0]}: column '{name}': '{column.comma[1]}' beside "
+                f"'{other}': the comma may stand before decimals or between thousands; export the "
+                "numbers with a decimal point and nothing between thousands"
             )
             raise BagError(msg)
 
