@@ -186,6 +186,11 @@ def seed_number(text: str) -> int:
     return _read(int, text, lambda value: value >= 0, "a whole number, 0 or more")
 
 
+def positive_number(text: str) -> float:
+    """Read a finite number above 0."""
+    return _read(float, text, lambda value: 0.0 < value < math.inf, "a number above 0")
+
+
 def rate_number(text: str) -> float:
     """Read a finite number, 0 or more."""
     return _read(float, text, lambda value: 0.0 <= value < math.inf, "a number, 0 or more")

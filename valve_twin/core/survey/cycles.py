@@ -22,6 +22,8 @@ _LEVEL = 0.02  # share of a command's range above its rest that opens a cycle, a
 _RETURN = 0.3  # share of the greatest return command that no correction in a hold reaches, assumed
 _AT_REST = 0.1  # share of the record that a command must rest for a rule on it, assumed
 _LEAST_CYCLES = 2
+_LEVELS, _ON_LEVELS = 12, 0.95  # a switched command is on so few levels for that share, assumed
+_SWITCHED = 0.2  # share of its range above which it is on, assumed
 _SHORTEST = 0.5  # of the shortest interval found: the least length that is proposed
 _WINDOW_S = 300.0  # fixed window, assumed
 _LEAST_WINDOWS = 3
@@ -100,6 +102,32 @@ def _from_reference(command: Signal, period_s: float) -> CyclePlan | None:
         "min_cycle_s": _least(opened, period_s),
     }
     return CyclePlan(CycleRule.REFERENCE, f"the command leaves its rest: {_found(opened)}", values)
+
+
+def switched_cycles(command: Signal, period_s: float) -> CyclePlan | None:
+    """Cut where a command that is switched between few levels rises; None = it is not.
+
+    Parameters
+    ----------
+    command : Signal
+        Mapped to 0..1.
+    period_s : float
+        Sampling time of the position [s].
+    """
+    low, span = float(command.values.min()), float(np.ptp(command.values))
+    bins = np.bincount(np.rint((command.values - low) / (0.01 * span)).astype(np.int64))
+    if float(np.sort(bins)[-_LEVELS:].sum()) < _ON_LEVELS * len(command.values):
+        return None
+    level, low_again = low + _SWITCHED * span, low + 0.5 * _SWITCHED * span
+    opened = command.stamp_ns[_rises(command.values, level, low_again)].tolist()
+    if len(opened) < _LEAST_CYCLES:
+        return None
+    values: dict[str, float | str] = {
+        "reference_level": level,
+        "reference_hysteresis": level - low_again,
+        "min_cycle_s": _least(opened, period_s),
+    }
+    return CyclePlan(CycleRule.REFERENCE, f"the command is switched on: {_found(opened)}", values)
 
 
 def _windows(command: Signal, period_s: float) -> CyclePlan:

@@ -177,7 +177,7 @@ def _driven(views: Views, target: str) -> Driven | None:
             continue
         total = _summed(u)
         for sign in (1.0, -1.0):
-            match = _match(total, sign * y, view.max_lag, causal=True)
+            match = match_increments(total, sign * y, view.max_lag, causal=True)
             score = (0.0 if match is None else match.correlation, name)
             if sign > 0.0:
                 up = max(up, score)
@@ -189,7 +189,7 @@ def _driven(views: Views, target: str) -> Driven | None:
         return None
     near = views.liveliest(target) if view.every > 1 else view
     both = _summed(near.columns[up[1]] - near.columns[down[1]])
-    match = _match(both, near.columns[target], near.max_lag, causal=True)
+    match = match_increments(both, near.columns[target], near.max_lag, causal=True)
     lag = 0 if match is None else match.lag
     return Driven(target, up[1], down[1], lag + 1, up[0], -down[0])
 
@@ -240,7 +240,7 @@ def _followed(views: Views, target: str, command: str, same_unit: bool) -> Follo
     u, y = view.columns[command], view.columns[target]
     if same_unit and not _same_unit(u, y):
         return None
-    match = _match(u, y, view.max_lag)
+    match = match_increments(u, y, view.max_lag)
     if match is None or match.lag < 0:
         return None
     gain, level = 1.0, 0.0
@@ -255,7 +255,9 @@ def _followed(views: Views, target: str, command: str, same_unit: bool) -> Follo
 def _exact(views: Views, found: Followed) -> Followed:
     """Find the lag among all samples, from increments over as long as the search had."""
     coarse = views.of(found.position)
-    match = _match(coarse.columns[found.command], coarse.columns[found.position], coarse.max_lag)
+    match = match_increments(
+        coarse.columns[found.command], coarse.columns[found.position], coarse.max_lag
+    )
     assert match is not None  # it was found before
     view = views.liveliest(found.position)
     u, y = view.columns[found.command], view.columns[found.position]
@@ -265,7 +267,7 @@ def _exact(views: Views, found: Followed) -> Followed:
 
 
 @dataclass(frozen=True, slots=True)
-class _Match:
+class Match:
     """How the increments of one column, over `over` samples, follow those of another."""
 
     correlation: float
@@ -273,19 +275,30 @@ class _Match:
     over: int
 
 
-def _match(u: FloatArray, y: FloatArray, max_lag: int, *, causal: bool = False) -> _Match | None:
-    """Return the best match, None where none is beyond chance; `causal`: u comes first.
+def match_increments(
+    u: FloatArray, y: FloatArray, max_lag: int, *, causal: bool = False
+) -> Match | None:
+    """Return the best match, None where none is beyond chance.
 
     A slow valve answers a step over many samples: increments over more samples show it, but fewer
     of them are independent. The shortest that show it well give the lag best.
+
+    Parameters
+    ----------
+    u, y : (N,) arrays
+        Columns on one grid [their units].
+    max_lag : int
+        Longest lag tried, both ways [samples].
+    causal : bool
+        Whether u comes first.
     """
-    best: _Match | None = None
+    best: Match | None = None
     for over in _OVER:
         if len(y) < _LEAST_INCREMENTS * over:
             break
         r = _correlations(u[over:] - u[:-over], y[over:] - y[:-over], max_lag)
         r[: max_lag if causal else 0] = -1.0
-        found = _Match(float(r.max()), int(np.argmax(r)) - max_lag, over)
+        found = Match(float(r.max()), int(np.argmax(r)) - max_lag, over)
         chance = _CHANCE * np.sqrt(over / len(y))
         if found.correlation < max(_ENOUGH, chance):
             continue
@@ -313,7 +326,7 @@ def _last(views: Views, names: Sequence[str]) -> str:
         y = view.columns[name]
         after = 0
         for other in names:
-            match = _match(view.columns[other], y, view.max_lag)
+            match = match_increments(view.columns[other], y, view.max_lag)
             after += 0 if match is None else int(np.sign(match.lag))
         steps = np.diff(y)
         return after, float(np.var(np.diff(steps)) / max(float(np.var(steps)), 1e-300))

@@ -296,6 +296,19 @@ class ValveModel(Protocol):
         """
         return {p.name: p.value for e in estimates for p in e.parameters if isfinite(p.value)}
 
+    def options_for(self, cycle: FloatArray, period_s: float) -> Mapping[str, object]:
+        """Return options that `configure` reads off the mean cycle of a record without commands.
+
+        Parameters
+        ----------
+        cycle : (N,) array
+            The output over a cycle, the mean of many [unit of the output].
+        period_s : float
+            Sampling time [s].
+        """
+        del cycle, period_s
+        return {}
+
     def features(self, cycle: Cycle, options: Options) -> tuple[ParameterValue, ...]:
         """Return what a cycle shows of faults; empty for a model that names no `signatures`."""
         del cycle, options

@@ -16,6 +16,12 @@ BASE_STAMP = "2020-01-01T00:00:00Z"
 class CsvConfig:
     """How the columns of a CSV file become stamped samples."""
 
+    reader: str = setting(
+        "csv",
+        "csv = plain CSV with one line of names, read strictly; any = every channel of any CSV, "
+        "Excel, MAT, HDF5, TDMS, MDF, Parquet or sqlite3 bag, as configure found them.",
+        choices=("csv", "any"),
+    )
     separator: str = setting("", "One character; empty = found from the first lines.")
     time_column: str = setting(
         "", "Name or number of the column with the time; empty = rows are period_s apart."

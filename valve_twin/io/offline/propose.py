@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 MAX_ELEMENTS = 8
 """How many elements of an array without a fixed size are tried."""
 
-_EXPLAINED = {
+EXPLAINED = {
     "start_signal": "its rise opens a cycle ...",
     "rearm_signal": "... if this one, the return stroke, has been above ...",
     "rearm_threshold": "... this level since the last opening [1]",
@@ -38,8 +38,9 @@ _EXPLAINED = {
     "reference_level": "a cycle opens where the reference rises through it [1]",
     "reference_hysteresis": "it must have been this far below before [1]",
     "window_s": "length of a window [s]",
+    "window_offset_s": "the first window begins with the record [s]",
 }
-_HELD_BACK = "a silent signal delays the others by at most this"
+HELD_BACK = "a silent signal delays the others by at most this"
 _MOST_SAMPLES = 2_000_000  # of one column; more tells nothing new
 _NAMED = 6  # fields named in a message
 _MAX_DEPTH = 4
@@ -186,8 +187,8 @@ def _text(
         "/**:",
         "  ros__parameters:",
         f"    model: {proposal.model}",
-        f"    period_s: {_number(proposal.period_s)}   # {proposal.period_evidence} [s]",
-        f"    hold_back_s: {_number(max(2.0, 5.0 * proposal.period_s))}   # {_HELD_BACK} [s]",
+        f"    period_s: {number_text(proposal.period_s)}   # {proposal.period_evidence} [s]",
+        f"    hold_back_s: {number_text(max(2.0, 5.0 * proposal.period_s))}   # {HELD_BACK} [s]",
         f"    # lag from command to position: {proposal.lag} samples; every cycle is scanned anew",
         "    signals:",
     ]
@@ -198,8 +199,8 @@ def _text(
         f"      rule: {proposal.cycles.rule.value}   # {proposal.cycles.reason}",
     ]
     for key, value in proposal.cycles.values.items():
-        text = value if isinstance(value, str) else _number(value)
-        lines.append(f"      {key}: {text}   # {_EXPLAINED[key]}")
+        text = value if isinstance(value, str) else number_text(value)
+        lines.append(f"      {key}: {text}   # {EXPLAINED[key]}")
     lines += _option_lines(proposal)
     if proposal.left_out:
         lines += ["    # left out, because nothing shows what they are:"]
@@ -226,8 +227,8 @@ def _signal_lines(role: Role, source: SignalSource, received: bool) -> list[str]
         f"        topic: {source.topic}{clock}",
         f"        type: {source.type}",
         f'        field: "{source.field}"',
-        f"        scale: {_number(role.scale)}   # signal = scale * field + offset",
-        f"        offset: {_number(role.offset)}",
+        f"        scale: {number_text(role.scale)}   # signal = scale * field + offset",
+        f"        offset: {number_text(role.offset)}",
     ]
 
 
@@ -237,7 +238,7 @@ def _option_lines(proposal: Proposal) -> list[str]:
     upper = {d.name: d.upper for d in describe(options)}
     if "max_delay_s" in upper:
         longest = min(proposal.max_delay_s, upper["max_delay_s"])
-        reach = f"max_delay_s: {_number(longest)}   # longest delay tried [s]"
+        reach = f"max_delay_s: {number_text(longest)}   # longest delay tried [s]"
     elif "max_lag" in upper and proposal.lag >= options.max_lag:  # the end of the default scan
         most = min(proposal.lag + 2, upper["max_lag"])
         reach = f"max_lag: {most:.0f}   # longest lag tried [samples]"
@@ -246,7 +247,7 @@ def _option_lines(proposal: Proposal) -> list[str]:
     return ["    options:", f"      {reach}"]
 
 
-def _number(value: float) -> str:
+def number_text(value: float) -> str:
     """Write a number so that YAML reads it as a float."""
     text = f"{value + 0.0:.7g}"
     mantissa, e, exponent = text.partition("e")

@@ -39,9 +39,9 @@ RUN_TOPIC = "run"
 
 STRING_TYPE = "std_msgs/msg/String"
 
-_SECOND_NS = 1_000_000_000
-_LATCHED = QosProfile(durability="transient_local", depth=1)
-_RAW_DEPTH = QosProfile(depth=1000)
+SECOND_NS = 1_000_000_000
+LATCHED = QosProfile(durability="transient_local", depth=1)
+RAW_DEPTH = QosProfile(depth=1000)
 _IRREGULAR = 0.01
 """A row whose step is off the sampling time by more than this part begins a new batch [1]."""
 
@@ -82,7 +82,7 @@ class ImportSummary:
 
 
 @dataclass(frozen=True, slots=True)
-class _Stream:
+class Stream:
     """One topic to write: its column, and the samples in a message (0 = single ones)."""
 
     topic: str
@@ -147,8 +147,8 @@ def import_csv(
         If no signal names a column, or the mapping cannot be written.
     """
     paths = [path for pattern in files for path in csv_files(pattern)]
-    streams = _streams(config)
-    base_ns = _base_ns(config)
+    streams = streams_of(config)
+    base_ns = base_stamp_ns(config)
     # a wrong column or time leaves no bag behind
     tables = [_read(path, config, streams) for path in paths[:1]]
     _stamps(tables[0], config, base_ns, None)
@@ -159,7 +159,7 @@ def import_csv(
         try:
             for path in paths:
                 table = tables.pop() if tables else _read(path, config, streams)
-                after_ns = done[-1].end_ns + round(config.csv.gap_s * _SECOND_NS) if done else None
+                after_ns = done[-1].end_ns + round(config.csv.gap_s * SECOND_NS) if done else None
                 stamps = _stamps(table, config, base_ns, after_ns)
                 notices += [*table.notices, *_notices(table, config)]
                 done.append(_write_file(bag, config, streams, table, stamps))
@@ -173,12 +173,13 @@ def import_csv(
         return ImportSummary(tuple(done), sum(bag.counts.values()), tuple(notices))
 
 
-def _streams(config: ValveConfig) -> list[_Stream]:
-    streams: dict[str, _Stream] = {}
+def streams_of(config: ValveConfig) -> list[Stream]:
+    """Return the topics to write, one a column that signals take."""
+    streams: dict[str, Stream] = {}
     for source in config.signals.values():
         if not source.column:
             continue
-        stream = _Stream(source.topic, source.column, _batch(source, config))
+        stream = Stream(source.topic, source.column, _batch(source, config))
         known = streams.setdefault(source.topic, stream)
         if known != stream:
             msg = (
@@ -208,7 +209,7 @@ def _batch(source: SignalSource, config: ValveConfig) -> int:
     return batch
 
 
-def _base_ns(config: ValveConfig) -> int | None:
+def base_stamp_ns(config: ValveConfig) -> int | None:
     """Return the stamp of the first row, at the start of a window; None = as in the file."""
     text = config.csv.base_stamp
     if not text:
@@ -230,7 +231,7 @@ def _base_ns(config: ValveConfig) -> int | None:
     return base_ns
 
 
-def _read(path: Path, config: ValveConfig, streams: Sequence[_Stream]) -> Table:
+def _read(path: Path, config: ValveConfig, streams: Sequence[Stream]) -> Table:
     time = [config.csv.time_column] if config.csv.time_column else []
     names = [*time, *(s.column for s in streams)]
     return read_table(path, names, separator=config.csv.separator, dates=bool(time))
@@ -250,7 +251,7 @@ def _stamps(
         _check_sampling(table, elapsed_ns, config)
     if table.dated or base_ns is None:
         stamps: IntArray = np.rint(ticks * 1e6).astype(np.int64) * 1000
-        if after_ns is not None and stamps[0] <= after_ns - round(config.csv.gap_s * _SECOND_NS):
+        if after_ns is not None and stamps[0] <= after_ns - round(config.csv.gap_s * SECOND_NS):
             msg = (
                 f"{table.path}: begins before the file before it ends; give the files in the "
                 "order of their time"
@@ -302,8 +303,8 @@ def _check_sampling(table: Table, stamps: IntArray, config: ValveConfig) -> None
 
 def _notices(table: Table, config: ValveConfig) -> list[str]:
     """Say what looks wrong in the columns but could be so."""
-    columns = table.columns[len(table.columns) - len(_streams(config)) :]
-    by_topic = dict(zip((s.topic for s in _streams(config)), columns, strict=True))
+    columns = table.columns[len(table.columns) - len(streams_of(config)) :]
+    by_topic = dict(zip((s.topic for s in streams_of(config)), columns, strict=True))
     model = get_model(config.model)
     normalised = (*model.inputs, model.output) if model.normalised else ()
     notices = []
@@ -325,18 +326,18 @@ def _notices(table: Table, config: ValveConfig) -> list[str]:
     return notices
 
 
-def _add_topics(bag: BagWriter, config: ValveConfig, streams: Sequence[_Stream]) -> None:
+def _add_topics(bag: BagWriter, config: ValveConfig, streams: Sequence[Stream]) -> None:
     for stream in streams:
         bag.add_topic(
-            stream.topic, SERIES_TYPE if stream.batch else STAMPED_TYPE, qos=(_RAW_DEPTH,)
+            stream.topic, SERIES_TYPE if stream.batch else STAMPED_TYPE, qos=(RAW_DEPTH,)
         )
-    bag.add_topic(resolve_topic(RUN_TOPIC, config.name), STRING_TYPE, qos=(_LATCHED,))
+    bag.add_topic(resolve_topic(RUN_TOPIC, config.name), STRING_TYPE, qos=(LATCHED,))
 
 
 def _write_file(
     bag: BagWriter,
     config: ValveConfig,
-    streams: Sequence[_Stream],
+    streams: Sequence[Stream],
     table: Table,
     stamps: IntArray,
 ) -> ImportedFile:
@@ -351,7 +352,7 @@ def _write_file(
     messages = [
         (log_ns, number, stream.topic, data, stamp_ns)
         for number, stream in enumerate(streams)
-        for log_ns, stamp_ns, data in _encode(
+        for log_ns, stamp_ns, data in encode_stream(
             stream, stamps, table.columns[offset + number], config.period_s
         )
     ]
@@ -360,10 +361,22 @@ def _write_file(
     return ImportedFile(name, start_ns, int(stamps[-1]), len(stamps))
 
 
-def _encode(
-    stream: _Stream, stamps: IntArray, values: FloatArray, period_s: float
+def encode_stream(
+    stream: Stream, stamps: IntArray, values: FloatArray, period_s: float
 ) -> Iterator[tuple[int, int, bytes]]:
-    """Yield log time, stamp and bytes of the messages; a batch is logged with its last sample."""
+    """Yield log time, stamp and bytes of the messages; a batch is logged with its last sample.
+
+    Parameters
+    ----------
+    stream : Stream
+        Single messages or batches.
+    stamps : (N,) int64 array
+        Of the rows [ns].
+    values : (N,) array
+        Numbers as they stand in the file [unit of the column].
+    period_s : float
+        Sampling time [s].
+    """
     if not stream.batch:
         for stamp, value in zip(stamps.tolist(), values.tolist(), strict=True):
             yield stamp, stamp, encode_stamped(stamp, value)

@@ -24,6 +24,7 @@ from valve_twin.core.valves.cycle_timing.parameters import (
     CycleTimingOptions,
 )
 from valve_twin.core.valves.cycle_timing.timing import Timing, find_timing
+from valve_twin.core.valves.cycle_timing.windows import windows_of
 from valve_twin.core.valves.kit.compiled import CompiledModel
 from valve_twin.core.valves.kit.outcome import Evidence, conclude
 
@@ -101,6 +102,10 @@ class CycleTimingModel(CompiledModel):
                 options.steady_end_s / period_s,
             ]
         )
+
+    def options_for(self, cycle: FloatArray, period_s: float) -> Mapping[str, object]:
+        """Return where the mean cycle has its spike and steady part."""
+        return windows_of(cycle, period_s)
 
 
 def _values(timing: Timing, options: CycleTimingOptions) -> tuple[ParameterValue, ...]:

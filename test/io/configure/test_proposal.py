@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+from __future__ import annotations
+
+import json
+import sys
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from test.io.configure.test_survey import slew_valve, steps, survey, switched
+from test.io.instruments import foreign_files as foreign
+from valve_twin.cli import main
+from valve_twin.core.types import CycleRule
+from valve_twin.io.bags.read import bag_info
+from valve_twin.io.config.valve import load_config
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def chain(folder: Path, files, *more):
+    """Run configure, import and estimate as a user does; return configuration and estimates."""
+    config, bag, out = (str(folder / n) for n in ("valve.yaml", "bag", "estimates.jsonl"))
+    names = [str(f) for f in files]
+    assert main(["configure", *names, "--yes", "--out", config, *more]) == 0
+    assert main(["import", *names, "--config", config, "--out", bag]) == 0
+    main(["estimate", bag, "--config", config, "--json", out])
+    lines = [json.loads(line) for line in (folder / "estimates.jsonl").read_text().splitlines()]
+    return load_config(config)[0], [x for x in lines if x["kind"] == "estimate"]
+
+
+def value(estimate):
+    return dict(zip(estimate["names"], estimate["values"], strict=True))
+
+
+def test_the_proposal_runs_and_finds_what_the_valve_was_made_with(tmp_path, capsys):
+    command = switched()
+    survey(tmp_path / "a.csv", {"command [mm]": command, "stroke [mm]": slew_valve(command)})
+    config, found = chain(tmp_path, [tmp_path / "a.csv"])
+    assert config.cycles.rule is CycleRule.REFERENCE
+    speeds = value(found[-1])
+    span = 30.0  # of the stroke, that 0..1 stands for
+    assert span * speeds["slew_rising"] == pytest.approx(30.0, rel=0.03)
+    assert span * speeds["slew_falling"] == pytest.approx(20.0, rel=0.03)
+    said = capsys.readouterr().err
+    assert "models, free run on the half that was not fitted: positioner" in said
+    assert len([x for x in said.splitlines() if ": " in x]) < 20
+    assert (tmp_path / "valve.svg").read_text().startswith("<svg ")
+
+
+def test_every_channel_lies_in_the_bag(tmp_path):
+    command = steps()
+    survey(tmp_path / "a.csv", {
+        "cmd": command, "pos": slew_valve(command), "Öl [°C]": command + 1e-3, "öl (°c)": command,
+    })  # fmt: skip
+    chain(tmp_path, [tmp_path / "a.csv"])
+    topics = {t.name for t in bag_info(tmp_path / "bag").topics}
+    assert {"/valve/command", "/valve/position"} < topics
+    assert len([t for t in topics if t.startswith("/valve/channels/")]) == 2
+
+
+def test_dates_of_the_file_are_kept_and_windows_begin_with_it(tmp_path):
+    foreign.tdms(tmp_path / "a.tdms")
+    config, found = chain(tmp_path, [tmp_path / "a.tdms"])
+    assert config.csv.base_stamp == ""
+    start_ns = round(foreign.START.timestamp() * 1e9)
+    assert abs(found[0]["start_ns"] - start_ns) < 5e9
+
+
+def test_a_bad_file_among_several_is_left_out_of_the_bag(tmp_path, capsys):
+    for name in "ac":
+        survey(tmp_path / f"{name}.csv", {"stroke": slew_valve(switched())})
+    (tmp_path / "b.csv").write_text("t_s,cmd\n1,2\n2,3\n3,4\n", encoding="utf-8")
+    chain(tmp_path, [tmp_path / f"{x}.csv" for x in "abc"])
+    said = capsys.readouterr().err
+    assert "left out: " in said
+    assert "2 files" in said
+    assert bag_info(tmp_path / "bag").custom["imported_files"] == "2"
+
+
+def test_invented_times_are_said_everywhere(tmp_path, capsys):
+    text = "stroke\n" + "".join(f"{x:.4f}\n" for x in slew_valve(switched()))
+    (tmp_path / "a.csv").write_text(text, encoding="utf-8")
+    file = str(tmp_path / "a.csv")
+    assert main(["configure", file, "--yes", "--out", str(tmp_path / "v.yaml")]) == 0
+    assert "NOT MEASURED" in capsys.readouterr().err
+    assert "NOT MEASURED" in (tmp_path / "v.yaml").read_text()
+    assert ">sample<" in (tmp_path / "v.svg").read_text()
+    assert main(["configure", file, "--period", "0.02", "--out", str(tmp_path / "v.yaml")]) == 0
+    assert load_config(tmp_path / "v.yaml")[0].period_s == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize(("answer", "period_s"), [("\n", 1.0), ("0.02\n", 0.02)])
+def test_one_question_with_a_default_is_asked(tmp_path, monkeypatch, answer, period_s):
+    text = "stroke\n" + "".join(f"{x:.4f}\n" for x in slew_valve(switched()))
+    (tmp_path / "a.csv").write_text(text, encoding="utf-8")
+
+    class Terminal:
+        def __init__(self) -> None:
+            self.asked = 0
+
+        def isatty(self):
+            return True
+
+        def readline(self):
+            self.asked += 1
+            return answer
+
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stdin", terminal)
+    out = tmp_path / "v.yaml"
+    assert main(["configure", str(tmp_path / "a.csv"), "--out", str(out)]) == 0
+    assert terminal.asked == 1
+    assert load_config(out)[0].period_s == pytest.approx(period_s)
+
+
+def test_strokes_without_a_command_give_timing_and_no_verdict(tmp_path):
+    survey(tmp_path / "a.csv", {"stroke [mm]": slew_valve(switched())})
+    config, found = chain(tmp_path, [tmp_path / "a.csv"])
+    assert len(found) == 6
+    assert "no command recorded" in config.aging.label
+
+
+def test_the_rig_gives_what_its_own_configuration_gives(root, measured, tmp_path):
+    (file,) = (measured / "zema_hydraulic_rig").glob("fs1*.gz")
+    _, found = chain(tmp_path, [file], "--period", "0.1")
+    assert len(found) == 103
+    instants = [value(e)["switching_instant"] for e in found]
+    profile = np.loadtxt(measured / "zema_hydraulic_rig" / "profile_cycles_0_102.txt")
+    lags = [np.mean(np.array(instants)[profile[:, 1] == level]) for level in (100, 90, 80, 73)]
+    assert np.all(np.diff(lags) > 0.02)
+
+
+def test_the_crane_is_followed_over_its_second_half(measured, tmp_path):
+    _, found = chain(tmp_path, [measured / "hydraulic_actuator" / "actuator.csv"])
+    assert [e["model"] for e in found] == ["hydraulic_actuator"] * 2
+    assert found[1]["fit_test"] > 60.0
+
+
+def test_the_pilot_valve_is_followed_by_the_model_of_the_steps_before(shared, tmp_path):
+    files = sorted((shared / "eppr_excavator").glob("arm_in_0[5-9]0_HC.csv.gz"))
+    config, found = chain(tmp_path, files)
+    assert config.signals["command"].column == "duty_pct"
+    assert config.signals["position"].column == "pilot_pressure_bar"
+    tested = [e["fit_test"] for e in found if e["fit_test"] is not None]
+    assert np.median(tested) > 80.0

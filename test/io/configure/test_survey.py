@@ -1,0 +1,146 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from valve_twin.io.configure.survey import Survey, choose, look
+from valve_twin.io.errors import BagError, ConfigError
+from valve_twin.io.instruments.clock import ClockChoice
+
+STEP_S = 0.02
+N = 1500
+
+
+def slew_valve(command, seed=1):
+    """Return a position that follows after 4 samples, 30 a second up and 20 down at most."""
+    position = np.full(len(command), command[0])
+    for k in range(1, len(command)):
+        move = np.clip(4.0 * (command[max(k - 4, 0)] - position[k - 1]), -20.0, 30.0)
+        position[k] = position[k - 1] + STEP_S * move
+    return position + np.random.default_rng(seed).normal(0.0, 0.05, len(command))
+
+
+def steps(seed=2, low=5.0, high=40.0):
+    return np.repeat(np.random.default_rng(seed).uniform(low, high, N // 50), 50)
+
+
+def switched():
+    return np.where((np.arange(N) % 250) < 120, 35.0, 5.0)
+
+
+def survey(path, columns):
+    table = np.column_stack(list(columns.values()))
+    times = STEP_S * np.arange(len(table))
+    lines = [f"{t:.2f}," + ",".join(f"{v:.6f}" for v in row)
+             for t, row in zip(times, table, strict=True)]  # fmt: skip
+    path.write_text("\n".join([",".join(["t_s", *columns]), *lines]), encoding="utf-8")
+    return look([path], ClockChoice())
+
+
+def chosen(found) -> tuple[Survey, Any]:
+    return choose(found)
+
+
+def test_command_and_position_are_found_by_names_among_others(tmp_path):
+    command = steps()
+    found = survey(tmp_path / "a.csv", {
+        "supply pressure [bar]": 70.0 + np.random.default_rng(3).normal(size=N),
+        "spool travel [mm]": slew_valve(command),
+        "set point [mm]": command,
+        "oil temperature [degC]": 40.0 + 1e-3 * np.arange(N),
+    })  # fmt: skip
+    timed, choice = chosen(found)
+    assert (choice.pair.command, choice.pair.answer) == ("set point [mm]", "spool travel [mm]")
+    assert choice.pair.named
+    assert choice.trials[0].fit > max(choice.pair.arx, choice.pair.line, 95.0)
+    assert timed.period_s == pytest.approx(STEP_S)
+
+
+def test_the_same_is_found_under_names_that_say_nothing(tmp_path):
+    command = steps()
+    found = survey(tmp_path / "a.csv", {
+        "Channel 1": np.random.default_rng(3).normal(size=N),
+        "Channel 2": slew_valve(command),
+        "Channel 3": command,
+    })  # fmt: skip
+    _, choice = chosen(found)
+    assert (choice.pair.command, choice.pair.answer) == ("Channel 3", "Channel 2")
+    assert not choice.pair.named
+
+
+def test_an_answer_that_falls_is_mapped_upside_down(tmp_path):
+    command = steps()
+    found = survey(tmp_path / "a.csv", {"cmd": command, "pos": 50.0 - slew_valve(command)})
+    _, choice = chosen(found)
+    answer = choice.trials[0].answer
+    assert choice.pair.correlation < 0.0
+    assert answer.scale < 0.0
+    mapped = answer.of(found.signals["pos"].values)
+    assert (mapped.min(), mapped.max()) == pytest.approx((0.0, 1.0), abs=1e-3)
+
+
+def test_a_copy_of_the_command_is_no_position(tmp_path):
+    command = steps()
+    columns = {"command": command, "position": 0.98 * command + 0.3}
+    with pytest.raises(BagError, match="'position' is a copy of 'command'"):
+        choose(survey(tmp_path / "a.csv", columns))
+    _, choice = chosen(survey(tmp_path / "b.csv", {**columns, "stem": slew_valve(command)}))
+    assert choice.pair.answer == "stem"
+    assert list(choice.copies) == ["position"]
+
+
+def test_strokes_without_a_command_are_followed_by_their_timing(tmp_path):
+    found = survey(tmp_path / "a.csv", {"stroke [mm]": slew_valve(switched())})
+    _, choice = chosen(found)
+    assert choice.repeat.channel == "stroke [mm]"
+    assert choice.repeat.cycle_s == pytest.approx(5.0, abs=0.005)  # a quarter of a sample
+
+
+def test_a_motion_that_integrates_its_command_is_named(tmp_path):
+    opening = steps(low=-1.0, high=1.0)
+    motion = np.cumsum(opening) + np.random.default_rng(0).normal(0.0, 0.1, N)
+    found = survey(tmp_path / "a.csv", {"valve opening": opening, "cylinder position": motion})
+    with pytest.raises(BagError, match="'cylinder position' integrates 'valve opening'"):
+        choose(found)
+
+
+def test_noise_gives_one_line_and_no_proposal(tmp_path):
+    noise = np.random.default_rng(9).normal(size=(N, 3))
+    found = survey(tmp_path / "a.csv", dict(zip("abc", noise.T, strict=True)))
+    with pytest.raises(BagError, match="no channel answers another and none repeats") as caught:
+        choose(found)
+    assert "\n" not in str(caught.value)
+    with pytest.raises(ConfigError, match="--position 'd'"):
+        choose(found, position="d")
+
+
+def test_a_bad_file_among_several_is_named_and_left_out(tmp_path):
+    command = steps()
+    survey(tmp_path / "a.csv", {"cmd": command, "pos": slew_valve(command)})
+    (tmp_path / "b.csv").write_text("nothing at all\n", encoding="utf-8")
+    survey(tmp_path / "c.csv", {"cmd": command, "other": command})
+    survey(tmp_path / "d.csv", {"cmd": command, "pos": slew_valve(command)})
+    found = look([tmp_path / f"{x}.csv" for x in "abcd"], ClockChoice())
+    assert len(found.recordings) == 2
+    assert [str(tmp_path / f"{x}.csv") in t for x, t in zip("bc", found.refused, strict=True)]
+    assert "has no channel 'pos'" in found.refused[1]
+    with pytest.raises(BagError, match=r"b\.csv"):
+        look([tmp_path / "b.csv"], ClockChoice())
+
+
+def test_the_boiler_valve_is_found_among_ten_channels(shared):
+    path = shared / "damadics_boiler_valve" / "boiler_valve_first_half.csv"
+    _, choice = chosen(look([path], ClockChoice()))
+    assert (choice.pair.command, choice.pair.answer) == ("LC74_20CV_pct", "LC74_20X_pct")
+    assert choice.trials[0].fit > choice.pair.arx + 10.0
+
+
+def test_the_cylinder_is_found_among_sixteen_nameless_channels(shared):
+    paths = [shared / "eha_cylinder" / "exp_data_2_2.csv.gz"]
+    _, choice = chosen(look(paths, ClockChoice()))
+    assert (choice.pair.command, choice.pair.answer) == ("ADC1_Channel_13", "ADC1_Channel_14")
+    assert choice.trials[0].fit > choice.pair.line

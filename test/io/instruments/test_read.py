@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+from __future__ import annotations
+
+import importlib
+
+import numpy as np
+import pytest
+
+from test.io.instruments import foreign_files as foreign
+from valve_twin.io.errors import BagError
+from valve_twin.io.instruments import table
+from valve_twin.io.instruments.read import kind_of, read_recording
+
+# name of the file, who writes it, columns of command and pressure, unit, whether it has a date
+FILES = {
+    "excel": ("a.xlsx", foreign.excel, "Set point", "Pressure", False),
+    "mat": ("a.mat", foreign.mat5, "log.setpoint", "log.p_bar", False),
+    "hdf5": ("a.mat", foreign.mat73, "log.setpoint", "log.p", False),
+    "tdms": ("a.tdms", foreign.tdms, "setpoint", "p", True),
+    "mdf": ("a.mf4", foreign.mdf, "setpoint", "p", True),
+    "parquet": ("a.parquet", foreign.parquet, "setpoint", "p_bar", True),
+    "text": ("a.csv", foreign.text, "Sollwert", "Druck", False),
+}
+PACKAGES = {"excel": "openpyxl", "hdf5": "h5py", "tdms": "nptdms", "mdf": "asammdf",
+            "parquet": "pyarrow.parquet"}  # fmt: skip
+START_NS = round(foreign.START.timestamp()) * 10**9
+
+
+@pytest.fixture
+def written(tmp_path):
+    """Return a function that writes a file of a kind and returns its path."""
+
+    def write(kind):
+        if kind in PACKAGES:
+            pytest.importorskip(PACKAGES[kind].partition(".")[0])
+        name, writer = FILES[kind][:2]
+        path = tmp_path / name
+        writer(path)
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize("kind", FILES)
+def test_a_file_of_another_program_is_read_to_the_last_digit(written, kind):
+    path = written(kind)
+    _, _, command, pressure, dated = FILES[kind]
+    assert kind_of(path) == kind
+    found = read_recording(path)
+    columns = {c.name: c for c in found.columns}
+    near = 5.1e-5 if kind == "text" else 0.0  # four decimals are written
+    np.testing.assert_allclose(columns[command].values, foreign.COMMAND, rtol=0.0, atol=near)
+    np.testing.assert_allclose(columns[pressure].values, foreign.PRESSURE, rtol=0.0, atol=near)
+    np.testing.assert_allclose(columns[pressure].seconds, foreign.SECONDS, atol=1e-6)
+    assert columns[pressure].unit == "bar"
+    assert found.measured
+    assert found.start_ns == (START_NS if dated else None)
+
+
+def test_a_bag_of_storage_sqlite3_is_read_by_header_stamps(tmp_path):
+    foreign.sqlite_bag(tmp_path / "bag")
+    found = read_recording(tmp_path / "bag")
+    pressure = next(c for c in found.columns if c.name == "/p:fluid_pressure")
+    np.testing.assert_allclose(pressure.values, 1e5 * foreign.PRESSURE)
+    np.testing.assert_allclose(pressure.seconds, foreign.SECONDS, atol=1e-6)
+    assert found.start_ns == START_NS
+
+
+@pytest.mark.parametrize("kind", PACKAGES)
+def test_a_missing_package_is_named_with_its_command(written, monkeypatch, kind):
+    path = written(kind)
+
+    def missing(name):
+        raise ImportError(name)
+
+    monkeypatch.setattr(importlib, "import_module", missing)
+    with pytest.raises(BagError, match=r"pip install 'valve_twin\[files\]'") as caught:
+        read_recording(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("kind", FILES)
+def test_a_damaged_file_is_one_line_or_sound_columns(written, kind):
+    """Cut at eight places and with bytes changed by a seed: no trace, nothing without end."""
+    path = written(kind)
+    whole, rng = path.read_bytes(), np.random.default_rng(5)
+    for share in (0.02, 0.2, 0.5, 0.9):
+        for cut in (True, False):
+            data = bytearray(whole[: int(len(whole) * share)] if cut else whole)
+            if not cut:
+                for at in rng.integers(0, len(data), 8):
+                    data[at] = rng.integers(0, 256)
+            path.write_bytes(bytes(data))
+            try:
+                found = read_recording(path)
+            except BagError as err:
+                said = str(err)
+            else:
+                said = str(path)
+                assert all(len(c.values) == len(c.seconds) for c in found.columns)
+                assert all(np.all(np.diff(c.seconds) > 0.0) for c in found.columns)
+            assert str(path) in said
+
+
+@pytest.mark.parametrize("kind", ["excel", "mat", "hdf5", "tdms", "mdf", "parquet", "text"])
+def test_a_file_that_unpacks_to_more_than_allowed_is_refused(written, monkeypatch, kind):
+    path = written(kind)
+    monkeypatch.setattr(table, "too_large", lambda size, packed: "is too large" if size else "")
+    with pytest.raises(BagError, match="is too large"):
+        read_recording(path)
+
+
+def test_what_is_no_table_is_told(tmp_path):
+    for name, data, says in (
+        ("a.xls", b"\xd0\xcf\x11\xe0" + bytes(600), "save it as .xlsx"),
+        ("a.bin", bytes(range(256)) * 20, "is no text and of no kind that is read"),
+        ("a.txt", b"just some words\nand more of them\n", "holds no table of numbers"),
+        ("a.csv", b"", "is empty"),
+    ):
+        path = tmp_path / name
+        path.write_bytes(data)
+        with pytest.raises(BagError, match=says):
+            read_recording(path)
+    with pytest.raises(BagError, match="cannot be read"):
+        read_recording(tmp_path / "missing.csv")

@@ -1,0 +1,234 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Which columns of an unknown record are command and answer: names, units, causality, ARX fits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.prediction import fit_percent
+from valve_twin.core.survey.baseline import fit_arx, line_fit
+from valve_twin.core.survey.pairs import Signal, Views, match_increments
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from valve_twin.core.types import FloatArray
+
+ANSWERS = ("position", "oil pressure", "volume flow", "current")
+"""What may answer a command, what a valve is best judged by first; each ends as signals do."""
+
+_NEVER = frozenset({"temperature", "time", "count"})
+_COPY = (
+    0.002  # rms distance from the command, in its range, that no sensor of its own has, assumed
+)
+_MOST_SAMPLES = 3000  # of a trial
+_WORTH = 20.0  # ARX fit of a pair worth a model [%], assumed
+_CLEAR = 0.5  # correlation of the increments that is enough where names say the same, assumed
+_PAIRS = 3  # pairs tried with models
+_QUIET = 0.05  # a pair this much worse than the best is not preferred for its clean command
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """A command and what answers it.
+
+    Attributes
+    ----------
+    command, answer : str
+        Columns.
+    lag : int
+        Samples of the answer.
+    correlation : float
+        Of their increments [1]; negative = the answer falls as the command rises.
+    arx, line : float
+        Free-run fit of an ARX model and fit of a line through the command, on unseen samples [%].
+    named : bool
+        Whether names or units say so, too.
+    """
+
+    command: str
+    answer: str
+    lag: int
+    correlation: float
+    arx: float
+    line: float
+    named: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Halves:
+    """Command and answer on one grid, the first half to train on, the second to test on.
+
+    Attributes
+    ----------
+    every : int
+        Samples of the answer a step [1].
+    u, y, unseen_u, unseen_y : (N,) arrays
+        Commands and answers.
+    """
+
+    every: int
+    u: FloatArray
+    y: FloatArray
+    unseen_u: FloatArray
+    unseen_y: FloatArray
+
+
+def halve(signals: Mapping[str, Signal], command: str, answer: str) -> Halves:
+    """Return two columns on the answer's stamps, thinned, in two halves that both move.
+
+    Parameters
+    ----------
+    signals : mapping
+        Columns by name.
+    command, answer : str
+        Which.
+    """
+    grid = signals[answer].stamp_ns
+    every = max(1, -(-len(grid) // _MOST_SAMPLES))
+    at = np.searchsorted(signals[command].stamp_ns, grid[::every], side="right") - 1
+    u = signals[command].values[np.maximum(at, 0)]
+    y = signals[answer].values[::every]
+    way = np.cumsum(np.abs(np.diff(u, prepend=u[:1])))
+    middle = int(np.searchsorted(way, 0.5 * way[-1]))
+    half = min(max(middle, len(y) // 4), 3 * len(y) // 4)
+    return Halves(every, u[:half], y[:half], u[half:], y[half:])
+
+
+def choose_pairs(
+    signals: Mapping[str, Signal], roles: Mapping[str, Sequence[str]], *, position: str = ""
+) -> tuple[list[Pair], dict[str, str]]:
+    """Return the best pairs of command and answer, best first, and what was refused.
+
+    Parameters
+    ----------
+    signals : mapping
+        Columns that change, by name.
+    roles : mapping
+        What each may be by its name and unit, the most likely first; empty = unknown.
+    position : str
+        The answer, where it is known.
+
+    Returns
+    -------
+    list of Pair
+        At most three; empty where nothing answers anything.
+    dict
+        By channel, why it was refused: it is a copy of another.
+    """
+    usable = {k: s for k, s in signals.items() if not _NEVER.intersection(roles.get(k, ())[:1])}
+    views = Views(usable)
+    refused: dict[str, str] = {}
+    seen: set[frozenset[str]] = set()
+    for commands, answers, named in _levels(list(views.signals), roles, position):
+        found = []
+        for answer in answers:
+            for command in (c for c in commands if c != answer):
+                pair = _pair(usable, views, command, answer, named)
+                if isinstance(pair, str):
+                    if frozenset((command, answer)) not in seen:
+                        refused[answer] = pair
+                    seen.add(frozenset((command, answer)))
+                elif pair is not None:
+                    found.append(pair)
+        good = [p for p in found if p.arx >= _WORTH or (named and abs(p.correlation) >= _CLEAR)]
+        if good:
+            return _ranked(good, usable)[:_PAIRS], refused
+    return [], refused
+
+
+def _levels(
+    names: Sequence[str], roles: Mapping[str, Sequence[str]], position: str
+) -> list[tuple[list[str], list[str], bool]]:
+    """Return commands and answers to try: as named first, then any."""
+    first = {k: (list(roles.get(k, ())) or [""])[0] for k in names}
+    commands = [k for k in names if "command" in roles.get(k, ()) and k != position]
+    driving = [k for k in names if first[k] in {"current", "voltage"}]
+    levels: list[tuple[list[str], list[str], bool]] = []
+    for kind in ANSWERS:
+        answers = [k for k in names if first[k] == kind]
+        answers = [k for k in answers if k == position] if position else answers
+        levels += [(c, answers, True) for c in (commands, driving) if c and answers]
+    answers = [position] if position else [k for k in names if k not in commands]
+    levels += [(commands, answers, False)] if commands else []
+    levels.append((list(names), [position] if position else list(names), False))
+    return levels
+
+
+def _pair(
+    signals: Mapping[str, Signal], views: Views, command: str, answer: str, named: bool
+) -> Pair | str | None:
+    """Return a pair, why it is refused, or None where the answer does not follow."""
+    view = views.of(answer)
+    u, y = view.columns[command], view.columns[answer]
+    if float(np.ptp(u)) == 0.0 or float(np.ptp(y)) == 0.0:
+        return None
+    gain, level = np.polyfit(u, y, 1)
+    if float(np.sqrt(np.mean((y - gain * u - level) ** 2))) < _COPY * float(np.ptp(y)):
+        return f"'{answer}' is a copy of '{command}': no answer that a sensor measured"
+    matches = [(s, m) for s in (1.0, -1.0) if (m := match_increments(u, s * y, view.max_lag))]
+    both = [(s, m) for s, m in matches if m.lag >= 0]
+    sign, match = max(both, key=lambda f: f[1].correlation, default=(1.0, None))
+    if match is None:
+        return None
+    lag = match.lag * view.every
+    halves = halve(signals, command, answer)
+    reach = max(1, lag // halves.every)
+    model = fit_arx(halves.u, halves.y, (0, 1, reach // 2, reach, 2 * reach))
+    arx = float("nan")
+    if model is not None:
+        arx = fit_percent(halves.unseen_y, model.free_run(halves.unseen_u, halves.unseen_y))
+    line = line_fit(halves.u, halves.y, halves.unseen_u, halves.unseen_y)
+    return Pair(command, answer, lag, sign * match.correlation, arx, line, named)
+
+
+def find_integrated(
+    signals: Mapping[str, Signal], roles: Mapping[str, Sequence[str]]
+) -> tuple[str, str, float] | None:
+    """Return a command, the position that integrates it, and their correlation; None = none.
+
+    Parameters
+    ----------
+    signals : mapping
+        Columns that change, by name.
+    roles : mapping
+        What each may be by its name and unit, the most likely first.
+    """
+    views = Views(signals)
+    commands = [k for k in views.signals if "command" in roles.get(k, ())]
+    answers = [k for k in views.signals if "position" in roles.get(k, ()) and k not in commands]
+    found = []
+    for answer in answers:
+        view = views.of(answer)
+        for command in commands:
+            u = view.columns[command]
+            total = np.concatenate(([0.0], np.cumsum(u - np.median(u))[:-1]))
+            for way in (1.0, -1.0):
+                match = match_increments(way * total, view.columns[answer], view.max_lag)
+                if match is not None and match.correlation > _CLEAR:
+                    found.append((match.correlation, command, answer))
+    if not found:
+        return None
+    correlation, command, answer = max(found)
+    return command, answer, correlation
+
+
+def _ranked(pairs: Sequence[Pair], signals: Mapping[str, Signal]) -> list[Pair]:
+    """Return pairs by their fit; of those as good, first the command that carries no noise."""
+    best = max(p.arx if np.isfinite(p.arx) else 0.0 for p in pairs)
+
+    def rank(pair: Pair) -> tuple[bool, bool, float]:
+        near = pair.arx > best - 100.0 * _QUIET
+        clean = near and _clean(signals[pair.command].values)
+        return not clean, not (near and pair.correlation > 0.0), -pair.arx
+
+    return sorted(pairs, key=rank)
+
+
+def _clean(values: FloatArray) -> bool:
+    """Whether a column rests without noise as a number of a controller does."""
+    return float(np.mean(np.diff(values) == 0.0)) > 0.3

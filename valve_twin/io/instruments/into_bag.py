@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Write the files of instruments into a bag: every channel a topic, mapped or not."""
+
+from __future__ import annotations
+
+from glob import glob
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.estimation.cycle.plausibility import wrong_step
+from valve_twin.core.valves.registry import get_model
+from valve_twin.io.bags.writer import BagWriter
+from valve_twin.io.cdr.codec import encode_string
+from valve_twin.io.cdr.signals import SERIES_TYPE, STAMPED_TYPE
+from valve_twin.io.config.topic_names import resolve_topic
+from valve_twin.io.errors import BagError, suggest
+from valve_twin.io.instruments.clock import ClockChoice
+from valve_twin.io.instruments.read import SUFFIXES, kind_of, read_recording
+from valve_twin.io.instruments.table import topic_name, unique_name
+from valve_twin.io.tables.csv_import import (
+    LATCHED,
+    RAW_DEPTH,
+    RUN_TOPIC,
+    SECOND_NS,
+    STRING_TYPE,
+    ImportedFile,
+    ImportSummary,
+    Stream,
+    base_stamp_ns,
+    encode_stream,
+    streams_of,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from valve_twin.core.types import IntArray
+    from valve_twin.io.config.valve import ValveConfig
+    from valve_twin.io.instruments.table import Recording
+
+CHANNELS = "channels"
+"""Below the valve's name: the topics of channels that no signal takes."""
+
+
+def recording_files(patterns: Sequence[str | Path]) -> list[Path]:
+    """Return the files that paths, folders and patterns with * name, each folder's in order.
+
+    Raises
+    ------
+    BagError
+        If one names none.
+    """
+    found: list[Path] = []
+    for pattern in patterns:
+        path = Path(pattern)
+        if path.is_dir() and kind_of(path) == "mcap":
+            here = sorted(p for p in path.iterdir() if _is_one(p))
+        elif path.exists():
+            here = [path]
+        else:
+            here = sorted(Path(name) for name in glob(str(pattern)))
+        if not here:
+            msg = f"{pattern}: there is no such file; give a file, a folder or 'runs/*.csv'"
+            raise BagError(msg)
+        found += here
+    return found
+
+
+def _is_one(path: Path) -> bool:
+    return path.is_file() and path.name.lower().removesuffix(".gz").endswith(tuple(SUFFIXES))
+
+
+def needs_reader(files: Sequence[str | Path], config: ValveConfig) -> bool:
+    """Return whether files are imported channel by channel rather than as plain CSV."""
+    if config.csv.reader == "any":
+        return True
+    first = Path(files[0])
+    return first.is_file() and kind_of(first) != "text"
+
+
+def import_recordings(
+    files: Sequence[str | Path],
+    config: ValveConfig,
+    out: str | Path,
+    *,
+    on_file: Callable[[], object] = lambda: None,
+) -> ImportSummary:
+    """Write files of instruments into a new bag folder.
+
+    Parameters
+    ----------
+    files : sequence of path
+        Files, folders or patterns in the order in which they follow one another. One that cannot
+        be read, or lacks a channel that a signal takes, is named in the notices and left out.
+    config : ValveConfig
+        Its signals name their channels by `column`; its `csv` section says what is known of the
+        time.
+    out : path
+        Bag folder to make.
+    on_file : callable
+        Called after every file.
+
+    Returns
+    -------
+    ImportSummary
+        What lies in the bag.
+
+    Raises
+    ------
+    BagError
+        If no file can be used; says why the first cannot.
+    ConfigError
+        If no signal names a column, or the mapping cannot be written.
+    """
+    streams = streams_of(config)
+    paths = recording_files(files)
+    bag: BagWriter | None = None
+    done: list[ImportedFile] = []
+    notices: list[str] = []
+    try:
+        for path in paths:
+            try:
+                recording = _read(path, config, streams)
+                after = done[-1].end_ns if done else None
+                start_ns = _start_ns(recording, config, after)
+            except BagError as err:
+                if len(paths) == 1 or (path == paths[-1] and not done):
+                    raise
+                notices.append(f"left out: {err}")
+                continue
+            if bag is None:  # a wrong column or time leaves no bag behind
+                bag = BagWriter(out, flush_s=60.0)
+                bag.add_topic(resolve_topic(RUN_TOPIC, config.name), STRING_TYPE, qos=(LATCHED,))
+            notices += recording.notices
+            done.append(_write(bag, config, streams, recording, start_ns))
+            on_file()
+        assert bag is not None  # the last file would have raised
+        bag.note({"valve": config.name, "model": config.model, "imported_files": len(done)})
+        return ImportSummary(tuple(done), sum(bag.counts.values()), tuple(notices))
+    finally:
+        if bag is not None:
+            bag.close()
+
+
+def _read(path: Path, config: ValveConfig, streams: Sequence[Stream]) -> Recording:
+    csv = config.csv
+    if csv.time_column:
+        choice = ClockChoice(csv.time_column, csv.time_scale)
+    else:
+        choice = ClockChoice(period_s=config.period_s)
+    recording = read_recording(path, choice)
+    names = [c.name for c in recording.columns]
+    for stream in streams:
+        if stream.column not in names:
+            msg = f"{path}: there is no channel '{stream.column}'; {suggest(stream.column, names)}"
+            raise BagError(msg)
+    source = config.signals[get_model(config.model).output]
+    position = recording.columns[names.index(source.column)] if source.column else None
+    if position is None:
+        return recording
+    step_s = wrong_step(np.rint(position.seconds * 1e9).astype(np.int64), config.period_s)
+    if step_s:
+        msg = (
+            f"{path}: channel '{position.name}': samples are {step_s:.4g} s apart, period_s is "
+            f"{config.period_s:.4g}; correct period_s"
+        )
+        raise BagError(msg)
+    return recording
+
+
+def _start_ns(recording: Recording, config: ValveConfig, after_ns: int | None) -> int:
+    """Return the stamp of a recording's time 0 [ns]."""
+    base_ns = base_stamp_ns(config)
+    if recording.start_ns is not None and base_ns is None:
+        if after_ns is not None and recording.start_ns <= after_ns:
+            msg = (
+                f"{recording.path}: begins before the file before it ends; give the files in the "
+                "order of their time"
+            )
+            raise BagError(msg)
+        return recording.start_ns
+    if after_ns is None:
+        return base_ns or 0
+    return after_ns + round(config.csv.gap_s * SECOND_NS)
+
+
+def _write(
+    bag: BagWriter,
+    config: ValveConfig,
+    streams: Sequence[Stream],
+    recording: Recording,
+    start_ns: int,
+) -> ImportedFile:
+    """Write one file; channels without a signal are written as those with one."""
+    name = recording.path.name.removesuffix(".gz").rpartition(".")[0] or recording.path.name
+    taken = {s.topic for s in streams}
+    batch = max((s.batch for s in streams), default=0)
+    all_streams = list(streams)
+    for column in recording.columns:
+        if all(s.column != column.name for s in streams):
+            plain = resolve_topic(f"{CHANNELS}/{topic_name(column.name)}", config.name)
+            topic = unique_name(plain, taken)
+            taken.add(topic)
+            all_streams.append(Stream(topic, column.name, batch))
+    columns = {c.name: c for c in recording.columns}
+    parts: list[tuple[Stream, IntArray]] = []
+    for stream in all_streams:
+        stamps = start_ns + np.rint(columns[stream.column].seconds * 1e9).astype(np.int64)
+        parts.append((stream, stamps))
+        kind = SERIES_TYPE if stream.batch else STAMPED_TYPE
+        bag.add_topic(stream.topic, kind, qos=(RAW_DEPTH,))
+    first, last = min(int(t[0]) for _, t in parts), max(int(t[-1]) for _, t in parts)
+    bag.write(resolve_topic(RUN_TOPIC, config.name), encode_string(name), log_ns=first)
+    single = [(s.topic, t, columns[s.column].values) for s, t in parts if not s.batch]
+    if single:
+        bag.write_samples(single)
+    messages = [
+        (log_ns, number, stream.topic, data, stamp_ns)
+        for number, (stream, stamps) in enumerate(parts)
+        if stream.batch
+        for log_ns, stamp_ns, data in encode_stream(
+            stream, stamps, columns[stream.column].values, config.period_s
+        )
+    ]
+    for log_ns, _, topic, data, stamp_ns in sorted(messages, key=lambda m: m[:2]):
+        bag.write(topic, data, log_ns=log_ns, publish_ns=stamp_ns)
+    return ImportedFile(name, first, last, max(len(t) for _, t in parts))

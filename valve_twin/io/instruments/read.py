@@ -1,0 +1,128 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Read a file of any instrument: what it is shows its beginning, not its name."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from valve_twin.io.errors import BagError
+from valve_twin.io.instruments.clock import ClockChoice, with_clock
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from valve_twin.io.instruments.cells import Sheet
+    from valve_twin.io.instruments.table import Recording
+
+SUFFIXES = (
+    *(".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".xlsx", ".xlsm", ".mat", ".h5", ".hdf5"),
+    *(".tdms", ".mf4", ".mdf", ".parquet", ".db3"),
+)
+"""Endings, each also with .gz where it is text, of the files that a folder is searched for."""
+
+_BEGINS = {
+    b"PK\x03\x04": "excel",
+    b"\x89HDF": "hdf5",
+    b"TDSm": "tdms",
+    b"TDSh": "tdms",
+    b"MDF ": "mdf",
+    b"UnFinMF": "mdf",
+    b"PAR1": "parquet",
+    b"SQLite format 3": "sqlite",
+    b"MATLAB 5.0": "mat",
+}
+_OLD_EXCEL = b"\xd0\xcf\x11\xe0"
+_MAT_HDF5 = b"MATLAB 7.3"
+
+
+def kind_of(path: Path) -> str:
+    """Return "text", "excel", "hdf5", "mat", "tdms", "mdf", "parquet", "sqlite" or "mcap".
+
+    Raises
+    ------
+    BagError
+        If the file is not there or of a kind that is not read.
+    """
+    if path.is_dir():
+        return "sqlite" if any(path.glob("*.db3")) else "mcap"
+    try:
+        with path.open("rb") as file:
+            begin = file.read(64)
+    except OSError as err:
+        msg = f"{path}: cannot be read ({err.strerror or err}); give a file that is there"
+        raise BagError(msg) from err
+    if begin.startswith(b"\x89MCAP"):
+        return "mcap"
+    if begin.startswith(_OLD_EXCEL):
+        msg = f"{path}: is an Excel file of before 2007; save it as .xlsx"
+        raise BagError(msg)
+    if begin.startswith(_MAT_HDF5):
+        return "hdf5"
+    found = next((kind for start, kind in _BEGINS.items() if begin.startswith(start)), "")
+    if found:
+        return found
+    return "mat" if path.suffix == ".mat" else "text"
+
+
+def read_recording(path: Path, choice: ClockChoice | None = None) -> Recording:
+    """Read all numeric channels of a file with their times.
+
+    Parameters
+    ----------
+    path : path
+        Text table (any encoding, separator, preamble; plain or gzip), Excel, MAT, HDF5, TDMS, MDF,
+        Parquet, or rosbag2 of storage sqlite3.
+    choice : ClockChoice, optional
+        What is known of the time; by default it is found.
+
+    Returns
+    -------
+    Recording
+        With at least one channel.
+
+    Raises
+    ------
+    BagError
+        One line: file, place, value, what to do.
+    """
+    choice = choice or ClockChoice()
+    kind = kind_of(path)
+    found = _native(path, kind, choice) or with_clock(_sheet(path, kind), choice)
+    if not found.columns:
+        msg = f"{path}: holds no channel of numbers beside the time"
+        raise BagError(msg)
+    return found
+
+
+def _native(path: Path, kind: str, choice: ClockChoice) -> Recording | None:
+    """Read a kind whose channels have times of their own, None where it is none."""
+    if kind == "tdms":
+        from valve_twin.io.instruments.tdms import read_tdms
+
+        return read_tdms(path, choice)
+    if kind == "mdf":
+        from valve_twin.io.instruments.mdf import read_mdf
+
+        return read_mdf(path)
+    if kind == "sqlite":
+        from valve_twin.io.instruments.sqlite_bag import read_sqlite_bag
+
+        return read_sqlite_bag(path)
+    if kind == "mcap":
+        msg = f"{path}: is a bag already; it needs no import"
+        raise BagError(msg)
+    return None
+
+
+def _sheet(path: Path, kind: str) -> Sheet:
+    from valve_twin.io.instruments import excel, mat, parquet, text
+
+    readers = {
+        "excel": excel.read_excel,
+        "hdf5": mat.read_hdf5,
+        "mat": mat.read_mat,
+        "parquet": parquet.read_parquet,
+        "text": text.read_text_table,
+    }
+    return readers[kind](path)

@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Read rosbag2 folders of storage sqlite3 by rosbags: every numeric field is a channel."""
+
+from __future__ import annotations
+
+from dataclasses import fields, is_dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from valve_twin.io.errors import BagError
+from valve_twin.io.instruments.table import Column, Recording, check_size, rising, unique
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+_MOST_DEPTH = 6
+_ELEMENTS = 8  # of an array
+
+
+def read_sqlite_bag(path: Path) -> Recording:
+    """Return the numeric fields of the messages of a bag, by header stamp where there is one.
+
+    Parameters
+    ----------
+    path : path
+        The .db3 file or its folder.
+
+    Raises
+    ------
+    BagError
+        If it is no whole bag or too large.
+    """
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    folder = path if path.is_dir() else path.parent
+    found: dict[str, tuple[list[int], list[float]]] = {}
+    notices: dict[str, str] = {}
+    received = False
+    try:
+        check_size(path, sum(f.stat().st_size for f in folder.glob("*.db3")))
+        with AnyReader([folder], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as bag:
+            for connection, log_ns, data in bag.messages():
+                if connection.topic in notices:
+                    continue
+                try:
+                    message = bag.deserialize(data, connection.msgtype)
+                except Exception as err:  # one topic of an unknown type does not end the others
+                    notices[connection.topic] = (
+                        f"{path}: topic '{connection.topic}' is left out ({type(err).__name__})"
+                    )
+                    continue
+                stamp = _stamp(message)
+                received = received or stamp is None
+                for name, value in _numbers(message, ""):
+                    stamps, values = found.setdefault(f"{connection.topic}:{name}", ([], []))
+                    stamps.append(log_ns if stamp is None else stamp)
+                    values.append(value)
+    except BagError:
+        raise
+    except Exception as err:  # whatever a broken bag makes the reader raise
+        msg = f"{path}: is no whole bag ({type(err).__name__}: {err}); give its folder"
+        raise BagError(msg) from err
+    if not found:
+        msg = f"{path}: holds no numeric field"
+        raise BagError(msg)
+    start_ns = min(min(stamps) for stamps, _ in found.values())
+    columns = [_column(name, *parts, start_ns) for name, parts in found.items()]
+    clock = "receive times" if received else "header stamps"
+    return Recording(path, unique(columns), clock, measured=True, start_ns=start_ns,
+                     notices=tuple(notices.values()))  # fmt: skip
+
+
+def _column(name: str, stamps: list[int], values: list[float], start_ns: int) -> Column:
+    seconds = (np.array(stamps) - start_ns) * 1e-9
+    keep = rising(seconds)
+    return Column(name, "", seconds[keep], np.array(values)[keep])
+
+
+def _stamp(message: Any) -> int | None:  # noqa: ANN401  any message
+    stamp = getattr(getattr(message, "header", None), "stamp", None)
+    if stamp is None or not hasattr(stamp, "sec"):
+        return None
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec) or None
+
+
+def _numbers(message: Any, prefix: str, depth: int = 0) -> Iterator[tuple[str, float]]:  # noqa: ANN401
+    """Yield the numeric fields of a message; of arrays the first elements."""
+    for item in fields(message):
+        value, name = getattr(message, item.name), f"{prefix}{item.name}"
+        if item.name in {"header", "stamp"} or name.startswith("_"):
+            continue
+        if isinstance(value, (bool, int, float, np.number)):
+            yield name, float(value)
+        elif isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind in "fiub":
+            yield from ((f"{name}[{i}]", float(v)) for i, v in enumerate(value[:_ELEMENTS]))
+        elif is_dataclass(value) and depth < _MOST_DEPTH:
+            yield from _numbers(value, f"{name}.", depth + 1)

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Read TDMS files of LabVIEW and DIAdem by npTDMS."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from valve_twin.io.errors import BagError
+from valve_twin.io.instruments.cells import RawColumn, Sheet
+from valve_twin.io.instruments.clock import with_clock
+from valve_twin.io.instruments.table import Column, Recording, check_size, load_package, unique
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from valve_twin.io.instruments.clock import ClockChoice
+
+
+def read_tdms(path: Path, choice: ClockChoice) -> Recording:
+    """Return the channels of a TDMS file with the times of their waveforms.
+
+    Parameters
+    ----------
+    path : path
+        The file. Channels without a waveform take the time channel of their group, or are counted.
+    choice : ClockChoice
+        What is known of the time.
+
+    Raises
+    ------
+    BagError
+        If it is no whole TDMS file, too large, or holds no channel of numbers.
+    """
+    nptdms = load_package("nptdms", path)
+    try:
+        with path.open("rb") as raw, nptdms.TdmsFile.open(raw) as file:
+            channels = [c for g in file.groups() for c in g.channels() if len(c) > 1]
+            check_size(path, 8 * sum(len(c) for c in channels))
+            numeric = [c for c in channels if c.dtype is not None and c.dtype.kind in "fiuM"]
+            read = [(c, np.asarray(c[:])) for c in numeric]
+            waves = [(c, v) for c, v in read if c.properties.get("wf_increment")]
+            if waves:
+                return _waveforms(path, waves)
+            sheet = Sheet(path, np.arange(0, dtype=np.int64), _table(read), (), [], named=True)
+    except BagError:
+        raise
+    except Exception as err:  # whatever a broken file makes the reader raise
+        msg = f"{path}: is no whole TDMS file ({type(err).__name__}: {err}); export it anew"
+        raise BagError(msg) from err
+    if not sheet.columns:
+        msg = f"{path}: holds no channel of numbers"
+        raise BagError(msg)
+    rows = np.arange(1, len(sheet.columns[0].values) + 1, dtype=np.int64)
+    return with_clock(Sheet(path, rows, sheet.columns, (), [], named=True), choice)
+
+
+def _waveforms(path: Path, waves: list[tuple[Any, Any]]) -> Recording:
+    starts = [_start_ns(c) for c, _ in waves]
+    known = [s for s in starts if s is not None]
+    first = min(known) if known else None
+    columns = []
+    for (channel, values), start in zip(waves, starts, strict=True):
+        offset = float(channel.properties.get("wf_start_offset", 0.0))
+        late = 0.0 if start is None or first is None else (start - first) * 1e-9
+        step = float(channel.properties["wf_increment"])
+        seconds = late + offset + step * np.arange(len(values), dtype=np.float64)
+        columns.append(Column(channel.name, _unit(channel), seconds, values.astype(np.float64)))
+    return Recording(path, unique(columns), "increments of the waveforms", measured=True,
+                     start_ns=first)  # fmt: skip
+
+
+def _table(read: list[tuple[Any, Any]]) -> list[RawColumn]:
+    lengths = [len(v) for _, v in read]
+    count = max(set(lengths), key=lambda n: lengths.count(n) * n) if lengths else 0
+    columns = []
+    for channel, values in read:
+        if len(values) != count:
+            continue
+        dated = values.dtype.kind == "M"
+        numbers = values.astype("datetime64[ns]").astype(np.int64) * 1e-9 if dated else values
+        unit = "s" if dated else _unit(channel)
+        columns.append(RawColumn(channel.name, unit, numbers.astype(np.float64), dated, dated))
+    return columns
+
+
+def _unit(channel: Any) -> str:  # noqa: ANN401  npTDMS has no types
+    return str(
+        channel.properties.get("unit_string", channel.properties.get("NI_UnitDescription", ""))
+    )
+
+
+def _start_ns(channel: Any) -> int | None:  # noqa: ANN401  npTDMS has no types
+    start = channel.properties.get("wf_start_time")
+    if start is None:
+        return None
+    stamp = int(np.datetime64(start, "ns").astype(np.int64))
+    return stamp if stamp > 0 else None
