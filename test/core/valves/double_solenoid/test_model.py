@@ -300,3 +300,9 @@ def test_a_map_of_lists_serves_valve_and_twin_alike():
     assert estimate.status is EstimateStatus.ACCEPTED, estimate.reason
     for name, truth in TRUTH.items():
         assert estimate.value(name) == pytest.approx(truth, rel=0.01)
+    against = replace(options, map_mutual=-2e-3)
+    given["plant.map_mutual"] = -2e-3
+    (estimate,) = MODEL.estimate(make_cycles(given)[0], against)
+    assert estimate.value("resistance_a") == pytest.approx(2.6, rel=0.01)
+    with pytest.raises(ValueError, match=r"map_mutual = -0.0079: must be within 0.00\d+ \[H\]"):
+        make_cycles(given | {"plant.map_mutual": -7.9e-3})

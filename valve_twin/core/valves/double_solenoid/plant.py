@@ -231,6 +231,15 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
                     "other up otherwise"
                 )
                 raise QuantityError(type(self).__name__, refusal)
+        elif self.map_flux:
+            middle = (curves.current.shape[1] - 1) // 2
+            own = 1.0 / (float(curves.current[1, middle]) * curves.per_flux)
+            if direct * abs(self.map_mutual) >= own:
+                refusal = (
+                    f"map_mutual = {self.map_mutual!r}: must be within {own / direct:.3g} [H], "
+                    "the currents of the two coils drive each other up otherwise"
+                )
+                raise QuantityError(type(self).__name__, refusal)
         elif direct * self.coupling >= 1.0:
             refusal = (
                 f"coupling = {self.coupling!r}: must be below current_a2/current_b2 = "
