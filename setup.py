@@ -11,7 +11,14 @@ from setuptools.command.install_scripts import install_scripts
 
 PACKAGE = "valve_twin"
 SHARE = f"share/{PACKAGE}"
-NODES = ("aging_monitor", "bag_player", "bag_recorder", "simulated_valve", "twin")
+NODES = (
+    "aging_monitor",
+    "bag_player",
+    "bag_recorder",
+    "opcua_source",
+    "simulated_valve",
+    "twin",
+)
 VALVES = (
     "cycle_timing",
     "damadics",

@@ -28,7 +28,14 @@ from valve_twin.io.history.claim import FileClaim
 
 ROOT = Path(__file__).resolve().parent.parent
 INSTALLED = ROOT / "install" / "valve_twin"
-EXECUTABLES = {"aging_monitor", "bag_player", "bag_recorder", "simulated_valve", "twin"}
+EXECUTABLES = {
+    "aging_monitor",
+    "bag_player",
+    "bag_recorder",
+    "opcua_source",
+    "simulated_valve",
+    "twin",
+}
 LAUNCH_FILES = sorted((ROOT / "launch").glob("*.launch.py"))
 COMMON_ARGUMENTS = {"autostart", "log_level", "namespace", "params_file", "use_sim_time"}
 ROS_MODULES = (

@@ -378,12 +378,65 @@ class BagRecorderParameters(RecordedFiles):
     verdict_topic: str = setting("aging_monitor/verdict", "Where the verdict is given.")
 
 
+@dataclass(frozen=True, slots=True)
+class OpcuaSourceParameters(NodeParameters):
+    """Parameters of the source of a PLC's tags."""
+
+    address: str = setting("opc.tcp://127.0.0.1:4840", "OPC UA server of the PLC.", local=True)
+    tags: tuple[str, ...] = setting(
+        (), "Lines TOPIC NODE_ID: what is subscribed and where it is published.", local=True
+    )
+    publish_prefix: str = setting(
+        "/plc",
+        "Put before every topic, so that nothing that moves a valve hears it; the twin's "
+        "topic_prefix.",
+        local=True,
+    )
+    allow_live: bool = setting(
+        default=False,
+        text="Publish also to topics that somebody else publishes or takes.",
+        local=True,
+    )
+    period_s: float = quantity(
+        0.0,
+        "s",
+        "Sampling time of the tags: samples that keep it go together as Float64Series and missing "
+        "ones are counted; 0 = a Float64Stamped each.",
+        lower=0.0,
+        upper=3600.0,
+    )
+    publishing_ms: float = quantity(
+        50.0, "ms", "The server collects samples for so long.", lower=1.0, upper=60000.0
+    )
+    sampling_ms: float = quantity(
+        0.0,
+        "ms",
+        "The server looks at a tag so often; 0 = as fast as it can.",
+        lower=0.0,
+        upper=60000.0,
+    )
+    queue: int = quantity(
+        10000,
+        "1",
+        "Samples of a tag that the server is asked to keep: 10 s of 1 kHz.",
+        lower=1,
+        upper=10**6,
+    )
+    user: str = setting("", "User; the password stands in VALVE_TWIN_OPCUA_PASSWORD.", local=True)
+    pki: str = setting(
+        "",
+        "Folder with our certificate.der and key.pem for Basic256Sha256; empty = not encrypted.",
+        local=True,
+    )
+
+
 NODES = {
     "simulated_valve": SimulatedValveParameters,
     "twin": TwinParameters,
     "aging_monitor": AgingMonitorParameters,
     "bag_player": BagPlayerParameters,
     "bag_recorder": BagRecorderParameters,
+    "opcua_source": OpcuaSourceParameters,
 }
 """Parameters by node name."""
 

@@ -19,6 +19,7 @@ _NODES = {
     "aging_monitor": ("aging", "AgingMonitorNode"),
     "bag_player": ("player", "BagPlayerNode"),
     "bag_recorder": ("recorder", "BagRecorderNode"),
+    "opcua_source": ("opcua_source", "OpcuaSourceNode"),
 }
 """Room and class of each node."""
 
@@ -51,6 +52,11 @@ def bag_player() -> int:
 def bag_recorder() -> int:
     """Record topics to a bag."""
     return run("bag_recorder")
+
+
+def opcua_source() -> int:
+    """Publish tags of a PLC."""
+    return run("opcua_source")
 
 
 def run(name: str) -> int:

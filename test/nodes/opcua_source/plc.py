@@ -1,0 +1,99 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""A PLC for tests: a server of asyncua in its own process that writes what it is told to.
+
+    python plc.py PORT TAGS
+
+A line of JSON from stdin is a write of many samples: columns by tag, start and period [ns], pace
+[samples/s] (0 = as fast as it can), status. It answers with a line when it is done.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import subprocess
+import sys
+import time
+from datetime import datetime, timedelta, timezone
+
+EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
+
+
+def say(word: str) -> None:
+    sys.stdout.write(f"{word}\n")
+    sys.stdout.flush()
+
+
+async def serve(port: int, tags: int) -> None:
+    from asyncua import Server, ua
+
+    server = Server()
+    await server.init()
+    server.set_endpoint(f"opc.tcp://127.0.0.1:{port}")
+    server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
+    for tag in range(tags):
+        name = ua.QualifiedName(f"tag{tag}", 1)
+        await server.nodes.objects.add_variable(ua.NodeId(f"tag{tag}", 1), name, 0.0)
+    async with server:
+        say("ready")
+        while line := await asyncio.to_thread(sys.stdin.readline):
+            await write(server, json.loads(line))
+            say("done")
+
+
+async def write(server, order) -> None:
+    from asyncua import ua
+
+    status = ua.StatusCode(order.get("status", 0))
+    columns, pace = order["columns"], order.get("pace", 0.0)
+    begun = time.perf_counter()
+    for i in range(len(next(iter(columns.values())))):
+        stamp = EPOCH + timedelta(
+            microseconds=(order["start_ns"] + i * order["period_ns"]) // 1000
+        )
+        for tag, values in columns.items():
+            value = ua.DataValue(ua.Variant(values[i], ua.VariantType.Double), status, stamp)
+            await server.write_attribute_value(ua.NodeId(f"tag{tag}", 1), value)
+        ahead_s = i / pace - (time.perf_counter() - begun) if pace else 0.0
+        await asyncio.sleep(max(ahead_s, 0.0) if pace or i % 20 == 0 else 0.0)
+
+
+class Plc:
+    """The process, as a test has it."""
+
+    def __init__(self, port: int, tags: int = 1) -> None:
+        self.address = f"opc.tcp://127.0.0.1:{port}"
+        self.process = subprocess.Popen(
+            [sys.executable, __file__, str(port), str(tags)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+        assert self.process.stdin
+        assert self.process.stdout
+        self._in, self._out = self.process.stdin, self.process.stdout
+        assert self._out.readline() == "ready\n"
+
+    def begin(self, columns, start_ns: int, period_ns: int, **more) -> None:
+        order = {"columns": columns, "start_ns": start_ns, "period_ns": period_ns, **more}
+        self._in.write(json.dumps(order) + "\n")
+        self._in.flush()
+
+    def wait(self) -> None:
+        assert self._out.readline() == "done\n"
+
+    def write(self, columns, start_ns: int, period_ns: int, **more) -> None:
+        self.begin(columns, start_ns, period_ns, **more)
+        self.wait()
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait()
+        self._in.close()
+        self._out.close()
+
+
+if __name__ == "__main__":
+    asyncio.run(serve(int(sys.argv[1]), int(sys.argv[2])))

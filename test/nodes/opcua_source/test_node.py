@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""From a PLC in its own process over the node to topics and to a twin that stores its cycles."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from valve_twin_msgs.msg import Float64Series, Float64Stamped
+
+pytest.importorskip("asyncua", reason="needs the extra gateway")
+
+from test.nodes.conftest import DEEP, NS
+from test.nodes.opcua_source.plc import Plc
+from test.nodes.opcua_source.test_subscription import BAD_SENSOR, LATER_NS, MS, START_NS, free_port
+from valve_twin.core.simulation.valve import SimulatedValve
+from valve_twin.core.valves.registry import get_simulation
+from valve_twin.io.history.store import History
+from valve_twin.nodes.opcua_source.node import OpcuaSourceNode
+from valve_twin.nodes.runtime.stamps import from_time
+
+TOPIC = f"/plc{NS}/position"
+
+
+@pytest.fixture
+def plc():
+    made = Plc(free_port(), 3)
+    yield made
+    made.kill()
+
+
+def diagnostics(graph) -> dict[str, str]:
+    """Fill with the figures of the node as they come."""
+    figures: dict[str, str] = {}
+
+    def take(message: DiagnosticArray) -> None:
+        for status in message.status:
+            if "tags of opc.tcp" in status.name:
+                figures.update({v.key: v.value for v in status.values}, message=status.message)
+
+    graph.node.create_subscription(DiagnosticArray, "/diagnostics", take, DEEP)
+    return figures
+
+
+def host(graph, plc, tags, **more):
+    figures = diagnostics(graph)
+    graph.host(OpcuaSourceNode, address=plc.address, tags=tags, **more)
+    graph.spin_until(lambda: figures.get("connected") == "True", what="the PLC")
+    return figures
+
+
+def test_tags_are_published_with_the_stamps_of_their_source_and_masked_where_bad(graph, plc):
+    found = graph.record(TOPIC, Float64Stamped)
+    figures = host(graph, plc, ["position ns=1;s=tag0", "other ns=1;s=renamed"])
+    graph.spin_until(lambda: graph.connected(TOPIC), what="a publisher")
+    plc.write({0: [1.0, 1.0, 2.0]}, START_NS, 30 * MS)
+    plc.write({0: [7.0]}, START_NS + 90 * MS, 30 * MS, status=BAD_SENSOR)
+
+    def mine():
+        return [m for m in found if from_time(m.header.stamp) < LATER_NS]
+
+    graph.spin_until(lambda: len(mine()) >= 4, what="samples")
+    assert [from_time(m.header.stamp) for m in mine()] == [
+        START_NS + i * 30 * MS for i in range(4)
+    ]
+    assert [m.value for m in mine()][:3] == [1.0, 1.0, 2.0]
+    assert math.isnan(mine()[3].value)
+    graph.spin_until(lambda: figures["masked (status not good)"] == "1", what="a count")
+    assert "the server has no tag ns=1;s=renamed (BadNodeIdUnknown)" in figures["message"]
+    assert "the PLC's clock is -" in figures["message"]
+
+
+def test_with_a_period_they_go_in_series_and_a_missing_one_is_counted(graph, plc):
+    found = graph.record(TOPIC, Float64Series)
+    figures = host(graph, plc, ["position ns=1;s=tag0"], period_s=0.001)
+    graph.spin_until(lambda: graph.connected(TOPIC), what="a publisher")
+    plc.write({0: [float(i) for i in range(300)]}, START_NS, MS, pace=1000.0)
+    plc.write({0: [301.0]}, START_NS + 301 * MS, MS)
+
+    def values():
+        return [v for m in found for v in m.values if from_time(m.header.stamp) < LATER_NS]
+
+    graph.spin_until(lambda: len(values()) >= 301, what="samples")
+    assert [v for v in values() if v != 0.0] == [*map(float, range(1, 300)), 301.0]
+    assert len(found) < 100
+    graph.spin_until(lambda: figures["lost (stamps missing)"] == "1", what="a count")
+
+
+def test_cycles_of_a_plc_are_estimated_and_stored_by_a_twin(graph, plc, tmp_path):
+    simulation = get_simulation("press_cartridge")
+    block = SimulatedValve(simulation, 5).advance(3000)
+    url = f"sqlite:///{tmp_path}/history.sqlite"
+    signals = {"v_in": "command/v_in", "v_out": "command/v_out", "spool_position": "position"}
+    twin = {f"signals.{name}.topic": topic for name, topic in signals.items()}
+    figures = host(
+        graph, plc, [f"{topic} ns=1;s=tag{tag}" for tag, topic in enumerate(signals.values())]
+    )
+    stored = graph.record(f"{NS}/twin/cycle", msg_cycle())
+    graph.start("twin", topic_prefix="/plc", history_url=url, period_s=simulation.period_s, **twin)
+    topics = [f"/plc{NS}/{topic}" for topic in signals.values()]
+    graph.spin_until(lambda: all(graph.node.count_subscribers(t) for t in topics), what="the twin")
+    graph.spin(2.0)
+    columns = {0: block.inputs[:, 0], 1: block.inputs[:, 1], 2: block.position}
+    period_ns = round(simulation.period_s * 1e9)
+    plc.begin({k: list(v) for k, v in columns.items()}, START_NS, period_ns, pace=1500.0)
+    graph.spin_until(lambda: len(stored) >= 2, what="two cycles")
+    plc.wait()
+    assert figures["lost (queue of the server)"] == "0"
+
+    def estimates() -> int:
+        with History(url, read_only=True) as history:
+            return len(history.estimates(NS, "output_error"))
+
+    graph.spin_until(lambda: estimates() >= 2, what="two estimates")
+    with History(url, read_only=True) as history:
+        assert all(r.accepted for r in history.cycles(NS)[:2])
+
+
+def msg_cycle():
+    from valve_twin_msgs.msg import CycleSummary
+
+    return CycleSummary
+
+
+@pytest.mark.parametrize(
+    ("more", "why"),
+    [
+        ({"tags": ["position"]}, "is no tag"),
+        ({"tags": ["position tag0"]}, "is no node id"),
+        ({"tags": ["position i=1"], "address": "http://plc"}, "is none: write opc.tcp://"),
+    ],
+)
+def test_a_wrong_parameter_is_one_line(graph, capfd, more, why):
+    node = graph.host(OpcuaSourceNode, **more)
+    graph.spin_until(lambda: True)
+    assert node.state == "unconfigured"
+    assert why in capfd.readouterr().err

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Samples on a grid go together; what is missing, masked or repeated is counted."""
+
+from __future__ import annotations
+
+import math
+
+from valve_twin.nodes.opcua_source.series import Grid
+from valve_twin.nodes.opcua_source.tags import Sample
+
+MS = 1_000_000
+
+
+def samples(*at_ms: float, value: float = 1.0) -> list[Sample]:
+    return [Sample(0, round(ms * MS), value) for ms in at_ms]
+
+
+def test_without_a_period_each_goes_alone():
+    runs = list(Grid(0.0).sorted(samples(10, 11, 12), 0))
+    assert runs == [(10 * MS, [1.0]), (11 * MS, [1.0]), (12 * MS, [1.0])]
+
+
+def test_what_keeps_the_period_goes_together_and_a_gap_is_counted():
+    grid = Grid(0.001)
+    runs = list(grid.sorted(samples(10, 11.05, 12, 15, 16), 0))
+    assert [(start, len(values)) for start, values in runs] == [(10 * MS, 3), (15 * MS, 2)]
+    assert (grid.samples, grid.missing) == (5, 2)
+
+
+def test_a_jitter_that_adds_up_does_not_leave_the_grid():
+    grid = Grid(0.001)
+    runs = list(grid.sorted(samples(*(10 + 1.05 * i for i in range(10))), 0))
+    assert len(runs) > 1
+    for start, values in runs:
+        first = round((start / MS - 10) / 1.05)
+        for i in range(len(values)):
+            assert abs(10 + 1.05 * (first + i) - (start / MS + i)) <= 0.1 + 1e-9
+
+
+def test_the_last_value_told_again_is_not_taken_twice():
+    grid = Grid(0.001)
+    assert list(grid.sorted(samples(10, 11), 0))
+    assert list(grid.sorted(samples(11), 0)) == []
+    assert (grid.samples, grid.repeated) == (2, 1)
+
+
+def test_a_clock_that_is_set_back_loses_nothing():
+    grid = Grid(0.001)
+    runs = list(grid.sorted(samples(3_600_000, 0, 1), 0))
+    assert [len(values) for _, values in runs] == [1, 2]
+    assert grid.missing == 0
+
+
+def test_masked_samples_are_counted_and_kept():
+    grid = Grid(0.001)
+    ((_, values),) = grid.sorted(samples(1, 2, value=math.nan), 0)
+    assert len(values) == grid.masked == 2
+
+
+def test_without_a_stamp_it_is_now():
+    assert list(Grid(0.0).sorted([Sample(0, 0, 2.0)], 7 * MS)) == [(7 * MS, [2.0])]

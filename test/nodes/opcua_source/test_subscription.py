@@ -1,0 +1,155 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Tags of a PLC in another process: nothing lost, bad ones told, its death outlived."""
+
+from __future__ import annotations
+
+import math
+import signal
+import socket
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+
+pytest.importorskip("asyncua", reason="needs the extra gateway")
+
+from test.nodes.opcua_source.plc import Plc
+from valve_twin.nodes.opcua_source import subscription as module
+from valve_twin.nodes.opcua_source.subscription import Server, TagSubscription
+
+if TYPE_CHECKING:
+    from valve_twin.nodes.opcua_source.tags import Sample
+
+START_NS, MS = 1_700_000_000_000_000_000, 1_000_000
+LATER_NS = START_NS + 10**15
+"""Before this all that a test writes is stamped; what a server starts with is stamped today."""
+
+UNCERTAIN, BAD_SENSOR = 0x40930000, 0x80320000  # LastUsableValue; BadWaitingForInitialData
+
+
+def free_port() -> int:
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        return int(found.getsockname()[1])
+
+
+class Client:
+    """A subscription and what it took."""
+
+    def __init__(self, address: str, tags=1, names=None) -> None:
+        names = names or [f"ns=1;s=tag{tag}" for tag in range(tags)]
+        self.samples: list[Sample] = []
+        self.subscription = TagSubscription(Server(address), names, lambda: None)
+
+    @property
+    def figures(self):
+        return self.subscription.figures
+
+    def take(self):
+        self.samples += self.subscription.take()
+        return self.samples
+
+    def until(self, condition, most_s=60.0) -> float:
+        begun = time.monotonic()
+        while not condition():
+            assert time.monotonic() < begun + most_s, self.figures
+            time.sleep(0.02)
+        return time.monotonic() - begun
+
+    def stamps(self, tag=0):
+        return [s.stamp_ns for s in self.take() if s.tag == tag and s.stamp_ns < LATER_NS]
+
+
+@pytest.fixture
+def plc():
+    made = Plc(free_port(), 3)
+    yield made
+    made.kill()
+
+
+@pytest.fixture
+def client(plc):
+    made = Client(plc.address, 3)
+    made.until(lambda: made.figures.connected and len(made.take()) >= 3)
+    made.samples.clear()
+    yield made
+    made.subscription.close()
+
+
+def test_every_sample_comes_in_order_with_the_stamp_of_its_source(plc, client):
+    values = [0.5] * 500 + [math.sin(i) for i in range(500)]  # also those that do not change
+    plc.write({0: values, 2: values}, START_NS, MS, pace=1000.0)
+    client.until(lambda: len(client.take()) >= 2000)
+    for tag in (0, 2):
+        mine = [s for s in client.samples if s.tag == tag]
+        assert [s.value for s in mine] == values
+        assert [s.stamp_ns for s in mine] == [START_NS + i * MS for i in range(1000)]
+    assert not client.figures.overflows
+    assert not client.figures.dropped
+
+
+@pytest.mark.parametrize("status", [UNCERTAIN, BAD_SENSOR])
+def test_a_status_that_is_not_good_masks_the_sample(plc, client, status):
+    plc.write({0: [1.0, 2.0]}, START_NS, MS, status=status)
+    plc.write({0: [3.0]}, START_NS + 2 * MS, MS)
+    client.until(lambda: len(client.take()) >= 3)
+    assert [math.isnan(s.value) for s in client.samples] == [True, True, False]
+
+
+def test_a_server_that_is_killed_is_live_again_soon(monkeypatch):
+    outlive(3)
+
+
+@pytest.mark.slow
+def test_a_server_that_is_killed_a_hundred_times_is_live_again_soon():
+    outlive(100)
+
+
+def outlive(kills: int) -> None:
+    """Kill the server in the middle of its writing; what it has sent stays as it was sent."""
+    port = free_port()
+    plc, later = Plc(port), 0.0
+    client = Client(plc.address)
+    try:
+        for kill in range(kills):
+            client.until(lambda: client.figures.connected)
+            start_ns = START_NS + kill * 1000 * MS
+            plc.begin({0: [float(kill)] * 1000}, start_ns, MS, pace=1000.0)
+            client.until(lambda at=start_ns: any(s >= at for s in client.stamps()))
+            plc.kill()
+            client.until(lambda: not client.figures.connected)
+            assert client.figures.trouble
+            plc = Plc(port)
+            later = max(later, client.until(lambda: client.figures.connected))
+        stamps = client.stamps()
+        assert len(set(stamps)) == len(stamps)
+        assert stamps == sorted(stamps)
+        assert client.figures.connections == kills + 1
+        assert later < 5.0
+    finally:
+        client.subscription.close()
+        plc.kill()
+
+
+def test_a_server_that_hangs_is_noticed_and_a_renamed_tag_is_told(plc, monkeypatch):
+    monkeypatch.setattr(module, "AGAIN_S", 0.2)
+    client = Client(plc.address, names=["ns=1;s=tag0", "ns=1;s=renamed"])
+    try:
+        client.until(lambda: client.figures.connected)
+        assert client.figures.unknown == {1: "BadNodeIdUnknown"}
+        plc.write({0: [1.0]}, START_NS, MS)
+        client.until(client.stamps)
+        plc.process.send_signal(signal.SIGSTOP)
+        assert client.until(lambda: not client.figures.connected) < 10.0
+        plc.process.send_signal(signal.SIGCONT)
+        client.until(lambda: client.figures.connected)
+    finally:
+        client.subscription.close()
+
+
+def test_nobody_there_is_a_word_and_no_end():
+    client = Client(f"opc.tcp://127.0.0.1:{free_port()}")
+    client.until(lambda: "refused" in client.figures.trouble.lower() or client.figures.trouble)
+    client.subscription.close()
+    assert not client.figures.connected

@@ -1,0 +1,161 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The opcua_source node: publishes tags of a PLC with the stamps of their source."""
+
+from __future__ import annotations
+
+import os
+import time
+from typing import TYPE_CHECKING, Any
+
+from std_msgs.msg import Header
+from valve_twin_msgs.msg import Float64Series, Float64Stamped
+
+from valve_twin.io.config.node_parameters import OpcuaSourceParameters
+from valve_twin.io.errors import ConfigError
+from valve_twin.nodes.opcua_source.series import Grid
+from valve_twin.nodes.opcua_source.subscription import Server, TagSubscription
+from valve_twin.nodes.opcua_source.tags import Sample, Tag, read_tags
+from valve_twin.nodes.player.outbox import sending_profile
+from valve_twin.nodes.runtime.diagnostics import WARN, Diagnostics, Report
+from valve_twin.nodes.runtime.node import ValveNode
+from valve_twin.nodes.runtime.safety import Guard, PublishedTopic
+from valve_twin.nodes.runtime.stamps import to_time
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+CLOCK_S = 60.0
+"""Stamps further than this from this machine's clock are told, assumed [s]."""
+
+PASSWORD = "VALVE_TWIN_OPCUA_PASSWORD"
+"""Environment variable with the password: parameters can be read by everybody in the domain."""
+
+
+class OpcuaSourceNode(ValveNode):
+    """Lifecycle node that subscribes tags and never writes one."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("opcua_source", **kwargs)
+        self._tags: tuple[Tag, ...] = ()
+        self._subscription: TagSubscription | None = None
+        self._publishers: list[Any] = []
+        self._grids: list[Grid] = []
+        self._diagnostics: Diagnostics | None = None
+        self._off_s = 0.0
+        self._told_overflows = 0
+
+    def configure(self) -> None:
+        """Read the parameters."""
+        given = self._given = self.parameters.read(OpcuaSourceParameters)
+        where = self.get_fully_qualified_name()
+        try:
+            from asyncua import ua
+        except ModuleNotFoundError as err:
+            msg = f"{where}: {err.name} is missing: pip install valve_twin[gateway]"
+            raise ConfigError(msg) from err
+        self._tags = read_tags(given.tags, self.get_namespace(), given.publish_prefix, where=where)
+        for tag in self._tags:
+            try:
+                ua.NodeId.from_string(tag.node)
+            except (ua.UaError, ValueError) as err:
+                msg = f"{where}: tags: '{tag.node}' is no node id: write ns=3;s=NAME or ns=3;i=7"
+                raise ConfigError(msg) from err
+        if not given.address.startswith("opc.tcp://"):
+            msg = f"{where}: address: '{given.address}' is none: write opc.tcp://HOST:4840"
+            raise ConfigError(msg)
+        self._guard = Guard(self, prefix=given.publish_prefix, allow_live=given.allow_live)
+        self._diagnostics = Diagnostics(self, self._reports)
+
+    def activate(self) -> None:
+        """Check that no real valve is in reach, then subscribe."""
+        given = self._given
+        real = not given.publish_prefix.strip("/")  # a twin takes what has a prefix, a valve not
+        self._guard.check([PublishedTopic(tag.topic, command=real) for tag in self._tags])
+        kind = Float64Series if given.period_s else Float64Stamped
+        self._publishers = [
+            self.create_publisher(kind, tag.topic, sending_profile()) for tag in self._tags
+        ]
+        self._grids = [Grid(given.period_s) for _ in self._tags]
+        server = Server(
+            given.address,
+            given.user,
+            os.environ.get(PASSWORD, ""),
+            given.pki,
+            given.publishing_ms,
+            given.sampling_ms,
+            given.queue,
+        )
+        nodes = [tag.node for tag in self._tags]
+        self._subscription = TagSubscription(server, nodes, lambda: self.post(self._publish))
+
+    def deactivate(self) -> None:
+        """Unsubscribe."""
+        if self._subscription is not None:
+            self._subscription.close()
+            self._publish()
+            self._subscription = None
+        for publisher in self._publishers:
+            self.destroy_publisher(publisher)
+        self._publishers = []
+
+    def cleanup(self) -> None:
+        """Let go of everything."""
+        if self._diagnostics is not None:
+            self._diagnostics.destroy()
+            self._diagnostics = None
+        self._tags = ()
+
+    def _publish(self) -> None:
+        if self._subscription is None:
+            return
+        samples = self._subscription.take()
+        now_ns = time.time_ns()
+        by_tag: dict[int, list[Sample]] = {}
+        for sample in samples:
+            by_tag.setdefault(sample.tag, []).append(sample)
+        for tag, found in by_tag.items():
+            grid, publisher = self._grids[tag], self._publishers[tag]
+            for start_ns, values in grid.sorted(found, now_ns):
+                header = Header(stamp=to_time(start_ns))
+                if self._given.period_s:
+                    period_s = self._given.period_s
+                    publisher.publish(Float64Series(header=header, period=period_s, values=values))
+                else:
+                    publisher.publish(Float64Stamped(header=header, value=values[0]))
+        if samples and samples[-1].stamp_ns:
+            self._off_s = (samples[-1].stamp_ns - now_ns) * 1e-9
+
+    def _reports(self) -> Iterable[Report]:
+        given, subscription = self._given, self._subscription
+        report = Report(f"tags of {given.address}", self.get_namespace())
+        if subscription is None:
+            return [report]
+        figures = subscription.figures
+        report.values = {
+            "connected": figures.connected,
+            "connections": figures.connections,
+            "samples": sum(grid.samples for grid in self._grids),
+            "masked (status not good)": sum(grid.masked for grid in self._grids),
+            "lost (stamps missing)": sum(grid.missing for grid in self._grids),
+            "lost (queue of the server)": figures.overflows,
+            "lost (this node too slow)": figures.dropped,
+            "repeated after a connection": sum(grid.repeated for grid in self._grids),
+            "clock of the PLC ahead [s]": f"{self._off_s:.3f}",
+        }
+        gone = "" if figures.connected else f"{given.address}: {figures.trouble}"
+        self.faults.look("input.silent", gone, valve=report.hardware_id, subject=given.address)
+        for number, tag in enumerate(self._tags):
+            why = figures.unknown.get(number)
+            evidence = f"{tag.topic}: the server has no tag {tag.node} ({why})" if why else ""
+            self.faults.look(
+                "input.missing", evidence, valve=report.hardware_id, subject=tag.topic
+            )
+        new = figures.overflows - self._told_overflows
+        if new > 0:
+            self._told_overflows = figures.overflows
+            text = f"{given.address}: a queue of the server overflowed {new} times: raise queue"
+            self.faults.report("input.loss", text, valve=report.hardware_id, events=new)
+        if abs(self._off_s) > CLOCK_S:
+            report.raise_to(WARN, f"the PLC's clock is {self._off_s:+.0f} s from this machine's")
+        return [report]

@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Samples of a tag in the messages that carry them: one each, or runs on the grid of a period."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+    from valve_twin.nodes.opcua_source.tags import Sample
+
+SHARE = 0.1
+"""A stamp so far off the grid, as share of the period, begins another run, assumed [1]."""
+
+
+class Grid:
+    """Counts and groups the samples of one tag.
+
+    Parameters
+    ----------
+    period_s : float
+        Sampling time of the tag [s]; 0 = not known: every sample for itself.
+
+    Attributes
+    ----------
+    samples, masked, missing, repeated : int
+        Samples that came, those of them without a good value, those whose stamps are missing,
+        and those that came again with the last stamp [1].
+    """
+
+    def __init__(self, period_s: float) -> None:
+        self._period_ns = period_s * 1e9
+        self._last_ns = 0
+        self.samples = self.masked = self.missing = self.repeated = 0
+
+    def sorted(self, samples: Iterable[Sample], now_ns: int) -> Iterator[tuple[int, list[float]]]:
+        """Yield runs: the stamp of the first sample [ns since 1970] and all values.
+
+        A sample with the stamp of the one before is the same one: a server repeats the last value
+        to whoever connects anew.
+
+        Parameters
+        ----------
+        samples : iterable of Sample
+            In the order in which they came.
+        now_ns : int
+            Stamp of a sample that has none [ns since 1970].
+        """
+        start_ns, values = 0, list[float]()
+        for sample in samples:
+            stamp_ns = sample.stamp_ns or now_ns
+            if stamp_ns == self._last_ns:
+                self.repeated += 1
+                continue
+            self._count(stamp_ns, sample.value)
+            off_ns = stamp_ns - (start_ns + len(values) * self._period_ns)
+            if values and (not self._period_ns or abs(off_ns) > SHARE * self._period_ns):
+                yield start_ns, values
+                values = []
+            if not values:
+                start_ns = stamp_ns
+            values.append(sample.value)
+        if values:
+            yield start_ns, values
+
+    def _count(self, stamp_ns: int, value: float) -> None:
+        self.samples += 1
+        self.masked += math.isnan(value)
+        if self._period_ns and 0 < self._last_ns < stamp_ns:
+            self.missing += max(round((stamp_ns - self._last_ns) / self._period_ns) - 1, 0)
+        self._last_ns = stamp_ns

@@ -1,0 +1,248 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""A subscription of a PLC's tags that outlives its server; in a thread of its own, without ROS."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import threading
+from collections import deque
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from valve_twin.nodes.opcua_source.tags import Sample, to_sample
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+RETRY_S = 0.5
+"""Pause before the next attempt to connect [s]."""
+
+TIMEOUT_S = 3.0
+"""A server that for so long neither answers nor sends samples is taken for gone [s]."""
+
+AGAIN_S = 5.0
+"""A tag that the server does not know is asked for again so often [s]."""
+
+MOST_WAITING = 1_000_000
+"""Samples kept for the node; beyond it the oldest are lost and counted [1]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Server:
+    """The server of the PLC and how it is asked.
+
+    Attributes
+    ----------
+    address : str
+        opc.tcp://HOST:PORT.
+    user, password : str
+        Empty = anonymous.
+    folder : str
+        Holds certificate.der and key.pem of ours; empty = neither signed nor encrypted.
+    publishing_ms : float
+        The server collects changes for so long [ms].
+    sampling_ms : float
+        It looks at a tag so often; 0 = as fast as it can [ms].
+    queue : int
+        So many values of a tag it keeps meanwhile [1].
+    """
+
+    address: str
+    user: str = ""
+    password: str = ""
+    folder: str = ""
+    publishing_ms: float = 50.0
+    sampling_ms: float = 0.0
+    queue: int = 10_000
+
+
+@dataclass(slots=True)
+class Figures:
+    """What happened so far.
+
+    Attributes
+    ----------
+    connected : bool
+        Whether the tags are subscribed now.
+    trouble : str
+        Why not.
+    connections : int
+        How often that succeeded [1].
+    unknown : dict
+        Why a tag is not subscribed, by its number.
+    overflows : int
+        How often the server said that its queue lost values [1].
+    dropped : int
+        Samples that the node did not take in time [1].
+    """
+
+    connected: bool = False
+    trouble: str = "not connected yet"
+    connections: int = 0
+    unknown: dict[int, str] = field(default_factory=dict)
+    overflows: int = 0
+    dropped: int = 0
+
+
+class TagSubscription:
+    """Subscribes tags, again and again where the server or a tag goes away.
+
+    Parameters
+    ----------
+    server : Server
+        Whom to ask.
+    nodes : sequence of str
+        Node ids of the tags.
+    arrived : callable
+        Called from the thread when samples wait that nobody has been told of.
+    """
+
+    def __init__(self, server: Server, nodes: Sequence[str], arrived: Callable[[], None]) -> None:
+        self._server, self._nodes, self._arrived = server, tuple(nodes), arrived
+        self.figures = Figures()
+        self._waiting: deque[Sample] = deque()
+        self._told = False
+        self._numbers: dict[Any, int] = {}
+        self._count = 0
+        self._end = False
+        self._thread = threading.Thread(target=self._run, name="opcua_source", daemon=True)
+        self._thread.start()
+
+    def take(self) -> list[Sample]:
+        """Return the samples that have come since the last time, in their order."""
+        self._told = False
+        found: list[Sample] = []
+        with suppress(IndexError):
+            while True:
+                found.append(self._waiting.popleft())
+        return found
+
+    def close(self) -> None:
+        """Unsubscribe."""
+        self._end = True
+        self._thread.join(3.0 * TIMEOUT_S)
+
+    def datachange_notification(self, node: Any, value: Any, data: Any) -> None:
+        """Take a value; called by asyncua, whose handlers have this name.
+
+        Parameters
+        ----------
+        node : Node
+            The tag's.
+        value : object
+            Its value, whatever its status.
+        data : DataChangeNotif
+            Value, status and stamps.
+        """
+        del value
+        item = data.monitored_item.Value
+        self._count += 1
+        sample = to_sample(self._numbers[node.nodeid], item)
+        self.figures.overflows += sample.lost_before
+        if len(self._waiting) >= MOST_WAITING:
+            self._waiting.popleft()
+            self.figures.dropped += 1
+        self._waiting.append(sample)
+        if not self._told:
+            self._told = True
+            self._arrived()
+
+    def _run(self) -> None:
+        logging.getLogger("asyncua").setLevel(logging.CRITICAL + 1)  # it is told by figures
+        asyncio.run(self._follow())
+
+    async def _follow(self) -> None:
+        while not self._end:
+            try:
+                await self._subscribed()
+            except Exception as err:  # whatever a server does: said, and tried again
+                self.figures.trouble = _line(err)
+            self.figures.connected = False
+            await self._pause(RETRY_S)
+
+    async def _subscribed(self) -> None:
+        from asyncua import Client, ua
+
+        patience_s = 4.0 * TIMEOUT_S  # whether it is gone is judged here
+        client = Client(self._server.address, patience_s, watchdog_intervall=patience_s)
+        client.name = "valve_twin opcua_source"
+        if self._server.folder:
+            await _secure(client, Path(self._server.folder).expanduser())
+        if self._server.user:
+            client.set_user(self._server.user)
+            client.set_password(self._server.password)
+        try:
+            await asyncio.wait_for(client.connect(), 2.0 * TIMEOUT_S)
+            ids = [ua.NodeId.from_string(text) for text in self._nodes]
+            self._numbers = {node: number for number, node in enumerate(ids)}
+            subscription = await client.create_subscription(self._server.publishing_ms, self)
+            await self._add(client, subscription, range(len(ids)))
+            self.figures.connected, self.figures.trouble = True, ""
+            self.figures.connections += 1
+            await self._watch(client, subscription)
+        finally:
+            channel = client.uaclient.protocol
+            with suppress(Exception):
+                await asyncio.wait_for(client.disconnect(), TIMEOUT_S)
+            if channel is not None and channel.transport is not None:
+                channel.transport.abort()  # where nobody answers any more it is still open
+                await asyncio.sleep(0.01)
+
+    async def _watch(self, client: Any, subscription: Any) -> None:
+        """Stay while the server answers; ask for missing tags now and then."""
+        from asyncua import ua
+
+        state = client.get_node(ua.ObjectIds.Server_ServerStatus_State)
+        loop = asyncio.get_running_loop()
+        again_s = loop.time() + AGAIN_S
+        while not self._end:
+            before = self._count
+            try:
+                await asyncio.wait_for(state.read_value(), TIMEOUT_S)
+            except asyncio.TimeoutError:
+                if self._count == before:
+                    raise
+            if self.figures.unknown and loop.time() >= again_s:
+                await self._add(client, subscription, tuple(self.figures.unknown))
+                again_s = loop.time() + AGAIN_S
+            await self._pause(RETRY_S)
+
+    async def _add(self, client: Any, subscription: Any, tags: Sequence[int]) -> None:
+        """Subscribe tags with every stamp, also where the value stays the same."""
+        from asyncua import ua
+
+        every = ua.DataChangeFilter(Trigger=ua.DataChangeTrigger.StatusValueTimestamp)
+        nodes = [client.get_node(self._nodes[tag]) for tag in tags]
+        results = await subscription._subscribe(
+            nodes,
+            ua.AttributeIds.Value,
+            mfilter=every,
+            queuesize=self._server.queue,
+            sampling_interval=self._server.sampling_ms,
+        )
+        for tag, result in zip(tags, results, strict=True):
+            if isinstance(result, ua.StatusCode):
+                self.figures.unknown[tag] = result.name
+            else:
+                self.figures.unknown.pop(tag, None)
+
+    async def _pause(self, seconds: float) -> None:
+        end_s = asyncio.get_running_loop().time() + seconds
+        while not self._end and asyncio.get_running_loop().time() < end_s:
+            await asyncio.sleep(0.05)
+
+
+async def _secure(client: Any, folder: Path) -> None:
+    from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
+
+    certificate, key = folder / "certificate.der", folder / "key.pem"
+    await client.set_security(SecurityPolicyBasic256Sha256, str(certificate), str(key))
+
+
+def _line(err: Exception) -> str:
+    text = (str(err).strip().splitlines() or [""])[0]
+    return f"{type(err).__name__}: {text}" if text else type(err).__name__
