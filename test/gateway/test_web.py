@@ -151,6 +151,27 @@ def test_prometheus_reads_every_valve(server):
     assert {s.name for s in samples} <= set(re.findall(r"valve_twin_\w+", document))
 
 
+def test_the_dashboard_asks_for_series_and_labels_that_there_are(server):
+    from prometheus_client.parser import text_string_to_metric_families
+
+    path = Path(__file__).parents[2] / "layouts" / "grafana.json"
+    board = json.loads(path.read_text(encoding="utf-8"))
+    labels: dict[str, set[str]] = {}
+    for family in text_string_to_metric_families(server.get("/metrics")[1]):
+        for sample in family.samples:
+            labels.setdefault(sample.name, set()).update(sample.labels)
+    asked = [target for panel in board["panels"] for target in panel["targets"]]
+    assert len(asked) > 10
+    for target in asked:
+        (name,) = re.findall(r"valve_twin_\w+", target["expr"])
+        used = re.findall(r"(\w+)=~", target["expr"])
+        used += re.findall(r"{{(\w+)}}", target["legendFormat"])
+        assert set(used) <= labels[name], target
+    queries = [v["query"]["query"] for v in board["templating"]["list"] if v["type"] == "query"]
+    for name, label in (re.findall(r"label_values\((\w+), (\w+)\)", q)[0] for q in queries):
+        assert label in labels[name]
+
+
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH"])
 def test_nothing_is_taken(server, method):
     assert server.get("/", method)[0] == 405
