@@ -20,7 +20,9 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from valve_twin.cli.common import Verbs
-    from valve_twin.core.diagnosis.campaign import CampaignResult
+    from valve_twin.core.diagnosis.campaign import CampaignConfig, CampaignResult
+    from valve_twin.core.diagnosis.derive import Rig
+    from valve_twin.core.diagnosis.generic.rig import ModelRig
     from valve_twin.core.diagnosis.isolability import Isolability
 
 
@@ -30,6 +32,12 @@ def add(verbs: Verbs) -> None:
     parser = add_verb(verbs, "campaign", text, _campaign)
     parser.add_argument(
         "--config", metavar="FILE", help="YAML of the campaign; of the valve with --strangers"
+    )
+    parser.add_argument(
+        "--model", metavar="NAME", help="instead of FILE: the faults of any valve, this model's"
+    )
+    parser.add_argument(
+        "--first", type=positive, default=1, metavar="SEED", help="seed of the first record"
     )
     parser.add_argument("--seeds", type=positive, metavar="N", help="records, default as in FILE")
     parser.add_argument(
@@ -48,25 +56,25 @@ def add(verbs: Verbs) -> None:
 def _campaign(arguments: argparse.Namespace) -> int:
     if arguments.strangers:
         return run_strangers(arguments)
-    if not arguments.config:
-        return fail("campaign: give --config FILE, or --strangers", USAGE)
-    campaign = load_campaign(arguments.config)
+    if bool(arguments.config) == bool(arguments.model):
+        return fail("campaign: give --config FILE, --model NAME, or --strangers", USAGE)
     if arguments.derive:
         return _derive(arguments)
     from valve_twin.core.diagnosis.campaign import run_campaign
 
-    config = campaign.config
-    if arguments.seeds:
-        config = replace(config, seeds=tuple(range(1, arguments.seeds + 1)))
+    try:
+        rig, config = _chosen(arguments)
+    except ValueError as err:
+        return fail(f"campaign: {err}", USAGE)
     for name in arguments.fault or ():
         if name not in config.severities:
             known = ", ".join(config.severities)
             return fail(f"campaign: there is no fault '{name}'; there are {known}", USAGE)
     if arguments.fault:
         config = replace(config, severities={n: config.severities[n] for n in arguments.fault})
-    table = campaign.rig.model.signatures()
+    table = rig.model.signatures()
     with progress_of("records", len(config.seeds)) as advance:
-        result = run_campaign(campaign.rig, table, config, advance=advance)
+        result = run_campaign(rig, table, config, advance=advance)
     if arguments.json:
         text = json.dumps(_plain(result, config.seeds), indent=1, allow_nan=False)
         Path(arguments.json).write_text(f"{text}\n", encoding="utf-8")
@@ -74,10 +82,34 @@ def _campaign(arguments: argparse.Namespace) -> int:
     return OK
 
 
+def _chosen(arguments: argparse.Namespace) -> tuple[Rig | ModelRig, CampaignConfig]:
+    """Return valve and model, and what is simulated."""
+    first = arguments.first
+    seeds = tuple(range(first, first + arguments.seeds)) if arguments.seeds else ()
+    if arguments.config:
+        campaign = load_campaign(arguments.config)
+        config = campaign.config
+        return campaign.rig, replace(config, seeds=seeds) if seeds else config
+    from valve_twin.core.diagnosis.generic.campaign import campaign_of, model_rig
+    from valve_twin.core.diagnosis.generic.faults import FAULTS
+
+    rig = model_rig(arguments.model)
+    with progress_of("sizes", len(FAULTS)) as advance:
+        return rig, campaign_of(rig, seeds or tuple(range(first, first + 20)), advance=advance)
+
+
 def _derive(arguments: argparse.Namespace) -> int:
     from valve_twin.core.diagnosis.derive import derive
     from valve_twin.core.diagnosis.source import table_source
 
+    if arguments.model:
+        from valve_twin.core.diagnosis.generic.campaign import model_rig
+        from valve_twin.core.diagnosis.generic.signatures import derive_table
+
+        rig_of_any = model_rig(arguments.model)
+        table = derive_table(rig_of_any.simulation, rig_of_any.model.feature_set)
+        Path(arguments.derive).write_text(table_source(table), encoding="utf-8")
+        return OK
     rig = load_campaign(arguments.config).rig
     with progress_of("faults", len(rig.model.feature_set.first_sizes)) as advance:
         table = derive(rig, advance=advance)

@@ -17,13 +17,12 @@ import numpy as np
 from valve_twin.core.diagnosis.detection import Diagnosis, detect
 from valve_twin.core.diagnosis.isolability import Isolability, isolability
 from valve_twin.core.diagnosis.table import BY_NAME, SIZES
-from valve_twin.core.simulation.valve import SimulatedValve
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from valve_twin.core.diagnosis.config import DetectionConfig
-    from valve_twin.core.diagnosis.derive import Rig
+    from valve_twin.core.diagnosis.derive import AgingBench, Bench, V
     from valve_twin.core.diagnosis.table import SignatureTable
     from valve_twin.core.simulation.aging_laws import AgingRule
     from valve_twin.core.types import FloatArray
@@ -131,7 +130,7 @@ class CampaignResult:
 
 
 def run_campaign(
-    rig: Rig,
+    rig: AgingBench[V],
     table: SignatureTable,
     config: CampaignConfig,
     *,
@@ -142,7 +141,7 @@ def run_campaign(
 
     Parameters
     ----------
-    rig : Rig
+    rig : AgingBench
         Valve and model.
     table : SignatureTable
         Signatures.
@@ -158,11 +157,11 @@ def run_campaign(
     CampaignResult
         Every case, and the rows of the table.
     """
-    aged = replace(rig, simulation=replace(rig.simulation, aging=config.aging))
+    aged = rig.aged(config.aging)
     cases: list[Case] = []
     alarms: list[tuple[int, str, int]] = []
     for seed in config.seeds:
-        valve = SimulatedValve(aged.simulation, seed)
+        valve = aged.start(seed)
         before = aged.run(valve, config.onset - 1)
         rest = aged.run(deepcopy(valve), config.cycles - config.onset + 1)
         healthy = _look(np.concatenate((before, rest)), table, detection)
@@ -186,8 +185,8 @@ def _look(
 
 
 def _run(
-    rig: Rig,
-    healthy: SimulatedValve,
+    rig: Bench[V],
+    healthy: V,
     before: FloatArray,
     case: Case,
     table: SignatureTable,

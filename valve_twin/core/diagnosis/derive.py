@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import math
 from copy import deepcopy
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 
@@ -30,9 +30,10 @@ from valve_twin.core.simulation.valve import SimulatedValve
 from valve_twin.core.types import Cycle
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from valve_twin.core.diagnosis.features import FeatureSet
+    from valve_twin.core.simulation.aging_laws import AgingRule
     from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.types import FloatArray, ParameterValue
     from valve_twin.core.valves.interface import Options
@@ -70,6 +71,47 @@ class Effort:
     faulty: int = 5
 
 
+class Faulty(Protocol):
+    """A valve that takes faults; a copy of it goes on by itself."""
+
+    def set_fault(self, kind: str, severity: float) -> object:
+        """Begin with a fault."""
+        ...
+
+
+V = TypeVar("V", bound=Faulty)
+
+
+class Bench(Protocol[V]):
+    """What a campaign needs: valves that take faults, and the features of their cycles."""
+
+    @property
+    def simulation(self) -> SimulationConfig:
+        """Return the valve."""
+        ...
+
+    @property
+    def feature_set(self) -> FeatureSet:
+        """Return which features, and how they are followed."""
+        ...
+
+    def start(self, seed: int) -> V:
+        """Return a new valve."""
+        ...
+
+    def run(self, valve: V, cycles: int) -> FloatArray:
+        """Run a valve on and return the features of its next cycles, (cycles, F)."""
+        ...
+
+
+class AgingBench(Bench[V], Protocol[V]):
+    """A bench whose valves may age."""
+
+    def aged(self, rules: tuple[AgingRule, ...]) -> Bench[V]:
+        """Return the bench with valves that age."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class Rig:
     """A simulated valve and the model that looks at its cycles.
@@ -88,6 +130,19 @@ class Rig:
     options: Options
     simulation: SimulationConfig
 
+    @property
+    def feature_set(self) -> FeatureSet:
+        """Return which features, and how they are followed."""
+        return self.model.feature_set
+
+    def start(self, seed: int) -> SimulatedValve:
+        """Return a new valve."""
+        return SimulatedValve(self.simulation, seed)
+
+    def aged(self, rules: tuple[AgingRule, ...]) -> Rig:
+        """Return the rig with a valve that ages."""
+        return replace(self, simulation=replace(self.simulation, aging=rules))
+
     def run(self, valve: SimulatedValve, cycles: int) -> FloatArray:
         """Run a valve on and return the features of its next cycles, (cycles, F)."""
         followed = self.model.feature_set
@@ -101,9 +156,11 @@ class Rig:
 
 
 def derive(
-    rig: Rig,
+    rig: Bench[V],
     faults: tuple[str, ...] = (),
     *,
+    small: Mapping[str, float] | None = None,
+    correlations: SignatureTable | None = None,
     effort: Effort | None = None,
     advance: Callable[[], None] = lambda: None,
 ) -> SignatureTable:
@@ -111,10 +168,14 @@ def derive(
 
     Parameters
     ----------
-    rig : Rig
+    rig : Bench
         Valve and model; the valve should not age.
     faults : tuple of str
         Names of the faults; none = all that the features show.
+    small : mapping of str to float, optional
+        Small sizes that are set and not searched, by fault [unit of the fault].
+    correlations : SignatureTable, optional
+        Table whose correlations count beside the scatter of each feature; none = its own.
     effort : Effort, optional
         How much is simulated.
     advance : callable
@@ -125,23 +186,27 @@ def derive(
     SignatureTable
         Two-sided faults have signatures of both signs.
     """
-    effort = effort or Effort()
+    effort, set_sizes = effort or Effort(), small or {}
     starts = [_started(rig, seed) for seed in effort.seeds]
     covariance = _scatter(rig, starts, effort.healthy)
-    followed = rig.model.feature_set
+    if correlations is not None:
+        covariance = _correlated(np.sqrt(np.diag(covariance)), correlations)
+    followed = rig.feature_set
     floor = np.full(len(followed.names), 1e-9)
     for name in followed.shares:
         floor[followed.names.index(name)] = 1.0 / rig.simulation.cycle_samples
+    for name, least in followed.least.items():
+        floor[followed.names.index(name)] = least
     white = whitener(with_floor(covariance, floor))
     healthy = [rig.run(deepcopy(start), effort.faulty + 1)[1:] for start in starts]
     pairs = list(zip(starts, healthy, strict=True))
     signatures: list[Signature] = []
     for name in faults or followed.first_sizes:
-        small = _small(rig, pairs, white, name)
+        start = set_sizes.get(name) or _small(rig, pairs, white, name)
         signs = (1.0, -1.0) if BY_NAME[name].two_sided else (1.0,)
         for sign in signs:
             for factor in FACTORS:
-                size = sign * min(small * factor, followed.largest.get(name, math.inf))
+                size = sign * min(start * factor, followed.largest.get(name, math.inf))
                 change, scatter = _change(rig, pairs, name, size)
                 signatures.append(Signature(name, size, _short(change, 4), _short(scatter, 2)))
         advance()
@@ -153,22 +218,35 @@ def _short(values: FloatArray, digits: int) -> tuple[float, ...]:
     return tuple(float(f"{v:.{digits}g}") for v in values)
 
 
-def _started(rig: Rig, seed: int) -> SimulatedValve:
-    valve = SimulatedValve(rig.simulation, seed)
-    valve.advance(rig.simulation.cycle_samples)
+def _started(rig: Bench[V], seed: int) -> V:
+    valve = rig.start(seed)
+    rig.run(valve, 1)
     return valve
 
 
-def _scatter(rig: Rig, starts: list[SimulatedValve], cycles: int) -> FloatArray:
+def _scatter(rig: Bench[V], starts: list[V], cycles: int) -> FloatArray:
     """Return the (F, F) covariance between healthy cycles."""
     runs = [rig.run(deepcopy(start), cycles) for start in starts]
-    off = np.concatenate([run - np.nanmean(run, axis=0) for run in runs])
-    off = np.nan_to_num(off)
+    off = np.concatenate([np.nan_to_num(run - _mean(run)) for run in runs])
     return np.asarray(off.T @ off / (len(off) - len(runs)))
 
 
+def _correlated(deviation: FloatArray, table: SignatureTable) -> FloatArray:
+    """Return the (F, F) covariance of features of these deviations with a table's correlations."""
+    known = with_floor(np.array(table.covariance), np.maximum(np.array(table.floor), 1e-9))
+    own = np.sqrt(np.diag(known))
+    return np.asarray(known / np.outer(own, own) * np.outer(deviation, deviation))
+
+
+def _mean(run: FloatArray) -> FloatArray:
+    """Return the mean of what is known of each column, (F,)."""
+    known = np.isfinite(run)
+    total = np.where(known, run, 0.0).sum(axis=0)
+    return np.asarray(total / np.maximum(known.sum(axis=0), 1))
+
+
 def _change(
-    rig: Rig, pairs: list[tuple[SimulatedValve, FloatArray]], name: str, severity: float
+    rig: Bench[V], pairs: list[tuple[V, FloatArray]], name: str, severity: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return mean and scatter (F,) of the change by a fault; its first cycle is left out."""
     changes = []
@@ -185,13 +263,13 @@ def _change(
 
 
 def _small(
-    rig: Rig,
-    pairs: list[tuple[SimulatedValve, FloatArray]],
+    rig: Bench[V],
+    pairs: list[tuple[V, FloatArray]],
     white: FloatArray,
     name: str,
 ) -> float:
     """Return the size that makes `DETECTABLE` standard deviations, to two digits."""
-    followed = rig.model.feature_set
+    followed = rig.feature_set
     size, most = followed.first_sizes[name], followed.largest.get(name, math.inf)
     for _ in range(_STEPS):
         distance = float(np.linalg.norm(white @ _change(rig, pairs, name, size)[0]))

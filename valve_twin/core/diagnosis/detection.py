@@ -22,6 +22,7 @@ from valve_twin.core.diagnosis.lines import (
     Lines,
     Rays,
     filled,
+    follows_nothing,
     lines_through,
     more_noise,
     more_repeats,
@@ -416,12 +417,12 @@ def _gross(
     gains = [i for i, n in enumerate(table.features) if n.startswith("gain_")]
     fallen = newest[gains] - np.median(filled(before, len(before))[:, gains], axis=0)
     fallen = fallen[np.isfinite(fallen)]
-    noise = more_noise(before, after, table)
+    noise = 0.0 if "sensor_noise" in table.faults else more_noise(before, after, table)
     if repeats.max() > 0.5:
         name, severity = "sensor_freeze", float(repeats.max())
     elif noise > 0.0:
         name, severity = "sensor_noise", noise
-    elif len(fallen) and fallen.max() < -np.log(10.0):
+    elif (len(fallen) and fallen.max() < -np.log(10.0)) or follows_nothing(after, table):
         name, severity = "no_motion", float("nan")
     else:
         return found

@@ -21,6 +21,9 @@ ESTIMATOR = "features"
 NOISE = "rest_noise"
 """Name of the feature that is the noise of the position at rest."""
 
+MISSED = "missed"
+"""Name of the feature that is the share of the commands that were not followed [1]."""
+
 DELAYS = ("delay_in", "delay_out")
 """Names of the features that are times from a command to the motion [s]."""
 
@@ -44,6 +47,10 @@ class FeatureSet:
         fault]; what is found does not depend on it.
     largest : mapping of str to float
         Greatest size of a fault that has one [unit of the fault].
+    least : mapping of str to float
+        Least standard deviation of a feature between cycles, by name [unit of the feature].
+    of_any_valve : bool
+        Whether features that every valve has (`generic`) are among them.
     """
 
     names: tuple[str, ...] = ()
@@ -51,6 +58,8 @@ class FeatureSet:
     shares: tuple[str, ...] = ()
     first_sizes: Mapping[str, float] = field(default_factory=dict, hash=False)
     largest: Mapping[str, float] = field(default_factory=dict, hash=False)
+    least: Mapping[str, float] = field(default_factory=dict, hash=False)
+    of_any_valve: bool = False
 
     def vector(self, values: Iterable[ParameterValue]) -> FloatArray:
         """Return the features as they are followed, (F,) in the order of `names`.

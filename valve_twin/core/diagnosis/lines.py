@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.diagnosis.features import NOISE
+from valve_twin.core.diagnosis.features import MISSED, NOISE
 from valve_twin.core.diagnosis.table import SignatureTable, whitener, with_floor
 from valve_twin.core.estimation.data.robust import MAD_SCALE
 
@@ -32,6 +32,9 @@ _RISE = 0.4
 
 _LEAST_NOISE = 5
 """Fewest cycles whose noise at rest says what is usual."""
+
+_LEAST_UNFOLLOWED = 5
+"""Cycles in a row without a followed command that are no chance."""
 
 _BEFORE = 5
 """Cycles before a cycle whose median it is compared with."""
@@ -225,6 +228,21 @@ def more_repeats(vectors: FloatArray, onset: int, table: SignatureTable) -> Floa
     repeats = np.nan_to_num(vectors[:, table.features.index("repeats")])
     usual = float(np.median(repeats[:onset]))
     return np.asarray((repeats - usual) / max(1.0 - usual, 1e-9), dtype=np.float64)
+
+
+def follows_nothing(after: FloatArray, table: SignatureTable) -> bool:
+    """Return whether no command was followed in any of the newest cycles.
+
+    Parameters
+    ----------
+    after : (M, F) array
+        Features as they are followed since the change [unit by feature].
+    table : SignatureTable
+        Names of the features.
+    """
+    if MISSED not in table.features or len(after) < _LEAST_UNFOLLOWED:
+        return False
+    return bool((after[-_LEAST_UNFOLLOWED:, table.features.index(MISSED)] == 1.0).all())
 
 
 def more_noise(before: FloatArray, after: FloatArray, table: SignatureTable) -> float:

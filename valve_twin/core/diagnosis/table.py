@@ -27,7 +27,7 @@ class FaultType:
     Attributes
     ----------
     name : str
-        As in `simulation.faults.KINDS`.
+        As in `simulation.faults.KINDS` or `generic.faults.FAULTS`.
     part : str
         What is to be looked at: valve, command, sensor or supply.
     text : str
@@ -55,6 +55,14 @@ FAULT_TYPES = (
     FaultType("coil_resistance", "valve", "risen resistance of the filling coil"),
     FaultType("dead_band", "valve", "grown dead band"),
     FaultType("aeration", "valve", "gas in the chamber", most=1.0),
+    FaultType("backlash", "valve", "grown play, share of the travel", most=1.0),
+    FaultType("sticking", "valve", "sticking when it sets off, share of the travel", most=1.0),
+    FaultType("delay", "valve", "grown delay", "s"),
+    FaultType("slow_up", "valve", "slower motion up"),
+    FaultType("slow_down", "valve", "slower motion down"),
+    FaultType("end_stop_upper", "valve", "lowered upper end, share of the travel", most=1.0),
+    FaultType("end_stop_lower", "valve", "raised lower end, share of the travel", most=1.0),
+    FaultType("oscillation", "valve", "oscillating position, share of the travel", most=1.0),
     FaultType("no_motion", "valve", "no motion: the spool is stuck, or no command reaches it"),
     FaultType("sensor_offset", "sensor", "offset of the position sensor", two_sided=True),
     FaultType("sensor_gain", "sensor", "gain of the position sensor", two_sided=True),
@@ -63,6 +71,7 @@ FAULT_TYPES = (
     FaultType("clock", "sensor", "clocks of position and commands apart, by"),
     FaultType("command_offset", "command", "offset of the command", two_sided=True),
     FaultType("command_loss", "command", "command that does not reach the valve", most=1.0),
+    FaultType("saturation", "command", "command at its end more often, share", most=1.0),
     FaultType("supply_drop", "supply", "drop of the supply pressure", most=1.0),
 )
 """Every fault that is separated, by the part that has it."""

@@ -14,12 +14,13 @@ from dataclasses import dataclass, replace
 from math import isfinite
 from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, TypeVar
 
-from valve_twin.core.diagnosis.features import FeatureSet
+from valve_twin.core.diagnosis.generic.features import FEATURE_SET
 from valve_twin.core.quantity import describe
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from valve_twin.core.diagnosis.features import FeatureSet
     from valve_twin.core.diagnosis.table import SignatureTable
     from valve_twin.core.quantity import Descriptor
     from valve_twin.core.simulation.config import SimulationConfig
@@ -162,7 +163,8 @@ class ValveModel(Protocol):
     demonstration : Demonstration
         How `make demo` shows the valve.
     feature_set : FeatureSet
-        What `features` returns and how it is followed; empty = no features.
+        Which features are followed, and how: those of any valve without what means nothing here,
+        and what `features` returns (`generic.features.feature_set`); empty = no features.
     """
 
     name: str
@@ -177,7 +179,7 @@ class ValveModel(Protocol):
     approximation_rows: int = 0
     proposed_for: str = ""
     demonstration: Demonstration = Demonstration()
-    feature_set: FeatureSet = FeatureSet()
+    feature_set: FeatureSet = FEATURE_SET
 
     def estimate(
         self, cycle: Cycle, options: Options, earlier: Sequence[Estimate] = ()
@@ -310,13 +312,19 @@ class ValveModel(Protocol):
         return {}
 
     def features(self, cycle: Cycle, options: Options) -> tuple[ParameterValue, ...]:
-        """Return what a cycle shows of faults; empty for a model that names no `signatures`."""
+        """Return what a cycle shows of faults beyond the features of any valve."""
         del cycle, options
         return ()
 
     def signatures(self) -> SignatureTable | None:
-        """Return how faults change the features; None = no fault is recognised by them."""
-        return None
+        """Return how faults change the features; None = no fault is recognised by them.
+
+        Here those of any valve: `TABLE` of a module `signatures` beside the model's, else derived
+        from its simulation.
+        """
+        from valve_twin.core.diagnosis.generic.signatures import signatures_of  # runs valves
+
+        return signatures_of(self)
 
     def approximations(
         self, simulation: SimulationConfig, commands: FloatArray, values: Mapping[str, float]

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
+from valve_twin.core.diagnosis.generic.reference import estimate_features
 from valve_twin.core.estimation.cycle.comparison import compare_estimators
 from valve_twin.core.estimation.cycle.movement import MOVES, TRAVEL, count_movement
 from valve_twin.core.estimation.cycle.scatter import scatter_between_cycles
@@ -189,7 +191,16 @@ def estimate_cycle(
             trend_estimator=model.trend_estimator,
             trended=[p.name for p in model.parameters if p.trend],
         )
+    if cycle.accepted and _wants_features(model, options, done):
+        shown = estimate_features(model, options, cycle, memory.estimates)
+        done = (*done, replace(shown, conditions=cycle_conditions(cycle)))
     return done, memory.after(done)
+
+
+def _wants_features(model: ValveModel, options: Options, done: Sequence[Estimate]) -> bool:
+    """Return whether features of any valve are asked for that the model did not give itself."""
+    asked = FEATURES in getattr(options, "estimators", ()) and model.feature_set.of_any_valve
+    return asked and all(e.estimator != FEATURES for e in done)
 
 
 def evaluate(

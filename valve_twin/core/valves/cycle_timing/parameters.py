@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.quantity import assumed, quantity, setting
 from valve_twin.core.types import Parameter
 
@@ -59,4 +60,6 @@ class CycleTimingOptions:
         0.0, "s", "switching_instant of the healthy valve", 0.0, 1e5
     )
     healthy_flow: float = quantity(0.0, "m^3/s", "steady_flow of the healthy pump", 0.0, 1e3)
-    estimators: tuple[str, ...] = setting((ESTIMATOR,), "estimators to run", choices=(ESTIMATOR,))
+    estimators: tuple[str, ...] = setting(
+        (ESTIMATOR,), "estimators to run", choices=(ESTIMATOR, FEATURES)
+    )

@@ -7,6 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING
 
+from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.quantity import setting
 from valve_twin.core.types import Parameter
 from valve_twin.core.valves.double_solenoid.numbers import DoubleSolenoidNumbers
@@ -73,7 +74,9 @@ DoubleSolenoidTolerances = tolerance_section(
 class DoubleSolenoidOptions(DoubleSolenoidNumbers):
     """The numbers of the data sheet: what is not estimated has to be known."""
 
-    estimators: tuple[str, ...] = setting((ESTIMATOR,), "estimators to run", choices=(ESTIMATOR,))
+    estimators: tuple[str, ...] = setting(
+        (ESTIMATOR,), "estimators to run", choices=(ESTIMATOR, FEATURES)
+    )
     tolerances: object = field(default_factory=DoubleSolenoidTolerances)
 
 

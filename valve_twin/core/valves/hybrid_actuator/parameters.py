@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.quantity import setting
 from valve_twin.core.types import Parameter
 from valve_twin.core.valves.hybrid_actuator.plant import HybridActuatorNumbers, check_gap
@@ -67,7 +68,9 @@ HybridActuatorTolerances = tolerance_section(
 class HybridActuatorOptions(HybridActuatorNumbers):
     """The numbers of the data sheet: what is not estimated has to be known."""
 
-    estimators: tuple[str, ...] = setting((ESTIMATOR,), "estimators to run", choices=(ESTIMATOR,))
+    estimators: tuple[str, ...] = setting(
+        (ESTIMATOR,), "estimators to run", choices=(ESTIMATOR, FEATURES)
+    )
     tolerances: object = field(default_factory=HybridActuatorTolerances)
 
 

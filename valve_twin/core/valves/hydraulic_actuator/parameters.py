@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.quantity import assumed, setting
 from valve_twin.core.types import Parameter
 
@@ -73,4 +74,6 @@ class HydraulicActuatorOptions:
         1e3,
     )
     min_samples: int = assumed(100, "1", "a cycle of fewer usable samples is refused", 20, 1e6)
-    estimators: tuple[str, ...] = setting((ESTIMATOR,), "estimators to run", choices=(ESTIMATOR,))
+    estimators: tuple[str, ...] = setting(
+        (ESTIMATOR,), "estimators to run", choices=(ESTIMATOR, FEATURES)
+    )

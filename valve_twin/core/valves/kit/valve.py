@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.quantity import quantity, setting
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import Estimate, EstimateStatus, ParameterStatus, ParameterValue
@@ -47,7 +48,9 @@ class LawOptions:
     )
     min_samples: int = quantity(100, "1", "a cycle of fewer usable samples is refused", 20, 1e6)
     min_motion: float = quantity(0.02, "1", "a cycle whose output moves less is refused", 0.0, 1e6)
-    estimators: tuple[str, ...] = setting((ESTIMATOR,), "estimators to run", choices=(ESTIMATOR,))
+    estimators: tuple[str, ...] = setting(
+        (ESTIMATOR,), "estimators to run", choices=(ESTIMATOR, FEATURES)
+    )
 
 
 @dataclass(frozen=True)

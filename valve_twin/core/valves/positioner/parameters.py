@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.quantity import assumed, quantity, setting
 from valve_twin.core.types import Parameter
 from valve_twin.core.valves.positioner.structure import Structure
@@ -147,4 +148,6 @@ class PositionerOptions(Structure):
         0,
         1000,
     )
-    estimators: tuple[str, ...] = setting((ESTIMATOR,), "estimators to run", choices=(ESTIMATOR,))
+    estimators: tuple[str, ...] = setting(
+        (ESTIMATOR,), "estimators to run", choices=(ESTIMATOR, FEATURES)
+    )

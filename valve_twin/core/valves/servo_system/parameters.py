@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.quantity import assumed, describe, setting
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import Parameter
@@ -128,7 +129,9 @@ CONSTANTS = tuple(
 class ServoSystemOptions(ServoSystemNumbers):
     """The numbers of the data sheet, and what a cycle must show."""
 
-    estimators: tuple[str, ...] = setting((ESTIMATOR,), "estimators to run", choices=(ESTIMATOR,))
+    estimators: tuple[str, ...] = setting(
+        (ESTIMATOR,), "estimators to run", choices=(ESTIMATOR, FEATURES)
+    )
     max_error: float = assumed(
         0.15,
         "1",

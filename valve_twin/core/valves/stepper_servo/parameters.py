@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.quantity import assumed, quantity, setting
 from valve_twin.core.types import Parameter
 from valve_twin.core.valves.stepper_servo.predictor import MAX_LAG, ORDER
@@ -84,7 +85,7 @@ class StepperServoOptions:
     estimators: tuple[str, ...] = setting(
         (MECHANICS, WIENER),
         "estimators to run; backlash_output_error always runs: it feeds trend and prediction",
-        choices=(MECHANICS, WIENER),
+        choices=(MECHANICS, WIENER, FEATURES),
     )
     step_size: float = quantity(
         0.01 / 2.1, "1", "travel of a full step over the stroke", 1e-6, 0.5

@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""A campaign of the faults of any valve on the model's own simulation."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from valve_twin.core.diagnosis.campaign import CampaignConfig
+from valve_twin.core.diagnosis.derive import Effort, derive
+from valve_twin.core.diagnosis.generic.faults import FIRST_SIZES, LARGEST, SET_SIZES
+from valve_twin.core.diagnosis.generic.rig import ModelRig
+from valve_twin.core.diagnosis.table import SIZES
+from valve_twin.core.simulation.aging_laws import AgingRule
+from valve_twin.core.simulation.config import Scatter
+from valve_twin.core.valves.registry import get_model, get_simulation
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from valve_twin.core.diagnosis.features import FeatureSet
+    from valve_twin.core.simulation.config import SimulationConfig
+    from valve_twin.core.valves.interface import ValveModel
+
+_SIZING = Effort(seeds=(801, 802, 803), healthy=60, faulty=8)
+_AGES = 5e-4
+"""Relative change of the first parameter that is followed and ages, a cycle [1]."""
+_SCATTERS = 0.01
+"""Relative standard deviation of that parameter from cycle to cycle [1]."""
+
+
+@dataclass(frozen=True, slots=True)
+class _SizingRig(ModelRig):
+    """The rig with where the search for the sizes of faults begins."""
+
+    @property
+    def feature_set(self) -> FeatureSet:
+        """Return which features, and how they are followed."""
+        return replace(self.model.feature_set, first_sizes=FIRST_SIZES, largest=LARGEST)
+
+
+def model_rig(name: str) -> ModelRig:
+    """Return the simulated valve of a model with its defaults.
+
+    Parameters
+    ----------
+    name : str
+        Name of the model.
+
+    Raises
+    ------
+    ValueError
+        If it is unknown, cannot be simulated or does not have the features of any valve.
+    """
+    model = get_model(name)
+    if not model.feature_set.of_any_valve:
+        msg = f"model '{name}' has features of its own: give --config FILE"
+        raise ValueError(msg)
+    simulation = get_simulation(name)
+    if ages := _ages(model, simulation):
+        simulation = replace(simulation, scatter=(Scatter(ages, _SCATTERS),))
+    return ModelRig(model, model.options, simulation)
+
+
+def _ages(model: ValveModel, simulation: SimulationConfig) -> str:
+    """Return the first parameter that is followed and that the plant has, empty = none."""
+    numbers = {name for name, _ in simulation.plant_numbers(1)}
+    return next((p.name for p in model.parameters if p.trend and p.name in numbers), "")
+
+
+def campaign_of(
+    rig: ModelRig, seeds: tuple[int, ...], *, advance: Callable[[], None] = lambda: None
+) -> CampaignConfig:
+    """Return what is simulated: small changes a healthy cycle by four standard deviations.
+
+    Parameters
+    ----------
+    rig : ModelRig
+        Valve and model.
+    seeds : tuple of int
+        One record each.
+    advance : callable
+        Called after each fault.
+    """
+    sizing = _SizingRig(rig.model, rig.options, rig.simulation)
+    table = derive(
+        sizing,
+        small=SET_SIZES,
+        correlations=rig.model.signatures(),  # as the detection counts them
+        effort=_SIZING,
+        advance=advance,
+    )
+    severities = {}
+    for name in table.faults:
+        small, medium, large = [s.severity for s in table.signatures if s.fault == name][
+            : len(SIZES)
+        ]
+        severities[name] = (small, medium, large)
+    ages = _ages(rig.model, rig.simulation)
+    rules = (AgingRule(ages, "linear", _AGES),) if ages else ()
+    return CampaignConfig(severities, seeds=seeds, after=7, aging=rules, sizes=SIZES[1:])

@@ -1,0 +1,280 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What a cycle of any valve shows of faults: how its position differs from its model's free run.
+
+Each feature is a plain number for one way in which a position can differ from the response that
+is expected: a level, a slope over the level, a time, a width, a share. All lengths are shares of
+the span of the response, so that the same numbers mean the same for every valve.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.diagnosis.features import MISSED, NOISE, FeatureSet
+from valve_twin.core.diagnosis.generic.moves import find_moves
+from valve_twin.core.types import Parameter
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from valve_twin.core.diagnosis.generic.moves import Move
+    from valve_twin.core.types import BoolArray, FloatArray
+
+_SPAN = "share of the span"
+FEATURES = (
+    Parameter(NOISE, "1", f"feature: noise of the position, {_SPAN}", 0.0),
+    Parameter("repeats", "1", "feature: share of samples that repeat the one before", 0.0, 1.0),
+    Parameter("level_zero", "1", f"feature: position beyond the model's at 0, {_SPAN}"),
+    Parameter("level_gain", "1", "feature: growth of this over the position"),
+    Parameter("level_bend", "1", f"feature: this in mid-stroke off the line, {_SPAN}"),
+    Parameter("gain_up", "1", "feature: way of moves up over the model's", 0.0),
+    Parameter("gain_down", "1", "feature: way of moves down over the model's", 0.0),
+    Parameter("lag_up", "s", "feature: how much later moves up are than the model's"),
+    Parameter("lag_down", "s", "feature: how much later moves down are than the model's"),
+    Parameter("slow_up", "1", "feature: how much longer moves up last than the model's"),
+    Parameter("slow_down", "1", "feature: how much longer moves down last than the model's"),
+    Parameter("short_up", "1", f"feature: what moves up lack from their start, {_SPAN}"),
+    Parameter("short_down", "1", f"feature: what moves down lack from their start, {_SPAN}"),
+    Parameter("stick", "1", f"feature: what the start of moves lacks beyond this, {_SPAN}"),
+    Parameter("rough_rest", "1", f"feature: rms about the mean at rest, {_SPAN}", 0.0),
+    Parameter("rough_move", "1", f"feature: rms about the fit in moves, {_SPAN}", 0.0),
+    Parameter(MISSED, "1", "feature: share of the moves that were not followed", 0.0, 1.0),
+    Parameter("saturated", "1", "feature: share of samples with a command at its end", 0.0, 1.0),
+)
+"""What the features of any valve are."""
+
+NAMES = tuple(p.name for p in FEATURES)
+RELATIVE = frozenset((NOISE, "gain_up", "gain_down", "rough_rest", "rough_move"))
+SHARES = ("repeats", MISSED, "saturated")
+
+DEVIATION = "deviation"
+"""Name of the rms of position minus free run over the span, published and not followed [1]."""
+
+_LEAST_SAMPLES = 30
+_LEAST_LEVEL = 5
+_LEAST_MOVE = 6
+"""Fewest samples of a cycle, a level, and moves of one direction that say something."""
+
+_MISSED = 0.5
+"""Share of a move by which an end of it is off where it was not followed, assumed [1]."""
+
+_END = 0.999
+"""Share of the full scale from which on a command is at its end [1]."""
+
+_ALIKE = 1e-3
+"""Share of the length of a column that must stand out from those before it [1]."""
+
+_EDGE = 0.25
+"""Share of the span from its ends that counts as low and as high, assumed [1]."""
+
+_START = 0.15
+"""Share of a move that is its start, assumed [1]."""
+
+_MOST_GAPS = 0.01
+"""Share of samples that may be missing: what is lost on the way is no fault of the valve."""
+
+
+def feature_set(
+    exclude: tuple[str, ...] = (),
+    extra: FeatureSet | None = None,
+    least: Mapping[str, float] | None = None,
+) -> FeatureSet:
+    """Return which features a valve is followed by.
+
+    Parameters
+    ----------
+    exclude : tuple of str
+        Names of those that mean nothing for this valve.
+    extra : FeatureSet, optional
+        Those of its own, which its `features` returns.
+    least : mapping of str to float, optional
+        Least standard deviation of a feature between cycles, by name [unit of the feature].
+    """
+    extra = extra or FeatureSet()
+    names = tuple(n for n in NAMES if n not in exclude)
+    return FeatureSet(
+        (*names, *extra.names),
+        RELATIVE | extra.relative,
+        (*(n for n in SHARES if n in names), *extra.shares),
+        extra.first_sizes,
+        extra.largest,
+        least=least or {},
+        of_any_valve=True,
+    )
+
+
+FEATURE_SET = feature_set()
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """What the features of a cycle are taken from.
+
+    Attributes
+    ----------
+    position, response : (N,) arrays
+        Measured, and the free run of the reference model; NaN where not known [same unit].
+    period_s : float
+        Sampling time [s].
+    commands : (N, M) array
+        Commands over their full scale; no columns where that is not known [1].
+    missing : float
+        Share of samples that are missing [1].
+    """
+
+    position: FloatArray
+    response: FloatArray
+    period_s: float
+    commands: FloatArray
+    missing: float = 0.0
+
+
+def cycle_features(record: Record) -> dict[str, float]:
+    """Return the features of one cycle by name, NaN where the cycle does not show one.
+
+    Parameters
+    ----------
+    record : Record
+        Measured and expected.
+    """
+    found = dict.fromkeys((*NAMES, DEVIATION), float("nan"))
+    y = record.position[np.isfinite(record.position)]
+    if len(y) < _LEAST_SAMPLES or record.missing > _MOST_GAPS:
+        return found
+    found["repeats"] = float(np.mean(np.diff(y) == 0.0))
+    if record.commands.shape[1]:
+        found["saturated"] = float(np.mean((np.abs(record.commands) >= _END).any(axis=1)))
+    known = np.isfinite(record.position) & np.isfinite(record.response)
+    response = record.response[known]
+    span = float(np.ptp(response)) if len(response) >= _LEAST_SAMPLES else 0.0
+    if not span > 0.0:
+        return found
+    off = (record.position[known] - response) / span
+    found[DEVIATION] = float(np.sqrt(np.mean(off**2)))
+    found |= _compared(response / span, off, record.period_s)
+    return found
+
+
+def _compared(s: FloatArray, off: FloatArray, period_s: float) -> dict[str, float]:
+    """Return what position minus response `off` shows of a response `s`, both over its span."""
+    moves, rest = find_moves(s)
+    found: dict[str, float] = {}
+    if moves:
+        missed = [m for m in moves if _is_off(off[m.behind], m)]
+        found[MISSED] = len(missed) / len(moves)
+        if missed or any(_is_off(off[m.before], m) for m in moves):  # tells nothing else
+            return found
+    found |= _levels(s, off, rest)
+    found[NOISE] = _noise(off)
+    found["rough_rest"] = _rough(off, moves, rest)
+    rough, stick = [], []
+    for way, name in ((1.0, "up"), (-1.0, "down")):
+        chosen = [m for m in moves if m.way * way > 0.0]
+        if chosen:
+            found[f"gain_{name}"] = float(np.mean([_gain(m, off) for m in chosen]))
+        fit = _motion(chosen, s, off)
+        if fit is not None:
+            found[f"lag_{name}"] = fit.lag * period_s
+            found[f"slow_{name}"], found[f"short_{name}"] = fit.slow, fit.short
+            rough.append(fit.left)
+            stick.append(fit.start)
+    if rough:
+        found["rough_move"] = float(np.sqrt(np.mean(np.concatenate(rough) ** 2)))
+        starts = np.concatenate(stick)
+        found["stick"] = float(starts.mean()) if len(starts) else np.nan
+    return found
+
+
+def _is_off(off: FloatArray, move: Move) -> bool:
+    """Return whether a move does not begin or end where it should."""
+    return bool(abs(np.median(off)) > _MISSED * abs(move.way))
+
+
+def _gain(move: Move, off: FloatArray) -> float:
+    """Return the way of a move over that of the model [1]."""
+    lacks = float(np.mean(off[move.behind])) - float(np.mean(off[move.before]))
+    return 1.0 + lacks / move.way
+
+
+def _levels(s: FloatArray, off: FloatArray, rest: BoolArray) -> dict[str, float]:
+    """Return level, slope and bend of the difference at rest low, in the middle and high."""
+    low, share = float(s.min()), s - float(s.min())
+    parts = [rest & (share < _EDGE), rest & (np.abs(share - 0.5) <= 0.5 - _EDGE)]
+    parts.append(rest & (share > 1.0 - _EDGE))
+    shown = [np.count_nonzero(t) >= _LEAST_LEVEL for t in parts]
+    at = [float(s[t].mean()) if ok else np.nan for t, ok in zip(parts, shown, strict=True)]
+    value = [float(off[t].mean()) if ok else np.nan for t, ok in zip(parts, shown, strict=True)]
+    if not (shown[0] and shown[2]):
+        known = [v for v in value if np.isfinite(v)]
+        return {"level_zero": float(np.mean(known))} if known else {}
+    pivot = 0.0 if -1.0 <= low <= 1.0 else at[0]  # a signal far from its 0 tells no gain there
+    slope = (value[2] - value[0]) / (at[2] - at[0])
+    line = value[0] - slope * at[0]
+    found = {"level_zero": line + slope * pivot, "level_gain": slope}
+    if shown[1]:
+        found["level_bend"] = value[1] - line - slope * at[1]
+    return found
+
+
+def _noise(off: FloatArray) -> float:
+    """Return the noise from second differences without the largest hundredth [1]."""
+    bends = np.sort(np.diff(off, 2) ** 2)
+    kept = bends[: max(len(bends) - len(bends) // 100, 1)]
+    return float(np.sqrt(kept.mean() / 6.0))
+
+
+def _rough(off: FloatArray, moves: tuple[Move, ...], rest: BoolArray) -> float:
+    """Return the rms about the mean of each stretch of rest [1]."""
+    edges = [0, *(m.first for m in moves), len(off)]
+    total, count = 0.0, 0
+    for a, b in pairwise(edges):
+        part = off[a:b][rest[a:b]]
+        if len(part) >= _LEAST_LEVEL:
+            total += float(np.sum((part - part.mean()) ** 2))
+            count += len(part) - 1
+    return float(np.sqrt(total / count)) if count else float("nan")
+
+
+@dataclass(frozen=True, slots=True)
+class _Motion:
+    """Moves of one way: `lag` [samples], `slow`, `short`; what is left, and of the start."""
+
+    lag: float
+    slow: float
+    short: float
+    left: FloatArray
+    start: FloatArray
+
+
+def _motion(moves: list[Move], s: FloatArray, off: FloatArray) -> _Motion | None:
+    """Fit lag, stretch and width to what moves of one way lack, each beyond those before.
+
+    So they scatter by themselves.
+    """
+    speed = np.gradient(s)
+    rows, lacks, early = [], [], []
+    for move in moves:
+        part = move.whole
+        sign = np.sign(move.way)
+        begun = off[move.before].mean()
+        t = np.arange(part.stop - part.start, dtype=np.float64)
+        pace = sign * speed[part]
+        rows.append(np.stack((pace, pace * t, np.ones(len(t))), axis=1))
+        lacks.append(-sign * (off[part] - begun))
+        early.append(np.abs(s[part] - s[move.first]) < _START * abs(move.way))
+    if sum(map(len, lacks)) < _LEAST_MOVE:
+        return None
+    columns, lack, start = np.concatenate(rows), np.concatenate(lacks), np.concatenate(early)
+    q, r = np.linalg.qr(columns)
+    size = np.abs(np.diag(r))
+    if size.min() <= _ALIKE * size.max():
+        return None
+    along = q.T @ lack
+    left = lack - q @ along
+    found = along / np.diag(r)
+    return _Motion(float(found[0]), float(found[1]), float(found[2]), left, left[start])

@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Features of a cycle against the valve's own first model: what is stored beside the estimates.
+
+The model of the first accepted cycles stays the measure: one that follows the valve would take up
+a fault and show it no more. It travels with the features from cycle to cycle, so that they are a
+function of the cycle and of the estimates before it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.diagnosis.features import ESTIMATOR
+from valve_twin.core.diagnosis.generic.features import (
+    DEVIATION,
+    RELATIVE,
+    Record,
+    cycle_features,
+)
+from valve_twin.core.gaps import gap_ns
+from valve_twin.core.prediction import restart_marks, run_model
+from valve_twin.core.types import (
+    Estimate,
+    EstimateStatus,
+    MaskCounts,
+    ParameterStatus,
+    ParameterValue,
+    Validity,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from valve_twin.core.types import Cycle, FloatArray
+    from valve_twin.core.valves.interface import Options, ValveModel
+
+REFERENCE_CYCLES = 5
+"""Accepted estimates that make the reference model, assumed."""
+
+_PREFIX = "reference."
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """The model that a valve is held against: values by name [unit of each], lag [samples]."""
+
+    values: Mapping[str, float]
+    lag: int
+
+
+def reference_of(model: ValveModel, earlier: Sequence[Estimate]) -> Reference | None:
+    """Return what a valve is held against; None before there are enough estimates.
+
+    Parameters
+    ----------
+    model : ValveModel
+        The valve's model.
+    earlier : sequence of Estimate
+        Estimates of all estimators of the cycles before, oldest first.
+    """
+    for e in reversed(earlier):
+        if e.estimator == ESTIMATOR:
+            at = len(_PREFIX)
+            kept = {p.name[at:]: p.value for p in e.parameters if p.name.startswith(_PREFIX)}
+            if kept:
+                return Reference(kept, e.lag)
+    first = [
+        e
+        for e in earlier
+        if e.estimator == model.trend_estimator and e.status is not EstimateStatus.REFUSED
+    ]
+    if len(first) < REFERENCE_CYCLES:
+        return None
+    values = {n: v for n, v in model.merge(first).items() if np.isfinite(v)}
+    return Reference(values, first[-1].lag)
+
+
+def estimate_features(
+    model: ValveModel, options: Options, cycle: Cycle, earlier: Sequence[Estimate]
+) -> Estimate:
+    """Return the features of a cycle as an estimate.
+
+    Parameters
+    ----------
+    model : ValveModel
+        The valve's model.
+    options : dataclass
+        Its options.
+    cycle : Cycle
+        With at least one sample.
+    earlier : sequence of Estimate
+        Estimates of all estimators of the cycles before, oldest first.
+
+    Returns
+    -------
+    Estimate
+        REFUSED where the cycle shows none.
+    """
+    reference = reference_of(model, earlier)
+    values = [*features_against(model, options, reference, cycle), *model.features(cycle, options)]
+    followed = model.feature_set.names
+    shown = sum(p.usable for p in values if p.name in followed)
+    status, reason = EstimateStatus.PARTIAL, f"{shown} of {len(followed)} features are shown"
+    if shown == len(followed):
+        status = EstimateStatus.ACCEPTED
+    elif not shown:
+        status = EstimateStatus.REFUSED
+    if reference is None:
+        reason += f"; no reference model before {REFERENCE_CYCLES} accepted cycles"
+    else:
+        values += [ParameterValue(f"{_PREFIX}{n}", v) for n, v in reference.values.items()]
+    return Estimate(
+        model=model.name,
+        estimator=ESTIMATOR,
+        cycle=cycle.number,
+        start_ns=cycle.start_ns,
+        end_ns=cycle.end_ns,
+        parameters=tuple(values),
+        status=status,
+        reason=reason,
+        lag=0 if reference is None else reference.lag,
+        counts=MaskCounts(int(np.count_nonzero(cycle.frames.valid))),
+        missed_cycles=cycle.missed_cycles,
+        reproducible=cycle.reproducible,
+    )
+
+
+def features_against(
+    model: ValveModel, options: Options, reference: Reference | None, cycle: Cycle
+) -> list[ParameterValue]:
+    """Return the features that every valve has, as far as the cycle shows them.
+
+    Parameters
+    ----------
+    model : ValveModel
+        The valve's model.
+    options : dataclass
+        Its options.
+    reference : Reference or None
+        What the valve is held against; without it only few features are there.
+    cycle : Cycle
+        With at least one sample.
+    """
+    coefficients = None
+    if reference is not None:
+        coefficients = model.coefficients(reference.values, reference.lag, cycle.period_s, options)
+        coefficients = coefficients if np.isfinite(coefficients).all() else None
+    followed = model.feature_set.names
+    found = cycle_features(_record(model, coefficients, cycle))
+    return [_value(n, v) for n, v in found.items() if n in followed or n == DEVIATION]
+
+
+def _record(model: ValveModel, coefficients: FloatArray | None, cycle: Cycle) -> Record:
+    """Return measured position and free run of a cycle."""
+    frames = cycle.frames
+    run = run_model(
+        model,
+        model.initial_state(),
+        coefficients,
+        frames,
+        restart_marks(frames, cycle.period_s),
+    )
+    believed = frames.valid & (run.validity != Validity.BAD_INPUT)
+    missing = float(np.mean(~frames.valid))
+    steps = np.diff(frames.stamp_ns)
+    if len(steps):
+        missing += float(np.mean(steps > gap_ns(cycle.period_s)))
+    return Record(
+        position=np.where(believed, frames.position, np.nan),
+        response=run.simulated,
+        period_s=cycle.period_s,
+        commands=frames.inputs if model.normalised else frames.inputs[:, :0],
+        missing=missing,
+    )
+
+
+def _value(name: str, value: float) -> ParameterValue:
+    if np.isfinite(value) and not (name in RELATIVE and value <= 0.0):
+        return ParameterValue(name, float(value))
+    return ParameterValue(
+        name, float("nan"), ParameterStatus.NOT_EXCITED, "the cycle does not show this"
+    )

@@ -1,0 +1,180 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Any simulated valve with the faults of any valve, and the model that looks at its cycles."""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.diagnosis.generic.faults import FAULTS, Sensed, source
+from valve_twin.core.diagnosis.generic.features import Record, cycle_features
+from valve_twin.core.diagnosis.generic.reference import (
+    REFERENCE_CYCLES,
+    Reference,
+    features_against,
+    reference_of,
+)
+from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
+from valve_twin.core.simulation.block import to_frames
+from valve_twin.core.simulation.valve import SimulatedValve
+from valve_twin.core.types import Cycle, ParameterValue
+
+if TYPE_CHECKING:
+    from valve_twin.core.diagnosis.features import FeatureSet
+    from valve_twin.core.simulation.aging_laws import AgingRule
+    from valve_twin.core.simulation.block import SimulationBlock
+    from valve_twin.core.simulation.config import SimulationConfig
+    from valve_twin.core.types import FloatArray
+    from valve_twin.core.valves.interface import Options, ValveModel
+
+
+class FaultyValve:
+    """A simulated valve whose motion or sensor may have a fault.
+
+    What the plant does does not depend on such a fault: copies share it and simulate it once.
+
+    Parameters
+    ----------
+    simulation : SimulationConfig
+        The valve.
+    seed : int
+        Of all random numbers.
+    """
+
+    def __init__(self, simulation: SimulationConfig, seed: int) -> None:
+        self._valve = SimulatedValve(simulation, seed)
+        self._blocks: list[SimulationBlock] = []
+        self._seed, self._at = seed, 0
+        self._fault, self._size = "", 0.0
+        self.reference: Reference | None = None
+
+    def __deepcopy__(self, memo: object) -> FaultyValve:
+        """Return a valve that goes on from here by itself."""
+        del memo
+        return copy(self)
+
+    @property
+    def cycle(self) -> int:
+        """Return the number of the cycle that comes next."""
+        return self._at + 1
+
+    def set_fault(self, kind: str, severity: float) -> None:
+        """Begin with a fault of `FAULTS` in the cycle that comes next."""
+        self._fault, self._size = kind, severity
+
+    def next_cycle(self) -> tuple[SimulationBlock, FloatArray]:
+        """Return the next cycle, and its (N,) motion as a perfect sensor shows it."""
+        while len(self._blocks) <= self._at:
+            self._blocks.append(self._valve.advance(self._valve.config.cycle_samples))
+        block = self._blocks[self._at]
+        past = self._blocks[max(self._at - 1, 0)]
+        late = self._valve.config.measurement.delay
+        both = np.concatenate((past.true_position, block.true_position))
+        motion = both[len(past) - late : len(both) - late]
+        self._at += 1
+        if self._fault:
+            block = replace(block, position=self._sensed(past, block, late))
+        return block, motion
+
+    def _sensed(self, past: SimulationBlock, block: SimulationBlock, late: int) -> FloatArray:
+        """Return what is measured under the fault: what it was before a cycle matters, too."""
+        motion = np.concatenate((past.true_position, block.true_position))
+        motion = np.concatenate((np.full(late, motion[0]), motion))[: len(motion)]
+        measured = np.concatenate((past.position, block.position))
+        span = float(np.ptp(block.true_position))
+        sensed = Sensed(
+            motion / span,
+            (measured - motion) / span,
+            self._valve.config.period_s,
+            source(self._seed, self._at),
+        )
+        return span * FAULTS[self._fault](sensed, self._size)[len(past) :]
+
+
+@dataclass(frozen=True, slots=True)
+class ModelRig:
+    """A simulated valve and its model, fitted to the first cycles of each record.
+
+    Attributes
+    ----------
+    model : ValveModel
+        The valve's model.
+    options : dataclass
+        Its options, complete.
+    simulation : SimulationConfig
+        The valve.
+    """
+
+    model: ValveModel
+    options: Options
+    simulation: SimulationConfig
+
+    @property
+    def feature_set(self) -> FeatureSet:
+        """Return which features, and how they are followed."""
+        return self.model.feature_set
+
+    def start(self, seed: int) -> FaultyValve:
+        """Return a valve whose first cycles gave the model that it is held against."""
+        valve = FaultyValve(self.simulation, seed)
+        memory = Memory.empty()
+        while valve.reference is None:
+            if valve.cycle > 4 * REFERENCE_CYCLES:
+                msg = f"{self.model.name}: its simulated cycles give no estimates"
+                raise ValueError(msg)
+            block, _ = valve.next_cycle()
+            cycle = Cycle(valve.cycle, self.simulation.period_s, to_frames(block))
+            memory = estimate_cycle(self.model, self.options, cycle, memory)[1]
+            valve.reference = reference_of(self.model, memory.estimates)
+        return valve
+
+    def aged(self, rules: tuple[AgingRule, ...]) -> ModelRig:
+        """Return the rig with a valve that ages."""
+        return replace(self, simulation=replace(self.simulation, aging=rules))
+
+    def run(self, valve: FaultyValve, cycles: int) -> FloatArray:
+        """Run a valve on and return the features of its next cycles, (cycles, F)."""
+        rows = []
+        for _ in range(cycles):
+            block, _ = valve.next_cycle()
+            cycle = Cycle(valve.cycle, self.simulation.period_s, to_frames(block))
+            shown = features_against(self.model, self.options, valve.reference, cycle)
+            rows.append(self.feature_set.vector(shown))
+        return np.array(rows)
+
+
+@dataclass(frozen=True, slots=True)
+class IdealRig:
+    """A simulated valve held against its own true motion: a model without error.
+
+    Attributes
+    ----------
+    simulation : SimulationConfig
+        The valve.
+    feature_set : FeatureSet
+        Which features, and how they are followed.
+    """
+
+    simulation: SimulationConfig
+    feature_set: FeatureSet
+
+    def start(self, seed: int) -> FaultyValve:
+        """Return a valve behind its first cycle."""
+        valve = FaultyValve(self.simulation, seed)
+        valve.next_cycle()
+        return valve
+
+    def run(self, valve: FaultyValve, cycles: int) -> FloatArray:
+        """Run a valve on and return the features of its next cycles, (cycles, F)."""
+        rows = []
+        for _ in range(cycles):
+            block, motion = valve.next_cycle()
+            none = np.zeros((len(block), 0))
+            record = Record(block.position, motion, self.simulation.period_s, none)
+            found = cycle_features(record)
+            rows.append(self.feature_set.vector(ParameterValue(n, v) for n, v in found.items()))
+        return np.array(rows)
