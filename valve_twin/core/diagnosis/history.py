@@ -15,6 +15,7 @@ from valve_twin.core.diagnosis.direct.bounds import OFF_SEAT, WEAK_SMALL, beyond
 from valve_twin.core.diagnosis.direct.freezing import DUE, MISSED, freezing
 from valve_twin.core.diagnosis.direct.noise import noisier
 from valve_twin.core.diagnosis.features import ESTIMATOR, NOISE
+from valve_twin.core.diagnosis.generic.reference import has_reference
 from valve_twin.core.diagnosis.products import CLOCK, clocks_apart, products, without_slips
 from valve_twin.core.diagnosis.reference import doubt_of
 from valve_twin.core.diagnosis.refused import still
@@ -54,6 +55,10 @@ def diagnose(history: Sequence[Estimate], maintenance: Sequence[Maintenance]) ->
     table = model.signatures() if model else None
     if model is None or table is None:
         return NOTHING
+    if model.feature_set.of_any_valve:
+        shown = {c: e for c, e in shown.items() if has_reference(e)}
+        if not shown:
+            return NOTHING
     cycles = np.array(sorted(shown), dtype=np.int64)
     vectors = np.array([model.feature_set.vector(shown[int(c)].parameters) for c in cycles])
     restarts = [m.cycle for m in maintenance]
@@ -78,7 +83,8 @@ def diagnose(history: Sequence[Estimate], maintenance: Sequence[Maintenance]) ->
     found.sort(key=lambda f: (f.alarm, f.onset))
     stuck = still(history)
     found += [clock] if clock else []
-    found += _direct(chosen, cycles, restarts)
+    if not model.feature_set.of_any_valve:
+        found += _direct(chosen, cycles, restarts)
     found += [stuck] if stuck else []
     return Diagnosis(tuple(found), len(cycles), ready, doubt)
 

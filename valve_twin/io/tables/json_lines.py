@@ -16,6 +16,7 @@ from functools import cache
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
+from valve_twin.core.diagnosis.generic.reference import published
 from valve_twin.core.estimation.cycle.movement import total_movement
 from valve_twin.core.faults.advice import advise
 from valve_twin.core.records import columns, flat, once_a_record
@@ -58,7 +59,7 @@ def estimate_fields(estimate: Estimate, valve: str) -> dict[str, Any]:
 
 @cache
 def _units(model: str) -> dict[str, str]:
-    return {p.name: p.unit for p in get_model(model).parameters}
+    return {p.name: p.unit for p in published(get_model(model))}
 
 
 def json_lines(

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from valve_twin_msgs import msg
 
+from valve_twin.core.diagnosis.generic.reference import published
 from valve_twin.core.gaps import GapCounter
 from valve_twin.io.config.node_parameters import TwinParameters
 from valve_twin.nodes.runtime import messages as convert
@@ -66,7 +67,7 @@ class ValvePublishers:
     def __init__(self, node: ValveNode, config: ValveConfig, model: ValveModel) -> None:
         self._node, self._valve, self._model = node, config.name, model
         self._period_s = config.period_s
-        self.units = convert.units_of(model.parameters)
+        self.units = convert.units_of(published(model))
         self.predicted = 0
         self.gaps = GapCounter(config.period_s)
         batch_s = node.parameters.read(TwinParameters).prediction_batch_s

@@ -9,7 +9,7 @@ function of the cycle and of the estimates before it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,6 +17,7 @@ import numpy as np
 from valve_twin.core.diagnosis.features import ESTIMATOR
 from valve_twin.core.diagnosis.generic.features import (
     DEVIATION,
+    FEATURES,
     RELATIVE,
     Record,
     cycle_features,
@@ -27,6 +28,7 @@ from valve_twin.core.types import (
     Estimate,
     EstimateStatus,
     MaskCounts,
+    Parameter,
     ParameterStatus,
     ParameterValue,
     Validity,
@@ -50,6 +52,26 @@ class Reference:
 
     values: Mapping[str, float]
     lag: int
+
+
+def published(model: ValveModel) -> tuple[Parameter, ...]:
+    """Return all that estimates of a model may hold: parameters, features and the reference.
+
+    Parameters
+    ----------
+    model : ValveModel
+        The valve's model.
+    """
+    if not model.feature_set.of_any_valve:
+        return model.parameters
+    deviation = Parameter(DEVIATION, "1", "feature: rms off the model, share of the span", 0.0)
+    kept = (replace(p, name=f"{_PREFIX}{p.name}", trend=False) for p in model.parameters)
+    return (*model.parameters, *FEATURES, deviation, *kept)
+
+
+def has_reference(features: Estimate) -> bool:
+    """Return whether features were taken against a reference model."""
+    return any(p.name.startswith(_PREFIX) for p in features.parameters)
 
 
 def reference_of(model: ValveModel, earlier: Sequence[Estimate]) -> Reference | None:
