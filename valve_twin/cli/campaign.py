@@ -7,7 +7,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from valve_twin.cli.common import OK, USAGE, add_verb, fail, positive, progress_of
 from valve_twin.cli.output import console, plain, table
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
     from valve_twin.cli.common import Verbs
     from valve_twin.core.diagnosis.campaign import CampaignConfig, CampaignResult
-    from valve_twin.core.diagnosis.derive import Rig
-    from valve_twin.core.diagnosis.generic.rig import ModelRig
+    from valve_twin.core.diagnosis.derive import AgingBench
     from valve_twin.core.diagnosis.isolability import Isolability
+    from valve_twin.core.diagnosis.table import SignatureTable
 
 
 def add(verbs: Verbs) -> None:
@@ -63,7 +63,7 @@ def _campaign(arguments: argparse.Namespace) -> int:
     from valve_twin.core.diagnosis.campaign import run_campaign
 
     try:
-        rig, config = _chosen(arguments)
+        rig, table, config = _chosen(arguments)
     except ValueError as err:
         return fail(f"campaign: {err}", USAGE)
     for name in arguments.fault or ():
@@ -72,7 +72,6 @@ def _campaign(arguments: argparse.Namespace) -> int:
             return fail(f"campaign: there is no fault '{name}'; there are {known}", USAGE)
     if arguments.fault:
         config = replace(config, severities={n: config.severities[n] for n in arguments.fault})
-    table = rig.model.signatures()
     with progress_of("records", len(config.seeds)) as advance:
         result = run_campaign(rig, table, config, advance=advance)
     if arguments.json:
@@ -82,20 +81,27 @@ def _campaign(arguments: argparse.Namespace) -> int:
     return OK
 
 
-def _chosen(arguments: argparse.Namespace) -> tuple[Rig | ModelRig, CampaignConfig]:
-    """Return valve and model, and what is simulated."""
+def _chosen(
+    arguments: argparse.Namespace,
+) -> tuple[AgingBench[Any], SignatureTable, CampaignConfig]:
+    """Return valve and model, its signatures, and what is simulated."""
     first = arguments.first
     seeds = tuple(range(first, first + arguments.seeds)) if arguments.seeds else ()
     if arguments.config:
         campaign = load_campaign(arguments.config)
         config = campaign.config
-        return campaign.rig, replace(config, seeds=seeds) if seeds else config
+        config = replace(config, seeds=seeds) if seeds else config
+        return campaign.rig, campaign.rig.model.signatures(), config
     from valve_twin.core.diagnosis.generic.campaign import campaign_of, model_rig
     from valve_twin.core.diagnosis.generic.faults import FAULTS
+    from valve_twin.core.diagnosis.generic.signatures import signatures_of
 
     rig = model_rig(arguments.model)
+    table = signatures_of(rig.model)
+    assert table is not None
     with progress_of("sizes", len(FAULTS)) as advance:
-        return rig, campaign_of(rig, seeds or tuple(range(first, first + 20)), advance=advance)
+        config = campaign_of(rig, seeds or tuple(range(first, first + 20)), advance=advance)
+    return rig, table, config
 
 
 def _derive(arguments: argparse.Namespace) -> int:

@@ -16,6 +16,7 @@ from valve_twin.core.diagnosis.direct.freezing import DUE, MISSED, freezing
 from valve_twin.core.diagnosis.direct.noise import noisier
 from valve_twin.core.diagnosis.features import ESTIMATOR, NOISE
 from valve_twin.core.diagnosis.generic.reference import has_reference
+from valve_twin.core.diagnosis.generic.signatures import signatures_of
 from valve_twin.core.diagnosis.products import CLOCK, clocks_apart, products, without_slips
 from valve_twin.core.diagnosis.reference import doubt_of
 from valve_twin.core.diagnosis.refused import still
@@ -52,7 +53,7 @@ def diagnose(history: Sequence[Estimate], maintenance: Sequence[Maintenance]) ->
     if not shown:
         return NOTHING
     model = _model(next(iter(shown.values())).model)
-    table = model.signatures() if model else None
+    table = signatures_of(model) if model else None
     if model is None or table is None:
         return NOTHING
     if model.feature_set.of_any_valve:

@@ -317,14 +317,12 @@ class ValveModel(Protocol):
         return ()
 
     def signatures(self) -> SignatureTable | None:
-        """Return how faults change the features; None = no fault is recognised by them.
+        """Return how faults change the features; None = those of any valve do.
 
-        Here those of any valve: `TABLE` of a module `signatures` beside the model's, else derived
-        from its simulation.
+        These are `TABLE` of a module `signatures` beside the model's, else derived from its
+        simulation: `generic.signatures.signatures_of`.
         """
-        from valve_twin.core.diagnosis.generic.signatures import signatures_of  # runs valves
-
-        return signatures_of(self)
+        return None
 
     def approximations(
         self, simulation: SimulationConfig, commands: FloatArray, values: Mapping[str, float]

@@ -11,6 +11,7 @@ from valve_twin.core.diagnosis.campaign import CampaignConfig
 from valve_twin.core.diagnosis.derive import Effort, derive
 from valve_twin.core.diagnosis.generic.faults import FIRST_SIZES, LARGEST, SET_SIZES
 from valve_twin.core.diagnosis.generic.rig import ModelRig
+from valve_twin.core.diagnosis.generic.signatures import signatures_of
 from valve_twin.core.diagnosis.table import SIZES
 from valve_twin.core.simulation.aging_laws import AgingRule
 from valve_twin.core.simulation.config import Scatter
@@ -87,7 +88,7 @@ def campaign_of(
     table = derive(
         sizing,
         small=SET_SIZES,
-        correlations=rig.model.signatures(),  # as the detection counts them
+        correlations=signatures_of(rig.model),  # as the detection counts them
         effort=_SIZING,
         advance=advance,
     )

@@ -106,7 +106,7 @@ def _stick(x: FloatArray, hold: FloatArray, out: FloatArray) -> None:
         out[n] = place
 
 
-def _backlash(s: Sensed, size: float) -> FloatArray:
+def _lost_motion(s: Sensed, size: float) -> FloatArray:
     out = np.empty_like(s.motion)
     _play(s.motion, size, out)
     return s.with_motion(out)
@@ -124,11 +124,11 @@ def _delay(s: Sensed, size: float) -> FloatArray:
     return s.with_motion(np.interp(n - size / s.period_s, n, s.motion))
 
 
-def _slow(way: float) -> Callable[[Sensed, float], FloatArray]:
+def _slow(ways: tuple[float, ...]) -> Callable[[Sensed, float], FloatArray]:
     def slower(s: Sensed, size: float) -> FloatArray:
         out = np.array(s.motion)
         for move in find_moves(s.motion)[0]:
-            if move.way * way > 0.0:
+            if np.sign(move.way) in ways:
                 t = np.arange(move.next - move.first, dtype=np.float64)
                 out[move.first : move.next] = np.interp(
                     t / (1.0 + size), t, s.motion[move.first : move.next]
@@ -161,11 +161,12 @@ FAULTS: dict[str, Callable[[Sensed, float], FloatArray]] = {
     "sensor_freeze": _freeze,
     "sensor_noise": _noise,
     "command_loss": _lost,
-    "backlash": _backlash,
+    "lost_motion": _lost_motion,
     "sticking": _sticking,
     "delay": _delay,
-    "slow_up": _slow(1.0),
-    "slow_down": _slow(-1.0),
+    "slow": _slow((1.0, -1.0)),
+    "slow_up": _slow((1.0,)),
+    "slow_down": _slow((-1.0,)),
     "end_stop_upper": _upper,
     "end_stop_lower": _lower,
     "oscillation": _oscillation,
@@ -178,9 +179,10 @@ FIRST_SIZES = {
     "sensor_freeze": 0.01,
     "sensor_noise": 0.1,
     "command_loss": 0.08,
-    "backlash": 2e-3,
+    "lost_motion": 2e-3,
     "sticking": 4e-3,
     "delay": 1e-3,
+    "slow": 0.01,
     "slow_up": 0.01,
     "slow_down": 0.01,
     "end_stop_upper": 2e-3,
@@ -195,8 +197,9 @@ SET_SIZES = {"command_loss": 0.09}
 LARGEST = {
     "sensor_freeze": 0.9,
     "command_loss": 0.9,
-    "backlash": 0.5,
+    "lost_motion": 0.5,
     "sticking": 0.5,
+    "slow": 2.0,
     "slow_up": 2.0,
     "slow_down": 2.0,
     "end_stop_upper": 0.5,

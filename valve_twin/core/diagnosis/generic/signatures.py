@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.diagnosis.derive import Effort, derive
+from valve_twin.core.diagnosis.features import MISSED
 from valve_twin.core.diagnosis.generic.faults import FIRST_SIZES, LARGEST, SET_SIZES
 from valve_twin.core.diagnosis.generic.made_up import made_up
 from valve_twin.core.diagnosis.generic.rig import IdealRig
@@ -28,7 +29,8 @@ if TYPE_CHECKING:
 
 _EFFORT = Effort(seeds=(900, 901), healthy=30, faulty=3)
 _CHANCE_EFFORT = Effort(seeds=(900, 901), healthy=30, faulty=16)
-_BY_CHANCE = ("command_loss", "sensor_freeze", "sticking")
+LOST = "command_loss"
+_BY_CHANCE = (LOST, "sensor_freeze", "sticking")
 """Faults that come and go by chance: more cycles tell how they scatter."""
 
 _SATURATED = 0.02
@@ -36,19 +38,19 @@ _SATURATED = 0.02
 
 
 def signatures_of(model: ValveModel) -> SignatureTable | None:
-    """Return how the faults of any valve change the features of a model; None = it has none.
+    """Return how faults change the features of a model; None = it has no features.
 
-    They are `TABLE` of the module `signatures` beside the model's own; without that they are
-    derived, once a process.
+    They are the model's own; of the faults of any valve `TABLE` of the module `signatures` beside
+    it; without that they are derived, once a process.
 
     Parameters
     ----------
     model : ValveModel
         The valve's model.
     """
-    followed = model.feature_set
-    if not followed.names:
-        return None
+    own, followed = model.signatures(), model.feature_set
+    if own is not None or not followed.of_any_valve:
+        return own
     shipped = _shipped(type(model).__module__)
     if shipped is not None and shipped.features == followed.names:
         return shipped
@@ -63,10 +65,10 @@ _derived: dict[tuple[str, tuple[str, ...]], SignatureTable] = {}
 
 def _shipped(module: str) -> SignatureTable | None:
     """Return the table beside a module, None where there is none."""
-    name = f"{module.rpartition('.')[0]}.signatures"
-    if find_spec(name) is None:
+    package = module.rpartition(".")[0]
+    if not package or find_spec(f"{package}.signatures") is None:
         return None
-    table: SignatureTable = import_module(name).TABLE
+    table: SignatureTable = import_module(f"{package}.signatures").TABLE
     return table
 
 
@@ -84,10 +86,19 @@ def derive_table(simulation: SimulationConfig, followed: FeatureSet) -> Signatur
     rig = IdealRig(replace(simulation, aging=(), scatter=()), followed)
     steady = tuple(n for n in FIRST_SIZES if n not in _BY_CHANCE)
     table = derive(rig, steady, effort=_EFFORT)
-    scattered = derive(rig, _BY_CHANCE, small=SET_SIZES, effort=_CHANCE_EFFORT).signatures
+    by_chance = derive(rig, _BY_CHANCE, small=SET_SIZES, effort=_CHANCE_EFFORT).signatures
+    scattered = tuple(_alone(s, followed) if s.fault == LOST else s for s in by_chance)
     found = (*table.signatures, *scattered, *_saturation(followed))
     seen = {s.fault for s in found if np.any(s.change)}
     return replace(table, signatures=tuple(s for s in found if s.fault in seen))
+
+
+def _alone(signature: Signature, followed: FeatureSet) -> Signature:
+    """Return the signature of lost commands: a cycle that misses one shows nothing else."""
+    shape = [float(n == MISSED) for n in followed.names]
+    change = tuple(a * b for a, b in zip(signature.change, shape, strict=True))
+    scatter = tuple(a * b for a, b in zip(signature.scatter, shape, strict=True))
+    return replace(signature, change=change, scatter=scatter)
 
 
 def _saturation(followed: FeatureSet) -> tuple[Signature, ...]:

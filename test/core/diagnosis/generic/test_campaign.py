@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The campaign of the faults of any valve: in short, as committed, and in full."""
+
+import json
+
+import pytest
+
+from valve_twin.core.diagnosis.campaign import CampaignConfig, run_campaign
+from valve_twin.core.diagnosis.generic.campaign import campaign_of, model_rig
+from valve_twin.core.diagnosis.generic.faults import FAULTS
+from valve_twin.core.diagnosis.generic.signatures import signatures_of
+from valve_twin.core.valves.registry import model_names
+
+SHORT = ("sensor_offset", "sensor_freeze", "command_loss", "end_stop_upper", "slow_up")
+
+
+@pytest.fixture(scope="module")
+def committed(root):
+    folder = root / "docs" / "campaigns" / "any_valve"
+    paths = sorted(folder.glob("*.json"))
+    return {p.stem: json.loads(p.read_text(encoding="utf-8")) for p in paths}
+
+
+def table_of(rig):
+    table = signatures_of(rig.model)
+    assert table is not None
+    return table
+
+
+def share(figures, count, size="medium"):
+    rows = [r for r in figures["rows"] if r["size"] == size]
+    return sum(r[count] for r in rows) / sum(r["cases"] for r in rows)
+
+
+def severities(committed, name):
+    """Return the sizes of a committed campaign: small is not run there."""
+    sizes = {(r["fault"], r["size"]): r["severity"] for r in committed[name]["rows"]}
+    return {
+        fault: (sizes[fault, "medium"] / 3.0, sizes[fault, "medium"], sizes[fault, "large"])
+        for fault in SHORT
+    }
+
+
+@pytest.mark.parametrize("name", ["positioner", "hybrid_actuator"])
+def test_a_short_campaign_finds_and_names_medium_faults(name, committed):
+    rig = model_rig(name)
+    config = CampaignConfig(
+        severities(committed, name), (41,), cycles=80, onset=61, after=7, sizes=("medium",)
+    )
+    result = run_campaign(rig, table_of(rig), config)
+    assert result.alarms == ()
+    assert sum(r.within_5 for r in result.rows) >= len(SHORT) - 1
+    assert sum(r.named for r in result.rows) >= len(SHORT) - 1
+
+
+def test_the_committed_campaigns_are_of_models_that_can_be_simulated(committed):
+    able = set()
+    for name in model_names():
+        try:
+            model_rig(name)
+        except ValueError:
+            continue
+        able.add(name)
+    assert len(set(committed) & able) == len(committed) >= 4
+    for figures in committed.values():
+        assert set(FAULTS) <= {r["fault"] for r in figures["rows"]}
+
+
+def test_the_committed_campaign_reaches_its_goals(committed):
+    assert sum(f["healthy_cycles"] for f in committed.values()) >= 10_000
+    for name, figures in committed.items():
+        assert share(figures, "within_5") >= 0.95, name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["first_order", "positioner"])
+def test_the_campaign_gives_what_is_committed(name, committed):
+    rig = model_rig(name)
+    result = run_campaign(rig, table_of(rig), campaign_of(rig, tuple(range(601, 611))))
+    assert len(result.alarms) <= 1
+    medium = [r for r in result.rows if r.size == "medium"]
+    found = sum(r.within_5 for r in medium) / sum(r.cases for r in medium)
+    assert found == pytest.approx(share(committed[name], "within_5"), abs=0.02)
+    named = sum(r.in_class for r in medium) / sum(r.cases for r in medium)
+    assert named == pytest.approx(share(committed[name], "in_class"), abs=0.04)
+
+
+def test_a_model_with_faults_of_its_own_is_told_to_give_its_file():
+    with pytest.raises(ValueError, match="has features of its own: give --config FILE"):
+        model_rig("press_cartridge")
+
+
+def row(name, figures):
+    """Return the line of the page for a campaign."""
+    cells = [name, str(figures["seeds"])]
+    for size in ("medium", "large"):
+        rows = [r for r in figures["rows"] if r["size"] == size]
+        cases = sum(r["cases"] for r in rows)
+        cells += [f"{sum(r[n] for r in rows)} of {cases}" for n in ("within_5", "in_class")]
+    cells.append(f"{len(figures['false_alarms'])} in {figures['healthy_cycles']}")
+    return f"| {' | '.join(cells)} |"
+
+
+def test_the_page_tells_what_is_committed(committed, root):
+    page = (root / "docs" / "diagnosis.md").read_text(encoding="utf-8")
+    for name, figures in committed.items():
+        assert row(name, figures) in page

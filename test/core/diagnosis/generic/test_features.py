@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What a cycle shows: each feature against the difference that it stands for."""
+
+import numpy as np
+import pytest
+
+from valve_twin.core.diagnosis.features import FeatureSet
+from valve_twin.core.diagnosis.generic.features import (
+    DEVIATION,
+    NAMES,
+    Record,
+    cycle_features,
+    feature_set,
+)
+
+PERIOD_S, SPAN = 0.05, 0.8
+NONE = np.zeros((400, 0))
+
+
+@pytest.fixture
+def shown(motion):
+    """A function that returns the features of a measured position."""
+
+    def show(position, *, commands=NONE, missing=0.0, response=motion):
+        return cycle_features(Record(position, response, PERIOD_S, commands, missing))
+
+    return show
+
+
+def test_a_position_like_the_models_differs_in_nothing(motion, shown):
+    found = shown(motion)
+    assert [found[n] for n in ("gain_up", "gain_down")] == pytest.approx([1.0, 1.0])
+    others = [v for n, v in found.items() if n not in {"gain_up", "gain_down", "saturated"}]
+    assert np.abs(others).max() < 1e-12
+
+
+def test_an_offset_moves_the_level_alone(motion, shown):
+    found = shown(motion + 0.004)
+    assert found["level_zero"] == pytest.approx(0.004 / SPAN, rel=0.02)
+    assert found[DEVIATION] == pytest.approx(0.004 / SPAN, rel=0.02)
+    left = [found[n] for n in ("level_gain", "level_bend", "lag_up", "slow_down", "short_up")]
+    assert np.abs(left).max() < 1e-9
+
+
+def test_a_gain_of_the_sensor_is_a_slope_over_the_level(motion, shown):
+    found = shown(1.01 * motion)
+    assert found["level_gain"] == pytest.approx(0.01, rel=1e-6)
+    assert found["level_zero"] == pytest.approx(0.0, abs=1e-9)
+    assert [found["gain_up"], found["gain_down"]] == pytest.approx([1.01, 1.01], rel=1e-3)
+
+
+def test_a_delay_is_found_in_seconds(motion, shown):
+    n = np.arange(400.0)
+    found = shown(np.interp(n - 0.2, n, motion))
+    assert [found["lag_up"], found["lag_down"]] == pytest.approx([0.01, 0.01], rel=0.15)
+    assert abs(found["level_gain"]) < 3e-4
+
+
+def test_a_slower_move_up_is_no_slower_move_down(motion, shown):
+    n = np.arange(100.0)
+    slower = motion.copy()
+    slower[100:200] = np.interp(n / 1.05, n, motion[100:200])
+    found = shown(slower)
+    assert found["slow_up"] > 0.01
+    assert abs(found["slow_down"]) < 0.05 * found["slow_up"]
+
+
+def test_a_lost_move_is_counted_and_spoils_nothing_else(motion, shown):
+    lost = motion.copy()
+    lost[200:300] = motion[199]
+    lost[300:] = motion[300:] + (motion[199] - motion[300]) * np.exp(-np.arange(100) / 8.0)
+    found = shown(lost)
+    assert found["missed"] == pytest.approx(0.25)
+    assert not np.isfinite([found[n] for n in ("level_zero", "gain_up", "rough_move")]).any()
+
+
+def test_noise_and_repeats_are_measured(motion, shown):
+    rng = np.random.default_rng(3)
+    noisy = motion + 1e-3 * rng.standard_normal(400)
+    found = shown(noisy)
+    assert found["rest_noise"] == pytest.approx(1e-3 / SPAN, rel=0.15)
+    assert found["rough_rest"] == pytest.approx(1e-3 / SPAN, rel=0.15)
+    noisy[1::2] = noisy[::2]
+    assert shown(noisy)["repeats"] == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_command_at_its_end_is_counted(motion, shown):
+    commands = np.where(np.arange(400) < 100, 1.0, 0.3)[:, None]
+    assert shown(motion, commands=commands)["saturated"] == pytest.approx(0.25)
+    assert np.isnan(shown(motion)["saturated"])
+
+
+def test_without_a_response_only_the_signals_show(motion, shown):
+    found = shown(motion, response=np.full(400, np.nan))
+    assert {n for n, v in found.items() if np.isfinite(v)} == {"repeats"}
+
+
+def test_what_was_lost_on_the_way_is_no_fault(motion, shown):
+    assert not np.isfinite(list(shown(motion, missing=0.02).values())).any()
+
+
+def test_a_valve_excludes_adds_and_bounds():
+    own = FeatureSet(("heat",), frozenset(("heat",)))
+    mine = feature_set(("saturated",), own, least={"level_zero": 1e-3})
+    assert mine.names == (*(n for n in NAMES if n != "saturated"), "heat")
+    assert "saturated" not in mine.shares
+    assert "heat" in mine.relative
+    assert mine.least == {"level_zero": 1e-3}
+    assert mine.of_any_valve
