@@ -21,7 +21,7 @@ ESTIMATOR = "features"
 NOISE = "rest_noise"
 """Name of the feature that is the noise of the position at rest."""
 
-MISSED = "missed"
+UNFOLLOWED = "unfollowed"
 """Name of the feature that is the share of the commands that were not followed [1]."""
 
 DELAYS = ("delay_in", "delay_out")

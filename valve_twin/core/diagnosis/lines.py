@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.diagnosis.features import MISSED, NOISE
+from valve_twin.core.diagnosis.features import NOISE, UNFOLLOWED
 from valve_twin.core.diagnosis.table import SignatureTable, whitener, with_floor
 from valve_twin.core.estimation.data.robust import MAD_SCALE
 
@@ -240,9 +240,9 @@ def follows_nothing(after: FloatArray, table: SignatureTable) -> bool:
     table : SignatureTable
         Names of the features.
     """
-    if MISSED not in table.features or len(after) < _LEAST_UNFOLLOWED:
+    if UNFOLLOWED not in table.features or len(after) < _LEAST_UNFOLLOWED:
         return False
-    return bool((after[-_LEAST_UNFOLLOWED:, table.features.index(MISSED)] == 1.0).all())
+    return bool((after[-_LEAST_UNFOLLOWED:, table.features.index(UNFOLLOWED)] == 1.0).all())
 
 
 def more_noise(before: FloatArray, after: FloatArray, table: SignatureTable) -> float:

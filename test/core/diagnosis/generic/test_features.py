@@ -71,7 +71,7 @@ def test_a_lost_move_is_counted_and_spoils_nothing_else(motion, shown):
     lost[200:300] = motion[199]
     lost[300:] = motion[300:] + (motion[199] - motion[300]) * np.exp(-np.arange(100) / 8.0)
     found = shown(lost)
-    assert found["missed"] == pytest.approx(0.25)
+    assert found["unfollowed"] == pytest.approx(0.25)
     assert not np.isfinite([found[n] for n in ("level_zero", "gain_up", "rough_move")]).any()
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.diagnosis.features import MISSED, NOISE, FeatureSet
+from valve_twin.core.diagnosis.features import NOISE, UNFOLLOWED, FeatureSet
 from valve_twin.core.diagnosis.generic.moves import find_moves
 from valve_twin.core.types import Parameter
 
@@ -43,14 +43,14 @@ FEATURES = (
     Parameter("stick", "1", f"feature: what the start of moves lacks beyond this, {_SPAN}"),
     Parameter("rough_rest", "1", f"feature: rms about the mean at rest, {_SPAN}", 0.0),
     Parameter("rough_move", "1", f"feature: rms about the fit in moves, {_SPAN}", 0.0),
-    Parameter(MISSED, "1", "feature: share of the moves that were not followed", 0.0, 1.0),
+    Parameter(UNFOLLOWED, "1", "feature: share of the moves that were not followed", 0.0, 1.0),
     Parameter("saturated", "1", "feature: share of samples with a command at its end", 0.0, 1.0),
 )
 """What the features of any valve are."""
 
 NAMES = tuple(p.name for p in FEATURES)
 RELATIVE = frozenset((NOISE, "gain_up", "gain_down", "rough_rest", "rough_move"))
-SHARES = ("repeats", MISSED, "saturated")
+SHARES = ("repeats", UNFOLLOWED, "saturated")
 
 DEVIATION = "deviation"
 """Name of the rms of position minus free run over the span, published and not followed [1]."""
@@ -166,7 +166,7 @@ def _compared(s: FloatArray, off: FloatArray, period_s: float) -> dict[str, floa
     found: dict[str, float] = {}
     if moves:
         missed = [m for m in moves if _is_off(off[m.behind], m)]
-        found[MISSED] = len(missed) / len(moves)
+        found[UNFOLLOWED] = len(missed) / len(moves)
         if missed or any(_is_off(off[m.before], m) for m in moves):  # tells nothing else
             return found
     found |= _levels(s, off, rest)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.diagnosis.derive import Effort, derive
-from valve_twin.core.diagnosis.features import MISSED
+from valve_twin.core.diagnosis.features import UNFOLLOWED
 from valve_twin.core.diagnosis.generic.faults import FIRST_SIZES, LARGEST, SET_SIZES
 from valve_twin.core.diagnosis.generic.made_up import made_up
 from valve_twin.core.diagnosis.generic.rig import IdealRig
@@ -95,7 +95,7 @@ def derive_table(simulation: SimulationConfig, followed: FeatureSet) -> Signatur
 
 def _alone(signature: Signature, followed: FeatureSet) -> Signature:
     """Return the signature of lost commands: a cycle that misses one shows nothing else."""
-    shape = [float(n == MISSED) for n in followed.names]
+    shape = [float(n == UNFOLLOWED) for n in followed.names]
     change = tuple(a * b for a, b in zip(signature.change, shape, strict=True))
     scatter = tuple(a * b for a, b in zip(signature.scatter, shape, strict=True))
     return replace(signature, change=change, scatter=scatter)

@@ -7,7 +7,7 @@ from valve_twin.core.diagnosis.table import Signature, SignatureTable
 
 # fmt: off
 TABLE = SignatureTable(
-    features=('rest_noise', 'repeats', 'level_zero', 'level_gain', 'level_bend', 'gain_up', 'gain_down', 'lag_up', 'lag_down', 'slow_up', 'slow_down', 'short_up', 'short_down', 'stick', 'rough_rest', 'rough_move', 'missed', 'saturated'),
+    features=('rest_noise', 'repeats', 'level_zero', 'level_gain', 'level_bend', 'gain_up', 'gain_down', 'lag_up', 'lag_down', 'slow_up', 'slow_down', 'short_up', 'short_down', 'stick', 'rough_rest', 'rough_move', 'unfollowed', 'saturated'),
     covariance=(
         (0.00020712, 0.0, -7.6814e-09, 9.7457e-09, 5.1518e-09, 2.5183e-07, 3.8405e-07, 7.0415e-11, 3.308e-10, 9.4173e-08, 7.3615e-09, -3.5429e-08, 1.3087e-08, 6.4641e-09, 0.00012407, 0.00016144, 0.0, 0.0),
         (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),

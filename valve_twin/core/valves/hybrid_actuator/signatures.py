@@ -7,7 +7,7 @@ from valve_twin.core.diagnosis.table import Signature, SignatureTable
 
 # fmt: off
 TABLE = SignatureTable(
-    features=('rest_noise', 'repeats', 'level_zero', 'level_gain', 'level_bend', 'gain_up', 'gain_down', 'lag_up', 'lag_down', 'slow_up', 'slow_down', 'short_up', 'short_down', 'stick', 'rough_rest', 'rough_move', 'missed', 'saturated'),
+    features=('rest_noise', 'repeats', 'level_zero', 'level_gain', 'level_bend', 'gain_up', 'gain_down', 'lag_up', 'lag_down', 'slow_up', 'slow_down', 'short_up', 'short_down', 'stick', 'rough_rest', 'rough_move', 'unfollowed', 'saturated'),
     covariance=(
         (0.00045116, 0.0, 2.9256e-08, -2.3261e-08, 0.0, 3.5117e-07, -1.0201e-06, -9.2312e-10, 3.4142e-09, -5.3035e-07, -5.9198e-07, -2.1051e-07, 3.6153e-07, 1.3396e-07, 0.00025022, 0.00042274, 0.0, 0.0),
         (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),

@@ -7,7 +7,7 @@ from valve_twin.core.diagnosis.table import Signature, SignatureTable
 
 # fmt: off
 TABLE = SignatureTable(
-    features=('rest_noise', 'repeats', 'level_zero', 'level_gain', 'level_bend', 'gain_up', 'gain_down', 'lag_up', 'lag_down', 'slow_up', 'slow_down', 'short_up', 'short_down', 'stick', 'rough_rest', 'rough_move', 'missed', 'saturated'),
+    features=('rest_noise', 'repeats', 'level_zero', 'level_gain', 'level_bend', 'gain_up', 'gain_down', 'lag_up', 'lag_down', 'slow_up', 'slow_down', 'short_up', 'short_down', 'stick', 'rough_rest', 'rough_move', 'unfollowed', 'saturated'),
     covariance=(
         (0.0017646, 0.0, 2.5777e-07, -5.8582e-07, 1.1998e-06, -2.9541e-06, -4.0107e-06, 1.6323e-06, 1.2658e-05, 4.176e-08, -1.5752e-06, 8.8136e-07, 1.7559e-06, 1.0272e-06, 0.00075704, 0.00088576, 0.0, 0.0),
         (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),

@@ -7,7 +7,7 @@ from valve_twin.core.diagnosis.table import Signature, SignatureTable
 
 # fmt: off
 TABLE = SignatureTable(
-    features=('rest_noise', 'repeats', 'level_zero', 'level_gain', 'level_bend', 'gain_up', 'gain_down', 'lag_up', 'lag_down', 'slow_up', 'slow_down', 'short_up', 'short_down', 'stick', 'rough_rest', 'rough_move', 'missed', 'saturated'),
+    features=('rest_noise', 'repeats', 'level_zero', 'level_gain', 'level_bend', 'gain_up', 'gain_down', 'lag_up', 'lag_down', 'slow_up', 'slow_down', 'short_up', 'short_down', 'stick', 'rough_rest', 'rough_move', 'unfollowed', 'saturated'),
     covariance=(
         (0.00020713, -2.3926e-05, -8.6453e-07, 8.3502e-07, 3.6104e-07, -6.9428e-06, -5.0418e-06, 3.0285e-07, 4.172e-07, -2.97e-06, -8.2932e-08, 1.2083e-06, 6.5845e-07, -1.0263e-06, 0.00014571, 8.8531e-05, 0.0, 0.0),
         (-2.3926e-05, 2.7484e-05, -9.6615e-07, 1.3591e-06, -1.2966e-07, 7.9726e-07, -6.828e-07, -2.0944e-07, -9.8244e-08, -1.811e-07, -1.8314e-06, -3.4939e-07, 7.6419e-07, 7.1778e-08, -9.0719e-06, -1.8323e-05, 0.0, 0.0),

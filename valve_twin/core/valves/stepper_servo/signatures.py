@@ -7,7 +7,7 @@ from valve_twin.core.diagnosis.table import Signature, SignatureTable
 
 # fmt: off
 TABLE = SignatureTable(
-    features=('rest_noise', 'repeats', 'level_zero', 'level_gain', 'level_bend', 'gain_up', 'gain_down', 'lag_up', 'lag_down', 'slow_up', 'slow_down', 'short_up', 'short_down', 'stick', 'rough_rest', 'rough_move', 'missed'),
+    features=('rest_noise', 'repeats', 'level_zero', 'level_gain', 'level_bend', 'gain_up', 'gain_down', 'lag_up', 'lag_down', 'slow_up', 'slow_down', 'short_up', 'short_down', 'stick', 'rough_rest', 'rough_move', 'unfollowed'),
     covariance=(
         (0.00045116, 0.0, 1.0749e-07, -1.3958e-07, -1.4993e-07, 2.7045e-06, -5.0174e-07, -1.8157e-07, -1.1412e-07, 9.1117e-08, -3.0069e-06, -1.287e-07, -3.6008e-07, 5.6824e-07, 0.00026267, 0.0003001, 0.0),
         (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
