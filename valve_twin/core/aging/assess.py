@@ -40,6 +40,7 @@ from valve_twin.core.aging.trend import (
     residuals,
 )
 from valve_twin.core.aging.verdict import (
+    SOON,
     Trend,
     TrendStatus,
     Verdict,
@@ -318,8 +319,8 @@ def _judge(
     trend = replace(trend, status=TrendStatus.DRIFTING if drifting else TrendStatus.STEADY)
     if limit.beyond:
         trend = _beyond(trend)
-    elif trend.remaining_median <= config.horizon and not concern(trend, config):
-        trend = _without_forecast(trend)  # so near, it is told beyond doubt or not at all
+    elif trend.remaining_low < SOON and not concern(trend, config):
+        trend = _without_forecast(trend)  # it may be reached now, and is not beyond doubt
     return replace(trend, reason=_reason(trend)), present.fit
 
 
