@@ -93,13 +93,15 @@ def test_the_command_estimates_the_curve_of_a_pilot_valve(root, folder, tmp_path
     lines = [json.loads(line) for line in out.read_text(encoding="utf-8").splitlines()]
     estimates = [line for line in lines if line["kind"] == "estimate"]
     assert len(estimates) == len(files)
-    last = [line for line in estimates if line["status"] != "REFUSED"][-1]
-    values = dict(zip(last["names"], last["values"], strict=True))
-    say(f"boom down: dead duty {values['dead_command']:.3f}, gain {values['static_gain']:.3f}")
+    told = [dict(zip(x["names"], x["values"], strict=True)) for x in estimates]
+    curves = [v for v in told if v["dead_command"] is not None]
+    dead = np.median([v["dead_command"] for v in curves])
+    gains = [v["static_gain"] for v in curves]
+    say(f"boom down: dead duty {dead:.3f}, gain {max(gains):.3f} to {min(gains):.3f}")
     # the current is 2397 + 52 counts a percent, the dead one 2900 counts: 9.7 %
-    assert values["dead_command"] == pytest.approx(0.097, abs=0.025)
-    # 7.4 bar per 1000 counts x 52 counts a percent
-    assert values["static_gain"] * BAR / 100 == pytest.approx(7.4e-3 * 52, rel=0.05)
+    assert dead == pytest.approx(0.097, abs=0.025)
+    # 7.4 bar per 1000 counts x 52 counts a percent; the curve bends: 1.05 at 60 %, 0.91 at 100 %
+    assert np.median(gains) * BAR / 100 == pytest.approx(7.4e-3 * 52, rel=0.05)
     fits = [e["fit_test"] for e in estimates[1:]]
     assert np.median(fits) > 87.0
 

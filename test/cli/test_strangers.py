@@ -28,4 +28,4 @@ def test_the_twin_that_meets_them_is_configured_as_shipped(root):
 
 def test_without_a_file_and_without_strangers_it_says_what_to_give(capsys):
     assert main(["campaign"]) == 2
-    assert "give --config FILE, or --strangers" in capsys.readouterr().err
+    assert "give --config FILE, --model NAME, or --strangers" in capsys.readouterr().err

@@ -17,4 +17,4 @@ def test_the_picture_shows_every_channel_and_the_free_run_over_the_last():
     styles = [e.get("class") for e in root.iter("{http://www.w3.org/2000/svg}path")]
     assert styles.count("measured") == 2
     assert styles.count("fit") == 1
-    assert "−4" in words  # the axis reaches as far as the free run
+    assert "−5" in words  # the axis reaches as far as the free run

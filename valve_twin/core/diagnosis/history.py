@@ -21,6 +21,7 @@ from valve_twin.core.diagnosis.products import CLOCK, clocks_apart, products, wi
 from valve_twin.core.diagnosis.reference import doubt_of
 from valve_twin.core.diagnosis.refused import still
 from valve_twin.core.diagnosis.table import BY_NAME, PAIRS, partner
+from valve_twin.core.refusal import RefusalCode
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,6 +30,10 @@ if TYPE_CHECKING:
     from valve_twin.core.valves.interface import ValveModel
 
 _DIRECT = (NOISE, MISSED, DUE, OFF_SEAT, WEAK_SMALL)
+
+_NEAR = 5
+"""Cycles behind one whose signals cannot be what is configured in which nothing is said of noise:
+where clocks slip, a position is not at rest when the commands are (assumed)."""
 
 _LATELY = 8
 """Newest cycles whose products must all have a reference: recipes may alternate."""
@@ -87,7 +92,17 @@ def diagnose(history: Sequence[Estimate], maintenance: Sequence[Maintenance]) ->
     if not model.feature_set.of_any_valve:
         found += _direct(chosen, cycles, restarts)
     found += [stuck] if stuck else []
+    apart = [e.cycle for e in history if e.reason_code == RefusalCode.IMPLAUSIBLE]
+    found = [f for f in found if not _is_slip(f, apart)]
     return Diagnosis(tuple(found), len(cycles), ready, doubt)
+
+
+def _is_slip(finding: Finding, apart: Sequence[int]) -> bool:
+    """Return whether a noise was found about cycles whose signals do not belong together."""
+    if finding.fault != "sensor_noise":
+        return False
+    over = finding.end if finding.end >= 0 else np.inf
+    return any(finding.onset - _NEAR <= cycle <= over for cycle in apart)
 
 
 def _direct(shown: Sequence[Estimate], cycles: IntArray, restarts: Sequence[int]) -> list[Finding]:

@@ -62,6 +62,9 @@ def kind_of(path: Path) -> str:
     found = next((kind for start, kind in _BEGINS.items() if begin.startswith(start)), "")
     if found:
         return found
+    if path.suffix == ".mcap":
+        msg = f"{path}: is no MCAP file: it does not begin as one; give a bag, or rename a table"
+        raise BagError(msg)
     return "mat" if path.suffix == ".mat" else "text"
 
 

@@ -8,11 +8,11 @@ from the measured noise. Sums over a history are `total_movement`.
 
 from __future__ import annotations
 
+from statistics import NormalDist
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
-from scipy.special import ndtri
 
 from valve_twin.core.estimation.data.robust import difference_sigma
 
@@ -31,7 +31,7 @@ TURN = 10.0
 NEAR = 6.0
 """How near to an extreme samples count as of the rest there [standard deviations], assumed."""
 
-_EXTREMES = ndtri((np.exp2(np.arange(33)) - 0.375) / (np.exp2(np.arange(33)) + 0.25))
+_EXTREMES = np.array([NormalDist().inv_cdf((m - 0.375) / (m + 0.25)) for m in np.exp2(range(33))])
 """Mean extreme of 2^k normal values, by k [standard deviations] (Blom, 1958)."""
 
 LEAST_TURN = 1e-4
