@@ -122,6 +122,11 @@ def test_json_says_what_fleet_says(server, path, capsys):
         assert row["verdict"].replace(" ", "_").upper() == other["verdict"]
         for name in ("ne107", "failure_mode", "action", "drift", "way", "cycle", "parameter"):
             assert row[name] == other[name], name
+    told = [p for row in ours["valves"] for p in row["parameters"]]
+    when = {"beyond its threshold", "so many cycles left"}
+    assert {p["outlook"] in when for p in told} == {True, False}
+    for parameter in told:  # no number stands where no forecast is told
+        assert (parameter["remaining"] is not None) == (parameter["outlook"] in when)
     status, one, _ = server.get("/api/valves/press/worn")
     assert (status, json.loads(one)["valve"]) == (200, "/press/worn")
 

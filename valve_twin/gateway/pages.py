@@ -12,12 +12,14 @@ from urllib.parse import quote
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from valve_twin.core.aging.verdict import outlook
 from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.report.text import day, render, when
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from valve_twin.core.aging import Trend
     from valve_twin.gateway.plant import View
     from valve_twin.io.history.fleet import FleetRow
 
@@ -113,9 +115,8 @@ def plain_valve(view: View, row: FleetRow) -> dict[str, object]:
         The valve's row in it.
     """
     trends = view.trends.get(row.valve, ())
-    parameters = [{key: getattr(t, name) for key, name in _OF_TREND.items()} for t in trends]
     found: dict[str, object] = {**asdict(row), "verdict": row.verdict.text}
-    return {**_known(found), "parameters": [_known(p) for p in parameters]}
+    return {**_known(found), "parameters": [_plain_trend(t) for t in trends]}
 
 
 _OF_TREND = {
@@ -136,6 +137,15 @@ _OF_TREND = {
     "reason": "reason",
 }
 """Keys of a parameter in JSON by the fields of its trend."""
+
+
+def _plain_trend(trend: Trend) -> dict[str, object]:
+    """Return a parameter as plain data; what remains is null where no forecast is told."""
+    said = outlook(trend)
+    found = {key: getattr(trend, name) for key, name in _OF_TREND.items()}
+    if not said.says_when:
+        found["remaining"] = math.inf
+    return {**_known(found), "outlook": said.value}
 
 
 def _known(values: Mapping[str, object]) -> dict[str, object]:
