@@ -63,9 +63,9 @@ def _source() -> Node:
         name="opcua_source",
         namespace=LaunchConfiguration("namespace"),
         parameters=[
-            LaunchConfiguration("params_file"),
+            {"address": ParameterValue(LaunchConfiguration("address"), value_type=str)},
+            LaunchConfiguration("params_file"),  # an address there is the one that holds
             {
-                "address": ParameterValue(LaunchConfiguration("address"), value_type=str),
                 "use_sim_time": ParameterValue(
                     LaunchConfiguration("use_sim_time"), value_type=bool
                 ),

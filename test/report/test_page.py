@@ -137,7 +137,7 @@ class TestPage:
         made = dataclasses.replace(
             made, assessment=dataclasses.replace(made.assessment, verdict=steady)
         )
-        assert "The valve is in order no drift" in Structure(render_report(made)).text
+        assert "Nothing has changed no drift" in Structure(render_report(made)).text
 
     def test_shows_the_trend_numbers_of_the_monitor(self, data: ReportData, text: str) -> None:
         assert data.assessment is not None

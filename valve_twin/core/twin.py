@@ -325,13 +325,13 @@ class Twin:
 
     def next_job(self) -> Job | None:
         """Return the next estimation to run, or None; one at a time."""
-        self._skip_dropped()
-        if self._running is not None or not self._jobs:
+        if self._running is not None:
             return None
-        ordinal, cycle = self._jobs.popleft()
-        if cycle is None:  # it could not be kept
-            self._finish_ordinal(ordinal, self._memory_after[self._done])
-        else:
+        while self._running is None and self._jobs:
+            ordinal, cycle = self._jobs.popleft()
+            if cycle is None:  # it was dropped, or could not be kept
+                self._finish_ordinal(ordinal, self._memory_after[self._done])
+                continue
             if ordinal in self._early:
                 cycle = replace(cycle, reproducible=False)
             self._running = Job(ordinal, cycle, self._memory_after[self._done])

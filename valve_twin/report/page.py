@@ -14,6 +14,7 @@ from valve_twin.core.aging.verdict import Outlook, outlook
 from valve_twin.core.estimation.cycle.movement import total_movement
 from valve_twin.core.faults.advice import FAILURE_MODES, advise
 from valve_twin.core.types import EstimateStatus, ParameterStatus
+from valve_twin.core.valves.registry import get_model
 from valve_twin.io.errors import ValveTwinError
 from valve_twin.report.budget import budget_section
 from valve_twin.report.faults import faults_section
@@ -58,7 +59,7 @@ class Figure(NamedTuple):
 
 
 _LIGHTS = {
-    VerdictKind.OK: Light("ok", "The valve is in order"),
+    VerdictKind.OK: Light("ok", "Nothing has changed"),
     VerdictKind.VALVE: Light("bad", "The valve needs attention"),
     VerdictKind.COMMAND: Light("warn", "The command looks wrong, not the valve"),
     VerdictKind.SENSOR: Light("warn", "The sensor looks wrong, not the valve"),
@@ -177,8 +178,8 @@ def _facts(data: ReportData) -> list[tuple[str, str, str]]:
     facts.append(("Samples lost", count(lost), rate))
     moved = total_movement(data.estimates)
     if moved.cycles:
-        text = f"strokes of travel in {count(moved.cycles)} cycles"
-        facts.append(("Movements", count(moved.moves), f"{count(round(moved.travel))} {text}"))
+        way = f"{count(round(moved.travel))} strokes of travel " if _is_normalised(data) else ""
+        facts.append(("Movements", count(moved.moves), f"{way}in {count(moved.cycles)} cycles"))
     moving = [t for t, _ in _trends(data).values() if outlook(t).says_when]
     if moving:
         first = min(moving, key=lambda t: t.remaining_median)
@@ -187,6 +188,14 @@ def _facts(data: ReportData) -> list[tuple[str, str, str]]:
         text = "reached" if reached else f"in {count(left)} {first.axis}"
         facts.append(("First service limit", text, f"{first.parameter}, median"))
     return facts
+
+
+def _is_normalised(data: ReportData) -> bool:
+    """Return whether positions are shares of the stroke; False of a model that is not here."""
+    try:
+        return get_model(data.model).normalised
+    except ValueError:
+        return False
 
 
 def _figures(data: ReportData, pairs: dict[str, tuple[Trend, TrendDetail]]) -> list[Figure]:

@@ -16,6 +16,7 @@ from valve_twin.io.recording.restarted import earlier_files, next_folder
 
 def begun(folder, keep=0, messages=1, first=0):
     recording = opened(next_folder(folder / "bag"), split=SplitRule(keep=keep))
+    recording.follow(folder / "bag")
     recording.write([message(first + i) for i in range(messages)])
     return recording
 
@@ -86,7 +87,7 @@ def test_names_that_only_look_alike_are_left_alone(tmp_path):
         (tmp_path / name / "a.mcap").write_bytes(b"mine")
     (tmp_path / "bag").mkdir()
     assert next_folder(tmp_path / "bag").name == "bag_002"
-    assert earlier_files(tmp_path / "bag_002") == []
+    assert earlier_files(tmp_path / "bag_002", tmp_path / "bag") == []
     assert len(names(tmp_path)) == 4
 
 
@@ -97,3 +98,28 @@ def test_no_thread_is_left_of_a_recording_that_cannot_begin(tmp_path):
         with pytest.raises(BagError):
             Recording(path, in_background=True)
     assert threading.active_count() == before
+
+
+def test_a_name_that_was_given_counts_and_no_other(tmp_path):
+    """Two recordings of the same day, named by the clock, are not one."""
+    for name in ("valve_twin_20261122", "valve_twin_20261122_101500", "press_101"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "a.mcap").write_bytes(b"mine")
+    late = tmp_path / "valve_twin_20261122_151515"
+    assert earlier_files(late, late) == []
+    assert earlier_files(tmp_path / "press_102", tmp_path / "press_102") == []
+    assert len(names(tmp_path)) == 3
+
+
+@pytest.mark.parametrize("length", [2**40, 2**63 + 1])
+def test_a_damaged_file_of_an_earlier_recording_is_kept(tmp_path, length):
+    """A length that lies hides the messages behind it: `recover` may read them."""
+    begun(tmp_path).close()
+    (path,) = (tmp_path / "bag").glob("*.mcap")
+    data = bytearray(path.read_bytes())
+    data[9:17] = length.to_bytes(8, "little")  # of the first record
+    path.write_bytes(data)
+    again = begun(tmp_path)
+    again.close()
+    assert path in earlier_files(tmp_path / "bag_002", tmp_path / "bag")
+    assert path.exists()

@@ -191,9 +191,10 @@ def assess(
 
 
 def _first_compared(history: History, maintenance: Sequence[Maintenance]) -> int:
-    """Return the first cycle since the last maintenance that gave an estimate, 1 = none yet."""
-    begun = max((m.cycle for m in maintenance), default=0)
-    return min((e.cycle for e in history.estimates if e.cycle >= begun), default=1)
+    """Return the first cycle of the reference that gave an estimate, 1 = none yet."""
+    begun = max((m.cycle for m in maintenance if m.new_reference), default=0)
+    given = (e.cycle for e in history.estimates if e.status is not EstimateStatus.REFUSED)
+    return min((c for c in given if c >= begun), default=1)
 
 
 def warm_up() -> None:

@@ -101,7 +101,8 @@ def _is_slip(finding: Finding, apart: Sequence[int]) -> bool:
     """Return whether a noise was found about cycles whose signals do not belong together."""
     if finding.fault != "sensor_noise":
         return False
-    over = finding.end if finding.end >= 0 else np.inf
+    over = finding.alarm + 2 * _NEAR  # what is told by then stays told
+    over = min(over, finding.end) if finding.end >= 0 else over
     return any(finding.onset - _NEAR <= cycle <= over for cycle in apart)
 
 

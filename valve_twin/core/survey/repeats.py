@@ -112,7 +112,10 @@ def find_repeat(
 def _counted(values: FloatArray) -> int:
     """Return the samples of a cycle by a channel that counts cycles, 0 = none."""
     edges = np.flatnonzero(np.diff(values)) + 1
-    return int(np.median(np.diff(edges))) if len(edges) >= _LEAST_CYCLES - 1 else 0
+    if len(edges) < _LEAST_CYCLES - 1:
+        return 0
+    n = int(np.median(np.diff(edges)))
+    return n if n >= _FEWEST else 0  # else it counts rows
 
 
 def _alike(values: FloatArray, n: int) -> float:
@@ -125,13 +128,15 @@ def _exact(values: FloatArray, n: int) -> float:
     room = max(2, n // 20)
     near = range(max(1, n - room), min(n + room + 1, len(later) - n))
     length = float(max(near, key=lambda lag: _alike(later, lag), default=n))
-    for cycles in range(2, len(later) // n):
+    cycles = 2
+    while cycles < len(later) // n:
         about = round(cycles * length)
         if about + 2 > len(later) - 2 * n:
             break
         near = range(about - 2, about + 3)
         best = max(near, key=lambda lag: _alike(later, lag))
         length = best / cycles
+        cycles *= 2
     return length
 
 

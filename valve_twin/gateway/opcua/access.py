@@ -32,6 +32,9 @@ if TYPE_CHECKING:
 APPLICATION = f"urn:{socket.gethostname()}:valve_twin:gateway"
 """Name of the server among all; its certificate carries it."""
 
+MOST_SESSIONS = 200
+"""Sessions at a time [1]."""
+
 _POLICY = ua.SecurityPolicyType
 _REFUSED = {
     ua.ObjectIds.WriteRequest_Encoding_DefaultBinary,
@@ -104,8 +107,30 @@ class Access:
             )
         server.set_security_policy(policies, permission_ruleset=rules)
         server.set_identity_tokens(tokens)
+        _close_ways_in(server)
         server.iserver.certificate_validator = _Validator(trusted)
         server.iserver.user_manager = _Users(self, trusted)
+
+
+def _close_ways_in(server: Server) -> None:
+    """Take from asyncua what it does for whoever has not logged in.
+
+    It hands a session to another channel before it asks who that is, takes entries for its list of
+    servers, and keeps every session that is made and never used.
+    """
+    inner = server.iserver
+    make = inner.create_session
+
+    def refuse(*_: object) -> None:
+        raise ServiceError(ua.StatusCodes.BadServiceUnsupported)
+
+    def create(*arguments: Any, **named: Any) -> Any:  # noqa: ANN401  those of asyncua
+        if len(inner._external_sessions) >= MOST_SESSIONS:
+            raise ServiceError(ua.StatusCodes.BadTooManySessions)
+        return make(*arguments, **named)
+
+    inner.lookup_external_session = lambda _: None
+    inner.register_server, inner.create_session = refuse, create
 
 
 class _Users:
@@ -122,6 +147,8 @@ class _Users:
         certificate: bytes | None = None,
     ) -> User | None:
         if username is not None:
+            if self._trusted and not self._access.anonymous and certificate not in self._trusted:
+                return None
             passwords = self._access.passwords
             if passwords and passwords.fits(username, password or ""):
                 return User(UserRole.User, username)

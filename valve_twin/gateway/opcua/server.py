@@ -136,7 +136,10 @@ class OpcUaFace:
             self._port = server.bserver.port
             self._ready.set()
             while not self._end.is_set():
-                await self._renew(server)
+                try:
+                    await self._renew(server)
+                except Exception:  # whatever is stored: what is shown stays, and is tried again
+                    _LOGGER.exception("OPC UA: cannot show what is new")
                 self._let_go(server)
                 with suppress(asyncio.TimeoutError):
                     await asyncio.wait_for(self._end.wait(), PERIOD_S)
@@ -212,12 +215,12 @@ class OpcUaFace:
         ]:
             await self._remove(server, valve)
         new = [valve for valve in rows if valve not in self._valves]
-        build = Builder(server)
         for valve in new:
+            build = Builder(server)
             nodes = ValveNodes(valve, self._index, self._model)
             nodes.add(build, rows[valve])
+            await build.build()
             self._valves[valve] = nodes, _layout(rows[valve])
-        await build.build()
         for valve, plain in rows.items():
             time = stamp(plain["end_ns"])  # type: ignore[arg-type]
             for node, value in self._valves[valve][0].values(plain):

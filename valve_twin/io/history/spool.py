@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import shutil
 from collections import deque
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -161,7 +162,7 @@ class CycleSpool(JobQueue):
                 return False
             save_cycle(path, entry.cycle)
         except OSError:
-            path.unlink(missing_ok=True)
+            _unlink(path)
             return False
         entry.cycle, entry.path = None, path
         self.spooled += 1
@@ -178,11 +179,16 @@ class CycleSpool(JobQueue):
 
     def _release(self, entry: _Entry) -> None:
         if entry.path is not None:
-            entry.path.unlink(missing_ok=True)
+            _unlink(entry.path)
             self.spooled -= 1
         elif entry.cycle is not None:
             self._budget.used -= entry.size
         entry.cycle = entry.path = None
+
+
+def _unlink(path: Path) -> None:
+    with suppress(OSError):  # read only, or gone: what is left is removed at the next start
+        path.unlink(missing_ok=True)
 
 
 def _clear(folder: Path | None) -> int:

@@ -128,7 +128,6 @@ class Recording:
             )
             self.path = self._writer.path
             self._lock = restarted.lock(self.path)
-            self._writer.rolling.follow(restarted.earlier_files(self.path), restarted.delete)
         except BaseException:
             self._let_go()
             raise
@@ -159,6 +158,16 @@ class Recording:
     def offer(self, topic: str, qos: tuple[QosProfile, ...]) -> None:
         """Note what the publishers of a topic offer now."""
         self._writer.topics.offer(topic, qos)
+
+    def follow(self, first: Path) -> None:
+        """Count the files of earlier recordings of a name when the oldest are deleted.
+
+        Parameters
+        ----------
+        first : Path
+            Folder of the first of them, as the name was given.
+        """
+        self._writer.rolling.follow(restarted.earlier_files(self.path, first), restarted.delete)
 
     def note(self, values: Mapping[str, object]) -> None:
         """Add values of the user's own to the metadata."""

@@ -24,6 +24,10 @@ if TYPE_CHECKING:
 _NUMBERED = re.compile(r"(.+)_(\d{3,})")
 _SECOND = 2
 
+_LAST_CODE, _LONGEST = 0x0F, 2**24
+"""Greatest code of a record that MCAP knows, and longest record without messages that is believed
+[B]: anything else is damage, which `recover` may read."""
+
 
 def next_folder(path: str | Path) -> Path:
     """Return the folder itself, or where there was one already, NAME_ with the next number.
@@ -40,8 +44,8 @@ def next_folder(path: str | Path) -> Path:
     return path.with_name(f"{path.name}_{max(last + 1, _SECOND):03d}")
 
 
-def earlier_files(path: Path) -> list[Path]:
-    """Return the files of earlier recordings of a name, oldest first.
+def earlier_files(path: Path, first: Path) -> list[Path]:
+    """Return the files of earlier recordings of a name that was given, oldest first.
 
     Files without any message, as a recorder leaves that is killed at its start, are deleted.
 
@@ -49,11 +53,13 @@ def earlier_files(path: Path) -> list[Path]:
     ----------
     path : Path
         Folder of the present recording, as `next_folder` gave it.
+    first : Path
+        That of the first recording of its name.
     """
     found = _NUMBERED.fullmatch(path.name)
-    if found is None or int(found[2]) < _SECOND:
+    if path.name == first.name or found is None or found[1] != first.name:
         return []
-    first = path.with_name(found[1])
+    first = path.with_name(first.name)
     folders = [first, *(f for n, f in sorted(_numbered(first)) if n < int(found[2]))]
     files: list[Path] = []
     for folder in folders:
@@ -109,12 +115,15 @@ def _numbered(first: Path) -> Iterator[tuple[int, Path]]:
 
 
 def _has_messages(file: Path) -> bool:
-    """Return whether a chunk or message begins in a file, also in one that is cut."""
-    with suppress(OSError), file.open("rb") as stream:
-        stream.seek(len(MAGIC))
-        while len(head := stream.read(RECORD_HEAD.size)) == RECORD_HEAD.size:
-            code, length = RECORD_HEAD.unpack(head)
-            if code in {Op.MESSAGE, Op.CHUNK}:
-                return True
-            stream.seek(length, os.SEEK_CUR)
+    """Return whether a chunk or message begins in a file; True where damage hides that."""
+    try:
+        with file.open("rb") as stream:
+            stream.seek(len(MAGIC))
+            while len(head := stream.read(RECORD_HEAD.size)) == RECORD_HEAD.size:
+                code, length = RECORD_HEAD.unpack(head)
+                if code in {Op.MESSAGE, Op.CHUNK} or code > _LAST_CODE or length > _LONGEST:
+                    return True
+                stream.seek(length, os.SEEK_CUR)
+    except (OSError, ValueError):
+        return True
     return False

@@ -52,7 +52,7 @@ class Grid:
         start_ns, values = 0, list[float]()
         for sample in samples:
             stamp_ns = sample.stamp_ns or now_ns
-            if stamp_ns == self._last_ns:
+            if sample.stamp_ns and stamp_ns == self._last_ns:
                 self.repeated += 1
                 continue
             self._count(stamp_ns, sample.value)

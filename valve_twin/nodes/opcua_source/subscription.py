@@ -108,7 +108,7 @@ class TagSubscription:
         self._told = False
         self._numbers: dict[Any, int] = {}
         self._count = 0
-        self._end = False
+        self._end = self._ended = False
         self._thread = threading.Thread(target=self._run, name="opcua_source", daemon=True)
         self._thread.start()
 
@@ -151,6 +151,11 @@ class TagSubscription:
             self._told = True
             self._arrived()
 
+    def status_change_notification(self, status: Any) -> None:
+        """Note that the subscription ended; called by asyncua, whose handlers have this name."""
+        del status
+        self._ended = True
+
     def _run(self) -> None:
         logging.getLogger("asyncua").setLevel(logging.CRITICAL + 1)  # it is told by figures
         asyncio.run(self._follow())
@@ -183,6 +188,7 @@ class TagSubscription:
             await self._add(client, subscription, range(len(ids)))
             self.figures.connected, self.figures.trouble = True, ""
             self.figures.connections += 1
+            self._ended = False
             await self._watch(client, subscription)
         finally:
             channel = client.uaclient.protocol
@@ -200,6 +206,10 @@ class TagSubscription:
         loop = asyncio.get_running_loop()
         again_s = loop.time() + AGAIN_S
         while not self._end:
+            task = client.uaclient._publish_task
+            if self._ended or task is None or task.done():
+                msg = "the server ended the subscription"
+                raise ConnectionError(msg)
             before = self._count
             try:
                 await asyncio.wait_for(state.read_value(), TIMEOUT_S)

@@ -86,6 +86,10 @@ def read_tags(lines: Sequence[str], valve: str, prefix: str, *, where: str) -> t
     if twice := next((t for t in topics if topics.count(t) > 1), ""):
         msg = f"{where}: tags: two tags feed {twice}: give each its own topic"
         raise ConfigError(msg)
+    nodes = [tag.node for tag in found]
+    if twice := next((n for n in nodes if nodes.count(n) > 1), ""):
+        msg = f"{where}: tags: {twice} stands twice: let both take its one topic"
+        raise ConfigError(msg)
     if not found:
         msg = f"{where}: tags: there is none: write lines TOPIC NODE_ID"
         raise ConfigError(msg)
@@ -106,7 +110,8 @@ def to_sample(tag: int, data: Any) -> Sample:
     good = status is None or status.is_good()
     raw = data.Value.Value if data.Value is not None else None
     value = float(raw) if good and isinstance(raw, (bool, int, float)) else float("nan")
-    stamp = data.SourceTimestamp or data.ServerTimestamp
+    stamps = (data.SourceTimestamp, data.ServerTimestamp)
+    stamp = next((s for s in stamps if s is not None and s.year > _EPOCH.year), None)
     lost = status is not None and _overflowed(status.value)
     return Sample(tag, _nanoseconds(stamp), value, lost)
 

@@ -87,6 +87,8 @@ class BagRecorderNode(ValveNode):
             ),
             in_background=True,
         )
+        if config.given.bag:
+            self._recording.follow(Path(config.given.bag))
         self._tell_folder(config)
         self._recording.note(config.custom)
         self._disk = DiskQueue(

@@ -15,7 +15,7 @@ from valve_twin.io.bags.qos import QosProfile as OfferedQos
 from valve_twin.io.cdr.message_types import message_class
 from valve_twin.io.recording.ring_buffer import RecordedMessage
 from valve_twin.nodes.runtime.compat import message_and_info, take_with_info
-from valve_twin.nodes.runtime.second_reader import RESENT_S, SecondReader
+from valve_twin.nodes.runtime.second_reader import MOST_KEPT, RESENT_S, SecondReader
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -193,7 +193,10 @@ class RecordedTopic:
     def _stand_in(self, *arguments: Any) -> None:
         """Take a message of the second reader in place of the deaf one."""
         data, info = message_and_info(arguments)
-        self._stood_in = int(info["publication_sequence_number"])
+        sequence = int(info["publication_sequence_number"])
+        if self.publishers == 1 and 0 <= self._last - sequence < MOST_KEPT:
+            return  # the first has it
+        self._stood_in = sequence
         self._keep(data, info)
 
     def _on_refused(self, event: Any) -> None:
@@ -204,7 +207,8 @@ class RecordedTopic:
         data, info = message_and_info(arguments)
         self._second.heard = True
         if self._stood_in:
-            if info["publication_sequence_number"] <= self._stood_in and self.publishers == 1:
+            behind = self._stood_in - int(info["publication_sequence_number"])
+            if self.publishers == 1 and 0 <= behind < MOST_KEPT:  # else of another publisher
                 return
             self._stood_in = 0
         self._keep(data, info)

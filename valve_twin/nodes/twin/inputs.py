@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -50,8 +51,8 @@ BESIDE = 1000
 MOST_BYTES = 8_000_000
 """A longer message is refused: a million samples [B]."""
 
-MOST_DEAF = 2
-"""A topic whose subscription was deaf so often is taken best effort [1]."""
+FORGOTTEN_S = 60.0
+"""A topic whose subscription is deaf twice within this time is taken best effort [s]."""
 
 OnBlock = Callable[[SignalBlock, int], None]
 
@@ -132,6 +133,7 @@ class TopicInput:
         self._reliable = not self._is_best_effort_offered()
         self.received = self.lost = self.overrun = self.broken = self.deadlines_missed = 0
         self.deaf = 0
+        self._deaf_s = -math.inf
         self.refused_policy = ""
         simulated = bool(node.get_parameter("use_sim_time").value)
         self._lossless = simulated or is_replayed(self.topic)
@@ -157,7 +159,8 @@ class TopicInput:
         if not beside.look(now_s, RESENT_S if self._lossless else self._pace.patience_s(now_s)):
             return
         self.deaf += 1
-        self._reliable = self.deaf < MOST_DEAF
+        self._reliable = now_s - self._deaf_s > FORGOTTEN_S
+        self._deaf_s = now_s
         self._node.destroy_subscription(self._subscription)
         self._subscription = self._subscribe()
 
@@ -363,7 +366,7 @@ class TopicInput:
         self.drain()
         self._matched = int(event.current_count)
         if int(event.total_count) > 1:
-            self._last_sequence = 0
+            self._last_sequence = self._stood_in = 0
 
     def _on_incompatible(self, event: Any) -> None:
         policy = qos_policy_name_from_kind(event.last_policy_kind)

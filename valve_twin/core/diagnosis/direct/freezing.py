@@ -82,10 +82,12 @@ def _row_of(cycles: IntArray, cycle: int) -> int:
 def _over(lost: FloatArray, owed: FloatArray, onset: int, alarm: int) -> int:
     """Return the first row behind enough cycles and values without one left out, or -1."""
     share = lost[onset : alarm + 1].sum() / max(owed[onset : alarm + 1].sum(), 1.0)
-    last = alarm
+    last, due = alarm, 0.0
     for row in range(alarm + 1, len(lost)):
         if lost[row]:
-            last = row
-        elif row - last >= _HEAL and share * owed[last + 1 : row + 1].sum() > _FEW:
+            last, due = row, 0.0
+            continue
+        due += owed[row]
+        if row - last >= _HEAL and share * due > _FEW:
             return row
     return -1

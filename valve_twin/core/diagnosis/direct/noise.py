@@ -79,11 +79,13 @@ def _rise(usual: FloatArray, newest: FloatArray) -> tuple[float, float]:
     """Return the least rise of the newest cycles, and that in standard deviations; 0 = none."""
     if len(usual) < _LEAST:
         return 0.0, 0.0
+    if not newest.min() > usual.max():
+        return 0.0, 0.0
     off = usual - np.median(usual)
     spread = max(robust_sigma(off), float(np.quantile(np.abs(off), _TAIL)) / _TAIL_DEVIATIONS)
     rise = float(newest.min() - np.median(usual))
     sure = rise / max(spread, _RISE / _SURE)
-    return (rise, sure) if sure > _SURE and newest.min() > usual.max() else (0.0, 0.0)
+    return (rise, sure) if sure > _SURE else (0.0, 0.0)
 
 
 def _over(level: FloatArray, onset: int, half: float) -> int:

@@ -165,9 +165,9 @@ def _compared(s: FloatArray, off: FloatArray, period_s: float) -> dict[str, floa
     moves, rest = find_moves(s)
     found: dict[str, float] = {}
     if moves:
-        missed = [m for m in moves if _is_off(off[m.behind], m)]
-        found[UNFOLLOWED] = len(missed) / len(moves)
-        if missed or any(_is_off(off[m.before], m) for m in moves):  # tells nothing else
+        odd = [m for m in moves if abs(_gain(m, off) - 1.0) > _MISSED]
+        found[UNFOLLOWED] = sum(_is_off(off[m.behind], m) for m in odd) / len(moves)
+        if odd:  # tells nothing else
             return found
     found |= _levels(s, off, rest)
     found[NOISE] = _noise(off)
@@ -271,8 +271,7 @@ def _motion(moves: list[Move], s: FloatArray, off: FloatArray) -> _Motion | None
         return None
     columns, lack, start = np.concatenate(rows), np.concatenate(lacks), np.concatenate(early)
     q, r = np.linalg.qr(columns)
-    size = np.abs(np.diag(r))
-    if size.min() <= _ALIKE * size.max():
+    if (np.abs(np.diag(r)) <= _ALIKE * np.linalg.norm(columns, axis=0)).any():
         return None
     along = q.T @ lack
     left = lack - q @ along

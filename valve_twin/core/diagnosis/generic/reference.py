@@ -123,6 +123,10 @@ def estimate_features(
         REFUSED where the cycle shows none.
     """
     reference = reference_of(model, earlier)
+    if reference is not None:
+        known = model.coefficients(reference.values, reference.lag, cycle.period_s, options)
+        if not np.isfinite(known).all():
+            reference = None  # it lacks a parameter that no cycle has shown yet
     values = [*features_against(model, options, reference, cycle), *model.features(cycle, options)]
     followed = model.feature_set.names
     shown = sum(p.usable for p in values if p.name in followed)

@@ -191,7 +191,7 @@ def estimate_cycle(
             trend_estimator=model.trend_estimator,
             trended=[p.name for p in model.parameters if p.trend],
         )
-    if cycle.accepted and _wants_features(model, options, done):
+    if cycle.accepted and not fault and _wants_features(model, options, done):
         shown = estimate_features(model, options, cycle, memory.estimates)
         done = (*done, replace(shown, conditions=cycle_conditions(cycle)))
     return done, memory.after(done)
