@@ -124,6 +124,13 @@ class PlayerPublishers:
     def put(self, message: BagMessage, *, ticks: bool = True) -> None:
         """Append a message, with the time before it where that is wanted."""
         played, publisher = self._publisher_of[message.topic]
+        if not len(message.data):
+            self._node.get_logger().warning(
+                f"{message.topic}: a message of 0 bytes in the bag is not played: it would make "
+                "reliable subscriptions deaf",
+                once=True,
+            )
+            return
         if ticks and played.ticks and not self._clock_hz:
             self.put_time(message.log_ns)
         self.outbox.put(publisher, message.data)

@@ -33,7 +33,7 @@ from valve_twin.nodes.runtime.compat import (
 )
 from valve_twin.nodes.runtime.node import RCLError
 from valve_twin.nodes.runtime.safety import is_replayed, node_name
-from valve_twin.nodes.runtime.second_reader import RESENT_S, Pace, SecondReader
+from valve_twin.nodes.runtime.second_reader import Pace, SecondReader
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -149,14 +149,17 @@ class TopicInput:
     def look(self) -> None:
         """Listen anew where this subscription is deaf; the second time as best effort.
 
-        A best-effort reader is not made deaf by what makes a reliable one deaf.
+        A best-effort reader is not made deaf by what makes a reliable one deaf. A replay sends no
+        message of 0 bytes, but may pause, and waits for all that it has sent.
         """
+        if self._lossless:
+            return
         now_s, beside = seconds_now(), self._second
         if not ((self._matched and self._reliable) or beside.stands_in):
             return
         if beside.newest:
             self._note_pace(beside.newest, now_s)
-        if not beside.look(now_s, RESENT_S if self._lossless else self._pace.patience_s(now_s)):
+        if not beside.look(now_s, self._pace.patience_s(now_s)):
             return
         self.deaf += 1
         self._reliable = now_s - self._deaf_s > FORGOTTEN_S
