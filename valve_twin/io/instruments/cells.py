@@ -33,7 +33,6 @@ _NO_VALUE = {
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eEdD][-+]?\d+)?", re.ASCII)
 _LOOSE = re.compile(r"[-+]?[\d.,' ]*\d[\d.,' ]*([eEdD][-+]?\d+)?", re.ASCII)
 _GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}(,\d{3})+", re.ASCII)
-_POINTED = re.compile(r"[-+]?[1-9]\d{0,2}(\.\d{3})+", re.ASCII)
 _SAMPLED = 400  # rows by which the table is found
 _NUMERIC = 0.9  # share of values in a column of numbers
 _ABOVE = 4  # rows above the data in which names and units are looked for

@@ -317,9 +317,10 @@ class TopicInput:
         arrivals = [a for a in arrivals if a[2] != 0]  # before that simulated time has not begun
         if not self._raw:
             arrivals = list(self._decoded(arrivals))
+        now_s = seconds_now()
         for extractor in self._extractors if arrivals else ():
             for block in self._read(extractor, arrivals):
-                self._pace.note(int(block.stamp_ns[-1]), seconds_now())
+                self._pace.note(int(block.stamp_ns[-1]), now_s)
                 self._on_block(block, oldest_ns)
 
     def _decoded(self, arrivals: list[_Arrival]) -> Iterator[_Arrival]:

@@ -193,7 +193,7 @@ def estimate_cycle(
         )
     if cycle.accepted and not fault and _wants_features(model, options, done):
         shown = estimate_features(model, options, cycle, memory.estimates)
-        done = (*done, replace(shown, conditions=cycle_conditions(cycle)))
+        done = (*done, replace(shown, conditions=conditions))
     return done, memory.after(done)
 
 
