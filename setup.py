@@ -141,9 +141,10 @@ setup(
     extras_require={
         "cvxpy": ["cvxpy"],
         "dask": ["distributed"],
-        "design": ["ezdxf", "scikit-fem"],
+        "design": ["ezdxf", "pymoo", "salib", "scikit-fem"],
         "fast": ["isal"],
         "files": ["asammdf", "charset-normalizer", "h5py", "nptdms", "openpyxl"],
+        "fmu": ["fmpy", "ziglang"],
         "gateway": ["asyncua", "prometheus-client", "starlette", "uvicorn"],
         "parquet": ["pyarrow"],
         "postgresql": ["psycopg[binary]"],
