@@ -30,7 +30,6 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 ByteArray = NDArray[np.uint8]
 
-
 CONDITIONS = ("supply_pressure", "load", "temperature")
 """Signals under which a valve runs, none of which a model needs, in the order of their columns."""
 
@@ -441,9 +440,11 @@ class Prediction:
 
 @dataclass(frozen=True, slots=True)
 class Maintenance:
-    """A maintenance event: the trend starts a new segment at `cycle`."""
+    """A maintenance event: the trend starts a new segment at `cycle`, unless it is withdrawn."""
 
     stamp_ns: int
     cycle: int
     note: str
     new_reference: bool = False
+    withdrawn: bool = False
+    withdrawn_note: str = ""

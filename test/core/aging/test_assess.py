@@ -77,6 +77,15 @@ def test_status_numbers_are_those_of_the_messages(kind, name):
     assert wanted == {k.name: k.value for k in kind}
 
 
+def test_a_withdrawn_event_begins_no_segment_and_no_reference(history, scatter):
+    estimates = history(K_in=aging(scatter))
+    event = Maintenance(0, 60, "new cartridge", new_reference=True)
+    withdrawn = replace(event, withdrawn=True, withdrawn_note="the other valve was meant")
+    kept = Maintenance(0, 20, "seal")
+    assert not same(judge(estimates, [kept, event]), judge(estimates, [kept]))
+    assert same(judge(estimates, [kept, withdrawn]), judge(estimates, [kept]))
+
+
 def test_aging_valve_is_called_by_name_with_numbers(history, scatter):
     result = judge(history(K_in=aging(scatter)))
     trend = result.trends[0]

@@ -112,6 +112,12 @@ def test_each_maintenance_begins_a_life_that_knows_nothing_of_later_events(histo
     assert all(f.axis > 121.0 for f in second.forecasts)
 
 
+def test_a_withdrawn_event_begins_no_life(history, scatter):
+    estimates = history(K_in=worn(scatter))
+    event = Maintenance(0, 61, "new seal", withdrawn=True, withdrawn_note="another valve")
+    assert judge(estimates, [event]) == judge(estimates)
+
+
 def test_a_jump_beyond_the_limit_ends_the_life_there(history, scatter):
     values = 0.01 * (np.where(np.arange(100) < 60, 1.0, 0.7) + 0.005 * scatter(4, 100))
     (test,) = judge(history(K_in=values))

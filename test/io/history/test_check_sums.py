@@ -12,6 +12,7 @@ from valve_twin.core.types import ParameterValue as Value
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.check_sums import SEALED
 from valve_twin.io.history.store import CycleRecord, History
+from valve_twin.io.history.tables import UNSUMMED
 
 VALVE = "/press/valve_1"
 CYCLES = 12
@@ -82,6 +83,8 @@ def test_the_rows_of_an_older_history_are_sealed_when_it_is_upgraded(file):
     with closing(sqlite3.connect(file)) as connection, connection:
         for table in SEALED:
             connection.execute(f"ALTER TABLE {table.name} DROP COLUMN check_sum")
+        for name in UNSUMMED["maintenance"]:
+            connection.execute(f"ALTER TABLE maintenance DROP COLUMN {name}")
         connection.execute("UPDATE valve_twin_schema SET version_num = '0006'")
     with History(file) as history:
         found = history.verify()

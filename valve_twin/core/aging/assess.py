@@ -30,6 +30,7 @@ from valve_twin.core.aging.series import (
     Pieces,
     Series,
     cut,
+    in_force,
     order_history,
     series_of,
 )
@@ -137,7 +138,7 @@ def assess(
         The whole stored history, any order; estimates with `used_by_trend` give the trends, those
         of the estimator `features` the faults.
     maintenance : sequence of Maintenance
-        All maintenance events of the valve.
+        All maintenance events of the valve; those withdrawn begin nothing.
     config : AgingConfig
         What to follow and when to speak.
     parameters : sequence of Parameter
@@ -152,19 +153,13 @@ def assess(
     Assessment
         One trend a followed parameter, and the verdict.
     """
+    maintenance = in_force(maintenance)
     known = {p.name: p for p in parameters}
     names = config.parameters or tuple(p.name for p in parameters if p.trend)
     ordered = order_history(history, config.axis)
+    followed = [known.get(name, Parameter(name, "1", "")) for name in names]
     results = [
-        _assess_parameter(
-            known.get(name, Parameter(name, "1", "")),
-            ordered,
-            maintenance,
-            config,
-            valve,
-            confidence,
-        )
-        for name in names
+        _assess_parameter(p, ordered, maintenance, config, valve, confidence) for p in followed
     ]
     label = f" ({config.label})" if config.label else ""
     trends = tuple(replace(trend, reason=trend.reason + label) for trend, _ in results)

@@ -28,7 +28,7 @@ import numpy as np
 from valve_twin.core.aging.assess import TrendDetail, assess
 from valve_twin.core.aging.config import AgingConfig, Threshold
 from valve_twin.core.aging.drift import wanted_limits
-from valve_twin.core.aging.series import order_history, series_of
+from valve_twin.core.aging.series import in_force, order_history, series_of
 from valve_twin.core.aging.verdict import Trend, TrendStatus
 
 if TYPE_CHECKING:
@@ -198,7 +198,7 @@ def backtest(
     history : sequence of Estimate
         The whole stored history, any order.
     maintenance : sequence of Maintenance
-        All maintenance events of the valve.
+        All maintenance events of the valve; those withdrawn begin nothing.
     config : AgingConfig
         What is followed, and its service limits.
     parameters : sequence of Parameter
@@ -213,6 +213,7 @@ def backtest(
     tuple of LifeTest
         One a followed parameter and life; those without a forecast say why.
     """
+    maintenance = in_force(maintenance)
     names = config.parameters or tuple(p.name for p in parameters if p.trend)
     ordered = order_history(history, config.axis).estimates
     places = _places(ordered, maintenance)

@@ -26,7 +26,7 @@ from valve_twin.core.types import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
 _UNKNOWN = -1
 _NAN = float("nan")
@@ -222,6 +222,11 @@ def _usable(estimate: Estimate, parameter: str) -> float:
                     return item.value
                 break
     return _NAN
+
+
+def in_force(events: Iterable[Maintenance]) -> tuple[Maintenance, ...]:
+    """Return the maintenance events that were not withdrawn as marked by mistake."""
+    return tuple(event for event in events if not event.withdrawn)
 
 
 def first_after(series: Series, event: Maintenance) -> int:

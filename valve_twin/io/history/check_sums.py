@@ -13,7 +13,15 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import sqlalchemy as sa
 
-from valve_twin.io.history.tables import CHECK_SUM, CYCLE, ESTIMATE, MAINTENANCE, VALVE, VERDICT
+from valve_twin.io.history.tables import (
+    CHECK_SUM,
+    CYCLE,
+    ESTIMATE,
+    MAINTENANCE,
+    UNSUMMED,
+    VALVE,
+    VERDICT,
+)
 from valve_twin.io.mcap.checksum import crc32
 
 if TYPE_CHECKING:
@@ -57,7 +65,11 @@ def row_sum(table: sa.Table, row: Mapping[str, Any]) -> int:
         Its values by column.
     """
     try:
-        text = _SEPARATOR.join(put(row[name]) for name, put in _columns(table))
+        own = _columns(table)
+        unsummed = UNSUMMED.get(table.name, ())
+        if unsummed and not any(row[name] for name in unsummed):
+            own = [(name, put) for name, put in own if name not in unsummed]
+        text = _SEPARATOR.join(put(row[name]) for name, put in own)
     except (ValueError, TypeError, OverflowError):
         return -1
     return crc32(text.encode("utf-8", "surrogateescape"))

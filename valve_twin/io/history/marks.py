@@ -15,14 +15,18 @@ if TYPE_CHECKING:
 
 
 class Mark(NamedTuple):
-    """What is stored of a valve: number of its last cycle, and of its last maintenance event."""
+    """What is stored of a valve: number of its last cycle, and of its last maintenance event.
+
+    And how many of its events were withdrawn.
+    """
 
     cycle: int
     maintenance: int
+    withdrawn: int = 0
 
 
 def read_marks(connection: Connection) -> dict[str, Mark]:
-    """Return the mark of every valve, sorted by name: each a look at the end of an index.
+    """Return the mark of every valve, sorted by name: a look at ends of indexes and at events.
 
     Parameters
     ----------
@@ -33,5 +37,10 @@ def read_marks(connection: Connection) -> dict[str, Mark]:
         sa.select(sa.func.max(column)).where(table.c.valve_id == VALVE.c.id).scalar_subquery()
         for table, column in ((CYCLE, CYCLE.c.cycle), (MAINTENANCE, MAINTENANCE.c.id))
     )
-    rows = connection.execute(sa.select(VALVE.c.name, *last).order_by(VALVE.c.name))
-    return {str(name): Mark(cycle or 0, event or 0) for name, cycle, event in rows}
+    withdrawn = (
+        sa.select(sa.func.count())
+        .where(MAINTENANCE.c.valve_id == VALVE.c.id, MAINTENANCE.c.withdrawn)
+        .scalar_subquery()
+    )
+    rows = connection.execute(sa.select(VALVE.c.name, *last, withdrawn).order_by(VALVE.c.name))
+    return {str(name): Mark(cycle or 0, event or 0, gone) for name, cycle, event, gone in rows}

@@ -33,6 +33,8 @@ from valve_twin.io.history.tables import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from sqlalchemy.engine import Connection
 
 _DAMAGED = ("malformed", "not a database")
@@ -174,11 +176,37 @@ def _carry_valve(
     for table in (MAINTENANCE, VERDICT):
         known = _rows(sink, table, new_id)
         rows[table] = [row for row in _rows(source, table, old_id) if row not in known]
+    rows[MAINTENANCE] = _carry_withdrawn(sink, new_id, rows[MAINTENANCE])
     for table, found in rows.items():
         if found:
             rows_of = [sealed(table, row | {"valve_id": new_id}) for row in found]
             sink.execute(table.insert(), rows_of)
     return len(missing)
+
+
+def _carry_withdrawn(
+    sink: Connection, new_id: int, events: list[dict[str, Any]]
+) -> list[dict[str, Any]]:
+    """Return the events that are missing; one that is there but for its withdrawal is one event.
+
+    What was withdrawn in either file stays so.
+    """
+    missing = []
+    kept = sink.execute(sa.select(MAINTENANCE).where(MAINTENANCE.c.valve_id == new_id))
+    known = {_event_key(row): dict(row) for row in kept.mappings()}
+    for event in events:
+        row = known.get(_event_key(event))
+        if row is None:
+            missing.append(event)
+        elif event["withdrawn"] and not row["withdrawn"]:
+            change = sealed(MAINTENANCE, event | {"valve_id": new_id})
+            there = MAINTENANCE.c.id == row["id"]
+            sink.execute(MAINTENANCE.update().where(there).values(**change))
+    return missing
+
+
+def _event_key(row: Mapping[str, Any]) -> tuple[Any, ...]:
+    return tuple(row[name] for name in ("stamp_ns", "cycle", "note", "new_reference"))
 
 
 def _rows(connection: Connection, table: sa.Table, valve_id: int) -> list[dict[str, Any]]:

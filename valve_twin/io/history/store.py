@@ -18,7 +18,7 @@ import sqlalchemy as sa
 
 from valve_twin.core.types import Cycle, Maintenance
 from valve_twin.io.errors import StoreError
-from valve_twin.io.history.check_sums import Rows, Verification, sealed, sound_page, verify
+from valve_twin.io.history.check_sums import Rows, Verification, sound_page, verify
 from valve_twin.io.history.claim import make_claim, writers_file
 from valve_twin.io.history.database import Database
 from valve_twin.io.history.export import (
@@ -31,6 +31,7 @@ from valve_twin.io.history.export import (
 )
 from valve_twin.io.history.insert import Insert, check_estimates
 from valve_twin.io.history.marks import Mark, read_marks
+from valve_twin.io.history.remarks import add_event, add_verdict, row_verdict, withdraw_event
 from valve_twin.io.history.tables import (
     CYCLE,
     ESTIMATE,
@@ -45,7 +46,6 @@ from valve_twin.io.history.tables import (
     row_estimate,
     to_row,
 )
-from valve_twin.io.history.verdicts import add_verdict, row_verdict
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -223,21 +223,17 @@ class History:
         raise CycleTakenError(msg)
 
     def add_maintenance(self, valve: str, event: Maintenance) -> bool:
-        """Store a maintenance event; on the disk on return.
-
-        Returns
-        -------
-        bool
-            False if exactly this event was stored before.
-        """
+        """Store an event, on the disk on return; False if exactly it was stored before."""
         self.repair()
         with self._database.write() as connection:
-            row = to_row(event, self._valve_id(connection, valve))
-            same = sa.and_(*(MAINTENANCE.c[name] == value for name, value in row.items()))
-            if connection.execute(sa.select(MAINTENANCE.c.id).where(same)).first() is not None:
-                return False
-            connection.execute(MAINTENANCE.insert(), sealed(MAINTENANCE, row))
-        return True
+            return add_event(connection, self._valve_id(connection, valve), event)
+
+    def withdraw_maintenance(self, valve: str, cycle: int, note: str) -> Maintenance:
+        """Keep the newest event in force at a cycle as withdrawn; StoreError says why not."""
+        self.repair()
+        with self._database.write() as connection:
+            valve_id = connection.scalar(sa.select(VALVE.c.id).where(VALVE.c.name == valve))
+            return withdraw_event(connection, valve_id, cycle, note, self.where)
 
     def add_verdict(self, valve: str, verdict: Verdict) -> bool:
         """Store a verdict where it differs from the last stored one; on the disk on return.
@@ -342,7 +338,7 @@ class History:
         return self.estimates(valve, first_cycle=min(found)) if found else []
 
     def maintenance(self, valve: str, first_cycle: int = 0) -> list[Maintenance]:
-        """Return the maintenance events from `first_cycle` on, by cycle and in stored order."""
+        """Return the events from `first_cycle` on, withdrawn ones too, by cycle, as stored."""
         query = of_valve(MAINTENANCE, valve).where(MAINTENANCE.c.cycle >= first_cycle)
         return [
             from_row(Maintenance, r)

@@ -32,6 +32,7 @@ from sqlalchemy import (
     Table,
     Text,
     UniqueConstraint,
+    false,
     select,
 )
 
@@ -54,7 +55,7 @@ if TYPE_CHECKING:
     from valve_twin.core.records import Column as RecordColumn
     from valve_twin.core.records import Field
 
-SCHEMA_VERSION = "0007"
+SCHEMA_VERSION = "0008"
 """Revision of the schema of this code: the newest file in `migrations/versions`."""
 
 SCHEMA_TABLE = "valve_twin_schema"
@@ -62,6 +63,10 @@ SCHEMA_TABLE = "valve_twin_schema"
 
 CHECK_SUM = "check_sum"
 """Column of the check sum of a row, see `check_sums`."""
+
+UNSUMMED = {"maintenance": ("withdrawn", "withdrawn_note")}
+"""Columns by table that came after the check sums: in a row's sum where they say something, so
+that the sums of older rows hold."""
 
 _ENCODER = json.JSONEncoder(separators=(",", ":"), allow_nan=False)
 
@@ -214,7 +219,14 @@ ESTIMATE = Table(
     Index("ix_estimate_estimator", "valve_id", "estimator", "cycle"),
 )
 MAINTENANCE = Table(
-    "maintenance", METADATA, _id(), _valve(index=True), *_columns(Maintenance), _sum()
+    "maintenance",
+    METADATA,
+    _id(),
+    _valve(index=True),
+    *_columns(Maintenance, *UNSUMMED["maintenance"]),
+    Column("withdrawn", Boolean, nullable=False, server_default=false()),
+    Column("withdrawn_note", Text, nullable=False, server_default=""),
+    _sum(),
 )
 VERDICT = Table(
     "verdict",
