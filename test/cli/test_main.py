@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from valve_twin.cli import main
+from valve_twin.core.types import Maintenance
 from valve_twin.io.bags.read import BagWriter
 from valve_twin.io.config.valve import load_config
 from valve_twin.io.history.store import History
@@ -205,6 +206,57 @@ def test_an_export_of_the_history_names_its_files(stored, tmp_path, capsys):
     for name in ("cycles.csv", "estimates.csv", "maintenance.csv", "history.jsonl"):
         assert (tmp_path / "out" / name).is_file()
         assert f"{tmp_path / 'out' / name}: written" in told
+
+
+@pytest.fixture
+def marked(stored, tmp_path):
+    """Return a copy of the stored history with a maintenance event."""
+    path = tmp_path / "marked.sqlite"
+    with History(stored, read_only=True) as history:
+        history.backup(path)
+    with History(path) as history:
+        history.add_maintenance(VALVE, Maintenance(6, 3, "new pilot"))
+    return path
+
+
+def test_a_maintenance_event_is_withdrawn_without_ros(marked, capsys):
+    with History(marked) as history:
+        history.add_maintenance(VALVE, Maintenance(5, 2, "new\nseal", new_reference=True))
+    withdraw = ("history", "withdraw", "--url", marked, "--note", "it was valve 2")
+    assert call(*withdraw, "--valve", VALVE, "--cycle", 2) == OK
+    assert f"{VALVE}: the event at cycle 2 ('new\\nseal') is withdrawn" in capsys.readouterr().err
+    assert call("history", "maintenance", "--url", marked) == OK
+    assert capsys.readouterr().out == (
+        f"{VALVE}: cycle 2: 'new\\nseal', withdrawn: 'it was valve 2'\n"
+        f"{VALVE}: cycle 3: 'new pilot', begins a new segment\n"
+    )
+    assert call("history", "verify", "--url", marked) == OK
+
+
+@pytest.mark.parametrize(
+    ("code", "arguments", "parts"),
+    [
+        (FAILED, ("--cycle", 2), ("cycle 2 is not there", "in force are those at cycle 3")),
+        (FAILED, ("--cycle", 3, "--note", " "), ("the note is empty",)),
+        (FAILED, ("--cycle", 3, "--note", "x" * 2049), ("2049 bytes, 2048 at most",)),
+        (USAGE, (), ("--cycle is missing",)),
+        (USAGE, ("--cycle", 0), ("--cycle",)),
+        (USAGE, ("--cycle", 3, "--valve", "/press/valve_9"), ("no valve '/press/valve_9'", VALVE)),
+    ],
+)
+def test_a_withdrawal_that_makes_no_sense_is_refused(code, arguments, parts, marked, refused):
+    refused(code, parts, "history", "withdraw", "--url", marked, "--note", "why", *arguments)
+    with History(marked, read_only=True) as history:
+        assert not history.maintenance(VALVE)[0].withdrawn
+
+
+def test_a_history_in_use_is_left_to_its_twin(marked, refused):
+    with History(marked) as history:
+        history.claim(VALVE)
+        told = ("is already written", f"{VALVE}/twin/withdraw_maintenance")
+        withdraw = ("withdraw", "--url", marked, "--note", "why", "--cycle", 3)
+        refused(FAILED, told, "history", *withdraw)
+        assert not history.maintenance(VALVE)[0].withdrawn
 
 
 def test_report_without_a_bag_shows_the_history(stored, edited, tmp_path):

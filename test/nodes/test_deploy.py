@@ -152,6 +152,18 @@ def test_the_policy_allows_what_the_nodes_do(graph, simulated_bag):
         for kind, names in does(graph, node).items():
             denied = [name for name in names if not is_in(name, policy[kind])]
             assert not denied, f"{node} may not {kind} {denied}"
+    person = allowed("maintenance")
+    assert set(person["request"]) <= set(does(graph, "twin")["reply"])
+    said = [*does(graph, "twin")["publish"], *does(graph, "aging_monitor")["publish"]]
+    assert set(person["subscribe"]) <= {*said, *ANYWHERE}
+
+
+def test_a_maintenance_person_may_call_four_services_and_no_more():
+    person = allowed("maintenance")
+    four = ("mark_maintenance", "withdraw_maintenance", "estimate_now", "backup_history")
+    assert set(person["request"]) == {f"{NS}/twin/{name}" for name in four}
+    assert set(person["publish"]) == {"/rosout", "/parameter_events"}
+    assert not person["reply"]
 
 
 def does(graph, node: str) -> dict[str, list[str]]:

@@ -321,6 +321,14 @@ class TestCharts:
             assert len(paths(svg, "service")) == 1
             assert any("service limit" in str(t.text) for t in svg.iter("text"))
 
+    def test_a_withdrawn_event_is_listed_as_such_and_not_drawn(self, data: ReportData) -> None:
+        (event,) = data.maintenance
+        gone = dataclasses.replace(event, withdrawn=True, withdrawn_note="it was valve 2")
+        page = render_report(dataclasses.replace(data, maintenance=(gone,)))
+        assert "withdrawn, begins nothing: it was valve 2" in Structure(page).text
+        assert event.note in Structure(page).text
+        assert not any(paths(svg, "service") for svg in svgs(page, "small"))
+
     def test_no_coordinate_is_lost(self, page: str) -> None:
         for svg in (*svgs(page, "small"), *svgs(page, "wide")):
             for path in svg.iter("path"):

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from valve_twin.core.aging import VerdictKind
+from valve_twin.core.aging.series import in_force
 from valve_twin.core.aging.verdict import Outlook, outlook
 from valve_twin.core.estimation.cycle.movement import total_movement
 from valve_twin.core.faults.advice import FAILURE_MODES, advise
@@ -200,7 +201,7 @@ def _is_normalised(data: ReportData) -> bool:
 
 def _figures(data: ReportData, pairs: dict[str, tuple[Trend, TrendDetail]]) -> list[Figure]:
     estimates = data.trend_estimates
-    events = data.maintenance if data.aging else ()
+    events = in_force(data.maintenance) if data.aging else ()
     figures = []
     for name in _shown_parameters(data) if estimates else ():
         trend, detail = pairs.get(name, (None, None))
@@ -242,7 +243,7 @@ def _legend_keys(
         (line, "threshold", "service limit"),
         (line, "segment", "change found"),
         (outlier, "outlier", "left out as an outlier"),
-        (bool(data.maintenance and pairs), "service", "maintenance"),
+        (bool(in_force(data.maintenance) and pairs), "service", "maintenance"),
         (bound, "atbound", "on its bound: a limit, not a measurement"),
         (True, "refused", "refused"),
     ]

@@ -9,7 +9,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from valve_twin_msgs.msg import Trend, Verdict
-from valve_twin_msgs.srv import MarkMaintenance
+from valve_twin_msgs.srv import MarkMaintenance, WithdrawMaintenance
 
 from test.nodes.conftest import NS
 from valve_twin.core.aging.assess import assess
@@ -114,6 +114,19 @@ def test_maintenance_begins_a_new_segment(graph, history):
     assert trends[-1].segments == 2
     assert trends[-1].segment_start >= 25.0
     assert trends[-1].samples <= CYCLES - 24
+
+
+def test_a_running_monitor_sees_that_a_mark_is_withdrawn(graph, history):
+    graph.host(TwinNode, **history)
+    graph.host(AgingMonitorNode)
+    trends = graph.record(f"{NS}/aging_monitor/trend/K_in", Trend, LATCHED)
+    graph.spin_until(lambda: trends, what="a trend")
+    before = repr(trends[-1])
+    mark, withdraw = f"{NS}/twin/mark_maintenance", f"{NS}/twin/withdraw_maintenance"
+    assert graph.call(MarkMaintenance, mark, note="new seat", cycle=25, new_reference=True).success
+    graph.spin_until(lambda: trends[-1].segments == 2, what="a new segment")
+    assert graph.call(WithdrawMaintenance, withdraw, note="another valve", cycle=25).success
+    graph.spin_until(lambda: repr(trends[-1]) == before, what="the trend as it was")
 
 
 def test_a_late_reader_gets_trend_and_verdict(graph, history):

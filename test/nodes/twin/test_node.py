@@ -18,6 +18,7 @@ from valve_twin_msgs.srv import (
     GetErrorBudget,
     GetHistory,
     MarkMaintenance,
+    WithdrawMaintenance,
 )
 
 from test.nodes.conftest import NS
@@ -160,6 +161,31 @@ def test_maintenance_is_noted_from_the_next_cycle_on(graph, twin, estimates):
     assert [(e.cycle, e.note, e.new_reference) for e in events] == [(3, "new pilot", True)]
     graph.spin_until(lambda: told, what="the event on its topic")
     assert told == list(events)
+
+
+def test_a_mark_can_be_withdrawn(graph, twin, estimates):
+    told = graph.record(f"{NS}/twin/maintenance", Maintenance, EVENTS)
+    feed_cycles(graph, Feeder(graph, NS), estimates, 2)
+    mark, withdraw = f"{NS}/twin/mark_maintenance", f"{NS}/twin/withdraw_maintenance"
+    assert graph.call(MarkMaintenance, mark, note="new pilot", new_reference=True).success
+    for cycle, note, why in (
+        (2**63, "why", f"at cycle {2**63} is not there: in force are those at cycle 3"),
+        (3, " ", "the note is empty: say why"),
+        (3, "x" * 2049, "2049 bytes, 2048 at most"),
+    ):
+        answer = graph.call(WithdrawMaintenance, withdraw, cycle=cycle, note=note)
+        assert not answer.success
+        assert why in answer.message
+    answer = graph.call(WithdrawMaintenance, withdraw, cycle=3, note="it was valve 2")
+    assert answer.success, answer.message
+    again = graph.call(WithdrawMaintenance, withdraw, cycle=3, note="once more")
+    assert not again.success
+    assert "was withdrawn already: it was valve 2" in again.message
+    (event,) = graph.call(GetHistory, f"{NS}/twin/get_history").maintenance
+    assert (event.withdrawn, event.withdrawn_note) == (True, "it was valve 2")
+    graph.spin_until(lambda: len(told) == 2, what="mark and withdrawal on their topic")
+    assert not told[0].withdrawn
+    assert told[1] == event
 
 
 def test_a_backup_can_be_read_while_the_twin_goes_on(graph, twin, estimates, tmp_path):

@@ -10,6 +10,7 @@ asked; what it answers and what was published are the same to the last bit.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from valve_twin.nodes.runtime.messages import estimate_value
@@ -36,7 +37,7 @@ class EstimateBuffer:
     known : dict
         Estimates by estimator, by rising cycle.
     maintenance : dict
-        Events by what makes them one: cycle, stamp [ns] and note.
+        Events by what makes them one: all but whether they were withdrawn.
     """
 
     def __init__(self, trend: str, beside: str = "") -> None:
@@ -44,7 +45,7 @@ class EstimateBuffer:
         self.known: dict[str, list[Estimate]] = {trend: []}
         if beside:
             self.known[beside] = []
-        self.maintenance: dict[tuple[int, int, str], Maintenance] = {}
+        self.maintenance: dict[Maintenance, Maintenance] = {}
         self._received: dict[str, dict[int, Any]] = {name: {} for name in self.known}
         self._cycles: dict[int, Any] = {}
 
@@ -66,9 +67,9 @@ class EstimateBuffer:
         return bool(fresh)
 
     def note(self, event: Maintenance) -> bool:
-        """Add a maintenance event; return whether it is new."""
-        key = event.cycle, event.stamp_ns, event.note
-        new = key not in self.maintenance
+        """Add a maintenance event, or its withdrawal; return whether that is new."""
+        key = replace(event, withdrawn=False, withdrawn_note="")
+        new = self.maintenance.get(key) != event
         self.maintenance[key] = event
         return new
 

@@ -15,6 +15,7 @@ from valve_twin.core.types import Maintenance
 from valve_twin.io.config.node_parameters import TwinParameters
 from valve_twin.io.errors import suggest
 from valve_twin.io.history.export import BackupRules
+from valve_twin.io.history.remarks import wrong_note
 from valve_twin.nodes.runtime import messages as convert
 from valve_twin.nodes.runtime.services import DeferredService, Done
 from valve_twin.nodes.twin.budget_service import begin_budget
@@ -27,9 +28,6 @@ if TYPE_CHECKING:
 
 DEFAULT_PAGE, MOST_OF_A_PAGE = 1000, 10000
 """Estimates of an answer, unless asked for another number, and at most [1]."""
-
-MOST_OF_A_NOTE = 2048
-"""Length of the note of a maintenance event [B]."""
 
 EVENTS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Maintenance events: rare, and each of them counts."""
@@ -48,6 +46,9 @@ class TwinServices:
         self._verdicts = VerdictLog(node, valve)
         self._deferred = [
             DeferredService(node, srv.MarkMaintenance, f"{base}/mark_maintenance", self._mark),
+            DeferredService(
+                node, srv.WithdrawMaintenance, f"{base}/withdraw_maintenance", self._withdraw
+            ),
             DeferredService(node, srv.GetHistory, f"{base}/get_history", self._get_history),
             DeferredService(node, srv.BackupHistory, f"{base}/backup_history", self._backup),
             DeferredService(
@@ -101,6 +102,20 @@ class TwinServices:
         work = partial(valve.history.add_maintenance, valve.name, event)
         self._in_background(valve.cycle_queue.writer.write_thread, work, answer)
 
+    def _withdraw(self, request: Any, response: Any, done: Done) -> None:
+        valve, cycle = self._valve, int(request.cycle)
+
+        def answer(outcome: Outcome) -> None:
+            if not outcome.error:
+                self._maintenance.publish(convert.to_message(outcome.result))
+            response.success = not outcome.error
+            told = outcome.error or f"the event at cycle {cycle} is withdrawn: it begins nothing"
+            response.message = f"{valve.name}: {told}"
+            done(response)
+
+        work = partial(valve.history.withdraw_maintenance, valve.name, cycle, request.note)
+        self._in_background(valve.cycle_queue.writer.write_thread, work, answer)
+
     def _get_history(self, request: Any, response: Any, done: Done) -> None:
         valve, units = self._valve, self._valve.publishers.units
         estimator = request.estimator or valve.model.trend_estimator
@@ -152,16 +167,9 @@ class TwinServices:
 
 def _wrong_mark(note: str, cycle: int, following: int) -> str:
     """Return what is wrong with a maintenance event, empty where nothing is."""
-    if not note.strip():
-        return "the note is empty: say what was done"
-    size = len(note.encode())
-    if size > MOST_OF_A_NOTE:
-        return f"the note has {size} bytes, {MOST_OF_A_NOTE} at most: shorten it"
-    if cycle > following:
-        return (
-            f"cycle {cycle} is to come, the next one is {following}: give that or an earlier one"
-        )
-    return ""
+    to_come = cycle > following
+    text = f"cycle {cycle} is to come, the next one is {following}: give that or an earlier one"
+    return wrong_note(note) or (text if to_come else "")
 
 
 class VerdictLog:
