@@ -19,6 +19,7 @@ NODES = (
     "simulated_valve",
     "twin",
 )
+LAWS = ("first_order", "integrator")  # valves of one file
 VALVES = (
     "cycle_timing",
     "damadics",
@@ -156,7 +157,7 @@ setup(
             *(f"{node} = valve_twin.nodes.runtime.executables:{node}" for node in NODES),
         ],
         "valve_twin.valves": [
-            "first_order = valve_twin.core.valves.first_order:VALVE",
+            *(f"{law} = valve_twin.core.valves.{law}:VALVE" for law in LAWS),
             *(f"{valve} = valve_twin.core.valves.{valve}:MODEL" for valve in VALVES),
         ],
     },

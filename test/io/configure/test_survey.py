@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from valve_twin.core.valves.registry import get_model
 from valve_twin.io.configure.survey import Survey, choose, look
 from valve_twin.io.errors import BagError, ConfigError
 from valve_twin.io.instruments.clock import ClockChoice
@@ -100,12 +101,25 @@ def test_strokes_without_a_command_are_followed_by_their_timing(tmp_path):
     assert choice.repeat.cycle_s == pytest.approx(5.0, abs=0.005)  # a quarter of a sample
 
 
-def test_a_motion_that_integrates_its_command_is_named(tmp_path):
-    opening = steps(low=-1.0, high=1.0)
-    motion = np.cumsum(opening) + np.random.default_rng(0).normal(0.0, 0.1, N)
-    found = survey(tmp_path / "a.csv", {"valve opening": opening, "cylinder position": motion})
-    with pytest.raises(BagError, match="'cylinder position' integrates 'valve opening'"):
-        choose(found)
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_motion_that_integrates_its_command_is_followed(tmp_path, way):
+    opening = steps(low=-100.0, high=100.0)
+    late = np.concatenate((opening[:1].repeat(3), opening[:-3]))
+    beyond = np.sign(late) * np.maximum(np.abs(late) - 15.0, 0.0)
+    speed = way * np.where(beyond > 0.0, 0.8, 0.5) * beyond
+    motion = STEP_S * np.cumsum(speed) + np.random.default_rng(0).normal(0.0, 0.05, N)
+    found = survey(
+        tmp_path / "a.csv", {"valve opening [%]": opening, "cylinder position [mm]": motion}
+    )
+    _, choice = chosen(found)
+    best = choice.trials[0]
+    assert (choice.pair.command, choice.pair.answer) == (
+        "valve opening [%]",
+        "cylinder position [mm]",
+    )
+    assert np.sign(choice.pair.correlation) == way
+    assert get_model(best.model).proposed_for == "integrated"
+    assert best.fit > max(98.0, choice.pair.arx + 5.0)
 
 
 def test_noise_gives_one_line_and_no_proposal(tmp_path):

@@ -4,7 +4,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import nan
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -43,7 +44,8 @@ class Pair:
     lag : int
         Samples of the answer.
     correlation : float
-        Of their increments [1]; negative = the answer falls as the command rises.
+        Of their increments, or of the answer's with the command's sum [1]; negative = the
+        answer falls as the command rises.
     arx, line : float
         Free-run fit of an ARX model and fit of a line through the command, on unseen samples [%].
     named : bool
@@ -175,21 +177,26 @@ def _pair(
     sign, match = max(both, key=lambda f: f[1].correlation, default=(1.0, None))
     if match is None:
         return None
-    lag = match.lag * view.every
-    halves = halve(signals, command, answer)
-    reach = max(1, lag // halves.every)
+    correlation, lag = sign * match.correlation, match.lag * view.every
+    return _with_baselines(signals, Pair(command, answer, lag, correlation, nan, nan, named))
+
+
+def _with_baselines(signals: Mapping[str, Signal], pair: Pair) -> Pair:
+    """Return a pair with the fits of ARX and of a line."""
+    halves = halve(signals, pair.command, pair.answer)
+    reach = max(1, pair.lag // halves.every)
     model = fit_arx(halves.u, halves.y, (0, 1, reach // 2, reach, 2 * reach))
-    arx = float("nan")
+    arx = nan
     if model is not None:
         arx = fit_percent(halves.unseen_y, model.free_run(halves.unseen_u, halves.unseen_y))
     line = line_fit(halves.u, halves.y, halves.unseen_u, halves.unseen_y)
-    return Pair(command, answer, lag, sign * match.correlation, arx, line, named)
+    return replace(pair, arx=arx, line=line)
 
 
 def find_integrated(
-    signals: Mapping[str, Signal], roles: Mapping[str, Sequence[str]]
-) -> tuple[str, str, float] | None:
-    """Return a command, the position that integrates it, and their correlation; None = none.
+    signals: Mapping[str, Signal], roles: Mapping[str, Sequence[str]], *, position: str = ""
+) -> Pair | None:
+    """Return a command and the position that integrates it; None = none.
 
     Parameters
     ----------
@@ -197,24 +204,27 @@ def find_integrated(
         Columns that change, by name.
     roles : mapping
         What each may be by its name and unit, the most likely first.
+    position : str
+        The answer, where it is known.
     """
     views = Views(signals)
     commands = [k for k in views.signals if "command" in roles.get(k, ())]
     answers = [k for k in views.signals if "position" in roles.get(k, ()) and k not in commands]
     found = []
-    for answer in answers:
+    for answer in [k for k in answers if k == position] if position else answers:
         view = views.of(answer)
         for command in commands:
             u = view.columns[command]
             total = np.concatenate(([0.0], np.cumsum(u - np.median(u))[:-1]))
             for way in (1.0, -1.0):
                 match = match_increments(way * total, view.columns[answer], view.max_lag)
-                if match is not None and match.correlation > _CLEAR:
-                    found.append((match.correlation, command, answer))
+                if match is not None and match.correlation > _CLEAR and match.lag >= 0:
+                    lag = match.lag * view.every
+                    pair = Pair(command, answer, lag, way * match.correlation, nan, nan, True)
+                    found.append(pair)
     if not found:
         return None
-    correlation, command, answer = max(found)
-    return command, answer, correlation
+    return _with_baselines(signals, max(found, key=lambda p: abs(p.correlation)))
 
 
 def _ranked(pairs: Sequence[Pair], signals: Mapping[str, Signal]) -> list[Pair]:

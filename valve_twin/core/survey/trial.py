@@ -146,6 +146,9 @@ def _grown(
     options: dict[str, object] = {}
     if "max_delay_s" in known:
         options["max_delay_s"] = min(reach_s, known["max_delay_s"].upper)
+    if "max_lag" in known:
+        most = min(int(reach_s / step_s), int(known["max_lag"].upper))
+        options["max_lag"] = max(most, complete_options(model, {}).max_lag)
     tried = [_try(model, options, halves, step_s, maps)]
     best = tried[0]
     terms = {name: value for variant in model.variants for name, value in variant.items()}

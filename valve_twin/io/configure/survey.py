@@ -220,6 +220,9 @@ def choose(survey: Survey, *, position: str = "") -> tuple[Survey, Choice]:
     if driven is not None:
         answer = driven.roles[0].source
         return _timed(survey, answer), Choice(driven.cycles, driven=driven, copies=copies)
+    if not pairs:
+        summed = find_integrated(signals, roles, position=position)
+        pairs = [summed] if summed is not None else []
     if pairs:
         return _followed(survey, pairs, copies)
     free = {
@@ -234,13 +237,6 @@ def choose(survey: Survey, *, position: str = "") -> tuple[Survey, Choice]:
 
 def _nothing(survey: Survey, copies: Mapping[str, str]) -> str:
     """Say why nothing can be proposed and what would help."""
-    integrated = find_integrated(survey.signals, survey.roles)
-    if integrated is not None:
-        command, answer, correlation = integrated
-        return (
-            f"'{answer}' integrates '{command}' (correlation {correlation:.2f}): no model here is "
-            "an integrator; record the valve's own position or pressure as well"
-        )
     names = ", ".join(list(survey.signals)[:6]) or "none changes"
     still = ", ".join(f"{k} stays at {v:.4g}" for k, v in list(survey.still.items())[:6])
     told = "; ".join(filter(None, [names, still, *list(copies.values())[:1]]))

@@ -72,6 +72,8 @@ class Valve(CompiledModel):
     normalised : bool
         Whether inputs and output are parts of their full scale: other values are then refused as a
         wrong scale.
+    proposed_for : str
+        Kind of record for which `configure` proposes it, as in `ValveModel`; empty = none.
     """
 
     name: str
@@ -80,6 +82,7 @@ class Valve(CompiledModel):
     law: Law
     program: Program | None = None
     normalised: bool = True
+    proposed_for: str = ""
 
     trend_estimator: str = ESTIMATOR
     options: LawOptions = field(default_factory=LawOptions)
