@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from valve_twin.core.aging.verdict import Trend
+    from valve_twin.core.types import Estimate
     from valve_twin.io.history.marks import Mark
 
 REFRESH_S = 2.0
@@ -129,6 +130,28 @@ class Plant:
                     raise ValveTwinError(str(err)) from err
                 kept = self._pages[valve] = mark, render_report(data)
             return kept[1]
+
+    def estimates(self, valve: str, first_cycle: int, limit: int) -> list[Estimate]:
+        """Return stored estimates that feed a valve's trend, by cycle.
+
+        Parameters
+        ----------
+        valve : str
+            Its name.
+        first_cycle : int
+            The first one wanted.
+        limit : int
+            At most so many.
+
+        Raises
+        ------
+        ValveTwinError
+            If the history cannot be read.
+        """
+        history = self._history
+        if history is None:
+            return []
+        return history.estimates(valve, None, first_cycle, limit, used_by_trend=True)
 
     def _read(self) -> None:
         try:

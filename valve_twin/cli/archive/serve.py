@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""`valve-twin serve`: the valves of a history in a browser and by OPC UA, without ROS."""
+"""`valve-twin serve`: the valves of a history in a browser, by OPC UA and MQTT, without ROS."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from valve_twin.cli.common import Verbs
+    from valve_twin.gateway.mqtt.face import Speaker
     from valve_twin.gateway.plant import Plant
 
 _MOST = 65535
@@ -31,7 +32,7 @@ def add(verbs: Verbs) -> None:
     parser = add_verb(
         verbs,
         "serve",
-        "Show the valves of a history in a browser and by OPC UA; without ROS, read only.",
+        "Show the valves of a history in a browser, by OPC UA and MQTT; without ROS, read only.",
         _serve,
     )
     add_url(parser)
@@ -67,6 +68,37 @@ def add(verbs: Verbs) -> None:
     opcua.add_argument(
         "--anonymous", action="store_true", help="let anybody look by OPC UA, unencrypted too"
     )
+    _add_mqtt(parser.add_argument_group("MQTT, off unless --mqtt is given"))
+
+
+def _add_mqtt(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
+        "--mqtt", metavar="ADDRESS", help="tell a broker: mqtt://HOST, mqtts://HOST"
+    )
+    group.add_argument(
+        "--mqtt-format",
+        choices=("sparkplug", "json"),
+        default="sparkplug",
+        help="Sparkplug B (default), or retained topics of plain JSON",
+    )
+    group.add_argument(
+        "--mqtt-group", default="valve_twin", help="group id, or prefix of the JSON topics"
+    )
+    group.add_argument(
+        "--mqtt-node", default=socket.gethostname(), help="edge node id, default the host's name"
+    )
+    group.add_argument(
+        "--mqtt-state",
+        metavar="FILE",
+        default="~/.local/state/valve_twin/mqtt.json",
+        help="keeps which cycles the broker has; one for each broker and node",
+    )
+    group.add_argument("--mqtt-user", default="", help="password in VALVE_TWIN_MQTT_PASSWORD")
+    group.add_argument(
+        "--mqtt-ca", metavar="FILE", default="", help="whom we trust, default whom the system does"
+    )
+    group.add_argument("--mqtt-cert", metavar="FILE", default="", help="our certificate")
+    group.add_argument("--mqtt-key", metavar="FILE", default="", help="its key")
 
 
 def _serve(arguments: argparse.Namespace) -> int:
@@ -99,7 +131,7 @@ def _serve(arguments: argparse.Namespace) -> int:
             return fail(f"{why} or --host")
         host, port = listening.getsockname()[:2]
         shown = f"[{host}]" if ":" in host else host
-        with _opcua(arguments, plant):
+        with _opcua(arguments, plant), _mqtt(arguments, plant):
             say(
                 f"{view.where}: {len(view.rows)} valves at http://{shown}:{port}/ (Ctrl-C ends it)"
             )
@@ -129,6 +161,47 @@ def _opcua(arguments: argparse.Namespace, plant: Plant) -> Iterator[None]:
     folder = Path(arguments.opcua_pki).expanduser()
     face = OpcUaFace(plant.view, arguments.opcua, Access(folder, passwords, arguments.anonymous))
     say(f"OPC UA at {face.start()}, certificates in {folder}")
+    try:
+        yield
+    finally:
+        face.stop()
+
+
+@contextmanager
+def _mqtt(arguments: argparse.Namespace, plant: Plant) -> Iterator[None]:
+    """Tell a broker meanwhile, where it is asked for."""
+    if not arguments.mqtt:
+        yield
+        return
+    try:
+        from valve_twin.gateway.mqtt.face import MqttFace
+        from valve_twin.gateway.mqtt.sparkplug import SparkplugSpeaker
+    except ModuleNotFoundError as err:
+        msg = f"serve: {err.name} is missing: pip install valve_twin[gateway]"
+        raise ConfigError(msg) from err
+    from valve_twin.gateway.mqtt.backlog import Backlog
+    from valve_twin.gateway.mqtt.broker import Broker
+    from valve_twin.gateway.mqtt.names import checked_id
+    from valve_twin.gateway.mqtt.plain import JsonSpeaker
+
+    broker = Broker(
+        arguments.mqtt,
+        arguments.mqtt_user,
+        os.environ.get("VALVE_TWIN_MQTT_PASSWORD", ""),
+        arguments.mqtt_ca,
+        arguments.mqtt_cert,
+        arguments.mqtt_key,
+    )
+    group = checked_id("--mqtt-group", arguments.mqtt_group)
+    speaker: Speaker
+    if arguments.mqtt_format == "json":
+        speaker = JsonSpeaker(group)
+    else:
+        backlog = Backlog(Path(arguments.mqtt_state).expanduser(), plant.estimates)
+        node = checked_id("--mqtt-node", arguments.mqtt_node)
+        speaker = SparkplugSpeaker(group, node, backlog)
+    face = MqttFace(plant.view, broker, speaker)
+    say(f"MQTT to {face.start()}")
     try:
         yield
     finally:

@@ -1,0 +1,380 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The MQTT face as `valve-twin serve` starts it, a broker by others (amqtt), who listens."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from collections import Counter
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import yaml
+
+pytest.importorskip("pysparkplug", reason="needs the extra gateway")
+pytest.importorskip("amqtt", reason="needs the broker amqtt")
+
+from paho.mqtt.client import Client
+from pysparkplug import DataType, DBirth, DData, DDeath, Metric, NBirth, NCmd, NData, NDeath
+
+from test.gateway.test_web import HOSTILE, store
+from valve_twin.cli import main
+from valve_twin.gateway.mqtt.names import device_id
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+GROUP, NODE = "plant", "hall 1"
+KINDS: dict[str, Any] = {
+    "NBIRTH": NBirth,
+    "DBIRTH": DBirth,
+    "NDATA": NData,
+    "DDATA": DData,
+    "NDEATH": NDeath,
+    "DDEATH": DDeath,
+}
+LIMIT_S = 60.0
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def wait_until(found: Callable[[], object], what: str) -> None:
+    end = time.monotonic() + LIMIT_S
+    while not found():
+        assert time.monotonic() < end, f"{what} within {LIMIT_S:g} s"
+        time.sleep(0.05)  # polls; nothing depends on the length
+
+
+class Broker:
+    """amqtt in a process of its own, at the same port after each start."""
+
+    def __init__(self, folder: Path, password_file: Path | None = None) -> None:
+        self.port = free_port()
+        self.address = f"mqtt://127.0.0.1:{self.port}"
+        plugins: dict[str, Any] = {
+            "amqtt.plugins.authentication.AnonymousAuthPlugin": {
+                "allow_anonymous": password_file is None
+            }
+        }
+        if password_file is not None:
+            plugins["amqtt.plugins.authentication.FileAuthPlugin"] = {
+                "password_file": str(password_file)
+            }
+        where = {"type": "tcp", "bind": f"127.0.0.1:{self.port}"}
+        self._config = folder / f"broker_{self.port}.yaml"
+        self._config.write_text(
+            yaml.safe_dump({"listeners": {"default": where}, "plugins": plugins})
+        )
+        self.start()
+
+    def start(self) -> None:
+        command = [sys.executable, "-m", "amqtt.scripts.broker_script", "-c", str(self._config)]
+        self.process = subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        wait_until(self._listens, "a broker")
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait(30)
+
+    def _listens(self) -> bool:
+        assert self.process.poll() is None
+        with socket.socket() as probe:
+            return probe.connect_ex(("127.0.0.1", self.port)) == 0
+
+
+@dataclass
+class Heard:
+    """A message of Sparkplug as a host application sees it."""
+
+    kind: str
+    device: str
+    payload: Any
+    values: dict[str, Any] = field(init=False)
+    kinds: dict[str, Any] = field(init=False)
+
+    def __post_init__(self) -> None:
+        metrics = getattr(self.payload, "metrics", ())
+        self.values = {m.name: m.value for m in metrics}
+        self.kinds = {m.name: m.datatype for m in metrics}
+
+
+class Listener:
+    """Hears everything; connects again by itself."""
+
+    def __init__(self, broker: Broker) -> None:
+        self.raw: list[tuple[str, bytes, bool]] = []
+        self._there = False
+        self.client = Client()
+        self.client.on_connect = lambda client, *_: client.subscribe("#", 1)
+        self.client.on_subscribe = lambda *_: setattr(self, "_there", True)
+        self.client.on_disconnect = lambda *_: setattr(self, "_there", False)
+        self.client.on_message = lambda _c, _u, m: self.raw.append((m.topic, m.payload, m.retain))
+        self.client.reconnect_delay_set(1, 1)
+        self.client.connect("127.0.0.1", broker.port, 5)
+        self.client.loop_start()
+        self.wait_there()
+
+    def wait_there(self) -> None:
+        wait_until(lambda: self._there, "a connected listener")
+
+    @property
+    def heard(self) -> list[Heard]:
+        found = []
+        for topic, payload, _ in list(self.raw):
+            parts = topic.split("/")
+            if parts[0] == "spBv1.0" and parts[1] == GROUP and parts[2] in KINDS:
+                device = parts[4] if len(parts) > 4 else ""
+                found.append(Heard(parts[2], device, KINDS[parts[2]].decode(payload)))
+        return found
+
+    def of(self, kind: str, device: str = "") -> list[Heard]:
+        return [h for h in self.heard if h.kind == kind and h.device == device]
+
+    def cycles(self, device: str) -> list[tuple[int, bool]]:
+        """Return number and whether it is history of all stored cycles heard of a device."""
+        return [
+            (m.value, m.is_historical)
+            for h in self.of("DDATA", device)
+            for m in h.payload.metrics
+            if m.name == "cycles/cycle"
+        ]
+
+    def end(self) -> None:
+        self.client.disconnect()
+        self.client.loop_stop()
+
+
+class Server:
+    """`valve-twin serve --mqtt`."""
+
+    def __init__(self, history: Path, broker: str, state: Path, *more: str) -> None:
+        command = [sys.executable, "-m", "valve_twin.cli", "serve", "--port", "0"]
+        command += ["--url", f"sqlite:///{history}", "--mqtt", broker, "--mqtt-group", GROUP]
+        command += ["--mqtt-node", NODE, "--mqtt-state", str(state), *more]
+        self._said = state.with_name(f"{state.name}.{time.monotonic_ns()}.log")
+        with self._said.open("w") as stream:
+            self.process = subprocess.Popen(command, stderr=stream, text=True)
+        wait_until(lambda: "http://" in self.said() or self.process.poll() is not None, "a server")
+
+    def said(self) -> str:
+        return self._said.read_text()
+
+    def json(self) -> dict[str, Any]:
+        found = re.search(r"http://127\.0\.0\.1:\d+", self.said())
+        assert found
+        with urllib.request.urlopen(f"{found.group()}/api/valves", timeout=30) as answer:
+            return {row["valve"]: row for row in json.load(answer)["valves"]}
+
+    def end(self) -> str:
+        self.process.send_signal(signal.SIGINT)
+        try:
+            assert self.process.wait(30) == 0
+        finally:
+            self.process.kill()
+        assert "Traceback" not in self.said()
+        return self.said()
+
+
+@pytest.fixture
+def broker(tmp_path: Path) -> Iterator[Broker]:
+    made = Broker(tmp_path)
+    yield made
+    made.kill()
+
+
+@pytest.fixture
+def listener(broker: Broker) -> Iterator[Listener]:
+    made = Listener(broker)
+    yield made
+    made.end()
+
+
+@pytest.fixture
+def history(tmp_path: Path) -> Path:
+    made = tmp_path / "history.sqlite"
+    store(made, "/press/worn", range(1, 61), -0.0045)
+    store(made, HOSTILE, range(1, 3), 0.0)
+    return made
+
+
+def test_a_node_is_born_says_what_changes_and_dies(broker, listener, history, tmp_path):
+    server = Server(history, broker.address, tmp_path / "state.json")
+    try:
+        wait_until(lambda: listener.of("DBIRTH", device_id(HOSTILE)), "a birth of each valve")
+        node, *devices = [h for h in listener.heard if h.kind in {"NBIRTH", "DBIRTH"}]
+        assert node.kind == "NBIRTH"
+        assert [node.payload.seq, *(d.payload.seq for d in devices)] == [0, 1, 2]
+        assert node.values["history/readable"] is True
+        born = listener.of("DBIRTH", "press.worn")[0].values
+        shown = server.json()["/press/worn"]
+        assert born["verdict"] == shown["verdict"] == "valve"
+        assert born["cycle"] == shown["cycle"] == 60
+        assert born["drift"] == shown["drift"]
+        assert born["end"].timestamp() == pytest.approx(shown["end_ns"] * 1e-9, abs=1e-3)
+        level = next(p for p in shown["parameters"] if p["parameter"] == "K_in")
+        assert born["parameters/K_in/level"] == level["level"]
+        assert born["parameters/K_in/unit"] == level["unit"]
+        assert born["parameters/K_in/remaining"] == level["remaining"]
+
+        store(history, "/press/worn", range(61, 62), -0.0045)
+        wait_until(lambda: (61, False) in listener.cycles("press.worn"), "the new cycle")
+        told = next(
+            h for h in listener.of("DDATA", "press.worn") if h.values.get("cycles/cycle") == 61
+        )
+        assert told.values["cycles/K_in/value"] == pytest.approx(
+            0.01 * (1 - 0.0045 * 61 - 0.003), rel=1e-12
+        )
+        declared = {
+            m.name: m.datatype for m in listener.of("DBIRTH", "press.worn")[0].payload.metrics
+        }
+        for data in listener.of("DDATA", "press.worn"):
+            assert {m.name: m.datatype for m in data.payload.metrics}.items() <= declared.items()
+        assert not listener.cycles(
+            device_id(HOSTILE)
+        )  # what was there at the first start is known
+
+        command = Metric(None, "Node Control/Rebirth", DataType.BOOLEAN, value=True)
+        order = NCmd(time.time_ns() // 1_000_000, (command,)).encode(include_dtypes=True)
+        time.sleep(1.1)  # at most one birth a second is given on demand
+        listener.client.publish(f"spBv1.0/{GROUP}/NCMD/{NODE}", order, 1)
+        listener.client.publish(f"spBv1.0/{GROUP}/NCMD/{NODE}", b"\xff no payload", 1)
+        wait_until(lambda: len(listener.of("NBIRTH")) == 2, "another birth")
+        assert listener.of("NBIRTH")[1].payload.seq == 0
+        assert not listener.of("NDEATH")
+    finally:
+        server.end()
+    wait_until(lambda: listener.of("NDEATH"), "a death")
+    assert listener.of("NDEATH")[-1].payload.bd_seq_metric.value == node.values["bdSeq"]
+    sequence = [h.payload.seq for h in listener.heard if h.kind != "NDEATH"]
+    again = sequence.index(0, 1)
+    assert sequence == [*range(again), *range(len(sequence) - again)]
+
+
+def is_known(state: Path, cycle: int) -> bool:
+    """Return whether the broker is known to have handed a cycle on."""
+    valves = json.loads(state.read_text())["valves"] if state.exists() else None
+    return bool(valves and valves["/press/worn"] == cycle)
+
+
+def test_no_stored_cycle_is_lost_over_outages_of_broker_and_server(
+    broker, listener, history, tmp_path
+):
+    state = tmp_path / "state.json"
+    server = Server(history, broker.address, state)
+    last = 60
+    wait_until(lambda: listener.of("DBIRTH", "press.worn"), "a birth")
+    for outage in range(3):
+        if outage % 2:
+            server.process.kill()
+            server.process.wait(30)
+        else:
+            broker.kill()
+        store(history, "/press/worn", range(last + 1, last + 71), -0.0045)
+        last += 70
+        if outage % 2:
+            wait_until(lambda: listener.of("NDEATH"), "the will")
+            server = Server(history, broker.address, state)
+        else:
+            broker.start()
+            listener.wait_there()
+        wait_until(partial(is_known, state, last), f"cycle {last}")
+    server.end()
+    heard = listener.cycles("press.worn")
+    counts = Counter(cycle for cycle, _ in heard)
+    assert sorted(counts) == list(range(61, last + 1))
+    assert max(counts.values()) <= 2  # under way when the connection broke
+    first = list(dict.fromkeys(cycle for cycle, _ in heard))
+    assert first == sorted(first)
+    assert all(old for cycle, old in heard if (cycle - 60) % 70)
+    numbers = [h.values["bdSeq"] for h in listener.of("NBIRTH")]
+    assert len(set(numbers)) == len(numbers)
+
+
+def test_plain_json_is_retained_and_says_when_nobody_speaks_any_more(
+    broker, listener, history, tmp_path
+):
+    server = Server(history, broker.address, tmp_path / "s", "--mqtt-format", "json")
+    topic = f"{GROUP}/valves/press/worn"
+    wait_until(lambda: any(t == topic for t, _, _ in listener.raw), "the valve")
+    late = Listener(broker)
+    try:
+        wait_until(lambda: any(t == topic for t, _, _ in late.raw), "the retained valve")
+        kept = {t: (json.loads(p), retained) for t, p, retained in late.raw}
+        assert kept[topic] == (server.json()["/press/worn"], True)
+        assert kept[f"{GROUP}/online"] == (True, True)
+        assert len([t for t in kept if t.startswith(f"{GROUP}/valves/")]) == 2
+        server.process.kill()
+        server.process.wait(30)
+        wait_until(
+            lambda: (f"{GROUP}/online", b"false") in [(t, p) for t, p, _ in listener.raw],
+            "the will",
+        )
+    finally:
+        late.end()
+
+
+def test_a_wrong_user_is_told_in_one_line_and_the_pages_go_on(tmp_path, history, monkeypatch):
+    from pwdlib import PasswordHash
+
+    users = tmp_path / "users"
+    users.write_text(f"anna:{PasswordHash.recommended().hash('right')}\n")
+    guarded = Broker(tmp_path, users)
+    try:
+        monkeypatch.setenv("VALVE_TWIN_MQTT_PASSWORD", "wrong")
+        server = Server(history, guarded.address, tmp_path / "a", "--mqtt-user", "anna")
+        wait_until(lambda: "trying again" in server.said(), "a word about it")
+        assert server.json()
+        time.sleep(2.5)  # two further tries are made and not told again
+        said = server.end()
+        assert said.count("trying again") == 1
+        monkeypatch.setenv("VALVE_TWIN_MQTT_PASSWORD", "right")
+        server = Server(history, guarded.address, tmp_path / "b", "--mqtt-user", "anna")
+        wait_until(partial(is_known, tmp_path / "b", 60), "a conversation")
+        assert "trying again" not in server.end()
+    finally:
+        guarded.kill()
+
+
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        (("--mqtt", "http://x"), "MQTT: 'http://x' is no address: write mqtt://127.0.0.1:1883"),
+        (("--mqtt", "mqtt://x:99999"), "MQTT: 'mqtt://x:99999' is no address"),
+        (("--mqtt-ca", "nowhere.pem"), "MQTT: certificates are of no use for mqtt://127.0.0.1"),
+        (("--mqtt", "mqtts://x", "--mqtt-ca", "nowhere.pem"), "nowhere.pem cannot be used: "),
+        (("--mqtt", "mqtts://x", "--mqtt-key", "k.pem"), "certificate and its key belong togeth"),
+        (("--mqtt-group", "a/b"), "MQTT: --mqtt-group 'a/b' is no level of a topic"),
+        (("--mqtt-node", ""), "MQTT: --mqtt-node '' is no level of a topic"),
+    ],
+)
+def test_what_cannot_be_used_is_told_in_one_line(more, told, history, tmp_path, capsys):
+    given = ["serve", "--port", "0", "--url", str(history), "--mqtt", "mqtt://127.0.0.1"]
+    assert main([*given, "--mqtt-state", str(tmp_path / "state"), *more]) != 0
+    (line,) = capsys.readouterr().err.splitlines()
+    assert told in line
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[1]", '{"birth": 0, "valves": {"/a": "x"}}'])
+def test_marks_that_are_none_are_told(text, history, tmp_path, capsys):
+    state = tmp_path / "state"
+    state.write_text(text)
+    given = ["serve", "--port", "0", "--url", str(history), "--mqtt", "mqtt://127.0.0.1"]
+    assert main([*given, "--mqtt-state", str(state)]) == 1
+    assert f"{state}: holds no marks of MQTT" in capsys.readouterr().err

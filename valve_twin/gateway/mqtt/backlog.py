@@ -1,0 +1,158 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Which stored cycles the broker has: what it missed is sent again, over outages and restarts."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections import deque
+from typing import TYPE_CHECKING, Any
+
+from valve_twin.io.bags.file import replace_file
+from valve_twin.io.errors import StoreError, ValveTwinError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from valve_twin.core.types import Estimate
+    from valve_twin.gateway.plant import View
+
+PAGE = 50
+"""Cycles of a valve that are read at a time [1]."""
+
+BIRTHS = 256
+"""Births are numbered modulo this [1]."""
+
+
+class Backlog:
+    """Goes through the stored cycles of all valves; a cycle counts once the broker handed it on.
+
+    A file that is new begins with what is stored from then on. Doubled messages are possible (a
+    broker that died behind a delivery), lost ones are not.
+
+    Parameters
+    ----------
+    path : Path
+        The file that keeps the marks.
+    read : callable
+        Returns the estimates that feed a valve's trend: valve, first cycle, at most so many.
+
+    Raises
+    ------
+    StoreError
+        If the file cannot be read or is none of ours.
+    """
+
+    def __init__(self, path: Path, read: Callable[[str, int, int], list[Estimate]]) -> None:
+        self._path, self._read = path, read
+        kept: dict[str, Any] = _load(path) if path.exists() else {"birth": 0, "valves": None}
+        self._birth: int = kept["birth"]
+        self._marks: dict[str, int] | None = kept["valves"]
+        self._pending: dict[str, deque[int]] = {}
+        self._seen: dict[str, int] = {}
+        self._saved = kept
+
+    def next_birth(self) -> int:
+        """Return the number of the next birth; never that of the one before, restarts included."""
+        number = self._birth
+        self._birth = (number + 1) % BIRTHS
+        self.save()
+        return number
+
+    def restart(self) -> None:
+        """Begin again behind what is confirmed: of what was under way nothing is known."""
+        self._pending, self._seen = {}, {}
+
+    def take(self, view: View) -> Iterator[tuple[str, Estimate, bool]]:
+        """Yield the next cycles to be sent, valve by valve: valve, estimate, whether the newest.
+
+        Parameters
+        ----------
+        view : View
+            What the history holds; of a history that cannot be read nothing is taken.
+        """
+        if view.failure:
+            return
+        if self._marks is None:
+            self._marks = {row.valve: row.cycle for row in view.rows}
+        marks = self._marks
+        for row in view.rows:
+            if row.cycle < marks.get(row.valve, 0):  # another history
+                marks[row.valve] = 0
+                self._pending.pop(row.valve, None)
+            if self._seen.get(row.valve) == row.cycle:
+                continue
+            pending = self._pending.setdefault(row.valve, deque())
+            sent = pending[-1] if pending else marks.get(row.valve, 0)
+            try:
+                found = self._read(row.valve, sent + 1, PAGE)
+            except ValveTwinError:  # told by the view; tried again
+                continue
+            for estimate in found:
+                if estimate.cycle > row.cycle:  # newer than the view: with the next one
+                    break
+                pending.append(estimate.cycle)
+                yield row.valve, estimate, estimate.cycle == row.cycle
+            if len(found) < PAGE:
+                self._seen[row.valve] = row.cycle
+
+    def confirm(self, valve: str, cycle: int) -> None:
+        """Note that the broker handed a cycle on; one that was dropped before is sent again.
+
+        Parameters
+        ----------
+        valve : str
+            Whose.
+        cycle : int
+            Its number.
+        """
+        pending = self._pending.get(valve)
+        if not pending or cycle not in pending:
+            return
+        if pending[0] == cycle and self._marks is not None:
+            pending.popleft()
+            self._marks[valve] = cycle
+        else:
+            pending.clear()
+            self._seen.pop(valve, None)
+
+    def save(self) -> None:
+        """Keep the marks, where they changed.
+
+        Raises
+        ------
+        StoreError
+            If the file cannot be written.
+        """
+        marks = None if self._marks is None else dict(self._marks)
+        now = {"birth": self._birth, "valves": marks}
+        if now == self._saved:
+            return
+        try:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            replace_file(self._path, json.dumps(now, indent=1), os.fsync)
+        except OSError as err:
+            msg = f"{self._path}: cannot be written: {err.strerror or err}"
+            raise StoreError(msg) from err
+        self._saved = now
+
+
+def _load(path: Path) -> dict[str, Any]:
+    try:
+        kept = json.loads(path.read_text(encoding="utf-8"))
+        marks = kept["valves"]
+        sound = isinstance(kept["birth"], int) and (
+            marks is None or all(isinstance(cycle, int) for cycle in marks.values())
+        )
+    except OSError as err:
+        msg = f"{path}: cannot be read: {err.strerror or err}"
+        raise StoreError(msg) from err
+    except (ValueError, KeyError, TypeError, AttributeError):
+        sound = False
+    if not sound:
+        msg = f"{path}: holds no marks of MQTT: remove it to begin with what is stored from now on"
+        raise StoreError(msg)
+    found: dict[str, Any] = kept
+    return found

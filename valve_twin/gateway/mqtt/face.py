@@ -1,0 +1,247 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Keeps a broker told, in a thread of its own; a broker that is gone stops nobody."""
+
+from __future__ import annotations
+
+import logging
+import queue
+import random
+import threading
+import time
+from collections import deque
+from typing import TYPE_CHECKING, Any, Protocol
+
+from paho.mqtt.client import CONNACK_ACCEPTED, Client, MQTTMessageInfo, connack_string
+
+from valve_twin.gateway.plant import View
+from valve_twin.io.errors import ValveTwinError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from valve_twin.gateway.mqtt.broker import Broker, Message
+
+PERIOD_S = 1.0
+"""What is shown is renewed so often [s]."""
+
+FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 30.0
+"""Between two tries to connect [s]: the pause doubles from the first to the longest."""
+
+CONNECTION_S = 10.0
+"""A broker that has not answered by then is tried again [s]."""
+
+KEEPALIVE_S = 10
+"""A broker that is silent for one and a half times this is gone [s]."""
+
+MOST_WAITING = 1000
+"""Messages that wait for the network; as long as they do nothing more is said [1]."""
+
+STUCK_S = 30.0
+"""A broker that takes nothing for so long is left [s]."""
+
+_LOGGER = logging.getLogger("valve_twin")
+_Event = tuple[str, Any]
+
+
+class Speaker(Protocol):
+    """Puts what there is to say into messages."""
+
+    @property
+    def subscriptions(self) -> tuple[str, ...]:
+        """Topics to be heard."""
+
+    def will(self) -> Message:
+        """Return what the broker says when the next connection breaks."""
+
+    def born(self, view: View) -> list[Message]:
+        """Return all there is to say to a broker that knows nothing."""
+
+    def changed(self, view: View) -> list[Message]:
+        """Return what is new."""
+
+    def missed(self, view: View) -> list[Message]:
+        """Return what was not delivered while there was no connection, a part at a time."""
+
+    def heard(self, topic: str, payload: bytes) -> bool:
+        """Return whether all is to be said anew."""
+
+    def farewell(self) -> list[Message]:
+        """Return what is said at a clean end."""
+
+
+class MqttFace:
+    """Tells a broker of a plant as long as it runs.
+
+    Parameters
+    ----------
+    view : callable
+        Returns what is to be said; may wait.
+    broker : Broker
+        Who is told.
+    speaker : Speaker
+        In what form.
+
+    Raises
+    ------
+    ConfigError
+        If the broker's address or files are of no use.
+    """
+
+    def __init__(self, view: Callable[[], View], broker: Broker, speaker: Speaker) -> None:
+        self._view, self._broker, self._speaker = view, broker, speaker
+        self._host, self._port = broker.place()
+        broker.apply(Client())  # what is wrong with it is said now
+        self._events: queue.Queue[_Event] = queue.Queue()
+        self._end = threading.Event()
+        self._told = ""
+        self._thread = threading.Thread(target=self._run, name="mqtt", daemon=True)
+
+    def start(self) -> str:
+        """Begin; return where. Whether the broker is there shows later."""
+        self._thread.start()
+        return f"{self._host}:{self._port}"
+
+    def stop(self) -> None:
+        """Say goodbye."""
+        self._end.set()
+        self._events.put(("end", None))
+        self._thread.join(2.0 * CONNECTION_S)
+
+    def _run(self) -> None:
+        pause_s = FIRST_PAUSE_S
+        while not self._end.is_set():
+            begun_s = time.monotonic()
+            why = self._connection()
+            if self._end.is_set():
+                return
+            if time.monotonic() - begun_s > LONGEST_PAUSE_S:
+                pause_s = FIRST_PAUSE_S
+            self._tell(f"{why}; trying again")
+            self._end.wait(pause_s * random.uniform(0.8, 1.2))  # spreads many of us
+            pause_s = min(2.0 * pause_s, LONGEST_PAUSE_S)
+
+    def _connection(self) -> str:
+        """Speak as long as a connection holds; return why it ended."""
+        self._events = events = queue.Queue[_Event]()
+        client = Client()
+        try:
+            self._broker.apply(client)
+            will = self._speaker.will()
+            client.will_set(will.topic, will.payload, will.qos, will.retain)
+            client.on_connect = lambda _c, _u, _f, code: events.put(("answer", code))
+            client.on_disconnect = lambda _c, _u, code: events.put(("gone", code))
+            client.on_message = lambda _c, _u, message: events.put(("heard", message))
+            client.connect(self._host, self._port, KEEPALIVE_S)
+            client.loop_start()
+            return _Conversation(client, self._speaker, self._view, events, self._told_all).run(
+                self._end
+            )
+        except (OSError, ValveTwinError) as err:  # ssl.SSLError is one
+            return str(err)
+        except Exception as err:
+            _LOGGER.exception("MQTT: an error of ours")
+            return f"{type(err).__name__}: {err}"
+        finally:
+            client.on_disconnect = None
+            client.disconnect()
+            client.loop_stop()
+
+    def _told_all(self) -> None:
+        self._tell("")
+
+    def _tell(self, why: str) -> None:
+        """Say once why there is no connection, and once that there is one again."""
+        if why == self._told:
+            return
+        where = f"MQTT: {self._host}:{self._port}"
+        if why:
+            _LOGGER.warning("%s: %s", where, why)
+        else:
+            _LOGGER.warning("%s: connected", where)
+        self._told = why
+
+
+class _Conversation:
+    """One connection from its answer to its end."""
+
+    def __init__(
+        self,
+        client: Client,
+        speaker: Speaker,
+        view: Callable[[], View],
+        events: queue.Queue[_Event],
+        connected: Callable[[], None],
+    ) -> None:
+        self._client, self._speaker, self._view = client, speaker, view
+        self._events, self._connected = events, connected
+        self._waiting: deque[MQTTMessageInfo] = deque()
+        self._moved_s = time.monotonic()
+        self._born = False
+        self._shown = View()
+
+    def run(self, end: threading.Event) -> str:
+        """Speak; return why it ended."""
+        due_s = time.monotonic() + CONNECTION_S
+        answered = False
+        while True:
+            now_s = time.monotonic()
+            try:
+                what, given = self._events.get(timeout=max(0.0, due_s - now_s))
+            except queue.Empty:
+                if not answered:
+                    return f"no answer within {CONNECTION_S:g} s"
+                if time.monotonic() - self._moved_s > STUCK_S:
+                    return f"takes nothing for {STUCK_S:g} s"
+                self._speak()
+                due_s = time.monotonic() + PERIOD_S
+                continue
+            if end.is_set():
+                self._goodbye()
+                return ""
+            if what == "gone":
+                return "the connection broke"
+            if what == "answer":
+                if given != CONNACK_ACCEPTED:
+                    return str(connack_string(given)).rstrip(".")
+                answered = True
+                self._connected()
+                self._begin()
+                due_s = time.monotonic() + PERIOD_S
+            elif what == "heard":
+                if self._speaker.heard(given.topic, given.payload):
+                    self._born = False
+                    self._speak()
+                else:
+                    self._send(self._speaker.missed(self._shown))
+
+    def _begin(self) -> None:
+        for topic in self._speaker.subscriptions:
+            self._client.subscribe(topic, 1)
+        self._speak()
+
+    def _speak(self) -> None:
+        """Say what is new, unless what was said still waits."""
+        while self._waiting and self._waiting[0].is_published():
+            self._waiting.popleft()
+            self._moved_s = time.monotonic()
+        if not self._waiting:
+            self._moved_s = time.monotonic()
+        if len(self._waiting) > MOST_WAITING:
+            return
+        self._shown = self._view()
+        say = self._speaker.changed if self._born else self._speaker.born
+        self._send(say(self._shown))
+        self._born = True
+        self._send(self._speaker.missed(self._shown))
+
+    def _send(self, messages: list[Message]) -> None:
+        for m in messages:
+            self._waiting.append(self._client.publish(m.topic, m.payload, m.qos, m.retain))
+
+    def _goodbye(self) -> None:
+        self._send(self._speaker.farewell())
+        for info in self._waiting:
+            info.wait_for_publish(1.0)
+            if not info.is_published():
+                return
