@@ -56,8 +56,8 @@ def lived(seed, *, drift=0.0, load=0.0, step=0.0):
 
 def separated(estimates, *, maintenance=(), **config):
     rules = AgingConfig(**config)
-    series = series_of(order_history(estimates, Axis.CYCLES), "gain")
-    return without_conditions(series, estimates, maintenance, rules)
+    history = order_history(estimates, Axis.CYCLES)
+    return without_conditions(series_of(history, "gain"), history.rows, maintenance, rules)
 
 
 def trend(estimates, **config):

@@ -64,8 +64,9 @@ def said(estimates, **config):
 
 
 def brought(estimates, **config):
-    series = series_of(order_history(estimates, Axis.CYCLES), GAIN.name)
-    return series, *same_product(series, estimates, (), AgingConfig(**config))
+    history = order_history(estimates, Axis.CYCLES)
+    series = series_of(history, GAIN.name)
+    return series, *same_product(series, history.rows, (), AgingConfig(**config))
 
 
 @pytest.mark.parametrize("product", [CHANGED, IN_TURN], ids=["changed", "in_turn"])

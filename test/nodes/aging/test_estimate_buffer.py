@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from valve_twin_msgs.msg import CycleSummary, Estimate, Maintenance
@@ -15,6 +16,7 @@ from test.nodes.aging.test_node import aging_valve
 from test.nodes.conftest import NS
 from valve_twin.core.aging.assess import assess
 from valve_twin.core.aging.config import AgingConfig
+from valve_twin.core.past.columns import past_of
 from valve_twin.core.types import Maintenance as MaintenanceValue
 from valve_twin.core.valves.registry import get_model
 from valve_twin.nodes.aging.node import AgingMonitorNode
@@ -86,7 +88,8 @@ def wait(graph, monitor, cycles: int) -> None:
 
 
 def assert_says_what_the_history_says(graph, twin, monitor) -> None:
-    assert [repr(e) for e in monitor._buffer.estimates] == [repr(e) for e in twin.history]
+    with np.printoptions(floatmode="unique", threshold=10**6):
+        assert repr(monitor._buffer.past) == repr(past_of(twin.history))
     said = assess(
         twin.history, twin.events, AgingConfig(),
         parameters=get_model("press_cartridge").parameters, valve=NS,

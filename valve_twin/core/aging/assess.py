@@ -55,6 +55,7 @@ from valve_twin.core.diagnosis.detection import NOTHING, Diagnosis
 from valve_twin.core.diagnosis.history import diagnose
 from valve_twin.core.diagnosis.products import CLOCK
 from valve_twin.core.diagnosis.refused import refused_lately
+from valve_twin.core.past.columns import past_of
 from valve_twin.core.types import Estimate, EstimateStatus, Parameter, ParameterValue
 
 if TYPE_CHECKING:
@@ -62,6 +63,7 @@ if TYPE_CHECKING:
 
     from valve_twin.core.aging.drift import Limit
     from valve_twin.core.aging.laws.shapes import LawFit
+    from valve_twin.core.past.columns import Past
     from valve_twin.core.types import BoolArray, FloatArray, IntArray, Maintenance
 
 WAVE_DOUBT = 0.1
@@ -122,7 +124,7 @@ class Assessment:
 
 
 def assess(
-    history: Sequence[Estimate],
+    history: Sequence[Estimate] | Past,
     maintenance: Sequence[Maintenance],
     config: AgingConfig,
     *,
@@ -134,7 +136,7 @@ def assess(
 
     Parameters
     ----------
-    history : sequence of Estimate
+    history : sequence of Estimate, or Past
         The whole stored history, any order; estimates with `used_by_trend` give the trends, those
         of the estimator `features` the faults.
     maintenance : sequence of Maintenance
@@ -156,15 +158,16 @@ def assess(
     maintenance = in_force(maintenance)
     known = {p.name: p for p in parameters}
     names = config.parameters or tuple(p.name for p in parameters if p.trend)
-    ordered = order_history(history, config.axis)
+    past = past_of(history)
+    ordered = order_history(past, config.axis)
+    rows = ordered.rows
     followed = [known.get(name, Parameter(name, "1", "")) for name in names]
     results = [
         _assess_parameter(p, ordered, maintenance, config, valve, confidence) for p in followed
     ]
     label = f" ({config.label})" if config.label else ""
     trends = tuple(replace(trend, reason=trend.reason + label) for trend, _ in results)
-    last = ordered.estimates[-1] if ordered.estimates else None
-    diagnosis = NOTHING if config.label else diagnose(history, maintenance)
+    diagnosis = NOTHING if config.label else diagnose(past, maintenance)
     if any(f.fault == CLOCK for f in diagnosis.findings):
         trends = tuple(
             replace(_without_forecast(t), reason=f"{t.reason}; no forecast: the clocks run apart")
@@ -174,12 +177,12 @@ def assess(
         trends,
         config,
         valve=valve,
-        stamp_ns=last.end_ns if last else 0,
-        cycle=last.cycle if last else 0,
+        stamp_ns=int(rows.end_ns[-1]) if len(rows) else 0,
+        cycle=int(rows.cycle[-1]) if len(rows) else 0,
         fault=diagnosis.present,
-        stale=refused_lately(history),
+        stale=refused_lately(past),
         doubt=diagnosis.doubt,
-        failed=failed_checks(history),
+        failed=failed_checks(past),
         since=_first_compared(ordered, maintenance),
     )
     return Assessment(trends, verdict, tuple(detail for _, detail in results), diagnosis)
@@ -188,8 +191,9 @@ def assess(
 def _first_compared(history: History, maintenance: Sequence[Maintenance]) -> int:
     """Return the first cycle of the reference that gave an estimate, 1 = none yet."""
     begun = max((m.cycle for m in maintenance if m.new_reference), default=0)
-    given = (e.cycle for e in history.estimates if e.status is not EstimateStatus.REFUSED)
-    return min((c for c in given if c >= begun), default=1)
+    given = history.rows.cycle[history.rows.given]
+    given = given[given >= begun]
+    return int(given.min()) if len(given) else 1
 
 
 def warm_up() -> None:
@@ -225,9 +229,9 @@ def _assess_parameter(
 ) -> tuple[Trend, TrendDetail]:
     name = parameter.name
     series, effects = without_conditions(
-        series_of(history, name), history.estimates, maintenance, config
+        series_of(history, name), history.rows, maintenance, config
     )
-    series, changed = same_product(series, history.estimates, maintenance, config)
+    series, changed = same_product(series, history.rows, maintenance, config)
     pieces = cut(series, maintenance, config)
     series = replace(series, values=series.values - pieces.wave)
     lines = _fit_pieces(series, pieces)
@@ -238,9 +242,7 @@ def _assess_parameter(
     if not len(series.values):
         return replace(trend, reason="no accepted estimate yet"), detail
     if len(history.axis) > 1:
-        ends = np.array(
-            [e.end_ns for e in history.estimates[-config.rate_cycles :]], dtype=np.int64
-        )
+        ends = history.rows.end_ns[-config.rate_cycles :]
         trend = replace(trend, cycle_rate=axis_rate(history.axis, ends, len(ends)))
     trend, laws = _judge(
         trend, series, pieces, lines, maintenance, config, confidence, parameter.resolution

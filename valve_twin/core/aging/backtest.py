@@ -215,7 +215,9 @@ def backtest(
     """
     maintenance = in_force(maintenance)
     names = config.parameters or tuple(p.name for p in parameters if p.trend)
-    ordered = order_history(history, config.axis).estimates
+    place = order_history(history, config.axis).place
+    trend = [e for e in history if e.used_by_trend]
+    ordered = tuple(trend[i] for i in place.tolist())
     places = _places(ordered, maintenance)
     starts = sorted({0, *(at for at in places if at < len(ordered))}) if ordered else []
     tests = []

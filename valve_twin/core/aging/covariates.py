@@ -22,7 +22,8 @@ from valve_twin.core.estimation.data.robust import robust_sigma
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from valve_twin.core.types import Estimate, FloatArray, IntArray, Maintenance
+    from valve_twin.core.past.columns import Rows
+    from valve_twin.core.types import FloatArray, IntArray, Maintenance
 
 MIN_VALUES = 20
 """Fewest values from which an effect is found, assumed."""
@@ -81,7 +82,7 @@ class _Condition:
 
 def without_conditions(
     series: Series,
-    estimates: Sequence[Estimate],
+    rows: Rows,
     maintenance: Sequence[Maintenance],
     config: AgingConfig,
 ) -> tuple[Series, tuple[Effect, ...]]:
@@ -91,8 +92,8 @@ def without_conditions(
     ----------
     series : Series
         Values of one parameter.
-    estimates : sequence of Estimate
-        Where the conditions stand: those of the series, and others.
+    rows : Rows
+        Where the conditions stand: the estimates of the series, and others.
     maintenance : sequence of Maintenance
         Events that cut the series.
     config : AgingConfig
@@ -110,14 +111,11 @@ def without_conditions(
     wanted += [parse_bin(text) for text in config.binned]
     if not wanted or not len(series.values):
         return series, ()
-    by_cycle = {(e.cycle, e.end_ns): e for e in estimates}
-    chosen = [
-        by_cycle.get((int(c), int(n))) for c, n in zip(series.cycle, series.end_ns, strict=True)
-    ]
+    chosen = rows.at(series.cycle, series.end_ns)
     known: list[tuple[str, float, FloatArray]] = []
     effects: list[Effect] = []
     for name, width in wanted:
-        values = np.array([_value(e, name) for e in chosen])
+        values = np.where(chosen < 0, np.nan, _values(rows, name)[chosen])
         if width > 0.0:
             values = _binned(values, width)
         if np.count_nonzero(np.isfinite(values)) < MIN_VALUES:
@@ -146,11 +144,10 @@ def describe_effects(effects: Sequence[Effect]) -> str:
     return "".join(f"; {e.reason}" for e in effects)
 
 
-def _value(estimate: Estimate | None, name: str) -> float:
-    """Return a condition of a cycle, or a parameter that its estimate publishes."""
-    if estimate is None:
-        return float("nan")
-    return next((c.value for c in estimate.conditions if c.name == name), estimate.value(name))
+def _values(rows: Rows, name: str) -> FloatArray:
+    """Return a condition of every cycle, or a parameter that its estimate publishes, (N,)."""
+    condition = rows.condition(name)
+    return np.where(np.isnan(condition), rows.value(name), condition)
 
 
 def _condition(name: str, width: float, values: FloatArray, first: int) -> _Condition:

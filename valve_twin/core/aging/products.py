@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from valve_twin.core.aging.config import AgingConfig
-    from valve_twin.core.types import Estimate, FloatArray, IntArray, Maintenance
+    from valve_twin.core.past.columns import Rows
+    from valve_twin.core.types import FloatArray, IntArray, Maintenance
 
 FEWEST = 4
 """Fewest values of a product that give it a level of its own."""
@@ -40,7 +41,7 @@ _FAR = 4.5  # robust standard deviations
 
 def same_product(
     series: Series,
-    estimates: Sequence[Estimate],
+    rows: Rows,
     maintenance: Sequence[Maintenance],
     config: AgingConfig,
 ) -> tuple[Series, str]:
@@ -50,8 +51,8 @@ def same_product(
     ----------
     series : Series
         Values of one parameter.
-    estimates : sequence of Estimate
-        Those of the trend, refused ones included.
+    rows : Rows
+        The estimates of the trend, refused ones included.
     maintenance : sequence of Maintenance
         Events that cut the series.
     config : AgingConfig
@@ -68,7 +69,7 @@ def same_product(
     """
     if config.covariates or config.binned or config.label or not len(series.values):
         return series, ""
-    number = _numbers(series, estimates)
+    number = _numbers(series, rows)
     known = np.unique(number[number >= 0])
     used = [int(k) for k in known if np.count_nonzero(number == k) >= FEWEST]
     if len(known) == 1 == len(np.unique(number)):
@@ -90,16 +91,13 @@ def same_product(
     return replace(series, values=cleared, offsets=offsets), what
 
 
-def _numbers(series: Series, estimates: Sequence[Estimate]) -> IntArray:
+def _numbers(series: Series, rows: Rows) -> IntArray:
     """Return the product of every value of a series, (N,), -1 = not known."""
-    duration = np.array([(e.end_ns - e.start_ns) * 1e-9 for e in estimates])
-    found = products(duration)
+    found = products((rows.end_ns - rows.start_ns) * 1e-9)
     groups = np.unique(found[found >= 0])
     if not len(groups):
         return np.zeros(len(series.values), np.int64)
-    stroke = np.array(
-        [next((c.value for c in e.conditions if c.name == STROKE), np.nan) for e in estimates]
-    )
+    stroke = rows.condition(STROKE)
     ranges = {int(k): _range(stroke[found == k]) for k in groups}
     for i in np.flatnonzero(found < 0):
         fits = [k for k, (low, high) in ranges.items() if low <= stroke[i] <= high]
@@ -107,9 +105,8 @@ def _numbers(series: Series, estimates: Sequence[Estimate]) -> IntArray:
             found[i] = fits[0]
         elif len(groups) == 1 and not np.isfinite(stroke[i]):
             found[i] = groups[0]
-    by_cycle = {(e.cycle, e.end_ns): int(k) for e, k in zip(estimates, found, strict=True)}
-    pairs = zip(series.cycle.tolist(), series.end_ns.tolist(), strict=True)
-    return np.array([by_cycle.get(pair, -1) for pair in pairs], np.int64)
+    row = rows.at(series.cycle, series.end_ns)
+    return np.where(row < 0, -1, found[row])
 
 
 def _range(stroke: FloatArray) -> tuple[float, float]:

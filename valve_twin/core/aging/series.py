@@ -14,19 +14,13 @@ from valve_twin.core.aging.changepoint import best_lines, find_outliers
 from valve_twin.core.aging.config import AgingConfig, Axis
 from valve_twin.core.aging.joining import Joined, join
 from valve_twin.core.aging.trend import Line, fit_line
-from valve_twin.core.estimation.data.robust import NORMAL_975
-from valve_twin.core.types import (
-    BoolArray,
-    Estimate,
-    EstimateStatus,
-    FloatArray,
-    IntArray,
-    Maintenance,
-    ParameterStatus,
-)
+from valve_twin.core.past.columns import Rows, past_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
+
+    from valve_twin.core.past.columns import Past
+    from valve_twin.core.types import BoolArray, Estimate, FloatArray, IntArray, Maintenance
 
 _UNKNOWN = -1
 _NAN = float("nan")
@@ -43,17 +37,20 @@ class History:
 
     Attributes
     ----------
-    estimates : tuple of Estimate
+    rows : Rows
         N estimates, refused ones included: they count on the axis.
     axis : (N,) array
         Position on the axis, strictly increasing [axis unit].
     unknown : (N,) bool array
         An unknown number of cycles was missed before this one; the axis counts none.
+    place : (N,) int64 array
+        Which of the rows that were given each is.
     """
 
-    estimates: tuple[Estimate, ...]
+    rows: Rows
     axis: FloatArray
     unknown: BoolArray
+    place: IntArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +122,7 @@ class Pieces:
     period: float = float("nan")
 
 
-def order_history(history: Sequence[Estimate], axis: Axis) -> History:
+def order_history(history: Iterable[Estimate] | Past, axis: Axis) -> History:
     """Sort the trend's estimates, one a cycle, and place them on the axis.
 
     The number of a cycle says what came after what: it goes on where a clock is set back. Numbers
@@ -133,7 +130,7 @@ def order_history(history: Sequence[Estimate], axis: Axis) -> History:
 
     Parameters
     ----------
-    history : sequence of Estimate
+    history : iterable of Estimate, or Past
         Stored estimates of all estimators, in any order.
     axis : Axis
         Cycles and counter advance by the cycle number, or by the missed cycles where those are
@@ -145,56 +142,66 @@ def order_history(history: Sequence[Estimate], axis: Axis) -> History:
     History
         The estimates with `used_by_trend`.
     """
-    latest = {(e.cycle, e.end_ns): e for e in history if e.used_by_trend}
-    repeated = len({cycle for cycle, _ in latest}) < len(latest)
-    sort_key = 1 if repeated or axis is Axis.HOURS else 0
-    estimates = tuple(latest[key] for key in sorted(latest, key=lambda k: k[sort_key]))
-    number = np.array([e.cycle for e in estimates], dtype=np.int64)
-    missed = np.array([e.missed_cycles for e in estimates], dtype=np.int64)
+    given = past_of(history).trend
+    index = _in_order(given, axis)
+    rows = given.take(index)
+    number, missed = rows.cycle, rows.missed
     step = np.diff(number, prepend=number[:1] - 1)
     unknown = (missed == _UNKNOWN) | (step < 1)
     if len(unknown):
         unknown[0] = False
     if axis is Axis.HOURS:
-        end = np.array([e.end_ns for e in estimates], dtype=np.int64)
-        place = (end - end[:1]) / 3.6e12
+        place = (rows.end_ns - rows.end_ns[:1]) / 3.6e12
     else:
         place = (number[:1] - 1 + np.cumsum(np.maximum(step, 1 + np.maximum(missed, 0)))).astype(
             np.float64
         )
         if len(missed) and missed[0] > 0:
             place -= float(missed[0])
-    return History(estimates, place, unknown)
+    return History(rows, place, unknown, index)
+
+
+def _in_order(rows: Rows, axis: Axis) -> IntArray:
+    """Return the rows in the order of time; of a cycle that came twice the last, at its place."""
+    cycle, end_ns = rows.cycle, rows.end_ns
+    if np.all(cycle[1:] > cycle[:-1]):
+        rising = axis is not Axis.HOURS or bool(np.all(end_ns[1:] >= end_ns[:-1]))
+        index = np.arange(len(rows), dtype=np.int64)
+        return index if rising else np.argsort(end_ns, kind="stable")
+    pairs = zip(cycle.tolist(), end_ns.tolist(), strict=True)
+    latest = {pair: row for row, pair in enumerate(pairs)}
+    repeated = len({number for number, _ in latest}) < len(latest)
+    sort_key = 1 if repeated or axis is Axis.HOURS else 0
+    chosen = [latest[key] for key in sorted(latest, key=lambda k: k[sort_key])]
+    return np.array(chosen, dtype=np.int64)
 
 
 def series_of(history: History, parameter: str) -> Series:
     """Return the accepted values of one parameter; unknown breaks pass over refused cycles."""
-    values = np.array([_usable(e, parameter) for e in history.estimates], dtype=np.float64)
-    index = np.flatnonzero(np.isfinite(values))
+    rows = history.rows
+    values = rows.usable(parameter)
+    used = rows.given & (np.abs(values) < _LARGEST)
+    index = np.flatnonzero(used)
     breaks = np.concatenate([[0], np.cumsum(history.unknown)])
     passed = np.concatenate([[0], index[:-1] + 1]) if len(index) else index
-    chosen = [history.estimates[i] for i in index.tolist()]
-    stamps = np.array([(e.cycle, e.start_ns, e.end_ns) for e in chosen], dtype=np.int64)
-    cycle, start_ns, end_ns = stamps.reshape(-1, 3).T.copy()
     return Series(
         axis=history.axis[index],
         values=values[index],
-        cycle=cycle,
-        start_ns=start_ns,
-        end_ns=end_ns,
+        cycle=rows.cycle[index],
+        start_ns=rows.start_ns[index],
+        end_ns=rows.end_ns[index],
         unknown=breaks[index + 1] > breaks[passed],
-        systematic=_systematic(chosen, parameter),
+        systematic=_systematic(rows, parameter, index),
     )
 
 
-def _systematic(estimates: Sequence[Estimate], parameter: str) -> float:
+def _systematic(rows: Rows, parameter: str, index: IntArray) -> float:
     """Return what the limits of the values hold beyond their repeatability [unit]."""
-    found = []
-    for item in (p for e in estimates for p in e.parameters if p.name == parameter):
-        half = 0.5 * (item.upper_95 - item.lower_95) / NORMAL_975
-        if np.isfinite(half) and np.isfinite(item.standard_error):
-            found.append(max(half**2 - item.standard_error**2, 0.0))
-    return float(np.median(found)) ** 0.5 if found else 0.0
+    if parameter not in rows.parameters:
+        return 0.0
+    found = rows.parameters[parameter].spread[index]
+    found = found[np.isfinite(found)]
+    return float(np.median(found)) ** 0.5 if len(found) else 0.0
 
 
 def part_of(series: Series, kept: IntArray) -> Series:
@@ -211,17 +218,6 @@ def part_of(series: Series, kept: IntArray) -> Series:
         offsets=None if series.offsets is None else series.offsets[kept],
         systematic=series.systematic,
     )
-
-
-def _usable(estimate: Estimate, parameter: str) -> float:
-    """Return the value of a parameter, NaN where a trend may not use it."""
-    if estimate.status is not EstimateStatus.REFUSED:
-        for item in estimate.parameters:
-            if item.name == parameter:
-                if item.status is ParameterStatus.OK and abs(item.value) < _LARGEST:
-                    return item.value
-                break
-    return _NAN
 
 
 def in_force(events: Iterable[Maintenance]) -> tuple[Maintenance, ...]:

@@ -6,11 +6,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from valve_twin.core.types import EstimateStatus
+import numpy as np
+
+from valve_twin.core.past.columns import past_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from valve_twin.core.past.columns import Past
     from valve_twin.core.types import Estimate, Guard
 
 _GRAVE = ("bounds", "identifiability", "noise at rest", "excitation", "condition number")
@@ -22,12 +25,12 @@ _SHARE = 0.5
 """Share of the newest cycles that must fail a check before it is told, assumed [1]."""
 
 
-def failed_checks(history: Iterable[Estimate]) -> str:
+def failed_checks(history: Iterable[Estimate] | Past) -> str:
     """Return which grave checks at least half of the newest estimates fail, empty = none.
 
     Parameters
     ----------
-    history : iterable of Estimate
+    history : iterable of Estimate, or Past
         Estimates of all estimators; those that feed the trend count, refused ones do not.
 
     Returns
@@ -35,13 +38,14 @@ def failed_checks(history: Iterable[Estimate]) -> str:
     str
         A clause for each, with the finding of the newest cycle that fails it.
     """
-    given = [e for e in history if e.used_by_trend and e.status is not EstimateStatus.REFUSED]
-    newest = sorted(given, key=lambda e: e.end_ns)[-_NEWEST:]
+    rows = past_of(history).trend
+    given = np.flatnonzero(rows.given)
+    newest = rows.key[given[np.argsort(rows.end_ns[given], kind="stable")[-_NEWEST:]]]
     if len(newest) < _LEAST:
         return ""
     failed: dict[str, list[Guard]] = {}
-    for guard in (g for e in newest for g in e.guards):
-        if not guard.passed and guard.name.startswith(_GRAVE):
+    for guard in (g for row in newest.tolist() for g in rows.failed.get(row, ())):
+        if guard.name.startswith(_GRAVE):
             failed.setdefault(guard.name, []).append(guard)
     return "; ".join(
         f"check of {name} failed in {len(guards)} of the newest {len(newest)} cycles: "

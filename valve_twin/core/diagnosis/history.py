@@ -14,19 +14,20 @@ from valve_twin.core.diagnosis.detection import NOTHING, UNKNOWN, Diagnosis, Fin
 from valve_twin.core.diagnosis.direct.bounds import OFF_SEAT, WEAK_SMALL, beyond
 from valve_twin.core.diagnosis.direct.freezing import DUE, MISSED, freezing
 from valve_twin.core.diagnosis.direct.noise import noisier
-from valve_twin.core.diagnosis.features import ESTIMATOR, NOISE
+from valve_twin.core.diagnosis.features import NOISE
 from valve_twin.core.diagnosis.generic.reference import has_reference
 from valve_twin.core.diagnosis.generic.signatures import signatures_of
 from valve_twin.core.diagnosis.products import CLOCK, clocks_apart, products, without_slips
 from valve_twin.core.diagnosis.reference import doubt_of
 from valve_twin.core.diagnosis.refused import still
 from valve_twin.core.diagnosis.table import BY_NAME, PAIRS, partner
-from valve_twin.core.refusal import RefusalCode
+from valve_twin.core.past.columns import past_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
-    from valve_twin.core.types import Estimate, IntArray, Maintenance
+    from valve_twin.core.past.columns import Past, Rows
+    from valve_twin.core.types import Estimate, Maintenance
     from valve_twin.core.valves.interface import ValveModel
 
 _DIRECT = (NOISE, MISSED, DUE, OFF_SEAT, WEAK_SMALL)
@@ -39,12 +40,12 @@ _LATELY = 8
 """Newest cycles whose products must all have a reference: recipes may alternate."""
 
 
-def diagnose(history: Sequence[Estimate], maintenance: Sequence[Maintenance]) -> Diagnosis:
+def diagnose(history: Iterable[Estimate] | Past, maintenance: Sequence[Maintenance]) -> Diagnosis:
     """Find the faults in a stored history; a pure function of it.
 
     Parameters
     ----------
-    history : sequence of Estimate
+    history : iterable of Estimate, or Past
         Estimates of all estimators, in any order; those named `features` count.
     maintenance : sequence of Maintenance
         All maintenance events of the valve.
@@ -54,22 +55,23 @@ def diagnose(history: Sequence[Estimate], maintenance: Sequence[Maintenance]) ->
     Diagnosis
         `NOTHING` where no features are stored or the model has no signatures.
     """
-    shown = {e.cycle: e for e in history if e.estimator == ESTIMATOR}
-    if not shown:
+    past = past_of(history)
+    shown = past.features
+    if not len(shown):
         return NOTHING
-    model = _model(next(iter(shown.values())).model)
+    model = _model(shown.models[0])
     table = signatures_of(model) if model else None
     if model is None or table is None:
         return NOTHING
+    shown = _once_a_cycle(shown)
     if model.feature_set.of_any_valve:
-        shown = {c: e for c, e in shown.items() if has_reference(e)}
-        if not shown:
+        shown = shown.take(np.flatnonzero(has_reference(shown)))
+        if not len(shown):
             return NOTHING
-    cycles = np.array(sorted(shown), dtype=np.int64)
-    vectors = np.array([model.feature_set.vector(shown[int(c)].parameters) for c in cycles])
+    cycles = shown.cycle
+    vectors = model.feature_set.vectors(shown)
     restarts = [m.cycle for m in maintenance]
-    chosen = [shown[int(c)] for c in cycles]
-    product = products(np.array([(e.end_ns - e.start_ns) * 1e-9 for e in chosen]))
+    product = products((shown.end_ns - shown.start_ns) * 1e-9)
     found: list[Finding] = []
     ready, doubt = False, ""
     since = int(np.searchsorted(cycles, max(restarts, default=0)))
@@ -84,16 +86,15 @@ def diagnose(history: Sequence[Estimate], maintenance: Sequence[Maintenance]) ->
         if number in lately:
             begun = int(np.count_nonzero(own[:since]))
             doubt = doubt or doubt_of(cycles[own][begun:], steady[begun:], table)
-    start_s = np.array([(e.start_ns - chosen[0].start_ns) * 1e-9 for e in chosen])
+    start_s = (shown.start_ns - shown.start_ns[0]) * 1e-9
     clock = clocks_apart(cycles[since:], start_s[since:], vectors[since:], table)
     found.sort(key=lambda f: (f.alarm, f.onset))
-    stuck = still(history)
+    stuck = still(past)
     found += [clock] if clock else []
     if not model.feature_set.of_any_valve:
-        found += _direct(chosen, cycles, restarts)
+        found += _direct(shown, restarts)
     found += [stuck] if stuck else []
-    apart = [e.cycle for e in history if e.reason_code == RefusalCode.IMPLAUSIBLE]
-    found = [f for f in found if not _is_slip(f, apart)]
+    found = [f for f in found if not _is_slip(f, past.apart)]
     return Diagnosis(tuple(found), len(cycles), ready, doubt)
 
 
@@ -106,9 +107,17 @@ def _is_slip(finding: Finding, apart: Sequence[int]) -> bool:
     return any(finding.onset - _NEAR <= cycle <= over for cycle in apart)
 
 
-def _direct(shown: Sequence[Estimate], cycles: IntArray, restarts: Sequence[int]) -> list[Finding]:
+def _once_a_cycle(shown: Rows) -> Rows:
+    """Return the rows by rising cycle, of each cycle the last that came."""
+    order = np.argsort(shown.cycle, kind="stable")
+    last = np.append(np.diff(shown.cycle[order]) > 0, True)
+    return shown.take(order[last])
+
+
+def _direct(shown: Rows, restarts: Sequence[int]) -> list[Finding]:
     """Return what shows without a signature; maintenance ends it and begins anew."""
-    values = np.array([[e.value(n) for n in _DIRECT] for e in shown])
+    cycles = shown.cycle
+    values = np.column_stack([shown.value(n) for n in _DIRECT])
     found: list[Finding] = []
     edges = [0, *sorted({int(np.searchsorted(cycles, c)) for c in restarts}), len(cycles)]
     for first, last in pairwise(edges):

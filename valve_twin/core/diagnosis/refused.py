@@ -5,18 +5,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from statistics import median
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from valve_twin.core.diagnosis.detection import Finding
-from valve_twin.core.diagnosis.features import ESTIMATOR
-from valve_twin.core.refusal import RefusalCode
-from valve_twin.core.types import EstimateStatus
+from valve_twin.core.past.columns import past_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable
 
-    from valve_twin.core.types import Estimate
+    from valve_twin.core.past.columns import Past, Rows
+    from valve_twin.core.types import Estimate, IntArray
 
 LEAST_REFUSED = 5
 """Newest cycles in a row without an estimate after which what was said before is withdrawn."""
@@ -44,30 +44,31 @@ FRESH = Stale()
 """The newest cycles say something."""
 
 
-def refused_lately(history: Iterable[Estimate]) -> Stale:
+def refused_lately(history: Iterable[Estimate] | Past) -> Stale:
     """Return why the newest cycles say nothing.
 
     Parameters
     ----------
-    history : iterable of Estimate
+    history : iterable of Estimate, or Past
         Estimates of all estimators.
     """
-    newest = _newest_refused(history)
+    rows = past_of(history).trend
+    newest = _newest_refused(rows)
     if len(newest) < LEAST_REFUSED:
         return FRESH
-    unusable = all(e.reason_code == RefusalCode.IMPLAUSIBLE for e in newest[-LEAST_REFUSED:])
-    why = f"the newest {len(newest)} cycles gave no estimate: {newest[-1].reason}"
-    return Stale(why, unusable)
+    unusable = bool(rows.implausible[newest[-LEAST_REFUSED:]].all())
+    reason = rows.reasons[int(rows.key[newest[-1]])]
+    return Stale(f"the newest {len(newest)} cycles gave no estimate: {reason}", unusable)
 
 
-def still(history: Sequence[Estimate]) -> Finding | None:
+def still(history: Iterable[Estimate] | Past) -> Finding | None:
     """Return that nothing moves: the newest cycles were refused, and their position stayed.
 
     One such cycle is enough where it did not end either.
 
     Parameters
     ----------
-    history : sequence of Estimate
+    history : iterable of Estimate, or Past
         Estimates of all estimators.
 
     Returns
@@ -76,42 +77,33 @@ def still(history: Sequence[Estimate]) -> Finding | None:
         `sensor_freeze` where not even noise is left, else `no_motion`; None where a newest cycle
         moved, or nothing is known of how far usual ones move.
     """
-    newest = _newest_refused(history)
-    if not newest:
+    past = past_of(history)
+    rows = past.trend
+    newest = _newest_refused(rows)
+    if not len(newest):
         return None
-    before = [e for e in history if e.used_by_trend and e.cycle < newest[0].cycle]
-    usual = [_stroke(e) for e in before if e.status is not EstimateStatus.REFUSED]
-    usual = [stroke for stroke in usual if stroke > 0.0]
+    stroke, length = rows.condition("stroke"), rows.end_ns - rows.start_ns
+    before = rows.cycle < rows.cycle[newest[0]]
+    usual = stroke[before & rows.given]
+    usual = usual[usual > 0.0]
     if len(usual) < _LEAST_USUAL:
         return None
-    run: list[Estimate] = []
-    for e in reversed(newest):
-        if not _stroke(e) < _STILL * median(usual):
-            break
-        run.append(e)
-    overdue = run and _length(run[0]) > _OVERDUE * median(_length(e) for e in before)
+    moved = ~(stroke[newest[::-1]] < _STILL * np.median(usual))
+    run = newest[::-1][: int(np.argmax(moved)) if moved.any() else len(moved)]
+    overdue = len(run) and length[run[0]] > _OVERDUE * np.median(length[before])
     if not overdue and len(run) < _LEAST_STILL:
         return None
-    cycle = {e.cycle for e in run}
-    features = [e for e in history if e.estimator == ESTIMATOR and e.cycle in cycle]
-    repeats = [e.value("repeats") for e in features]
-    frozen = min((r for r in repeats if r >= 0.0), default=0.0) > _FROZEN
+    cycle = rows.cycle[run]
+    repeats = past.features.value("repeats")[np.isin(past.features.cycle, cycle)]
+    repeats = repeats[repeats >= 0.0]
+    frozen = bool(len(repeats)) and bool(repeats.min() > _FROZEN)
     name, part = ("sensor_freeze", "sensor") if frozen else ("no_motion", "valve")
     size = 1.0 if frozen else float("nan")
-    return Finding(name, (), part, size, float("nan"), run[-1].cycle, run[0].cycle)
+    return Finding(name, (), part, size, float("nan"), int(cycle[-1]), int(cycle[0]))
 
 
-def _stroke(estimate: Estimate) -> float:
-    """Return how far the position ran in a cycle [1], NaN = not known."""
-    return next((c.value for c in estimate.conditions if c.name == "stroke"), float("nan"))
-
-
-def _length(estimate: Estimate) -> int:
-    return estimate.end_ns - estimate.start_ns
-
-
-def _newest_refused(history: Iterable[Estimate]) -> list[Estimate]:
-    """Return the estimates for the trend of the newest cycles, all of which were refused."""
-    shown = sorted((e for e in history if e.used_by_trend), key=lambda e: e.end_ns)
-    given = [i for i, e in enumerate(shown) if e.status is not EstimateStatus.REFUSED]
-    return shown[given[-1] + 1 if given else 0 :]
+def _newest_refused(rows: Rows) -> IntArray:
+    """Return the newest rows, all of which were refused, oldest first."""
+    order = np.argsort(rows.end_ns, kind="stable")
+    given = np.flatnonzero(rows.given[order])
+    return np.asarray(order[given[-1] + 1 if len(given) else 0 :])

@@ -13,9 +13,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from valve_twin.core.past.columns import Pasts
 from valve_twin.nodes.runtime.messages import estimate_value
 
 if TYPE_CHECKING:
+    from valve_twin.core.past.columns import Past
     from valve_twin.core.types import Estimate, Maintenance
 
 MOST_WAITING = 1000
@@ -34,36 +36,40 @@ class EstimateBuffer:
 
     Attributes
     ----------
-    known : dict
-        Estimates by estimator, by rising cycle.
+    counts : dict
+        Estimates known, by estimator.
     maintenance : dict
         Events by what makes them one: all but whether they were withdrawn.
     """
 
     def __init__(self, trend: str, beside: str = "") -> None:
         self._trend, self._beside = trend, beside
-        self.known: dict[str, list[Estimate]] = {trend: []}
-        if beside:
-            self.known[beside] = []
+        names = (trend, beside) if beside else (trend,)
+        self.counts = dict.fromkeys(names, 0)
+        self._last = dict.fromkeys(names, 0)
+        self._known = Pasts()
         self.maintenance: dict[Maintenance, Maintenance] = {}
-        self._received: dict[str, dict[int, Any]] = {name: {} for name in self.known}
+        self._received: dict[str, dict[int, Any]] = {name: {} for name in names}
         self._cycles: dict[int, Any] = {}
 
     @property
-    def estimates(self) -> tuple[Estimate, ...]:
-        """All estimates known."""
-        return tuple(e for found in self.known.values() for e in found)
+    def past(self) -> Past:
+        """All that is known of the estimates, as columns."""
+        return self._known.past()
 
     def last(self, estimator: str = "") -> int:
         """Return the last cycle known of an estimator, by default of the trend's; 0 = none."""
-        found = self.known[estimator or self._trend]
-        return found[-1].cycle if found else 0
+        return self._last[estimator or self._trend]
 
     def add(self, estimator: str, estimates: list[Estimate]) -> bool:
         """Add what the history answered; return whether any of it is new."""
         last = self.last(estimator)
         fresh = [e for e in estimates if e.cycle > last]
-        self.known[estimator] += fresh
+        for estimate in fresh:
+            self._known.add(estimate)
+        self.counts[estimator] += len(fresh)
+        if fresh:
+            self._last[estimator] = fresh[-1].cycle
         return bool(fresh)
 
     def note(self, event: Maintenance) -> bool:
@@ -84,7 +90,7 @@ class EstimateBuffer:
 
     def take(self) -> bool:
         """Take over all that follows on what is known; return whether anything did."""
-        begin = len(self.known[self._trend])
+        begin = self.counts[self._trend]
         self._forget()
         while self._received[self._trend] and not self.lacks:
             number = min(self._received[self._trend])
@@ -94,7 +100,7 @@ class EstimateBuffer:
             for name, messages in self._received.items():
                 self.add(name, [estimate_value(messages[number], missed)])
             self._forget()
-        return len(self.known[self._trend]) > begin
+        return self.counts[self._trend] > begin
 
     @property
     def waits(self) -> bool:

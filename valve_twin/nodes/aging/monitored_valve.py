@@ -58,7 +58,7 @@ class MonitoredValve:
         self._parameters, self._trend_estimator = model.parameters, model.trend_estimator
         features = ESTIMATOR in getattr(config.options, "estimators", ())
         self._buffer = EstimateBuffer(self._trend_estimator, ESTIMATOR if features else "")
-        self._asking = list(self._buffer.known)
+        self._asking = list(self._buffer.counts)
         self._asked_s: float | None = None
         self._again = True
         self._answered = self._caught_up = False
@@ -106,7 +106,7 @@ class MonitoredValve:
     @property
     def cycles(self) -> int:
         """Estimates known."""
-        return len(self._buffer.known[self._trend_estimator])
+        return self._buffer.counts[self._trend_estimator]
 
     @property
     def last_cycle(self) -> int:
@@ -176,7 +176,7 @@ class MonitoredValve:
         changes = [self._buffer.add(self._asking[0], fresh), *map(self._buffer.note, events)]
         self._changed = self._changed or any(changes)
         if not answer.more:  # the estimators are asked for one behind the other
-            self._asking = self._asking[1:] or list(self._buffer.known)
+            self._asking = self._asking[1:] or list(self._buffer.counts)
         if answer.more or self._asking[0] != self._trend_estimator:
             self.ask(anew=True)
             return
@@ -193,7 +193,7 @@ class MonitoredValve:
         self._busy, self._changed = True, False
         work = partial(
             assess,
-            self._buffer.estimates,
+            self._buffer.past,
             tuple(self._buffer.maintenance.values()),
             self.config.aging,
             parameters=self._parameters,

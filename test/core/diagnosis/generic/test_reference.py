@@ -21,6 +21,7 @@ from valve_twin.core.estimation.cycle.sequence import (
     estimate_cycle,
     memory_from_history,
 )
+from valve_twin.core.past.columns import past_of
 from valve_twin.core.simulation.block import to_frames
 from valve_twin.core.simulation.valve import SimulatedValve
 from valve_twin.core.types import Cycle, Estimate
@@ -58,7 +59,8 @@ def features(history):
 def test_every_cycle_has_features_and_those_of_the_first_have_no_reference(faulty):
     shown = features(faulty[0])
     assert [e.cycle for e in shown] == list(range(1, CYCLES + 1))
-    assert [has_reference(e) for e in shown[:7]] == [False] * REFERENCE_CYCLES + [True, True]
+    against = has_reference(past_of(shown[:7]).features)
+    assert against.tolist() == [False] * REFERENCE_CYCLES + [True, True]
     assert "no reference model before 5 accepted cycles" in shown[0].reason
 
 

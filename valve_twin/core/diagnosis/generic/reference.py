@@ -37,7 +37,8 @@ from valve_twin.core.types import (
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from valve_twin.core.types import Cycle, FloatArray
+    from valve_twin.core.past.columns import Rows
+    from valve_twin.core.types import BoolArray, Cycle, FloatArray
     from valve_twin.core.valves.interface import Options, ValveModel
 
 REFERENCE_CYCLES = 5
@@ -69,9 +70,13 @@ def published(model: ValveModel) -> tuple[Parameter, ...]:
     return (*model.parameters, *FEATURES, deviation, *kept)
 
 
-def has_reference(features: Estimate) -> bool:
-    """Return whether features were taken against a reference model."""
-    return any(p.name.startswith(_PREFIX) for p in features.parameters)
+def has_reference(features: Rows) -> BoolArray:
+    """Return which features were taken against a reference model, (N,)."""
+    found = np.zeros(len(features), dtype=np.bool_)
+    for name, columns in features.parameters.items():
+        if name.startswith(_PREFIX):
+            found |= columns.status >= 0
+    return found
 
 
 def reference_of(model: ValveModel, earlier: Sequence[Estimate]) -> Reference | None:

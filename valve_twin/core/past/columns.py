@@ -1,0 +1,347 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Estimates of one valve as columns of numbers: 0.1 kB instead of 2 kB each, read by whole arrays.
+
+Kept is what trends and faults read: of the estimates that feed the trend and of the features all
+numbers, reasons only of refused ones, checks only where failed. Rows are only ever added, so
+that a `Rows` that was taken stays as it is while more come.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import isfinite
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from valve_twin.core.diagnosis.features import ESTIMATOR
+from valve_twin.core.estimation.data.robust import NORMAL_975
+from valve_twin.core.refusal import RefusalCode
+from valve_twin.core.types import EstimateStatus, ParameterStatus
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+
+    from numpy.typing import NDArray
+
+    from valve_twin.core.types import (
+        BoolArray,
+        Estimate,
+        FloatArray,
+        Guard,
+        IntArray,
+        ParameterValue,
+    )
+
+_FIRST = 64  # rows that a new table has room for
+_ABSENT = -1  # status of a parameter that an estimate does not hold
+
+_Writing: TypeAlias = "list[NDArray[Any]]"
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """Values of one parameter.
+
+    Attributes
+    ----------
+    value : (N,) array
+        Its values, also those that a trend may not use; NaN where an estimate lacks it [unit].
+    status : (N,) int8 array
+        `ParameterStatus`, -1 where an estimate lacks it.
+    spread : (N,) array
+        Variance that its limits hold beyond its repeatability; NaN = not known [unit^2].
+    """
+
+    value: FloatArray
+    status: NDArray[np.int8]
+    spread: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """Estimates of one kind.
+
+    Attributes
+    ----------
+    cycle, start_ns, end_ns, missed : (N,) int64 arrays
+        Cycle number, its first and last stamp [ns], cycles missed before it, -1 = unknown.
+    status : (N,) int8 array
+        `EstimateStatus`.
+    error : (N,) array
+        One-step mean squared error on the cycle as test data [1].
+    implausible : (N,) bool array
+        Refused since the signals cannot be those of a valve.
+    parameters : mapping
+        Columns by name of the parameter.
+    conditions : mapping
+        (N,) values by name of the condition, NaN where not known.
+    reasons, failed : mapping
+        Of some rows, by their key: why it was refused; checks that it failed.
+    key : (N,) int64 array
+        Keys of the rows in `reasons` and `failed`.
+    models : tuple of str
+        Names of the models, in the order of their first estimates.
+    """
+
+    cycle: IntArray
+    start_ns: IntArray
+    end_ns: IntArray
+    missed: IntArray
+    status: NDArray[np.int8]
+    error: FloatArray
+    implausible: BoolArray
+    parameters: Mapping[str, Columns]
+    conditions: Mapping[str, FloatArray]
+    reasons: Mapping[int, str]
+    failed: Mapping[int, tuple[Guard, ...]]
+    key: IntArray
+    models: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return len(self.cycle)
+
+    @property
+    def given(self) -> BoolArray:
+        """Which were not refused, (N,)."""
+        return np.asarray(self.status != EstimateStatus.REFUSED)
+
+    def value(self, name: str) -> FloatArray:
+        """Return the (N,) values of a parameter, as `Estimate.value` does."""
+        found = self.parameters.get(name)
+        return np.full(len(self), np.nan) if found is None else found.value
+
+    def usable(self, name: str) -> FloatArray:
+        """Return the (N,) values of a parameter, NaN where they may not be used."""
+        found = self.parameters.get(name)
+        if found is None:
+            return np.full(len(self), np.nan)
+        return np.where(found.status == ParameterStatus.OK, found.value, np.nan)
+
+    def condition(self, name: str) -> FloatArray:
+        """Return the (N,) values of a condition, NaN where not known."""
+        found = self.conditions.get(name)
+        return np.full(len(self), np.nan) if found is None else found
+
+    def take(self, index: IntArray) -> Rows:
+        """Return some rows in an order."""
+        if len(index) == len(self) and bool(np.all(index == np.arange(len(index)))):
+            return self
+        return self._of(index)
+
+    def until(self, end: int) -> Rows:
+        """Return the first `end` rows."""
+        return self._of(slice(0, end))
+
+    def _of(self, part: IntArray | slice) -> Rows:
+        return Rows(
+            cycle=self.cycle[part],
+            start_ns=self.start_ns[part],
+            end_ns=self.end_ns[part],
+            missed=self.missed[part],
+            status=self.status[part],
+            error=self.error[part],
+            implausible=self.implausible[part],
+            parameters={
+                name: Columns(c.value[part], c.status[part], c.spread[part])
+                for name, c in self.parameters.items()
+            },
+            conditions={name: values[part] for name, values in self.conditions.items()},
+            reasons=self.reasons,
+            failed=self.failed,
+            key=self.key[part],
+            models=self.models,
+        )
+
+    def at(self, cycle: IntArray, end_ns: IntArray) -> IntArray:
+        """Return the last row of each cycle with that end, (M,) int64; -1 = there is none."""
+        if not len(self):
+            return np.full(len(cycle), -1, dtype=np.int64)
+        order = np.argsort(self.end_ns, kind="stable")
+        ends = self.end_ns[order]
+        if bool(np.any(ends[1:] == ends[:-1])):
+            pairs = zip(self.cycle.tolist(), self.end_ns.tolist(), strict=True)
+            known = {pair: row for row, pair in enumerate(pairs)}
+            wanted = zip(cycle.tolist(), end_ns.tolist(), strict=True)
+            return np.array([known.get(pair, -1) for pair in wanted], dtype=np.int64)
+        row = order[np.maximum(np.searchsorted(ends, end_ns, side="right") - 1, 0)]
+        same = (self.end_ns[row] == end_ns) & (self.cycle[row] == cycle)
+        return np.asarray(np.where(same, row, -1), dtype=np.int64)
+
+
+@dataclass(frozen=True, slots=True)
+class Past:
+    """What is known of one valve.
+
+    Attributes
+    ----------
+    trend, features : Rows
+        The estimates that feed the trend, and the features of cycles; in the order in which they
+        came.
+    apart : tuple of int
+        Cycles of which any estimate was refused since its signals do not belong together.
+    """
+
+    trend: Rows
+    features: Rows
+    apart: tuple[int, ...] = ()
+
+
+@dataclass(slots=True)
+class Table:
+    """Columns that grow: a row is added in constant time on average."""
+
+    _size: int = 0
+    _room: int = 0
+    _columns: dict[tuple[str, str], NDArray[Any]] = field(default_factory=dict)
+    _reasons: dict[int, str] = field(default_factory=dict)
+    _failed: dict[int, tuple[Guard, ...]] = field(default_factory=dict)
+    _models: dict[str, None] = field(default_factory=dict)
+    _known: dict[tuple[str, ...], list[_Writing]] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return self._size
+
+    def add(self, estimate: Estimate) -> None:
+        """Add an estimate."""
+        if self._size == self._room:
+            self._grow()
+        row = self._size
+        for key, read in _FIXED.items():
+            self._columns[key][row] = read(estimate)
+        for p, (value, status, spread) in self._places(estimate):
+            value[row], status[row], spread[row] = p.value, p.status, _spread(p)
+        for c in reversed(estimate.conditions):
+            self._column("condition", c.name)[row] = c.value
+        if estimate.status is EstimateStatus.REFUSED:
+            self._reasons[row] = estimate.reason
+        failed = tuple(g for g in estimate.guards if not g.passed)
+        if failed:
+            self._failed[row] = failed
+        self._models.setdefault(estimate.model)
+        self._size = row + 1
+
+    def rows(self) -> Rows:
+        """Return the rows that are there now; they stay as they are when more come."""
+        n = self._size
+        if not n:
+            self._grow()
+        of = {key: column[:n] for key, column in self._columns.items()}
+        names = [name for kind, name in of if kind == "value"]
+        return Rows(
+            cycle=of["int", "cycle"],
+            start_ns=of["int", "start_ns"],
+            end_ns=of["int", "end_ns"],
+            missed=of["int", "missed_cycles"],
+            status=of["kind", "status"],
+            error=of["float", "mse_test"],
+            implausible=of["bool", "implausible"],
+            parameters={
+                n: Columns(of["value", n], of["status", n], of["spread", n]) for n in names
+            },
+            conditions={name: c for (kind, name), c in of.items() if kind == "condition"},
+            reasons=self._reasons,
+            failed=self._failed,
+            key=np.arange(n, dtype=np.int64),
+            models=tuple(self._models),
+        )
+
+    def _places(self, estimate: Estimate) -> Iterable[tuple[ParameterValue, _Writing]]:
+        """Return the parameters and where each goes; of a name that occurs twice the first."""
+        names = tuple(p.name for p in estimate.parameters)
+        found = self._known.get(names)
+        if found is None:
+            kinds = ("value", "status", "spread")
+            found = self._known[names] = [[self._column(k, n) for k in kinds] for n in names]
+        if len(set(names)) < len(names):
+            return zip(reversed(estimate.parameters), reversed(found), strict=True)
+        return zip(estimate.parameters, found, strict=True)
+
+    def _column(self, kind: str, name: str) -> NDArray[Any]:
+        found = self._columns.get((kind, name))
+        if found is None:
+            fill, dtype = _FILL[kind]
+            found = self._columns[kind, name] = np.full(self._room, fill, dtype=dtype)
+        return found
+
+    def _grow(self) -> None:
+        self._room = max(2 * self._room, _FIRST)
+        self._known.clear()
+        for kind, name in _FIXED:
+            self._column(kind, name)
+        for key, column in self._columns.items():
+            fill, dtype = _FILL[key[0]]
+            wider: NDArray[Any] = np.full(self._room, fill, dtype=dtype)
+            wider[: self._size] = column[: self._size]
+            self._columns[key] = wider
+
+
+class Pasts:
+    """The past of one valve while estimates come."""
+
+    def __init__(self) -> None:
+        self._trend, self._features = Table(), Table()
+        self._apart: list[int] = []
+        self._taken: Past | None = None
+
+    def add(self, estimate: Estimate) -> None:
+        """Add an estimate of any estimator."""
+        if estimate.used_by_trend:
+            self._trend.add(estimate)
+        if estimate.estimator == ESTIMATOR:
+            self._features.add(estimate)
+        if estimate.reason_code == RefusalCode.IMPLAUSIBLE:
+            self._apart.append(estimate.cycle)
+        self._taken = None
+
+    def past(self) -> Past:
+        """Return what is known now; it stays as it is when more comes."""
+        if self._taken is None:
+            rows = self._trend.rows(), self._features.rows()
+            self._taken = Past(*rows, tuple(self._apart))
+        return self._taken
+
+
+def past_of(history: Iterable[Estimate] | Past) -> Past:
+    """Return estimates of all estimators, in any order, as columns."""
+    if isinstance(history, Past):
+        return history
+    grown = Pasts()
+    for estimate in history:
+        grown.add(estimate)
+    return grown.past()
+
+
+def _spread(p: ParameterValue) -> float:
+    half = 0.5 * (p.upper_95 - p.lower_95) / NORMAL_975
+    if not (isfinite(half) and isfinite(p.standard_error)):
+        return np.nan
+    return float(max(half**2 - p.standard_error**2, 0.0))
+
+
+_FILL: dict[str, tuple[float, type]] = {
+    "int": (0, np.int64),
+    "kind": (0, np.int8),
+    "float": (np.nan, np.float64),
+    "bool": (False, np.bool_),
+    "value": (np.nan, np.float64),
+    "status": (_ABSENT, np.int8),
+    "spread": (np.nan, np.float64),
+    "condition": (np.nan, np.float64),
+}
+"""What stands in a row that has no value, and the type, by kind of column."""
+
+_FIXED: dict[tuple[str, str], Callable[[Estimate], Any]] = {
+    ("int", "cycle"): attrgetter("cycle"),
+    ("int", "start_ns"): attrgetter("start_ns"),
+    ("int", "end_ns"): attrgetter("end_ns"),
+    ("int", "missed_cycles"): attrgetter("missed_cycles"),
+    ("kind", "status"): attrgetter("status"),
+    ("float", "mse_test"): attrgetter("mse_test"),
+    ("bool", "implausible"): lambda e: e.reason_code == RefusalCode.IMPLAUSIBLE,
+}
+"""Columns that every row has."""
