@@ -93,7 +93,7 @@ def same_product(
 
 def _numbers(series: Series, rows: Rows) -> IntArray:
     """Return the product of every value of a series, (N,), -1 = not known."""
-    found = products((rows.end_ns - rows.start_ns) * 1e-9)
+    found = products(np.asarray((rows.end_ns - rows.start_ns) * 1e-9, np.float64))
     groups = np.unique(found[found >= 0])
     if not len(groups):
         return np.zeros(len(series.values), np.int64)

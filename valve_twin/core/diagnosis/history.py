@@ -71,7 +71,7 @@ def diagnose(history: Iterable[Estimate] | Past, maintenance: Sequence[Maintenan
     cycles = shown.cycle
     vectors = model.feature_set.vectors(shown)
     restarts = [m.cycle for m in maintenance]
-    product = products((shown.end_ns - shown.start_ns) * 1e-9)
+    product = products(np.asarray((shown.end_ns - shown.start_ns) * 1e-9, np.float64))
     found: list[Finding] = []
     ready, doubt = False, ""
     since = int(np.searchsorted(cycles, max(restarts, default=0)))
