@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from valve_twin.core.diagnosis.features import FeatureSet
-from valve_twin.core.past.columns import Pasts, past_of
+from valve_twin.core.past.columns import Pasts, feature_vectors, past_of
 from valve_twin.core.refusal import RefusalCode
 from valve_twin.core.types import (
     Condition,
@@ -105,4 +105,4 @@ def test_features_of_many_cycles_are_those_of_each():
     past = past_of(history)
     assert not len(past.trend)
     each = np.array([kind.vector(e.parameters) for e in history])
-    assert np.array_equal(kind.vectors(past.features), each, equal_nan=True)
+    assert np.array_equal(feature_vectors(past.features, kind), each, equal_nan=True)

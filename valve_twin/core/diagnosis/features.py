@@ -12,7 +12,6 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from valve_twin.core.past.columns import Rows
     from valve_twin.core.types import FloatArray, ParameterValue
 
 ESTIMATOR = "features"
@@ -61,13 +60,6 @@ class FeatureSet:
     largest: Mapping[str, float] = field(default_factory=dict, hash=False)
     least: Mapping[str, float] = field(default_factory=dict, hash=False)
     of_any_valve: bool = False
-
-    def vectors(self, rows: Rows) -> FloatArray:
-        """Return the features of many cycles as they are followed, (N, F), see `vector`."""
-        found = np.column_stack([rows.usable(name) for name in self.names])
-        relative = np.array([name in self.relative for name in self.names], dtype=bool)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return np.where(relative, np.log(found), found)
 
     def vector(self, values: Iterable[ParameterValue]) -> FloatArray:
         """Return the features as they are followed, (F,) in the order of `names`.

@@ -21,7 +21,7 @@ from valve_twin.core.diagnosis.products import CLOCK, clocks_apart, products, wi
 from valve_twin.core.diagnosis.reference import doubt_of
 from valve_twin.core.diagnosis.refused import still
 from valve_twin.core.diagnosis.table import BY_NAME, PAIRS, partner
-from valve_twin.core.past.columns import past_of
+from valve_twin.core.past.columns import feature_vectors, past_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -69,7 +69,7 @@ def diagnose(history: Iterable[Estimate] | Past, maintenance: Sequence[Maintenan
         if not len(shown):
             return NOTHING
     cycles = shown.cycle
-    vectors = model.feature_set.vectors(shown)
+    vectors = feature_vectors(shown, model.feature_set)
     restarts = [m.cycle for m in maintenance]
     product = products(np.asarray((shown.end_ns - shown.start_ns) * 1e-9, np.float64))
     found: list[Finding] = []

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from valve_twin.core.diagnosis.features import FeatureSet
     from valve_twin.core.types import (
         BoolArray,
         Estimate,
@@ -314,6 +315,14 @@ def past_of(history: Iterable[Estimate] | Past) -> Past:
     for estimate in history:
         grown.add(estimate)
     return grown.past()
+
+
+def feature_vectors(rows: Rows, kind: FeatureSet) -> FloatArray:
+    """Return the features of many cycles as they are followed, (N, F), see `FeatureSet.vector`."""
+    found = np.column_stack([rows.usable(name) for name in kind.names])
+    relative = np.array([name in kind.relative for name in kind.names], dtype=bool)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(relative, np.log(found), found)
 
 
 def _spread(p: ParameterValue) -> float:
