@@ -72,10 +72,12 @@ FORBIDDEN = {
 LAZY = {
     "cvxpy",
     "ezdxf",
+    "fmpy",
     "prometheus_client",
     "skfem",
     "starlette",
     "uvicorn",
+    "ziglang",
 }  # slow, or of an extra: only inside the function that uses it
 SEEDED = {"BitGenerator", "Generator", "PCG64", "Philox", "SeedSequence", "default_rng"}
 OUTPUT_AND_EXIT = {"print", "sys.exit", "exit", "quit"}

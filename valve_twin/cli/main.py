@@ -21,7 +21,7 @@ from valve_twin.cli import (
     simulate,
     validate,
 )
-from valve_twin.cli.archive import backtest, batch, fleet, history, serve
+from valve_twin.cli.archive import backtest, batch, export_fmu, fleet, history, serve
 from valve_twin.cli.bags import convert, cut, import_, info, predict, recover, replay
 from valve_twin.cli.common import FAILED, OK, USAGE, Parser, fail
 from valve_twin.cli.design import verb as design
@@ -42,6 +42,7 @@ VERBS = (
     fleet,
     serve,
     history,
+    export_fmu,
     info,
     recover,
     cut,

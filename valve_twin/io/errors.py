@@ -7,6 +7,7 @@ ValveTwinError
   BagError      a bag or CSV file cannot be read or written
     IndexLiesError  a bag states wrong times: read once more, it is read another way
   StoreError    the history database cannot be used
+  FmuError      a Functional Mock-up Unit cannot be made, read or run
 """
 
 from __future__ import annotations
@@ -36,6 +37,10 @@ class IndexLiesError(BagError):
 
 class StoreError(ValveTwinError):
     """The history database cannot be used."""
+
+
+class FmuError(ValveTwinError):
+    """A Functional Mock-up Unit cannot be made, read or run."""
 
 
 def suggest(name: str, known: Iterable[str], *, shown: int = 12) -> str:

@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""C from compiled Python: the same numbers as numba gives, and a line where there is none."""
+
+import ctypes
+import math
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from numba import njit
+
+from valve_twin.core.types import Restart
+from valve_twin.core.valves.hydraulic_actuator.kernels import free_run
+from valve_twin.core.valves.kit import Valve
+from valve_twin.core.valves.positioner.kernels import advance
+from valve_twin.core.valves.registry import get_model, model_names
+from valve_twin.gateway.fmu.c_code import Translation
+from valve_twin.gateway.fmu.c_kinds import Array
+from valve_twin.io.errors import FmuError
+
+pytest.importorskip("ziglang")
+pytestmark = pytest.mark.timeout(900)  # the first use of the compiler builds its C library
+
+LIMIT = 3
+BENT = 0.3
+
+
+@njit
+def helper(a, b):
+    if a > b:
+        return a - b, 1.0
+    return b - a, 0.5
+
+
+@njit
+def whole(a, n):
+    total = 0
+    for k in range(n, -n, -2):
+        if k == 1:
+            continue
+        total += k * k // 3 - (k % 4)
+    return float(total) + a
+
+
+@njit
+def everything(x, u, p, period_s):
+    """Use all that has a translation."""
+    far, sign = helper(u[0], x[0])
+    near = min(far, p[0], 2.0) if far > 0.1 else max(far, 0)
+    inner = np.zeros(LIMIT)
+    for i in range(LIMIT):
+        inner[i] = p[1] * i - x[-1]
+    inner[1:] = 0.25
+    x[1:3] = inner[:2]
+    part = x[1:]
+    count = 0
+    while True:
+        count += 1
+        if count > 5 or (near > 3.0 and count != 2):
+            break
+    a, b = x[0], near
+    a, b = b, a
+    flag = Restart.BAD if 0.0 <= sign < 0.7 else Restart.GAP
+    power = p[1] ** 3 + abs(b) ** 0.5 + (-p[0]) ** 2 - 2.0**-2
+    modulo = (-7.5 * p[0]) % 2.0 + (7 // -2) - (-7 % 3) + int(-2.7)
+    x[0] = a + sign * period_s * math.tanh(power) + np.hypot(b, BENT) + modulo
+    x[0] += whole(part[0], 6) + count + (flag == Restart.BAD) + len(part) + helper(a, b)[0]
+    x[0] += round_down(p[0])
+    x[2] -= math.exp(-abs(x[0])) * (1.0 if np.isfinite(x[0]) and u[0] != u[1] else -1.0)
+
+
+@njit
+def round_down(a):
+    return math.floor(a * 10.0) / 10 - np.arctan2(a, 2.0)
+
+
+def compiled(folder, function, kinds):
+    """Return a function of rows of doubles, and of one double for each kind that is none."""
+    translation = Translation()
+    name = translation.add(function, kinds).name
+    rows = [f"a{i}" if isinstance(k, Array) else f"*a{i}" for i, k in enumerate(kinds)]
+    head = ", ".join(f"double *a{i}" for i in range(len(kinds)))
+    face = f"void face({head}) {{ {name}({', '.join(rows)}); }}\n"
+    (folder / "law.c").write_text(translation.text() + face)
+    command = [sys.executable, "-m", "ziglang", "cc", "-target", "x86_64-linux-gnu.2.17", "-O2"]
+    command += ["-std=c99", "-ffp-contract=off", "-fno-sanitize=all", "-shared", "-s", "-fPIC"]
+    done = subprocess.run(
+        [*command, "law.c", "-o", "law.so", "-lm"],
+        cwd=folder,
+        env={**os.environ, "LD_LIBRARY_PATH": ""},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    face = ctypes.CDLL(str(folder / "law.so")).face
+    return lambda *rows: face(*(r.ctypes.data_as(ctypes.c_void_p) for r in rows))
+
+
+def test_the_c_of_a_law_gives_the_numbers_of_numba(tmp_path):
+    kinds = (Array(3), Array(2), Array(2), "double")
+    run = compiled(tmp_path, everything, kinds)
+    random = np.random.default_rng(1)
+    for _ in range(300):
+        x, u, p = random.normal(size=3), random.normal(size=2), random.uniform(0.1, 2.0, 2)
+        ours, theirs = x.copy(), x.copy()
+        everything(theirs, u, p, 0.05)
+        run(ours, u, p, np.array([0.05]))
+        np.testing.assert_allclose(ours, theirs, rtol=1e-14, atol=1e-14)
+
+
+LAWS = [m for m in map(get_model, model_names()) if isinstance(m, Valve)]
+
+
+@pytest.mark.parametrize("valve", LAWS, ids=lambda valve: valve.name)
+def test_every_law_of_the_kit_gives_the_same_numbers(valve, tmp_path):
+    law, inputs = valve.law, len(valve.inputs)
+    kinds = (Array(law.states), Array(inputs), Array(len(law.parameters)), "double")
+    run = compiled(tmp_path, law.step, kinds)
+    random = np.random.default_rng(2)
+    for _ in range(300):
+        x, u = random.uniform(size=law.states), random.uniform(size=inputs)
+        ours, theirs = x.copy(), x.copy()
+        law.step(theirs, u, law.values, 0.05)
+        run(ours, u, law.values, np.array([0.05]))
+        np.testing.assert_allclose(ours, theirs, rtol=1e-15)
+
+
+def test_kernels_that_were_not_written_for_it_have_a_translation():
+    translation = Translation()
+    translation.add(advance, ("double", "double", Array(5), "double"))
+    translation.add(free_run, (Array(10), Array(50), "double", Array(50)))
+    assert translation.text().count("static ") > 10
+
+
+@njit
+def _prints(x):
+    x[0] = 1.0
+    print(x[0])  # noqa: T201
+
+
+@njit
+def _slices_by_a_variable(x):
+    n = int(x[0])
+    x[:n] = 0.0
+
+
+@njit
+def _calls_itself(x):
+    if x[0] > 0.0:
+        _calls_itself(x)
+
+
+@njit
+def _raises(x):
+    if x[0] > 0.0:
+        raise ValueError
+
+
+@njit
+def _goes_over_numbers(x):
+    for v in x:
+        x[0] += v
+
+
+@njit
+def _reaches_too_far(x):
+    x[0] = x[2]
+
+
+TABLE = np.array([1.0, 2.0])
+
+
+@njit
+def _knows_a_table(x):
+    x[0] = TABLE[0]
+
+
+@pytest.mark.parametrize(
+    ("function", "line", "said"),
+    [
+        (_prints, 2, "calls what is neither compiled nor a function of math"),
+        (_slices_by_a_variable, 2, "the ends of a part must be known now"),
+        (_calls_itself, 0, "_calls_itself calls itself"),
+        (_raises, 2, "(Raise) has no translation into C"),
+        (_goes_over_numbers, 1, "(For) has no translation into C"),
+        (_reaches_too_far, 1, "lies outside its 2 numbers"),
+        (_knows_a_table, 1, "is a ndarray: only numbers have a translation"),
+    ],
+)
+def test_what_has_no_translation_is_refused_with_its_line(function, line, said):
+    with pytest.raises(FmuError) as caught:
+        Translation().add(function, (Array(2),))
+    text = str(caught.value)
+    assert said in text
+    assert "\n" not in text
+    if line:
+        number = function.py_func.__code__.co_firstlineno + 1 + line  # behind the decorator
+        assert text.startswith(f"test_c_code.py:{number}:"), text

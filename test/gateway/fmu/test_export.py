@@ -1,0 +1,354 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""FMUs of a stored valve, run by FMPy: the core's numbers, states, instances, refusals."""
+
+import json
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from valve_twin.cli import main
+from valve_twin.core.prediction import fit_percent
+from valve_twin.core.valves.first_order import VALVE
+from valve_twin.io.config.valve import load_config
+from valve_twin.io.history.store import History
+from valve_twin.io.offline.run import run_bag
+from valve_twin.io.offline.simulated_bag import write_simulated_bag
+
+fmpy = pytest.importorskip("fmpy")
+pytest.importorskip("ziglang")
+pytestmark = pytest.mark.timeout(900)  # the first use of the compiler builds its C libraries
+
+ROOT = Path(__file__).resolve().parents[3]
+CONFIG = ROOT / "config" / "first_order.yaml"
+NAME = "/first_order"
+
+
+@pytest.fixture(scope="module")
+def known(tmp_path_factory):
+    """Return a folder with a history of four simulated cycles, and what offline made of them."""
+    folder = tmp_path_factory.mktemp("fmu")
+    (config,) = load_config(CONFIG)
+    write_simulated_bag(config, folder / "bag", cycles=4, seed=3)
+    record = run_bag(config, folder / "bag")
+    with History(folder / "history.sqlite") as history:
+        for cycle in record.cycles:
+            made = [e for e in record.estimates if e.cycle == cycle.cycle]
+            history.store(NAME, cycle, made)
+    return folder, record
+
+
+@pytest.fixture(scope="module")
+def fmus(known):
+    """Return the FMUs of the cycle before the last by their version."""
+    folder, record = known
+    cycle = str(record.last.number - 1)
+    arguments = ["--url", str(folder / "history.sqlite"), "--valve", NAME, "--cycle", cycle]
+    out = folder / "valve.fmu"
+    assert main(["export-fmu", *arguments, "--fmi", "both", "--out", str(out)]) == 0
+    return {2: folder / "valve_fmi2.fmu", 3: folder / "valve_fmi3.fmu"}
+
+
+both = pytest.mark.parametrize("version", [2, 3])
+
+
+def trend_estimate(record, number):
+    (found,) = (e for e in record.estimates if e.cycle == number and e.used_by_trend)
+    return found
+
+
+def simulated(path, position, command, period_s, **values):
+    time_s = period_s * np.arange(len(command))
+    columns = np.zeros(len(command), dtype=[("time", float), ("command", float)])
+    columns["time"], columns["command"] = time_s, command
+    result = fmpy.simulate_fmu(
+        str(path),
+        input=columns,
+        start_values={"position_start": position, **values},
+        output=["position"],
+        stop_time=time_s[-1],
+        step_size=period_s,
+        output_interval=period_s,
+    )
+    assert len(result) == len(command)
+    return result["position"]
+
+
+@both
+def test_fmpy_finds_no_problem(fmus, version):
+    from fmpy.validation import validate_fmu
+
+    assert validate_fmu(str(fmus[version])) == []
+    assert fmpy.read_model_description(str(fmus[version])).fmiVersion == f"{version}.0"
+
+
+@both
+def test_a_cycle_is_that_of_the_core(fmus, known, version):
+    _, record = known
+    estimate = trend_estimate(record, record.last.number - 1)
+    values = np.array([p.value for p in estimate.parameters])
+    frames, period_s = record.last.frames, record.last.period_s
+    lag, inputs = estimate.lag, np.ascontiguousarray(frames.inputs)
+    out = np.empty(len(inputs))
+    VALVE.law.free_run(np.array([frames.position[0]]), values, period_s, inputs, lag, lag, out)
+    # the core knows its first output at sample `lag`; the FMU holds it until an input acts
+    fmu = simulated(fmus[version], frames.position[0], inputs[1:, 0], period_s)
+    np.testing.assert_allclose(fmu[lag - 1 :], out[lag:], atol=1e-9)
+    assert np.ptp(fmu) > 0.4
+
+
+@both
+def test_the_free_run_over_the_next_cycle_has_the_fit_that_the_report_prints(fmus, known, version):
+    _, record = known
+    frames, number = record.last.frames, record.last.number
+    lag = trend_estimate(record, number - 1).lag
+    free = simulated(
+        fmus[version], frames.position[lag - 1], frames.inputs[:, 0], record.last.period_s
+    )
+    free[:lag] = np.nan  # the report's begins where the first input acts
+    told = trend_estimate(record, number).fit_test
+    assert told > 50.0
+    assert fit_percent(frames.position, free) == pytest.approx(told, abs=1e-9)
+
+
+@both
+def test_it_says_what_its_values_are(fmus, known, version):
+    folder, record = known
+    estimate = trend_estimate(record, record.last.number - 1)
+    told = fmpy.read_model_description(str(fmus[version]))
+    for part in (NAME, f"cycle {estimate.cycle}", str(folder), "output_error", "valve_twin"):
+        assert part in told.description
+    variables = {v.name: v for v in told.modelVariables}
+    for p in estimate.parameters:
+        v = variables[p.name]
+        assert float(v.start) == p.value
+        assert (float(v.min), float(v.max)) == (p.lower_95, p.upper_95)
+    assert variables["time_constant"].unit == "s"
+    assert float(variables["input_delay"].start) == estimate.lag * 0.05
+    assert float(told.defaultExperiment.stepSize) == 0.05
+
+
+@both
+def test_the_same_history_gives_the_same_bytes_with_sources_and_both_binaries(
+    fmus, known, tmp_path, version
+):
+    folder, record = known
+    url, out = str(folder / "history.sqlite"), tmp_path / "again.fmu"
+    cycle = str(record.last.number - 1)
+    rest = ["--cycle", cycle, "--fmi", str(version), "--out", str(out)]
+    assert main(["export-fmu", "--url", url, "--valve", NAME.strip("/"), *rest]) == 0
+    assert out.read_bytes() == fmus[version].read_bytes()
+    with zipfile.ZipFile(out) as archive:
+        names = set(archive.namelist())
+        ends = {n: archive.read(n)[:4] for n in names if n.startswith("binaries/")}
+        headers = [archive.read(n) for n in names if n.endswith("Functions.h")]
+    assert {p[:2] for p in ends.values()} == {b"\x7fE", b"MZ"}
+    assert {"sources/law.h", "sources/model.h", f"sources/fmi{version}.c"} <= names
+    assert all(b"2-Clause BSD" in text for text in headers)
+    assert ("sources/buildDescription.xml" in names) == (version == 3)
+
+
+@both
+def test_the_sources_alone_build_the_same_valve(fmus, tmp_path, version):
+    """A tool of others compiles what lies in sources/, warnings as errors."""
+    with zipfile.ZipFile(fmus[version]) as archive:
+        archive.extractall(tmp_path)
+    command = [sys.executable, "-m", "ziglang", "cc", "-target", "x86_64-linux-gnu.2.17", "-O2"]
+    command += ["-std=c99", "-Wall", "-Wextra", "-Werror", "-Wno-unused-function"]
+    command += ["-Wno-unused-parameter", "-fno-sanitize=all", "-c", f"fmi{version}.c"]
+    done = subprocess.run(
+        command, cwd=tmp_path / "sources", capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.fixture
+def slave(fmus, tmp_path, request):
+    """Return what makes instances of an FMU, and the value references by name."""
+    from fmpy.fmi2 import FMU2Slave
+    from fmpy.fmi3 import FMU3Slave
+
+    version = request.param
+    told = fmpy.read_model_description(str(fmus[version]))
+    folder = fmpy.extract(str(fmus[version]), str(tmp_path / "unzipped"))
+    made = []
+
+    def new():
+        kind = FMU2Slave if version == 2 else FMU3Slave
+        one = kind(
+            guid=told.guid,
+            unzipDirectory=folder,
+            modelIdentifier=told.coSimulation.modelIdentifier,
+            instanceName=f"valve_{len(made)}",
+        )
+        one.instantiate()
+        if version == 3:
+            one.getReal, one.setReal = one.getFloat64, one.setFloat64
+            one.getFMUstate, one.setFMUstate = one.getFMUState, one.setFMUState
+            one.freeFMUstate = one.freeFMUState
+            one.start = one.enterInitializationMode
+        else:
+
+            def start():
+                one.setupExperiment(startTime=0.0)
+                one.enterInitializationMode()
+
+            one.start = start
+        made.append(one)
+        return one
+
+    yield new, {v.name: v.valueReference for v in told.modelVariables}
+    for one in made:
+        one.freeInstance()
+    shutil.rmtree(folder)
+
+
+versions = pytest.mark.parametrize("slave", [2, 3], indirect=True)
+
+
+def run(one, references, count, first=0, command=0.9, step=0.05):
+    found = []
+    for n in range(first, first + count):
+        one.setReal([references["command"]], [command])
+        one.doStep(n * step, step)
+        found += one.getReal([references["position"]])
+    return found
+
+
+@versions
+def test_a_kept_state_a_reset_and_a_second_instance_repeat_the_run(slave):
+    new, references = slave
+    one, other = new(), new()
+    for each in (one, other):
+        each.start()
+        each.exitInitializationMode()
+    begin = run(one, references, 20)
+    kept = one.getFMUstate()
+    rest = run(one, references, 20, 20)
+    assert run(other, references, 5, command=0.2)[-1] < begin[4]  # nothing is shared
+    one.setFMUstate(kept)
+    assert run(one, references, 20, 20) == rest
+    one.freeFMUstate(kept)
+    one.reset()
+    one.start()
+    one.exitInitializationMode()
+    assert run(one, references, 40) == begin + rest
+
+
+@versions
+def test_steps_of_any_length_see_the_samples_of_the_law(slave):
+    new, references = slave
+    runs = []
+    for step, count in ((0.05, 40), (0.025, 80), (0.1, 20)):
+        one = new()
+        one.start()
+        one.exitInitializationMode()
+        runs.append(run(one, references, count, step=step))
+    assert runs[1][1::2] == pytest.approx(runs[0], abs=1e-15)
+    assert runs[2] == pytest.approx(runs[0][1::2], abs=1e-15)
+
+
+@versions
+@pytest.mark.parametrize(
+    ("name", "value"), [("time_constant", 0.0), ("time_constant", float("nan")), ("position", 0.5)]
+)
+def test_a_value_that_the_law_does_not_allow_is_refused(slave, name, value):
+    from fmpy.fmi1 import FMICallException
+
+    new, references = slave
+    one = new()
+    with pytest.raises(FMICallException):
+        one.setReal([references[name]], [value])
+
+
+@versions
+def test_steps_that_make_no_sense_and_inputs_that_are_no_number_are_refused(slave):
+    from fmpy.fmi1 import FMICallException
+
+    new, references = slave
+    one = new()
+    with pytest.raises(FMICallException):
+        one.doStep(0.0, 0.05)  # before its initialization
+    one.start()
+    one.exitInitializationMode()
+    for wrong in ((0.0, -0.05), (0.3, 0.05), (0.0, float("nan"))):
+        with pytest.raises(FMICallException):
+            one.doStep(*wrong)
+    with pytest.raises(FMICallException):
+        one.setReal([references["command"]], [float("inf")])
+    assert len(run(one, references, 3)) == 3  # it lives
+
+
+@versions
+def test_a_parameter_may_age_while_it_runs(slave):
+    new, references = slave
+    one = new()
+    one.start()
+    one.exitInitializationMode()
+    one.setReal([references["time_constant"]], [50.0])
+    assert run(one, references, 20)[-1] < 0.05
+
+
+def test_a_step_takes_less_than_two_microseconds(fmus, tmp_path):
+    """Processor time of doStep in a loop of C, so that Python's calls do not count."""
+    folder = Path(fmpy.extract(str(fmus[2]), str(tmp_path / "unzipped")))
+    told = fmpy.read_model_description(str(fmus[2]))
+    (folder / "sources" / "loop.c").write_text(f"""
+#include "fmi2.c"
+#include <time.h>
+int main(void) {{
+    fmi2Component c = fmi2Instantiate("v", fmi2CoSimulation, "{told.guid}", "", 0, 0, 0);
+    fmi2ValueReference in = VT_INPUT, out = VT_OUTPUT;
+    double y = 0.0, sum = 0.0;
+    fmi2SetupExperiment(c, 0, 0.0, 0.0, 0, 0.0);
+    fmi2EnterInitializationMode(c);
+    fmi2ExitInitializationMode(c);
+    clock_t begin = clock();
+    for (int n = 0; n < 1000000; n++) {{
+        double u = n / 400 % 2 ? 0.8 : 0.2;
+        fmi2SetReal(c, &in, 1, &u);
+        if (fmi2DoStep(c, n * VT_PERIOD, VT_PERIOD, 1) != fmi2OK) return 1;
+        fmi2GetReal(c, &out, 1, &y);
+        sum += y;
+    }}
+    printf("{{\\"us\\": %g, \\"sum\\": %g}}\\n", 1.0 * (clock() - begin) / CLOCKS_PER_SEC, sum);
+    return 0;
+}}
+""")
+    command = [sys.executable, "-m", "ziglang", "cc", "-target", "x86_64-linux-gnu.2.17", "-O2"]
+    command += ["-std=c99", "-fno-sanitize=all", "loop.c", "-o", "loop", "-lm"]
+    subprocess.run(command, cwd=folder / "sources", check=True)
+    answers = [
+        json.loads(subprocess.check_output([folder / "sources" / "loop"], text=True))
+        for _ in range(3)
+    ]
+    assert min(a["us"] for a in answers) < 2.0, answers
+    assert 1e5 < answers[0]["sum"] < 9e5
+    print(f"\na step: {min(a['us'] for a in answers):.3f} us of a core")  # noqa: T201
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--valve", "other"], "there is no valve '/other'"),
+        (["--valve", NAME, "--cycle", "99"], "no usable estimate of cycle 99"),
+        (["--valve", NAME, "--period", "0"], "'0' is refused"),
+    ],
+)
+def test_bad_arguments_get_one_line(known, tmp_path, capsys, arguments, said):
+    folder, _ = known
+    whole = ["--url", str(folder / "history.sqlite"), "--out", str(tmp_path / "x.fmu"), *arguments]
+    try:
+        code = main(["export-fmu", *whole])
+    except SystemExit as end:
+        code = end.code
+    text = capsys.readouterr().err
+    assert code in {1, 2}
+    assert said in text
+    assert text.count("\n") == 1
+    assert not list(tmp_path.iterdir())

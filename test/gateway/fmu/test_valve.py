@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What of a stored valve goes into an FMU, and which valves are refused."""
+
+import pytest
+
+from valve_twin.core.types import Estimate, EstimateStatus, ParameterStatus, ParameterValue
+from valve_twin.core.valves.kit import Valve
+from valve_twin.core.valves.registry import get_model, model_names
+from valve_twin.gateway.fmu.valve import law_of, stored_estimate, valve_of
+from valve_twin.io.errors import FmuError
+from valve_twin.io.history.store import History
+from valve_twin.io.history.tables import CycleRecord
+
+VALUES = (
+    ParameterValue("time_constant", 0.41, lower_95=0.4, upper_95=0.43),
+    ParameterValue("dead_band", 0.0, ParameterStatus.AT_BOUND),
+)
+
+
+def made(cycle=3, values=VALUES, status=EstimateStatus.ACCEPTED, model="first_order", lag=1):
+    return Estimate(
+        model, "output_error", cycle, 0, 19_950_000_000, values, status, "why", lag=lag
+    )
+
+
+def record(cycle=3, samples=400, lost=0):
+    return CycleRecord(cycle, 0, 19_950_000_000, samples, lost)
+
+
+def test_only_a_law_plus_data_is_taken_and_the_line_names_those_that_are():
+    for name in model_names():
+        if isinstance(get_model(name), Valve):
+            assert law_of(name).name == name
+            continue
+        with pytest.raises(FmuError, match=rf"'{name}' is no law plus data.* are: first_order"):
+            law_of(name)
+    with pytest.raises(FmuError, match=r"'first_ordr' is unknown.*first_order"):
+        law_of("first_ordr")
+
+
+def test_a_value_at_its_bound_has_the_bounds_of_the_law_for_limits():
+    valve = valve_of("db", "/v", made(), record())
+    tau, band = valve.parameters
+    assert (tau.lower, tau.start, tau.upper) == (0.4, 0.41, 0.43)
+    assert (band.lower, band.start, band.upper) == (0.0, 0.0, 0.2)
+
+
+def test_lost_samples_do_not_stretch_the_sampling_time():
+    assert valve_of("db", "/v", made(), record(samples=390, lost=10)).period_s == 0.05
+    assert valve_of("db", "/v", made(), record(samples=390), 0.05).period_s == 0.05
+    with pytest.raises(FmuError, match="cycle 3 has 1 samples: give the sampling time"):
+        valve_of("db", "/v", made(), record(samples=1))
+
+
+def test_other_values_are_another_token_and_the_same_ones_are_not():
+    one = valve_of("db", "/v", made(), record())
+    assert valve_of("db", "/v", made(), record()).token == one.token
+    moved = (ParameterValue("time_constant", 0.42), VALUES[1])
+    assert valve_of("db", "/v", made(values=moved), record()).token != one.token
+
+
+def test_a_name_of_any_letters_becomes_one_of_c():
+    assert valve_of("db", "/press/größe 3", made(), record()).identifier == "press_gr__e_3"
+    assert valve_of("db", "/3", made(), record()).identifier == "valve_3"
+
+
+def test_a_parameter_that_the_cycle_does_not_know_is_told():
+    unknown = (VALUES[0], ParameterValue("dead_band", float("nan"), reason="not excited"))
+    with pytest.raises(FmuError, match="cycle 3: dead_band is not known: not excited; choose"):
+        valve_of("db", "/v", made(values=unknown), record())
+
+
+def test_the_newest_usable_estimate_is_taken(tmp_path):
+    refused = EstimateStatus.REFUSED
+    with History(tmp_path / "h.sqlite") as history:
+        for cycle, status in ((1, EstimateStatus.ACCEPTED), (2, refused)):
+            history.store("/v", record(cycle), (made(cycle, status=status),))
+        assert stored_estimate(history, "v", 0)[0].cycle == 1
+        with pytest.raises(FmuError, match="no usable estimate of cycle 2: why; its last"):
+            stored_estimate(history, "v", 2)

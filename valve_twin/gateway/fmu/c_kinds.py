@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Kinds of values in the C of a law, and the functions that both languages have."""
+
+from __future__ import annotations
+
+import ast
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from valve_twin.io.errors import FmuError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+BOOL, LONG, DOUBLE = "int", "long long", "double"
+_ORDER = (BOOL, LONG, DOUBLE)
+
+
+@dataclass(frozen=True, slots=True)
+class Array:
+    """A row of `length` doubles."""
+
+    length: int
+
+
+@dataclass(frozen=True, slots=True)
+class Several:
+    """What a function returns as a tuple: a struct with the members f0, f1 ..."""
+
+    kinds: tuple[str, ...]
+    struct: str = ""
+
+
+Kind: TypeAlias = "str | Array | Several"
+
+
+@dataclass(frozen=True, slots=True)
+class Value:
+    """An expression in C and its kind; `constant` where it is known now."""
+
+    code: str
+    kind: Kind
+    constant: int | float | None = None
+
+
+_SAME = (
+    ("exp", "expm1", "log", "log1p", "log2", "log10", "sqrt", "hypot", "copysign", "fmod", "fabs"),
+    ("sin", "cos", "tan", "sinh", "cosh", "tanh", "asin", "acos", "atan", "atan2"),
+    ("floor", "ceil", "pow"),
+)
+_OTHER = {"arcsin": "asin", "arccos": "acos", "arctan": "atan", "arctan2": "atan2", "power": "pow"}
+
+FUNCTIONS: dict[object, str] = {
+    getattr(module, name): c
+    for module in (math, np)
+    for name, c in {**{n: n for names in _SAME for n in names}, **_OTHER}.items()
+    if hasattr(module, name)
+}
+"""Functions of doubles by what is called in Python."""
+
+TESTS = {
+    math.isfinite: "isfinite",
+    np.isfinite: "isfinite",
+    math.isnan: "isnan",
+    np.isnan: "isnan",
+}
+"""Questions about a double by what is called in Python."""
+
+
+def refuse(where: tuple[str, int], node: ast.AST | None, why: str) -> FmuError:
+    """Return the error that names file and line of what has no translation.
+
+    Parameters
+    ----------
+    where : tuple of str and int
+        File, and the line before its first one.
+    node : ast.AST, optional
+        What cannot be translated.
+    why : str
+        The reason.
+    """
+    line = where[1] + getattr(node, "lineno", 1)
+    text = f" `{ast.unparse(node)}`" if isinstance(node, (ast.expr, ast.stmt)) else ""
+    short = text if len(text) <= 100 else f"{text[:97]}...`"
+    return FmuError(f"{where[0]}:{line}:{short.splitlines()[0] if short else ''} {why}")
+
+
+def join(kinds: Sequence[str]) -> str:
+    """Return the kind that holds values of all these kinds."""
+    return max(kinds, key=_ORDER.index)
+
+
+def number(value: float) -> Value:
+    """Return a number known now."""
+    if isinstance(value, (bool, np.bool_)):
+        return Value(str(int(value)), BOOL, int(value))
+    if isinstance(value, (int, np.integer)):
+        return Value(f"{int(value)}LL", LONG, int(value))
+    plain = float(value)
+    if math.isnan(plain):
+        return Value("NAN", DOUBLE, plain)
+    if math.isinf(plain):
+        return Value("INFINITY" if plain > 0.0 else "(-INFINITY)", DOUBLE, plain)
+    return Value(f"({plain!r})" if plain < 0.0 else repr(plain), DOUBLE, plain)
+
+
+HELPERS = """\
+static inline double vt_min(double a, double b) { return b < a ? b : a; }
+static inline double vt_max(double a, double b) { return b > a ? b : a; }
+static inline long long vt_min_l(long long a, long long b) { return b < a ? b : a; }
+static inline long long vt_max_l(long long a, long long b) { return b > a ? b : a; }
+static inline long long vt_div_l(long long a, long long b)
+{
+    long long q = b ? a / b : 0;
+    return b && a % b != 0 && (a % b < 0) != (b < 0) ? q - 1 : q;
+}
+static inline long long vt_mod_l(long long a, long long b)
+{
+    return b ? a - b * vt_div_l(a, b) : 0;
+}
+static inline double vt_mod(double a, double b)
+{
+    double r = fmod(a, b);
+    return r != 0.0 && (r < 0.0) != (b < 0.0) ? r + b : r;
+}
+static inline double vt_power(double a, long long n)
+{
+    double r = 1.0;
+    unsigned long long k = n < 0 ? 0 - (unsigned long long)n : (unsigned long long)n;
+    for (; k; k >>= 1, a *= a)
+        if (k & 1) r *= a;
+    return n < 0 ? 1.0 / r : r;
+}
+"""
+"""What Python does otherwise than C."""
