@@ -70,10 +70,12 @@ FORBIDDEN = {
     "nodes": {f"valve_twin.{room}" for room in ("design", "cli", "bench", "demo")},
 }
 LAZY = {
+    "SALib",
     "cvxpy",
     "ezdxf",
     "fmpy",
     "prometheus_client",
+    "pymoo",
     "skfem",
     "starlette",
     "uvicorn",

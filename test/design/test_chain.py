@@ -16,28 +16,28 @@ from valve_twin.design.map import MapGrid, compute_map
 GRID = MapGrid(currents=4, positions=4, fine=0.3)
 
 
-@pytest.fixture(autouse=True)
-def coarse(monkeypatch):
-    monkeypatch.setattr(chain, "_FINE", 0.3)
-    monkeypatch.setattr(chain, "_STEP_S", 4e-4)
-    monkeypatch.setattr(chain, "COARSE", GRID)
+QUICK = chain.Fidelity(GRID, fine=0.3, step=4e-4)
 
 
 def test_a_geometry_becomes_steps_of_its_valve():
     seen = []
     found = chain.evaluate(
-        DoubleStroke(), find_designable(), robust=True, advance=lambda: seen.append(1)
+        DoubleStroke(),
+        find_designable(),
+        robust=True,
+        fidelity=QUICK,
+        advance=lambda: seen.append(1),
     )
     assert len(seen) == 32
     assert len(found.robust) == 2 ** len(SCALED)
     assert found.margin > 0.0
     of_current, of_force = found.dynamics
     assert of_current.fast_gain > 1.0 > of_force.fast_gain
-    for share in (0.25, 0.5, 1.0):
+    for share in chain.STEPS:
         of = found.loops[share]
         assert 1e-3 < of.rise_s < 0.012
         assert of.overshoot < 0.05
-        assert of.settling_s < 0.02
+        assert of.settling_s < 0.012
     assert found.loops[1.0].loss > found.loops[0.1].loss
     scaled = {case[1.0].loss for case in found.robust}
     assert min(scaled) < found.loops[1.0].loss < max(scaled)
@@ -46,7 +46,7 @@ def test_a_geometry_becomes_steps_of_its_valve():
 def test_half_the_power_slows_the_largest_step_and_changes_no_field():
     design = DoubleStroke()
     curves = compute_map(design.section(), GRID)
-    designed, _ = chain.compute_design(design, curves)
+    designed, _ = chain.compute_design(design, curves, QUICK)
     weak = replace(designed, around=replace(design.valve, power=2.0))
     model = find_designable()
     usual, found = model.of_design(designed), model.of_design(weak)

@@ -8,7 +8,9 @@ import argparse
 import errno
 import math
 import os
+import signal
 import sys
+import threading
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn, TypeAlias, TypeVar
@@ -16,7 +18,7 @@ from typing import TYPE_CHECKING, NoReturn, TypeAlias, TypeVar
 from valve_twin.io.errors import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable, Sequence
     from contextlib import AbstractContextManager
 
     from valve_twin.core.aging import Assessment
@@ -28,6 +30,8 @@ if TYPE_CHECKING:
 OK, FAILED, USAGE = 0, 1, 2
 
 N = TypeVar("N", int, float)
+T = TypeVar("T")
+R = TypeVar("R")
 
 
 class Parser(argparse.ArgumentParser):
@@ -102,6 +106,46 @@ def add_simulation(parser: argparse.ArgumentParser, about: str) -> None:
     parser.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", help=f"override {about}"
     )
+
+
+def add_runner(parser: argparse.ArgumentParser, needs: str) -> None:
+    """Add --jobs and --scheduler; `needs` says what the workers of a cluster need."""
+    parser.add_argument("--jobs", type=positive, metavar="N", help="processes, default one a core")
+    parser.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help=f"run on this Dask cluster, such as tcp://host:8786; {needs}",
+    )
+
+
+def runner_of(
+    arguments: argparse.Namespace, work: Callable[[T], R], lost: Callable[[T, str], R]
+) -> Callable[[Sequence[T]], Iterable[R]]:
+    """Return what runs tasks as --jobs or --scheduler say.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+        Of `add_runner`.
+    work, lost : callable
+        As of `LocalRunner`.
+    """
+    from valve_twin.io.batch.runners import ClusterRunner, LocalRunner, core_count
+
+    if not arguments.scheduler:
+        return LocalRunner(arguments.jobs or core_count(), work, lost)
+
+    def on_cluster(tasks: Sequence[T]) -> Iterable[R]:
+        """Connect only when something is left to do."""
+        return ClusterRunner(arguments.scheduler, work, lost)(tasks)
+
+    return on_cluster
+
+
+def ends_as_interrupted() -> None:
+    """Let SIGTERM end the command as Ctrl-C does."""
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
 
 
 def chosen_config(arguments: argparse.Namespace) -> ValveConfig:

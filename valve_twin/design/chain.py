@@ -4,12 +4,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.quantity import assumed, check_quantities
 from valve_twin.core.valves.designed import SCALED, Designed
 from valve_twin.design.dynamics import identify
 from valve_twin.design.field import Trapezoid, make_model, run_transient
@@ -32,7 +33,28 @@ COARSE = MapGrid(currents=6, positions=7, fine=0.6)
 VARIED = 0.1
 """By how much a robust evaluation scales friction, supply and copper, assumed [1]."""
 
-_FINE, _SKIN, _STEP_S = 0.5, 1e-3, 2e-4  # of the transient field
+
+@dataclass(frozen=True, slots=True)
+class Fidelity:
+    """How finely the fields of a design are computed."""
+
+    grid: MapGrid = field(default_factory=MapGrid)
+    fine: float = assumed(0.5, "1", "Of the transient field: elements along a line", 0.2, 6.0)
+    skin: float = assumed(1e-3, "m", "Of it: elements at surfaces", 2e-5, 1.0)
+    step: float = assumed(2e-4, "s", "Of it: step", 1e-7, 1e-2)
+
+    def __post_init__(self) -> None:
+        """Refuse numbers outside their range."""
+        check_quantities(self)
+
+
+FIDELITIES = {
+    "search": Fidelity(MapGrid(currents=5, positions=5, fine=0.4), fine=0.4, step=4e-4),
+    "usual": Fidelity(COARSE),
+    "twice": Fidelity(replace(COARSE, fine=2.0 * COARSE.fine), fine=1.0, skin=5e-4, step=1e-4),
+    "export": Fidelity(),
+}
+"""For many designs; of an evaluation; to check it, twice its elements along a line; of a file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +65,8 @@ class Evaluation:
     ----------
     numbers : Numbers
         Of the valve with this solenoid.
+    designed : Designed
+        What was computed of the solenoid.
     dynamics : tuple of Dynamics
         G_A and G_F with their fits.
     loops : mapping
@@ -55,6 +79,7 @@ class Evaluation:
     """
 
     numbers: Numbers
+    designed: Designed
     dynamics: tuple[Dynamics, Dynamics]
     loops: Mapping[float, Loop]
     robust: tuple[Mapping[float, Loop], ...]
@@ -64,7 +89,7 @@ class Evaluation:
 def compute_design(
     design: DoubleStroke,
     curves: CoenergyMap | None = None,
-    grid: MapGrid | None = None,
+    fidelity: Fidelity | None = None,
     advance: Callable[[], None] = lambda: None,
 ) -> tuple[Designed, tuple[Dynamics, Dynamics]]:
     """Compute what a valve needs of a double-stroke solenoid.
@@ -75,8 +100,8 @@ def compute_design(
         The geometry with its surroundings.
     curves : CoenergyMap, optional
         Its map, where it is computed already.
-    grid : MapGrid, optional
-        Where the map is computed otherwise.
+    fidelity : Fidelity, optional
+        How finely fields are computed, default "export" of `FIDELITIES`.
     advance : callable
         Called once a field of the map.
 
@@ -85,14 +110,14 @@ def compute_design(
     ValueError
         If a restriction is broken, or the map is that of another section or ends too early.
     """
-    section = design.section()
+    section, of = design.section(), fidelity or FIDELITIES["export"]
     if curves is None:
-        curves = compute_map(section, grid, advance)
+        curves = compute_map(section, of.grid, advance)
     elif curves.provenance.get("section") != repr(section):
         message = "the map was computed of another section: compute one of this design"
         raise ValueError(message)
-    model = make_model(section, _FINE, _SKIN)
-    time_s, currents = Trapezoid(step=_STEP_S).record(len(section.coils))
+    model = make_model(section, of.fine, of.skin)
+    time_s, currents = Trapezoid(step=of.step).record(len(section.coils))
     found = run_transient(model, time_s, currents, np.zeros(len(time_s)), "euler")
     of_current, of_force = identify(found, curves)
     designed = Designed(
@@ -112,6 +137,7 @@ def evaluate(
     valve: Designable,
     *,
     robust: bool = False,
+    fidelity: Fidelity | None = None,
     advance: Callable[[], None] = lambda: None,
 ) -> Evaluation:
     """Follow steps of a valve with a designed solenoid.
@@ -124,6 +150,8 @@ def evaluate(
         The valve that it moves.
     robust : bool
         Also with friction, supply and copper scaled.
+    fidelity : Fidelity, optional
+        How finely fields are computed, default "usual" of `FIDELITIES`.
     advance : callable
         Called once a field of the map.
 
@@ -132,14 +160,16 @@ def evaluate(
     ValueError
         If the design cannot be computed or a number does not fit the valve.
     """
-    designed, dynamics = compute_design(design, grid=COARSE, advance=advance)
+    of = fidelity or FIDELITIES["usual"]
+    designed, dynamics = compute_design(design, fidelity=of, advance=advance)
     numbers = valve.of_design(designed)
     cases: list[dict[str, float]] = [{}]
     if robust:
         corners = product((1.0 - VARIED, 1.0 + VARIED), repeat=len(SCALED))
         cases += [dict(zip(SCALED, corner, strict=True)) for corner in corners]
     runs = [{share: valve.loop(numbers, share, case) for share in STEPS} for case in cases]
-    return Evaluation(numbers, dynamics, runs[0], tuple(runs[1:]), valve.force_margin(numbers))
+    margin = valve.force_margin(numbers)
+    return Evaluation(numbers, designed, dynamics, runs[0], tuple(runs[1:]), margin)
 
 
 def _numbers(found: Dynamics) -> tuple[float, float, float, float]:

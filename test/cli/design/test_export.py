@@ -24,8 +24,8 @@ def coarse(tmp_path_factory):
 
 
 def test_valve_and_twin_run_on_the_map(coarse, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(chain, "_FINE", 0.3)
-    monkeypatch.setattr(chain, "_STEP_S", 4e-4)
+    quick = chain.Fidelity(MapGrid(currents=4, positions=4, fine=0.3), fine=0.3, step=4e-4)
+    monkeypatch.setitem(chain.FIDELITIES, "export", quick)
     path = str(tmp_path / "designed.yaml")
     assert main(["design", "export", "--map", coarse, "--out", path]) == 0
     found = json.loads(capsys.readouterr().out)

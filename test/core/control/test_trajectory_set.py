@@ -29,6 +29,25 @@ def test_candidates_hold_the_last_input_and_both_limits_and_stay_inside(last):
     assert all(-1.0 <= u <= 1.0 for u in inputs)
 
 
+@given(st.floats(-1.0, 1.0), st.integers(2, 10))
+def test_sizes_of_change_go_evenly_from_small_to_large(last, sizes):
+    weights = TrajectorySetConfig(change=0.5, small=0.004, sizes=sizes).weights()
+    inputs = [candidate(weights, k, last) for k in range(2 * sizes + 3)]
+    assert inputs[0] == last
+    assert inputs[-2:] == [-1.0, 1.0]
+    up = [candidate(weights, 2 * k + 1, -1.0) + 1.0 for k in range(sizes)]
+    down = [1.0 - candidate(weights, 2 * k + 2, 1.0) for k in range(sizes)]
+    wanted = [0.004 * 125.0 ** (k / (sizes - 1)) for k in range(sizes)]
+    assert up == pytest.approx(wanted, rel=1e-9)
+    assert down == pytest.approx(wanted, rel=1e-9)
+
+
+def test_the_usual_set_is_that_of_two_sizes():
+    weights = TrajectorySetConfig().weights()
+    inputs = [candidate(weights, k, 0.1) for k in range(CANDIDATES)]
+    assert inputs == pytest.approx([0.1, 0.12, 0.08, 0.3, -0.1, -1.0, 1.0])
+
+
 def test_a_decision_takes_about_900_model_steps():
     assert CANDIDATES * HORIZON * MODEL_STEPS == 896
 

@@ -18,7 +18,7 @@ import pytest
 
 from valve_twin.cli import main
 from valve_twin.io.bags.read import BagWriter
-from valve_twin.io.batch.archive import estimate_task, find_bags, run_batch
+from valve_twin.io.batch.archive import estimate_task, find_bags, lost_bag, run_batch
 from valve_twin.io.batch.results import BatchTask, Results, digest_of
 from valve_twin.io.batch.runners import LocalRunner
 from valve_twin.io.config.valve import load_config
@@ -226,7 +226,8 @@ def test_a_bag_that_kills_its_process_is_named_and_the_others_are_done(
     config.write_text(CONFIG.format(model="killer"), encoding="utf-8")
     _short_cycle(BagWriter(good / "deadly"))
     tasks = tasks_of(good, tuple(load_config(config))[:1])
-    found = {r.name: r for r in run_batch(tasks, Results(tmp_path / "out"), LocalRunner(2))}
+    runner = LocalRunner(2, estimate_task, lost_bag)
+    found = {r.name: r for r in run_batch(tasks, Results(tmp_path / "out"), runner)}
     assert set(found) == {*GOOD, "deadly"}
     assert "its process was killed" in found["deadly"].error
     assert not any(found[name].error for name in GOOD)
@@ -309,7 +310,7 @@ def test_a_scheduler_that_does_not_answer_is_one_line(good, archive, tmp_path, m
 
     monkeypatch.setattr(batch_runners, "CONNECT_S", 0.5)
     with pytest.raises(ValveTwinError, match=r"--scheduler tcp://127.0.0.1:9: does not answer"):
-        batch_runners.ClusterRunner("tcp://127.0.0.1:9")
+        batch_runners.ClusterRunner("tcp://127.0.0.1:9", estimate_task, lost_bag)
 
 
 def test_without_dask_the_remedy_is_named(monkeypatch):
@@ -317,4 +318,4 @@ def test_without_dask_the_remedy_is_named(monkeypatch):
 
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ValveTwinError, match=r"pip install 'valve_twin\[dask\]'"):
-        ClusterRunner("tcp://127.0.0.1:8786")
+        ClusterRunner("tcp://127.0.0.1:8786", estimate_task, lost_bag)

@@ -6,20 +6,27 @@ from __future__ import annotations
 
 import csv
 import io
-import signal
-import threading
 from typing import TYPE_CHECKING
 
-from valve_twin.cli.common import FAILED, OK, add_config, add_verb, positive, progress_of, say
+from valve_twin.cli.common import (
+    FAILED,
+    OK,
+    add_config,
+    add_runner,
+    add_verb,
+    ends_as_interrupted,
+    progress_of,
+    runner_of,
+    say,
+)
 from valve_twin.cli.output import console, table
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Sequence
 
     from valve_twin.cli.common import Verbs
-    from valve_twin.io.batch.archive import Runner
-    from valve_twin.io.batch.results import BagResult, BatchTask, Results
+    from valve_twin.io.batch.results import BagResult, Results
     from valve_twin.io.config.valve import ValveConfig
 
 _WIDTH = 140  # columns where standard output is no terminal
@@ -36,28 +43,23 @@ def add(verbs: Verbs) -> None:
     parser.add_argument("folder", metavar="DIR", help="archive; bags are looked for in it")
     add_config(parser)
     parser.add_argument("--out", required=True, metavar="FOLDER", help="folder of the results")
-    parser.add_argument("--jobs", type=positive, metavar="N", help="processes, default one a core")
-    parser.add_argument(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="run on this Dask cluster, such as tcp://host:8786; its workers must see DIR",
-    )
+    add_runner(parser, "its workers must see DIR")
 
 
 def _batch(arguments: argparse.Namespace) -> int:
-    from valve_twin.io.batch.archive import find_bags, run_batch
+    from valve_twin.io.batch.archive import estimate_task, find_bags, lost_bag, run_batch
     from valve_twin.io.batch.results import BatchTask, Results
 
     configs = _configs(arguments)
     bags = find_bags(arguments.folder)
     tasks = [BatchTask(name, str(path.resolve()), configs) for name, path in bags]
     results = Results(arguments.out)
-    if threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does
+    ends_as_interrupted()
+    run = runner_of(arguments, estimate_task, lost_bag)
     found: list[BagResult] = []
     try:
         with progress_of("estimating", len(tasks)) as advance:
-            for result in run_batch(tasks, results, _runner(arguments)):
+            for result in run_batch(tasks, results, run):
                 found.append(result)
                 _tell(result)
                 advance()
@@ -79,19 +81,6 @@ def _configs(arguments: argparse.Namespace) -> tuple[ValveConfig, ...]:
     if arguments.valve:
         return (chosen_config(arguments),)
     return tuple(load_config(arguments.config))
-
-
-def _runner(arguments: argparse.Namespace) -> Runner:
-    from valve_twin.io.batch.runners import ClusterRunner, LocalRunner, core_count
-
-    if not arguments.scheduler:
-        return LocalRunner(arguments.jobs or core_count())
-
-    def on_cluster(tasks: Sequence[BatchTask]) -> Iterable[BagResult]:
-        """Connect only when something is left to do."""
-        return ClusterRunner(arguments.scheduler)(tasks)
-
-    return on_cluster
 
 
 def _tell(result: BagResult) -> None:

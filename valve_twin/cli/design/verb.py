@@ -6,19 +6,40 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from valve_twin.cli.design import evaluate, export, field, geometry, map, transient
+from valve_twin.cli.design import (
+    evaluate,
+    export,
+    field,
+    geometry,
+    map,
+    optimise,
+    report,
+    sensitivity,
+    transient,
+)
 
 if TYPE_CHECKING:
     from valve_twin.cli.common import Verbs
 
-STEPS = (geometry, field, map, transient, evaluate, export)
+STEPS = (
+    geometry,
+    field,
+    map,
+    transient,
+    evaluate,
+    sensitivity,
+    optimise,
+    report,
+    export,
+)
 """One module a step, in their order."""
 
 
 def add(verbs: Verbs) -> None:
     """Add the verb and its steps."""
     text = (
-        "Compute a solenoid from its drawing: geometry, field, map, transient, evaluate, export."
+        "Compute a solenoid from its drawing: geometry, field, map, transient, evaluate, "
+        "sensitivity, optimise, report, export."
     )
     parser = verbs.add_parser("design", help=text, description=text)
     steps = parser.add_subparsers(dest="step", required=True, metavar="STEP")

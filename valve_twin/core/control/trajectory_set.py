@@ -4,9 +4,12 @@
 
 Paper 000, section 2.2, names it and says: sub-optimal, 10 kHz, three parameters, all states. How
 the set is built is not in the text. Assumed here from the name: every candidate is one input held
-over the horizon; the set is the input of the last sample, small and large changes of it, and both
-limits. With 7 candidates, 32 samples of horizon and 4 model steps a sample a decision takes 896
-model steps.
+over the horizon; the set is the input of the last sample, changes of it from small to large, and
+both limits. With 7 candidates (2 sizes of change), 32 samples of horizon and 4 model steps a
+sample a decision takes 896 model steps.
+
+The smallest change decides on what is left at rest: an input that is better by less is not in the
+set. Sizes far apart leave nothing between: the valve then hesitates on its way.
 """
 
 from __future__ import annotations
@@ -25,9 +28,7 @@ MODEL_STEPS = 4
 """Model steps a control sample: 25 us, well below the limit of 160 us, assumed."""
 
 CANDIDATES = 7
-"""Candidates: the last input, two small and two large changes, two limits, assumed."""
-
-_SMALL = 0.02
+"""Candidates of two sizes of change: the last input, four changes, two limits, assumed."""
 
 
 class TrajectoryWeights(NamedTuple):
@@ -37,6 +38,8 @@ class TrajectoryWeights(NamedTuple):
     speed_time: float
     effort: float
     change: float
+    small: float
+    sizes: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,9 +65,9 @@ class TrajectorySetConfig:
     effort: float = assumed(
         1e-6, "1", "Weight of a squared change of the input", 0.0, 1.0, ages=False
     )
-    change: float = assumed(
-        0.2, "1", "Large change among the candidates, besides 0.02", 0.02, 1.0, ages=False
-    )
+    change: float = assumed(0.2, "1", "Large change among the candidates", 0.02, 1.0, ages=False)
+    small: float = assumed(0.02, "1", "Small change among them", 1e-4, 0.02, ages=False)
+    sizes: int = assumed(2, "1", "Sizes of change from small to large", 2, 10, ages=False)
 
     def __post_init__(self) -> None:
         """Refuse values outside their range."""
@@ -82,17 +85,22 @@ def candidate(w: TrajectoryWeights, index: int, last: float) -> float:
     Parameters
     ----------
     w : TrajectoryWeights
-        Holds the large change.
+        Holds the changes.
     index : int
-        Which, 0..CANDIDATES - 1; 0 is the last input.
+        Which, 0 .. 2 + 2 sizes; 0 is the last input.
     last : float
         Input of the last sample [1].
     """
-    if index >= CANDIDATES - 2:
-        return 1.0 if index == CANDIDATES - 1 else -1.0
+    if index > 2 * w.sizes:
+        return 1.0 if index == 2 * w.sizes + 2 else -1.0
     if index == 0:
         return last
-    change = _SMALL if index < 3 else w.change
+    size = (index - 1) // 2
+    change = w.small
+    if size + 1 == w.sizes:
+        change = w.change
+    elif size > 0:
+        change *= (w.change / w.small) ** (size / (w.sizes - 1))
     return min(max(last + (change if index % 2 == 1 else -change), -1.0), 1.0)
 
 

@@ -38,8 +38,9 @@ class Surroundings:
     )
     speed_time: float = assumed(2e-4, "s", "Controller: time of the speed at the end", 0.0, 1.0)
     effort: float = assumed(1e-6, "1", "Controller: weight of a change of the input", 0.0, 1.0)
-
     change: float = assumed(0.5, "1", "Controller: large change among its inputs", 0.02, 1.0)
+    small: float = assumed(3e-3, "1", "Controller: small change among them", 1e-4, 0.02)
+    sizes: int = assumed(4, "1", "Controller: sizes of change from small to large", 2, 10)
 
     def __post_init__(self) -> None:
         """Refuse numbers outside their range."""

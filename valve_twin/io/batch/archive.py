@@ -152,6 +152,19 @@ def _present(task: BatchTask) -> list[ValveConfig]:
     return found
 
 
+def lost_bag(task: BatchTask, why: str) -> BagResult:
+    """Return the result of a bag that was not estimated.
+
+    Parameters
+    ----------
+    task : BatchTask
+        The bag.
+    why : str
+        One line.
+    """
+    return BagResult(task.name, error=f"{task.bag}: {why}")
+
+
 def run_batch(tasks: Sequence[BatchTask], results: Results, run: Runner) -> Iterator[BagResult]:
     """Yield the result of every task: the finished ones first, then each as it is done.
 

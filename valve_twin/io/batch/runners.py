@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Run the tasks of a batch: in processes of this machine, or on a Dask cluster."""
+"""Run many tasks: in processes of this machine, or on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -9,16 +9,17 @@ import os
 import signal
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 from valve_twin import __version__
-from valve_twin.io.batch.archive import estimate_task
-from valve_twin.io.batch.results import BagResult, BatchTask
 from valve_twin.io.errors import ValveTwinError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
     from concurrent.futures import Future
+
+T = TypeVar("T")
+R = TypeVar("R")
 
 CONNECT_S = 10.0
 """How long to wait for the scheduler of a cluster [s]."""
@@ -31,51 +32,52 @@ def core_count() -> int:
     return os.cpu_count() or 1  # macOS and Windows do not tell
 
 
-class LocalRunner:
+class LocalRunner(Generic[T, R]):
     """Runs tasks in processes of this machine.
 
     Parameters
     ----------
     jobs : int
         Processes at the same time.
+    work : callable
+        Does a task; a function that can be pickled.
+    lost : callable
+        Returns the result of a task that was not done, and why.
     """
 
-    def __init__(self, jobs: int) -> None:
-        self._jobs = jobs
+    def __init__(self, jobs: int, work: Callable[[T], R], lost: Callable[[T, str], R]) -> None:
+        self._jobs, self._work, self._lost = jobs, work, lost
 
-    def __call__(self, tasks: Sequence[BatchTask]) -> Iterator[BagResult]:
-        """Yield results as they are done; a bag that takes its process down is named.
+    def __call__(self, tasks: Sequence[T]) -> Iterator[R]:
+        """Yield results as they are done; a task that takes its process down is named.
 
         Where a process dies, all tasks that ran then are tried again, each alone, so that the one
         that did it is found and the others are not lost.
         """
-        left, suspects = list(tasks), list[BatchTask]()
+        left, suspects = list(tasks), list[T]()
         while left:
             yield from self._until_broken(left, suspects, min(self._jobs, len(left)))
             while suspects:
                 alone = [suspects.pop()]
-                died: list[BatchTask] = []
+                died: list[T] = []
                 yield from self._until_broken(alone, died, 1)
                 for task in (*died, *alone):
-                    yield BagResult(
-                        task.name,
-                        error=f"{task.bag}: its process was killed twice, by the system or by a "
-                        "fault; is there enough memory?",
+                    yield self._lost(
+                        task,
+                        "its process was killed twice, by the system or by a fault; is there "
+                        "enough memory?",
                     )
 
-    @staticmethod
-    def _until_broken(
-        left: list[BatchTask], suspects: list[BatchTask], jobs: int
-    ) -> Iterator[BagResult]:
+    def _until_broken(self, left: list[T], suspects: list[T], jobs: int) -> Iterator[R]:
         """Take tasks from `left` until none is left or a process died: those are `suspects`."""
         os.environ.setdefault("OMP_NUM_THREADS", "1")  # inherited: one core a process
         context = multiprocessing.get_context("spawn")
         pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_ignore_interrupts)
-        running: dict[Future[BagResult], BatchTask] = {}
+        running: dict[Future[R], T] = {}
         try:
             while left or running:
                 while left and len(running) < jobs:
-                    running[pool.submit(estimate_task, left[0])] = left[0]
+                    running[pool.submit(self._work, left[0])] = left[0]
                     left.pop(0)
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
                     result = future.result()
@@ -101,13 +103,15 @@ def _ignore_interrupts() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-class ClusterRunner:
-    """Runs tasks on the workers of a Dask scheduler, which must see the bags at the same paths.
+class ClusterRunner(Generic[T, R]):
+    """Runs tasks on the workers of a Dask scheduler, which must see files at the same paths.
 
     Parameters
     ----------
     address : str
         Of the scheduler, such as tcp://plant-server:8786.
+    work, lost : callable
+        As of `LocalRunner`.
 
     Raises
     ------
@@ -116,7 +120,8 @@ class ClusterRunner:
         worker has another version of valve_twin, whose results could differ.
     """
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, work: Callable[[T], R], lost: Callable[[T, str], R]) -> None:
+        self._work, self._lost = work, lost
         try:
             from distributed import Client
         except ImportError as err:
@@ -152,12 +157,12 @@ class ClusterRunner:
                 )
                 raise ValveTwinError(msg)
 
-    def __call__(self, tasks: Sequence[BatchTask]) -> Iterator[BagResult]:
-        """Yield results as they are done; a bag whose workers die is named."""
+    def __call__(self, tasks: Sequence[T]) -> Iterator[R]:
+        """Yield results as they are done; a task whose workers die is named."""
         from distributed import as_completed
 
         try:
-            futures = {self._client.submit(estimate_task, t, pure=False): t for t in tasks}
+            futures = {self._client.submit(self._work, t, pure=False): t for t in tasks}
             done = as_completed(list(futures))  # type: ignore[no-untyped-call]
             for future in done:
                 task = futures.pop(future)
@@ -165,7 +170,7 @@ class ClusterRunner:
                 if error is None:
                     yield future.result()
                 else:
-                    yield BagResult(task.name, error=f"{task.bag}: {_line(error)}")
+                    yield self._lost(task, _line(error))
                 future.release()
         finally:
             self._client.close()  # type: ignore[no-untyped-call]

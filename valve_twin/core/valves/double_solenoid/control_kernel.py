@@ -79,7 +79,7 @@ def decide(
     per_half = 1.0 / v.half_stroke
     first = (wanted - s[at.X]) * per_half
     best, lowest = last, math.inf
-    for k in range(CANDIDATES):
+    for k in range(2 * w.sizes + 3):
         u = candidate(w, k, last)
         for j in range(len(s)):
             work[j] = s[j]

@@ -67,6 +67,8 @@ def numbers_of(found: Designed) -> Numbers:
         "trajectory_set.speed_time": around.speed_time,
         "trajectory_set.effort": around.effort,
         "trajectory_set.change": around.change,
+        "trajectory_set.small": around.small,
+        "trajectory_set.sizes": around.sizes,
     }
     return Numbers(shared, own)
 
