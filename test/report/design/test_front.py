@@ -25,7 +25,7 @@ def test_every_design_is_drawn_and_what_is_far_off_left_out():
     }
     svg = draw_front(AXES, points)
     paths = ElementTree.fromstring(svg).iter("{http://www.w3.org/2000/svg}path")
-    drawn = [(p.get("class"), p.get("d")) for p in paths]
+    drawn = [(p.get("class"), p.get("d") or "") for p in paths]
     moves = {style: [d.count("M") for s, d in drawn if s == style] for style, _ in drawn}
     assert moves["front"] == [2, 2]
     assert moves["tried"] == [1, 1]
