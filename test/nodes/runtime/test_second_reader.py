@@ -12,6 +12,7 @@ from valve_twin.nodes.runtime.second_reader import (
     PATIENCE_S,
     QUIET_S,
     RESENT_S,
+    START_S,
     Pace,
     SecondReader,
 )
@@ -57,6 +58,26 @@ def bench():
 def test_nothing_is_made_of_a_topic_that_was_never_heard(bench):
     assert bench.run(100.0) == 0
     assert not bench.made
+
+
+def test_who_hears_nothing_from_the_start_on_though_somebody_speaks_is_deaf(bench):
+    bench.reader.expect(0.0)
+    assert bench.run(START_S - 2.0 * LOOK_S) == 0
+    assert not bench.made
+    assert bench.run(PATIENCE_S + 6.0 * LOOK_S, second=LOOK_S) == 1
+    assert bench.taken, "it stands in"
+    bench.run(LOOK_S, first=LOOK_S)
+    assert bench.gone == bench.made
+    assert not bench.reader.never_heard
+
+
+def test_who_waits_for_a_publisher_that_says_nothing_is_not_deaf(bench):
+    bench.reader.expect(0.0)
+    assert bench.run(60.0) == 0
+    assert len(bench.made) == 1, "one for the whole silence"
+    assert bench.run(1.0, first=LOOK_S, second=LOOK_S) == 0
+    assert bench.gone == bench.made
+    assert not bench.taken
 
 
 def test_what_the_second_hears_and_the_first_does_not_tells_that_it_is_deaf(bench):

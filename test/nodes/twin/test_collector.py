@@ -2,6 +2,8 @@
 # Copyright 2026 valve_twin maintainers
 """Signals are handed on in step, whatever the network does to their order."""
 
+import time
+
 import numpy as np
 import pytest
 
@@ -119,3 +121,24 @@ def test_a_clock_that_is_set_back_does_not_hold_the_new_samples(collector):
 def test_everything_leaves_on_demand(collector):
     collector.add(block("position", 0, 10), 0, 0.0)
     assert [len(b.stamp_ns) for blocks in collector.take_all() for b in blocks] == [10]
+
+
+def test_a_clock_that_is_set_on_by_years_costs_no_time(collector):
+    """Slices between the samples were counted through: hours without an end."""
+    years = 1_700_000_000 * 10**9 // PERIOD_NS
+    for first in (0, years):
+        for signal in ("position", "v_in"):
+            collector.add(block(signal, first), 0, 0.0)
+    begin = time.process_time()
+    rounds = [[(b.signal, int(b.stamp_ns[0])) for b in r] for r in collector.take_all()]
+    assert time.process_time() - begin < 1.0
+    late = years * PERIOD_NS + 1
+    assert rounds == [[("position", 1), ("v_in", 1)], [("position", late), ("v_in", late)]]
+
+
+def test_what_is_stamped_back_within_a_block_is_handed_on_too(collector):
+    """Behind a stamp that no later one reached, samples were lost."""
+    collector.add(block("position", 0, 100), 0, 0.0)
+    collector.add(block("position", 3, 2), 0, 0.0)
+    sizes = [sum(len(b.stamp_ns) for b in r) for r in collector.take_all()]
+    assert sum(sizes) == 102

@@ -3,6 +3,10 @@
 """What comes in, in whatever shape, and what is said about what does not."""
 
 import math
+import os
+import signal
+import subprocess
+import sys
 import time
 
 import pytest
@@ -17,11 +21,12 @@ from test.nodes.conftest import NS
 from test.nodes.feeding import START_NS, Feeder
 from valve_twin.io.cdr.codec import encode_stamped
 from valve_twin.nodes.runtime.stamps import to_time
-from valve_twin.nodes.twin.inputs import MOST_BYTES, OVERRUN_S
+from valve_twin.nodes.twin.inputs import DEAF_FROM_START, MOST_BYTES, OVERRUN_S
 from valve_twin.nodes.twin.node import TwinNode
 
 PERIOD_S = 0.02
 RECOVERY_S = 1.0
+HEARD_S = 5.0
 S = 10**9
 
 
@@ -295,6 +300,54 @@ def test_a_message_of_0_bytes_silences_a_topic_for_a_second_at_most(graph, histo
     graph.spin_until(lambda: figures(diagnostics).get(f"{topic} listened anew") == "2")
     assert twin.log.count("sent a message of 0 bytes") == 1
     assert "[input.deaf]" in twin.log
+
+
+def test_an_input_that_hears_nothing_from_the_start_on_is_made_anew(graph, history):
+    """A reader that was matched and gets nothing, as one on the port of a killed process."""
+    node = graph.host(TwinNode, **history)
+    found = graph.record(f"{NS}/twin/prediction", Prediction)
+    topic = next(t for t in node._valves[0].inputs.topics if t.topic.endswith("position"))
+    feeder = Feeder(graph, NS)
+    node.destroy_subscription(topic._subscription)  # deaf, and nobody tells the input
+    begin = time.monotonic()
+    while not found:
+        at_pace(graph, feeder, 0.1)
+        assert time.monotonic() - begin < HEARD_S
+    assert (topic.deaf, topic.deaf_why) == (1, DEAF_FROM_START)
+    at_pace(graph, feeder, 1.0)
+    assert not topic._second.stands_in, "the new one is heard"
+    stamps = [p.header.stamp.sec * 10**9 + p.header.stamp.nanosec for p in found]
+    assert len(set(stamps)) == len(stamps), "nothing is taken twice"
+    (told,) = [f for f in node.faults.faults(NS) if f.kind.code == "input.deaf"]
+    assert (told.subject, told.events) == (topic.topic, 1)
+
+
+@pytest.mark.slow
+def test_a_twin_restarted_after_kills_is_heard_within_5_s_under_load(graph, history):
+    """Its first messages are those of a process that takes the port of a killed one."""
+    burning = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(2)]
+    waited = []
+    try:
+        twin = graph.start("twin", **history)
+        found = graph.record(f"{NS}/twin/prediction", Prediction)
+        feeder = Feeder(graph, NS)
+        for _ in range(8):
+            while "is active" not in twin.log:
+                at_pace(graph, feeder, 0.1)
+            begin = time.monotonic()
+            while not found:
+                at_pace(graph, feeder, 0.1)
+            waited.append(time.monotonic() - begin)
+            at_pace(graph, feeder, 1.0)
+            os.kill(twin.pid, signal.SIGKILL)  # its shared memory is left to the next one
+            twin.process.wait()
+            found.clear()
+            twin = graph.start("twin", **history)
+    finally:
+        for process in burning:
+            process.kill()
+            process.wait()
+    assert max(waited[1:]) < HEARD_S, waited
 
 
 @pytest.mark.parametrize("bad", [b"\0", b"\0\1\0\0", b"\0\1\0\0" + bytes(5), b"\xff" * 40])

@@ -77,9 +77,11 @@ _INPUTS = (
     FaultKind(
         "input.deaf",
         _WARN,
-        "A publisher sent what the middleware cannot hand on, a message of 0 bytes: the reliable "
-        "subscription heard nothing more of it and was made anew, the second time as best effort.",
-        "Look at the publisher: it sends serialized messages without content.",
+        "The reliable subscription heard nothing of what another one heard, and was made anew, "
+        "the second time as best effort: behind a message of 0 bytes, which the middleware cannot "
+        "hand on, or from the start on, after a process that was killed.",
+        "Look at the publisher if it sends serialized messages without content; stop nodes with "
+        "SIGTERM, not with SIGKILL.",
         heal_s=EVENT_HEAL_S,
     ),
     FaultKind(

@@ -229,7 +229,13 @@ class History:
             return add_event(connection, self._valve_id(connection, valve), event)
 
     def withdraw_maintenance(self, valve: str, cycle: int, note: str) -> Maintenance:
-        """Keep the newest event in force at a cycle as withdrawn; StoreError says why not."""
+        """Keep the newest event in force at a cycle as withdrawn; StoreError says why not.
+
+        Parameters
+        ----------
+        valve, cycle, note : str, int, str
+            Its name, first cycle of the segment that the event began [1], and why.
+        """
         self.repair()
         with self._database.write() as connection:
             valve_id = connection.scalar(sa.select(VALVE.c.id).where(VALVE.c.name == valve))

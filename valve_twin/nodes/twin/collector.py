@@ -14,7 +14,6 @@ rush would be handed on before the middleware has asked for what it lost of it.
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -129,7 +128,11 @@ class Collector:
         return taken
 
     def _slices(self, blocks: list[SignalBlock]) -> Iterator[list[SignalBlock]]:
-        """Yield the blocks cut at multiples of the slice after their beginning."""
+        """Yield the blocks cut at multiples of the slice after their beginning.
+
+        A sample waits for all before it in its block. What takes time is the number of samples,
+        not the time between them: a clock may be set on by years.
+        """
         if not blocks:
             return
         begin = min(int(b.stamp_ns[0]) for b in blocks)
@@ -137,14 +140,14 @@ class Collector:
         if span <= self._slice_ns:
             yield blocks
             return
-        at = [0] * len(blocks)
-        for k in range(1, math.ceil(span / self._slice_ns) + 2):
+        numbers = [
+            np.maximum.accumulate(np.maximum(-((begin - b.stamp_ns) // self._slice_ns), 1))
+            for b in blocks
+        ]
+        for k in np.unique(np.concatenate(numbers)):
             parts = []
-            for i, block in enumerate(blocks):
-                later = np.flatnonzero(block.stamp_ns[at[i] :] > begin + k * self._slice_ns)
-                end = at[i] + int(later[0]) if len(later) else len(block.stamp_ns)
-                if end > at[i]:
-                    parts.append(cut_block(block, slice(at[i], end)))
-                at[i] = end
-            if parts:
-                yield parts
+            for block, number in zip(blocks, numbers, strict=True):
+                first, end = np.searchsorted(number, [k, k + 1])
+                if end > first:
+                    parts.append(cut_block(block, slice(int(first), int(end))))
+            yield parts

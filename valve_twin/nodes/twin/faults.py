@@ -68,8 +68,7 @@ class TwinFaults:
             (
                 "input.deaf",
                 topic.deaf,
-                ": its publisher sent a message of 0 bytes, behind which nothing came; listened "
-                "anew %d times",
+                f": {topic.deaf_why}; listened anew %d times",
             ),
             ("input.deadline", topic.deadlines_missed, " missed its deadline %d times"),
         ):

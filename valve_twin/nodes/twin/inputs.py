@@ -51,6 +51,9 @@ BESIDE = 1000
 MOST_BYTES = 8_000_000
 """A longer message is refused: a million samples [B]."""
 
+DEAF_BEHIND = "its publisher sent a message of 0 bytes, behind which nothing came"
+DEAF_FROM_START = "from the start on its reliable subscription got nothing, which another one got"
+
 FORGOTTEN_S = 60.0
 """A topic whose subscription is deaf twice within this time is taken best effort [s]."""
 
@@ -132,7 +135,7 @@ class TopicInput:
         self._heard: float | None = None
         self._reliable = not self._is_best_effort_offered()
         self.received = self.lost = self.overrun = self.broken = self.deadlines_missed = 0
-        self.deaf = 0
+        self.deaf, self.deaf_why = 0, ""
         self._deaf_s = -math.inf
         self.refused_policy = ""
         simulated = bool(node.get_parameter("use_sim_time").value)
@@ -155,13 +158,17 @@ class TopicInput:
         if self._lossless:
             return
         now_s, beside = seconds_now(), self._second
-        if not ((self._matched and self._reliable) or beside.stands_in):
+        unheard = beside.never_heard
+        there = self._matched or (unheard and self._node.count_publishers(self.topic))
+        if not ((there and self._reliable) or beside.stands_in):
             return
+        beside.expect(now_s)
         if beside.newest:
             self._note_pace(beside.newest, now_s)
         if not beside.look(now_s, self._pace.patience_s(now_s)):
             return
         self.deaf += 1
+        self.deaf_why = DEAF_FROM_START if unheard else DEAF_BEHIND
         self._reliable = now_s - self._deaf_s > FORGOTTEN_S
         self._deaf_s = now_s
         self._node.destroy_subscription(self._subscription)

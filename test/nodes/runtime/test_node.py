@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Nodes on a /clock that two publishers fight over end in good order, and go on until then."""
+
+import itertools
+import random
+import signal
+import time
+
+import pytest
+from rosgraph_msgs.msg import Clock
+from valve_twin_msgs.msg import Prediction
+
+from test.nodes.conftest import NS
+from test.nodes.feeding import START_NS, Feeder
+from valve_twin.nodes.runtime.stamps import to_time
+
+S = 10**9
+END_S = 5.0
+JUMPS = 2000
+YEARS_NS = 1_700_000_000 * S
+
+
+def fighting(seed: int):
+    """Yield what two simulations say at once, now and then a third that has just begun [ns]."""
+    rng = random.Random(seed)
+    for k in itertools.count():
+        yield 1_000 * S + k * 10_000_000
+        yield 1_100 * S + k * 30_000_000
+        if rng.random() < 0.02:
+            yield rng.choice([1, S, 2**31 * S - 1])
+
+
+@pytest.mark.parametrize(
+    ("name", "executor"),
+    [
+        ("twin", "events"),
+        ("twin", "single_threaded"),
+        ("aging_monitor", "events"),
+        ("bag_recorder", "events"),
+        ("simulated_valve", "events"),
+    ],
+)
+def test_a_node_ends_within_5_s_after_thousands_of_jumps(graph, tmp_path, name, executor):
+    own = {
+        "twin": {"model": "press_cartridge", "history_url": f"sqlite:///{tmp_path}/h.sqlite"},
+        "aging_monitor": {"model": "press_cartridge"},
+        "bag_recorder": {"bag": str(tmp_path / "bag")},
+        "simulated_valve": {"model": "press_cartridge", "clock": False},
+    }
+    node = graph.start(name, use_sim_time=True, executor=executor, **own[name])
+    predictions = graph.record(f"{NS}/twin/prediction", Prediction)
+    clocks = [graph.node.create_publisher(Clock, "/clock", 10) for _ in range(2)]
+    graph.spin_until(clocks[0].get_subscription_count, what="a listener")
+    graph.spin_until(lambda: "is active" in node.log, what="an active node")
+    feeder = Feeder(graph, NS) if name == "twin" else None
+    stamps = fighting(1)
+    begin = time.monotonic()
+    for k in range(JUMPS):
+        clocks[k % 2].publish(Clock(clock=to_time(next(stamps))))
+        if feeder is not None and k % 4 == 0:  # the data's stamps are those of either clock
+            feeder.feed(1, START_NS + k // 4 % 2 * YEARS_NS)
+        graph.executor.spin_once(timeout_sec=0.0)
+        time.sleep(0.002)
+    assert name != "twin" or predictions
+    begin = time.monotonic()
+    for publisher in clocks:  # it goes on while the node ends
+        publisher.publish(Clock(clock=to_time(next(stamps))))
+    assert node.end(signal.SIGINT, 60.0) == 0, node.log[-2000:]
+    took_s = time.monotonic() - begin
+    assert took_s < END_S, f"{took_s:.1f} s\n{node.log[-2000:]}"
+    assert "Traceback" not in node.log
