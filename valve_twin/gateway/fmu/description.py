@@ -106,7 +106,7 @@ def model_description(valve: FmuValve, version: int) -> bytes:
         {"startTime": "0.0", "stopTime": repr(valve.stop_s), "stepSize": repr(valve.period_s)},
     )
     (_variables_2 if version == 2 else _variables_3)(root, valve)
-    return _bytes(root)
+    return xml_bytes(root)
 
 
 def build_description(valve: FmuValve) -> bytes:
@@ -116,7 +116,7 @@ def build_description(valve: FmuValve) -> bytes:
     files = ET.SubElement(one, "SourceFileSet", {"language": "C99"})
     for name in SOURCES[3]:
         ET.SubElement(files, "SourceFile", {"name": name})
-    return _bytes(root)
+    return xml_bytes(root)
 
 
 def _units(root: ET.Element, units: Sequence[str]) -> None:
@@ -186,7 +186,8 @@ def _variables_3(root: ET.Element, valve: FmuValve) -> None:
     )
 
 
-def _bytes(root: ET.Element) -> bytes:
+def xml_bytes(root: ET.Element) -> bytes:
+    """Return an XML file."""
     ET.indent(root)
     text: bytes = ET.tostring(root, encoding="UTF-8", xml_declaration=True)
     return text + b"\n"
