@@ -44,6 +44,19 @@ def test_what_is_wrong_with_a_file_is_one_line_with_its_name(tmp_path, text, wor
     assert "\n" not in str(caught.value)
 
 
+def test_of_several_files_a_twin_takes_what_is_for_it(tmp_path):
+    other, own = tmp_path / "others.yaml", tmp_path / "own.yaml"
+    other.write_text(f"/press/v2/twin:\n{GOOD}")
+    own.write_text(f"/press/v1/twin:\n{GOOD}")
+    for files in ((other, own), (own, other)):
+        given = [word for path in files for word in ("--params-file", str(path))]
+        warning = check_arguments("twin", ["--ros-args", *NS, *given])
+        assert f"{other}: holds nothing for /press/v1/twin" in warning
+        assert str(own) not in warning
+    with pytest.raises(ConfigError, match=r"others.yaml: holds .*others.yaml: holds"):
+        check_arguments("twin", ["--ros-args", *NS, *("--params-file", str(other)) * 2])
+
+
 def test_a_node_that_needs_no_file_of_a_valve_is_only_told(tmp_path):
     given = arguments(tmp_path, f"/press/v1/twin:\n{GOOD}", *NS)
     assert "holds nothing for /press/v1/bag_recorder" in check_arguments("bag_recorder", given)

@@ -11,7 +11,7 @@ from valve_twin.io.bags.read import bag_info
 from valve_twin.io.bags.rolling import SplitRule
 from valve_twin.io.errors import BagError
 from valve_twin.io.recording.recorder import Recording
-from valve_twin.io.recording.restarted import earlier_files, next_folder
+from valve_twin.io.recording.restarted import earlier_files, mark, next_folder
 
 
 def begun(folder, keep=0, messages=1, first=0):
@@ -42,6 +42,7 @@ def test_a_gap_in_the_numbers_is_not_filled(tmp_path):
     """Else a later recording would be taken for an earlier one."""
     for name in ("bag_002", "bag_1000"):
         (tmp_path / name).mkdir()
+        mark(tmp_path / name, tmp_path / "bag")
     assert next_folder(tmp_path / "bag").name == "bag_1001"
 
 
@@ -89,6 +90,22 @@ def test_names_that_only_look_alike_are_left_alone(tmp_path):
     assert next_folder(tmp_path / "bag").name == "bag_002"
     assert earlier_files(tmp_path / "bag_002", tmp_path / "bag") == []
     assert len(names(tmp_path)) == 4
+
+
+def test_the_folder_of_another_valve_is_left_alone(tmp_path):
+    """Valves press and press_101 record beside each other."""
+    for _ in range(2):
+        opened(next_folder(tmp_path / "bag_003"))._let_go()
+    other = opened(next_folder(tmp_path / "bag_101"))
+    other.follow(tmp_path / "bag_101")
+    other.write([message(0)])
+    other.close()
+    for number in range(4):
+        begun(tmp_path, keep=2, first=number).close()
+    assert messages(tmp_path / "bag_101") == 1
+    assert names(tmp_path)[-1] == "bag_101_0.mcap"
+    kept = {p.name for p in tmp_path.iterdir()} - {"bag_101", "bag_003", "bag_003_002"}
+    assert kept == {"bag_004", "bag_005"}
 
 
 def test_no_thread_is_left_of_a_recording_that_cannot_begin(tmp_path):

@@ -36,12 +36,13 @@ def check_arguments(name: str, arguments: Sequence[str]) -> str:
     Raises
     ------
     ConfigError
-        If a file cannot be read, or is for other nodes and this one, a twin, would run on
-        defaults: one line.
+        If a file cannot be read, or all files are for other nodes and this one, a twin, would run
+        on defaults: one line.
     """
     node = _full_name(name, arguments)
     warnings = []
-    for path in [value for option, value in pairwise(arguments) if option == _FILE]:
+    files = [value for option, value in pairwise(arguments) if option == _FILE]
+    for path in files:
         sections = read_parameter_file(Path(path))
         if any(section.matches(node) for section in sections):
             continue
@@ -50,9 +51,9 @@ def check_arguments(name: str, arguments: Sequence[str]) -> str:
             f"{path}: holds nothing for {node}, only for {patterns}: start the node under that "
             "name (-r __ns:=NAMESPACE), or begin the file with '/**:'"
         )
-        if name == "twin":
-            raise ConfigError(msg)
         warnings.append(msg)
+    if name == "twin" and files and len(warnings) == len(files):
+        raise ConfigError("; ".join(warnings))
     return "; ".join(warnings)
 
 

@@ -346,12 +346,8 @@ class History:
     def maintenance(self, valve: str, first_cycle: int = 0) -> list[Maintenance]:
         """Return the events from `first_cycle` on, withdrawn ones too, by cycle, as stored."""
         query = of_valve(MAINTENANCE, valve).where(MAINTENANCE.c.cycle >= first_cycle)
-        return [
-            from_row(Maintenance, r)
-            for r in self._sound(
-                MAINTENANCE, query.order_by(MAINTENANCE.c.cycle, MAINTENANCE.c.id)
-            )
-        ]
+        query = query.order_by(MAINTENANCE.c.cycle, MAINTENANCE.c.id)
+        return [from_row(Maintenance, row) for row in self._sound(MAINTENANCE, query)]
 
     def backup_for(self, rules: BackupRules, name: str) -> Path:
         """Write a copy that was asked for from outside; see `requested_backup_path`."""

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 import os
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -167,6 +168,8 @@ class Recording:
         first : Path
             Folder of the first of them, as the name was given.
         """
+        with suppress(OSError):  # a disk in trouble: this folder is then nobody's
+            restarted.mark(self.path, first)
         self._writer.rolling.follow(restarted.earlier_files(self.path, first), restarted.delete)
 
     def note(self, values: Mapping[str, object]) -> None:

@@ -3,7 +3,8 @@
 """A recording that is begun again under its name: NAME, then NAME_002, NAME_003 and so on.
 
 The files of earlier ones count as files of the recording when the oldest are deleted, unless
-another process still writes there: a recording holds a lock on its folder.
+another process still writes there: a recording holds a lock on its folder. A folder that only has
+such a name, as that of valve press_101 beside press, is somebody else's: one's own are marked.
 """
 
 from __future__ import annotations
@@ -20,6 +21,9 @@ from valve_twin.io.mcap.format import MAGIC, RECORD_HEAD, Op
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+MARK = ".valve_twin_recording"
+"""File in a folder NAME_002 and so on that holds NAME."""
 
 _NUMBERED = re.compile(r"(.+)_(\d{3,})")
 _SECOND = 2
@@ -38,10 +42,27 @@ def next_folder(path: str | Path) -> Path:
         Folder of the first recording of this name.
     """
     path = Path(path)
-    last = max((number for number, _ in _numbered(path)), default=0)
-    if not last and not os.path.lexists(path):
+    number = max((number for number, _ in _numbered(path)), default=0)
+    if not number and not os.path.lexists(path):
         return path
-    return path.with_name(f"{path.name}_{max(last + 1, _SECOND):03d}")
+    number = max(number + 1, _SECOND)
+    while os.path.lexists(found := path.with_name(f"{path.name}_{number:03d}")):
+        number += 1
+    return found
+
+
+def mark(path: Path, first: Path) -> None:
+    """Mark a folder as a later recording of a name; nothing where it is the first one.
+
+    Parameters
+    ----------
+    path : Path
+        Folder of the present recording, as `next_folder` gave it.
+    first : Path
+        That of the first recording of its name.
+    """
+    if path.name != first.name:
+        (path / MARK).write_text(first.name, encoding="utf-8")
 
 
 def earlier_files(path: Path, first: Path) -> list[Path]:
@@ -84,6 +105,8 @@ def delete(file: Path) -> int:
         size = file.stat().st_size
         (file.parent / FILE_NAME).unlink(missing_ok=True)
         file.unlink()
+        if not any(file.parent.glob("*.mcap")):
+            (file.parent / MARK).unlink(missing_ok=True)
         file.parent.rmdir()
         return size
     return 0
@@ -110,8 +133,15 @@ def lock(folder: Path) -> int | None:
 def _numbered(first: Path) -> Iterator[tuple[int, Path]]:
     for folder in first.parent.glob(f"{first.name}_*"):
         found = _NUMBERED.fullmatch(folder.name)
-        if found is not None and found[1] == first.name:
+        if found is not None and found[1] == first.name and _is_of(folder, first.name):
             yield int(found[2]), folder
+
+
+def _is_of(folder: Path, name: str) -> bool:
+    try:
+        return (folder / MARK).read_text(encoding="utf-8") == name
+    except (OSError, ValueError):
+        return False
 
 
 def _has_messages(file: Path) -> bool:
