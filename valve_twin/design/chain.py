@@ -138,6 +138,7 @@ def evaluate(
     *,
     robust: bool = False,
     fidelity: Fidelity | None = None,
+    computed: tuple[Designed, tuple[Dynamics, Dynamics]] | None = None,
     advance: Callable[[], None] = lambda: None,
 ) -> Evaluation:
     """Follow steps of a valve with a designed solenoid.
@@ -152,6 +153,8 @@ def evaluate(
         Also with friction, supply and copper scaled.
     fidelity : Fidelity, optional
         How finely fields are computed, default "usual" of `FIDELITIES`.
+    computed : tuple, optional
+        What `compute_design` returned of this design, where it is known already.
     advance : callable
         Called once a field of the map.
 
@@ -161,7 +164,7 @@ def evaluate(
         If the design cannot be computed or a number does not fit the valve.
     """
     of = fidelity or FIDELITIES["usual"]
-    designed, dynamics = compute_design(design, fidelity=of, advance=advance)
+    designed, dynamics = computed or compute_design(design, fidelity=of, advance=advance)
     numbers = valve.of_design(designed)
     cases: list[dict[str, float]] = [{}]
     if robust:

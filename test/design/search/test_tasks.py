@@ -11,13 +11,15 @@ import pytest
 from valve_twin.design.chain import Fidelity
 from valve_twin.design.geometry import DoubleStroke
 from valve_twin.design.map import MapGrid
+from valve_twin.design.search import tasks
 from valve_twin.design.search.tasks import DesignTask, evaluate_task, lost_design, surface_of
+from valve_twin.design.search.variables import changed
 
 QUICK = Fidelity(MapGrid(currents=4, positions=4, fine=0.3), fine=0.3, step=4e-4)
 
 
 @pytest.mark.slow
-def test_a_task_travels_and_gives_the_figures_of_the_chain():
+def test_a_task_travels_and_gives_the_figures_of_the_chain(monkeypatch):
     task = DesignTask("a", DoubleStroke(), {"turns": 375.0}, given=QUICK)
     found = evaluate_task(pickle.loads(pickle.dumps(task)))
     assert found.error == ""
@@ -30,6 +32,12 @@ def test_a_task_travels_and_gives_the_figures_of_the_chain():
     assert f["current_pole_1_hz"] < f["current_pole_2_hz"]
     assert len(found.curves["force"]) == len(found.curves["flux"]) == 20
     assert pickle.loads(pickle.dumps(found)) == found
+    monkeypatch.setattr(tasks, "compute_design", None)  # springs ask for no new fields
+    softer = changed(DoubleStroke(), {"valve.spring_rate": 5e3, "valve.horizon": 20.0})
+    again = evaluate_task(DesignTask("b", softer, given=QUICK))
+    assert again.error == ""
+    assert again.figures["loss"] < f["loss"]
+    assert again.curves == found.curves
 
 
 def test_a_broken_geometry_is_a_line_with_its_amount_and_costs_nothing():

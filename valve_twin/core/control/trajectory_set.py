@@ -22,7 +22,7 @@ from numba import njit
 from valve_twin.core.quantity import assumed, check_quantities, compiled
 
 HORIZON = 32
-"""Control samples that a candidate is predicted, assumed."""
+"""Control samples that a candidate is predicted where nothing else is said, assumed."""
 
 MODEL_STEPS = 4
 """Model steps a control sample: 25 us, well below the limit of 160 us, assumed."""
@@ -40,6 +40,7 @@ class TrajectoryWeights(NamedTuple):
     change: float
     small: float
     sizes: int
+    horizon: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +69,9 @@ class TrajectorySetConfig:
     change: float = assumed(0.2, "1", "Large change among the candidates", 0.02, 1.0, ages=False)
     small: float = assumed(0.02, "1", "Small change among them", 1e-4, 0.02, ages=False)
     sizes: int = assumed(2, "1", "Sizes of change from small to large", 2, 10, ages=False)
+    horizon: int = assumed(
+        HORIZON, "1", "Control samples that a candidate is predicted", 4, 100, ages=False
+    )
 
     def __post_init__(self) -> None:
         """Refuse values outside their range."""

@@ -41,6 +41,7 @@ class Surroundings:
     change: float = assumed(0.5, "1", "Controller: large change among its inputs", 0.02, 1.0)
     small: float = assumed(3e-3, "1", "Controller: small change among them", 1e-4, 0.02)
     sizes: int = assumed(4, "1", "Controller: sizes of change from small to large", 2, 10)
+    horizon: int = assumed(32, "1", "Controller: samples of 0.1 ms that it looks ahead", 4, 100)
 
     def __post_init__(self) -> None:
         """Refuse numbers outside their range."""

@@ -39,9 +39,9 @@ VARIED: Mapping[str, tuple[float, float]] = {
     "turns": (260, 400),
     "valve.spring_rate": (5e3, 1.6e4),
     "valve.preload": (5.0, 30.0),
+    "valve.horizon": (10, 40),
     "valve.overshoot": (2.0, 30.0),
-    "valve.speed_time": (5e-5, 4e-4),
-    "valve.effort": (1e-7, 2e-5),
+    "valve.speed_time": (5e-5, 5e-4),
 }
 """What is searched where nothing else is said: geometry, turns, springs, controller; assumed."""
 

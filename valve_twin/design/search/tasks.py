@@ -6,19 +6,21 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.valves.designed import find_designable
-from valve_twin.design.chain import FIDELITIES, evaluate
+from valve_twin.core.valves.designed import Surroundings, find_designable
+from valve_twin.design.chain import FIDELITIES, compute_design, evaluate
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from valve_twin.core.physics.coenergy import CoenergyMap
     from valve_twin.core.types import FloatArray
+    from valve_twin.core.valves.designed import Designed
     from valve_twin.design.chain import Evaluation, Fidelity
     from valve_twin.design.dynamics import Dynamics
     from valve_twin.design.geometry import DoubleStroke
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
 HEAT_TRANSFER = 12.0
 """Of a yoke's surface to still air, convection and radiation, assumed [W/(m^2 K)]."""
 
+_KEPT = 8  # solenoids whose fields a process keeps
 _SHARES = (0.25, 0.5, 0.75, 1.0)  # of the largest current, coil A alone
 _PLACES = (-1.0, -0.5, 0.0, 0.5, 1.0)  # of the stroke
 
@@ -106,13 +109,25 @@ def evaluate_task(task: DesignTask) -> Outcome:
             said = "; ".join(str(v) for v in broken)
             return Outcome(*known, error=said, broken=amount)
         fidelity = task.given or FIDELITIES[task.fidelity]
-        found = evaluate(task.design, find_designable(task.valve), fidelity=fidelity)
+        solenoid = replace(task.design, valve=Surroundings())
+        designed, dynamics = _fields_of(solenoid, fidelity)
+        designed = replace(designed, around=task.design.valve)
+        valve = find_designable(task.valve)
+        found = evaluate(task.design, valve, computed=(designed, dynamics))
         figures, curves = figures_of(task.design, found), _curves(found.designed.curves)
     except Exception as err:  # one bad design must not stop the others
         kind = "" if isinstance(err, ValueError) else f"{type(err).__name__}: "
         said = kind + " ".join(str(err).split())
         return Outcome(*known, error=said, cpu_s=time.process_time() - began)
     return Outcome(*known, figures, curves, cpu_s=time.process_time() - began)
+
+
+@lru_cache(maxsize=_KEPT)
+def _fields_of(
+    solenoid: DoubleStroke, fidelity: Fidelity
+) -> tuple[Designed, tuple[Dynamics, Dynamics]]:
+    """Return what was computed of a solenoid: springs and controller ask for no new fields."""
+    return compute_design(solenoid, fidelity=fidelity)
 
 
 def lost_design(task: DesignTask, why: str) -> Outcome:

@@ -53,3 +53,16 @@ def test_stiffer_springs_leave_less_force():
     way = FOUND.around.opened * FOUND.stroke
     less = MODEL.force_margin(NUMBERS) - MODEL.force_margin(MODEL.of_design(stiff))
     assert less == pytest.approx(2.0 * 1e4 * way)  # of both springs, at the open port
+
+
+def test_a_controller_that_looks_less_far_ahead_is_faster_and_goes_further_beyond():
+    near = replace(FOUND, around=replace(FOUND.around, horizon=16))
+    usual, found = (MODEL.loop(n, 0.5, {}) for n in (NUMBERS, MODEL.of_design(near)))
+    assert found.rise_s < 0.8 * usual.rise_s
+    assert found.overshoot > usual.overshoot
+
+
+def test_what_is_left_of_a_small_step_is_the_smallest_change_of_the_set():
+    coarse = replace(FOUND, around=replace(FOUND.around, small=0.02, sizes=2))
+    left = MODEL.loop(MODEL.of_design(coarse), 0.1, {}).error
+    assert MODEL.loop(NUMBERS, 0.1, {}).error < 0.3 * left

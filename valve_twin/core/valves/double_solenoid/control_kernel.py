@@ -84,10 +84,10 @@ def decide(
         for j in range(len(s)):
             work[j] = s[j]
         cost = 0.0
-        for _ in range(HORIZON):
+        for _ in range(w.horizon):
             predict_sample(work, v, m, g, u, MODEL_STEPS)
             cost += error_cost(w, first, (wanted - work[at.X]) * per_half)
-        cost = cost / HORIZON + end_cost(w, work[at.SPEED] * per_half, u - last)
+        cost = cost / w.horizon + end_cost(w, work[at.SPEED] * per_half, u - last)
         if cost < lowest:
             best, lowest = u, cost
     return float(best)

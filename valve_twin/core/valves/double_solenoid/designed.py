@@ -69,6 +69,7 @@ def numbers_of(found: Designed) -> Numbers:
         "trajectory_set.change": around.change,
         "trajectory_set.small": around.small,
         "trajectory_set.sizes": around.sizes,
+        "trajectory_set.horizon": around.horizon,
     }
     return Numbers(shared, own)
 
