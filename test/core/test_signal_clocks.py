@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from valve_twin.core.signal_clocks import LOOKS, SignalClocks
+from valve_twin.core.signal_clocks import FORGOTTEN, LOOKS, SignalClocks
 
 HOUR_NS = 3600e9
 
@@ -37,6 +37,30 @@ def test_an_offset_between_two_clocks_is_measured(ahead_ns, words):
 def test_it_takes_some_looks_and_goes_when_the_clocks_agree():
     assert not looked([HOUR_NS], LOOKS - 1)
     assert not looked([HOUR_NS, HOUR_NS, HOUR_NS, 0.0], 4)
+
+
+@pytest.mark.parametrize("silent", ["v_in", "position"])
+def test_the_offset_of_a_signal_that_falls_silent_is_forgotten(silent):
+    clocks = SignalClocks("position", 2.0)
+    found = []
+    for k in range(LOOKS + FORGOTTEN + 1):
+        for signal, ahead_ns in (("position", 0.0), ("v_in", HOUR_NS)):
+            if k < LOOKS or signal != silent:
+                clocks.note(signal, ahead_ns, has_header=True)
+        found.append(bool(clocks.look()))
+    assert found.index(True) == LOOKS - 1
+    assert all(found[LOOKS - 1 : -1])
+    assert not found[-1]
+
+
+def test_the_offset_of_a_signal_that_speaks_seldom_stands():
+    clocks = SignalClocks("position", 2.0)
+    for k in range(10 * FORGOTTEN):
+        clocks.note("position", 0.0, has_header=True)
+        if k % FORGOTTEN == 0:
+            clocks.note("v_in", HOUR_NS, has_header=True)
+        found = clocks.look()
+    assert found
 
 
 @pytest.mark.parametrize(

@@ -17,6 +17,9 @@ LOOKS = 3
 SAME, SAME_S = 0.2, 1.0
 """Offsets that differ by no more than this share, or time, are the same [1], [s]."""
 
+FORGOTTEN = 30
+"""An offset is forgotten after so many looks without a sample to tell it by [1]."""
+
 LATENESS_S = 60.0
 """A signal that is behind by less may only be late [s]."""
 
@@ -79,6 +82,7 @@ class SignalClocks:
         self._output, self._limit_s, self._looks = output, limit_s, looks
         self._fresh: dict[str, tuple[float, bool]] = {}
         self._found: dict[str, tuple[int, ClockOffset]] = {}
+        self._since: dict[str, int] = {}
 
     def note(self, signal: str, ahead_ns: float, *, has_header: bool) -> None:
         """Note a sample.
@@ -95,8 +99,15 @@ class SignalClocks:
         self._fresh[signal] = (1e-9 * ahead_ns, has_header)
 
     def look(self) -> list[ClockOffset]:
-        """Return the offsets that stand, by what was noted since the last look."""
+        """Return the offsets that stand, by what was noted since the last look.
+
+        Of a signal that fell silent nothing is known any more.
+        """
         fresh, self._fresh = self._fresh, {}
+        for signal in tuple(self._found):
+            self._since[signal] += 1
+            if self._since[signal] > FORGOTTEN:
+                del self._found[signal]
         if self._output in fresh:
             reference_s, stamped = fresh.pop(self._output)
             for signal, (ahead_s, has_header) in fresh.items():
@@ -112,4 +123,5 @@ class SignalClocks:
             return
         same_s = max(SAME * abs(before.offset_s), SAME_S)
         same = abs(offset.offset_s - before.offset_s) <= same_s
+        self._since[offset.signal] = 0
         self._found[offset.signal] = (count + 1 if same else 1, offset)

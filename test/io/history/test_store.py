@@ -590,60 +590,6 @@ class TestCopies:
             history.export(file)
 
 
-@pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Start a private PostgreSQL server on a socket of its own; the URL of its database."""
-    pytest.importorskip("psycopg", reason="the PostgreSQL driver psycopg is not installed")
-    found = shutil.which("pg_ctl") or next(
-        (str(p) for p in sorted(Path("/usr/lib/postgresql").glob("*/bin/pg_ctl"), reverse=True)),
-        None,
-    )
-    if found is None:
-        pytest.skip("PostgreSQL server programs (initdb, pg_ctl) are not on this machine")
-    folder = tmp_path_factory.mktemp("postgresql")
-    as_nobody = {}
-    if os.geteuid() == 0:  # the server refuses to run as root
-        for parent in (folder, *folder.parents[:3]):
-            parent.chmod(0o755)
-        os.chown(folder, NOBODY, NOBODY)
-        as_nobody = {"user": NOBODY, "group": NOBODY, "extra_groups": []}
-    bin_ = Path(found).resolve().parent
-    data = folder / "data"
-
-    def call(*command: str) -> None:
-        subprocess.run(command, check=True, capture_output=True, cwd=folder, **as_nobody)  # type: ignore[call-overload]
-
-    call(
-        str(bin_ / "initdb"),
-        "-D",
-        str(data),
-        "-U",
-        "valve",
-        "-A",
-        "trust",
-        "-N",
-        "-E",
-        "UTF8",
-        "--locale=C",
-    )
-    options = f"-c listen_addresses='' -c unix_socket_directories={folder} -c fsync=on"
-    call(
-        str(bin_ / "pg_ctl"),
-        "-D",
-        str(data),
-        "-w",
-        "-l",
-        str(folder / "log"),
-        "-o",
-        options,
-        "start",
-    )
-    try:
-        yield f"postgresql://valve@/postgres?host={folder}"
-    finally:
-        call(str(bin_ / "pg_ctl"), "-D", str(data), "-m", "immediate", "stop")
-
-
 class TestPostgresql:
     def test_serves_like_sqlite(self, server: str, tmp_path: Path) -> None:
         with History(server) as history:

@@ -23,6 +23,8 @@ import zlib
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
+from sqlalchemy.exc import DBAPIError
+
 from valve_twin.core.state import Announced
 from valve_twin.io.errors import StoreError
 
@@ -137,8 +139,11 @@ class ServerClaim(Claim):
         self.hold()
 
     def hold(self) -> None:
-        """Claim over a connection that lasts."""
-        if self._connection is not None and not self._connection.invalidated:
+        """Claim over a connection that lasts; again where the server or the way to it did not.
+
+        A server that was killed knows no claims any more: somebody else may have been faster.
+        """
+        if self._lasts():
             return
         connection = self._database.engine.connect()
         key = zlib.crc32(self._valve.encode())
@@ -152,6 +157,20 @@ class ServerClaim(Claim):
             raise StoreError(msg)
         connection.commit()
         self._connection = connection
+
+    def _lasts(self) -> bool:
+        """Return whether the server still answers on the connection that holds the claim."""
+        if self._connection is None:
+            return False
+        try:
+            self._connection.exec_driver_sql("SELECT 1")
+            self._connection.commit()
+        except DBAPIError as err:
+            if not err.connection_invalidated:
+                raise
+            self.release()
+            return False
+        return True
 
     def release(self) -> None:
         """Let others write the valve."""
