@@ -42,6 +42,52 @@ STEPS = 4.0
 between steps, with too little noise to measure it, is at rest."""
 
 
+REST_SAMPLES = 5
+"""Least length of a rest [samples], assumed."""
+
+REST_BAND = 2.0
+"""How far a movement that starts leaves its rest [dead bands], assumed."""
+
+REST_SHARE = 0.2
+"""Largest scatter of a rest [shares of its band], assumed: noise has a twentieth, a ramp through
+the band and a smooth turn have 0.29 at least."""
+
+
+class Moves(NamedTuple):
+    """Movements of a cycle.
+
+    Attributes
+    ----------
+    levels : (M + 1,) array
+        Where the first begins, where the direction turns, and where the last ends, without the
+        extremes of the noise [unit of the position]; empty where nothing moves.
+    turn : float
+        Dead band: way back that is a turn [unit of the position].
+    starts : int
+        Movements that begin from a rest [1].
+    early : bool
+        Whether the first movement is under way before a rest is seen.
+    rests : bool
+        Whether the cycle ends at rest.
+    """
+
+    levels: FloatArray
+    turn: float = 0.0
+    starts: int = 0
+    early: bool = False
+    rests: bool = True
+
+    @property
+    def count(self) -> int:
+        """Movements in one direction [1]; their number less one is that of the reversals."""
+        return max(len(self.levels) - 1, 0)
+
+    @property
+    def travel(self) -> float:
+        """Way of all of them [unit of the position]."""
+        return float(np.abs(np.diff(self.levels)).sum())
+
+
 class Movement(NamedTuple):
     """Movement of one or many cycles.
 
@@ -71,16 +117,29 @@ def count_movement(position: FloatArray) -> tuple[int, float]:
     position : (N,) array
         Believed positions, finite.
     """
+    found = find_moves(position)
+    return found.count, found.travel
+
+
+def find_moves(position: FloatArray) -> Moves:
+    """Return the movements in one direction between the turns of a cycle.
+
+    Parameters
+    ----------
+    position : (N,) array
+        Believed positions, finite.
+    """
+    still = Moves(np.empty(0))
     if len(position) < 3:
-        return 0, 0.0
+        return still
     sigma = difference_sigma(np.diff(position, 2), 2)
     steps = np.abs(np.diff(position))
     step = float(steps[steps > 0.0].min(initial=np.inf))
     if not np.isfinite(step):
-        return 0, 0.0
+        return still
     turn = max(TURN * sigma, LEAST_TURN * float(np.ptp(position)), STEPS * step)
-    moves, travel = _count(position, turn, sigma)
-    return int(moves), float(max(travel, 0.0))
+    starts, early, rests = _starts(position, REST_BAND * turn)
+    return Moves(_turns(position, turn, sigma), turn, int(starts), bool(early), bool(rests))
 
 
 def total_movement(estimates: Iterable[Estimate]) -> Movement:
@@ -112,10 +171,11 @@ def _extreme(samples: int, sigma: float) -> float:
 
 
 @njit(cache=True)
-def _count(position: FloatArray, turn: float, sigma: float) -> tuple[int, float]:
-    """Return how often the direction holds until a way back above `turn`, and the whole way."""
-    moves, way, direction = 0, 0.0, 0
-    low = high = begin = extreme = position[0]
+def _turns(position: FloatArray, turn: float, sigma: float) -> FloatArray:
+    """Return the levels between which the position moves; fewer than two where it does not."""
+    levels = np.empty(len(position) + 1)
+    moves, direction = 0, 0
+    low = high = extreme = position[0]
     near = 0
     for i in range(len(position)):
         y = position[i]
@@ -124,7 +184,7 @@ def _count(position: FloatArray, turn: float, sigma: float) -> tuple[int, float]
             if high - low > turn:
                 direction = 1 if y == high else -1
                 begin = low if direction > 0 else high
-                begin += direction * _extreme(max(i, 1), sigma)
+                levels[0] = begin + direction * _extreme(max(i, 1), sigma)
                 extreme, near, moves = y, 1, 1
             continue
         near += abs(y - extreme) <= NEAR * sigma
@@ -133,9 +193,46 @@ def _count(position: FloatArray, turn: float, sigma: float) -> tuple[int, float]
         if direction * (y - extreme) > 0.0:
             extreme = y
         elif direction * (extreme - y) > turn:
-            level = extreme - direction * _extreme(max(near, 1), sigma)
-            way += abs(level - begin)
-            direction, begin, extreme, near, moves = -direction, level, y, 1, moves + 1
+            levels[moves] = extreme - direction * _extreme(max(near, 1), sigma)
+            direction, extreme, near, moves = -direction, y, 1, moves + 1
     if moves:
-        way += abs(extreme - direction * _extreme(max(near, 1), sigma) - begin)
-    return moves, way
+        levels[moves] = extreme - direction * _extreme(max(near, 1), sigma)
+        moves += 1
+    return levels[:moves]
+
+
+@njit(cache=True)
+def _starts(position: FloatArray, band: float) -> tuple[int, bool, bool]:
+    """Return starts from rest, whether the first move began before a rest, and if it ends at rest.
+
+    A rest lies within `band` with little scatter, so that a slow move is none, nor is a turn.
+    """
+    starts, at, early = 0, 0, False
+    total, square, anchor = 0.0, 0.0, position[0]
+    moved = False
+    for i in range(len(position)):
+        away = position[i] - anchor
+        if abs(away) <= band:
+            total, square = total + away, square + away * away
+            continue
+        n = i - at
+        middle = total / max(n, 1)
+        if n >= REST_SAMPLES and abs(away - middle) * REST_BAND <= band:
+            # still with the others, which lie at the rim of the band: shift it to their mean
+            anchor, square, total = anchor + middle, square - n * middle * middle, 0.0
+            away -= middle
+            total, square = total + away, square + away * away
+            continue
+        rested = _rested(n, total, square, band)
+        starts += rested
+        if not moved:
+            moved, early = True, not rested
+        at, anchor, total, square = i, position[i], 0.0, 0.0
+    return starts, early, _rested(len(position) - at, total, square, band)
+
+
+@njit(cache=True)
+def _rested(samples: int, total: float, square: float, band: float) -> bool:
+    """Return whether so many samples, of this sum and sum of squares, are a rest."""
+    scatter = square / samples - (total / samples) ** 2
+    return bool(samples >= REST_SAMPLES and scatter < (REST_SHARE * band) ** 2)
