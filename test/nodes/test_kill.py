@@ -115,13 +115,16 @@ def holds(snapshot: Path, cycle: int, stamp_ns: int) -> bool:
 
 
 def kept(database: Path, ns: str):
-    """Return cycles and estimates of a history, by their bits, and what they say about aging."""
+    """Return cycles, counters and estimates of a history, by their bits, and what is said of it."""
     with History(database, read_only=True) as history:
         cycles, estimates = history.cycles(ns), history.estimates(ns)
+        counters = history.log.counters(ns)
     model = get_model("press_cartridge")
     trend = tuple(e for e in estimates if e.estimator == model.trend_estimator)
     found = assess(trend, (), AgingConfig(), parameters=model.parameters, valve="v")
-    return cycles, [bits(e) for e in estimates], repr(found)
+    assert counters is not None
+    assert counters.cycles == len(cycles)
+    return cycles, repr(counters), [bits(e) for e in estimates], repr(found)
 
 
 def kill_at_random(graph, tmp_path: Path, kills: int, seed: int) -> dict[str, object]:

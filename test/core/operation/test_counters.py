@@ -3,6 +3,7 @@
 """Counters over many cycles against what was made, wherever the stream is cut."""
 
 from functools import reduce
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -27,8 +28,7 @@ def cut(position, cuts):
     """Return the cycles of a record that is cut before these samples."""
     edges = [0, *cuts, len(position)]
     return [
-        Cycle(k, PERIOD_S, frames(position[a:b], a))
-        for k, (a, b) in enumerate(zip(edges, edges[1:], strict=False), 1)
+        Cycle(k, PERIOD_S, frames(position[a:b], a)) for k, (a, b) in enumerate(pairwise(edges), 1)
     ]
 
 

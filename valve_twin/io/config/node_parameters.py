@@ -156,6 +156,9 @@ class TwinParameters(NodeParameters):
         lower=0.0,
         upper=3600.0,
     )
+    events_kept: int = quantity(
+        10000, "1", "Events kept of a valve, beside failures not acknowledged.", lower=10
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,8 +15,10 @@ import sqlalchemy as sa
 
 from valve_twin.io.history.tables import (
     CHECK_SUM,
+    COUNTERS,
     CYCLE,
     ESTIMATE,
+    EVENT,
     MAINTENANCE,
     UNSUMMED,
     VALVE,
@@ -37,7 +39,7 @@ _SEPARATOR = "\x1f"
 UNSEALED = 0
 """Of a row that a twin of a version before check sums stored after the upgrade: it is believed."""
 
-SEALED = (CYCLE, ESTIMATE, MAINTENANCE, VERDICT)
+SEALED = (CYCLE, ESTIMATE, MAINTENANCE, VERDICT, EVENT, COUNTERS)
 """Tables whose rows carry a check sum."""
 
 

@@ -8,13 +8,14 @@ import sqlite3
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+import sqlalchemy as sa
+
 from valve_twin.io.history.check_sums import sealed
-from valve_twin.io.history.tables import CHECK_SUM
+from valve_twin.io.history.tables import CHECK_SUM, CYCLE, ESTIMATE, estimate_row, to_row
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
-    import sqlalchemy as sa
     from sqlalchemy.engine import Connection
 
     from valve_twin.core.types import Estimate
@@ -67,3 +68,36 @@ def check_estimates(record: CycleRecord, estimates: Sequence[Estimate]) -> None:
     if len(set(names)) != len(names):
         msg = f"cycle {record.cycle} has an estimator twice: {names}"
         raise ValueError(msg)
+
+
+def is_stored(
+    read: Callable[[sa.Select[Any]], Sequence[Mapping[str, Any]]],
+    valve_id: int,
+    record: CycleRecord,
+    estimates: Sequence[Estimate],
+) -> bool:
+    """Return whether exactly this cycle is stored.
+
+    Parameters
+    ----------
+    read : callable
+        Returns the rows of a query.
+    valve_id : int
+        Key of the valve's row in table `valve`.
+    record : CycleRecord
+        The cycle; a row is there under its number.
+    estimates : sequence of Estimate
+        One an estimator.
+    """
+    row = to_row(record, valve_id)
+    rows = [estimate_row(valve_id, i, e) for i, e in enumerate(estimates)]
+    key = {"valve_id": valve_id, "cycle": row["cycle"]}
+    (stored,) = read(sa.select(CYCLE).filter_by(**key))
+    if any(stored[name] != value for name, value in row.items() if name != "software"):
+        return False
+    kept = read(sa.select(ESTIMATE).filter_by(**key).order_by(ESTIMATE.c.position))
+    return len(kept) == len(rows) and all(
+        old[name] == value
+        for old, new in zip(kept, rows, strict=True)
+        for name, value in new.items()
+    )

@@ -2,8 +2,9 @@
 # Copyright 2026 valve_twin maintainers
 """What is remarked on a valve beside its cycles: verdicts and maintenance events.
 
-A verdict is stored where it or the fault behind it changes. A maintenance event is never taken
-away: one that was marked by mistake is kept as withdrawn.
+Each is an entry of the event log, too. A verdict is stored where it or the fault behind it
+changes. A maintenance event is never taken away: one that was marked by mistake is kept as
+withdrawn.
 """
 
 from __future__ import annotations
@@ -14,9 +15,11 @@ from typing import TYPE_CHECKING, Any
 import sqlalchemy as sa
 
 from valve_twin.core.aging.verdict import Verdict, VerdictKind
+from valve_twin.core.operation.events import maintenance_event, verdict_events
 from valve_twin.core.types import Maintenance
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.check_sums import sealed, sound_rows
+from valve_twin.io.history.log.events import KEPT, add_events
 from valve_twin.io.history.tables import MAINTENANCE, VERDICT, from_row, to_row
 
 if TYPE_CHECKING:
@@ -46,7 +49,7 @@ def wrong_note(note: str, what: str = "what was done") -> str:
     return ""
 
 
-def add_event(connection: Connection, valve_id: int, event: Maintenance) -> bool:
+def add_event(connection: Connection, valve_id: int, event: Maintenance, kept: int = KEPT) -> bool:
     """Store a maintenance event; return False if exactly this one was stored before.
 
     Parameters
@@ -57,17 +60,25 @@ def add_event(connection: Connection, valve_id: int, event: Maintenance) -> bool
         Key of the valve's row in table `valve`.
     event : Maintenance
         What was done.
+    kept : int
+        Entries of the event log that may be there [1].
     """
     row = to_row(event, valve_id)
     same = sa.and_(*(MAINTENANCE.c[name] == value for name, value in row.items()))
     if connection.execute(sa.select(MAINTENANCE.c.id).where(same)).first() is not None:
         return False
     connection.execute(MAINTENANCE.insert(), sealed(MAINTENANCE, row))
+    add_events(connection, valve_id, [maintenance_event(event)], kept)
     return True
 
 
 def withdraw_event(
-    connection: Connection, valve_id: int | None, cycle: int, note: str, where: str
+    connection: Connection,
+    valve_id: int | None,
+    cycle: int,
+    note: str,
+    where: str,
+    kept: int = KEPT,
 ) -> Maintenance:
     """Withdraw the newest maintenance event in force that begins a segment at a cycle.
 
@@ -83,6 +94,8 @@ def withdraw_event(
         Why.
     where : str
         The database, for messages.
+    kept : int
+        Entries of the event log that may be there [1].
 
     Returns
     -------
@@ -112,6 +125,7 @@ def withdraw_event(
     event = replace(from_row(Maintenance, row), withdrawn=True, withdrawn_note=note)
     change = sealed(MAINTENANCE, to_row(event, row["valve_id"]))
     connection.execute(MAINTENANCE.update().where(MAINTENANCE.c.id == row["id"]).values(**change))
+    add_events(connection, row["valve_id"], [maintenance_event(event)], kept)
     return event
 
 
@@ -119,7 +133,7 @@ _MOST_NAMED = 10
 """Cycles of events in force that a refusal names [1]."""
 
 
-def add_verdict(connection: Connection, valve_id: int, verdict: Verdict) -> bool:
+def add_verdict(connection: Connection, valve_id: int, verdict: Verdict, kept: int = KEPT) -> bool:
     """Store a verdict if it says something new; return whether it does.
 
     The same word is new where it is a fault and another one is named. A verdict on an earlier
@@ -133,12 +147,16 @@ def add_verdict(connection: Connection, valve_id: int, verdict: Verdict) -> bool
         Key of the valve's row in table `valve`.
     verdict : Verdict
         The monitor's verdict on the last cycle it knows.
+    kept : int
+        Entries of the event log that may be there [1].
     """
     query = sa.select(VERDICT).where(VERDICT.c.valve_id == valve_id)
     last = connection.execute(query.order_by(VERDICT.c.id.desc()).limit(1)).mappings().first()
     if last is not None and not _is_new(verdict, dict(last)):
         return False
     connection.execute(VERDICT.insert(), sealed(VERDICT, to_row(verdict, valve_id)))
+    before = last["fault"] if last else ""
+    add_events(connection, valve_id, verdict_events(verdict, before), kept)
     return True
 
 

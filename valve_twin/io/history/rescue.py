@@ -25,8 +25,10 @@ from valve_twin.io.history.database import Database, Trouble
 from valve_twin.io.history.insert import Insert
 from valve_twin.io.history.tables import (
     CHECK_SUM,
+    COUNTERS,
     CYCLE,
     ESTIMATE,
+    EVENT,
     MAINTENANCE,
     VALVE,
     VERDICT,
@@ -177,6 +179,9 @@ def _carry_valve(
         known = _rows(sink, table, new_id)
         rows[table] = [row for row in _rows(source, table, old_id) if row not in known]
     rows[MAINTENANCE] = _carry_withdrawn(sink, new_id, rows[MAINTENANCE])
+    entries = {_entry_key(row) for row in _rows(sink, EVENT, new_id)}
+    rows[EVENT] = [r for r in _rows(source, EVENT, old_id) if _entry_key(r) not in entries]
+    rows[COUNTERS] = _carry_counters(sink, new_id, _rows(source, COUNTERS, old_id))
     for table, found in rows.items():
         if found:
             rows_of = [sealed(table, row | {"valve_id": new_id}) for row in found]
@@ -203,6 +208,22 @@ def _carry_withdrawn(
             there = MAINTENANCE.c.id == row["id"]
             sink.execute(MAINTENANCE.update().where(there).values(**change))
     return missing
+
+
+def _carry_counters(
+    sink: Connection, new_id: int, rows: list[dict[str, Any]]
+) -> list[dict[str, Any]]:
+    """Return the counters where they have counted more than those there, which go then."""
+    there = _rows(sink, COUNTERS, new_id)
+    more = [row for row in rows if all(row["cycles"] > other["cycles"] for other in there)]
+    if more:
+        sink.execute(sa.delete(COUNTERS).where(COUNTERS.c.valve_id == new_id))
+    return more
+
+
+def _entry_key(row: Mapping[str, Any]) -> tuple[Any, ...]:
+    """Return what tells an entry of the event log from others, acknowledged or not."""
+    return tuple(row[name] for name in ("stamp_ns", "cycle", "code", "text"))
 
 
 def _event_key(row: Mapping[str, Any]) -> tuple[Any, ...]:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -29,7 +30,10 @@ from valve_twin.io.history.export import (
     export_files,
     requested_backup_path,
 )
-from valve_twin.io.history.insert import Insert, check_estimates
+from valve_twin.io.history.insert import Insert, check_estimates, is_stored
+from valve_twin.io.history.log.counters import put_counters
+from valve_twin.io.history.log.events import KEPT
+from valve_twin.io.history.log.log import OperationLog
 from valve_twin.io.history.marks import Mark, read_marks
 from valve_twin.io.history.remarks import add_event, add_verdict, row_verdict, withdraw_event
 from valve_twin.io.history.tables import (
@@ -48,11 +52,12 @@ from valve_twin.io.history.tables import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from sqlalchemy.engine import Connection
 
     from valve_twin.core.aging.verdict import Verdict
+    from valve_twin.core.operation.counters import Counters
     from valve_twin.core.types import Estimate
     from valve_twin.io.history.claim import Claim
 
@@ -85,6 +90,8 @@ class History:
         How long to wait for another program's lock [s].
     software : str
         Version that is recorded with every cycle.
+    events_kept : int
+        Entries of a valve's event log that are kept [1], see `log.events.add_events`.
 
     Raises
     ------
@@ -100,6 +107,7 @@ class History:
         read_only: bool = False,
         busy_timeout_s: float = 5.0,
         software: str = "",
+        events_kept: int = KEPT,
     ) -> None:
         self._database = Database(str(url), read_only=read_only, busy_timeout_s=busy_timeout_s)
         self._software = software
@@ -107,6 +115,7 @@ class History:
         self._claims: dict[str, Claim] = {}
         self._repairing = threading.Lock()
         self.notices: deque[str] = deque(maxlen=100)
+        self.log = OperationLog(self, events_kept)
         self._insert_valve = Insert(self._database, VALVE, skip_taken=True)
         self._insert_cycle = Insert(self._database, CYCLE, skip_taken=True)
         self._insert_estimates = Insert(self._database, ESTIMATE)
@@ -179,7 +188,11 @@ class History:
             self.notices.append(note)
 
     def store(
-        self, valve: str, cycle: CycleRecord | Cycle, estimates: Sequence[Estimate] = ()
+        self,
+        valve: str,
+        cycle: CycleRecord | Cycle,
+        estimates: Sequence[Estimate] = (),
+        counters: Counters | None = None,
     ) -> bool:
         """Store one cycle with all its estimates in one transaction; on the disk on return.
 
@@ -191,6 +204,8 @@ class History:
             The cycle, also a refused one.
         estimates : sequence of Estimate
             One for each estimator; empty for a refused cycle.
+        counters : Counters, optional
+            The valve's, with this cycle: stored where it is.
 
         Returns
         -------
@@ -211,9 +226,9 @@ class History:
         if valve in self._claims:
             with self._database.errors("claimed"):
                 self._claims[valve].hold()
-        if self._insert(valve, record, estimates):
+        if self._insert(valve, record, estimates, counters):
             return True
-        if self._is_stored(valve, record, estimates):
+        if is_stored(self._rows, self._valve_ids[valve], record, estimates):
             return False
         msg = (
             f"{self.where}: cycle {record.cycle} of {valve} is already stored with other"
@@ -222,11 +237,17 @@ class History:
         )
         raise CycleTakenError(msg)
 
-    def add_maintenance(self, valve: str, event: Maintenance) -> bool:
-        """Store an event, on the disk on return; False if exactly it was stored before."""
+    @contextmanager
+    def writing(self, valve: str) -> Iterator[tuple[Connection, int]]:
+        """Run one transaction with the key of a valve, on the disk when the block ends."""
         self.repair()
         with self._database.write() as connection:
-            return add_event(connection, self._valve_id(connection, valve), event)
+            yield connection, self._valve_id(connection, valve)
+
+    def add_maintenance(self, valve: str, event: Maintenance) -> bool:
+        """Store an event, on the disk on return; False if exactly it was stored before."""
+        with self.writing(valve) as (connection, valve_id):
+            return add_event(connection, valve_id, event, self.log.kept)
 
     def withdraw_maintenance(self, valve: str, cycle: int, note: str) -> Maintenance:
         """Keep the newest event in force at a cycle as withdrawn; StoreError says why not.
@@ -234,29 +255,22 @@ class History:
         Parameters
         ----------
         valve, cycle, note : str, int, str
-            Its name, first cycle of the segment that the event began [1], and why.
+            Of which valve, first cycle of the segment that the event began [1], and why.
         """
         self.repair()
         with self._database.write() as connection:
             valve_id = connection.scalar(sa.select(VALVE.c.id).where(VALVE.c.name == valve))
-            return withdraw_event(connection, valve_id, cycle, note, self.where)
+            return withdraw_event(connection, valve_id, cycle, note, self.where, self.log.kept)
 
     def add_verdict(self, valve: str, verdict: Verdict) -> bool:
-        """Store a verdict where it differs from the last stored one; on the disk on return.
-
-        Returns
-        -------
-        bool
-            False if it says nothing new.
-        """
-        self.repair()
-        with self._database.write() as connection:
-            return add_verdict(connection, self._valve_id(connection, valve), verdict)
+        """Store a verdict, on the disk on return; False if it says nothing new."""
+        with self.writing(valve) as (connection, valve_id):
+            return add_verdict(connection, valve_id, verdict, self.log.kept)
 
     def verdicts(self, valve: str, first_cycle: int = 0) -> list[Verdict]:
         """Return the stored verdicts from `first_cycle` on, oldest first."""
         query = of_valve(VERDICT, valve).where(VERDICT.c.cycle >= first_cycle)
-        return [row_verdict(valve, r) for r in self._sound(VERDICT, query.order_by(VERDICT.c.id))]
+        return [row_verdict(valve, r) for r in self.sound(VERDICT, query.order_by(VERDICT.c.id))]
 
     def valves(self) -> list[str]:
         """Return the names of all valves, sorted."""
@@ -276,7 +290,7 @@ class History:
     def last_record(self, valve: str) -> CycleRecord | None:
         """Return the stored cycle with the highest number, None if there is none."""
         query = of_valve(CYCLE, valve).order_by(CYCLE.c.cycle.desc()).limit(1)
-        found = [from_row(CycleRecord, row) for row in self._sound(CYCLE, query)]
+        found = [from_row(CycleRecord, row) for row in self.sound(CYCLE, query)]
         if not found and self._rows(query):  # the newest row is damaged: the last that is not
             found = self.cycles(valve)[-1:]
         return found[0] if found else None
@@ -301,7 +315,7 @@ class History:
             .order_by(CYCLE.c.cycle)
             .limit(limit)
         )
-        return [from_row(CycleRecord, row) for row in self._sound(CYCLE, query, limit)]
+        return [from_row(CycleRecord, row) for row in self.sound(CYCLE, query, limit)]
 
     def estimates(
         self,
@@ -333,7 +347,7 @@ class History:
         if used_by_trend is not None:
             query = query.where(ESTIMATE.c.used_by_trend == used_by_trend)
         query = query.order_by(ESTIMATE.c.cycle, ESTIMATE.c.position).limit(limit)
-        return [row_estimate(row) for row in self._sound(ESTIMATE, query, limit)]
+        return [row_estimate(row) for row in self.sound(ESTIMATE, query, limit)]
 
     def recent_estimates(self, valve: str, cycles: int = 50) -> list[Estimate]:
         """Return all estimates of the last `cycles` cycles that have any, oldest first."""
@@ -347,7 +361,7 @@ class History:
         """Return the events from `first_cycle` on, withdrawn ones too, by cycle, as stored."""
         query = of_valve(MAINTENANCE, valve).where(MAINTENANCE.c.cycle >= first_cycle)
         query = query.order_by(MAINTENANCE.c.cycle, MAINTENANCE.c.id)
-        return [from_row(Maintenance, row) for row in self._sound(MAINTENANCE, query)]
+        return [from_row(Maintenance, row) for row in self.sound(MAINTENANCE, query)]
 
     def backup_for(self, rules: BackupRules, name: str) -> Path:
         """Write a copy that was asked for from outside; see `requested_backup_path`."""
@@ -365,12 +379,7 @@ class History:
         Returns
         -------
         Path
-            The file written; it is complete and checked.
-
-        Raises
-        ------
-        StoreError
-            If it exists already or cannot be written.
+            The file, complete and checked; StoreError if it is there or cannot be written.
         """
         database = self._database
         target = Path(path) if str(path) else default_backup_path(database)
@@ -381,22 +390,26 @@ class History:
         return target
 
     def export(self, folder: str | Path) -> list[Path]:
-        """Write cycles.csv, estimates.csv, maintenance.csv and history.jsonl into a folder.
-
-        Returns
-        -------
-        list of Path
-            The files written; existing ones of these names are replaced.
-        """
+        """Write cycles.csv, estimates.csv, maintenance.csv and history.jsonl; return the files."""
         return export_files(self._database, Path(folder))
 
     def verify(self) -> Verification:
         """Read all rows and compare their check sums; StoreError where nothing can be read."""
         return verify(self._database.read, self.where)
 
-    def _sound(self, table: sa.Table, query: sa.Select[Any], limit: int | None = None) -> Rows:
-        """Return the rows whose check sums are right, so many if there are; others are named."""
-        return sound_page(table, lambda at: self._rows(query.offset(at)), limit, self.where)
+    def sound(self, table: sa.Table, query: sa.Select[Any], most: int | None = None) -> Rows:
+        """Return the rows of a query whose check sums are right; others are named.
+
+        Parameters
+        ----------
+        table : Table
+            Whose rows they are.
+        query : Select
+            Which of them.
+        most : int or None
+            At most so many [1]: so many where the table has them.
+        """
+        return sound_page(table, lambda at: self._rows(query.offset(at)), most, self.where)
 
     def _rows(self, query: sa.Select[Any]) -> Sequence[Mapping[str, Any]]:
         try:
@@ -410,7 +423,13 @@ class History:
             raise DamagedValueError(msg) from err
         return cast("Sequence[Mapping[str, Any]]", found)
 
-    def _insert(self, valve: str, record: CycleRecord, estimates: Sequence[Estimate]) -> bool:
+    def _insert(
+        self,
+        valve: str,
+        record: CycleRecord,
+        estimates: Sequence[Estimate],
+        counters: Counters | None,
+    ) -> bool:
         """Insert a cycle where its number is free; return if it was."""
         with self._database.write() as connection:
             valve_id = self._valve_id(connection, valve)
@@ -418,6 +437,8 @@ class History:
             if new and estimates:
                 rows = [estimate_row(valve_id, i, e) for i, e in enumerate(estimates)]
                 self._insert_estimates(connection, rows)
+            if new and counters is not None:
+                put_counters(connection, valve_id, counters)
         self._valve_ids[valve] = valve_id
         return new
 
@@ -428,20 +449,4 @@ class History:
         self._insert_valve(connection, [{"name": valve}])
         return int(
             connection.execute(sa.select(VALVE.c.id).where(VALVE.c.name == valve)).scalar_one()
-        )
-
-    def _is_stored(self, valve: str, record: CycleRecord, estimates: Sequence[Estimate]) -> bool:
-        """Return whether exactly this is stored."""
-        valve_id = self._valve_ids[valve]
-        row = to_row(record, valve_id)
-        rows = [estimate_row(valve_id, i, e) for i, e in enumerate(estimates)]
-        key = {"valve_id": valve_id, "cycle": row["cycle"]}
-        (stored,) = self._rows(sa.select(CYCLE).filter_by(**key))
-        if any(stored[name] != value for name, value in row.items() if name != "software"):
-            return False
-        kept = self._rows(sa.select(ESTIMATE).filter_by(**key).order_by(ESTIMATE.c.position))
-        return len(kept) == len(rows) and all(
-            old[name] == value
-            for old, new in zip(kept, rows, strict=True)
-            for name, value in new.items()
         )

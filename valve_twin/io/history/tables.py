@@ -14,6 +14,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import dataclass
+from dataclasses import fields as dataclass_fields
 from enum import IntEnum
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -37,6 +38,8 @@ from sqlalchemy import (
 )
 
 from valve_twin.core.aging.verdict import Verdict
+from valve_twin.core.operation.counters import Counters
+from valve_twin.core.operation.events import Event
 from valve_twin.core.records import columns, fields, once_a_record, read_all
 from valve_twin.core.types import (
     Cycle,
@@ -55,7 +58,7 @@ if TYPE_CHECKING:
     from valve_twin.core.records import Column as RecordColumn
     from valve_twin.core.records import Field
 
-SCHEMA_VERSION = "0008"
+SCHEMA_VERSION = "0009"
 """Revision of the schema of this code: the newest file in `migrations/versions`."""
 
 SCHEMA_TABLE = "valve_twin_schema"
@@ -150,6 +153,7 @@ def _plain(record: type) -> tuple[RecordColumn, ...]:
 _ELSEWHERE = {
     Estimate: {"trend_reason", *(f"samples_masked_{m}" for m in MaskCounts.__slots__[1:])},
     Verdict: {"valve", "text"},
+    Event: {"valve"},
 }
 """Columns of a record that stand in a text, or follow from others."""
 
@@ -157,6 +161,9 @@ _ELSEWHERE = {
 METADATA = MetaData()
 _Id = BigInteger().with_variant(Integer, "sqlite")
 _SQL = {float: Double, int: BigInteger, bool: Boolean, str: Text}
+
+_OF_COUNTERS = {"int": BigInteger, "float": Double, "bool": Boolean}
+"""Columns of the counters by the annotation of a field; the bins are a text."""
 
 
 def _id() -> Column[Any]:
@@ -235,6 +242,17 @@ VERDICT = Table(
     _valve(index=True),
     *_columns(Verdict, "fault"),
     Column("fault", Text, nullable=False, server_default=""),
+    _sum(),
+)
+EVENT = Table("event", METADATA, _id(), _valve(index=True), *_columns(Event, "id"), _sum())
+COUNTERS = Table(
+    "counters",
+    METADATA,
+    _valve(key=True),
+    *(
+        Column(f.name, _OF_COUNTERS.get(str(f.type), Text), nullable=f.type == "float")
+        for f in dataclass_fields(Counters)
+    ),
     _sum(),
 )
 

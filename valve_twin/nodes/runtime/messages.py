@@ -18,6 +18,7 @@ from valve_twin_msgs import msg
 
 from valve_twin.core.aging.verdict import Trend, Verdict
 from valve_twin.core.gaps import gap_ns
+from valve_twin.core.operation.events import Event
 from valve_twin.core.records import Column, build, columns, flat
 from valve_twin.core.types import (
     Cycle,
@@ -31,6 +32,8 @@ from valve_twin.nodes.runtime.stamps import SECOND_NS, from_time, to_time
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator
+
+    from valve_twin.core.operation.counters import Counters
 
 T = TypeVar("T")
 
@@ -113,6 +116,30 @@ def cycle_message(valve: str, cycle: Cycle) -> msg.CycleSummary:
         reason=cycle.reason,
     )
     out.header.stamp = out.end
+    return out
+
+
+def counters_message(valve: str, counters: Counters) -> msg.Counters:
+    """Return the counters of a valve as a message."""
+    hours, opened, closed, near = counters.hours
+    out = msg.Counters(
+        valve=valve,
+        cycle=counters.cycle,
+        since=to_time(counters.since_ns),
+        cycles=counters.cycles,
+        movements=counters.movements,
+        reversals=counters.reversals,
+        travel=counters.travel,
+        strokes=counters.strokes,
+        hours=hours,
+        starts=counters.starts,
+        hours_open=opened,
+        hours_closed=closed,
+        hours_near_closed=near,
+        span_edges=counters.edges,
+        span_counts=counters.spans,
+    )
+    out.header.stamp = to_time(counters.end_ns)
     return out
 
 
@@ -305,6 +332,7 @@ _FORMATS: dict[type, tuple[Any, tuple[_Field, ...]]] = {
             (Trend, msg.Trend),
             (Verdict, msg.Verdict),
             (Maintenance, msg.Maintenance),
+            (Event, msg.Event),
         )
     },
 }

@@ -23,6 +23,7 @@ from valve_twin.nodes.runtime.worker import WorkerThread
 from valve_twin.nodes.twin.inputs import seconds_now
 
 if TYPE_CHECKING:
+    from valve_twin.core.operation.counters import Counters
     from valve_twin.core.types import Cycle, Estimate
     from valve_twin.io.history.store import CycleRecord
     from valve_twin.nodes.runtime.worker import Outcome
@@ -48,6 +49,8 @@ class QueuedCycle:
         One an estimator.
     wall_s : float
         Computing time [s].
+    counters : Counters or None
+        The valve's, with this cycle.
     was_published : bool
         Whether it was published as not stored.
     """
@@ -56,6 +59,7 @@ class QueuedCycle:
     record: CycleRecord
     estimates: tuple[Estimate, ...]
     wall_s: float
+    counters: Counters | None = None
     was_published: bool = False
 
 
@@ -92,7 +96,13 @@ class CycleQueue:
         self.publish, self.number_from = publish, number_from
         self.waiting = self.stored = self.dropped = self.refused = 0
 
-    def add(self, cycle: Cycle, estimates: tuple[Estimate, ...], wall_s: float) -> None:
+    def add(
+        self,
+        cycle: Cycle,
+        estimates: tuple[Estimate, ...],
+        wall_s: float,
+        counters: Counters | None = None,
+    ) -> None:
         """Store a cycle when its turn comes.
 
         Parameters
@@ -103,9 +113,12 @@ class CycleQueue:
             One an estimator; empty for a refused cycle.
         wall_s : float
             Computing time of the estimation [s].
+        counters : Counters, optional
+            The valve's, with this cycle.
         """
         self.waiting += 1
-        self.writer.add(QueuedCycle(self, cycle_record(cycle, __version__), estimates, wall_s))
+        record = cycle_record(cycle, __version__)
+        self.writer.add(QueuedCycle(self, record, estimates, wall_s, counters))
 
 
 class HistoryWriter:
@@ -308,7 +321,7 @@ def _store(history: History, queued: QueuedCycle) -> _Taken | None:
         If it is worth trying again.
     """
     try:
-        history.store(queued.valve.name, queued.record, queued.estimates)
+        history.store(queued.valve.name, queued.record, queued.estimates, queued.counters)
     except CycleTakenError as err:
         return _Taken(str(err), history.last_cycle(queued.valve.name))
     return None

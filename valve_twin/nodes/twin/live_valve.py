@@ -14,6 +14,7 @@ import traceback
 from functools import partial
 from typing import TYPE_CHECKING
 
+from valve_twin.core.operation.counters import Counters, cycle_duty
 from valve_twin.core.state import Announced
 from valve_twin.core.twin import ClockJump, Estimated, Event
 from valve_twin.core.types import Cycle, Estimate, Prediction
@@ -75,6 +76,8 @@ class LiveValve:
         Jumps back of the clock [1].
     worst_latency_s : float
         Longest way of a sample to its prediction since the last look [s].
+    counters : Counters
+        What it has done, with the last estimated cycle.
     stopped : str
         Why it works no more, empty where it does.
     """
@@ -103,7 +106,9 @@ class LiveValve:
         )
         self.twin, self.last_cycle = self._restart.twin, self._restart.last_cycle
         self.spool = self._queue_in(budget)
+        self.counters = self.history.log.counters(self.name) or Counters()
         self.publishers = ValvePublishers(node, config, self.model)
+        self.publishers.count(self.counters)
         self.cycle_queue = history_writer.open(
             self.name, self.publishers.estimate, self.twin.number_from
         )
@@ -273,7 +278,10 @@ class LiveValve:
             self.publishers.close_cycle(event)
         elif isinstance(event, Estimated):
             self._restart.stored(event.cycle.number, event.cycle.start_ns)
-            self.cycle_queue.add(event.cycle, event.estimates, wall_s)
+            duty = cycle_duty(event.cycle, normalised=self.model.normalised)
+            if duty is not None:
+                self.counters = self.counters.after(duty)
+            self.cycle_queue.add(event.cycle, event.estimates, wall_s, self.counters)
         elif isinstance(event, ClockJump):
             self._tell_jump(event.dropped_cycle)
 

@@ -77,7 +77,7 @@ class TwinNode(ValveNode):
         for url in dict.fromkeys(c.history_url for c in configs):
             self._history_writers[url] = HistoryWriter(
                 self,
-                History(url, busy_timeout_s=given.busy_timeout_s),
+                History(url, busy_timeout_s=given.busy_timeout_s, events_kept=given.events_kept),
                 retry_s=given.retry_s,
                 limit=given.unsaved_limit,
             )

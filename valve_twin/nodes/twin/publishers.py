@@ -20,6 +20,7 @@ from valve_twin.nodes.twin.prediction_batches import PredictionBatches, mean_per
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from valve_twin.core.operation.counters import Counters
     from valve_twin.core.types import Cycle, Prediction
     from valve_twin.core.valves.interface import ValveModel
     from valve_twin.io.config.valve import ValveConfig
@@ -37,6 +38,9 @@ LATCHED = QoSProfile(
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
 """State topics: a late reader of depth 1 gets the newest, a deeper one all estimators."""
+
+LAST = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""Counters: the newest say all."""
 
 _DEEP = QoSProfile(depth=5000, reliability=ReliabilityPolicy.RELIABLE)
 _DEEP_SERIES = QoSProfile(depth=300, reliability=ReliabilityPolicy.RELIABLE)
@@ -81,6 +85,7 @@ class ValvePublishers:
         self._prediction = node.create_publisher(kind, f"{base}/prediction", depth)
         self._cycle = node.create_publisher(msg.CycleSummary, f"{base}/cycle", LATCHED)
         self._estimate = node.create_publisher(msg.Estimate, f"{base}/estimate", LATCHED)
+        self._counters = node.create_publisher(msg.Counters, f"{base}/counters", LAST)
 
     def __bool__(self) -> bool:
         """Return whether predictions wait to fill a message."""
@@ -94,7 +99,7 @@ class ValvePublishers:
     def close(self) -> None:
         """Publish what waits, take the publishers down."""
         self.flush()
-        for publisher in (self._prediction, self._cycle, self._estimate):
+        for publisher in (self._prediction, self._cycle, self._estimate, self._counters):
             self._node.destroy_publisher(publisher)
 
     def predict(self, prediction: Prediction) -> None:
@@ -131,6 +136,13 @@ class ValvePublishers:
                     self._valve, estimate, self.units, stored=stored, wall_s=queued.wall_s
                 )
             )
+        if stored and queued.counters is not None:
+            self.count(queued.counters)
+
+    def count(self, counters: Counters) -> None:
+        """Publish what is counted in the history."""
+        if counters.cycles:
+            self._counters.publish(convert.counters_message(self._valve, counters))
 
     def _publish_series(self, series: Iterable[Prediction]) -> None:
         for prediction in series:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""What one valve of the twin is asked and told: services, and verdicts that it keeps."""
+"""What one valve of the twin is asked and told: services, verdicts and events that it keeps."""
 
 from __future__ import annotations
 
@@ -10,11 +10,14 @@ from typing import TYPE_CHECKING, Any
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from valve_twin_msgs import msg, srv
 
+from valve_twin import __version__
 from valve_twin.core.aging.verdict import Verdict, VerdictKind
+from valve_twin.core.operation.events import start_event
 from valve_twin.core.types import Maintenance
 from valve_twin.io.config.node_parameters import TwinParameters
 from valve_twin.io.errors import suggest
 from valve_twin.io.history.export import BackupRules
+from valve_twin.io.history.log.events import Acknowledgement
 from valve_twin.io.history.remarks import wrong_note
 from valve_twin.nodes.runtime import messages as convert
 from valve_twin.nodes.runtime.services import DeferredService, Done
@@ -27,7 +30,7 @@ if TYPE_CHECKING:
     from valve_twin.nodes.twin.live_valve import LiveValve
 
 DEFAULT_PAGE, MOST_OF_A_PAGE = 1000, 10000
-"""Estimates of an answer, unless asked for another number, and at most [1]."""
+"""Estimates or entries of an answer, unless asked for another number, and at most [1]."""
 
 EVENTS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Maintenance events: rare, and each of them counts."""
@@ -44,6 +47,7 @@ class TwinServices:
         )
         self._maintenance = node.create_publisher(msg.Maintenance, f"{base}/maintenance", EVENTS)
         self._verdicts = VerdictLog(node, valve)
+        self._events = EventServices(node, valve)
         self._deferred = [
             DeferredService(node, srv.MarkMaintenance, f"{base}/mark_maintenance", self._mark),
             DeferredService(
@@ -61,6 +65,7 @@ class TwinServices:
         self._node.destroy_service(self._estimate_now_service)
         self._node.destroy_publisher(self._maintenance)
         self._verdicts.destroy()
+        self._events.destroy()
         for service in self._deferred:
             service.destroy()
 
@@ -200,3 +205,68 @@ class VerdictLog:
         if outcome.error:
             text = f"{self._valve.name}: verdict not stored: {outcome.error}"
             self._node.post(partial(self._node.get_logger().warning, text))
+
+
+class EventServices:
+    """Lists and acknowledges the entries; what touches the database runs on its threads."""
+
+    def __init__(self, node: ValveNode, valve: LiveValve) -> None:
+        self._node, self._valve = node, valve
+        base = f"{valve.name}/twin"
+        self._deferred = [
+            DeferredService(node, srv.GetEvents, f"{base}/get_events", self._get),
+            DeferredService(
+                node, srv.AcknowledgeEvent, f"{base}/acknowledge_event", self._acknowledge
+            ),
+        ]
+        start = start_event(node.get_clock().now().nanoseconds, valve.last_cycle, __version__)
+        work = partial(valve.history.log.add, valve.name, start)
+        valve.cycle_queue.writer.write_thread.submit(work, self._on_started)
+
+    def destroy(self) -> None:
+        """Take the services down."""
+        for service in self._deferred:
+            service.destroy()
+
+    def _on_started(self, outcome: Outcome) -> None:
+        if outcome.error:
+            text = f"{self._valve.name}: start not noted in the event log: {outcome.error}"
+            self._node.post(partial(self._node.get_logger().warning, text))
+
+    def _get(self, request: Any, response: Any, done: Done) -> None:
+        valve = self._valve
+        limit = min(int(request.limit) or DEFAULT_PAGE, MOST_OF_A_PAGE)
+
+        def read() -> Any:
+            log, first, only = valve.history.log, int(request.first_id), bool(request.open_only)
+            found = log.events(valve.name, first, limit + 1, open_only=only)
+            response.events = [convert.to_message(event) for event in found[:limit]]
+            response.more, response.success = len(found) > limit, True
+            return response
+
+        def answer(outcome: Outcome) -> None:
+            if outcome.error:
+                response.success, response.message = False, outcome.error
+            done(response)
+
+        post = self._node.post
+        valve.cycle_queue.writer.read_thread.submit(
+            read, lambda outcome: post(partial(answer, outcome))
+        )
+
+    def _acknowledge(self, request: Any, response: Any, done: Done) -> None:
+        valve, number = self._valve, int(request.id)
+        by = Acknowledgement(request.who, request.note, self._node.get_clock().now().nanoseconds)
+
+        def answer(outcome: Outcome) -> None:
+            response.success = not outcome.error
+            response.acknowledged = 0 if outcome.error else outcome.result
+            told = outcome.error or f"{response.acknowledged} entries are acknowledged now"
+            response.message = f"{valve.name}: {told}"
+            done(response)
+
+        post = self._node.post
+        work = partial(valve.history.log.acknowledge, valve.name, number, by)
+        valve.cycle_queue.writer.write_thread.submit(
+            work, lambda outcome: post(partial(answer, outcome))
+        )
