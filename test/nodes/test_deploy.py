@@ -158,10 +158,13 @@ def test_the_policy_allows_what_the_nodes_do(graph, simulated_bag):
     assert set(person["subscribe"]) <= {*said, *ANYWHERE}
 
 
-def test_a_maintenance_person_may_call_four_services_and_no_more():
+def test_a_maintenance_person_may_call_six_services_and_no_more():
     person = allowed("maintenance")
-    four = ("mark_maintenance", "withdraw_maintenance", "estimate_now", "backup_history")
-    assert set(person["request"]) == {f"{NS}/twin/{name}" for name in four}
+    six = (
+        "mark_maintenance", "withdraw_maintenance", "estimate_now", "backup_history",
+        "get_events", "acknowledge_event",
+    )  # fmt: skip
+    assert set(person["request"]) == {f"{NS}/twin/{name}" for name in six}
     assert set(person["publish"]) == {"/rosout", "/parameter_events"}
     assert not person["reply"]
 

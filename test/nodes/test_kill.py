@@ -115,7 +115,7 @@ def holds(snapshot: Path, cycle: int, stamp_ns: int) -> bool:
 
 
 def kept(database: Path, ns: str):
-    """Return cycles, counters and estimates of a history, by their bits, and what is said of it."""
+    """Return cycles, counters and estimates of a history by their bits, and what they say."""
     with History(database, read_only=True) as history:
         cycles, estimates = history.cycles(ns), history.estimates(ns)
         counters = history.log.counters(ns)

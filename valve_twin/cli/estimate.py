@@ -58,7 +58,7 @@ def _estimate(arguments: argparse.Namespace) -> int:
         predict=False,
         freeze_after=arguments.freeze,
     )
-    lines = json_lines(record.estimates, assessment, config.name)
+    lines = json_lines(record.estimates, assessment, config.name, record.counters)
     text = "".join(f"{line}\n" for line in lines)
     if arguments.json:
         Path(arguments.json).write_text(text, encoding="utf-8")

@@ -57,6 +57,27 @@ _NUMBERS: tuple[tuple[str, str, tuple[str, ...], Callable[[FleetRow], float]], .
         (),
         lambda r: r.confidence,
     ),
+    ("valve_twin_cycles", "Production cycles counted [1].", (), lambda r: r.cycles),
+    ("valve_twin_movements", "Movements beyond the noise [1].", (), lambda r: r.movements),
+    ("valve_twin_reversals", "Changes of direction [1].", (), lambda r: r.reversals),
+    ("valve_twin_starts", "Movements out of a rest [1].", (), lambda r: r.starts),
+    ("valve_twin_travel", "Way of the position [its unit].", (), lambda r: r.travel),
+    ("valve_twin_strokes", "Travel by the stroke [1].", (), lambda r: r.strokes),
+    ("valve_twin_hours", "Time in cycles [h].", (), lambda r: r.hours),
+    ("valve_twin_hours_open", "Time open [h].", (), lambda r: r.hours_open),
+    ("valve_twin_hours_closed", "Time closed [h].", (), lambda r: r.hours_closed),
+    (
+        "valve_twin_hours_near_closed",
+        "Time open by less than a tenth of the stroke [h].",
+        (),
+        lambda r: r.hours_near_closed,
+    ),
+    (
+        "valve_twin_open_events",
+        "Entries of the event log that nobody has acknowledged [1].",
+        (),
+        lambda r: r.open_events,
+    ),
 )
 """Name, text, labels beside the valve and value: one number a valve."""
 

@@ -83,6 +83,7 @@ def report_bag(
         budget=budget,
         cycle=record.last,
         signals=signals_of(record.last, model, config.options) if record.last else (),
+        counters=record.counters,
     )
     return write_report(data, out)
 
@@ -181,6 +182,8 @@ def history_data(
         estimates=tuple(estimates),
         assessment=assess(estimates, maintenance, aging, parameters=parameters, valve=valve),
         maintenance=tuple(maintenance),
+        counters=history.log.counters(valve),
+        events=tuple(history.log.events(valve)),
         label=label or aging.label,
         version=__version__,
         written_ns=time.time_ns(),

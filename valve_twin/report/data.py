@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from valve_twin.core.aging import Assessment
+    from valve_twin.core.operation.counters import Counters
+    from valve_twin.core.operation.events import Event
     from valve_twin.core.types import Cycle, Estimate, Maintenance, Parameter, Prediction
     from valve_twin.core.valves.error_budget import Budget
     from valve_twin.io.history.tables import CycleRecord
@@ -56,6 +58,10 @@ class ReportData:
         The samples of the last estimated cycle, all signals; None = not kept.
     signals : tuple of Signal
         Those signals in their units.
+    counters : Counters or None
+        What the valve has done; None = not counted.
+    events : tuple of Event
+        Its event log, oldest first.
     """
 
     valve: str
@@ -75,6 +81,8 @@ class ReportData:
     budget: Budget | None = None
     cycle: Cycle | None = None
     signals: tuple[Signal, ...] = ()
+    counters: Counters | None = None
+    events: tuple[Event, ...] = ()
 
     @property
     def aging(self) -> bool:

@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING, NamedTuple
 from valve_twin.core.aging import VerdictKind
 from valve_twin.core.aging.series import in_force
 from valve_twin.core.aging.verdict import Outlook, outlook
-from valve_twin.core.estimation.cycle.movement import total_movement
 from valve_twin.core.faults.advice import FAILURE_MODES, advise
 from valve_twin.core.types import EstimateStatus, ParameterStatus
-from valve_twin.core.valves.registry import get_model
 from valve_twin.io.errors import ValveTwinError
 from valve_twin.report.budget import budget_section
 from valve_twin.report.faults import faults_section
+from valve_twin.report.operation import operation_section
 from valve_twin.report.plots import Marks, draws_laws, has_line, plot_cycle, plot_parameter
 from valve_twin.report.signals import plot_signals
 from valve_twin.report.tables import (
@@ -122,6 +121,7 @@ def render_report(data: ReportData) -> str:
         legend_keys=_legend_keys(data, pairs),
         life=life_table([trend for trend, _ in pairs.values()]),
         faults=faults_section(data.assessment if data.aging else None),
+        operation=operation_section(data.counters, data.events),
         last=estimates_table(data),
         budget=budget_section(data.budget),
         refused_cycles=refused_cycles(data),
@@ -177,10 +177,10 @@ def _facts(data: ReportData) -> list[tuple[str, str, str]]:
     samples = sum(c.samples for c in data.cycles) + lost
     rate = f"{fixed(100.0 * lost / samples, 2)} % of all" if samples else ""
     facts.append(("Samples lost", count(lost), rate))
-    moved = total_movement(data.estimates)
-    if moved.cycles:
-        way = f"{count(round(moved.travel))} strokes of travel " if _is_normalised(data) else ""
-        facts.append(("Movements", count(moved.moves), f"{way}in {count(moved.cycles)} cycles"))
+    done = data.counters
+    if done is not None and done.cycles:
+        way = f"{count(round(done.strokes))} strokes of travel " if done.stroke > 0.0 else ""
+        facts.append(("Movements", count(done.movements), f"{way}in {count(done.cycles)} cycles"))
     moving = [t for t, _ in _trends(data).values() if outlook(t).says_when]
     if moving:
         first = min(moving, key=lambda t: t.remaining_median)
@@ -189,14 +189,6 @@ def _facts(data: ReportData) -> list[tuple[str, str, str]]:
         text = "reached" if reached else f"in {count(left)} {first.axis}"
         facts.append(("First service limit", text, f"{first.parameter}, median"))
     return facts
-
-
-def _is_normalised(data: ReportData) -> bool:
-    """Return whether positions are shares of the stroke; False of a model that is not here."""
-    try:
-        return get_model(data.model).normalised
-    except ValueError:
-        return False
 
 
 def _figures(data: ReportData, pairs: dict[str, tuple[Trend, TrendDetail]]) -> list[Figure]:

@@ -12,6 +12,7 @@ import pytest
 
 from valve_twin.core.aging import AgingConfig, assess
 from valve_twin.core.faults.ne107 import Ne107
+from valve_twin.core.operation.counters import Counters
 from valve_twin.core.types import (
     Disagreement,
     Estimate,
@@ -69,7 +70,11 @@ def lines():
     found = [estimate(n, 0.01 + 1e-5 * (n * 7 % 5)) for n in range(1, 21)]
     parameters = get_model("press_cartridge").parameters
     assessment = assess(found, (), AgingConfig(), parameters=parameters, valve="/v")
-    return list(json_lines(found, assessment, "/v"))
+    done = Counters(
+        cycles=3, reversals=4, direction=1, done=4.5, begin=0.25, level=0.5, stroke=2.0,
+        length_ns=1800 * 10**9,
+    )  # fmt: skip
+    return list(json_lines(found, assessment, "/v", done))
 
 
 def strict(line: str):
@@ -119,12 +124,16 @@ def test_estimates_come_first_then_trends_then_one_verdict_with_its_advice(lines
     kinds = [strict(line)["kind"] for line in lines]
     trends = len(kinds) - 23
     assert trends >= 1
-    assert kinds == ["estimate"] * 20 + ["trend"] * trends + ["verdict", "advice", "movement"]
+    assert kinds == ["estimate"] * 20 + ["trend"] * trends + ["verdict", "advice", "counters"]
     advice = strict(lines[-2])
     assert advice["ne107"] in {state.value for state in Ne107}
     assert {"part", "cause", "action", "urgency", "failure_mode"} < set(advice)
-    moved = {k: v for k, v in strict(lines[-1]).items() if k != "valve"}
-    assert moved == {"kind": "movement", "moves": 0, "travel": 0.0, "cycles": 0, "seconds": 0.0}
+    told = strict(lines[-1])
+    assert (told["cycles"], told["movements"], told["reversals"], told["hours"]) == (3, 5, 4, 0.5)
+    assert (told["travel"], told["strokes"]) == (4.75, 4.75 / 2)
+    assert told["span_edges"][0] == 0.0
+    assert told["span_edges"][-1] == "Infinity"
+    assert len(told["span_counts"]) == len(told["span_edges"]) - 1
 
 
 def test_every_value_survives_to_the_last_bit():

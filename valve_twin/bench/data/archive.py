@@ -125,7 +125,9 @@ def write_record(path: Path, cycles: int) -> None:
 def estimate_by_us(config: ValveConfig, path: Path) -> list[tuple[int, int, FloatArray]]:
     """Do what `valve-twin estimate` does, to the text; return start, end and theta a cycle."""
     record = run_bag(config, path, predict=False)
-    lines = list(json_lines(record.estimates, assess_record(config, record), config.name))
+    lines = list(
+        json_lines(record.estimates, assess_record(config, record), config.name, record.counters)
+    )
     assert len(lines) > len(record.estimates)
     found = []
     for estimate in record.estimates:

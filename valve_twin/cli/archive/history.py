@@ -1,13 +1,15 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""`valve-twin history`: back up, export, list or verify the history; withdraw a mark."""
+"""`valve-twin history`: back up, export, list or verify the history; events, counters, marks."""
 
 from __future__ import annotations
 
 import sys
+import time
 from typing import TYPE_CHECKING
 
 from valve_twin.cli.common import FAILED, OK, add_url, add_verb, cycle_number, fail, say
+from valve_twin.cli.output import print_json
 
 if TYPE_CHECKING:
     import argparse
@@ -18,15 +20,26 @@ if TYPE_CHECKING:
 
 def add(verbs: Verbs) -> None:
     """Add the verb."""
-    text = "Back up, export, list or verify the history database; withdraw a maintenance event."
+    text = "Back up, export, list or verify the history database; its events, counters and marks."
     parser = add_verb(verbs, "history", text, _history)
     parser.add_argument(
-        "action", choices=("backup", "export", "list", "maintenance", "verify", "withdraw")
+        "action",
+        choices=(
+            "acknowledge",
+            "backup",
+            "counters",
+            "events",
+            "export",
+            "list",
+            "maintenance",
+            "verify",
+            "withdraw",
+        ),  # fmt: skip
     )
     add_url(parser)
     parser.add_argument("--out", default="", help="file (backup) or folder (export) to write")
     parser.add_argument(
-        "--valve", default="", metavar="NAME", help="whose events (maintenance, withdraw)"
+        "--valve", default="", metavar="NAME", help="whose (all that list or change)"
     )
     parser.add_argument(
         "--cycle",
@@ -35,7 +48,20 @@ def add(verbs: Verbs) -> None:
         help="first cycle of the segment that the event began (withdraw)",
     )
     parser.add_argument(
-        "--note", default="", metavar="TEXT", help="why it is withdrawn (withdraw)"
+        "--note",
+        default="",
+        metavar="TEXT",
+        help="why it is withdrawn (withdraw), or what is said to it (acknowledge)",
+    )
+    parser.add_argument(
+        "--id", type=int, default=0, metavar="N", help="entry (acknowledge), 0 = all open ones"
+    )
+    parser.add_argument("--who", default="", metavar="NAME", help="who has seen it (acknowledge)")
+    parser.add_argument(
+        "--open", action="store_true", help="only what nobody has acknowledged (events)"
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="a JSON object a line (events, counters)"
     )
 
 
@@ -59,6 +85,15 @@ def _history(arguments: argparse.Namespace) -> int:
         elif arguments.action == "maintenance":
             for valve in _chosen(history, arguments.valve):
                 _show_events(history, valve)
+        elif arguments.action == "events":
+            for valve in _chosen(history, arguments.valve):
+                _show_log(history, valve, arguments)
+        elif arguments.action == "counters":
+            for valve in _chosen(history, arguments.valve):
+                _show_counters(history, valve, arguments)
+        elif arguments.action == "acknowledge":
+            (valve,) = _chosen(history, arguments.valve, one=True)
+            return _acknowledge(arguments, valve)
         else:
             (valve,) = _chosen(history, arguments.valve, one=True)
             return _withdraw(arguments, valve)
@@ -102,4 +137,51 @@ def _withdraw(arguments: argparse.Namespace, valve: str) -> int:
             return fail(text, FAILED)
         event = history.withdraw_maintenance(valve, arguments.cycle, arguments.note)
     say(f"{valve}: the event at cycle {event.cycle} ({event.note!a}) is withdrawn")
+    return OK
+
+
+def _show_log(history: History, valve: str, arguments: argparse.Namespace) -> None:
+    """Print the event log of a valve, a line an entry: texts may hold anything."""
+    from valve_twin.core.records import flat
+    from valve_twin.report.text import when
+
+    for event in history.log.events(valve, open_only=arguments.open):
+        if arguments.json:
+            print_json({"kind": "event", **flat(event)})
+            continue
+        seen = f", seen by {event.acknowledged_by!a}" if event.acknowledged else ""
+        state = f"{event.status}{', open' if event.is_open else seen}"
+        sys.stdout.write(
+            f"{valve}: {event.id}: {when(event.stamp_ns)}, cycle {event.cycle}: {event.code} "
+            f"({state}): {event.text!a}\n"
+        )
+
+
+def _show_counters(history: History, valve: str, arguments: argparse.Namespace) -> None:
+    """Print what a valve has done."""
+    from valve_twin.io.tables.json_lines import counters_fields
+
+    counters = history.log.counters(valve)
+    if counters is None:
+        sys.stdout.write("" if arguments.json else f"{valve}: nothing is counted yet\n")
+    elif arguments.json:
+        print_json(counters_fields(valve, counters))
+    else:
+        hours, opened, closed, near = counters.hours
+        sys.stdout.write(
+            f"{valve}: {counters.cycles} cycles, {counters.movements} movements, "
+            f"{counters.reversals} reversals, {counters.starts} starts, travel "
+            f"{counters.travel:.6g} ({counters.strokes:.6g} strokes), {hours:.6g} h in cycles: "
+            f"{opened:.6g} h open, {near:.6g} h of them near closed, {closed:.6g} h closed\n"
+        )
+
+
+def _acknowledge(arguments: argparse.Namespace, valve: str) -> int:
+    from valve_twin.io.history.log.events import Acknowledgement
+    from valve_twin.io.history.store import History
+
+    by = Acknowledgement(arguments.who, arguments.note, time.time_ns())
+    with History(arguments.url) as history:
+        seen = history.log.acknowledge(valve, arguments.id, by)
+    say(f"{valve}: {seen} entries are acknowledged now")
     return OK

@@ -42,6 +42,17 @@ VALUES = {
     "Confidence": ("confidence", _V.Double, "Share of the newest estimates trusted [1]"),
     "Cycle": ("cycle", _V.Int64, "Number of the last stored cycle"),
     "CycleEnd": ("end_ns", _V.DateTime, "Its last stamp on the data's clock"),
+    "Cycles": ("cycles", _V.Int64, "Production cycles counted"),
+    "Movements": ("movements", _V.Int64, "Movements in one direction beyond the noise"),
+    "Reversals": ("reversals", _V.Int64, "Changes of direction"),
+    "Starts": ("starts", _V.Int64, "Movements out of a rest"),
+    "Travel": ("travel", _V.Double, "Way of the position [its unit]"),
+    "Strokes": ("strokes", _V.Double, "Travel by the stroke [1]"),
+    "Hours": ("hours", _V.Double, "Time in cycles [h]"),
+    "HoursOpen": ("hours_open", _V.Double, "Time open [h]"),
+    "HoursClosed": ("hours_closed", _V.Double, "Time closed [h]"),
+    "HoursNearClosed": ("hours_near_closed", _V.Double, "Open by less than a tenth [h]"),
+    "OpenEvents": ("open_events", _V.Int64, "Entries of the event log nobody acknowledged"),
 }
 """Key in the JSON, type and text of the variables of a device, by name."""
 

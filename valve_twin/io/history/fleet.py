@@ -83,6 +83,14 @@ class FleetRow:
         Number of the last stored cycle.
     end_ns : int
         Its last stamp [ns].
+    cycles, movements, reversals, starts : int
+        What it has done since its counters began, see `core.operation.counters` [1].
+    travel, strokes : float
+        Way of its position [its unit] and by the stroke [1]; NaN = not counted, not known.
+    hours, hours_open, hours_closed, hours_near_closed : float
+        Time in cycles, open, closed, open by less than a tenth [h].
+    open_events : int
+        Entries of its event log that somebody has yet to acknowledge [1].
     """
 
     valve: str
@@ -106,6 +114,17 @@ class FleetRow:
     confidence: float = 0.0
     cycle: int = 0
     end_ns: int = 0
+    cycles: int = 0
+    movements: int = 0
+    reversals: int = 0
+    starts: int = 0
+    travel: float = math.nan
+    strokes: float = math.nan
+    hours: float = math.nan
+    hours_open: float = math.nan
+    hours_closed: float = math.nan
+    hours_near_closed: float = math.nan
+    open_events: int = 0
 
     @property
     def needs_attention(self) -> bool:
@@ -203,7 +222,7 @@ def describe_valve(history: History, valve: str, config: AgingConfig) -> ValveSt
     if last is None:
         return ValveState(FleetRow(valve, evidence="no cycle is stored"))
     estimates = history.estimates(valve, used_by_trend=True)
-    stored = FleetRow(valve, cycle=last.cycle, end_ns=last.end_ns)
+    stored = _counted(FleetRow(valve, cycle=last.cycle, end_ns=last.end_ns), history)
     if not estimates:
         return ValveState(replace(stored, evidence="no stored estimate feeds a trend"))
     name = estimates[-1].model
@@ -215,6 +234,28 @@ def describe_valve(history: History, valve: str, config: AgingConfig) -> ValveSt
     found = assess(estimates, maintenance, config, parameters=model.parameters, valve=valve)
     row = _assessed(replace(stored, model=name), found, estimates, config)
     return ValveState(row, found.trends)
+
+
+def _counted(row: FleetRow, history: History) -> FleetRow:
+    """Add what the valve has done and what of its event log nobody has acknowledged."""
+    row = replace(row, open_events=len(history.log.events(row.valve, open_only=True)))
+    counters = history.log.counters(row.valve)
+    if counters is None:
+        return row
+    hours, opened, closed, near = counters.hours
+    return replace(
+        row,
+        cycles=counters.cycles,
+        movements=counters.movements,
+        reversals=counters.reversals,
+        starts=counters.starts,
+        travel=counters.travel,
+        strokes=counters.strokes,
+        hours=hours,
+        hours_open=opened,
+        hours_closed=closed,
+        hours_near_closed=near,
+    )
 
 
 def _assessed(

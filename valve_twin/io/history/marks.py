@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import sqlalchemy as sa
 
-from valve_twin.io.history.tables import CYCLE, MAINTENANCE, VALVE
+from valve_twin.io.history.tables import CYCLE, EVENT, MAINTENANCE, VALVE
 
 if TYPE_CHECKING:
     from sqlalchemy.engine import Connection
@@ -17,12 +17,13 @@ if TYPE_CHECKING:
 class Mark(NamedTuple):
     """What is stored of a valve: number of its last cycle, and of its last maintenance event.
 
-    And how many of its events were withdrawn.
+    And how many of its events were withdrawn, and the number of the last entry of its event log.
     """
 
     cycle: int
     maintenance: int
     withdrawn: int = 0
+    entry: int = 0
 
 
 def read_marks(connection: Connection) -> dict[str, Mark]:
@@ -33,14 +34,21 @@ def read_marks(connection: Connection) -> dict[str, Mark]:
     connection : Connection
         To the database, in a transaction that reads.
     """
-    last = (
+    last = [
         sa.select(sa.func.max(column)).where(table.c.valve_id == VALVE.c.id).scalar_subquery()
-        for table, column in ((CYCLE, CYCLE.c.cycle), (MAINTENANCE, MAINTENANCE.c.id))
-    )
+        for table, column in (
+            (CYCLE, CYCLE.c.cycle),
+            (MAINTENANCE, MAINTENANCE.c.id),
+            (EVENT, EVENT.c.id),
+        )
+    ]
     withdrawn = (
         sa.select(sa.func.count())
         .where(MAINTENANCE.c.valve_id == VALVE.c.id, MAINTENANCE.c.withdrawn)
         .scalar_subquery()
     )
-    rows = connection.execute(sa.select(VALVE.c.name, *last, withdrawn).order_by(VALVE.c.name))
-    return {str(name): Mark(cycle or 0, event or 0, gone) for name, cycle, event, gone in rows}
+    rows = connection.execute(sa.select(VALVE.c.name, withdrawn, *last).order_by(VALVE.c.name))
+    return {
+        str(row[0]): Mark(row[2] or 0, row[3] or 0, int(row[1]), row[4] or 0)
+        for row in rows.tuples()
+    }

@@ -215,8 +215,7 @@ class History:
         Raises
         ------
         StoreError
-            If it is not stored: the database cannot be written, or the number is taken by other
-            content.
+            If it is not stored: not written, or the number is taken by other content.
         ValueError
             If an estimate belongs to another cycle or an estimator occurs twice.
         """
@@ -336,10 +335,8 @@ class History:
             Only of this estimator.
         first_cycle : int
             First cycle wanted.
-        limit : int or None
-            At most this many estimates; of several estimators the last cycle may be cut.
-        used_by_trend : bool or None
-            Only those that feed the trend, or do not.
+        limit, used_by_trend : int or None, bool or None
+            At most this many estimates; only those that feed the trend, or do not.
         """
         query = of_valve(ESTIMATE, valve).where(ESTIMATE.c.cycle >= first_cycle)
         if estimator is not None:
@@ -373,8 +370,7 @@ class History:
         Parameters
         ----------
         path : str or Path
-            File to write; empty = beside the database (PostgreSQL: in the working directory),
-            dated.
+            File; empty = beside the database (PostgreSQL: in the working directory), dated.
 
         Returns
         -------

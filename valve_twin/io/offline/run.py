@@ -13,6 +13,7 @@ import numpy as np
 from valve_twin.core.aging import Assessment, assess
 from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.gaps import count_paused
+from valve_twin.core.operation.counters import Counters, cycle_duty
 from valve_twin.core.prediction import fit_percent
 from valve_twin.core.signal_clocks import ClockOffset, SignalClocks
 from valve_twin.core.twin import Estimated, Event
@@ -58,6 +59,10 @@ class Record:
         How many of the samples that the cycles lack are missing in pauses of the recording.
     offsets : list of ClockOffset
         How far the clocks of the signals run apart.
+    normalised : bool
+        Whether positions are shares of the stroke.
+    counters : Counters
+        What the valve did.
     """
 
     cycles: list[CycleRecord] = field(default_factory=list)
@@ -68,6 +73,8 @@ class Record:
     last: Cycle | None = None
     paused: int = 0
     offsets: list[ClockOffset] = field(default_factory=list)
+    normalised: bool = False
+    counters: Counters = field(default_factory=Counters)
     _running: dict[int, list[Prediction]] = field(default_factory=dict)
 
     def add(self, event: Event) -> None:
@@ -77,6 +84,8 @@ class Record:
                 self._running.setdefault(event.cycle, []).append(event)
         elif isinstance(event, Cycle):
             self.cycles.append(cycle_record(event))
+            duty = cycle_duty(event, normalised=self.normalised)
+            self.counters = self.counters if duty is None else self.counters.after(duty)
             self.paused += count_paused(event.frames.stamp_ns, event.period_s) if event.lost else 0
         elif isinstance(event, Estimated):
             self.estimates += event.estimates
@@ -252,7 +261,7 @@ def run_bag(
     """
     twin = make_twin(config)
     twin.predicts = predict
-    record = Record()
+    record = Record(normalised=get_model(config.model).normalised)
     clocks = SignalClocks(get_model(config.model).output, config.hold_back_s, looks=1)
     events = estimate_bag(
         config, bag, close_last=close_last, twin=twin, freeze_after=freeze_after, clocks=clocks

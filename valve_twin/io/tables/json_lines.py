@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Results as lines of JSON: one object an estimate, then trends, verdict, advice, movement.
+"""Results as lines of JSON: one object an estimate, then trends, verdict, advice, counters.
 
 Strict JSON has neither NaN nor infinity: a number that is not known is null, an unbounded one the
 word "Infinity", which most languages read as a number.
@@ -17,7 +17,6 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
 from valve_twin.core.diagnosis.generic.reference import published
-from valve_twin.core.estimation.cycle.movement import total_movement
 from valve_twin.core.faults.advice import advise
 from valve_twin.core.records import columns, flat, once_a_record
 from valve_twin.core.types import ParameterStatus
@@ -28,6 +27,7 @@ if TYPE_CHECKING:
 
     from valve_twin.core.aging import Assessment
     from valve_twin.core.faults.advice import Advice
+    from valve_twin.core.operation.counters import Counters
     from valve_twin.core.types import Estimate
 
 
@@ -63,9 +63,12 @@ def _units(model: str) -> dict[str, str]:
 
 
 def json_lines(
-    estimates: list[Estimate], assessment: Assessment | None, valve: str
+    estimates: list[Estimate],
+    assessment: Assessment | None,
+    valve: str,
+    counters: Counters | None = None,
 ) -> Iterator[str]:
-    """Yield one line of JSON an estimate, a trend, the verdict, what it asks for, the movement.
+    """Yield one line of JSON an estimate, a trend, the verdict, what it asks for, the counters.
 
     Parameters
     ----------
@@ -75,6 +78,8 @@ def json_lines(
         Trends and verdict; None = neither.
     valve : str
         Name of the valve.
+    counters : Counters, optional
+        What the valve did in these cycles; None = not counted.
     """
     for estimate in estimates:
         yield json.dumps(estimate_fields(estimate, valve), allow_nan=False)
@@ -86,8 +91,40 @@ def json_lines(
     yield json.dumps(verdict, allow_nan=False)
     advice = advise(assessment.verdict, assessment.trends)
     yield json.dumps({"kind": "advice", "valve": valve, **advice_fields(advice)})
-    moved = total_movement(estimates)._asdict()
-    yield json.dumps({"kind": "movement", "valve": valve, **moved})
+    if counters is not None:
+        yield json.dumps(counters_fields(valve, counters), allow_nan=False)
+
+
+def counters_fields(valve: str, counters: Counters) -> dict[str, Any]:
+    """Return the counters of a valve as plain data under the names of Counters.msg.
+
+    Parameters
+    ----------
+    valve : str
+        Name of the valve.
+    counters : Counters
+        What it has done.
+    """
+    hours, opened, closed, near = counters.hours
+    return {
+        "kind": "counters",
+        "valve": valve,
+        "cycle": counters.cycle,
+        "since_ns": counters.since_ns,
+        "end_ns": counters.end_ns,
+        "cycles": counters.cycles,
+        "movements": counters.movements,
+        "reversals": counters.reversals,
+        "travel": counters.travel,
+        "strokes": _number(counters.strokes),
+        "hours": hours,
+        "starts": counters.starts,
+        "hours_open": opened,
+        "hours_closed": closed,
+        "hours_near_closed": near,
+        "span_edges": [_number(edge) for edge in counters.edges],
+        "span_counts": list(counters.spans),
+    }
 
 
 def advice_fields(advice: Advice) -> dict[str, str]:

@@ -2,19 +2,10 @@
 # Copyright 2026 valve_twin maintainers
 """Counters of movements and travel against what was made, for noise, steps and any stroke."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from valve_twin.core.estimation.cycle.movement import (
-    MOVES,
-    TRAVEL,
-    Movement,
-    count_movement,
-    total_movement,
-)
-from valve_twin.core.types import Condition, Estimate, EstimateStatus
+from valve_twin.core.estimation.cycle.movement import count_movement
 
 
 def strokes(rng, moves, least=0.05, samples=200):
@@ -65,24 +56,3 @@ def test_a_quantised_position_that_flickers_at_rest_does_not_move(bits, noise):
 def test_nothing_is_counted_of_nothing():
     for position in (np.zeros(0), np.zeros(2), np.full(1000, 0.4)):
         assert count_movement(position) == (0, 0.0)
-
-
-def estimate(cycle, moves=None, travel=0.0):
-    return Estimate(
-        model="m",
-        estimator="e",
-        cycle=cycle,
-        start_ns=cycle * 10**10,
-        end_ns=cycle * 10**10 + 4 * 10**9,
-        parameters=(),
-        status=EstimateStatus.REFUSED,
-        reason="",
-        conditions=(() if moves is None else (Condition(MOVES, moves), Condition(TRAVEL, travel))),
-    )
-
-
-def test_a_cycle_counts_once_whoever_estimated_it():
-    told = [estimate(1, 4.0, 2.0), estimate(2, 6.0, 2.5), estimate(3)]
-    twice = [*told, *(replace(e, estimator="other") for e in told)]
-    assert total_movement(twice) == Movement(10, 4.5, 2, 8.0)
-    assert total_movement([estimate(3)]) == Movement()

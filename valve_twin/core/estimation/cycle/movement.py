@@ -3,7 +3,7 @@
 """How often and how far a valve moved in a cycle: the counters of positioners, cycle by cycle.
 
 Positioners count reversals beyond a dead band, and the travel they make. Here the dead band comes
-from the measured noise. Sums over a history are `total_movement`.
+from the measured noise. What adds up over cycles is `core.operation.counters`.
 """
 
 from __future__ import annotations
@@ -17,9 +17,7 @@ from numba import njit
 from valve_twin.core.estimation.data.robust import difference_sigma
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from valve_twin.core.types import Estimate, FloatArray
+    from valve_twin.core.types import FloatArray
 
 MOVES, TRAVEL = "moves", "travel"
 """Names of the conditions of an estimate that hold the two counters."""
@@ -88,27 +86,6 @@ class Moves(NamedTuple):
         return float(np.abs(np.diff(self.levels)).sum())
 
 
-class Movement(NamedTuple):
-    """Movement of one or many cycles.
-
-    Attributes
-    ----------
-    moves : int
-        Movements in one direction; their number less one is that of the reversals.
-    travel : float
-        Way of all of them [unit of the position].
-    cycles : int
-        Cycles that were counted.
-    seconds : float
-        Their length [s].
-    """
-
-    moves: int = 0
-    travel: float = 0.0
-    cycles: int = 0
-    seconds: float = 0.0
-
-
 def count_movement(position: FloatArray) -> tuple[int, float]:
     """Return the movements in one direction, and their way [unit of the position].
 
@@ -140,25 +117,6 @@ def find_moves(position: FloatArray) -> Moves:
     turn = max(TURN * sigma, LEAST_TURN * float(np.ptp(position)), STEPS * step)
     starts, early, rests = _starts(position, REST_BAND * turn)
     return Moves(_turns(position, turn, sigma), turn, int(starts), bool(early), bool(rests))
-
-
-def total_movement(estimates: Iterable[Estimate]) -> Movement:
-    """Return the movement of all cycles whose estimates tell it; each cycle counts once.
-
-    Parameters
-    ----------
-    estimates : iterable of Estimate
-        Of one valve, any order, any estimators.
-    """
-    told = {}
-    for e in estimates:
-        found = {c.name: c.value for c in e.conditions}
-        if MOVES in found and TRAVEL in found:
-            told[e.cycle, e.end_ns] = (found[MOVES], found[TRAVEL], e.end_ns - e.start_ns)
-    if not told:
-        return Movement()
-    moves, travel, length_ns = map(sum, zip(*told.values(), strict=True))
-    return Movement(round(moves), travel, len(told), 1e-9 * length_ns)
 
 
 @njit(cache=True)
