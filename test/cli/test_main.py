@@ -8,12 +8,15 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import pytest
 
 from valve_twin.cli import main
+from valve_twin.core.operation.counters import Counters
+from valve_twin.core.operation.events import Event
 from valve_twin.core.types import Maintenance
 from valve_twin.io.bags.read import BagWriter
 from valve_twin.io.config.valve import load_config
@@ -508,3 +511,27 @@ def test_a_reader_that_has_seen_enough_is_no_error(press):
     with os.fdopen(writing, "wb") as out:
         done = subprocess.run(command, stdout=out, stderr=subprocess.PIPE, timeout=60, check=False)
     assert (done.returncode, done.stderr) == (OK, b"")
+
+
+def test_history_tells_counters_and_events_and_takes_acknowledgements(stored, capsys):
+    with History(stored) as history:
+        (valve,) = history.valves()
+        last = history.cycles(valve)[-1]
+        following = replace(last, cycle=last.cycle + 1)
+        history.store(valve, following, (), Counters(cycle=following.cycle, cycles=7, reversals=3))
+        fault = Event(10**18, 5, "fault.sensor_freeze", "failure", "frozen\n[red]")
+        history.log.add(valve, fault)
+    assert call("history", "counters", "--url", stored) == OK
+    assert ": 7 cycles, 3 movements, 3 reversals" in capsys.readouterr().out
+    assert call("history", "counters", "--url", stored, "--json") == OK
+    assert json.loads(capsys.readouterr().out)["cycles"] == 7
+    assert call("history", "events", "--url", stored, "--open") == OK
+    out = capsys.readouterr().out
+    assert out.count("\n") == 1
+    assert "2001-09-09" in out
+    assert "fault.sensor_freeze (failure, open): 'frozen\\n[red]'" in out
+    assert call("history", "acknowledge", "--url", stored) == FAILED
+    assert "who is empty" in capsys.readouterr().err
+    assert call("history", "acknowledge", "--url", stored, "--who", "me") == OK
+    assert call("history", "events", "--url", stored, "--open", "--json") == OK
+    assert capsys.readouterr().out == ""

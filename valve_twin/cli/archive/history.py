@@ -34,7 +34,7 @@ def add(verbs: Verbs) -> None:
             "maintenance",
             "verify",
             "withdraw",
-        ),  # fmt: skip
+        ),
     )
     add_url(parser)
     parser.add_argument("--out", default="", help="file (backup) or folder (export) to write")

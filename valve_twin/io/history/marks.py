@@ -48,7 +48,4 @@ def read_marks(connection: Connection) -> dict[str, Mark]:
         .scalar_subquery()
     )
     rows = connection.execute(sa.select(VALVE.c.name, withdrawn, *last).order_by(VALVE.c.name))
-    return {
-        str(row[0]): Mark(row[2] or 0, row[3] or 0, int(row[1]), row[4] or 0)
-        for row in rows.tuples()
-    }
+    return {str(row[0]): Mark(row[2] or 0, row[3] or 0, int(row[1]), row[4] or 0) for row in rows}
