@@ -8,6 +8,8 @@ import pytest
 
 from test.core.diagnosis.test_detection import healthy, medium, search, with_fault
 from test.report.example import report_data
+from valve_twin.core.operation.counters import Counters
+from valve_twin.core.operation.events import Event
 from valve_twin.core.valves.press_cartridge import MODEL
 from valve_twin.report.faults import faults_section
 from valve_twin.report.page import render_report
@@ -43,3 +45,23 @@ def test_no_fault_is_said(told):
 def test_without_features_there_is_no_section():
     assert "Sudden faults" not in render_report(report_data())
     assert faults_section(None) == ""
+
+
+def test_counters_and_the_event_log_stand_on_the_page_as_text():
+    done = Counters(
+        cycles=1205, reversals=4819, starts=2400, direction=1, done=2409.5, begin=0.0, level=1.0,
+        stroke=1.0, spans=(0,) * 13 + (4819,), length_ns=3600 * 10**9, open_ns=1800 * 10**9,
+    )  # fmt: skip
+    seen = Event(1, 3, "fault.leak", "failure", "leak", 7, "/v", True, "J. Doe", "seal")
+    events = (seen, *(replace(seen, id=k, acknowledged=False, text="<b>") for k in range(8, 70)))
+    data = replace(report_data(), counters=done, events=events)
+    html = render_report(data)
+    section = html.split("<h2>Operation</h2>")[1].split("<h2>Estimates")[0]
+    assert "4\u202f820" in section
+    assert "2\u202f410.5" in section or "2410.5" in section
+    assert "a stroke and more" in section
+    assert "&lt;b&gt;" in section
+    assert "<b>" not in section.split("<h2>Events</h2>")[1]
+    assert section.count("fault.leak") == 62
+    assert "1 older entries are in the history" in section
+    assert "<h2>Operation</h2>" not in render_report(report_data())

@@ -1,20 +1,28 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Sudden faults of the valve and of what is around it, on the report page."""
+"""Sudden faults, counters and event log of a valve on the report page."""
 
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from valve_twin.core.diagnosis.detection import UNKNOWN
 from valve_twin.core.diagnosis.table import BY_NAME
 from valve_twin.report.tables import Table
-from valve_twin.report.text import NONE, render
+from valve_twin.report.text import NONE, count, fixed, render, when
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from valve_twin.core.aging import Assessment
     from valve_twin.core.diagnosis import Finding
+    from valve_twin.core.operation.counters import Counters
+    from valve_twin.core.operation.events import Event
+
+MOST_EVENTS = 50
+"""Newest entries that are shown; open ones are shown all [1]."""
 
 
 def faults_section(assessment: Assessment | None) -> str:
@@ -50,4 +58,73 @@ def _row(finding: Finding) -> list[str]:
         str(finding.alarm),
         str(finding.end) if finding.end >= 0 else "lasts",
         others or NONE,
+    ]
+
+
+def operation_section(counters: Counters | None, events: Sequence[Event]) -> str:
+    """Return the section of counters and events; empty where there are none.
+
+    Parameters
+    ----------
+    counters : Counters or None
+        What the valve has done.
+    events : sequence of Event
+        Its event log, oldest first.
+    """
+    counted = counters if counters is not None and counters.cycles else None
+    if counted is None and not events:
+        return ""
+    shown = [e for k, e in enumerate(events) if e.is_open or k >= len(events) - MOST_EVENTS]
+    return render(
+        "operation.html",
+        counters=counted,
+        figures=_figures(counted) if counted else (),
+        spans=_spans(counted) if counted else Table([], []),
+        events=Table(
+            ["Entry", "Time", "Cycle", "Code", "NE 107", "What", "Seen by"],
+            [_event_row(e) for e in reversed(shown)],
+        ),
+        left_out=count(len(events) - len(shown)) if len(shown) < len(events) else "",
+    )
+
+
+def _figures(counters: Counters) -> list[tuple[str, str, str]]:
+    hours, opened, closed, near = counters.hours
+    known = counters.stroke > 0.0
+    travel = f"{counters.travel:.6g} in the position's unit"
+    return [
+        ("Production cycles", count(counters.cycles), f"since {when(counters.since_ns)}"),
+        ("Movements", count(counters.movements), "in one direction, beyond a dead band of noise"),
+        ("Reversals", count(counters.reversals), "changes of direction"),
+        ("Starts", count(counters.starts), "movements out of a rest"),
+        ("Strokes", fixed(counters.strokes, 1) if known else NONE, f"travel {travel}"),
+        ("Time in cycles", f"{fixed(hours, 2)} h", ""),
+        ("Time open", f"{fixed(opened, 2)} h", f"{fixed(near, 2)} h of it below a tenth"),
+        ("Time closed", f"{fixed(closed, 2)} h", "within a hundredth of the stroke"),
+    ]
+
+
+def _spans(counters: Counters) -> Table:
+    """Return how many movements there were by their span."""
+    if not counters.stroke > 0.0:
+        return Table([], [])
+    ends = [edge / counters.stroke for edge in counters.edges]
+    names = [
+        f"{100 * low:.0f} .. {100 * high:.0f} %" if high < float("inf") else "a stroke and more"
+        for low, high in pairwise(ends)
+    ]
+    rows = [[name, count(n)] for name, n in zip(names, counters.spans, strict=True) if n]
+    return Table(["Span between two reversals", "Movements"], rows)
+
+
+def _event_row(event: Event) -> list[str]:
+    seen = f"{event.acknowledged_by}: {event.acknowledged_note}".removesuffix(": ")
+    return [
+        str(event.id),
+        when(event.stamp_ns),
+        str(event.cycle),
+        event.code,
+        event.status,
+        event.text,
+        seen if event.acknowledged else "open" if event.is_open else NONE,
     ]

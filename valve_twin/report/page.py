@@ -16,8 +16,7 @@ from valve_twin.core.faults.advice import FAILURE_MODES, advise
 from valve_twin.core.types import EstimateStatus, ParameterStatus
 from valve_twin.io.errors import ValveTwinError
 from valve_twin.report.budget import budget_section
-from valve_twin.report.faults import faults_section
-from valve_twin.report.operation import operation_section
+from valve_twin.report.faults import faults_section, operation_section
 from valve_twin.report.plots import Marks, draws_laws, has_line, plot_cycle, plot_parameter
 from valve_twin.report.signals import plot_signals
 from valve_twin.report.tables import (
