@@ -119,7 +119,11 @@ def add_runner(parser: argparse.ArgumentParser, needs: str) -> None:
 
 
 def runner_of(
-    arguments: argparse.Namespace, work: Callable[[T], R], lost: Callable[[T, str], R]
+    arguments: argparse.Namespace,
+    work: Callable[[T], R],
+    lost: Callable[[T, str], R],
+    *,
+    keep: bool = False,
 ) -> Callable[[Sequence[T]], Iterable[R]]:
     """Return what runs tasks as --jobs or --scheduler say.
 
@@ -127,13 +131,13 @@ def runner_of(
     ----------
     arguments : argparse.Namespace
         Of `add_runner`.
-    work, lost : callable
+    work, lost, keep : callable, callable, bool
         As of `LocalRunner`.
     """
     from valve_twin.io.batch.runners import ClusterRunner, LocalRunner, core_count
 
     if not arguments.scheduler:
-        return LocalRunner(arguments.jobs or core_count(), work, lost)
+        return LocalRunner(arguments.jobs or core_count(), work, lost, keep=keep)
 
     def on_cluster(tasks: Sequence[T]) -> Iterable[R]:
         """Connect only when something is left to do."""

@@ -10,16 +10,16 @@ import pytest
 
 from valve_twin.cli import main
 from valve_twin.cli.design import optimise
-from valve_twin.design.geometry import read_design
+from valve_twin.design.geometry import DoubleStroke, read_design
 from valve_twin.design.search.tasks import Outcome
 
 QUICK = ["--population", "6", "--generations", "3", "--vary", "gap_ratio=0.17:0.21"]
 QUICK += ["--vary", "valve.preload=5:30"]
 
 
-def bowl(arguments, work, lost):
+def bowl(arguments, work, lost, *, keep):
     """Return what runs tasks: the gap decides, wide ones fail."""
-    del arguments, work, lost
+    del arguments, work, lost, keep
 
     def run(tasks):
         for task in tasks:
@@ -48,7 +48,9 @@ def test_it_searches_and_writes_the_chosen_design(tmp_path, capsys):
     found = json.loads(shown.out)
     best = found["front"][0]["figures"]
     assert best["rise_s"] < found["reference"]["rise_s"]
-    assert read_design(chosen).gap_ratio == pytest.approx(found["chosen"]["gap_ratio"])
+    better = read_design(chosen)
+    assert isinstance(better, DoubleStroke)
+    assert better.gap_ratio == pytest.approx(found["chosen"]["gap_ratio"])
     assert "generation 3 of 3" in shown.err
     before = (tmp_path / "a.jsonl").read_bytes()
     assert main(words) == 0
@@ -93,8 +95,8 @@ def test_the_archive_of_another_design_is_refused(tmp_path, capsys):
 
 
 def test_an_interruption_says_what_is_kept(tmp_path, capsys, monkeypatch):
-    def stops(arguments, work, lost):
-        run = bowl(arguments, work, lost)
+    def stops(arguments, work, lost, *, keep):
+        run = bowl(arguments, work, lost, keep=keep)
 
         def some(tasks):
             yield next(iter(run(tasks)))

@@ -12,7 +12,7 @@ from valve_twin.design import chain
 from valve_twin.design.geometry import DoubleStroke, read_design, read_dxf
 from valve_twin.design.map import MapGrid
 from valve_twin.design.search.archive import Archive, header_of
-from valve_twin.design.search.tasks import Outcome
+from valve_twin.design.search.tasks import DesignTask, Outcome
 
 FIGURES = {"rise_s": 3e-3, "settling_s": 6e-3, "overshoot": 0.02, "error": 0.001, "loss": 1.2,
            "heating": 10.0, "margin": 80.0}  # fmt: skip
@@ -39,21 +39,16 @@ def searched(tmp_path):
                 found.append(Outcome(f"gap {gap}", fidelity, values, figures))
         path = tmp_path / "a.jsonl"
         archive = Archive(path, header_of(DoubleStroke(), ""))
-        archive._found.clear()
-        list(archive.evaluate([_Task(of.key, of.fidelity) for of in found], lambda tasks: found))
+        tasks = [DesignTask(of.key, DoubleStroke(), of.values, "", of.fidelity) for of in found]
+        archive.outcomes(tasks, lambda tasks: found)
         return str(path)
 
     return make
 
 
-class _Task:
-    def __init__(self, key, fidelity):
-        self.key, self.fidelity = key, fidelity
-
-
-def plane(arguments, work, lost):
+def plane(arguments, work, lost, *, keep):
     """Return what runs tasks: every figure follows the gap."""
-    del arguments, work, lost
+    del arguments, work, lost, keep
     poles = {f"{of}_{kind}_{k}_hz": 10.0 for of in ("current", "force")
              for kind in ("pole", "zero") for k in (1, 2)}  # fmt: skip
 
@@ -86,6 +81,7 @@ def test_the_folder_holds_page_drawing_and_numbers(quick, searched, tmp_path, ca
         assert text in html, text
     assert html.count("data:image/svg+xml") == 1 + 2 * 4 + 1
     chosen = read_design(out / "chosen.yaml")
+    assert isinstance(chosen, DoubleStroke)
     assert chosen.gap_ratio == 0.187
     assert chosen.stroke == pytest.approx(DoubleStroke().stroke)
     assert "armature" in read_dxf(out / "chosen.dxf")

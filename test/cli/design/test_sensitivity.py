@@ -13,9 +13,9 @@ from valve_twin.cli.design import sensitivity
 from valve_twin.design.search.tasks import Outcome
 
 
-def plane(arguments, work, lost):
+def plane(arguments, work, lost, *, keep):
     """Return what runs tasks: rise follows gap and radius, nothing else does anything."""
-    del arguments, work, lost
+    del arguments, work, lost, keep
 
     def run(tasks):
         for task in tasks:

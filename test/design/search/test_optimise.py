@@ -10,7 +10,7 @@ import pytest
 
 from valve_twin.design.search.archive import Archive, header_of
 from valve_twin.design.search.front import Limits
-from valve_twin.design.search.optimise import Settings, make_problem, optimise
+from valve_twin.design.search.optimise import Progress, Settings, make_problem, optimise
 
 VARIED = {
     "armature_radius": (7e-3, 9e-3),
@@ -22,7 +22,7 @@ SETTINGS = Settings(population=12, generations=8, seed=3)
 
 
 def test_it_finds_better_designs_and_its_hypervolume_never_falls(design, archive, stand_in):
-    told = []
+    told: list[Progress] = []
     problem = make_problem(design, VARIED)
     found = optimise(problem, SETTINGS, archive, stand_in, told.append)
     volumes = [at.hypervolume for at in told]

@@ -18,9 +18,9 @@ def test_bars_go_to_either_side_by_their_numbers_and_what_is_unknown_has_none():
     space = "{http://www.w3.org/2000/svg}"
     root = ElementTree.fromstring(svg)
     bars = [r for r in root.iter(f"{space}rect") if r.get("class")]
-    wide = [float(r.get("width")) for r in bars]
+    wide = [float(r.attrib["width"]) for r in bars]
     assert len(bars) == 6
     assert wide[0] == pytest.approx(0.5 * wide[1], abs=0.1)
-    assert float(bars[0].get("x")) < float(bars[1].get("x"))
+    assert float(bars[0].attrib["x"]) < float(bars[1].attrib["x"])
     assert "turns <1>" in [t.text for t in root.iter(f"{space}text")]
     assert "to ±4 %" in svg

@@ -98,7 +98,7 @@ def _optimise(arguments: argparse.Namespace) -> int:
         settings = Settings(**given, limits=kept)
         problem = make_problem(design, bounds_of(arguments.vary) or VARIED, arguments.valve)
         archive = Archive(Path(arguments.archive), header_of(design, arguments.valve))
-    run = runner_of(arguments, evaluate_task, lost_design)
+    run = runner_of(arguments, evaluate_task, lost_design, keep=True)
     ends_as_interrupted()
     total = settings.population * settings.generations
     try:

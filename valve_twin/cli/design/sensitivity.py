@@ -165,7 +165,10 @@ def run_study(
     )
     from valve_twin.design.search.tasks import evaluate_task, lost_design
 
-    share, run = arguments.share or SHARE, runner_of(arguments, evaluate_task, lost_design)
+    share, run = (
+        arguments.share or SHARE,
+        runner_of(arguments, evaluate_task, lost_design, keep=True),
+    )
     if arguments.sobol:
         require("SALib")
     with refusals():

@@ -10,6 +10,7 @@ import signal
 from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from typing import TYPE_CHECKING, Generic, TypeVar
+from weakref import finalize
 
 from valve_twin import __version__
 from valve_twin.io.errors import ValveTwinError
@@ -43,10 +44,20 @@ class LocalRunner(Generic[T, R]):
         Does a task; a function that can be pickled.
     lost : callable
         Returns the result of a task that was not done, and why.
+    keep : bool
+        Whether processes live on for the next call, with what they remember.
     """
 
-    def __init__(self, jobs: int, work: Callable[[T], R], lost: Callable[[T, str], R]) -> None:
-        self._jobs, self._work, self._lost = jobs, work, lost
+    def __init__(
+        self,
+        jobs: int,
+        work: Callable[[T], R],
+        lost: Callable[[T, str], R],
+        *,
+        keep: bool = False,
+    ) -> None:
+        self._jobs, self._work, self._lost, self._keep = jobs, work, lost, keep
+        self._pool: ProcessPoolExecutor | None = None
 
     def __call__(self, tasks: Sequence[T]) -> Iterator[R]:
         """Yield results as they are done; a task that takes its process down is named.
@@ -70,9 +81,10 @@ class LocalRunner(Generic[T, R]):
 
     def _until_broken(self, left: list[T], suspects: list[T], jobs: int) -> Iterator[R]:
         """Take tasks from `left` until none is left or a process died: those are `suspects`."""
-        os.environ.setdefault("OMP_NUM_THREADS", "1")  # inherited: one core a process
-        context = multiprocessing.get_context("spawn")
-        pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_ignore_interrupts)
+        pool, self._pool = self._pool, None
+        if pool is None:
+            pool = _opened(self._jobs if self._keep else jobs)
+            finalize(self, pool.shutdown, wait=False)
         running: dict[Future[R], T] = {}
         try:
             while left or running:
@@ -88,8 +100,19 @@ class LocalRunner(Generic[T, R]):
         except BaseException:
             _end(pool)
             raise
+        else:
+            if self._keep:
+                self._pool = pool
         finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+            if self._pool is not pool:
+                pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _opened(jobs: int) -> ProcessPoolExecutor:
+    """Return processes that start when there is work for them."""
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # inherited: one core a process
+    context = multiprocessing.get_context("spawn")
+    return ProcessPoolExecutor(jobs, mp_context=context, initializer=_ignore_interrupts)
 
 
 def _end(pool: ProcessPoolExecutor) -> None:
