@@ -82,6 +82,24 @@ class StartFault:
 
 
 @dataclass(frozen=True, slots=True)
+class FmuKeys:
+    """A Functional Mock-up Unit in place of the plant."""
+
+    file: str = setting(
+        "",
+        "FMU for co-simulation (FMI 2.0, 3.0) as the plant, a program: trusted files only; "
+        "empty = the valve's own plant",
+        local=True,
+    )
+    inputs: tuple[str, ...] = setting(
+        (), "Its input variables, in the order of the valve's inputs; empty = of the same names"
+    )
+    output: str = setting(
+        "", "Its variable that is measured; empty = of the name of the valve's output"
+    )
+
+
+@dataclass(frozen=True, slots=True)
 class SimulationConfig:
     """Everything that fixes a simulated valve, together with a seed.
 
@@ -110,6 +128,8 @@ class SimulationConfig:
         Plant parameters that differ from cycle to cycle.
     fault : StartFault
         A fault that comes by itself.
+    fmu : FmuKeys
+        Where the plant is an FMU, which; `io.fmu.plant` puts it in.
     """
 
     plant: Plant
@@ -132,6 +152,7 @@ class SimulationConfig:
     aging: tuple[AgingRule, ...] = ()
     scatter: tuple[Scatter, ...] = ()
     fault: StartFault = field(default_factory=StartFault)
+    fmu: FmuKeys = field(default_factory=FmuKeys)
 
     def __post_init__(self) -> None:
         """Refuse values outside their range, unknown parameters and periods that do not fit."""

@@ -17,9 +17,9 @@ from valve_twin.core.diagnosis.table import BY_NAME, SIZES
 from valve_twin.core.quantity import describe, quantity, replaced, setting
 from valve_twin.core.simulation.aging_laws import AgingRule
 from valve_twin.core.simulation.faults import Faults
-from valve_twin.core.simulation.settings import configure
-from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
+from valve_twin.core.valves.registry import complete_options, get_model
 from valve_twin.io.errors import ConfigError, suggest
+from valve_twin.io.fmu.plant import simulation_for
 from valve_twin.io.limits import load_yaml
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ def load_campaign(path: str | Path) -> Campaign:
         if model.signatures() is None:
             msg = f"{path}: key 'model': '{model.name}' shows no features of faults"
             raise ConfigError(msg)
-        simulation = configure(get_simulation(model.name), given.get("simulation") or {})
+        simulation = simulation_for(model.name, given.get("simulation") or {})
         rig = Rig(cast("Diagnosable", model), complete_options(model, {}), simulation)
         config = _config(given, keys)
         replace(simulation, aging=config.aging)  # refuses what does not age

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import yaml
 
-from valve_twin.core.simulation import SimulatedValve, configure
-from valve_twin.core.valves.registry import get_simulation
+from valve_twin.core.simulation import SimulatedValve
 from valve_twin.io.bags.read import BagWriter
 from valve_twin.io.cdr.signals import SERIES_TYPE
 from valve_twin.io.errors import ConfigError
+from valve_twin.io.fmu.plant import simulation_for
 from valve_twin.io.limits import load_yaml
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def simulation_of(config: ValveConfig, overrides: Sequence[str] = ()) -> Simulat
         given[name.removeprefix("simulation.")] = _value(text, value)
     given.pop("seed", None)
     try:
-        return configure(get_simulation(config.model), given)
+        return simulation_for(config.model, given)
     except ValueError as err:
         msg = f"{config.name}: {err}"
         raise ConfigError(msg) from err

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Any
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from valve_twin.core.quantity import describe
-from valve_twin.core.simulation.settings import configure
 from valve_twin.core.valves.registry import get_simulation
 from valve_twin.io.config.keys import VALVE_KEYS
 from valve_twin.io.config.node_parameters import SimulatedValveParameters
 from valve_twin.io.errors import ConfigError
+from valve_twin.io.fmu.plant import default_simulation, fmu_keys, simulation_for
+from valve_twin.io.fmu.unit import KEY
 from valve_twin.nodes.player.acknowledgements import Acknowledgements
 from valve_twin.nodes.player.outbox import DEPTH, Outbox, SubscriberGate, sending_profile
 from valve_twin.nodes.runtime.diagnostics import Diagnostics, Report
@@ -77,6 +78,8 @@ class SimulatedValveNode(ValveNode):
                     seed=given.seed + i,
                     prefix=given.publish_prefix,
                     batch=given.batch,
+                    joint=given.joint,
+                    stroke=given.joint_stroke,
                 )
             )
         self._guard = Guard(self, prefix=given.publish_prefix, allow_live=given.allow_live)
@@ -136,11 +139,19 @@ class SimulatedValveNode(ValveNode):
         except ValueError:
             return  # told when the valve is made
         self.parameters.declare(describe(plain, "simulation."))
+        given = self.parameters.given()
+        own = {k.removeprefix("simulation."): given[k] for k in given if k.startswith(f"{KEY}.")}
+        try:
+            keys = fmu_keys(own)
+        except ValueError:
+            return
+        if keys.file:
+            self.parameters.declare(describe(default_simulation(model, keys), "simulation."))
 
     def _simulation(self, config: ValveConfig) -> Any:
         where = self.get_fully_qualified_name()
         try:
-            simulation = configure(get_simulation(config.model), config.simulation)
+            simulation = simulation_for(config.model, config.simulation)
         except ValueError as err:
             msg = f"{where}: {err}"
             raise ConfigError(msg) from err

@@ -16,6 +16,7 @@ from valve_twin.io.cdr.codec import encode_series, encode_stamped
 from valve_twin.io.cdr.signals import SERIES_TYPE, STAMPED_TYPE, SignalSource
 from valve_twin.io.config.topic_names import resolve_topic
 from valve_twin.nodes.runtime.safety import PublishedTopic
+from valve_twin.nodes.simulator.joint import JointFace
 from valve_twin.nodes.twin.inputs import InputConfig, TopicInput, by_topic
 
 if TYPE_CHECKING:
@@ -45,6 +46,10 @@ class SimulatedTopics:
         What stands before all its topics.
     batch : int
         Samples a message.
+    joint : str
+        Name of the joint as which it shows, too; empty = none.
+    stroke : float
+        Position of the joint where the valve's is 1 [m].
     """
 
     def __init__(
@@ -56,6 +61,8 @@ class SimulatedTopics:
         seed: int,
         prefix: str,
         batch: int,
+        joint: str = "",
+        stroke: float = 1.0,
     ) -> None:
         self._node, self._config, self._batch = node, config, batch
         self.simulation = simulation
@@ -73,6 +80,12 @@ class SimulatedTopics:
         self.published_topics = [
             PublishedTopic(t, command=k in model.inputs) for k, t in self._topics.items()
         ]
+        self._joint = None
+        if joint:
+            self._joint = JointFace(
+                node, config, joint=joint, stroke=stroke, prefix=prefix, inputs=model.inputs
+            )
+            self.published_topics.append(self._joint.published)
         self._inputs_order = model.inputs
         self._valve = SimulatedValve(simulation, seed)
         self._publishers: dict[str, Any] = {}
@@ -93,7 +106,7 @@ class SimulatedTopics:
     @property
     def publishers(self) -> list[Any]:
         """All publishers."""
-        return list(self._publishers.values())
+        return [*self._publishers.values(), *(self._joint.publishers if self._joint else ())]
 
     @property
     def awaited(self) -> list[Any]:
@@ -107,6 +120,8 @@ class SimulatedTopics:
             name: self._node.create_publisher(kind, topic, profile)
             for name, topic in self._topics.items()
         }
+        if self._joint:
+            self._joint.open(profile, self._hold if self._external else None)
         self._start_ns = start_ns - self._valve.time_ns
         if self._external:
             sources = [SignalSource(n, t, STAMPED_TYPE) for n, t in self._command_topics.items()]
@@ -132,6 +147,8 @@ class SimulatedTopics:
             self._node.destroy_publisher(publisher)
         for taker in self._takers:
             taker.destroy()
+        if self._joint:
+            self._joint.close()
         self._publishers, self._takers = {}, []
 
     def destroy(self) -> None:
@@ -169,6 +186,8 @@ class SimulatedTopics:
                 )
             elif name != "position" or block.delivered[0]:
                 outbox.put(publisher, encode_stamped(int(stamps[0]), float(values[0])))
+        if self._joint:
+            self._joint.put(outbox, stamps, block.position, block.delivered)
         return int(stamps[-1])
 
     def _columns(self, block: SimulationBlock) -> dict[str, Any]:
@@ -182,21 +201,23 @@ class SimulatedTopics:
         return columns
 
     def _take(self, block: Any, received_ns: int) -> None:
-        """Hold the newest command; one that is no number keeps the last, one beyond is limited."""
+        """Take the newest command of a topic."""
         del received_ns
-        value = float(block.values[-1])
+        self._hold(block.signal, float(block.values[-1]))
+
+    def _hold(self, signal: str, value: float) -> None:
+        """Hold a command; one that is no number keeps the last, one beyond is limited."""
         low, high = self.simulation.plant.command_range
         if not low <= value <= high:
             done = "limited" if np.isfinite(value) else "the last one is held"
             self._node.faults.report(
                 "simulation.command",
-                f"{block.signal} = {value:g}: must be a number from {low:g} to {high:g} [1]; "
-                f"{done}",
+                f"{signal} = {value:g}: must be a number from {low:g} to {high:g} [1]; {done}",
                 valve=self._config.name,
-                subject=block.signal,
+                subject=signal,
             )
         if np.isfinite(value):
-            self._commands[self._inputs_order.index(block.signal)] = value
+            self._commands[self._inputs_order.index(signal)] = value
 
     def _set_aging(self, request: Any, response: Any) -> Any:
         return _answer(
