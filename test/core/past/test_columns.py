@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from valve_twin.core.diagnosis.features import FeatureSet
-from valve_twin.core.past.columns import Pasts, feature_vectors, past_of
+from valve_twin.core.past.columns import feature_vectors, past_of
+from valve_twin.core.past.state import AgingState
 from valve_twin.core.refusal import RefusalCode
 from valve_twin.core.types import (
     Condition,
@@ -53,7 +54,7 @@ def test_every_value_comes_back_after_many_growths():
 
 
 def test_rows_that_were_taken_stay_while_more_come():
-    growing = Pasts()
+    growing = AgingState()
     for cycle in range(1, 65):
         growing.add(estimate(cycle, ParameterValue("a", 1.0)))
     taken = growing.past().trend

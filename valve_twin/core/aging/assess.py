@@ -53,9 +53,9 @@ from valve_twin.core.aging.wave import find_waves
 from valve_twin.core.diagnosis.checks import failed_checks
 from valve_twin.core.diagnosis.detection import NOTHING, Diagnosis
 from valve_twin.core.diagnosis.history import diagnose
-from valve_twin.core.diagnosis.products import CLOCK
+from valve_twin.core.diagnosis.products import CLOCK, take_out_slips
 from valve_twin.core.diagnosis.refused import refused_lately
-from valve_twin.core.past.columns import past_of
+from valve_twin.core.past.state import state_of
 from valve_twin.core.types import Estimate, EstimateStatus, Parameter, ParameterValue
 
 if TYPE_CHECKING:
@@ -158,7 +158,7 @@ def assess(
     maintenance = in_force(maintenance)
     known = {p.name: p for p in parameters}
     names = config.parameters or tuple(p.name for p in parameters if p.trend)
-    past = past_of(history)
+    past = state_of(history, maintenance)
     ordered = order_history(past, config.axis)
     rows = ordered.rows
     followed = [known.get(name, Parameter(name, "1", "")) for name in names]
@@ -217,6 +217,7 @@ def warm_up() -> None:
     assess(history, (), AgingConfig(max_candidates=20), parameters=parameters)
     places = np.linspace(0.0, 1.0, len(cycles))
     find_waves(places, np.sin(20.0 * places), places)
+    take_out_slips(np.zeros((len(cycles), 2)))
 
 
 def _assess_parameter(

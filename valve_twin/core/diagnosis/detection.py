@@ -124,6 +124,7 @@ def detect(
     config: DetectionConfig | None = None,
     *,
     restarts: Sequence[int] = (),
+    judged: int = -1,
 ) -> Diagnosis:
     """Find the faults in a history of features; a pure function of it.
 
@@ -139,6 +140,8 @@ def detect(
         When to speak.
     restarts : sequence of int
         Cycle numbers of maintenance: what was before is no measure for what comes after.
+    judged : int
+        Number of the last cycle in which nothing is sought any more: it is only a measure.
 
     Returns
     -------
@@ -152,7 +155,9 @@ def detect(
     for first, last in pairwise(edges):
         if last > first:
             part = slice(first, last)
-            found, ready = _search(cycles[part], vectors[part], table, config)
+            start = int(np.searchsorted(cycles[part], judged, side="right"))
+            found, ready = _search(cycles[part], vectors[part], table, config, start)
+            ready = ready or start > 0
             maintained = int(cycles[last]) if last < len(cycles) else -1
             findings += [
                 f if f.end >= 0 or maintained < 0 else _ended(f, maintained) for f in found
@@ -165,14 +170,18 @@ def _ended(finding: Finding, cycle: int) -> Finding:
 
 
 def _search(
-    cycles: IntArray, vectors: FloatArray, table: SignatureTable, config: DetectionConfig
+    cycles: IntArray,
+    vectors: FloatArray,
+    table: SignatureTable,
+    config: DetectionConfig,
+    start: int,
 ) -> tuple[list[Finding], bool]:
     """Return the faults between two maintenance events, and whether one could be found now.
 
-    Cycles with a fault that is over are left out: those before it stay the measure.
+    Nothing is sought in the first `start` rows. Cycles with a fault that is over are left out:
+    those before it stay the measure.
     """
     findings: list[Finding] = []
-    start = 0
     while len(cycles) >= config.least + config.confirm:
         seen = _first_seen(vectors, table, config, start)
         if seen is None:

@@ -21,13 +21,13 @@ from valve_twin.core.diagnosis.products import CLOCK, clocks_apart, products, wi
 from valve_twin.core.diagnosis.reference import doubt_of
 from valve_twin.core.diagnosis.refused import still
 from valve_twin.core.diagnosis.table import BY_NAME, PAIRS, partner
-from valve_twin.core.past.columns import feature_vectors, past_of
+from valve_twin.core.past.columns import Settled, feature_vectors, past_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from valve_twin.core.past.columns import Past, Rows
-    from valve_twin.core.types import Estimate, Maintenance
+    from valve_twin.core.types import Estimate, IntArray, Maintenance
     from valve_twin.core.valves.interface import ValveModel
 
 _DIRECT = (NOISE, MISSED, DUE, OFF_SEAT, WEAK_SMALL)
@@ -56,46 +56,82 @@ def diagnose(history: Iterable[Estimate] | Past, maintenance: Sequence[Maintenan
         `NOTHING` where no features are stored or the model has no signatures.
     """
     past = past_of(history)
+    found, _ = search(past, maintenance)
+    if found is NOTHING:
+        return NOTHING
+    stuck = still(past)
+    return replace(found, findings=(*found.findings, stuck)) if stuck else found
+
+
+def search(past: Past, maintenance: Sequence[Maintenance]) -> tuple[Diagnosis, bool]:
+    """Find the faults that features show, and whether one that lasts ends the search.
+
+    Parameters
+    ----------
+    past : Past
+        Features; where not all are kept, what the others showed.
+    maintenance : sequence of Maintenance
+        All maintenance events of the valve.
+    """
     shown = past.features
     if not len(shown):
-        return NOTHING
+        return NOTHING, False
     model = _model(shown.models[0])
     table = signatures_of(model) if model else None
     if model is None or table is None:
-        return NOTHING
+        return NOTHING, False
     shown = _once_a_cycle(shown)
     if model.feature_set.of_any_valve:
         shown = shown.take(np.flatnonzero(has_reference(shown)))
         if not len(shown):
-            return NOTHING
+            return NOTHING, False
     cycles = shown.cycle
     vectors = feature_vectors(shown, model.feature_set)
     restarts = [m.cycle for m in maintenance]
+    settled = past.settled or _NONE
     product = products(np.asarray((shown.end_ns - shown.start_ns) * 1e-9, np.float64))
     found: list[Finding] = []
     ready, doubt = False, ""
     since = int(np.searchsorted(cycles, max(restarts, default=0)))
+    anew = max(restarts, default=0) > settled.judged
     lately = [int(p) for p in product[::-1] if p >= 0][:_LATELY]
     for number in sorted(set(product.tolist()) - {-1}):
         own = product == number
         steady = without_slips(vectors[own], table)
-        part = detect(cycles[own], steady, table, restarts=restarts)
+        part = detect(cycles[own], steady, table, restarts=restarts, judged=settled.judged)
         found += part.findings
         if number == product[-1]:
             ready = part.ready
-        if number in lately:
+        if number in lately and (anew or past.settled is None):
             begun = int(np.count_nonzero(own[:since]))
             doubt = doubt or doubt_of(cycles[own][begun:], steady[begun:], table)
-    start_s = (shown.start_ns - shown.start_ns[0]) * 1e-9
-    clock = clocks_apart(cycles[since:], start_s[since:], vectors[since:], table)
+    if settled.stopped:  # until maintenance
+        next_ = min((c for c in restarts if c > settled.judged), default=np.inf)
+        found = [f for f in found if f.onset >= next_]
+    stopped = any(f.end < 0 for f in found) or (settled.stopped and not anew)
     found.sort(key=lambda f: (f.alarm, f.onset))
-    stuck = still(past)
-    found += [clock] if clock else []
+    before = [_until_maintained(f, cycles, restarts) for f in settled.findings]
+    if not any(f.fault == CLOCK and f.end < 0 for f in before):
+        start_s = np.asarray((shown.start_ns - shown.start_ns[0]) * 1e-9, np.float64)
+        clock = clocks_apart(cycles[since:], start_s[since:], vectors[since:], table)
+        found += [clock] if clock else []
     if not model.feature_set.of_any_valve:
-        found += _direct(shown, restarts)
-    found += [stuck] if stuck else []
+        found += [f for f in _direct(shown, restarts) if f.alarm > settled.judged]
     found = [f for f in found if not _is_slip(f, past.apart)]
-    return Diagnosis(tuple(found), len(cycles), ready, doubt)
+    doubt = doubt if anew or past.settled is None else settled.doubt
+    looked_at = settled.cycles + len(cycles)
+    return Diagnosis((*before, *found), looked_at, ready, doubt), stopped
+
+
+_NONE = Settled((), 0, -1)
+
+
+def _until_maintained(finding: Finding, cycles: IntArray, restarts: Sequence[int]) -> Finding:
+    """Return a finding of old, over where a cycle came after maintenance."""
+    after = [c for c in restarts if c > finding.onset and len(cycles) and cycles[-1] >= c]
+    if finding.end >= 0 or not after:
+        return finding
+    return replace(finding, end=int(cycles[np.searchsorted(cycles, min(after))]))
 
 
 def _is_slip(finding: Finding, apart: Sequence[int]) -> bool:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numba import njit
 
 from valve_twin.core.diagnosis.detection import Finding
 from valve_twin.core.diagnosis.features import DELAYS
@@ -100,24 +101,44 @@ def without_slips(vectors: FloatArray, table: SignatureTable) -> FloatArray:
         return vectors
     out = np.array(vectors)
     columns = [table.features.index(n) for n in DELAYS]
-    shift = np.zeros(len(columns))
-    slips: list[list[int]] = [[] for _ in columns]
-    for row in range(1, len(out)):
-        recent = out[max(row - _RECENT, 0) : row, columns]
-        usual = np.full(len(columns), np.nan)
-        for i, column in enumerate(recent.T):
-            known = column[np.isfinite(column)]
-            usual[i] = np.median(known) if len(known) else np.nan
-        off = out[row, columns] - shift - usual
-        for i, alone in enumerate(off):
-            other = np.nan_to_num(off[1 - i])
-            often = sum(row - r < _RECENT for r in slips[i]) >= _MOST_SLIPS
+    delays = np.ascontiguousarray(out[:, columns])
+    take_out_slips(delays)
+    out[:, columns] = delays
+    return out
+
+
+@njit(cache=True)
+def take_out_slips(delays: FloatArray) -> None:
+    """Take jumps of one of two delays alone out of (N, 2) delays [s], in place.
+
+    Parameters
+    ----------
+    delays : (N, 2) array
+        Delays of N cycles, NaN where one does not show it [s].
+    """
+    shift, usual = np.zeros(2), np.empty(2)
+    slips = np.full((2, _MOST_SLIPS), -_RECENT - 1)  # the last rows of each that slipped
+    known = np.empty(_RECENT)
+    for row in range(1, len(delays)):
+        for i in range(2):
+            count = 0
+            for k in range(max(row - _RECENT, 0), row):
+                if np.isfinite(delays[k, i]):
+                    known[count] = delays[k, i]
+                    count += 1
+            usual[i] = np.median(known[:count]) if count else np.nan
+        off = delays[row] - shift - usual
+        for i in range(2):
+            alone, other = off[i], off[1 - i]
+            if np.isnan(other):
+                other = 0.0
+            often = row - slips[i, 0] < _RECENT
             jumps = _SLIP_S[0] < abs(alone) < _SLIP_S[1] and not often
             if jumps and abs(other) < _UNMOVED * abs(alone):
                 shift[i] += alone
-                slips[i].append(row)
-        out[row, columns] -= shift
-    return out
+                slips[i, :-1] = slips[i, 1:]
+                slips[i, -1] = row
+        delays[row] -= shift
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from valve_twin.core.diagnosis.detection import Finding
     from valve_twin.core.diagnosis.features import FeatureSet
     from valve_twin.core.types import (
         BoolArray,
@@ -184,17 +185,52 @@ class Past:
         came.
     apart : tuple of int
         Cycles of which any estimate was refused since its signals do not belong together.
+    settled : Settled or None
+        What older features showed, where not all are kept.
     """
 
     trend: Rows
     features: Rows
     apart: tuple[int, ...] = ()
+    settled: Settled | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Settled:
+    """What was found in features that are no longer kept, and is found for good.
+
+    Attributes
+    ----------
+    findings : tuple of Finding
+        Faults, oldest first; those without an end last until maintenance.
+    cycles : int
+        Cycles looked at that are no longer kept.
+    judged : int
+        Number of the last cycle that was looked at: those kept up to it are only a measure.
+    doubt : str
+        Why the first cycles were no reference, empty where they were.
+    stopped : bool
+        A fault that lasts was found by its signature: nothing else is sought until maintenance.
+    """
+
+    findings: tuple[Finding, ...]
+    cycles: int
+    judged: int
+    doubt: str = ""
+    stopped: bool = False
 
 
 @dataclass(slots=True)
 class Table:
-    """Columns that grow: a row is added in constant time on average."""
+    """Columns that grow: a row is added in constant time on average.
 
+    Attributes
+    ----------
+    added : int
+        Rows that were ever added; that of each before is its key.
+    """
+
+    added: int = 0
     _size: int = 0
     _room: int = 0
     _columns: dict[tuple[str, str], NDArray[Any]] = field(default_factory=dict)
@@ -214,22 +250,36 @@ class Table:
         row = self._size
         for key, read in _FIXED.items():
             self._columns[key][row] = read(estimate)
+        self._columns["int", "key"][row] = self.added
         for p, (value, status, spread) in self._places(estimate):
             value[row], status[row], spread[row] = p.value, p.status, _spread(p)
         for c in reversed(estimate.conditions):
             self._column("condition", c.name)[row] = c.value
         if estimate.status is EstimateStatus.REFUSED:
-            self._reasons[row] = estimate.reason
+            self._reasons[self.added] = estimate.reason
         failed = tuple(g for g in estimate.guards if not g.passed)
         if failed:
-            self._failed[row] = failed
+            self._failed[self.added] = failed
         self._models.setdefault(estimate.model)
-        self._size = row + 1
+        self._size, self.added = row + 1, self.added + 1
+
+    def keep(self, index: IntArray) -> None:
+        """Let go of all rows but some, (M,) rising."""
+        room = max(_FIRST, 2 * len(index))
+        for (kind, name), column in self._columns.items():
+            kept: NDArray[Any] = np.full(room, *_FILL[kind])
+            kept[: len(index)] = column[index]
+            self._columns[kind, name] = kept
+        self._size, self._room = len(index), room
+        self._known.clear()
+        keys = set(self._columns["int", "key"][: self._size].tolist())
+        self._reasons = {k: v for k, v in self._reasons.items() if k in keys}
+        self._failed = {k: v for k, v in self._failed.items() if k in keys}
 
     def rows(self) -> Rows:
         """Return the rows that are there now; they stay as they are when more come."""
         n = self._size
-        if not n:
+        if not self._room:
             self._grow()
         of = {key: column[:n] for key, column in self._columns.items()}
         names = [name for kind, name in of if kind == "value"]
@@ -247,7 +297,7 @@ class Table:
             conditions={name: c for (kind, name), c in of.items() if kind == "condition"},
             reasons=self._reasons,
             failed=self._failed,
-            key=np.arange(n, dtype=np.int64),
+            key=of["int", "key"],
             models=tuple(self._models),
         )
 
@@ -272,7 +322,7 @@ class Table:
     def _grow(self) -> None:
         self._room = max(2 * self._room, _FIRST)
         self._known.clear()
-        for kind, name in _FIXED:
+        for kind, name in (*_FIXED, ("int", "key")):
             self._column(kind, name)
         for key, column in self._columns.items():
             fill, dtype = _FILL[key[0]]
@@ -281,40 +331,20 @@ class Table:
             self._columns[key] = wider
 
 
-class Pasts:
-    """The past of one valve while estimates come."""
-
-    def __init__(self) -> None:
-        self._trend, self._features = Table(), Table()
-        self._apart: list[int] = []
-        self._taken: Past | None = None
-
-    def add(self, estimate: Estimate) -> None:
-        """Add an estimate of any estimator."""
-        if estimate.used_by_trend:
-            self._trend.add(estimate)
-        if estimate.estimator == ESTIMATOR:
-            self._features.add(estimate)
-        if estimate.reason_code == RefusalCode.IMPLAUSIBLE:
-            self._apart.append(estimate.cycle)
-        self._taken = None
-
-    def past(self) -> Past:
-        """Return what is known now; it stays as it is when more comes."""
-        if self._taken is None:
-            rows = self._trend.rows(), self._features.rows()
-            self._taken = Past(*rows, tuple(self._apart))
-        return self._taken
-
-
 def past_of(history: Iterable[Estimate] | Past) -> Past:
-    """Return estimates of all estimators, in any order, as columns."""
+    """Return estimates of all estimators, in any order, as columns; nothing is left out."""
     if isinstance(history, Past):
         return history
-    grown = Pasts()
+    trend, features = Table(), Table()
+    apart = []
     for estimate in history:
-        grown.add(estimate)
-    return grown.past()
+        if estimate.used_by_trend:
+            trend.add(estimate)
+        if estimate.estimator == ESTIMATOR:
+            features.add(estimate)
+        if estimate.reason_code == RefusalCode.IMPLAUSIBLE:
+            apart.append(estimate.cycle)
+    return Past(trend.rows(), features.rows(), tuple(apart))
 
 
 def feature_vectors(rows: Rows, kind: FeatureSet) -> FloatArray:

@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from valve_twin.core.past.columns import Pasts
+from valve_twin.core.past.state import AgingState
 from valve_twin.nodes.runtime.messages import estimate_value
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ class EstimateBuffer:
         names = (trend, beside) if beside else (trend,)
         self.counts = dict.fromkeys(names, 0)
         self._last = dict.fromkeys(names, 0)
-        self._known = Pasts()
+        self._known = AgingState()
         self.maintenance: dict[Maintenance, Maintenance] = {}
         self._received: dict[str, dict[int, Any]] = {name: {} for name in names}
         self._cycles: dict[int, Any] = {}
@@ -65,6 +65,7 @@ class EstimateBuffer:
         """Add what the history answered; return whether any of it is new."""
         last = self.last(estimator)
         fresh = [e for e in estimates if e.cycle > last]
+        self._known.maintenance = tuple(self.maintenance.values())
         for estimate in fresh:
             self._known.add(estimate)
         self.counts[estimator] += len(fresh)

@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The past of one valve while estimates come, held within a bound however long the valve lives.
+
+Up to 24 575 estimates nothing is left out. Beyond that the newest 8192 to 16 384 are kept in
+full, and of the older ones every 2nd, 4th, 8th ..., so that they are 4096 to 8192 spread evenly
+over the whole life: values themselves, not means, so that scatter and outliers are what they
+were. Kept as well are the first estimates of the life and behind each maintenance event, which
+make the reference, and those at which the count of cycles jumps.
+
+Of features the newest 2048 to 4096 cycles are kept. What was found in the others is found for
+good (`Settled`); the scatter of the kept ones is the measure from there on. What is let go of
+depends only on what came and in which order: a history read anew gives the same bits.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.diagnosis.config import DetectionConfig
+from valve_twin.core.diagnosis.features import ESTIMATOR
+from valve_twin.core.diagnosis.history import search
+from valve_twin.core.past.columns import Past, Rows, Settled, Table
+from valve_twin.core.refusal import RefusalCode
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from valve_twin.core.types import BoolArray, Estimate, Maintenance
+
+RECENT = 8192
+"""Newest estimates that are kept in full [1]; of the older ones at most as many."""
+
+RECENT_FEATURES = 2048
+"""Newest cycles whose features are kept in full [1]."""
+
+FIRST = 64
+"""Estimates kept at the start of the life and behind each maintenance event [1]."""
+
+_WAIT = 128  # cycles after which features are looked at again where a fault may still heal
+_UNKNOWN = -1
+
+
+class AgingState:
+    """What is known of one valve.
+
+    Parameters
+    ----------
+    recent, recent_features : int
+        Newest estimates and cycles of features that are kept in full [1].
+    """
+
+    def __init__(self, recent: int = RECENT, recent_features: int = RECENT_FEATURES) -> None:
+        self._recent, self._recent_features = recent, recent_features
+        self._trend, self._features = Table(), Table()
+        self._old, self._stride = 0, 1
+        self._look_at = 2 * recent_features
+        self._apart: list[int] = []
+        self._settled: Settled | None = None
+        self._taken: Past | None = None
+        self.maintenance: Sequence[Maintenance] = ()
+
+    def add(self, estimate: Estimate) -> None:
+        """Add an estimate of any estimator; `maintenance` are the events known by then."""
+        self._taken = None
+        if estimate.reason_code == RefusalCode.IMPLAUSIBLE:
+            self._apart.append(estimate.cycle)
+        if estimate.used_by_trend:
+            self._trend.add(estimate)
+            if len(self._trend) - self._old >= 2 * self._recent:
+                self._thin()
+        if estimate.estimator == ESTIMATOR:
+            self._features.add(estimate)
+            if len(self._features) >= self._look_at:
+                self._settle()
+
+    def past(self) -> Past:
+        """Return what is known now; it stays as it is when more comes."""
+        if self._taken is None:
+            rows = self._trend.rows(), self._features.rows()
+            self._taken = Past(*rows, tuple(self._apart), self._settled)
+        return self._taken
+
+    def _events(self, cycle: int) -> list[Maintenance]:
+        """Return the events in force up to a cycle."""
+        return [m for m in self.maintenance if not m.withdrawn and m.cycle <= cycle]
+
+    def _thin(self) -> None:
+        """Let go of all but few of the estimates that are not the newest."""
+        rows = self._trend.rows()
+        newest = np.arange(len(rows)) >= len(rows) - self._recent
+        kept = newest | _marked(rows, [m.cycle for m in self._events(int(rows.cycle[-1]))])
+        while True:
+            even = rows.key % self._stride == 0
+            if np.count_nonzero(even & ~newest) <= self._recent:
+                break
+            self._stride *= 2
+        index = np.flatnonzero(kept | even)
+        self._trend.keep(index)
+        self._old = len(index) - self._recent
+
+    def _settle(self) -> None:
+        """Let go of the features that are not the newest, unless a fault may still heal."""
+        events = self._events(int(self._features.rows().cycle[-1]))
+        past = self.past()
+        found, stopped = search(past, events)
+        cycles = past.features.cycle
+        near = int(cycles[max(len(cycles) - DetectionConfig().extrapolate - _WAIT, 0)])
+        self._look_at = len(cycles) + _WAIT
+        if any(f.end < 0 and f.alarm >= near for f in found.findings):
+            return
+        kept = np.arange(len(cycles)) >= len(cycles) - self._recent_features
+        for fault in found.findings:
+            if fault.end >= 0:  # what a fault did is no measure
+                kept &= (cycles < fault.onset) | (cycles > fault.end)
+        gone = int(np.count_nonzero(~kept))
+        before = self._settled.cycles if self._settled else 0
+        self._settled = Settled(
+            found.findings, before + gone, int(cycles.max()), found.doubt, stopped
+        )
+        self._features.keep(np.flatnonzero(kept))
+        self._look_at = len(self._features) + self._recent_features
+        self._taken = None
+
+
+def _marked(rows: Rows, events: Iterable[int]) -> BoolArray:
+    """Return which rows are kept for ever: behind a start, and where the count jumps, (N,)."""
+    step = np.diff(rows.cycle, prepend=rows.cycle[:1] - 1)
+    jump = (rows.missed == _UNKNOWN) | (step < 1) | (rows.missed >= step)
+    kept = jump | np.append(jump[1:], False) | (rows.key < FIRST)
+    for cycle in events:
+        kept[np.flatnonzero(rows.cycle >= cycle)[:FIRST]] = True
+    return np.asarray(kept)
+
+
+def state_of(history: Iterable[Estimate] | Past, maintenance: Sequence[Maintenance] = ()) -> Past:
+    """Return what a state knows that got one estimate after the other.
+
+    Parameters
+    ----------
+    history : iterable of Estimate, or Past
+        Estimates of all estimators in the order in which they came; a past is returned as it is.
+    maintenance : sequence of Maintenance
+        Events of the valve.
+    """
+    if isinstance(history, Past):
+        return history
+    state = AgingState()
+    state.maintenance = maintenance
+    for estimate in history:
+        state.add(estimate)
+    return state.past()
