@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import yaml
 
-from valve_twin.bench.data import archive, reading, storing, writing
+from valve_twin.bench.data import archive, reading, storing, writing, years
 from valve_twin.bench.measure import Ratio, Scale, describe, median
 from valve_twin.bench.models import estimation, recursion, simulation, solenoid
 
@@ -37,6 +37,7 @@ AREAS = {
     "reading": reading.compare,
     "writing": writing.compare,
     "storing": storing.compare,
+    "years": years.compare,
     "nodes": _nodes,
 }
 """What is compared, by the name that `valve-twin bench NAME` takes."""

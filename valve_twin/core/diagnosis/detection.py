@@ -160,13 +160,9 @@ def detect(
             ready = ready or start > 0
             maintained = int(cycles[last]) if last < len(cycles) else -1
             findings += [
-                f if f.end >= 0 or maintained < 0 else _ended(f, maintained) for f in found
+                f if f.end >= 0 or maintained < 0 else replace(f, end=maintained) for f in found
             ]
     return Diagnosis(tuple(findings), len(cycles), ready)
-
-
-def _ended(finding: Finding, cycle: int) -> Finding:
-    return replace(finding, end=cycle)
 
 
 def _search(
