@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The event log: what enters it, who has seen it, what is kept and what goes."""
+
+from __future__ import annotations
+
+import pytest
+
+from valve_twin.core.aging.verdict import Verdict, VerdictKind
+from valve_twin.core.operation.events import Event
+from valve_twin.core.types import Maintenance
+from valve_twin.io.errors import StoreError
+from valve_twin.io.history.log.events import Acknowledgement
+from valve_twin.io.history.store import CycleRecord, History
+
+VALVE = "/press/valve_1"
+
+
+def verdict(cycle, kind, fault=""):
+    return Verdict(cycle * 10**9, VALVE, kind, kind.text, f"why {cycle}", cycle, fault)
+
+
+@pytest.fixture
+def history(tmp_path):
+    with History(tmp_path / "h.db", events_kept=20) as opened:
+        opened.store(VALVE, CycleRecord(1, 0, 1, 10))
+        yield opened
+
+
+def codes(history, **chosen):
+    return [e.code for e in history.log.events(VALVE, **chosen)]
+
+
+def test_verdicts_that_change_faults_that_heal_and_maintenance_enter_the_log(history):
+    for said in (
+        verdict(10, VerdictKind.OK),
+        verdict(11, VerdictKind.OK),
+        verdict(12, VerdictKind.SENSOR, "sensor_freeze"),
+        verdict(13, VerdictKind.NOT_ENOUGH_DATA),
+        verdict(14, VerdictKind.SENSOR, "sensor_freeze"),
+        verdict(15, VerdictKind.VALVE, "K_in"),
+    ):
+        history.add_verdict(VALVE, said)
+    history.add_maintenance(VALVE, Maintenance(20, 16, "new sensor"))
+    history.withdraw_maintenance(VALVE, 16, "wrong valve")
+    found = history.log.events(VALVE)
+    assert [(e.code, e.status) for e in found] == [
+        ("verdict.ok", "good"),
+        ("fault.sensor_freeze", "failure"),
+        ("verdict.not_enough_data", "check function"),
+        ("fault.sensor_freeze", "failure"),
+        ("healed.sensor_freeze", "good"),
+        ("limit.K_in", "maintenance required"),
+        ("maintenance.marked", "good"),
+        ("maintenance.withdrawn", "good"),
+    ]
+    assert (found[1].cycle, found[1].stamp_ns, found[1].valve) == (12, 12 * 10**9, VALVE)
+    assert [e.text for e in found[-2:]] == ["new sensor", "wrong valve"]
+    assert codes(history, open_only=True) == [
+        "fault.sensor_freeze", "verdict.not_enough_data", "fault.sensor_freeze", "limit.K_in",
+    ]  # fmt: skip
+    assert [e.id for e in history.log.events(VALVE, found[2].id, 2)] == [e.id for e in found[2:4]]
+
+
+def test_an_acknowledgement_stays_with_its_entry_and_is_one_itself(history):
+    history.add_verdict(VALVE, verdict(2, VerdictKind.SENSOR, "sensor_freeze"))
+    history.add_verdict(VALVE, verdict(3, VerdictKind.SUPPLY, "supply_drop"))
+    first = history.log.events(VALVE)[0]
+    by = Acknowledgement("J. Doe", "cable renewed", 77)
+    assert history.log.acknowledge(VALVE, first.id, by) == 1
+    assert history.log.acknowledge(VALVE, first.id, by) == 0
+    seen = history.log.events(VALVE)[0]
+    assert (seen.acknowledged, seen.acknowledged_by, seen.acknowledged_at_ns) == (
+        True, "J. Doe", 77,
+    )  # fmt: skip
+    assert codes(history, open_only=True) == ["fault.supply_drop"]
+    assert history.log.acknowledge(VALVE, 0, Acknowledgement("night shift")) == 1
+    assert codes(history, open_only=True) == []
+    assert codes(history)[-1] == "event.acknowledged"
+    assert history.verify().damaged == []
+    for number, who, what in (
+        (first.id, " ", "who is empty"),
+        (first.id, "x" * 201, "201 bytes, 200 at most"),
+        (10**9, "me", "there is no entry 1000000000"),
+    ):
+        with pytest.raises(StoreError, match=what):
+            history.log.acknowledge(VALVE, number, Acknowledgement(who))
+    with pytest.raises(StoreError, match="2049 bytes, 2048 at most"):
+        history.log.acknowledge(VALVE, 0, Acknowledgement("me", "n" * 2049))
+    with pytest.raises(StoreError, match="there is no entry"):
+        history.log.acknowledge("/other/valve", first.id, Acknowledgement("me"))
+
+
+def test_old_entries_go_but_no_failure_that_nobody_has_seen(history):
+    """Two failures, one of them seen; then three times as many entries as are kept."""
+    for number in (1, 2):
+        history.log.add(VALVE, Event(number, number, "fault.sensor_freeze", "failure", "frozen"))
+    unseen, seen = history.log.events(VALVE)
+    history.log.acknowledge(VALVE, seen.id, Acknowledgement("me"))
+    for number in range(60):
+        history.log.add(VALVE, Event(number, number, "twin.start", "good", "starts"))
+    found = history.log.events(VALVE)
+    assert len(found) == 21
+    assert found[0] == unseen
+    assert {e.code for e in found[1:]} == {"twin.start"}

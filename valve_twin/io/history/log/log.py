@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Counters and event log of the valves of one history, in transactions of that history."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Protocol
+
+from valve_twin.core.faults.ne107 import Ne107
+from valve_twin.core.operation.events import Event
+from valve_twin.io.history.log.counters import row_counters
+from valve_twin.io.history.log.events import (
+    KEPT,
+    Acknowledgement,
+    acknowledge,
+    add_events,
+    events_query,
+    row_event,
+)
+from valve_twin.io.history.tables import COUNTERS, EVENT, of_valve
+
+if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
+    import sqlalchemy as sa
+    from sqlalchemy.engine import Connection
+
+    from valve_twin.core.operation.counters import Counters
+    from valve_twin.io.history.check_sums import Rows
+
+
+class Store(Protocol):
+    """What of a history the log needs."""
+
+    @property
+    def where(self) -> str:
+        """File or URL of the database."""
+
+    def writing(self, valve: str) -> AbstractContextManager[tuple[Connection, int]]:
+        """Run one transaction with the key of a valve."""
+
+    def sound(self, table: sa.Table, query: sa.Select[Any], most: int | None = None) -> Rows:
+        """Return rows whose check sums are right.
+
+        Parameters
+        ----------
+        table, query, most : Table, Select, int or None
+            Whose rows, which of them, and how many at most [1].
+        """
+
+
+class OperationLog:
+    """What a history keeps of the operation of its valves.
+
+    Parameters
+    ----------
+    history : Store
+        Where it is kept.
+    kept : int
+        Entries of a valve's event log that are kept [1], see `add_events`.
+    """
+
+    def __init__(self, history: Store, kept: int = KEPT) -> None:
+        self._history, self.kept = history, kept
+
+    def counters(self, valve: str) -> Counters | None:
+        """Return the counters with the last stored cycle; None where nothing was counted yet."""
+        rows = self._history.sound(COUNTERS, of_valve(COUNTERS, valve))
+        return row_counters(rows[0]) if rows else None
+
+    def add(self, valve: str, event: Event) -> None:
+        """Store an entry; on the disk on return."""
+        with self._history.writing(valve) as (connection, valve_id):
+            add_events(connection, valve_id, [event], self.kept)
+
+    def events(
+        self, valve: str, first_id: int = 0, limit: int | None = None, *, open_only: bool = False
+    ) -> list[Event]:
+        """Return entries, oldest first.
+
+        Parameters
+        ----------
+        valve : str
+            Name of the valve.
+        first_id : int
+            Number of the first entry wanted [1].
+        limit : int or None
+            At most this many [1], the oldest of them; None = all.
+        open_only : bool
+            Only those that somebody has yet to acknowledge; what is good asks nobody.
+        """
+        query = events_query(of_valve(EVENT, valve), first_id, open_only=open_only).limit(limit)
+        return [row_event(valve, row) for row in self._history.sound(EVENT, query, limit)]
+
+    def acknowledge(self, valve: str, number: int, by: Acknowledgement) -> int:
+        """Note that somebody has seen an entry, or all that are open, in an entry of its own, too.
+
+        Parameters
+        ----------
+        valve : str
+            Name of the valve.
+        number : int
+            The entry's; 0 = all that are open.
+        by : Acknowledgement
+            Who, what and when.
+
+        Returns
+        -------
+        int
+            How many were open until now [1].
+
+        Raises
+        ------
+        StoreError
+            If the entry is not there, or who and what are empty or too long.
+        """
+        with self._history.writing(valve) as (connection, valve_id):
+            seen = acknowledge(connection, valve_id, number, by, self._history.where)
+            if seen:
+                which = f"entry {number}" if number else f"{seen} entries"
+                text = f"{by.who} has seen {which}" + (f": {by.note}" if by.note else "")
+                entry = Event(
+                    by.stamp_ns, 0, "event.acknowledged", Ne107.GOOD.value, text
+                )
+                add_events(connection, valve_id, [entry], self.kept)
+        return seen
