@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from valve_twin.core.types import Cycle, Frames
+from valve_twin.io.history import spool as spool_module
+from valve_twin.io.history.snapshot import load_cycle
 from valve_twin.io.history.spool import FREE_BYTES, SAMPLE_BYTES, CycleSpool, MemoryBudget
 
 SAMPLES = 100
@@ -118,6 +120,44 @@ def test_what_a_killed_process_left_is_counted_and_removed(tmp_path):
     after = CycleSpool(MemoryBudget(SIZE), tmp_path / "cycles")
     assert after.left == 3
     assert not (tmp_path / "cycles").exists()
+
+
+def test_what_stays_at_a_stop_is_taken_over_with_the_same_bits(tmp_path, monkeypatch):
+    budget, read = MemoryBudget(3 * SIZE), []
+    before = spool_of(tmp_path / "cycles", 9, budget)
+    before.popleft()
+    before.popleft()  # room for a newer one in memory, behind those on disk
+    before.append(10, cycle(10))
+    before.append(11, None)  # dropped
+    before.append(12, cycle(12))
+    before.stay()
+    monkeypatch.setattr(spool_module, "load_cycle", lambda p: read.append(p) or load_cycle(p))
+    jobs = list(before)
+    assert [n for n, _ in jobs] == [3, 4, 5, 6, 7, 8, 9, 10, 11, 12]
+    assert [n for n, c in jobs if c is not None] == [3, 12], "first and last tell when it was"
+    assert len(read) == 2, "gigabytes are not read for a snapshot"
+    before.close()
+    assert budget.used == 0
+    (tmp_path / "cycles" / "99.cycle").write_bytes(b"of a killed process")
+    after = CycleSpool(MemoryBudget(3 * SIZE), tmp_path / "cycles", jobs)
+    assert after.left == 1
+    found = emptied(after)
+    assert [n for n, c in found if c is None] == [11]
+    assert all(same(c, cycle(n)) for n, c in found if c is not None)
+    assert [n for n, _ in found] == [n for n, _ in jobs]
+    assert not list((tmp_path / "cycles").iterdir())
+    after.close()
+
+
+def test_what_the_disk_does_not_take_at_a_stop_stays_in_the_snapshot(tmp_path, full):
+    full(tmp_path / "cycles", 4)
+    before = spool_of(tmp_path / "cycles", 5)
+    before.stay()
+    jobs = list(before)
+    before.close()
+    after = CycleSpool(MemoryBudget(9 * SIZE), tmp_path / "cycles", jobs)
+    assert all(same(c, cycle(n)) for n, c in emptied(after))
+    assert after.left == 0
 
 
 def test_dropped_jobs_cost_nothing_and_are_seen_ahead(tmp_path):

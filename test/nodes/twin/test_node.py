@@ -117,6 +117,31 @@ def test_cycles_beyond_the_budget_wait_on_disk_and_give_the_same_estimates(graph
     assert not list(tmp_path.rglob("*.cycle"))
 
 
+def test_cycles_on_disk_at_a_stop_are_estimated_after_the_restart(graph, tmp_path, capfd):
+    given = {"history_url": f"sqlite:///{tmp_path}/h.sqlite", "memory_budget_mb": 0.01, **REARM}
+    node = graph.host(TwinNode, **given)
+    feeder = Feeder(graph, NS)
+    graph.spin_until(lambda: node._worker.pid, what="the estimating process")
+    os.kill(node._worker.pid, signal.SIGSTOP)  # it is slower than the data
+    feeder.feed(6 * feeder.cycle_samples)
+    spool = node._valves[0].spool
+    graph.spin_until(lambda: spool.spooled >= 4, what="cycles on disk")
+    node.stop()
+    assert len(list(tmp_path.rglob("*.cycle"))) >= 4
+    graph.executor.remove_node(node)
+    graph.hosted.remove(node)
+    node.destroy_node()
+    capfd.readouterr()
+    found = graph.record(f"{NS}/twin/estimate", Estimate)
+    again = graph.host(TwinNode, **given)
+    feeder.restart()
+    feeder.feed(2 * feeder.cycle_samples)
+    graph.spin_until(lambda: len(cycles_of(found)) >= 5, what="the estimates of what waited")
+    assert cycles_of(found)[:5] == [1, 2, 3, 4, 5]
+    assert "were not estimated" not in capfd.readouterr().err
+    assert again._valves[0].spool.dropped == 0
+
+
 def test_estimate_now_closes_the_running_cycle(graph, twin, estimates):
     feeder = Feeder(graph, NS)
     predictions = graph.record(f"{NS}/twin/prediction", Prediction)

@@ -3,7 +3,8 @@
 """Keep cycles that wait for their estimation within a budget of memory, the rest on disk.
 
 The order stays, and what comes back from the disk has the same bits. Where the disk takes no more
-either, the oldest cycles are dropped and counted.
+either, the oldest cycles are dropped and counted. At a clean stop the cycles stay on disk, and a
+snapshot of the twin names them instead of holding them: the next process takes them over.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from valve_twin.core.job_queue import JobQueue
 from valve_twin.io.history.snapshot import load_cycle, save_cycle
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Sequence
     from pathlib import Path
 
     from valve_twin.core.job_queue import QueuedJob
@@ -69,7 +70,7 @@ class CycleSpool(JobQueue):
     folder : Path or None
         Where cycles beyond the budget are kept; None = nowhere.
     jobs : iterable of (int, Cycle or None)
-        What waits from the beginning.
+        What waits from the beginning; one without a cycle is taken from the folder if it is there.
     floor : int
         Space on the disk that is left to others [B].
 
@@ -78,7 +79,7 @@ class CycleSpool(JobQueue):
     spooled, written, dropped : int
         Cycles that are on disk now, that were put there, and that were dropped [1].
     left : int
-        Cycles that a process left here that was killed, deleted now [1].
+        Cycles in the folder that no job names, deleted now: their process was killed [1].
     """
 
     def __init__(
@@ -93,18 +94,30 @@ class CycleSpool(JobQueue):
         self._budget, self._folder, self._floor = budget, folder, floor
         self._entries: deque[_Entry] = deque()
         self.written = self.spooled = self.dropped = 0
-        self.left = _clear(folder)
+        self._stays = False
+        jobs = tuple(jobs)
+        self.left = self._clear(jobs)
         for ordinal, cycle in jobs:
-            self.append(ordinal, cycle)
+            path = self._path(ordinal)
+            if cycle is None and path is not None and path.exists():
+                self._entries.append(_Entry(ordinal, path=path))
+                self.spooled += 1
+            else:
+                self.append(ordinal, cycle)
 
     def __len__(self) -> int:
         """Return how many wait [1]."""
         return len(self._entries)
 
     def __iter__(self) -> Iterator[QueuedJob]:
-        """Go through all without taking any; what is on disk is read."""
-        for entry in tuple(self._entries):
-            yield entry.ordinal, self._cycle_of(entry)
+        """Go through all without taking any; what is on disk is read.
+
+        Of what stays there only the first and the last: a restart has to know when they were.
+        """
+        for place, entry in enumerate(tuple(self._entries)):
+            inside = 0 < place < len(self._entries) - 1
+            known = not (self._stays and inside and entry.path is not None)
+            yield entry.ordinal, self._cycle_of(entry) if known else None
 
     @property
     def begins_dropped(self) -> bool:
@@ -141,21 +154,32 @@ class CycleSpool(JobQueue):
         self._release(entry)
         return entry.ordinal, cycle
 
+    def stay(self) -> None:
+        """Put all on disk and leave it there for the next process."""
+        self._stays = True
+        for entry in self._entries:
+            size = entry.size
+            if entry.cycle is not None and self._put_on_disk(entry):
+                self._budget.used -= size
+
     def close(self) -> None:
-        """Forget everything, also on disk."""
+        """Forget everything, also on disk unless it stays."""
         while self._entries:
-            self._release(self._entries.popleft())
-        if self._folder is not None:
+            entry = self._entries.popleft()
+            if self._stays and entry.path is not None:
+                continue
+            self._release(entry)
+        if self._folder is not None and not self._stays:
             shutil.rmtree(self._folder, ignore_errors=True)
 
     def _cycle_of(self, entry: _Entry) -> Cycle | None:
         return load_cycle(entry.path) if entry.path is not None else entry.cycle
 
     def _put_on_disk(self, entry: _Entry) -> bool:
-        if self._folder is None or entry.cycle is None:
+        path = self._path(entry.ordinal)
+        if self._folder is None or path is None or entry.cycle is None:
             return False
         self.written += 1
-        path = self._folder / f"{self.written}.cycle"
         try:
             self._folder.mkdir(exist_ok=True)
             if shutil.disk_usage(self._folder).free < self._floor + entry.size:
@@ -167,6 +191,22 @@ class CycleSpool(JobQueue):
         entry.cycle, entry.path = None, path
         self.spooled += 1
         return True
+
+    def _path(self, ordinal: int) -> Path | None:
+        return None if self._folder is None else self._folder / f"{ordinal}.cycle"
+
+    def _clear(self, jobs: Sequence[QueuedJob]) -> int:
+        """Remove what another process left and no job names; return how many cycles that was."""
+        if self._folder is None or not self._folder.is_dir():
+            return 0
+        named = {self._path(ordinal) for ordinal, _ in jobs}
+        taken = {self._path(ordinal) for ordinal, cycle in jobs if cycle is None}
+        found = set(self._folder.glob("*.cycle"))
+        for path in found - taken:
+            _unlink(path)
+        if not found & taken:
+            shutil.rmtree(self._folder, ignore_errors=True)
+        return len(found - named)
 
     def _drop_oldest(self) -> bool:
         """Drop the oldest cycle; it keeps its place, so that what was learnt before goes on."""
@@ -189,12 +229,3 @@ class CycleSpool(JobQueue):
 def _unlink(path: Path) -> None:
     with suppress(OSError):  # read only, or gone: what is left is removed at the next start
         path.unlink(missing_ok=True)
-
-
-def _clear(folder: Path | None) -> int:
-    """Remove what another process left; return how many cycles that was."""
-    if folder is None or not folder.is_dir():
-        return 0
-    count = sum(1 for _ in folder.glob("*.cycle"))
-    shutil.rmtree(folder, ignore_errors=True)
-    return count

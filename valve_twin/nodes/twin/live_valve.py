@@ -130,20 +130,19 @@ class LiveValve:
         """Let cycles wait for their estimation within the budget, else on disk."""
         path = self.history.snapshot_path(self.name)
         folder = None if path is None else path.with_name(f"{path.name}-cycles")
-        spool = CycleSpool(budget, folder)
-        if spool.left:
-            self._node.get_logger().warning(
-                f"{self.name}: {spool.left} cycles that waited on disk were not estimated before "
-                "the process ended"
-            )
+        spools: list[CycleSpool] = []
 
         def fill(jobs: Iterable[QueuedJob]) -> JobQueue:
-            for ordinal, cycle in jobs:
-                spool.append(ordinal, cycle)
-            return spool
+            spools.append(CycleSpool(budget, folder, jobs))
+            return spools[0]
 
         self.twin.queue_jobs(fill)
-        return spool
+        if spools[0].left:
+            self._node.get_logger().warning(
+                f"{self.name}: {spools[0].left} cycles that waited on disk were not estimated "
+                "before the process ended"
+            )
+        return spools[0]
 
     # -- life
 
@@ -180,7 +179,11 @@ class LiveValve:
 
     def save_last(self) -> None:
         """Save it for good, when nothing comes any more and all is stored."""
-        saving = None if self.stopped else self._restart.saving()
+        if self.stopped:
+            return
+        if self.spool.spooled:
+            self.spool.stay()
+        saving = self._restart.saving()
         if saving is not None:
             saving()
 
