@@ -96,8 +96,8 @@ def compiled(folder, function, kinds):
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    face = ctypes.CDLL(str(folder / "law.so")).face
-    return lambda *rows: face(*(r.ctypes.data_as(ctypes.c_void_p) for r in rows))
+    law = ctypes.CDLL(str(folder / "law.so"))
+    return lambda *rows: law.face(*(r.ctypes.data_as(ctypes.c_void_p) for r in rows))
 
 
 def test_the_c_of_a_law_gives_the_numbers_of_numba(tmp_path):

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -176,7 +177,7 @@ def slave(fmus, tmp_path, request):
     version = request.param
     told = fmpy.read_model_description(str(fmus[version]))
     folder = fmpy.extract(str(fmus[version]), str(tmp_path / "unzipped"))
-    made = []
+    made: list[Any] = []
 
     def new():
         kind = FMU2Slave if version == 2 else FMU3Slave
@@ -343,6 +344,7 @@ int main(void) {{
 def test_bad_arguments_get_one_line(known, tmp_path, capsys, arguments, said):
     folder, _ = known
     whole = ["--url", str(folder / "history.sqlite"), "--out", str(tmp_path / "x.fmu"), *arguments]
+    code: object
     try:
         code = main(["export-fmu", *whole])
     except SystemExit as end:

@@ -28,10 +28,10 @@ SPACE = {
 def read(text):
     root = ET.fromstring(text)
     found = root.findall("v:Parameters/v:Parameter", SPACE)
-    values = {p.get("name"): p.find("v:Real", SPACE) for p in found}
+    values = {p.get("name"): dict(p[0].items()) for p in found}
     units = {u.get("name") for u in root.findall("v:Units/c:Unit", SPACE)}
     assert {r.get("unit") for r in values.values()} == units
-    return root, {name: float(r.get("value")) for name, r in values.items()}
+    return root, {name: float(r["value"]) for name, r in values.items()}
 
 
 def test_draws_scatter_as_the_interval_says_and_stay_in_the_bounds():
@@ -106,6 +106,7 @@ def test_a_drifting_parameter_is_aged_along_its_trend_and_a_steady_one_is_not(wo
 )
 def test_a_date_that_cannot_be_is_one_line(worn, tmp_path, capsys, date, code, said):
     arguments = ["--url", str(worn), "--valve", "v", "--out", str(tmp_path / "v.fmu")]
+    got: object
     try:
         got = main(["export-fmu", *arguments, "--aged-to", date])
     except SystemExit as end:

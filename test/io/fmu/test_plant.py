@@ -78,7 +78,7 @@ def test_simulate_and_estimate_find_the_parameters_of_the_fmu(fmus, tmp_path, ve
     found = [e.value("time_constant") for e in estimates]
     assert len(found) == 6
     simulation = simulation_of(config)
-    true = [simulation.aged_plant(e.cycle).time_constant for e in estimates]
+    true = [vars(simulation.aged_plant(e.cycle))["time_constant"] for e in estimates]
     assert true[-1] == pytest.approx(0.7 * 1.12)  # it ages inside the FMU
     np.testing.assert_allclose(found, true, rtol=0.005)
 

@@ -74,14 +74,8 @@ class SimulatedValveParameters(LiveParameters):
     batch: int = quantity(
         1, "1", "Samples a message; above 1 as Float64Series.", lower=1, upper=10000
     )
-    joint: str = setting(
-        "",
-        "Name of a joint: the valve also publishes sensor_msgs/JointState on joint_states and, "
-        "with simulation.controller external, takes joint_commands; empty = not.",
-    )
-    joint_stroke: float = quantity(
-        1.0, "m", "Position of the joint where the valve's is 1.", lower=1e-6, upper=1e3
-    )
+    joint: str = setting("", "Joint to be, too: JointState in joint_states, joint_commands.")
+    joint_stroke: float = quantity(1.0, "m", "Position of the joint at 1.", 1e-6, 1e3)
     stop_after_cycles: int = quantity(
         0, "1", "Stop after so many production cycles; 0 = never.", lower=0, upper=10**9
     )
