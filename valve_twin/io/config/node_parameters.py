@@ -71,9 +71,7 @@ class SimulatedValveParameters(LiveParameters):
     start_time_s: float = quantity(
         0.0, "s", "Stamp of the first sample; 0 = the time at activation.", lower=0.0, upper=2e9
     )
-    batch: int = quantity(
-        1, "1", "Samples a message; above 1 as Float64Series.", lower=1, upper=10000
-    )
+    batch: int = quantity(1, "1", "Samples a message; above 1 as Float64Series.", 1, 10000)
     joint: str = setting("", "Joint to be, too: JointState in joint_states, joint_commands.")
     joint_stroke: float = quantity(1.0, "m", "Position of the joint at 1.", 1e-6, 1e3)
     stop_after_cycles: int = quantity(
