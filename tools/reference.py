@@ -13,6 +13,7 @@ from valve_twin.core.valves.interface import option_descriptors
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.config.csv import CsvConfig
 from valve_twin.io.config.keys import VALVE_KEYS, signal_keys
+from valve_twin.io.config.nameplate import Nameplate
 from valve_twin.io.config.node_parameters import NODE_PARAMETERS
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ def parameter_reference(models: Sequence[str]) -> str:
         _section("Cycles", describe(CycleConfig, "cycles.")),
         _section("Aging", describe(AgingConfig, "aging.", [_PARAMETER])),
         f"`{_PARAMETER}` is a parameter of the model.\n",
+        _section("Nameplate", describe(Nameplate, "nameplate.")),
         _section("CSV files", describe(CsvConfig, "csv.")),
     ]
     for name in models:

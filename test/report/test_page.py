@@ -395,3 +395,9 @@ def test_estimators_are_held_against_each_other(data: ReportData) -> None:
     assert "kalman: K_in +0.3, K_out \N{MINUS SIGN}2.4" in text
     assert "structure: level of v_in K_in is 20 % larger below 0.4 1 passed" in text
     assert "Disagreement" not in Structure(render_report(data)).text
+
+
+def test_the_nameplate_stands_on_the_page_as_text(data: ReportData) -> None:
+    plate = {"tag": "FV-1205", "place": "hall <3>"}
+    html = render_report(dataclasses.replace(data, nameplate=plate))
+    assert "Tag FV-1205, Place hall &lt;3&gt;." in html

@@ -116,7 +116,9 @@ def plain_valve(view: View, row: FleetRow) -> dict[str, object]:
     """
     trends = view.trends.get(row.valve, ())
     found: dict[str, object] = {**asdict(row), "verdict": row.verdict.text}
-    return {**_known(found), "parameters": [_plain_trend(t) for t in trends]}
+    plate = dict(view.nameplates.get(row.valve, {}))
+    parameters = [_plain_trend(t) for t in trends]
+    return {**_known(found), "nameplate": plate, "parameters": parameters}
 
 
 _OF_TREND = {

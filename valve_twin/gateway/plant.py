@@ -56,6 +56,8 @@ class View:
         Why it could not be read now; the rows are then those of `read_ns`.
     trends : mapping
         The trends of the followed parameters by name of the valve.
+    nameplates : mapping
+        What is given of a nameplate, by name of the valve.
     """
 
     rows: tuple[FleetRow, ...] = ()
@@ -63,6 +65,7 @@ class View:
     read_ns: int = 0
     failure: str = ""
     trends: Mapping[str, tuple[Trend, ...]] = field(default_factory=dict)
+    nameplates: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
 
     def row(self, valve: str) -> FleetRow | None:
         """Return the row of a valve; None where the history does not know it."""
@@ -81,10 +84,18 @@ class Plant:
         URL of the history.
     aging : mapping
         Rules of aging by name of the valve; the usual ones where one is missing.
+    nameplates : mapping
+        What is given of a nameplate, by name of the valve.
     """
 
-    def __init__(self, url: str, aging: Mapping[str, AgingConfig] | None = None) -> None:
+    def __init__(
+        self,
+        url: str,
+        aging: Mapping[str, AgingConfig] | None = None,
+        nameplates: Mapping[str, Mapping[str, str]] | None = None,
+    ) -> None:
         self._url, self._aging = url, dict(aging or {})
+        self._nameplates = dict(nameplates or {})
         self._reading = threading.Lock()
         self._history: History | None = None
         self._view = View()
@@ -128,7 +139,9 @@ class Plant:
                     data = history_data(history, valve, self._rules(valve))
                 except ValueError as err:  # a model that is not installed here
                     raise ValveTwinError(str(err)) from err
-                kept = self._pages[valve] = mark, render_report(data)
+                plate = self._nameplates.get(valve, {})
+                page = render_report(replace(data, nameplate=plate))
+                kept = self._pages[valve] = mark, page
             return kept[1]
 
     def estimates(self, valve: str, first_cycle: int, limit: int) -> list[Estimate]:
@@ -164,7 +177,8 @@ class Plant:
         states = [state for _, state in self._states.values()]
         rows = tuple(ranked([state.row for state in states], FleetOrder.URGENCY))
         trends = {state.row.valve: state.trends for state in states}
-        self._view = View(rows, history.where, time.time_ns(), trends=trends)
+        plates = self._nameplates
+        self._view = View(rows, history.where, time.time_ns(), trends=trends, nameplates=plates)
 
     def _opened(self) -> History:
         if self._history is not None and self._history.moved:

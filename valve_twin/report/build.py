@@ -84,6 +84,7 @@ def report_bag(
         cycle=record.last,
         signals=signals_of(record.last, model, config.options) if record.last else (),
         counters=record.counters,
+        nameplate=config.nameplate.given,
     )
     return write_report(data, out)
 
@@ -137,7 +138,8 @@ def report_history(
     with History(config.history_url, read_only=True) as history:
         data = history_data(history, config.name, config.aging, label, config.model)
     options = {d.name: example(d.default) for d in describe(config.options)}
-    return write_report(replace(data, options=options, budget=budget), out)
+    plate = config.nameplate.given
+    return write_report(replace(data, options=options, budget=budget, nameplate=plate), out)
 
 
 def history_data(

@@ -62,6 +62,8 @@ class ReportData:
         What the valve has done; None = not counted.
     events : tuple of Event
         Its event log, oldest first.
+    nameplate : mapping
+        What is given of its nameplate, by name.
     """
 
     valve: str
@@ -83,6 +85,7 @@ class ReportData:
     signals: tuple[Signal, ...] = ()
     counters: Counters | None = None
     events: tuple[Event, ...] = ()
+    nameplate: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def aging(self) -> bool:

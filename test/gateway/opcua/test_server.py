@@ -31,6 +31,12 @@ from valve_twin.gateway.opcua.valve_nodes import OF_PARAMETER, VALUES, stamp
 
 DI, VALVES = "http://opcfoundation.org/UA/DI/", "urn:valve_twin:valves"
 PASSWORD = "a long password"
+PLATE = """\
+/press/worn/twin:
+  ros__parameters:
+    model: press_cartridge
+    nameplate: {tag: FV-1205, serial: "0815", maker: ACME, place: hall 3}
+"""
 
 
 class Server:
@@ -82,7 +88,9 @@ def path(folder):
 def server(path, folder):
     users = folder / "users"
     users.write_text(f"# who may look\n{user_line('anna', PASSWORD)}\n", encoding="utf-8")
-    made = Server(path, folder / "pki", "--opcua-users", str(users))
+    config = folder / "valves.yaml"
+    config.write_text(PLATE, encoding="utf-8")
+    made = Server(path, folder / "pki", "--opcua-users", str(users), "--config", str(config))
     yield made
     said = made.end()
     assert "Traceback" not in said
@@ -134,6 +142,17 @@ def test_a_client_finds_devices_of_di_with_what_the_json_shows(server, folder):
                 assert await device.read_type_definition() == ua.NodeId(1002, di)
                 await agrees(device, json_rows[valve], own, di)
             worn = devices["/press/worn"]
+            assert json_rows["/press/worn"]["nameplate"]["tag"] == "FV-1205"
+            assert json_rows[HOSTILE]["nameplate"] == {}
+            plate = {
+                f"{di}:SerialNumber": "0815",
+                f"{own}:Tag": "FV-1205",
+                f"{own}:Place": "hall 3",
+            }
+            for name, text in plate.items():
+                assert await (await worn.get_child(name)).read_value() == text
+            maker = await (await worn.get_child(f"{di}:Manufacturer")).read_value()
+            assert maker.Text == "ACME"
             health = await worn.get_child(f"{di}:DeviceHealth")
             assert await health.read_value() == 3  # OFF_SPEC
             assert await health.read_data_type() == ua.NodeId(6244, di)

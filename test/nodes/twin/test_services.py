@@ -35,6 +35,7 @@ def test_counters_are_those_of_the_history_and_go_on_in_the_next_twin(graph, par
     told = heard[-1]
     with History(parameters["history_url"], read_only=True) as history:
         kept = history.log.counters(NS)
+    assert kept is not None
     assert (told.cycles, told.movements, told.travel) == (2, kept.movements, kept.travel)
     assert told.cycles == 2
     assert told.movements >= 4  # each cycle fills and empties once at least

@@ -80,6 +80,15 @@ def aging_rules(path: str | None) -> dict[str, AgingConfig]:
     return {config.name: config.aging for config in load_config(path)}
 
 
+def nameplates(path: str | None) -> dict[str, dict[str, str]]:
+    """Return what a YAML gives of nameplates, by name of the valve; none without a file."""
+    if not path:
+        return {}
+    from valve_twin.io.config.valve import load_config
+
+    return {config.name: config.nameplate.given for config in load_config(path)}
+
+
 def _plain(place: int, row: FleetRow) -> dict[str, object]:
     """Return a row as plain data: not known = null, unbounded = "Infinity"."""
     fields: dict[str, object] = {"kind": "valve", "rank": place}

@@ -12,7 +12,7 @@ from getpass import getpass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from valve_twin.cli.archive.fleet import aging_rules
+from valve_twin.cli.archive.fleet import aging_rules, nameplates
 from valve_twin.cli.common import OK, USAGE, add_url, add_verb, fail, say
 from valve_twin.io.errors import ConfigError
 
@@ -115,7 +115,8 @@ def _serve(arguments: argparse.Namespace) -> int:
 
     if not 0 <= arguments.port <= _MOST:
         return fail(f"serve: port {arguments.port} is not in 0 .. {_MOST}", USAGE)
-    plant = Plant(arguments.url, aging_rules(arguments.config))
+    plates = nameplates(arguments.config)
+    plant = Plant(arguments.url, aging_rules(arguments.config), plates)
     view = plant.view()
     if view.failure:
         return fail(view.failure)

@@ -70,6 +70,9 @@ OF_PARAMETER = {
 }
 """Key in the JSON and text of the variables of a parameter, by name."""
 
+OF_NAMEPLATE = {"Manufacturer": "maker", "SerialNumber": "serial", "ProductCode": "type"}
+"""What is configured of the nameplate by the property of DI; tag and place are ours."""
+
 _EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
 
 
@@ -114,7 +117,9 @@ class ValveNodes:
         build.add_object(
             self.model.device_set, self.device, name, kind=self.model.device_type, events=True
         )
+        given = plain["nameplate"]
         known = {"Model": plain["model"], "SoftwareRevision": f"valve_twin {__version__}"}
+        known |= {name: given.get(key, "") for name, key in OF_NAMEPLATE.items()}
         for plate in NAMEPLATE:
             value = plate_value(plate, known.get(plate, ""))
             build.add_variable(self.device, self.node(plate), self.model.name(plate), value)
@@ -128,6 +133,10 @@ class ValveNodes:
         )
         for key, (_, kind, text) in VALUES.items():
             self._variable(build, self.device, (key,), kind, text)
+        for key in ("Tag", "Place"):
+            text = ua.Variant(given.get(key.lower(), ""), _V.String)
+            name = ua.QualifiedName(key, self.index)
+            build.add_variable(self.device, self.node(key), name, text)
         group = self.node("ParameterSet")
         build.add_object(self.device, group, self.model.name("ParameterSet"))
         for parameter in plain["parameters"]:

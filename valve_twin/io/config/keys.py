@@ -16,6 +16,7 @@ from valve_twin.core.valves.interface import option_descriptors
 from valve_twin.core.valves.registry import DEFAULT_MODEL
 from valve_twin.io.cdr.signals import STAMPED_TYPE
 from valve_twin.io.config.csv import CsvConfig
+from valve_twin.io.config.nameplate import Nameplate
 
 if TYPE_CHECKING:
     from valve_twin.core.valves.interface import ValveModel
@@ -105,6 +106,7 @@ def valve_keys(model: ValveModel) -> tuple[Descriptor, ...]:
         *describe(CycleConfig, "cycles."),
         *option_descriptors(model, "options."),
         *describe(AgingConfig, "aging.", names),
+        *describe(Nameplate, "nameplate."),
         *describe(CsvConfig, "csv."),
     )
 

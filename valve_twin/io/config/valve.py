@@ -31,6 +31,7 @@ from valve_twin.io.config.keys import (
     default_topics,
     valve_keys,
 )
+from valve_twin.io.config.nameplate import Nameplate
 from valve_twin.io.config.node_parameters import NODE_PARAMETERS
 from valve_twin.io.config.parameter_file import Section, read_parameter_file
 from valve_twin.io.config.topic_names import resolve_topic
@@ -77,6 +78,8 @@ class ValveConfig:
         Overrides of the simulated valve by dotted field name.
     csv : CsvConfig
         How measured CSV files are read.
+    nameplate : Nameplate
+        Tag, serial number, type, place and maker.
     """
 
     name: str
@@ -90,6 +93,7 @@ class ValveConfig:
     history_url: str = DEFAULT_HISTORY
     simulation: dict[str, object] = field(default_factory=dict)
     csv: CsvConfig = field(default_factory=CsvConfig)
+    nameplate: Nameplate = field(default_factory=Nameplate)
 
 
 def load_config(path: str | Path, *, node: str = "twin", name: str = "") -> list[ValveConfig]:
@@ -299,6 +303,7 @@ class _Reader:
             history_url=keys.history_url,
             simulation=simulation,
             csv=self._section("csv", CsvConfig(), given),
+            nameplate=self._section("nameplate", Nameplate(), given),
         )
 
     def _model(self, values: Mapping[str, object], origin: Mapping[str, str]) -> ValveModel:
