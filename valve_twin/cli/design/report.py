@@ -79,7 +79,7 @@ def _report(arguments: argparse.Namespace) -> int:
             _side(name, of, arguments)
             for name, of in (("Reference", design), ("Chosen design", better))
         )
-        tried = [of.figures for of in archive if of.fidelity != arguments.final and of.figures]
+        tried = [of.figures for of in archive if of.figures]
     write_design(better, folder / "chosen.yaml")
     write_dxf(better.section(), folder / "chosen.dxf")
     page = DesignPage(

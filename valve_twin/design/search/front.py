@@ -124,6 +124,8 @@ def front_of(
 ) -> tuple[Outcome, ...]:
     """Return the designs that keep the limits and that no other beats in every objective.
 
+    Of designs that are alike in all objectives the last is returned.
+
     Parameters
     ----------
     found : sequence of Outcome
@@ -140,8 +142,8 @@ def front_of(
     no_worse = (values[:, None, :] <= values[None, :, :]).all(axis=2)
     better = (values[:, None, :] < values[None, :, :]).any(axis=2)
     beaten = np.flatnonzero((no_worse & better).any(axis=0)).tolist()
-    front = [of for k, of in enumerate(kept) if k not in beaten]
-    return tuple(sorted(front, key=lambda of: tuple(objectives(of, reference))))
+    found_at = {tuple(values[k].tolist()): of for k, of in enumerate(kept) if k not in beaten}
+    return tuple(of for _, of in sorted(found_at.items(), key=lambda item: item[0]))
 
 
 def hypervolume(front: Sequence[Outcome], reference: Mapping[str, float]) -> float:

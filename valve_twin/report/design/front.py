@@ -63,7 +63,7 @@ def draw_front(
     parts.append(
         '<text x="8" y="16"><tspan class="r">cross: reference</tspan>, '
         '<tspan class="f">front, the chosen design ringed</tspan>, '
-        '<tspan class="t">searched on coarse fields</tspan></text>'
+        '<tspan class="t">tried</tspan></text>'
     )
     svg = str(
         drawing(_WIDTH * len(others), _HEIGHT, parts, "front of a search for better designs")
