@@ -1,20 +1,23 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Draw the figures of docs/valves anew: tools/run python tools/plots.py [NAME ...]."""
+"""Draw figures of docs/valves, docs/fmu.md and more anew: tools/run python tools/plots.py [NAME ...]."""
 
 from __future__ import annotations
 
 import sys
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+import fmpy
 import numpy as np
 
 from valve_twin.core.aging import AgingConfig, assess
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.physics.solenoid_map import coil_force as solenoid_force
+from valve_twin.core.prediction import fit_percent
 from valve_twin.core.simulation import AgingRule, simulate_cycles, to_frames
 from valve_twin.core.types import Cycle
 from valve_twin.core.valves.double_solenoid.plant import DoubleSolenoidPlant
@@ -26,6 +29,9 @@ from valve_twin.core.valves.servo_system.dynamics import IS, P1, P2, PLR, PLS, V
 from valve_twin.core.valves.servo_system.loops import FREQUENCIES_HZ, valve_loop
 from valve_twin.core.valves.servo_system.plant import ServoSystemPlant
 from valve_twin.core.valves.stepper_servo.plant import StepperServoPlant
+from valve_twin.gateway.fmu.export import write_fmu
+from valve_twin.gateway.fmu.valve import law_of, valve_of
+from valve_twin.io.history.tables import cycle_record
 from valve_twin.report.svg import Panel, drawing, thin
 from valve_twin.validation.bench_004 import track_square, velocity_sweep
 from valve_twin.validation.layers_002 import FREQUENCIES, fit_layer
@@ -316,6 +322,50 @@ def draw_paper_004_tracking() -> list[Panel]:
     return panels
 
 
+def draw_fmu() -> list[Panel]:
+    """Return an FMU's free run over the next cycle: whole, near a step, and what is off."""
+    simulation, model = get_simulation("first_order"), get_model("first_order")
+    first, second = (
+        Cycle(n, simulation.period_s, to_frames(block))
+        for n, block in enumerate(simulate_cycles(simulation, 2, 3), 1)
+    )
+    (estimate,) = model.estimate(first, complete_options(model, {}))
+    lag, frames = max(estimate.lag, 1), second.frames
+    start = frames.position[lag - 1]
+    law, core = law_of("first_order").law, np.full(len(frames), start)
+    values, x = np.array([p.value for p in estimate.parameters]), np.array([start])
+    for n in range(lag, len(frames)):
+        law.step(x, frames.inputs[n - lag], values, second.period_s)
+        core[n] = x[0]
+    with TemporaryDirectory() as folder:
+        path = Path(folder, "valve.fmu")
+        write_fmu(valve_of("", "/valve", estimate, cycle_record(first)), path, 3)
+        time_s = second.period_s * np.arange(len(frames))
+        given = np.zeros(len(frames), dtype=[("time", float), ("command", float)])
+        given["time"], given["command"] = time_s, frames.inputs[:, 0]
+        fmu = fmpy.simulate_fmu(
+            str(path),
+            input=given,
+            start_values={"position_start": start},
+            output=["position"],
+            stop_time=time_s[-1],
+            step_size=second.period_s,
+            output_interval=second.period_s,
+        )["position"]
+    print(f"fmu: fit {fit_percent(frames.position, fmu):.2f} %, off {np.abs(fmu - core).max():g}")
+    whole = panel(0, (0.0, 20.0), (0.0, 0.9), ("time [s]", "position [1]"))
+    whole.line(time_s, frames.inputs[:, 0], "fine")
+    whole.dots(time_s, frames.position, "dot")
+    whole.line(time_s, fmu, "truth")
+    near = panel(1, (4.8, 7.0), (0.0, 0.9), ("time [s]", "core (dots), FMU (line) [1]"))
+    part = (time_s >= 4.8) & (time_s <= 7.0)
+    near.dots(time_s[part], core[part], "dot")
+    near.line(time_s[part], fmu[part], "truth")
+    off = panel(2, (0.0, 20.0), (-6e-3, 6e-3), ("time [s]", "measured − FMU [1]"))
+    off.dots(time_s, frames.position - fmu, "dot")
+    return [whole, near, off]
+
+
 FIGURES: dict[str, Callable[[], list[Panel]]] = {
     "stepper_servo": draw_stepper,
     "hybrid_actuator": draw_actuator,
@@ -325,6 +375,7 @@ FIGURES: dict[str, Callable[[], list[Panel]]] = {
     "paper_002_spectrum": draw_paper_002_spectrum,
     "paper_003_step": draw_paper_003_step,
     "paper_004_tracking": draw_paper_004_tracking,
+    "fmu": draw_fmu,
 }
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ from valve_twin.cli.common import (
     cycle_number,
     positive,
     positive_number,
+    progress_of,
     say,
     seed_number,
 )
@@ -95,8 +96,12 @@ def _export(arguments: argparse.Namespace) -> int:
         estimate, record = stored_estimate(history, name, arguments.cycle)
         valve = valve_of(history.where, name, estimate, record, arguments.period)
         sets = _sets(arguments, history, valve, estimate)
+    text = "compiling; the first time the C libraries too, a minute or two"
+    with progress_of(text, len(names)) as advance:
+        for version, path in names.items():
+            write_fmu(valve, path, version)
+            advance()
     for version, path in names.items():
-        write_fmu(valve, path, version)
         say(f"{path}: FMI {version}.0, {valve.text}")
     for one in sets:
         path = out.with_name(f"{out.stem}_{one.name}.ssv")
