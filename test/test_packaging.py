@@ -210,6 +210,29 @@ def test_a_launch_file_uses_every_argument_and_only_declared_ones(path: Path) ->
     assert declared <= named
 
 
+def test_a_launch_test_gives_only_arguments_that_its_launch_file_declares() -> None:
+    """It runs on an installed ROS 2 only; what it asks for is checked here."""
+    path = ROOT / "test" / "nodes" / "test_launched.py"
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    named = {n.value for n in ast.walk(tree) if isinstance(n, ast.Constant)}
+    (launched,) = (p for p in LAUNCH_FILES if p.name in named)
+    given: dict[str, ast.expr] = {}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.keyword) and node.arg == "launch_arguments":
+            (table,) = (n for n in ast.walk(node.value) if isinstance(n, ast.Dict))
+            pairs = zip(table.keys, table.values, strict=True)
+            given |= {ast.literal_eval(k): v for k, v in pairs if k is not None}
+    declared = arguments_of(launched)
+    assert given
+    assert set(given) <= set(declared)
+    for name, value in given.items():
+        choices = declared[name].get("choices")
+        if choices is not None:
+            assert ast.literal_eval(value) in ast.literal_eval(choices), name
+    functions = {n.name for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)}
+    assert "generate_test_description" in functions
+
+
 @pytest.mark.parametrize("path", LAUNCH_FILES, ids=lambda path: path.name)
 def test_a_launch_file_names_files_and_executables_that_exist(path: Path) -> None:
     tree = ast.parse(path.read_text(encoding="utf-8"))

@@ -131,7 +131,12 @@ def test_what_stays_at_a_stop_is_taken_over_with_the_same_bits(tmp_path, monkeyp
     before.append(11, None)  # dropped
     before.append(12, cycle(12))
     before.stay()
-    monkeypatch.setattr(spool_module, "load_cycle", lambda p: read.append(p) or load_cycle(p))
+
+    def load(path):
+        read.append(path)
+        return load_cycle(path)
+
+    monkeypatch.setattr(spool_module, "load_cycle", load)
     jobs = list(before)
     assert [n for n, _ in jobs] == [3, 4, 5, 6, 7, 8, 9, 10, 11, 12]
     assert [n for n, c in jobs if c is not None] == [3, 12], "first and last tell when it was"

@@ -42,7 +42,7 @@ def fighting(seed: int):
     ],
 )
 def test_a_node_ends_within_5_s_after_thousands_of_jumps(graph, tmp_path, name, executor):
-    own = {
+    own: dict[str, dict[str, object]] = {
         "twin": {"model": "press_cartridge", "history_url": f"sqlite:///{tmp_path}/h.sqlite"},
         "aging_monitor": {"model": "press_cartridge"},
         "bag_recorder": {"bag": str(tmp_path / "bag")},

@@ -198,7 +198,7 @@ def _carry_withdrawn(
     """
     missing = []
     kept = sink.execute(sa.select(MAINTENANCE).where(MAINTENANCE.c.valve_id == new_id))
-    known = {_event_key(row): dict(row) for row in kept.mappings()}
+    known = {_event_key(row): row for row in map(dict, kept.mappings())}
     for event in events:
         row = known.get(_event_key(event))
         if row is None:
