@@ -57,6 +57,20 @@ FIDELITIES = {
 """For many designs; of an evaluation; to check it, twice its elements along a line; of a file."""
 
 
+def find_fidelity(name: str) -> Fidelity:
+    """Return what a name of `FIDELITIES` stands for.
+
+    Raises
+    ------
+    ValueError
+        If there is none of the name.
+    """
+    if name not in FIDELITIES:
+        message = f"fidelity '{name}': must be one of {', '.join(FIDELITIES)}"
+        raise ValueError(message)
+    return FIDELITIES[name]
+
+
 @dataclass(frozen=True, slots=True)
 class Evaluation:
     """What a geometry does in its loop.

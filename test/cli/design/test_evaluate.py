@@ -33,6 +33,7 @@ def test_it_prints_the_steps_and_draws_them(tmp_path, capsys, monkeypatch):
     ("words", "said"),
     [
         (["--set", "turns=500"], "winding height = 0.0118516: must be 0 to 0.0095"),
+        (["--fidelity", "fine"], "fidelity 'fine': must be one of search, usual, twice"),
         (["--set", "valve.change=2"], "valve.change: value 2.0 is outside its limits"),
     ],
 )

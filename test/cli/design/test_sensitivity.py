@@ -76,7 +76,7 @@ def test_chosen_numbers_and_their_share(capsys):
     ("words", "said"),
     [
         (["--of", "diameter"], "'diameter' is no number of the design"),
-        (["--fidelity", "fine"], "--fidelity fine: must be one of search, usual, twice"),
+        (["--fidelity", "fine"], "fidelity 'fine': must be one of search, usual, twice"),
         (["--of", "gap_ratio", "--sobol", "20"], "1 numbers, 20 designs: indices take 2 numbers"),
     ],
 )

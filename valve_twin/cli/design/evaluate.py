@@ -39,6 +39,10 @@ def add(steps: Verbs) -> None:
         "--robust", action="store_true",
         help="also the worst of friction, supply and copper 10 % lower and higher",
     )  # fmt: skip
+    parser.add_argument(
+        "--fidelity", default="usual", metavar="NAME",
+        help="fields: usual (default), search (coarse) or twice (twice the elements along a line)",
+    )  # fmt: skip
     parser.add_argument("--svg", metavar="FILE", help="picture to write")
     parser.add_argument("--json", action="store_true", help="one JSON object")
 
@@ -48,12 +52,13 @@ def _evaluate(arguments: argparse.Namespace) -> int:
     if arguments.svg:
         check_writable(arguments.svg)
     from valve_twin.core.valves.designed import find_designable
-    from valve_twin.design.chain import evaluate
+    from valve_twin.design.chain import evaluate, find_fidelity
 
     with refusals():
         valve = find_designable(arguments.valve)
+        of = find_fidelity(arguments.fidelity)
         with progress_of("computing fields", None) as advance:
-            found = evaluate(design, valve, robust=arguments.robust, advance=advance)
+            found = evaluate(design, valve, robust=arguments.robust, fidelity=of, advance=advance)
     if arguments.svg:
         from valve_twin.report.loop import draw_loops
 

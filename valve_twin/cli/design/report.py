@@ -145,14 +145,14 @@ def _final(
 def _side(name: str, design: DoubleStroke, arguments: argparse.Namespace) -> Side:
     """Evaluate a design once more and draw it."""
     from valve_twin.core.valves.designed import find_designable
-    from valve_twin.design.chain import FIDELITIES, evaluate
+    from valve_twin.design.chain import evaluate, find_fidelity
     from valve_twin.design.field import draw_field, make_model, solve_field
     from valve_twin.design.geometry import draw_section
     from valve_twin.report.coenergy import draw_coenergy
     from valve_twin.report.design.page import Side
     from valve_twin.report.loop import draw_loops
 
-    of, valve = FIDELITIES[arguments.final], find_designable(arguments.valve)
+    of, valve = find_fidelity(arguments.final), find_designable(arguments.valve)
     with progress_of(f"{name}: fields", None) as advance:
         found: Evaluation = evaluate(design, valve, fidelity=of, advance=advance)
     section = design.section()

@@ -155,7 +155,7 @@ def run_study(
     ConfigError
         If a name is unknown or the design cannot be evaluated.
     """
-    from valve_twin.design.chain import FIDELITIES
+    from valve_twin.design.chain import find_fidelity
     from valve_twin.design.search.sensitivity import (
         SHARE,
         Study,
@@ -173,10 +173,7 @@ def run_study(
         require("SALib")
     with refusals():
         names = names_of(design, arguments.of)
-        if arguments.fidelity not in FIDELITIES:
-            known = ", ".join(FIDELITIES)
-            message = f"--fidelity {arguments.fidelity}: must be one of {known}"
-            raise ValueError(message)
+        find_fidelity(arguments.fidelity)
 
         def study(advance: Callable[[], None]) -> Study:
             return Study(design, archive, run, arguments.valve, arguments.fidelity, advance)

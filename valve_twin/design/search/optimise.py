@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.quantity import assumed, check_quantities
-from valve_twin.design.chain import FIDELITIES
+from valve_twin.design.chain import find_fidelity
 from valve_twin.design.search.front import Limits, chosen_of, front_of, hypervolume, objectives
 from valve_twin.design.search.tasks import DesignTask, Outcome
 from valve_twin.design.search.variables import changed, key_of, make_variable, value_of
@@ -66,9 +66,7 @@ class Settings:
         """Refuse numbers outside their range."""
         check_quantities(self)
         for name in (self.fidelity, self.final):
-            if name not in FIDELITIES:
-                message = f"fidelity '{name}': must be one of {', '.join(FIDELITIES)}"
-                raise ValueError(message)
+            find_fidelity(name)
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.valves.designed import Surroundings, find_designable
-from valve_twin.design.chain import FIDELITIES, compute_design, evaluate
+from valve_twin.design.chain import compute_design, evaluate, find_fidelity
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -50,7 +50,7 @@ class DesignTask:
     valve : str
         Model of its valve, empty = the first that takes a design.
     fidelity : str
-        One of `FIDELITIES`.
+        One of `FIDELITIES`, see `find_fidelity`.
     given : Fidelity, optional
         In place of what the name stands for.
     """
@@ -108,7 +108,7 @@ def evaluate_task(task: DesignTask) -> Outcome:
             amount = sum(_relative(v.by, v.lower, v.upper) for v in broken)
             said = "; ".join(str(v) for v in broken)
             return Outcome(*known, error=said, broken=amount)
-        fidelity = task.given or FIDELITIES[task.fidelity]
+        fidelity = task.given or find_fidelity(task.fidelity)
         solenoid = replace(task.design, valve=Surroundings())
         designed, dynamics = _fields_of(solenoid, fidelity)
         designed = replace(designed, around=task.design.valve)
