@@ -5,6 +5,8 @@
 import numpy as np
 import pytest
 
+from valve_twin.core.diagnosis import detection
+from valve_twin.core.diagnosis.config import DetectionConfig
 from valve_twin.core.diagnosis.detection import UNKNOWN, detect
 from valve_twin.core.diagnosis.isolability import isolability
 from valve_twin.core.diagnosis.table import FACTORS, SIZES, whitener, with_floor
@@ -96,6 +98,59 @@ def test_maintenance_ends_a_fault_and_asks_for_patience(table):
     assert not diagnosis.ready
 
 
+def white_of(table):
+    return whitener(with_floor(np.array(table.covariance), np.array(table.floor)))
+
+
+def falling_then_rising(table, seed, back=8):
+    """Return 12 cycles of a sensor that wanders down, and 8 in which it wanders `back` times."""
+    offset = next(s for s in table.signatures if s.fault == "sensor_offset")
+    way = np.concatenate((-np.arange(12.0), -11.0 + back * np.arange(1.0, 9.0)))
+    return healthy(table, 20, seed) + 0.5 * way[:, None] * np.array(offset.change)
+
+
+def test_what_wanders_down_and_up_again_is_no_sudden_change(table):
+    # 4 cycles back: 10 deviations off the line down, and the level of the first cycles
+    for seed in range(10):
+        assert search(table, falling_then_rising(table, seed, back=1)).findings == ()
+    # the same line down, and a step that leaves the level of the first cycles far behind
+    stepped = falling_then_rising(table, 3, back=1)
+    offset = [s for s in table.signatures if s.fault == "sensor_offset"][1]
+    stepped[13:] += 3.0 * np.array(offset.change)
+    found = search(table, stepped).present
+    assert found is not None
+    assert found.fault == "sensor_offset"
+
+
+def test_a_change_that_comes_slowly_is_less_often_taken_for_a_sudden_one(table, monkeypatch):
+    leak = np.array([s for s in table.signatures if s.fault == "leak"][1].change)
+    way = np.clip(np.arange(100.0) - ONSET, 0.0, None)[:, None]  # 0.4 deviations a cycle
+    alarms = []
+    for abrupt in (detection._ABRUPT, -np.inf):
+        monkeypatch.setattr(detection, "_ABRUPT", abrupt)
+        vectors = (healthy(table, 100, seed) + 0.4 / 12.0 * way * leak for seed in range(8))
+        alarms.append(sum(bool(search(table, v).findings) for v in vectors))
+    assert alarms[0] < alarms[1]
+
+
+def test_a_valve_unlike_the_simulated_one_is_named_right_more_often(table):
+    told = isolability(table)
+    white = white_of(table)
+    large = [s for i, s in enumerate(table.signatures) if i % len(FACTORS) == 2]
+    right = {0.0: 0, DetectionConfig().unlike: 0}
+    for seed, signature in enumerate(large):
+        random = np.random.default_rng(seed)
+        size = np.linalg.norm(white @ np.array(signature.change))
+        odd = random.standard_normal(len(white))
+        odd *= 0.3 * size / np.linalg.norm(odd)
+        vectors = with_fault(table, healthy(table, ONSET + 8, seed), signature)
+        vectors[ONSET:] += np.linalg.solve(white, odd)
+        for unlike in right:
+            found = search(table, vectors, config=DetectionConfig(unlike=unlike)).present
+            right[unlike] += found is not None and found.fault in told.together(signature.fault)
+    assert right[DetectionConfig().unlike] > right[0.0]
+
+
 def test_one_wild_cycle_is_no_fault(table):
     vectors = healthy(table, 120, 5)
     leak = next(s for s in table.signatures if s.fault == "leak")
@@ -105,7 +160,7 @@ def test_one_wild_cycle_is_no_fault(table):
 
 def test_a_change_like_no_signature_is_unknown(table):
     vectors = healthy(table, ONSET + 8, 6)
-    white = whitener(with_floor(np.array(table.covariance), np.array(table.floor)))
+    white = white_of(table)
     # every feature at once, against the signs of every fault that it could be
     rays = np.array([s.change for s in table.signatures]) @ white.T
     rays /= np.linalg.norm(rays, axis=1)[:, None]

@@ -2,6 +2,8 @@
 # Copyright 2026 valve_twin maintainers
 """Faults of a stored history: what beside the features decides whether one is told."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -46,3 +48,15 @@ def test_a_noise_is_not_told_about_cycles_whose_signals_do_not_belong_together(a
         history.append(estimate(apart, "output_error", code=code.value))
     found = [f.fault for f in diagnose(history, ()).findings]
     assert ("sensor_noise" in found) is told
+
+
+@pytest.mark.parametrize(
+    ("newest", "told"), [(1, ""), (2, "the newest 2 cycles are of no product")]
+)
+def test_cycles_of_a_new_product_are_compared_with_nothing(newest, told):
+    longer = [
+        replace(estimate(c, noise=1e-4), end_ns=c * 30 * 10**9 + 28 * 10**9)
+        for c in range(31, 31 + newest)
+    ]
+    doubt = diagnose([*(estimate(c, noise=1e-4) for c in range(1, 31)), *longer], ()).doubt
+    assert doubt.startswith(f"no reference yet: {told}") if told else not doubt

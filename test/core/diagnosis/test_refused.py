@@ -101,6 +101,30 @@ def test_two_still_cycles_are_a_frozen_sensor_where_not_even_noise_is_left(share
     assert still([*USUAL, cycles[0], shown[0]]) is None
 
 
+def with_noise(cycle, noise):
+    """Return the features of a cycle with motion, and with noise at rest where there is any."""
+    shown = with_repeats(cycle, 0.5)
+    known = (ParameterValue("rest_noise", noise),) if noise else ()
+    return replace(shown, parameters=(*shown.parameters, *known))
+
+
+@pytest.mark.parametrize(
+    ("noise", "length", "fault"),
+    [
+        (1e-4, 3.0, "sensor_freeze"),  # the noise is gone
+        (0.0, 3.0, "no_motion"),  # there was none, and the command does not end
+        (0.0, 1.0, "sensor_freeze"),  # there was none, and the commands went on as usual
+    ],
+)
+def test_a_sensor_without_noise_stands_still_where_the_command_does_not_end(noise, length, fault):
+    codes = RefusalCode.NO_MOTION.value
+    cycles = [refused(c, codes, stroke=0.0, length=length) for c in (21, 22)]
+    before = [with_noise(c, noise) for c in range(1, 21)]
+    found = still([*USUAL, *before, *cycles, *(with_repeats(c, 1.0) for c in (21, 22))])
+    assert found is not None
+    assert found.fault == fault
+
+
 @pytest.mark.parametrize(
     "last",
     [

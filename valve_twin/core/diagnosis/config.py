@@ -72,6 +72,12 @@ class DetectionConfig:
         lower=0.0,
         upper=1.0,
     )
+    unlike: float = quantity(
+        0.3,
+        "1",
+        "Share of a change by which a valve may differ from the signature of the simulated one.",
+        lower=0.0,
+    )
     excess: float = quantity(
         3.0, "1", "chi-square over its expectation above which it is unknown.", lower=0.0
     )

@@ -22,6 +22,7 @@ from valve_twin.core.diagnosis.lines import (
     Lines,
     Rays,
     filled,
+    fit_change,
     follows_nothing,
     lines_through,
     more_noise,
@@ -75,6 +76,13 @@ class Finding:
 
 _OF_LARGEST = 0.3
 """Share of the largest deviation that another cycle must show: one wild cycle is no fault [1]."""
+
+_ABRUPT = 0.5
+"""Share of a change by which the cycles behind its onset must lie off those just before it, since
+what wanders away is no sudden change; and off the mean of few cycles: they are no line yet [1]."""
+
+_BESIDE = 3
+"""Cycles on either side of the onset that show it."""
 
 _NO_SIZE = 1e-3
 """Size, in that of a signature, below which a fault explains nothing [1]."""
@@ -279,6 +287,10 @@ def first_alarm(
         ratio = (mean / np.sqrt(1.0 / m + variance)[:, None]) @ rays.rays.T
         shown = ratio > np.sqrt(config.threshold) * strayed(ratio, config)
         shown &= judged[:, None]
+        off = _ABRUPT * (mean @ rays.rays.T)
+        shown &= _jumps(w, base, end - m + 1, m) @ rays.rays.T > off
+        young = lines.count < config.settled
+        shown &= ~young[:, None] | ((mean + line - lines.level) @ rays.rays.T > off)
         cycles = np.empty((m, *shown.shape))
         for back in range(m):
             line, variance = lines.at((end - back).astype(np.float64))
@@ -293,6 +305,14 @@ def first_alarm(
         if best is None or (row, -score) < (best[0], -best[1]):
             best = (row, score, m)
     return None if best is None else (best[0], best[0] - best[2] + 1)
+
+
+def _jumps(w: FloatArray, base: FloatArray, first: IntArray, cycles: int) -> FloatArray:
+    """Return by how much the first of some cycles lie off those just before them, (K, F)."""
+    after = min(cycles, _BESIDE)
+    begun = np.stack([w[first + k] for k in range(after)]).mean(axis=0)
+    before = np.stack([base[np.maximum(first - 1 - k, 0)] for k in range(_BESIDE)]).mean(axis=0)
+    return np.asarray(begun - before, dtype=np.float64)
 
 
 def _onset(
@@ -342,8 +362,9 @@ def _isolate(
     rows = np.arange(onset + 1, last + 1)
     variance = before.at(np.array([rows.mean()]))[1]
     off = w[rows] - before.at(rows.astype(np.float64))[0]
+    unlike = config.unlike**2 * float(np.sum(off.mean(axis=0) ** 2)) / off.shape[1]
     fits = [
-        _fit(off, rays.changes[k], rays.spread[k], float(variance[0]), table.range(k))
+        fit_change(off, rays, k, float(variance[0]), table.range(k), unlike=unlike)
         for k in range(len(table.signatures))
     ]
     best: dict[str, float] = {}
@@ -358,27 +379,6 @@ def _isolate(
     excess = fits[k][2] / off.size
     match = _Match(best, severity, float(np.linalg.norm(change)), like, excess)
     return match, _healed(w, rays.rays[k], before, config, alarm)
-
-
-def _fit(
-    off: FloatArray,
-    change: FloatArray,
-    spread: FloatArray,
-    line: float,
-    limits: tuple[float, float],
-) -> tuple[float, float, float]:
-    """Return twice the log likelihood of the cycles `off` (m, F), the size and chi-square.
-
-    Each cycle scatters by 1, by the line's error and by what the fault adds.
-    """
-    covariance = (1.0 + line) * np.eye(len(change)) + spread
-    solved = np.linalg.solve(covariance, change)
-    mean = off.mean(axis=0)
-    size = float(solved @ mean) / max(float(solved @ change), 1e-300)
-    size = min(max(size, limits[0]), limits[1])
-    left = off - size * change
-    chi2 = float(np.sum(left * np.linalg.solve(covariance, left.T).T))
-    return -chi2 - len(off) * float(np.linalg.slogdet(covariance)[1]), size, chi2
 
 
 def _healed(

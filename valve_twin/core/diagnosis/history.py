@@ -36,6 +36,9 @@ _NEAR = 5
 """Cycles behind one whose signals cannot be what is configured in which nothing is said of noise:
 where clocks slip, a position is not at rest when the commands are (assumed)."""
 
+_UNKNOWN = 2
+"""Newest cycles in a row of no known product that are no accident, such as a pause."""
+
 _LATELY = 8
 """Newest cycles whose products must all have a reference: recipes may alternate."""
 
@@ -59,8 +62,9 @@ def diagnose(history: Iterable[Estimate] | Past, maintenance: Sequence[Maintenan
     found, _ = search(past, maintenance)
     if found is NOTHING:
         return NOTHING
+    doubt = found.doubt or _doubt_of_product(_products_of(_once_a_cycle(past.features)))
     stuck = still(past)
-    return replace(found, findings=(*found.findings, stuck)) if stuck else found
+    return replace(found, findings=(*found.findings, *([stuck] if stuck else [])), doubt=doubt)
 
 
 def search(past: Past, maintenance: Sequence[Maintenance]) -> tuple[Diagnosis, bool]:
@@ -89,7 +93,7 @@ def search(past: Past, maintenance: Sequence[Maintenance]) -> tuple[Diagnosis, b
     vectors = feature_vectors(shown, model.feature_set)
     restarts = [m.cycle for m in maintenance]
     settled = past.settled or _NONE
-    product = products(np.asarray((shown.end_ns - shown.start_ns) * 1e-9, np.float64))
+    product = _products_of(shown)
     found: list[Finding] = []
     ready, doubt = False, ""
     since = int(np.searchsorted(cycles, max(restarts, default=0)))
@@ -132,6 +136,19 @@ def _until_maintained(finding: Finding, cycles: IntArray, restarts: Sequence[int
     if finding.end >= 0 or not after:
         return finding
     return replace(finding, end=int(cycles[np.searchsorted(cycles, min(after))]))
+
+
+def _products_of(shown: Rows) -> IntArray:
+    """Return which product each of some cycles makes, -1 = not known."""
+    return products(np.asarray((shown.end_ns - shown.start_ns) * 1e-9, np.float64))
+
+
+def _doubt_of_product(product: IntArray) -> str:
+    """Return that the newest cycles were compared with nothing: their product is not known yet."""
+    unknown = int(np.argmax(np.append(product[::-1] >= 0, True)))
+    if unknown < _UNKNOWN:
+        return ""
+    return f"no reference yet: the newest {unknown} cycles are of no product that is known"
 
 
 def _is_slip(finding: Finding, apart: Sequence[int]) -> bool:

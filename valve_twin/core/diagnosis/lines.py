@@ -119,6 +119,57 @@ def whitened_rays(
     return Rays(white, changes, rays, root @ root.transpose(0, 2, 1))
 
 
+def fit_change(
+    off: FloatArray,
+    rays: Rays,
+    index: int,
+    line: float,
+    limits: tuple[float, float],
+    *,
+    unlike: float,
+) -> tuple[float, float, float]:
+    """Fit a signature to what some cycles show.
+
+    Each cycle scatters by 1, by the line's error and by what the fault adds. What is unlike the
+    signature in all cycles alike, since the valve is not the simulated one, is one more error of
+    their mean.
+
+    Parameters
+    ----------
+    off : (m, F) array
+        Whitened cycles less the line before them [standard deviations].
+    rays : Rays
+        Whitened signatures.
+    index : int
+        Which of them.
+    line : float
+        Variance of the line [1].
+    limits : (float, float)
+        Least and greatest size [size of the signature].
+    unlike : float
+        Variance of each feature's mean by which the valve is unlike the simulated one [1].
+
+    Returns
+    -------
+    (float, float, float)
+        Twice the log likelihood, the size [size of the signature], and chi-square without what
+        is unlike.
+    """
+    change, count = rays.changes[index], len(off)
+    covariance = (1.0 + line) * np.eye(len(change)) + rays.spread[index]
+    own = covariance / count + unlike * np.eye(len(change))  # of the mean
+    mean = off.mean(axis=0)
+    solved = np.linalg.solve(own, change)
+    size = float(solved @ mean) / max(float(solved @ change), 1e-300)
+    size = min(max(size, limits[0]), limits[1])
+    left, about = mean - size * change, off - mean
+    within = float(np.sum(about * np.linalg.solve(covariance, about.T).T))
+    chi2 = within + count * float(left @ np.linalg.solve(covariance, left))
+    value = -within - float(left @ np.linalg.solve(own, left)) - float(np.linalg.slogdet(own)[1])
+    value -= (count - 1) * float(np.linalg.slogdet(covariance)[1])
+    return value, size, chi2
+
+
 def _doubt(freedom: int, settled: int) -> float:
     """Return by how much wider than from `settled` cycles a deviation from few ones must count.
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.diagnosis.detection import Finding
+from valve_twin.core.diagnosis.features import NOISE
 from valve_twin.core.past.columns import past_of
 
 if TYPE_CHECKING:
@@ -74,8 +75,8 @@ def still(history: Iterable[Estimate] | Past) -> Finding | None:
     Returns
     -------
     Finding or None
-        `sensor_freeze` where not even noise is left, else `no_motion`; None where a newest cycle
-        moved, or nothing is known of how far usual ones move.
+        `sensor_freeze` where not even the noise is left that was there, else `no_motion`; None
+        where a newest cycle moved, or nothing is known of how far usual ones move.
     """
     past = past_of(history)
     rows = past.trend
@@ -97,9 +98,19 @@ def still(history: Iterable[Estimate] | Past) -> Finding | None:
     repeats = past.features.value("repeats")[np.isin(past.features.cycle, cycle)]
     repeats = repeats[repeats >= 0.0]
     frozen = bool(len(repeats)) and bool(repeats.min() > _FROZEN)
+    frozen = frozen and not (overdue and _is_noiseless(past.features, int(rows.cycle[newest[0]])))
     name, part = ("sensor_freeze", "sensor") if frozen else ("no_motion", "valve")
     size = 1.0 if frozen else float("nan")
     return Finding(name, (), part, size, float("nan"), int(cycle[-1]), int(cycle[0]))
+
+
+def _is_noiseless(features: Rows, cycle: int) -> bool:
+    """Return whether the sensor showed no noise at rest before a cycle, so that it may show none.
+
+    Where the command does not end either, a stuck spool then looks like a frozen sensor.
+    """
+    silent = ~(features.value(NOISE)[features.cycle < cycle] > 0.0)
+    return len(silent) >= _LEAST_USUAL and float(np.mean(silent)) > 0.5
 
 
 def _newest_refused(rows: Rows) -> IntArray:
