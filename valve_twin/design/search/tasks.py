@@ -109,10 +109,10 @@ def evaluate_task(task: DesignTask) -> Outcome:
             said = "; ".join(str(v) for v in broken)
             return Outcome(*known, error=said, broken=amount)
         fidelity = task.given or find_fidelity(task.fidelity)
+        valve = find_designable(task.valve)
         solenoid = replace(task.design, valve=Surroundings())
         designed, dynamics = _fields_of(solenoid, fidelity)
         designed = replace(designed, around=task.design.valve)
-        valve = find_designable(task.valve)
         found = evaluate(task.design, valve, computed=(designed, dynamics))
         figures, curves = figures_of(task.design, found), _curves(found.designed.curves)
     except Exception as err:  # one bad design must not stop the others
