@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Draw figures of docs/valves, docs/fmu.md and more anew: tools/run python tools/plots.py [NAME ...]."""
+"""Draw figures of docs/ (valves, papers, FMU) anew: tools/run python tools/plots.py [NAME ...]."""
 
 from __future__ import annotations
 

@@ -12,10 +12,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numba import njit
 
+from test.gateway.fmu.test_valve import made, record
 from valve_twin.cli import main
 from valve_twin.core.prediction import fit_percent
+from valve_twin.core.types import ParameterValue
 from valve_twin.core.valves.first_order import VALVE
+from valve_twin.core.valves.kit import Law, Valve, parameter
+from valve_twin.gateway.fmu.export import write_fmu
+from valve_twin.gateway.fmu.valve import valve_of
 from valve_twin.io.config.valve import load_config
 from valve_twin.io.history.store import History
 from valve_twin.io.offline.run import run_bag
@@ -147,6 +153,9 @@ def test_the_same_history_gives_the_same_bytes_with_sources_and_both_binaries(
     with zipfile.ZipFile(out) as archive:
         names = set(archive.namelist())
         ends = {n: archive.read(n)[:4] for n in names if n.startswith("binaries/")}
+        assert all(
+            f"fmi{version}DoStep".encode() in archive.read(n) for n in ends
+        )  # both platforms export it
         headers = [archive.read(n) for n in names if n.endswith("Functions.h")]
     assert {p[:2] for p in ends.values()} == {b"\x7fE", b"MZ"}
     assert {"sources/law.h", "sources/model.h", f"sources/fmi{version}.c"} <= names
@@ -354,3 +363,51 @@ def test_bad_arguments_get_one_line(known, tmp_path, capsys, arguments, said):
     assert said in text
     assert text.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+@njit
+def swing(x, u, p, period_s):
+    """Advance a damped pendulum in substeps, semi-implicitly."""
+    h = period_s / SUBSTEPS
+    for _ in range(SUBSTEPS):
+        x[1] += h * (p[0] ** 2 * (u[0] - x[0]) - 2.0 * p[1] * p[0] * x[1])
+        x[0] += h * x[1]
+
+
+@njit
+def begin(x, u, p):
+    x[1] = 0.1 * p[0] * (u[0] - x[0])
+
+
+SUBSTEPS = 10
+LAW = Law(
+    step=swing,
+    states=2,
+    parameters=(
+        parameter("frequency", 3.0, "rad/s", "of the swing", lower=0.1, upper=100.0),
+        parameter("damping", 0.3, "1", "of the swing", lower=0.0, upper=10.0),
+    ),
+    rest=begin,
+)
+PENDULUM = Valve(name="pendulum", inputs=("command",), output="position", law=LAW)
+
+
+@both
+def test_a_law_of_two_states_with_a_rest_of_its_own(tmp_path, monkeypatch, version):
+    from fmpy.validation import validate_fmu
+
+    monkeypatch.setattr("valve_twin.gateway.fmu.valve.law_of", lambda _: PENDULUM)
+    values = (ParameterValue("frequency", 4.0), ParameterValue("damping", 0.2))
+    path = tmp_path / "pendulum.fmu"
+    write_fmu(valve_of("db", "/v", made(values=values), record()), path, version)
+    assert validate_fmu(str(path)) == []
+    command = np.repeat([0.2, 0.8], 60)
+    out = np.empty(121)
+    inputs = np.append(command[0], command)[:, None]
+    LAW.free_run(np.array([0.1, 0.0]), np.array([4.0, 0.2]), 0.05, inputs, 1, 1, out)
+    fmu = simulated(path, 0.1, command, 0.05)
+    np.testing.assert_allclose(fmu, out[1:], atol=1e-9)
+    assert fmu.max() > 0.9  # it overshoots
+    told = {v.name: v for v in fmpy.read_model_description(str(path)).modelVariables}
+    assert told["state_1"].causality == "local"
+    assert told["frequency"].unit == "rad/s"

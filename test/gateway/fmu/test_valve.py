@@ -79,3 +79,13 @@ def test_the_newest_usable_estimate_is_taken(tmp_path):
         assert stored_estimate(history, "v", 0)[0].cycle == 1
         with pytest.raises(FmuError, match="no usable estimate of cycle 2: why; its last"):
             stored_estimate(history, "v", 2)
+
+
+def test_a_valve_of_a_model_that_is_no_law_or_is_not_installed_is_told(tmp_path):
+    with History(tmp_path / "h.sqlite") as history:
+        for valve, model in (("/a", "cycle_timing"), ("/b", "of_a_package")):
+            history.store(valve, record(), (made(model=model),))
+        with pytest.raises(FmuError, match=r"'cycle_timing' is no law plus data"):
+            stored_estimate(history, "a", 0)
+        with pytest.raises(FmuError, match=r"'of_a_package' is unknown"):
+            stored_estimate(history, "b", 0)

@@ -135,7 +135,8 @@ def stored_estimate(history: History, valve: str, cycle: int) -> tuple[Estimate,
     Raises
     ------
     FmuError
-        If there is no such valve, no such cycle, or its estimate was refused; one line.
+        If there is no such valve, its model is no law, there is no such cycle, or its estimate was
+        refused; one line.
     """
     name = "/" + valve.strip("/")
     known = history.valves()
@@ -146,7 +147,7 @@ def stored_estimate(history: History, valve: str, cycle: int) -> tuple[Estimate,
     found = [
         e
         for e in history.estimates(name, first_cycle=first)
-        if e.estimator == get_model(e.model).trend_estimator and (not cycle or e.cycle == cycle)
+        if e.estimator == law_of(e.model).trend_estimator and (not cycle or e.cycle == cycle)
     ]
     usable = [e for e in found if e.status is not EstimateStatus.REFUSED]
     if not usable:

@@ -62,7 +62,8 @@ class JointFace:
         self._states = resolve_topic(STATES, config.name, prefix)
         self._commands = resolve_topic(COMMANDS, config.name, prefix)
         self._inputs = {name: name for name in inputs}
-        if len(inputs) == 1:
+        self._alone = len(inputs) == 1
+        if self._alone:
             self._inputs[joint] = inputs[0]
         self._publisher: Any = None
         self._subscription: Any = None
@@ -138,5 +139,5 @@ class JointFace:
                     subject=name,
                 )
                 continue
-            scaled = name == self._joint and len(self._inputs) > 1
-            take(self._inputs[name], value / self._stroke if scaled else value)
+            of_joint = self._alone and name == self._joint
+            take(self._inputs[name], value / self._stroke if of_joint else value)
