@@ -12,6 +12,9 @@ import sys
 from contextlib import suppress
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from valve_twin.core.estimation.cycle.movement import find_moves
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.valves.registry import get_model
 from valve_twin.warmup import Compiled, compiled, predict_once, run_once
@@ -86,6 +89,7 @@ def warm_up_prediction(valves: Iterable[tuple[str, CycleRule, Options]]) -> Comp
         What had to be compiled for it.
     """
     with compiled() as found:
+        find_moves(np.linspace(0.0, 1.0, 8))  # the counters, too, run beside the predictions
         for model, rule, _ in valves:
             with suppress(ValueError):  # a user's model may want other parameters
                 predict_once(model, rule)
