@@ -127,7 +127,8 @@ def test_estimate_prints_estimates_trends_and_the_verdict(press, capsys):
     assert call("estimate", press.bag, "--config", press.config) == OK
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     kinds = [line["kind"] for line in lines]
-    assert kinds == sorted(kinds, key=["estimate", "trend", "verdict", "advice", "counters"].index)
+    order = ["estimate", "trend", "verdict", "advice", "counters", "baseline"]
+    assert kinds == sorted(kinds, key=order.index)
     assert [x["cycle"] for x in lines if x.get("estimator") == "output_error"] == [1, 2, 3, 4]
     assert kinds.count("trend") >= 2
     assert kinds.count("verdict") == 1

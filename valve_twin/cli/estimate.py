@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -45,6 +46,7 @@ def add(verbs: Verbs) -> None:
 
 
 def _estimate(arguments: argparse.Namespace) -> int:
+    from valve_twin.io.offline.baseline import compare_baselines
     from valve_twin.io.offline.doubtful import describe_use, is_doubtful
     from valve_twin.io.tables.json_lines import json_lines
 
@@ -58,7 +60,12 @@ def _estimate(arguments: argparse.Namespace) -> int:
         predict=False,
         freeze_after=arguments.freeze,
     )
-    lines = json_lines(record.estimates, assessment, config.name, record.counters)
+    lines = list(json_lines(record.estimates, assessment, config.name, record.counters))
+    baselines = compare_baselines(record)
+    if baselines is not None:
+        lines.append(json.dumps(baselines.fields(config.name), allow_nan=False))
+        if baselines.worse:
+            say(f"{arguments.bag}: {baselines.text}")
     text = "".join(f"{line}\n" for line in lines)
     if arguments.json:
         Path(arguments.json).write_text(text, encoding="utf-8")

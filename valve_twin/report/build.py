@@ -16,6 +16,7 @@ from valve_twin.core.quantity import describe, example
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.store import History
+from valve_twin.io.offline.baseline import compare_baselines
 from valve_twin.io.offline.run import join_predictions
 from valve_twin.report.data import ReportData
 from valve_twin.report.page import write_report
@@ -79,7 +80,7 @@ def report_bag(
         options={d.name: example(d.default) for d in describe(config.options)},
         version=__version__,
         written_ns=time.time_ns(),
-        notes=trivial_note(record),
+        notes=(*trivial_note(record), *baseline_note(record)),
         budget=budget,
         cycle=record.last,
         signals=signals_of(record.last, model, config.options) if record.last else (),
@@ -104,9 +105,15 @@ def trivial_note(record: Record) -> tuple[str, ...]:
         return ()
     ours, trivial = (statistics.median(column) for column in zip(*both, strict=True))
     return (
-        f"Free-run fit of the previous estimate on a new cycle, median of {len(both)} cycles: "
+        f"Fit of the free run, test (estimate of the cycle before), median of {len(both)} cycles: "
         f"{ours:.1f} %. The trivial model, position = command, reaches {trivial:.1f} % there.",
     )
+
+
+def baseline_note(record: Record) -> tuple[str, ...]:
+    """Say what ARX and a line through the commands reach beside our model."""
+    compared = compare_baselines(record)
+    return () if compared is None else (compared.text,)
 
 
 def report_history(

@@ -169,9 +169,9 @@ def _facts(data: ReportData) -> list[tuple[str, str, str]]:
     facts = [("Cycles", count(len(data.cycles)), f"{count(refused)} refused")]
     used = [e for e in data.trend_estimates if e.status is not EstimateStatus.REFUSED]
     if used:
-        fit, which = used[-1].fit_test, "model from the cycles before"
+        fit, which = used[-1].fit_test, "test: model from the cycles before"
         if not math.isfinite(fit):
-            fit, which = used[-1].fit_train, "model of this cycle itself"
+            fit, which = used[-1].fit_train, "training: model of this cycle itself"
         facts.append((f"Free-run fit, cycle {used[-1].cycle}", f"{fixed(fit, 1)} %", which))
     samples = sum(c.samples for c in data.cycles) + lost
     rate = f"{fixed(100.0 * lost / samples, 2)} % of all" if samples else ""

@@ -131,7 +131,7 @@ def estimates_table(data: ReportData) -> tuple[int, Table] | None:
     rows += [
         ["State", *(noted(e.status.name.lower(), e.reason) for e in last)],
         [
-            noted("Free-run fit", "100 % = perfect; of the model before / of this estimate"),
+            noted("Free-run fit", "100 % = perfect; test: model before / training: this estimate"),
             *(f"{_fit(e.fit_test)} / {_fit(e.fit_train)}" for e in last),
         ],
         ["Condition number", *(number(e.condition_number, 3) for e in last)],

@@ -54,6 +54,7 @@ def _predict(arguments: argparse.Namespace) -> int:
                     "kind": "error",
                     "cycle": error.cycle,
                     "model": "frozen" if error.frozen else "learning",
+                    "cycle_is": "test",
                     "one_step_rmse": error.one_step_rmse,
                     "free_run_fit": error.free_run_fit,
                 }

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.estimation.solvers.arx import fit_arx, line_fit
 from valve_twin.core.prediction import fit_percent
-from valve_twin.core.survey.baseline import fit_arx, line_fit
 from valve_twin.core.survey.pairs import Signal, Views, match_increments
 
 if TYPE_CHECKING:

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -36,6 +36,9 @@ if TYPE_CHECKING:
 
 _REASONS = 3  # told of refused cycles
 
+COMPARED = 5
+"""Newest cycles on which a model is compared with its baselines."""
+
 
 @dataclass(slots=True)
 class Record:
@@ -53,8 +56,8 @@ class Record:
         By cycle, the fit [%] of the trivial model "position = command" where there is one command.
     counts : dict
         What happened to the samples, by signal.
-    last : Cycle or None
-        The last cycle that was handed to estimation, with its samples.
+    newest : deque of Cycle
+        The last cycles that were handed to estimation, with their samples.
     paused : int
         How many of the samples that the cycles lack are missing in pauses of the recording.
     offsets : list of ClockOffset
@@ -70,7 +73,7 @@ class Record:
     predictions: list[Prediction] = field(default_factory=list)
     trivial_fits: dict[int, float] = field(default_factory=dict)
     counts: dict[str, SignalCounts] = field(default_factory=dict)
-    last: Cycle | None = None
+    newest: deque[Cycle] = field(default_factory=lambda: deque(maxlen=COMPARED + 1))
     paused: int = 0
     offsets: list[ClockOffset] = field(default_factory=list)
     normalised: bool = False
@@ -89,9 +92,14 @@ class Record:
             self.paused += count_paused(event.frames.stamp_ns, event.period_s) if event.lost else 0
         elif isinstance(event, Estimated):
             self.estimates += event.estimates
-            self.last = event.cycle
+            self.newest.append(event.cycle)
             self.trivial_fits[event.cycle.number] = trivial_fit(event.cycle.frames)
             self._keep_last()
+
+    @property
+    def last(self) -> Cycle | None:
+        """The last cycle that was handed to estimation, with its samples."""
+        return self.newest[-1] if self.newest else None
 
     def close(self) -> None:
         """Settle which predictions belong to the last closed cycle."""

@@ -16,7 +16,9 @@ from valve_twin.core.prediction import fit_percent
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
 
-_ORDERS = (1, 2, 3)
+ORDERS = (1, 2, 3)
+"""Orders of an ARX model that are tried."""
+
 _UNSTABLE = 1.0 - 1e-9  # greatest pole of a free run that does not run away
 
 
@@ -24,14 +26,14 @@ _UNSTABLE = 1.0 - 1e-9  # greatest pole of a free run that does not run away
 class Arx:
     """A linear difference equation.
 
-    y[n] = level - sum a[i] y[n-i] + sum b[j] u[n-delay-j]
+    y[n] = level - sum a[i] y[n-i] + sum b[m, j] u[n-delay-j, m]
 
     Attributes
     ----------
     a : (P,) array
         Feedback, from y[n-1] on [1].
-    b : (P,) array
-        Of the delayed command [output/input].
+    b : (M, P) array
+        Of the delayed commands [output/input].
     level : float
         Constant [output].
     delay : int
@@ -44,32 +46,42 @@ class Arx:
     delay: int
 
     def free_run(self, u: FloatArray, y: FloatArray) -> FloatArray:
-        """Return the (N,) output to a command alone, begun from the first measured samples.
+        """Return the (N,) output to commands alone, begun from the first measured samples.
 
         Parameters
         ----------
-        u, y : (N,) arrays
-            Command and output [their units]; of y only the first samples are used.
+        u : (N,) or (N, M) array
+            Commands [their units].
+        y : (N,) array
+            Output, of which only the first samples are used [its unit].
         """
         order, n = len(self.a), len(u)
-        late = np.concatenate([np.full(self.delay, u[0]), u])[:n]
-        drive = lfilter(self.b, [1.0], late, zi=lfiltic(self.b, [1.0], [], [u[0]] * order))[0]
+        drive = np.full(n, self.level)
+        for b, one in zip(self.b, u.reshape(n, -1).T, strict=True):
+            late = np.concatenate([np.full(self.delay, one[0]), one])[:n]
+            drive += lfilter(b, [1.0], late, zi=lfiltic(b, [1.0], [], [one[0]] * order))[0]
         backward = np.concatenate([[1.0], self.a])
         state = lfiltic([1.0], backward, y[:order][::-1])
-        rest = lfilter([1.0], backward, drive[order:] + self.level, zi=state)[0]
+        rest = lfilter([1.0], backward, drive[order:], zi=state)[0]
         whole: FloatArray = np.concatenate([y[:order], rest])
         return whole
 
 
-def fit_arx(u: FloatArray, y: FloatArray, delays: tuple[int, ...]) -> Arx | None:
+def fit_arx(
+    u: FloatArray, y: FloatArray, delays: tuple[int, ...], *, orders: tuple[int, ...] = ORDERS
+) -> Arx | None:
     """Return the stable ARX model whose free run fits best where it was trained.
 
     Parameters
     ----------
-    u, y : (N,) arrays
-        Command and output [their units].
+    u : (N,) or (N, M) array
+        Commands [their units].
+    y : (N,) array
+        Output [its unit].
     delays : tuple of int
-        Tried, with orders 1 to 3 [samples].
+        Tried [samples].
+    orders : tuple of int
+        Tried, each at least 1.
 
     Returns
     -------
@@ -77,19 +89,23 @@ def fit_arx(u: FloatArray, y: FloatArray, delays: tuple[int, ...]) -> Arx | None
         None where none is stable.
     """
     best: tuple[float, Arx] | None = None
-    for order, delay in itertools.product(_ORDERS, sorted(set(delays))):
+    for order, delay in itertools.product(orders, sorted(set(delays))):
         first = order + delay
         rows = len(y) - first
         if rows < 4 * order + 4:
             continue
         past = [-y[first - i : len(y) - i] for i in range(1, order + 1)]
-        drive = [u[first - delay - j : len(u) - delay - j] for j in range(order)]
+        drive = [
+            one[first - delay - j : len(one) - delay - j]
+            for one in u.reshape(len(u), -1).T
+            for j in range(order)
+        ]
         table = np.column_stack([*past, *drive, np.ones(rows)])
         theta: FloatArray = np.linalg.lstsq(table, y[first:], rcond=None)[0].astype(np.float64)
         a = theta[:order]
         if np.abs(np.roots(np.concatenate([[1.0], a]))).max() > _UNSTABLE:
             continue
-        made = Arx(a, theta[order : 2 * order], float(theta[-1]), delay)
+        made = Arx(a, theta[order:-1].reshape(-1, order), float(theta[-1]), delay)
         fit = fit_percent(y, made.free_run(u, y))
         if np.isfinite(fit) and (best is None or fit > best[0]):
             best = fit, made
@@ -97,14 +113,19 @@ def fit_arx(u: FloatArray, y: FloatArray, delays: tuple[int, ...]) -> Arx | None
 
 
 def line_fit(u: FloatArray, y: FloatArray, unseen_u: FloatArray, unseen_y: FloatArray) -> float:
-    """Return the fit of a line through the command on unseen samples [%]: the trivial model.
+    """Return the fit of a line through the commands on unseen samples [%]: the trivial model.
 
     Parameters
     ----------
-    u, y, unseen_u, unseen_y : (N,) arrays
-        What the line goes through, and what it is tested on [their units].
+    u, unseen_u : (N,) or (N, M) arrays
+        Commands that the line goes through, and those that it is tested on [their units].
+    y, unseen_y : (N,) arrays
+        Outputs likewise [their units].
     """
     if float(np.ptp(u)) == 0.0:
         return float("nan")
-    gain, level = np.polyfit(u, y, 1)
-    return fit_percent(unseen_y, gain * unseen_u + level)
+    table, unseen = (
+        np.column_stack([x.reshape(len(x), -1), np.ones(len(x))]) for x in (u, unseen_u)
+    )
+    line = np.linalg.lstsq(table, y, rcond=None)[0]
+    return fit_percent(unseen_y, unseen @ line)
