@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from valve_twin.core.quantity import quantity, setting
+from valve_twin.core.quantity import assumed, quantity, setting
 from valve_twin.core.types import CycleRule
 
 
@@ -28,35 +28,35 @@ class CycleConfig:
         "Command that must have been above `rearm_threshold` since the last opening, "
         "such as that of the return stroke; empty = `start_signal` below `threshold`.",
     )
-    threshold: float = quantity(0.02, "1", "Command level that counts as active.")
-    rearm_threshold: float = quantity(
+    threshold: float = assumed(0.02, "1", "Command level that counts as active.")
+    rearm_threshold: float = assumed(
         0.2, "1", "Level of `rearm_signal` that no correction in a hold reaches."
     )
-    min_cycle_s: float = quantity(
+    min_cycle_s: float = assumed(
         1.0, "s", "Shortest length of a cycle cut from commands or reference.", lower=0.0
     )
-    max_cycle_s: float = quantity(
+    max_cycle_s: float = assumed(
         600.0, "s", "Greatest length of a cycle cut from commands or reference.", lower=1e-3
     )
-    idle_close_s: float = quantity(
+    idle_close_s: float = assumed(
         60.0,
         "s",
         "A cycle closes after this long without an active command (rule commands).",
         lower=1e-3,
     )
-    window_s: float = quantity(
+    window_s: float = assumed(
         300.0, "s", "Length of fixed windows on the stamps (rule window).", lower=1e-3
     )
     window_offset_s: float = quantity(
         0.0, "s", "Offset of fixed windows on the stamps (rule window)."
     )
-    reference_level: float = quantity(
+    reference_level: float = assumed(
         0.5,
         "1",
         "A cycle opens where the reference rises through the level; it re-arms below "
         "level - hysteresis.",
     )
-    reference_hysteresis: float = quantity(
+    reference_hysteresis: float = assumed(
         0.05,
         "1",
         "A cycle opens where the reference rises through the level; it re-arms below "

@@ -220,8 +220,8 @@ def quantity(
 
 
 def assumed(
-    default: T, unit: str, text: str, lower: float, upper: float, *, ages: bool = True
-) -> T:
+    default: T, unit: str, text: str, lower: float = -math.inf, upper: float = math.inf, *,
+    ages: bool = True) -> T:  # fmt: skip
     """Declare a number that no source gives; parameters as `quantity`."""
     return quantity(default, unit, text, lower, upper, assumed=True, ages=ages)
 

@@ -43,7 +43,6 @@ SPEED_MM_S = 10.0
 AMPLITUDE_MM = 0.5
 """Amplitude of our sines, which the drive can follow up to 3 Hz; the paper's is not stated."""
 
-_CENTRE_MM = 1.075
 _SETTLED_S = 2.0
 _LENGTH_S = 6.0
 _TABLE_1 = ((0.5, 0.028, 0.81), (1.0, 0.032, 1.8), (3.0, 0.11, 3.24))

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Every fault of a node has a state of NE 107, and states have their rank."""
+"""Every fault of a node has a state of NE 107, and every state its letter."""
 
 from __future__ import annotations
 
 from valve_twin.core.faults.kinds import FAULT_KINDS
 from valve_twin.core.faults.lifetime import Severity
-from valve_twin.core.faults.ne107 import NODE_FAULTS, Ne107, worst
+from valve_twin.core.faults.ne107 import NODE_FAULTS, Ne107
 
 
 def test_every_fault_of_a_node_has_a_state_and_no_other_code_has_one():
@@ -23,10 +23,5 @@ def test_what_only_warns_is_no_failure_unless_the_signal_is_missing():
     assert failing <= {"input.missing", "twin.absent", "diagnosis.command", "history.dropped"}
 
 
-def test_the_gravest_state_counts():
-    assert worst([Ne107.GOOD, Ne107.MAINTENANCE_REQUIRED, Ne107.CHECK_FUNCTION]) is (
-        Ne107.CHECK_FUNCTION
-    )
-    assert worst(Ne107) is Ne107.FAILURE
-    assert worst([]) is Ne107.GOOD
+def test_every_state_has_its_letter():
     assert "".join(state.letter for state in Ne107) == "FCSMN"

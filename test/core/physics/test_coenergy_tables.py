@@ -8,10 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numba import njit
 
 from valve_twin.core.physics.coenergy import CoenergyMap, spline_coefficients
 from valve_twin.core.physics.coenergy_tables import coupling_of, make_tables
-from valve_twin.core.physics.curves import currents_of, flux_of, force_of
+from valve_twin.core.physics.curves import flux_of, force_of, locate, static_currents
 
 CURRENTS, POSITIONS = np.linspace(0.0, 3.0, 7), np.linspace(-1e-3, 1e-3, 9)
 X0, GAIN, MUTUAL, SATURATION = 2e-3, 0.05, -4e-3, 4.0
@@ -60,6 +61,11 @@ def test_tables_are_the_spline_on_states_between_their_nodes():
     i, x = states(500, seed=11)
     assert np.abs(flux(i, x) - MAP.flux(i, x)).max() < 5e-4 * MAP.flux(i, x).max()
     assert np.abs(force(i, x) - MAP.force(i, x)).max() < 1e-3 * MAP.force(i, x).max()
+
+
+@njit
+def currents_of(tables, psi, last, x):
+    return static_currents(tables, psi, last, locate(tables, x))
 
 
 def test_the_inverse_finds_the_currents_again_inside_and_beyond():

@@ -10,12 +10,13 @@ from scipy.stats import binom
 from valve_twin.cli.strangers import setup_of
 from valve_twin.validation.strangers.campaign import (
     SCORED_BASE,
-    SHORT_BASE,
-    SHORT_COUNT,
     meet,
     pooled,
     seeds,
 )
+
+SHORT_BASE, SHORT_COUNT = 960_000, 6
+"""Seeds of the short form: neither scored in a table nor tuned on."""
 
 CHANCE = 0.01
 """Of a figure of six strangers, were the share that of a table; of independent cycles, assumed."""

@@ -16,6 +16,7 @@ def njit(
     *,
     cache: bool = ...,
     inline: str = ...,
+    forceinline: bool = ...,
     error_model: str = ...,
     boundscheck: bool | None = ...,
     nogil: bool = ...,

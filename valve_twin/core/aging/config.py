@@ -9,7 +9,7 @@ from enum import Enum
 
 import numpy as np
 
-from valve_twin.core.quantity import check_quantities, needed, quantity, records, setting
+from valve_twin.core.quantity import assumed, check_quantities, needed, quantity, records, setting
 
 
 class Axis(Enum):
@@ -109,7 +109,7 @@ class Commissioning:
 
 @dataclass(frozen=True, slots=True)
 class AgingConfig:
-    """Rules of the aging monitor; every default is assumed unless a source is named."""
+    """Rules of the aging monitor."""
 
     label: str = setting(
         "",
@@ -135,23 +135,23 @@ class AgingConfig:
         lower=0.0,
     )
     commissioning: tuple[Commissioning, ...] = records(Commissioning)
-    reference_cycles: int = quantity(
+    reference_cycles: int = assumed(
         10,
         "1",
         "Accepted estimates whose mean is the reference where no record is given.",
         lower=2,
     )
-    significance: float = quantity(
+    significance: float = assumed(
         0.05,
         "1",
         'Error probability of the word "drifting" for one parameter at one time.',
-        lower=1e-09,
-        upper=1.0,
+        1e-09,
+        1.0,
     )
-    min_samples: int = quantity(
+    min_samples: int = assumed(
         10, "1", "Accepted estimates that the present segment needs before it is judged.", lower=4
     )
-    min_segment: int = quantity(
+    min_segment: int = assumed(
         8,
         "1",
         "Least number of estimates in a segment that is found (not forced). A change "
@@ -159,22 +159,20 @@ class AgingConfig:
         "let a few bad estimates look like a change.",
         lower=4,
     )
-    max_segments: int = quantity(
-        12, "1", "Most segments between two maintenance events.", lower=1, upper=100
-    )
-    max_candidates: int = quantity(
+    max_segments: int = assumed(12, "1", "Most segments between two maintenance events.", 1, 100)
+    max_candidates: int = assumed(
         500,
         "1",
         "Places tried for a change between two maintenance events; up to this many "
         "estimates every place is tried (exact), above it every g-th, g = "
         "ceil(samples / max_candidates), and the places found are then refined.",
-        lower=20,
-        upper=4000,
+        20,
+        4000,
     )
     penalty_scale: float = quantity(
         1.0, "1", "Factor on the calibrated penalty of a segment; larger finds fewer.", lower=0.0
     )
-    outlier_sigma: float = quantity(
+    outlier_sigma: float = assumed(
         4.5,
         "1",
         "An estimate farther than this from its neighbours [robust standard "
@@ -200,31 +198,31 @@ class AgingConfig:
         "2026-12-24T06:00, UTC). Every trend then has the probability that its limit is "
         "reached before. Empty = not asked.",
     )
-    rate_cycles: int = quantity(
+    rate_cycles: int = assumed(
         50, "1", "Newest accepted estimates that give the cycle rate.", lower=2
     )
-    alert_fraction: float = quantity(
+    alert_fraction: float = assumed(
         0.5,
         "1",
         "Share of the way from reference to threshold that raises the verdict when it"
         " is exceeded with 95 % confidence.",
-        lower=0.01,
-        upper=1.0,
+        0.01,
+        1.0,
     )
-    horizon: float = quantity(
+    horizon: float = assumed(
         50.0,
         "axis unit",
         "Remaining life below which the verdict is raised, if the slope is beyond "
         "doubt and the drift has covered half of `alert_fraction`.",
         lower=0.0,
     )
-    verdict_significance: float = quantity(
+    verdict_significance: float = assumed(
         0.001,
         "1",
         'Error probability of "beyond doubt"; stricter than `significance`, because every '
         "cycle tests anew.",
-        lower=1e-09,
-        upper=1.0,
+        1e-09,
+        1.0,
     )
     covariates: tuple[str, ...] = setting(
         (),

@@ -8,10 +8,6 @@ NE 107 leaves to the maker which fault gives which state; the assignment here is
 from __future__ import annotations
 
 from enum import Enum
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 
 class Ne107(Enum):
@@ -30,13 +26,6 @@ class Ne107(Enum):
 
 
 _LETTERS = dict(zip(Ne107, "FCSMN", strict=True))
-_RANK = {state: k for k, state in enumerate(Ne107)}
-
-
-def worst(states: Iterable[Ne107]) -> Ne107:
-    """Return the gravest of some states, `GOOD` of none."""
-    return min(states, key=_RANK.__getitem__, default=Ne107.GOOD)
-
 
 _F, _C, _S, _M = (state for state in Ne107 if state is not Ne107.GOOD)
 

@@ -154,24 +154,6 @@ def force_of(m: Curves, i_a: float, i_b: float, x: float) -> float:
 
 
 @njit(cache=True)
-def currents_of(
-    m: Curves, psi: tuple[float, float], last: tuple[float, float], x: float
-) -> tuple[float, float]:
-    """Return i_s(psi, i_other, x) of both coils [A].
-
-    Parameters
-    ----------
-    m : MapTables or CoenergyTables
-        Curves.
-    psi, last : tuple of float
-        Flux linkages [Wb] and currents [A].
-    x : float
-        Position [m].
-    """
-    return static_currents(m, psi, last, locate(m, x))
-
-
-@njit(cache=True)
 def flux_of(m: Curves, coil: int, own: float, other: float, x: float) -> float:
     """Return the flux linkage of a coil [Wb].
 

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 _TABLE_STEPS = 300
 _QUADRATURE = 4  # exact degree: 6 points
-_LEAST_GAP = 0.02  # of an element's height that a shift may leave [1]
 
 
 @dataclass(frozen=True, slots=True)

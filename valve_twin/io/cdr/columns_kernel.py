@@ -61,7 +61,7 @@ _CHANNEL_AT, _LOG_AT = 9, 15
 _ENCAPSULATION = 4
 _SECOND_NS = 1_000_000_000
 
-_SKIP, _STRING, _STRINGS = int(Walk.SKIP), int(Walk.STRING), int(Walk.STRINGS)
+_STRING, _STRINGS = int(Walk.STRING), int(Walk.STRINGS)
 _SEQUENCE, _STAMP, _VALUE = int(Walk.SEQUENCE), int(Walk.STAMP), int(Walk.VALUE)
 _ITEM, _BATCH, _PERIOD = int(Walk.ITEM), int(Walk.BATCH), int(Walk.PERIOD)
 

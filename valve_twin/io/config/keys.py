@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.cycle_config import CycleConfig
-from valve_twin.core.quantity import Descriptor, describe, quantity, setting
+from valve_twin.core.quantity import Descriptor, assumed, describe, quantity, setting
 from valve_twin.core.types import CONDITIONS
 from valve_twin.core.valves.interface import option_descriptors
 from valve_twin.core.valves.registry import DEFAULT_MODEL
@@ -46,12 +46,12 @@ class ValveKeys:
     period_s: float = quantity(
         0.03, "s", "Nominal sampling time of the position.", lower=1e-6, upper=3600.0
     )
-    hold_back_s: float = quantity(
+    hold_back_s: float = assumed(
         2.0,
         "s",
         "Longest time, on the data's clock, by which a silent signal delays the others.",
-        lower=0.0,
-        upper=3600.0,
+        0.0,
+        3600.0,
     )
     topic_prefix: str = setting(
         "",

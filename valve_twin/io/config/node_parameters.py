@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from valve_twin.core.quantity import Descriptor, describe, quantity, setting
+from valve_twin.core.quantity import Descriptor, assumed, describe, quantity, setting
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,8 +105,8 @@ class TwinParameters(NodeParameters):
         lower=0.0,
         upper=3600.0,
     )
-    silence_s: float = quantity(
-        5.0, "s", "After this long without a message an input is reported.", lower=0.1, upper=1e6
+    silence_s: float = assumed(
+        5.0, "s", "After this long without a message an input is reported.", 0.1, 1e6
     )
     prediction_batch_s: float = quantity(
         0.0,
@@ -117,44 +117,36 @@ class TwinParameters(NodeParameters):
         lower=0.0,
         upper=60.0,
     )
-    estimate_wait_s: float = quantity(
+    estimate_wait_s: float = assumed(
         0.5,
         "s",
         "Longest wait of a prediction for the estimate that its cycle is due, of live"
         " inputs; then the model in force goes on and says reproducible: false. 0 = "
         "for ever, as with use_sim_time and topics below /replay.",
-        lower=0.0,
-        upper=3600.0,
+        0.0,
+        3600.0,
     )
-    memory_budget_mb: float = quantity(
+    memory_budget_mb: float = assumed(
         400.0,
         "MB",
         "Memory of all cycles that wait for their estimation; more wait on disk beside the "
         "history, and where that is full the oldest are dropped and counted.",
-        lower=0.01,
-        upper=1e6,
+        0.01,
+        1e6,
     )
-    retry_s: float = quantity(
-        1.0,
-        "s",
-        "Pause before a cycle that the database refused is offered again.",
-        lower=0.01,
-        upper=3600.0,
+    retry_s: float = assumed(
+        1.0, "s", "Pause before a cycle that the database refused is offered again.", 0.01, 3600.0
     )
-    unsaved_limit: int = quantity(
+    unsaved_limit: int = assumed(
         10000,
         "1",
         "Cycles kept in memory while the database refuses them; beyond it the oldest "
         "are lost and counted.",
-        lower=1,
-        upper=10**7,
+        1,
+        10**7,
     )
-    busy_timeout_s: float = quantity(
-        5.0,
-        "s",
-        "How long another program's lock of the database is waited for.",
-        lower=0.0,
-        upper=3600.0,
+    busy_timeout_s: float = assumed(
+        5.0, "s", "How long another program's lock of the database is waited for.", 0.0, 3600.0
     )
     events_kept: int = quantity(
         10000, "1", "Events kept of a valve, beside failures not acknowledged.", lower=10
@@ -166,12 +158,8 @@ class AgingMonitorParameters(NodeParameters):
     """Parameters of the aging monitor."""
 
     page: int = quantity(200, "1", "Estimates asked of the twin at a time.", lower=1, upper=100000)
-    retry_s: float = quantity(
-        1.0,
-        "s",
-        "Pause before a twin that does not answer is asked again.",
-        lower=0.01,
-        upper=3600.0,
+    retry_s: float = assumed(
+        1.0, "s", "Pause before a twin that does not answer is asked again.", 0.01, 3600.0
     )
 
 

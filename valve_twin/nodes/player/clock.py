@@ -26,11 +26,6 @@ class PlaybackClock:
         """Bag seconds a second [1], 0 = as fast as messages leave."""
         return self._rate
 
-    @property
-    def is_running(self) -> bool:
-        """Whether time passes."""
-        return self._since_s is not None
-
     def now_ns(self, now_s: float) -> int:
         """Return the bag time [ns]."""
         if self._since_s is None or self._rate == 0.0:

@@ -22,9 +22,6 @@ SCORED_BASE = 900_000
 
 SCORED_COUNT = 200
 
-SHORT_BASE, SHORT_COUNT = 960_000, 6
-"""Seeds of the short form: neither scored in a table nor tuned on."""
-
 
 @dataclass(frozen=True, slots=True)
 class Met:

@@ -17,8 +17,6 @@ from valve_twin.core.control.current_loop import (
 )
 from valve_twin.core.control.nonlinear_pid import PidGains, pid_output
 from valve_twin.core.control.trajectory_set import (
-    CANDIDATES,
-    HORIZON,
     MODEL_STEPS,
     TrajectoryWeights,
     candidate,
@@ -213,8 +211,5 @@ def drive_open_loop(
         control_sample(s, v, m, g, command[n], False)
         out[n] = s
 
-
-STEPS_A_DECISION = CANDIDATES * HORIZON * MODEL_STEPS
-"""Model steps of one decision."""
 
 assert SUB_STEPS % MODEL_STEPS == 0

@@ -9,8 +9,7 @@ springs push, so a free run at a held current drifts away by itself.
 
 from __future__ import annotations
 
-from math import nan
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -23,7 +22,7 @@ from valve_twin.core.physics.solenoid_map import (
     POSITION_NODES,
     MapTables,
 )
-from valve_twin.core.types import Restart, Validity
+from valve_twin.core.types import Validity
 from valve_twin.core.valves.double_solenoid.motion import SUB
 from valve_twin.core.valves.double_solenoid.plant_kernel import (
     Second,
@@ -31,18 +30,23 @@ from valve_twin.core.valves.double_solenoid.plant_kernel import (
     friction_force,
     spring_force,
 )
+from valve_twin.core.valves.kit.bind import per_sample
+from valve_twin.core.valves.kit.prediction import predictor, state_size
 
 if TYPE_CHECKING:
     from valve_twin.core.physics.curves import Curves
-    from valve_twin.core.types import ByteArray, FloatArray
+    from valve_twin.core.types import FloatArray
     from valve_twin.core.valves.double_solenoid.plant import DoubleSolenoidPlant
 
-_SEEN = 0
-_OBSERVED, _FREE = 1, 5
-STATE_SIZE = 9
-"""Samples seen; position [m], speed [m/s] and both states of the force filter [N], [N/s], of the
-observer and of the free run."""
+_X, _SPEED, _FORCE, _FORCE_RATE = range(4)
+_RUN = 4  # position [m], speed [m/s] and both states of the force filter [N], [N/s]
+STATE_SIZE = state_size(_RUN, 0)
 
+_MASS, _PRELOAD_1, _PRELOAD_2, _SPRING_1, _SPRING_2 = range(5)
+_FRICTION, _ALPHA, _BETA, _STOP, _HALF_STROKE, _FORCE_GAIN = range(5, 11)
+_RATE_1, _RATE_2, _OUT_1, _OUT_2, _DIRECT = range(11, 16)
+_OWN = 16  # five numbers of the magnetic tables
+_CURRENT_SCALE, _PERIOD = 21, 22
 _SCALARS = 23
 _CURRENT_TABLE = FLUX_NODES * POSITION_NODES
 _FORCE_TABLE = CURRENT_NODES * POSITION_NODES
@@ -77,38 +81,60 @@ def coefficients(valve: DoubleSolenoidPlant, period_s: float) -> FloatArray:
     return np.concatenate([numbers, *(table.ravel() for table in tables)])
 
 
+class _Numbers(NamedTuple):
+    """Mechanics, magnetic tables, full scale of the currents [A] and sampling time [s]."""
+
+    valve: Valve
+    tables: Any  # `MapTables` or `CoenergyTables`
+    current_scale: float
+    period_s: float
+
+
 @njit(cache=True)
 def _valve(c: FloatArray) -> Valve:
-    second = Second(c[11], c[12], c[13], c[14], c[15])
+    force = Second(c[_RATE_1], c[_RATE_2], c[_OUT_1], c[_OUT_2], c[_DIRECT])
     return Valve(
-        1.0, 1.0, second, second, c[10], c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8],
-        c[9], 0.0, 0.0, 0.0,
+        1.0, 1.0, force, force, c[_FORCE_GAIN], c[_MASS], c[_PRELOAD_1], c[_PRELOAD_2],
+        c[_SPRING_1], c[_SPRING_2], c[_FRICTION], c[_ALPHA], c[_BETA], c[_STOP], c[_HALF_STROKE],
+        0.0, 0.0, 0.0,
     )  # fmt: skip
 
 
 @njit(cache=True)
-def _tables(c: FloatArray) -> MapTables:
+def _of_tables(c: FloatArray) -> _Numbers:
     a, b = _SCALARS, _SCALARS + _CURRENT_TABLE
     current = c[a:b].reshape((FLUX_NODES, POSITION_NODES))
     force = c[b : b + _FORCE_TABLE].reshape((CURRENT_NODES, POSITION_NODES))
-    return MapTables(current, force, c[16], c[17], c[18], c[19], c[20])
+    per_flux, per_current, reach, per_position, mutual = c[_OWN:_CURRENT_SCALE]
+    tables = MapTables(current, force, per_flux, per_current, reach, per_position, mutual)
+    return _Numbers(_valve(c), tables, c[_CURRENT_SCALE], c[_PERIOD])
 
 
 @njit(cache=True)
-def _map(c: FloatArray) -> CoenergyTables:
+def _of_map(c: FloatArray) -> _Numbers:
     force = c[_SCALARS:].reshape((FORCE_NODES, FORCE_NODES, PLACE_NODES))
     unused = force[:1]
-    return CoenergyTables(
-        unused, unused, force, 0.0, 0.0, c[16], 0.0, c[17], c[18], c[19], c[20]
-    )  # fmt: skip
+    low_current, per_current, reach, per_position, largest = c[_OWN:_CURRENT_SCALE]
+    tables = CoenergyTables(
+        unused,
+        unused,
+        force,
+        0.0,
+        0.0,
+        low_current,
+        0.0,
+        per_current,
+        reach,
+        per_position,
+        largest,
+    )
+    return _Numbers(_valve(c), tables, c[_CURRENT_SCALE], c[_PERIOD])
 
 
 @njit(cache=True)
-def _move(
-    state: FloatArray, at: int, v: Valve, m: Curves, i_a: float, i_b: float, period: float
-) -> None:
+def _move(run: FloatArray, v: Valve, m: Curves, i_a: float, i_b: float, period: float) -> None:
     """Move observer or free run by a sample with the mean currents of that sample."""
-    x, speed, f1, f2 = state[at], state[at + 1], state[at + 2], state[at + 3]
+    x, speed, f1, f2 = run[_X], run[_SPEED], run[_FORCE], run[_FORCE_RATE]
     g, h = v.force, period / SUB
     for _ in range(SUB):
         static = force_of(m, i_a, i_b, x)
@@ -121,112 +147,45 @@ def _move(
             x = v.stop if x > 0.0 else -v.stop
             if x * speed > 0.0:
                 speed = 0.0
-    state[at], state[at + 1], state[at + 2], state[at + 3] = x, speed, f1, f2
+    run[_X], run[_SPEED], run[_FORCE], run[_FORCE_RATE] = x, speed, f1, f2
 
 
-@njit(cache=True)
-def _predict(
-    state: FloatArray,
-    v: Valve,
-    m: Curves,
-    last: tuple[float, float],
-    signals: tuple[FloatArray, FloatArray, ByteArray],
-    out: tuple[FloatArray, FloatArray, ByteArray],
-) -> None:
-    """Predict N samples in place; `last` holds the currents' full scale and the period."""
-    scale, period = last
-    position, inputs, restart = signals
-    predicted, simulated, validity = out
-    for n in range(len(position)):
-        flag = restart[n]
-        if flag == Restart.GAP:
-            state[_SEEN] = 0.0
-        ready = state[_SEEN] > 0.0
-        bad = flag == Restart.BAD
-        i_a, i_b = inputs[n, 3] * scale, inputs[n, 4] * scale
-        if ready and not bad:
-            _move(state, _OBSERVED, v, m, i_a, i_b, period)
-            _move(state, _FREE, v, m, i_a, i_b, period)
-        predicted[n] = 0.5 * (state[_OBSERVED] / v.half_stroke + 1.0) if ready else nan
-        validity[n] = Validity.BAD_INPUT if bad else Validity.VALID if ready else Validity.STARTING
-        if ready and not bad and abs(state[_OBSERVED]) >= v.stop:
-            validity[n] = Validity.AT_SEAT
-        if not bad:
-            x = min(max((2.0 * position[n] - 1.0) * v.half_stroke, -v.stop), v.stop)
-            _observe(state, v, m, x, (i_a, i_b), ready, period)
-            if flag == Restart.NEW_CYCLE or not ready:
-                for j in range(4):
-                    state[_FREE + j] = state[_OBSERVED + j]
-            state[_SEEN] += 1.0
-        simulated[n] = 0.5 * (state[_FREE] / v.half_stroke + 1.0) if ready else nan
+@per_sample
+def _advance(
+    m: _Numbers, seen: float, followed: FloatArray, free: FloatArray, memory: FloatArray,
+    inputs: FloatArray, n: int, bad: bool,
+) -> Validity:  # fmt: skip
+    if seen == 0.0:
+        return Validity.STARTING
+    if not bad:
+        i_a, i_b = inputs[n, 3] * m.current_scale, inputs[n, 4] * m.current_scale
+        _move(followed, m.valve, m.tables, i_a, i_b, m.period_s)
+        _move(free, m.valve, m.tables, i_a, i_b, m.period_s)
+    return Validity.AT_SEAT if abs(followed[_X]) >= m.valve.stop else Validity.VALID
 
 
-@njit(cache=True)
-def _observe(
-    state: FloatArray,
-    v: Valve,
-    m: Curves,
-    x: float,
-    currents: tuple[float, float],
-    ready: bool,
-    period: float,
-) -> None:
-    """Let the observer follow a measured position [m]."""
-    if not ready:
-        state[_OBSERVED], state[_OBSERVED + 1] = x, 0.0
-        state[_OBSERVED + 2] = force_of(m, currents[0], currents[1], x)
-        state[_OBSERVED + 3] = 0.0
-        return
-    off = x - state[_OBSERVED]
-    state[_OBSERVED] = min(max(state[_OBSERVED] + _POSITION_GAIN * off, -v.stop), v.stop)
-    state[_OBSERVED + 1] += _SPEED_GAIN * off / period
+@per_sample
+def _shown(m: _Numbers, value: float) -> float:
+    return float(0.5 * (value / m.valve.half_stroke + 1.0))
 
 
-@njit(cache=True)
-def predict_block(
-    state: FloatArray,
-    c: FloatArray,
-    position: FloatArray,
-    inputs: FloatArray,
-    restart: ByteArray,
-    predicted: FloatArray,
-    simulated: FloatArray,
-    validity: ByteArray,
-) -> None:
-    """Predict N samples in place; see `ValveModel.predict`.
-
-    Parameters
-    ----------
-    state : (STATE_SIZE,) array
-        See `STATE_SIZE`; written in place.
-    c : (N_COEFFICIENTS,) array
-        See `coefficients`.
-    position : (N,) array
-        Measured position [1].
-    inputs : (N, 5) array
-        Setpoint, voltages and currents [1].
-    restart : (N,) uint8 array
-        One `Restart` a sample.
-    predicted, simulated : (N,) arrays
-        One-step prediction and free run [1].
-    validity : (N,) uint8 array
-        One `Validity` a sample.
-    """
-    last, signals = (c[21], c[22]), (position, inputs, restart)
-    _predict(state, _valve(c), _tables(c), last, signals, (predicted, simulated, validity))
+@per_sample
+def _follow(
+    m: _Numbers, followed: FloatArray, memory: FloatArray, position: float,
+    inputs: FloatArray, n: int, code: Validity,
+) -> Validity:  # fmt: skip
+    v = m.valve
+    x = min(max((2.0 * position - 1.0) * v.half_stroke, -v.stop), v.stop)
+    if code == Validity.STARTING:
+        i_a, i_b = inputs[n, 3] * m.current_scale, inputs[n, 4] * m.current_scale
+        followed[_X], followed[_SPEED] = x, 0.0
+        followed[_FORCE], followed[_FORCE_RATE] = force_of(m.tables, i_a, i_b, x), 0.0
+        return code
+    off = x - followed[_X]
+    followed[_X] = min(max(followed[_X] + _POSITION_GAIN * off, -v.stop), v.stop)
+    followed[_SPEED] += _SPEED_GAIN * off / m.period_s
+    return code
 
 
-@njit(cache=True)
-def predict_map(
-    state: FloatArray,
-    c: FloatArray,
-    position: FloatArray,
-    inputs: FloatArray,
-    restart: ByteArray,
-    predicted: FloatArray,
-    simulated: FloatArray,
-    validity: ByteArray,
-) -> None:
-    """Predict N samples in place with a map of both coils; parameters as `predict_block`."""
-    last, signals = (c[21], c[22]), (position, inputs, restart)
-    _predict(state, _valve(c), _map(c), last, signals, (predicted, simulated, validity))
+predict_block = predictor(_advance, _follow, run=_RUN, numbers=_of_tables, output=_X, shown=_shown)
+predict_map = predictor(_advance, _follow, run=_RUN, numbers=_of_map, output=_X, shown=_shown)

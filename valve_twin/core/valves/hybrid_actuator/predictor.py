@@ -8,24 +8,29 @@ beginning of a cycle and sees the currents only. Both bounce at the seats as the
 
 from __future__ import annotations
 
-from math import nan
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
 
-from valve_twin.core.types import Restart, Validity
+from valve_twin.core.types import Validity
 from valve_twin.core.valves.hybrid_actuator.flight import advance
 from valve_twin.core.valves.hybrid_actuator.magnetics import Magnetics
 from valve_twin.core.valves.hybrid_actuator.plant_kernel import Armature, net_force
+from valve_twin.core.valves.kit.bind import per_sample
+from valve_twin.core.valves.kit.prediction import predictor, state_size
 
 if TYPE_CHECKING:
-    from valve_twin.core.types import ByteArray, FloatArray
+    from valve_twin.core.types import FloatArray
 
-_SEEN, _X, _V, _FREE_X, _FREE_V, _OPENER, _CLOSER = range(7)
-STATE_SIZE = 7
-"""Samples seen, observed and free position [m] and speed [m/s], last currents [A]."""
+_X, _V = 0, 1
+_RUN = 2  # position [m] and speed [m/s]
+_OPENER, _CLOSER = 0, 1  # last currents [A]
+STATE_SIZE = state_size(_RUN, 2)
 
+_MASS, _SPRING, _DAMPING, _TRAVEL, _RESIDUAL_GAP, _RESTITUTION, _GAS_FORCE, _GAS_LENGTH = range(8)
+_KERNEL, _BETA, _KAPPA, _SATURATION_FLUX, _C1, _C2, _C3 = range(8, 15)
+_MAGNET_FORCE, _MAGNET_LENGTH, _COUPLING, _CURRENT_SCALE, _PERIOD, _COULOMB = range(15, 21)
 N_COEFFICIENTS = 21
 
 _SUBSTEPS = 4
@@ -84,79 +89,68 @@ def _move(
     return x, v
 
 
-@njit(cache=True)
-def predict_block(
-    state: FloatArray,
-    c: FloatArray,
-    position: FloatArray,
-    inputs: FloatArray,
-    restart: ByteArray,
-    predicted: FloatArray,
-    simulated: FloatArray,
-    validity: ByteArray,
-) -> None:
-    """Predict N samples in place; see `ValveModel.predict`.
+class _Numbers(NamedTuple):
+    """Moving parts and solenoid, full scale of the currents [A] and sampling time [s]."""
 
-    Parameters
-    ----------
-    state : (STATE_SIZE,) array
-        See `STATE_SIZE`; written in place.
-    c : (N_COEFFICIENTS,) array
-        See `coefficients`.
-    position : (N,) array
-        Measured position [1].
-    inputs : (N, 4) array
-        Voltages and currents [1].
-    restart : (N,) uint8 array
-        One `Restart` a sample.
-    predicted, simulated : (N,) arrays
-        One-step prediction and free run [1].
-    validity : (N,) uint8 array
-        One `Validity` a sample.
-    """
-    a = Armature(c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], 1.0, 1.0, True, c[20])
-    m = Magnetics(int(c[8]), c[9], c[10], c[11], c[12], c[13], c[14], c[15], c[16], c[17])
-    scale, period = c[18], c[19]
-    for n in range(len(position)):
-        flag = restart[n]
-        if flag == Restart.GAP:
-            state[_SEEN] = 0.0
-        now = (state[_OPENER], state[_CLOSER])
-        then = now if flag == Restart.BAD else (inputs[n, 2] * scale, inputs[n, 3] * scale)
-        ready = state[_SEEN] > 0.0
-        seated = False
-        if ready:
-            seated = _seated(a, m, state[_X], state[_V], now[0], now[1])
-            state[_X], state[_V] = _move(a, m, state[_X], state[_V], now, then, period)
-            state[_FREE_X], state[_FREE_V] = _move(
-                a, m, state[_FREE_X], state[_FREE_V], now, then, period
-            )
-        predicted[n] = 0.5 * (state[_X] / a.travel + 1.0) if ready else nan
-        validity[n] = Validity.AT_SEAT if seated else Validity.VALID
-        if not ready:
-            validity[n] = Validity.STARTING
-        if flag == Restart.BAD:
-            validity[n] = Validity.BAD_INPUT
-        else:
-            _observe(state, a, (2.0 * position[n] - 1.0) * a.travel, ready, period)
-            if flag == Restart.NEW_CYCLE or not ready:
-                state[_FREE_X], state[_FREE_V] = state[_X], state[_V]
-            state[_SEEN] += 1.0
-            state[_OPENER], state[_CLOSER] = then
-        simulated[n] = 0.5 * (state[_FREE_X] / a.travel + 1.0) if ready else nan
+    armature: Armature
+    solenoid: Magnetics
+    current_scale: float
+    period_s: float
 
 
 @njit(cache=True)
-def _observe(state: FloatArray, a: Armature, x: float, ready: bool, period: float) -> None:
-    """Let the observer follow a measured position [m]."""
-    if not ready:
-        state[_X], state[_V] = min(max(x, -a.travel), a.travel), 0.0
-        if abs(x) > 0.98 * a.travel:
-            state[_X] = a.travel if x > 0.0 else -a.travel
-        return
-    off = x - state[_X]
-    resting = abs(state[_X]) >= a.travel and state[_V] == 0.0
-    if resting and abs(off) < 0.02 * a.travel:
-        return
-    state[_X] = min(max(state[_X] + _POSITION_GAIN * off, -a.travel), a.travel)
-    state[_V] += _SPEED_GAIN * off / period
+def _numbers(c: FloatArray) -> _Numbers:
+    armature = Armature(
+        c[_MASS], c[_SPRING], c[_DAMPING], c[_TRAVEL], c[_RESIDUAL_GAP], c[_RESTITUTION],
+        c[_GAS_FORCE], c[_GAS_LENGTH], 1.0, 1.0, True, c[_COULOMB],
+    )  # fmt: skip
+    solenoid = Magnetics(
+        int(c[_KERNEL]), c[_BETA], c[_KAPPA], c[_SATURATION_FLUX], c[_C1], c[_C2], c[_C3],
+        c[_MAGNET_FORCE], c[_MAGNET_LENGTH], c[_COUPLING],
+    )  # fmt: skip
+    return _Numbers(armature, solenoid, c[_CURRENT_SCALE], c[_PERIOD])
+
+
+@per_sample
+def _advance(
+    m: _Numbers, seen: float, followed: FloatArray, free: FloatArray, memory: FloatArray,
+    inputs: FloatArray, n: int, bad: bool,
+) -> Validity:  # fmt: skip
+    a, coils = m.armature, m.solenoid
+    now = (memory[_OPENER], memory[_CLOSER])
+    then = now if bad else (inputs[n, 2] * m.current_scale, inputs[n, 3] * m.current_scale)
+    memory[_OPENER], memory[_CLOSER] = then
+    if seen == 0.0:
+        return Validity.STARTING
+    seated = _seated(a, coils, followed[_X], followed[_V], now[0], now[1])
+    for run in (followed, free):
+        run[_X], run[_V] = _move(a, coils, run[_X], run[_V], now, then, m.period_s)
+    return Validity.AT_SEAT if seated else Validity.VALID
+
+
+@per_sample
+def _shown(m: _Numbers, value: float) -> float:
+    return float(0.5 * (value / m.armature.travel + 1.0))
+
+
+@per_sample
+def _follow(
+    m: _Numbers, followed: FloatArray, memory: FloatArray, position: float,
+    inputs: FloatArray, n: int, code: Validity,
+) -> Validity:  # fmt: skip
+    travel = m.armature.travel
+    x = (2.0 * position - 1.0) * travel
+    if code == Validity.STARTING:
+        followed[_X], followed[_V] = min(max(x, -travel), travel), 0.0
+        if abs(x) > 0.98 * travel:
+            followed[_X] = travel if x > 0.0 else -travel
+        return code
+    off = x - followed[_X]
+    resting = abs(followed[_X]) >= travel and followed[_V] == 0.0
+    if not (resting and abs(off) < 0.02 * travel):
+        followed[_X] = min(max(followed[_X] + _POSITION_GAIN * off, -travel), travel)
+        followed[_V] += _SPEED_GAIN * off / m.period_s
+    return code
+
+
+predict_block = predictor(_advance, _follow, run=_RUN, numbers=_numbers, output=_X, shown=_shown)

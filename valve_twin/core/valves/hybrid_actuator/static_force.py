@@ -34,9 +34,6 @@ if TYPE_CHECKING:
 
     from valve_twin.core.types import FloatArray
 
-LINEAR_NAMES = ("beta", "kappa")
-SATURATING_NAMES = ("saturation_flux", "c1", "c2", "c3")
-
 _POLE_ROOM = 0.9  # how near to the smallest gap the pole of the reading "fit" may come [1]
 
 

@@ -20,16 +20,15 @@ positive opening lifts and raises the pressure. The structure is assumed.
 
 from __future__ import annotations
 
-from math import exp, nan
-from typing import TYPE_CHECKING
+from math import exp
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from valve_twin.core.types import Restart, Validity
-
-if TYPE_CHECKING:
-    from valve_twin.core.types import ByteArray, FloatArray
+from valve_twin.core.types import FloatArray, Validity
+from valve_twin.core.valves.kit.bind import per_sample
+from valve_twin.core.valves.kit.prediction import predictor, state_size
 
 N_PARAMETERS = 9
 """In the order of `PARAMETERS`; the sampling time follows them in the coefficients."""
@@ -40,9 +39,9 @@ _RESONANCE, _THROTTLING_LIFT, _THROTTLING_LOWER, _LAG, _PERIOD = 5, 6, 7, 8, 9
 _SUBSTEPS = 2  # of a sample: resonance up to 1 / period is integrated to 1e-3, assumed
 _LARGEST = 1e6  # a run that diverges stays a number
 
-_PRESSURE, _FLOW, _FREE_PRESSURE, _FREE_FLOW, _SPOOL, _OPENING, _SEEN = range(7)
-STATE_SIZE = 7
-"""Pressure and load flow as observed and of the free run, spool, last opening, samples seen."""
+_PRESSURE, _FLOW = 0, 1  # of a run: pressure and the flow that the load takes up
+_SPOOL, _OPENING = 0, 1  # that both share: spool and last opening [1]
+STATE_SIZE = state_size(2, 2)
 
 _CORRECTION = 0.5  # share of a pressure error put down to the sample's load flow, assumed
 
@@ -135,65 +134,47 @@ def free_run(c: FloatArray, opening: FloatArray, first: float, out: FloatArray) 
         out[n] = p
 
 
+class _Numbers(NamedTuple):
+    """Coefficients, see `free_run`, and room for the flows over a sample."""
+
+    c: FloatArray
+    q: FloatArray
+
+
 @njit(cache=True)
-def predict_block(
-    state: FloatArray,
-    c: FloatArray,
-    pressure: FloatArray,
-    inputs: FloatArray,
-    restart: ByteArray,
-    predicted: FloatArray,
-    simulated: FloatArray,
-    validity: ByteArray,
-) -> None:
-    """Predict N samples in place; see `ValveModel.predict`.
+def _numbers(c: FloatArray) -> _Numbers:
+    return _Numbers(c, np.empty(2 * _SUBSTEPS + 1))
 
-    The load flow is not measured: an observer corrects it by what the pressure did otherwise than
-    predicted. A free run starts from the observed flow, behind a gap from a load at rest.
 
-    Parameters
-    ----------
-    state : (STATE_SIZE,) array
-        See `STATE_SIZE`; written in place.
-    c : (10,) array
-        See `free_run`.
-    pressure : (N,) array
-        Measured pressure [unit of the signal].
-    inputs : (N, 1) array
-        Valve opening [1].
-    restart : (N,) uint8 array
-        One `Restart` a sample.
-    predicted, simulated : (N,) arrays
-        One-step prediction and free run [unit of the signal]; NaN at the first sample.
-    validity : (N,) uint8 array
-        One `Validity` a sample.
-    """
-    q = np.empty(2 * _SUBSTEPS + 1)
-    for n in range(len(pressure)):
-        flag = restart[n]
-        if flag == Restart.GAP:
-            state[_SEEN] = 0.0
-        ready = state[_SEEN] > 0.0
-        now = state[_OPENING] if flag == Restart.BAD else inputs[n, 0]
-        validity[n] = Validity.VALID if ready else Validity.STARTING
-        if ready:
-            state[_SPOOL] = _flows(state[_SPOOL], state[_OPENING], now, c, q)
-            p, w = _advance(state[_PRESSURE], state[_FLOW], q, c)
-            state[_PRESSURE], state[_FLOW] = p, w
-            p, w = _advance(state[_FREE_PRESSURE], state[_FREE_FLOW], q, c)
-            state[_FREE_PRESSURE], state[_FREE_FLOW] = p, w
-        predicted[n] = state[_PRESSURE] if ready else nan
-        state[_OPENING] = now
-        if flag == Restart.BAD:
-            validity[n] = Validity.BAD_INPUT
-        elif ready:
-            error = pressure[n] - state[_PRESSURE]
-            state[_FLOW] = _bounded(state[_FLOW] - _CORRECTION * error / c[_PERIOD])
-            state[_PRESSURE] = pressure[n]
-        else:
-            state[_SPOOL], state[_FLOW], state[_SEEN] = now, 0.0, 1.0
-            state[_PRESSURE] = state[_FREE_PRESSURE] = pressure[n]
-            state[_FREE_FLOW] = 0.0
-        if flag == Restart.NEW_CYCLE and state[_SEEN] > 0.0:
-            state[_FREE_PRESSURE], state[_FREE_FLOW] = state[_PRESSURE], state[_FLOW]
-        simulated[n] = state[_FREE_PRESSURE] if state[_SEEN] > 0.0 else nan
+@per_sample
+def _advance_runs(
+    m: _Numbers, seen: float, followed: FloatArray, free: FloatArray, memory: FloatArray,
+    inputs: FloatArray, n: int, bad: bool,
+) -> Validity:  # fmt: skip
+    before = memory[_OPENING]
+    now = before if bad else inputs[n, 0]
+    memory[_OPENING] = now
+    ready = seen > 0.0
+    if ready:
+        memory[_SPOOL] = _flows(memory[_SPOOL], before, now, m.c, m.q)
+        for run in (followed, free):
+            run[_PRESSURE], run[_FLOW] = _advance(run[_PRESSURE], run[_FLOW], m.q, m.c)
+    return Validity.VALID if ready else Validity.STARTING
+
+
+@per_sample
+def _follow(
+    m: _Numbers, followed: FloatArray, memory: FloatArray, pressure: float,
+    inputs: FloatArray, n: int, code: Validity,
+) -> Validity:  # fmt: skip
+    """Correct the load flow, which is not measured, by what the pressure did otherwise."""
+    if code == Validity.STARTING:
+        memory[_SPOOL], followed[_FLOW] = memory[_OPENING], 0.0
+    else:
+        error = pressure - followed[_PRESSURE]
+        followed[_FLOW] = _bounded(followed[_FLOW] - _CORRECTION * error / m.c[_PERIOD])
+    followed[_PRESSURE] = pressure
+    return code
+
+
+predict_block = predictor(_advance_runs, _follow, run=2, numbers=_numbers, at_once=True)

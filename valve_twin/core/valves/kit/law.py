@@ -6,22 +6,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from types import FunctionType
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.types import Parameter
 from valve_twin.core.valves.kit import loops
+from valve_twin.core.valves.kit.bind import bind
+from valve_twin.core.valves.kit.prediction import predictor
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from valve_twin.core.types import FloatArray
+    from valve_twin.core.valves.kit.bind import Loop
 
     Step = Callable[[FloatArray, FloatArray, FloatArray, float], None]
-    Loop = Callable[..., None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,8 +115,13 @@ class Law:
 
     @cached_property
     def predict(self) -> Loop:
-        """`loops.predict` of this law."""
-        return self._compiled(loops.predict)
+        """The prediction loop of this law."""
+        return predictor(
+            self._compiled(loops.advance, forceinline=True),
+            self._compiled(loops.follow, forceinline=True),
+            run=self.states,
+            numbers=loops.numbers,
+        )
 
     @cached_property
     def free_run(self) -> Loop:
@@ -128,32 +133,13 @@ class Law:
         """`loops.simulate` of this law."""
         return self._compiled(loops.simulate)
 
-    def _compiled(self, loop: Loop) -> Loop:
+    def _compiled(self, loop: Callable[..., object], *, forceinline: bool = False) -> Loop:
+        rest = self.rest or loops.rest
         return bind(
-            loop, self.step, STATES=self.states, step=self.step, rest=self.rest or loops.rest
+            loop,
+            self.step,
+            forceinline=forceinline,
+            STATES=self.states,
+            step=self.step,
+            rest=rest,
         )
-
-
-def bind(loop: Callable[..., object], owner: Callable[..., object], **names: object) -> Loop:
-    """Return a compiled copy of a loop in which some of its global names are others.
-
-    The law is compiled into the loop, so nothing is called through a pointer; the copy is cached
-    beside the law's own file and compiled anew when that file changes.
-
-    Parameters
-    ----------
-    loop : callable
-        Python function.
-    owner : callable
-        Compiled function beside whose file the copy is cached.
-    names : object
-        What the loop finds under its global names: compiled functions and numbers.
-    """
-    law: FunctionType = owner.py_func  # type: ignore[attr-defined]
-    bound = (getattr(value, "__name__", value) for value in names.values())
-    name = "_".join(map(str, (loop.__name__, *bound)))  # the cache goes by the name
-    code = loop.__code__.replace(co_filename=law.__code__.co_filename, co_name=name)
-    copy = FunctionType(code, {**loop.__globals__, **names}, name)
-    copy.__module__, copy.__qualname__ = law.__module__, name
-    compiled: Loop = njit(cache=True)(copy)
-    return compiled

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""The loops over samples that a law is compiled into: prediction, free run, simulation.
+"""What a law is compiled into: the prediction of a sample, free run and simulation.
 
 They are templates: `law.bind` makes a compiled copy for each law in which the global names
 `step`, `rest` and `STATES` are those of the law. An input that is sampled `lag` samples before
@@ -9,28 +9,25 @@ acts from the sample before to this one; lag 1 is a held command without delay.
 
 from __future__ import annotations
 
-from math import nan
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
 
-from valve_twin.core.types import Restart, Validity
+from valve_twin.core.types import FloatArray, Validity
+from valve_twin.core.valves.kit.bind import per_sample
 
 if TYPE_CHECKING:
     from valve_twin.core.simulation.plant import Forcing, Response
-    from valve_twin.core.types import ByteArray, FloatArray
 
 STATES = 1
 MAX_LAG = 128
 """Longest command to output lag [samples]."""
 
-_SEEN, _HEAD, _FREE = 0, 1, 2
 
-
-def state_size(states: int, inputs: int) -> int:
-    """Return the length of `predict`'s state: counters, two runs of the law, the inputs so far."""
-    return _FREE + 2 * states + (MAX_LAG + 1) * inputs
+def memory_size(inputs: int) -> int:
+    """Return the length of the memory of the prediction: the inputs so far."""
+    return 1 + (MAX_LAG + 1) * inputs
 
 
 def step(x: FloatArray, u: FloatArray, p: FloatArray, period_s: float) -> None:
@@ -43,67 +40,75 @@ def rest(x: FloatArray, u: FloatArray, p: FloatArray) -> None:
     x[1:] = 0.0
 
 
-def predict(
-    state: FloatArray,
-    c: FloatArray,
-    measured: FloatArray,
-    inputs: FloatArray,
-    restart: ByteArray,
-    predicted: FloatArray,
-    simulated: FloatArray,
-    validity: ByteArray,
-) -> None:
-    """Predict N samples in place; see `ValveModel.predict`.
+class Numbers(NamedTuple):
+    """Parameters (P,), lag of the inputs [samples], sampling time [s]."""
 
-    The states that are not measured go on as the law says, from their rest behind a gap.
+    p: FloatArray
+    lag: int
+    period_s: float
+
+
+@njit(cache=True)
+def numbers(c: FloatArray) -> Numbers:
+    """Return the law's numbers from (P + 2,) coefficients: parameters, lag, sampling time."""
+    return Numbers(c[:-2], int(c[-2]), c[-1])
+
+
+@per_sample
+def push(memory: FloatArray, inputs: FloatArray, n: int, bad: bool) -> None:
+    """Add the inputs of a sample to those so far; where they are bad, those before hold.
 
     Parameters
     ----------
-    state : (`state_size`,) array
-        Written in place.
-    c : (P + 2,) array
-        Parameters, lag [samples], sampling time [s].
-    measured : (N,) array
-        Output [unit of the signal].
-    inputs : (N, M) array
-        Inputs [unit of the signals].
-    restart : (N,) uint8 array
-        One `Restart` a sample.
-    predicted, simulated : (N,) arrays
-        One-step prediction and free run, NaN before the input of `lag` samples ago is known.
-    validity : (N,) uint8 array
-        One `Validity` a sample.
+    memory : (1 + L M,) array
+        Where the newest begin, then those of L samples as a ring [unit of the signals]; written
+        in place.
+    inputs, n : (N, M) array, int
+        Inputs [unit of the signals] and the row of the sample.
+    bad : bool
+        Whether they are unusable.
     """
-    p, lag, period_s = c[:-2], int(c[-2]), c[-1]
-    free = state[_FREE : _FREE + STATES]
-    followed = state[_FREE + STATES : _FREE + 2 * STATES]
-    line = state[_FREE + 2 * STATES :].reshape(MAX_LAG + 1, inputs.shape[1])
-    needed = max(lag, 1)
-    for n in range(len(measured)):
-        flag = restart[n]
-        if flag == Restart.GAP:
-            state[_SEEN] = 0.0
-        head = int(state[_HEAD])
-        line[head] = line[head - 1] if flag == Restart.BAD else inputs[n]
-        state[_HEAD] = (head + 1) % (MAX_LAG + 1)
-        u = line[(head - lag) % (MAX_LAG + 1)]
-        ready = state[_SEEN] >= needed
-        if ready:
-            step(free, u, p, period_s)
-            step(followed, u, p, period_s)
-        predicted[n] = followed[0] if ready else nan
-        validity[n] = Validity.VALID if ready else Validity.STARTING
-        if flag == Restart.BAD:
-            validity[n] = Validity.BAD_INPUT
-        if flag != Restart.BAD:
-            followed[0] = measured[n]
-            if not ready:
-                rest(followed, u, p)
-            if not ready or flag == Restart.NEW_CYCLE:
-                free[:] = followed
-        simulated[n] = free[0] if ready else nan
-        if flag != Restart.BAD or state[_SEEN] > 0.0:
-            state[_SEEN] += 1.0
+    before = int(memory[0])
+    newest = before + inputs.shape[1]
+    if newest == len(memory) - 1:
+        newest = 0
+    for j in range(inputs.shape[1]):
+        memory[1 + newest + j] = memory[1 + before + j] if bad else inputs[n, j]
+    memory[0] = newest
+
+
+@per_sample
+def pushed(memory: FloatArray, inputs: int, lag: int) -> int:
+    """Return where the M inputs of `lag` samples ago begin, the newest of 0; memory as `push`."""
+    at = int(memory[0]) - lag * inputs
+    return at + 1 if at >= 0 else at + len(memory)
+
+
+def advance(
+    m: Numbers, seen: float, followed: FloatArray, free: FloatArray, memory: FloatArray,
+    inputs: FloatArray, n: int, bad: bool,
+) -> Validity:  # fmt: skip
+    """Take both runs to this sample once the inputs of its lag are known, as `prediction` says."""
+    push(memory, inputs, n, bad)
+    ready = seen >= max(m.lag, 1)
+    if ready:
+        at = pushed(memory, inputs.shape[1], m.lag)
+        acting = memory[at : at + inputs.shape[1]]
+        step(free, acting, m.p, m.period_s)
+        step(followed, acting, m.p, m.period_s)
+    return Validity.VALID if ready else Validity.STARTING
+
+
+def follow(
+    m: Numbers, followed: FloatArray, memory: FloatArray, x: float,
+    inputs: FloatArray, n: int, code: Validity,
+) -> Validity:  # fmt: skip
+    """Take the measured output, as `prediction` says; other states go on, from rest after gaps."""
+    followed[0] = x
+    if code == Validity.STARTING:
+        at = pushed(memory, inputs.shape[1], m.lag)
+        rest(followed, memory[at : at + inputs.shape[1]], m.p)
+    return code
 
 
 def free_run(

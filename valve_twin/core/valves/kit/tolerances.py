@@ -93,10 +93,6 @@ class Tolerated:
         return np.asarray(self.widths / sqrt(3.0))
 
 
-EXACT = Tolerated((), np.zeros(0))
-"""No constant is in doubt."""
-
-
 def tolerated(options: object, tolerances: object) -> Tolerated:
     """Return the constants with a tolerance above 0; a value of 0 has no relative tolerance.
 

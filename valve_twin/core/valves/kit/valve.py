@@ -15,7 +15,7 @@ from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import Estimate, EstimateStatus, ParameterStatus, ParameterValue
 from valve_twin.core.valves.kit.compiled import CompiledModel
 from valve_twin.core.valves.kit.fit import fit_free_run
-from valve_twin.core.valves.kit.loops import MAX_LAG, state_size
+from valve_twin.core.valves.kit.loops import MAX_LAG, memory_size
 from valve_twin.core.valves.kit.outcome import (
     Evidence,
     at_bound,
@@ -24,6 +24,7 @@ from valve_twin.core.valves.kit.outcome import (
     unexcited,
 )
 from valve_twin.core.valves.kit.plant import simulation_of
+from valve_twin.core.valves.kit.prediction import state_size
 from valve_twin.core.valves.kit.record import take_record
 
 if TYPE_CHECKING:
@@ -133,7 +134,7 @@ class Valve(CompiledModel):
 
     def initial_state(self) -> FloatArray:
         """Return the state before the first sample."""
-        return np.zeros(state_size(self.law.states, len(self.inputs)))
+        return np.zeros(state_size(self.law.states, memory_size(len(self.inputs))))
 
     def kernel_of(self, coefficients: FloatArray) -> Callable[..., None]:
         """Return the prediction loop of the law."""

@@ -20,24 +20,17 @@ the closed one (assumed).
 
 from __future__ import annotations
 
-from math import cos, cosh, exp, nan, sin, sinh, sqrt
-from typing import TYPE_CHECKING
+from math import cos, cosh, exp, sin, sinh, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from valve_twin.core.types import Restart, Validity
-from valve_twin.core.valves.positioner.kernels import (
-    HEAD,
-    LINE,
-    MAX_LAG,
-    SEEN,
-    STATE_SIZE,
-    motion,
-)
-
-if TYPE_CHECKING:
-    from valve_twin.core.types import ByteArray, FloatArray
+from valve_twin.core.types import FloatArray, Validity
+from valve_twin.core.valves.kit.bind import per_sample
+from valve_twin.core.valves.kit.loops import push
+from valve_twin.core.valves.kit.prediction import predictor
+from valve_twin.core.valves.positioner.kernels import RUNS, motion
 
 N_EXTENDED = 12
 """The 5 of the plain law, then lag [s], stiction, backlash, dead_command, static_gain, rest_level
@@ -46,7 +39,7 @@ N_EXTENDED = 12
 LAG, STICTION, BACKLASH, DEAD_COMMAND, STATIC_GAIN, REST_LEVEL, CURVED = range(5, N_EXTENDED)
 
 _X, _V, _MOVING, _Y = range(4)
-MOTION_SIZE = 4
+MOTION_SIZE = RUNS
 """Spool position [1] and speed [1/s], whether it moves, position behind the play [1]."""
 
 N_TRANSITION = 9
@@ -260,79 +253,66 @@ def free_run(
         out[n] = z[_Y]
 
 
+class _Numbers(NamedTuple):
+    """Parameters (N_EXTENDED,), what `transition` made of them, what a sample is cut into."""
+
+    p: FloatArray
+    transition: FloatArray
+    steps: int
+    step_s: float
+    rising: int
+    falling: int
+    lower_stop: float
+    upper_stop: float
+    trust: float
+
+
 @njit(cache=True)
-def predict_extended(
-    state: FloatArray,
-    c: FloatArray,
-    position: FloatArray,
-    inputs: FloatArray,
-    restart: ByteArray,
-    predicted: FloatArray,
-    simulated: FloatArray,
-    validity: ByteArray,
-) -> None:
-    """Predict N samples in place; see `ValveModel.predict` and `kernels.predict_block`.
-
-    One step ahead, the speed is an observer's: what the position did otherwise than predicted
-    corrects it, the more the shorter the lag is.
-
-    Parameters
-    ----------
-    state : (STATE_SIZE,) array
-        See `STATE_SIZE`; written in place.
-    c : (17,) array
-        The 12 parameters, period [s], delay of a rise and of a fall [samples], stops [1].
-    position : (N,) array
-        Measured position [1].
-    inputs : (N, 1) array
-        Command [1].
-    restart : (N,) uint8 array
-        One `Restart` a sample.
-    predicted, simulated : (N,) arrays
-        One-step prediction and free run [1], NaN before the first delay has passed.
-    validity : (N,) uint8 array
-        One `Validity` a sample.
-    """
+def _numbers(c: FloatArray) -> _Numbers:
     p = c[:N_EXTENDED]
-    period = c[N_EXTENDED]
-    rising, falling = int(c[N_EXTENDED + 1]), int(c[N_EXTENDED + 2])
-    lower, upper = c[N_EXTENDED + 3], c[N_EXTENDED + 4]
-    line = state[LINE : LINE + MAX_LAG + 1]
-    seen = state[LINE + MAX_LAG + 1 : LINE + MAX_LAG + 1 + MOTION_SIZE]
-    free = state[LINE + MAX_LAG + 1 + MOTION_SIZE : STATE_SIZE]
+    period, rising, falling, lower_stop, upper_stop = c[N_EXTENDED : N_EXTENDED + 5]
     steps = sub_steps(p, period)
-    h = period / steps
     m = np.zeros(N_TRANSITION)
-    transition(p, h, m)
+    transition(p, period / steps, m)
+    delays = int(rising), int(falling)
     trust = 1.0 / (p[LAG] + period)
-    for n in range(len(position)):
-        flag = restart[n]
-        if flag == Restart.GAP:
-            state[SEEN] = 0.0
-        head = int(state[HEAD])
-        line[head] = line[(head - 1) % len(line)] if flag == Restart.BAD else inputs[n, 0]
-        state[HEAD] = (head + 1) % len(line)
-        ready = state[SEEN] > max(rising, falling)
-        if ready:
-            target = target_of(delayed(line, head + len(line), rising, falling), p)
-            move(seen, target, p, h, steps, m, lower, upper)
-            move(free, target, p, h, steps, m, lower, upper)
-            predicted[n] = seen[_Y]
-            validity[n] = Validity.VALID
-        else:
-            predicted[n] = nan
-            validity[n] = Validity.STARTING
-        if flag == Restart.BAD:
-            validity[n] = Validity.BAD_INPUT
-        elif not ready:
-            rest_at(seen, position[n])
-            free[:] = seen
-        else:
-            miss = position[n] - seen[_Y]
-            seen[_X] += miss
-            seen[_Y] = position[n]
-            seen[_V] += trust * miss
-            if flag == Restart.NEW_CYCLE:
-                free[:] = seen
-        simulated[n] = free[_Y] if ready else nan
-        state[SEEN] += 1.0
+    return _Numbers(p, m, steps, period / steps, *delays, lower_stop, upper_stop, trust)
+
+
+@per_sample
+def _advance_extended(
+    m: _Numbers, seen: float, followed: FloatArray, free: FloatArray, memory: FloatArray,
+    inputs: FloatArray, n: int, bad: bool,
+) -> Validity:  # fmt: skip
+    push(memory, inputs, n, bad)
+    ready = seen > max(m.rising, m.falling)
+    if ready:
+        line = memory[1:]
+        command = delayed(line, int(memory[0]) + len(line), m.rising, m.falling)
+        target = target_of(command, m.p)
+        for z in (followed, free):
+            move(z, target, m.p, m.step_s, m.steps, m.transition, m.lower_stop, m.upper_stop)
+    return Validity.VALID if ready else Validity.STARTING
+
+
+@per_sample
+def _follow_extended(
+    m: _Numbers, followed: FloatArray, memory: FloatArray, position: float,
+    inputs: FloatArray, n: int, code: Validity,
+) -> Validity:  # fmt: skip
+    """Correct speed and place by what the position did otherwise, the more the shorter the lag."""
+    if code == Validity.STARTING:
+        rest_at(followed, position)
+        return code
+    miss = position - followed[_Y]
+    followed[_X] += miss
+    followed[_Y] = position
+    followed[_V] += m.trust * miss
+    return code
+
+
+predict_extended = predictor(
+    _advance_extended, _follow_extended, run=MOTION_SIZE, numbers=_numbers, output=_Y
+)
+"""Prediction of the extended law; 17 coefficients: the 12 parameters, period [s], delay of a rise
+and of a fall [samples], lower and upper stop [1]."""

@@ -19,16 +19,19 @@ was not trained on.
 
 from __future__ import annotations
 
-from math import exp, nan
+from math import exp
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
 
-from valve_twin.core.types import Restart, Validity
+from valve_twin.core.types import Validity
+from valve_twin.core.valves.kit.bind import per_sample
+from valve_twin.core.valves.kit.loops import push, pushed
+from valve_twin.core.valves.kit.prediction import predictor
 
 if TYPE_CHECKING:
-    from valve_twin.core.types import BoolArray, ByteArray, FloatArray
+    from valve_twin.core.types import BoolArray, FloatArray
 
 N_PARAMETERS = 5
 """rate_rising, rate_falling, slew_rising, slew_falling [1/s], dead_band [1]."""
@@ -36,12 +39,15 @@ N_PARAMETERS = 5
 MAX_LAG = 1024
 """Longest delay the prediction can hold [samples]."""
 
-_RATE_RISING, _RATE_FALLING, _SLEW_RISING, _SLEW_FALLING, _DEAD_BAND = range(N_PARAMETERS)
+_DEAD_BAND = 4
 
-_LAST, _FREE, SEEN, HEAD, LINE = 0, 1, 2, 3, 4
-STATE_SIZE = LINE + MAX_LAG + 1 + 8
-"""Last measured and free position [1], samples seen, head and content of the delay line, and the
-two motions of the extended law."""
+RUNS = 4
+"""Most numbers of a run: those of the extended law; the plain one has the position only [1]."""
+
+MEMORY = 1 + MAX_LAG + 1
+"""The commands so far [1], see `kit.loops.push`."""
+
+_PERIOD, _LAG, _LOWER_STOP, _UPPER_STOP = range(N_PARAMETERS, 9)
 
 
 @njit(cache=True)
@@ -99,70 +105,37 @@ def advance(x: float, command: float, p: FloatArray, duration: float) -> float:
     return float(x)
 
 
-@njit(cache=True)
+@per_sample
 def _step(x: float, command: float, c: FloatArray) -> float:
-    return float(min(max(advance(x, command, c, c[5]), c[7]), c[8]))
+    return float(min(max(advance(x, command, c, c[_PERIOD]), c[_LOWER_STOP]), c[_UPPER_STOP]))
 
 
-@njit(cache=True)
-def predict_block(
-    state: FloatArray,
-    c: FloatArray,
-    position: FloatArray,
-    inputs: FloatArray,
-    restart: ByteArray,
-    predicted: FloatArray,
-    simulated: FloatArray,
-    validity: ByteArray,
-) -> None:
-    """Predict N samples in place; see `ValveModel.predict`.
+@per_sample
+def _advance(
+    m: FloatArray, seen: float, followed: FloatArray, free: FloatArray, memory: FloatArray,
+    inputs: FloatArray, n: int, bad: bool,
+) -> Validity:  # fmt: skip
+    push(memory, inputs, n, bad)
+    lag = int(m[_LAG])
+    ready = seen > lag
+    if ready:
+        command = memory[pushed(memory, 1, lag)]
+        followed[0], free[0] = _step(followed[0], command, m), _step(free[0], command, m)
+    return Validity.VALID if ready else Validity.STARTING
 
-    Parameters
-    ----------
-    state : (STATE_SIZE,) array
-        See `STATE_SIZE`; written in place.
-    c : (9,) array
-        The 5 parameters, period [s], lag [samples], lower and upper stop [1].
-    position : (N,) array
-        Measured position [1].
-    inputs : (N, 1) array
-        Command [1].
-    restart : (N,) uint8 array
-        One `Restart` a sample.
-    predicted, simulated : (N,) arrays
-        One-step prediction and free run [1], NaN before the command of `lag` samples ago is known.
-    validity : (N,) uint8 array
-        One `Validity` a sample.
-    """
-    lag = int(c[6])
-    for n in range(len(position)):
-        flag = restart[n]
-        if flag == Restart.GAP:
-            state[SEEN] = 0.0
-        head = int(state[HEAD])
-        if flag == Restart.BAD:
-            state[LINE + head] = state[LINE + (head - 1) % (MAX_LAG + 1)]
-        else:
-            state[LINE + head] = inputs[n, 0]
-        state[HEAD] = (head + 1) % (MAX_LAG + 1)
-        ready = state[SEEN] > lag
-        command = state[LINE + (head - lag) % (MAX_LAG + 1)]
-        if ready:
-            predicted[n] = _step(state[_LAST], command, c)
-            state[_FREE] = _step(state[_FREE], command, c)
-            validity[n] = Validity.VALID
-        else:
-            predicted[n] = nan
-            validity[n] = Validity.STARTING
-        if flag == Restart.BAD:
-            validity[n] = Validity.BAD_INPUT
-            state[_LAST] = predicted[n] if ready else state[_LAST]
-        else:
-            state[_LAST] = position[n]
-            if not ready or flag == Restart.NEW_CYCLE:
-                state[_FREE] = position[n]
-        simulated[n] = state[_FREE] if ready else nan
-        state[SEEN] += 1.0
+
+@per_sample
+def _follow(
+    m: FloatArray, followed: FloatArray, memory: FloatArray, position: float,
+    inputs: FloatArray, n: int, code: Validity,
+) -> Validity:  # fmt: skip
+    followed[0] = position
+    return code
+
+
+predict_block = predictor(_advance, _follow, run=1)
+"""Prediction of the plain law; 9 coefficients: the 5 parameters, period [s], lag [samples], lower
+and upper stop [1]."""
 
 
 @njit(cache=True)

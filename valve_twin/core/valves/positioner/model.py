@@ -18,6 +18,7 @@ from valve_twin.core.estimation.cycle.plausibility import (
 )
 from valve_twin.core.valves.kit.compiled import CompiledModel
 from valve_twin.core.valves.kit.intervals import block_errors
+from valve_twin.core.valves.kit.prediction import state_size
 from valve_twin.core.valves.positioner.curve import (
     line_through,
     pooled,
@@ -32,7 +33,7 @@ from valve_twin.core.valves.positioner.fit import (
     normal,
 )
 from valve_twin.core.valves.positioner.fit_extended import fit_extended
-from valve_twin.core.valves.positioner.kernels import STATE_SIZE, predict_block
+from valve_twin.core.valves.positioner.kernels import MEMORY, RUNS, predict_block
 from valve_twin.core.valves.positioner.outcome import MIN_DRIVEN, Errors, accepted, refused
 from valve_twin.core.valves.positioner.outcome_extended import Fitted, accepted_extended
 from valve_twin.core.valves.positioner.parameters import ESTIMATOR, PARAMETERS, PositionerOptions
@@ -69,7 +70,7 @@ class PositionerModel(CompiledModel):
     output: str = "position"
     parameters: tuple[Parameter, ...] = PARAMETERS
     options: PositionerOptions = field(default_factory=PositionerOptions)
-    state_size = STATE_SIZE
+    state_size = state_size(RUNS, MEMORY)
     trend_estimator: str = ESTIMATOR
     normalised: bool = True
     proposed_for: str = "followed"

@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from valve_twin.core.diagnosis.features import ESTIMATOR as SHOWN
-from valve_twin.core.quantity import quantity, setting
+from valve_twin.core.quantity import assumed, quantity, setting
 from valve_twin.core.types import Parameter
 from valve_twin.core.valves.press_cartridge.diagnosis.features import COUNTS, FEATURES
 from valve_twin.core.valves.press_cartridge.estimation import kalman, output_error
@@ -89,17 +89,8 @@ class PressCartridgeOptions:
         "errors and intervals: to re-estimate an archive by constrained least "
         "squares",
     )
-    v_ref: float = quantity(
-        0.3, "1", "outflow command at which K_out is published", lower=0.0, upper=1.0, assumed=True
-    )
-    v_max: float = quantity(
-        0.8,
-        "1",
-        "greatest command: gains are positive up to it",
-        lower=0.01,
-        upper=1.0,
-        assumed=True,
-    )
+    v_ref: float = assumed(0.3, "1", "outflow command at which K_out is published", 0.0, 1.0)
+    v_max: float = assumed(0.8, "1", "greatest command: gains are positive up to it", 0.01, 1.0)
     lag: int = quantity(
         -1,
         "samples",
@@ -111,13 +102,12 @@ class PressCartridgeOptions:
     pole_fixed: float = quantity(
         -1.0, "1", "pole of the output error, -1 = search", lower=-1.0, upper=0.98
     )
-    wander: float = quantity(
+    wander: float = assumed(
         0.03,
         "1",
         "random walk of the level in motion, variance a sample over noise variance",
-        lower=0.0,
-        upper=1e6,
-        assumed=True,
+        0.0,
+        1e6,
     )
     lower_seat: float = quantity(0.0, "1", "position on the lower seat", lower=-1.0, upper=2.0)
     upper_seat: float = quantity(1.0, "1", "position on the upper seat", lower=-1.0, upper=2.0)
@@ -129,27 +119,17 @@ class PressCartridgeOptions:
         lower=0.0,
         upper=2.0,
     )
-    seat_margin: float = quantity(
-        0.01, "1", "distance from a seat that counts as on it", lower=0.0, upper=0.2, assumed=True
-    )
+    seat_margin: float = assumed(0.01, "1", "distance from a seat that counts as on it", 0.0, 0.2)
     v_offset_in: float = quantity(
         0.0, "1", "inflow command below which the pilots stay shut", lower=0.0, upper=0.5
     )
     v_offset_out: float = quantity(
         0.0, "1", "outflow command below which the pilots stay shut", lower=0.0, upper=0.5
     )
-    active_command: float = quantity(
-        0.01, "1", "command above which an input acts", lower=0.0, upper=0.5, assumed=True
-    )
-    min_travel: float = quantity(
-        2e-3, "1", "least travel that tells a gain", lower=0.0, upper=1.0, assumed=True
-    )
-    min_hold: int = quantity(
-        30,
-        "samples",
-        "fewest samples of hold off the seat that tell a leak",
-        lower=1,
-        assumed=True,
+    active_command: float = assumed(0.01, "1", "command above which an input acts", 0.0, 0.5)
+    min_travel: float = assumed(2e-3, "1", "least travel that tells a gain", 0.0, 1.0)
+    min_hold: int = assumed(
+        30, "samples", "fewest samples of hold off the seat that tell a leak", lower=1
     )
     extended_constraints: bool = setting(
         True,

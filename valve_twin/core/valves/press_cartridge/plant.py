@@ -26,7 +26,7 @@ import numpy as np
 from valve_twin.core.control.plc import PlcConfig
 from valve_twin.core.control.plc import initial_state as plc_state
 from valve_twin.core.physics.orifice import signed_root
-from valve_twin.core.quantity import check_quantities, quantity
+from valve_twin.core.quantity import assumed, check_quantities, quantity
 from valve_twin.core.simulation.config import Scatter, SimulationConfig
 from valve_twin.core.simulation.faults import PLANT_KINDS
 from valve_twin.core.simulation.plant import Drive, Plant, Response, whole_ratio
@@ -52,37 +52,33 @@ class PressCartridgePlant(Plant):
         "command_loss",
     )
 
-    area_in: float = quantity(
+    area_in: float = assumed(
         1.27e-5,
         "m^2",
         "Opening of the filling pilot group at full command (R1 of paper 002)",
-        lower=1e-8,
-        upper=1e-2,
-        assumed=True,
+        1e-8,
+        1e-2,
     )
-    area_out: float = quantity(
+    area_out: float = assumed(
         1.27e-5,
         "m^2",
         "Opening of the emptying pilot group at full command (R2 of paper 002)",
-        lower=1e-8,
-        upper=1e-2,
-        assumed=True,
+        1e-8,
+        1e-2,
     )
-    saturation_in: float = quantity(
+    saturation_in: float = assumed(
         0.05,
         "1",
         "Relative loss of filling pilot opening at full command: y ~ v (1 - s v)",
-        lower=0.0,
-        upper=0.5,
-        assumed=True,
+        0.0,
+        0.5,
     )
-    saturation_out: float = quantity(
+    saturation_out: float = assumed(
         0.30,
         "1",
         "Relative loss of emptying pilot opening at full command: y ~ v (1 - s v)",
-        lower=0.0,
-        upper=0.5,
-        assumed=True,
+        0.0,
+        0.5,
     )
     offset_in: float = quantity(
         0.0, "1", "Filling command below which the pilot stays shut (v0)", lower=0.0, upper=0.5
@@ -90,32 +86,15 @@ class PressCartridgePlant(Plant):
     offset_out: float = quantity(
         0.0, "1", "Emptying command below which the pilot stays shut (v0)", lower=0.0, upper=0.5
     )
-    pilot_lag: float = quantity(
-        8e-3, "s", "Time constant of the pilot valves", lower=1e-4, upper=1.0, assumed=True
+    pilot_lag: float = assumed(8e-3, "s", "Time constant of the pilot valves", 1e-4, 1.0)
+    leak: float = assumed(
+        3.2e-10, "m^3/(s Pa^0.5)", "Chamber leak over the root of the chamber pressure", 0.0, 1e-6
     )
-    leak: float = quantity(
-        3.2e-10,
-        "m^3/(s Pa^0.5)",
-        "Chamber leak over the root of the chamber pressure",
-        lower=0.0,
-        upper=1e-6,
-        assumed=True,
+    piston_area: float = assumed(
+        2e-3, "m^2", "Area of the spindle in the chamber (A_B)", 1e-6, 1.0
     )
-    piston_area: float = quantity(
-        2e-3,
-        "m^2",
-        "Area of the spindle in the chamber (A_B)",
-        lower=1e-6,
-        upper=1.0,
-        assumed=True,
-    )
-    area_ratio: float = quantity(
-        0.96,
-        "1",
-        "Area under supply pressure over the chamber area (A_T/A_B)",
-        lower=0.05,
-        upper=0.99,
-        assumed=True,
+    area_ratio: float = assumed(
+        0.96, "1", "Area under supply pressure over the chamber area (A_T/A_B)", 0.05, 0.99
     )
     preload: float = quantity(
         0.0,
@@ -134,36 +113,16 @@ class PressCartridgePlant(Plant):
     stiction: float = quantity(
         0.0, "1", "Change of command that a sticking pilot does not follow", lower=0.0, upper=0.5
     )
-    mass: float = quantity(
-        80.0, "kg", "Mass of the spindle (M)", lower=0.01, upper=1e4, assumed=True
+    mass: float = assumed(80.0, "kg", "Mass of the spindle (M)", 0.01, 1e4)
+    damping: float = assumed(2500.0, "N s/m", "Viscous damping of the spindle (B)", 0.0, 1e6)
+    stroke: float = assumed(0.9, "m", "Stroke of the spindle (x_max)", 1e-4, 10.0)
+    supply_pressure: float = assumed(3e7, "Pa", "Supply pressure (Pz)", 1e5, 2e8)
+    density: float = assumed(1000.0, "kg/m^3", "Density of the water", 100.0, 2000.0)
+    bulk_modulus: float = assumed(
+        2.1e9, "Pa", "Bulk modulus of the water (beta_e); 4e8 with air", 1e7, 1e10
     )
-    damping: float = quantity(
-        2500.0, "N s/m", "Viscous damping of the spindle (B)", lower=0.0, upper=1e6, assumed=True
-    )
-    stroke: float = quantity(
-        0.9, "m", "Stroke of the spindle (x_max)", lower=1e-4, upper=10.0, assumed=True
-    )
-    supply_pressure: float = quantity(
-        3e7, "Pa", "Supply pressure (Pz)", lower=1e5, upper=2e8, assumed=True
-    )
-    density: float = quantity(
-        1000.0, "kg/m^3", "Density of the water", lower=100.0, upper=2000.0, assumed=True
-    )
-    bulk_modulus: float = quantity(
-        2.1e9,
-        "Pa",
-        "Bulk modulus of the water (beta_e); 4e8 with air",
-        lower=1e7,
-        upper=1e10,
-        assumed=True,
-    )
-    dead_volume: float = quantity(
-        1e-3,
-        "m^3",
-        "Chamber volume with the spindle closed (V0)",
-        lower=1e-6,
-        upper=1.0,
-        assumed=True,
+    dead_volume: float = assumed(
+        1e-3, "m^3", "Chamber volume with the spindle closed (V0)", 1e-6, 1.0
     )
     step: float = quantity(
         1e-4,

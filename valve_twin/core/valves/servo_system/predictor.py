@@ -9,30 +9,25 @@ position; the free run starts from there at the beginning of a cycle.
 from __future__ import annotations
 
 from math import nan
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from valve_twin.core.physics.hysteresis import PLAYS
-from valve_twin.core.types import Restart, Validity
+from valve_twin.core.types import FloatArray, Validity
+from valve_twin.core.valves.kit.bind import per_sample
+from valve_twin.core.valves.kit.prediction import predictor, state_size
 from valve_twin.core.valves.servo_system import dynamics as dyn
 from valve_twin.core.valves.servo_system import numbers as num
 from valve_twin.core.valves.servo_system.integrate import FIRST_STEP, advance, rest
 
-if TYPE_CHECKING:
-    from valve_twin.core.types import ByteArray, FloatArray
-
 N_COEFFICIENTS = num.COUNT + 1
 """Numbers of the loop, and the sampling time [s]."""
 
-_SEEN, _LAST = 0, 1
-_RUN = dyn.STATES + PLAYS + 1
-_OBSERVED = 2
-_FREE = _OBSERVED + _RUN
-STATE_SIZE = _FREE + _RUN
-"""Whether started, desired position [1]; of the observed and of the free loop the states, the
-motor's memory and the next step."""
+_RUN = dyn.STATES + PLAYS + 1  # states, the motor's memory, next step
+_LAST, _ALIVE = 0, 1  # desired position [1], whether the integration goes on
+STATE_SIZE = state_size(_RUN, 2)
 
 _GAIN = 0.1  # share of the distance to a measured position that is corrected [1], assumed
 _RTOL = 1e-4
@@ -65,61 +60,53 @@ def _move(run: FloatArray, p: FloatArray, u: FloatArray, period: float) -> bool:
     return bool(reached >= period * (1.0 - 1e-9) and np.isfinite(y).all())
 
 
-@njit(cache=True)
-def predict_block(
-    state: FloatArray,
-    c: FloatArray,
-    position: FloatArray,
-    inputs: FloatArray,
-    restart: ByteArray,
-    predicted: FloatArray,
-    simulated: FloatArray,
-    validity: ByteArray,
-) -> None:
-    """Predict N samples in place; see `ValveModel.predict`.
+class _Numbers(NamedTuple):
+    """Numbers of the loop (num.COUNT,), its controls (dyn.CONTROLS,), sampling time [s]."""
 
-    Parameters
-    ----------
-    state : (STATE_SIZE,) array
-        See `STATE_SIZE`; written in place.
-    c : (N_COEFFICIENTS,) array
-        See `N_COEFFICIENTS`.
-    position : (N,) array
-        Measured position [1].
-    inputs : (N, 9) array
-        Desired position and sensors [1].
-    restart : (N,) uint8 array
-        One `Restart` a sample.
-    predicted, simulated : (N,) arrays
-        One-step prediction and free run [1].
-    validity : (N,) uint8 array
-        One `Validity` a sample.
-    """
-    p, period = c[: num.COUNT], c[num.COUNT]
-    stroke = p[num.STROKE]
-    observed, free = state[_OBSERVED:_FREE], state[_FREE:]
+    p: FloatArray
+    u: FloatArray
+    period_s: float
+
+
+@njit(cache=True)
+def _numbers(c: FloatArray) -> _Numbers:
     u = np.zeros(dyn.CONTROLS)
     u[dyn.FED_BACK] = nan
-    for n in range(len(position)):
-        flag = restart[n]
-        if flag == Restart.GAP:
-            state[_SEEN] = 0.0
-        if state[_SEEN] > 0.0:
-            u[dyn.WANTED] = (state[_LAST] - 0.5) * stroke
-            alive = _move(observed, p, u, period) and _move(free, p, u, period)
-            state[_SEEN] = 1.0 if alive else 0.0
-        ready = state[_SEEN] > 0.0
-        predicted[n] = observed[dyn.XP] / stroke + 0.5 if ready else nan
-        validity[n] = Validity.VALID if ready else Validity.STARTING
-        if flag == Restart.BAD:
-            validity[n] = Validity.BAD_INPUT
-        else:
-            measured = min(max(position[n], -0.2), 1.2)
-            if ready:
-                _shift(observed, p, _GAIN * ((measured - 0.5) * stroke - observed[dyn.XP]))
-            elif _begin(observed, p, (measured - 0.5) * stroke):
-                state[_SEEN] = 1.0
-            if flag == Restart.NEW_CYCLE or not ready:
-                free[:] = observed
-            state[_LAST] = min(max(inputs[n, 0], -1.0), 2.0)
-        simulated[n] = free[dyn.XP] / stroke + 0.5 if ready else nan
+    return _Numbers(c[: num.COUNT], u, c[num.COUNT])
+
+
+@per_sample
+def _advance(
+    m: _Numbers, seen: float, followed: FloatArray, free: FloatArray, memory: FloatArray,
+    inputs: FloatArray, n: int, bad: bool,
+) -> Validity:  # fmt: skip
+    if seen > 0.0 and memory[_ALIVE] > 0.0:
+        m.u[dyn.WANTED] = (memory[_LAST] - 0.5) * m.p[num.STROKE]
+        alive = _move(followed, m.p, m.u, m.period_s) and _move(free, m.p, m.u, m.period_s)
+        memory[_ALIVE] = 1.0 if alive else 0.0
+    if not bad:
+        memory[_LAST] = min(max(inputs[n, 0], -1.0), 2.0)
+    return Validity.VALID if seen > 0.0 and memory[_ALIVE] > 0.0 else Validity.STARTING
+
+
+@per_sample
+def _shown(m: _Numbers, value: float) -> float:
+    return float(value / m.p[num.STROKE] + 0.5)
+
+
+@per_sample
+def _follow(
+    m: _Numbers, followed: FloatArray, memory: FloatArray, position: float,
+    inputs: FloatArray, n: int, code: Validity,
+) -> Validity:  # fmt: skip
+    place = (min(max(position, -0.2), 1.2) - 0.5) * m.p[num.STROKE]
+    if code == Validity.STARTING:
+        memory[_ALIVE] = 1.0 if _begin(followed, m.p, place) else 0.0
+    else:
+        _shift(followed, m.p, _GAIN * (place - followed[dyn.XP]))
+    return code
+
+
+predict_block = predictor(
+    _advance, _follow, run=_RUN, numbers=_numbers, output=dyn.XP, shown=_shown
+)
