@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Estimates of one valve as columns of numbers: 0.18 kB instead of 0.95 kB each, whole arrays read.
+"""Estimates of one valve as columns of numbers: 0.18 kB each instead of 0.95 kB as objects.
 
 Kept is what trends and faults read: of the estimates that feed the trend and of the features all
 numbers, reasons only of refused ones, checks only where failed. Rows are only ever added, so
