@@ -24,6 +24,7 @@ VALVES = (
     "cycle_timing",
     "damadics",
     "double_solenoid",
+    "hammerstein_wiener",
     "hybrid_actuator",
     "hydraulic_actuator",
     "positioner",

@@ -26,6 +26,9 @@ if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
     from valve_twin.core.valves.interface import ValveModel
 
+GENERIC = "any"
+"""What a black box is proposed for: it is no model of a valve, and not tried beside them."""
+
 _MARGIN = 1.1  # a misfit less than this many times the least is not worth more terms, assumed
 _HELPS = 0.5  # a term that adds less to the fit is not built on [%], assumed
 _REACH = 4  # samples that the scan of the delay reaches beyond twice the lag found
@@ -105,7 +108,7 @@ def try_models(
     trials = []
     for name in model_names():
         model = get_model(name)
-        if len(model.inputs) != 1 or not _accepts(model, kind):
+        if len(model.inputs) != 1 or not _accepts(model, kind) or model.proposed_for == GENERIC:
             continue
         given = maps if model.normalised else _symmetric(halves, falls=falls)
         trials += _grown(model, halves, step_s, given, (2 * lag + _REACH) * period_s)
