@@ -166,7 +166,7 @@ class Counters:
 
     def _moved(self, moves: Moves) -> Counters:
         """Add the movements of a cycle to the one that was under way."""
-        if not moves.count:
+        if not moves.number:
             return replace(self, rests=True)
         begin, *levels = (float(x) for x in moves.levels)
         now = replace(self, rests=moves.rests, starts=self.starts + moves.starts)

@@ -76,7 +76,7 @@ class Moves(NamedTuple):
     rests: bool = True
 
     @property
-    def count(self) -> int:
+    def number(self) -> int:
         """Movements in one direction [1]; their number less one is that of the reversals."""
         return max(len(self.levels) - 1, 0)
 
@@ -95,7 +95,7 @@ def count_movement(position: FloatArray) -> tuple[int, float]:
         Believed positions, finite.
     """
     found = find_moves(position)
-    return found.count, found.travel
+    return found.number, found.travel
 
 
 def find_moves(position: FloatArray) -> Moves:
