@@ -105,7 +105,7 @@ def test_the_blocks_of_the_second_cycle_are_kept_and_follow_what_is_unseen():
     assert shown[2] == shown[1]
 
 
-def test_one_step_ahead_it_is_as_good_as_the_noise_and_the_free_run_needs_no_measurement():
+def test_the_free_run_is_not_moved_by_a_sensor_that_drifts():
     u = commands(4)
     y = noisy(linear(u))
     _, memory = estimate_cycle(MODEL, OPTIONS, Cycle(1, 0.1, frames(u, y)), Memory.empty())
