@@ -145,6 +145,7 @@ def compile_ahead(distro: str, demo: str | None) -> None:
     names.mkdir(exist_ok=True)
     paths = [str(ROOT), str(names), *filter(None, [environment.get("PYTHONPATH")])]
     environment["PYTHONPATH"] = os.pathsep.join(paths)
+    environment.setdefault("OMP_NUM_THREADS", "1")  # more threads spin and give nothing
     command = [str(PYTHON), "setup.py", "-q", "egg_info", "--egg-base", str(names)]
     run(command, "listing the valves", environment, "setup_kernels.log")
     command = [str(PYTHON), "-m", "valve_twin.warmup", *arguments]
