@@ -4,10 +4,11 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
@@ -27,9 +28,6 @@ from valve_twin.io.history import restart as restarts
 from valve_twin.io.history.restart import Restart
 from valve_twin.io.history.store import History
 from valve_twin.io.offline.make_twin import make_twin
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 NAME = "/plant/valve"
 MODEL = get_model("positioner")
@@ -304,6 +302,38 @@ def test_a_snapshot_of_another_configuration_is_refused(data, tmp_path, changes)
     assert "the valve was configured otherwise: cycles go on after the last stored one" in note
     assert second.restart.twin.cycle == 0
     second.die()
+
+
+def test_a_snapshot_of_another_build_of_the_same_version_is_refused(data, tmp_path, monkeypatch):
+    """The states of other code may have the same length and another meaning."""
+    first = Life(tmp_path / "h.db")
+    first.push(data, 0, 100)
+    first.save()
+    first.die()
+    core = tmp_path / "core"
+    shutil.copytree(Path(restarts.core.__file__).parent, core)
+    kernels = core / "valves" / "positioner" / "kernels.py"
+    kernels.write_text(kernels.read_text().replace("MEMORY = 1 + MAX_LAG + 1", "MEMORY = 1026"))
+    monkeypatch.setattr(restarts.core, "__file__", str(core / "__init__.py"))
+    restarts._build.cache_clear()
+    second = Life(tmp_path / "h.db")
+    restarts._build.cache_clear()
+    (note,) = second.notes
+    assert "it is of another build of valve_twin or of the model: cycles go on after" in note
+    assert second.restart.twin.cycle == 0
+    assert not second.restart.is_open
+    second.die()
+
+
+def test_a_model_of_another_package_tells_its_builds_apart_too(tmp_path, monkeypatch):
+    (tmp_path / "my_valve.py").write_text("MODEL = 1\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(restarts, "model_module", lambda name: "my_valve")
+    build = restarts._build.__wrapped__
+    before = build("my_valve")
+    assert build("my_valve") == before
+    (tmp_path / "my_valve.py").write_text("MODEL = 2\n")
+    assert build("my_valve") != before
 
 
 def test_a_request_before_the_first_sample_leaves_the_running_cycle_out(data, tmp_path):

@@ -53,15 +53,19 @@ def get_model(name: str) -> ValveModel:
         If there is no such model, the message names the nearest one; or if it lacks a member of
         `ValveModel`.
     """
-    entry = _ours().get(name)
-    if entry is None:  # a look at every installed distribution takes a while
-        entry = next((e for e in entry_points(group=ENTRY_POINT_GROUP) if e.name == name), None)
+    entry = _entry(name)
     if entry is not None:
         return _checked(entry.load(), name)
     names = model_names()
     none = f"; no package registers any in '{ENTRY_POINT_GROUP}': install anew (make setup)"
     msg = f"'{name}' is unknown{nearest_hint(name, names) if names else none}"
     raise ValueError(msg)
+
+
+def model_module(name: str) -> str:
+    """Return the name of the module that a model is loaded from, empty where there is none."""
+    entry = _entry(name)
+    return entry.module if entry is not None else ""
 
 
 def get_simulation(name: str) -> SimulationConfig:
@@ -77,6 +81,13 @@ def get_simulation(name: str) -> SimulationConfig:
         msg = f"model '{name}' cannot be simulated: its simulation() returns None"
         raise ValueError(msg)
     return simulation
+
+
+def _entry(name: str) -> EntryPoint | None:
+    entry = _ours().get(name)
+    if entry is None:  # a look at every installed distribution takes a while
+        entry = next((e for e in entry_points(group=ENTRY_POINT_GROUP) if e.name == name), None)
+    return entry
 
 
 @cache

@@ -13,22 +13,23 @@ import hashlib
 import time
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
+from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from valve_twin import __version__
+from valve_twin import __version__, core
 from valve_twin.core.alignment import POSITION
 from valve_twin.core.estimation.cycle.sequence import MEMORY_CYCLES, memory_from_history
 from valve_twin.core.rejoin import Rejoin
 from valve_twin.core.state import Resume
 from valve_twin.core.twin import EFFECT_DELAY, Event, Twin
-from valve_twin.core.valves.registry import get_model
+from valve_twin.core.valves.registry import get_model, model_module
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.snapshot import Origin, load_snapshot, save_snapshot
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from pathlib import Path
 
     from valve_twin.core.rejoin import Samples
     from valve_twin.core.state import TwinState
@@ -86,7 +87,8 @@ class Restart:
             self._resume = Resume(last.start_ns, last.end_ns, claim.announced)
         elif claim.announced.number:
             self._resume = Resume(announced=claim.announced)
-        self._origin = Origin(__version__, config.name, _digest(config))
+        digest, build = _digest(config), _build(config.model)
+        self._origin = Origin(__version__, config.name, digest, build=build)
         self.stored(self.last_cycle, last.start_ns if last is not None else 0)
         recent = partial(history.recent_estimates, config.name)
         self.twin = make(
@@ -231,3 +233,22 @@ def _digest(config: ValveConfig) -> str:
     form = (model.name, [p.name for p in model.parameters], model.initial_state().tolist())
     parts = (config.period_s, config.hold_back_s, config.cycles, config.options)
     return hashlib.sha256(repr((form, signals, parts)).encode()).hexdigest()
+
+
+@cache
+def _build(model: str) -> str:
+    """Return what changes with the code of the core and of a model, by its name.
+
+    The arrays of a state carry no names: the same numbers mean something else to other code.
+    """
+    folder = Path(str(core.__file__)).parent
+    files = sorted(folder.rglob("*.py"))
+    spec = find_spec(model_module(model) or core.__name__)
+    if spec is not None and spec.origin is not None and not spec.name.startswith(core.__name__):
+        own = Path(spec.origin)
+        whole = (own.parent / "__init__.py").exists()
+        files += sorted(own.parent.glob("*.py")) if whole else [own]
+    digest = hashlib.sha256()
+    for file in files:
+        digest.update(file.name.encode() + b"\0" + file.read_bytes() + b"\0")
+    return digest.hexdigest()

@@ -60,6 +60,8 @@ class Origin:
         Name of the valve; its model, signals, period, cycle rule and options.
     cycle, start_ns : int
         Number and first stamp [ns] of the last stored cycle, 0 where none is.
+    build : str
+        What the code is that gives a state its meaning: versions have many builds.
     """
 
     software: str
@@ -67,6 +69,7 @@ class Origin:
     configuration: str
     cycle: int = 0
     start_ns: int = 0
+    build: str = ""
 
 
 _MEANING = {
@@ -75,6 +78,7 @@ _MEANING = {
     "configuration": "the valve was configured otherwise",
     "cycle": "the history ends with another cycle",
     "start_ns": "the history ends with another cycle",
+    "build": "it is of another build of valve_twin or of the model",
 }
 
 
