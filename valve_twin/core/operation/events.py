@@ -21,6 +21,15 @@ _NO_JUDGEMENT = {VerdictKind.NOT_ENOUGH_DATA, VerdictKind.RECORDING_UNUSABLE}
 """Verdicts behind which a fault may go on: it is not said to be over."""
 
 
+MOST_OF_A_LINE = 4096
+"""Length of the text of an entry [characters]."""
+
+
+def one_line(text: str) -> str:
+    """Return a text, which may come from anybody, as one line that is not too long."""
+    return " ".join(text[:MOST_OF_A_LINE].split())
+
+
 @dataclass(frozen=True, slots=True)
 class Event:
     """One entry of a valve's event log: the fields of Event.msg.
@@ -73,18 +82,19 @@ def verdict_events(verdict: Verdict, last_fault: str) -> Iterator[Event]:
     if over:
         text = f"{last_fault} is found no more: {verdict.text}"
         yield Event(*at, f"healed.{last_fault}", Ne107.GOOD.value, text)
+    said = one_line(f"{verdict.text}: {verdict.evidence}")
     if verdict.fault:
         area = "fault" if verdict.fault in FAULT_ADVICE else "limit"
         code = f"{area}.{verdict.fault}"
     else:
         code = f"verdict.{verdict.kind.name.lower()}"
-    yield Event(*at, code, status, f"{verdict.text}: {verdict.evidence}")
+    yield Event(*at, code, status, said)
 
 
 def maintenance_event(mark: Maintenance) -> Event:
     """Return the entry of a maintenance event that was marked or withdrawn."""
     done, why = ("withdrawn", mark.withdrawn_note) if mark.withdrawn else ("marked", mark.note)
-    return Event(mark.stamp_ns, mark.cycle, f"maintenance.{done}", Ne107.GOOD.value, why)
+    return Event(mark.stamp_ns, mark.cycle, f"maintenance.{done}", Ne107.GOOD.value, one_line(why))
 
 
 def start_event(stamp_ns: int, cycle: int, software: str) -> Event:

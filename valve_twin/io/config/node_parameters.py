@@ -149,7 +149,11 @@ class TwinParameters(NodeParameters):
         5.0, "s", "How long another program's lock of the database is waited for.", 0.0, 3600.0
     )
     events_kept: int = quantity(
-        10000, "1", "Events kept of a valve, beside failures not acknowledged.", lower=10
+        10000,
+        "1",
+        "Events kept of a valve, beside the first of each failure not acknowledged.",
+        10,
+        10**6,
     )
 
 

@@ -19,7 +19,7 @@ from valve_twin.core.operation.events import maintenance_event, verdict_events
 from valve_twin.core.types import Maintenance
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.check_sums import sealed, sound_rows
-from valve_twin.io.history.log.events import KEPT, add_events
+from valve_twin.io.history.log.events import KEPT, add_events, wrong_text
 from valve_twin.io.history.tables import MAINTENANCE, VERDICT, from_row, to_row
 
 if TYPE_CHECKING:
@@ -43,10 +43,7 @@ def wrong_note(note: str, what: str = "what was done") -> str:
     """
     if not note.strip():
         return f"the note is empty: say {what}"
-    size = len(note.encode("utf-8", "surrogateescape"))
-    if size > MOST_OF_A_NOTE:
-        return f"the note has {size} bytes, {MOST_OF_A_NOTE} at most: shorten it"
-    return ""
+    return wrong_text("the note", note, MOST_OF_A_NOTE)
 
 
 def add_event(connection: Connection, valve_id: int, event: Maintenance, kept: int = KEPT) -> bool:

@@ -35,8 +35,6 @@ from valve_twin.io.history.tables import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from sqlalchemy.engine import Connection
 
 _DAMAGED = ("malformed", "not a database")
@@ -178,9 +176,9 @@ def _carry_valve(
     for table in (MAINTENANCE, VERDICT):
         known = _rows(sink, table, new_id)
         rows[table] = [row for row in _rows(source, table, old_id) if row not in known]
-    rows[MAINTENANCE] = _carry_withdrawn(sink, new_id, rows[MAINTENANCE])
-    entries = {_entry_key(row) for row in _rows(sink, EVENT, new_id)}
-    rows[EVENT] = [r for r in _rows(source, EVENT, old_id) if _entry_key(r) not in entries]
+    rows[EVENT] = _rows(source, EVENT, old_id)
+    for table in (MAINTENANCE, EVENT):
+        rows[table] = _carry_marked(sink, new_id, table, rows[table])
     rows[COUNTERS] = _carry_counters(sink, new_id, _rows(source, COUNTERS, old_id))
     for table, found in rows.items():
         if found:
@@ -189,24 +187,31 @@ def _carry_valve(
     return len(missing)
 
 
-def _carry_withdrawn(
-    sink: Connection, new_id: int, events: list[dict[str, Any]]
-) -> list[dict[str, Any]]:
-    """Return the events that are missing; one that is there but for its withdrawal is one event.
+_MARKED = {
+    MAINTENANCE: ("withdrawn", ("stamp_ns", "cycle", "note", "new_reference")),
+    EVENT: ("acknowledged", ("stamp_ns", "cycle", "code", "text")),
+}
+"""By table what a row may be marked as later on, and what tells it from others, marked or not."""
 
-    What was withdrawn in either file stays so.
+
+def _carry_marked(
+    sink: Connection, new_id: int, table: sa.Table, rows: list[dict[str, Any]]
+) -> list[dict[str, Any]]:
+    """Return the rows that are missing; one that is there but for its mark is the same.
+
+    What was withdrawn or acknowledged in either file stays so.
     """
+    mark, names = _MARKED[table]
+    kept = sink.execute(sa.select(table).where(table.c.valve_id == new_id))
+    known = {tuple(row[n] for n in names): row for row in map(dict, kept.mappings())}
     missing = []
-    kept = sink.execute(sa.select(MAINTENANCE).where(MAINTENANCE.c.valve_id == new_id))
-    known = {_event_key(row): row for row in map(dict, kept.mappings())}
-    for event in events:
-        row = known.get(_event_key(event))
-        if row is None:
-            missing.append(event)
-        elif event["withdrawn"] and not row["withdrawn"]:
-            change = sealed(MAINTENANCE, event | {"valve_id": new_id})
-            there = MAINTENANCE.c.id == row["id"]
-            sink.execute(MAINTENANCE.update().where(there).values(**change))
+    for row in rows:
+        there = known.get(tuple(row[n] for n in names))
+        if there is None:
+            missing.append(row)
+        elif row[mark] and not there[mark]:
+            change = sealed(table, row | {"valve_id": new_id})
+            sink.execute(table.update().where(table.c.id == there["id"]).values(**change))
     return missing
 
 
@@ -219,15 +224,6 @@ def _carry_counters(
     if more:
         sink.execute(sa.delete(COUNTERS).where(COUNTERS.c.valve_id == new_id))
     return more
-
-
-def _entry_key(row: Mapping[str, Any]) -> tuple[Any, ...]:
-    """Return what tells an entry of the event log from others, acknowledged or not."""
-    return tuple(row[name] for name in ("stamp_ns", "cycle", "code", "text"))
-
-
-def _event_key(row: Mapping[str, Any]) -> tuple[Any, ...]:
-    return tuple(row[name] for name in ("stamp_ns", "cycle", "note", "new_reference"))
 
 
 def _rows(connection: Connection, table: sa.Table, valve_id: int) -> list[dict[str, Any]]:

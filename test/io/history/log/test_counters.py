@@ -10,7 +10,8 @@ from dataclasses import replace
 import pytest
 
 from valve_twin.core.operation.counters import Counters
-from valve_twin.core.operation.events import start_event
+from valve_twin.core.operation.events import Event, start_event
+from valve_twin.io.history.log.events import Acknowledgement
 from valve_twin.io.history.store import CycleRecord, CycleTakenError, History
 
 VALVE = "/press/valve_1"
@@ -54,3 +55,18 @@ def test_a_file_that_was_replaced_takes_the_counters_that_counted_more(tmp_path)
         assert history.log.counters(VALVE) == Counters(cycle=4, cycles=4)
         assert [c.cycle for c in history.cycles(VALVE)] == [1, 2, 3, 4]
         assert [e.code for e in history.log.events(VALVE)] == ["twin.start"]
+
+
+def test_a_file_that_was_replaced_takes_what_was_acknowledged(tmp_path):
+    file = tmp_path / "h.db"
+    with History(file) as history:
+        history.store(VALVE, record(1))
+        history.log.add(VALVE, Event(1, 1, "fault.sensor_freeze", "failure", "frozen"))
+        old = history.backup(tmp_path / "old.db")
+        history.log.acknowledge(VALVE, 0, Acknowledgement("J. Doe", "cable renewed", 7))
+        old.replace(file)
+        history.store(VALVE, record(2))
+        first, seen = history.log.events(VALVE)
+        assert (first.acknowledged_by, first.acknowledged_at_ns) == ("J. Doe", 7)
+        assert seen.code == "event.acknowledged"
+        assert history.verify().damaged == []

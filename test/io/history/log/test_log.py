@@ -82,6 +82,10 @@ def test_an_acknowledgement_stays_with_its_entry_and_is_one_itself(history):
         (first.id, " ", "who is empty"),
         (first.id, "x" * 201, "201 bytes, 200 at most"),
         (10**9, "me", "there is no entry 1000000000"),
+        (2**63, "me", "there is no entry 9223372036854775808"),
+        (2**64 - 1, "me", "there is no entry 18446744073709551615"),
+        (0, "m\udce9", r"who 'm\\udce9' is no text in UTF-8"),
+        (0, "m\0e", r"who 'm\\x00e' is no text in UTF-8"),
     ):
         with pytest.raises(StoreError, match=what):
             history.log.acknowledge(VALVE, number, Acknowledgement(who))
@@ -103,3 +107,34 @@ def test_old_entries_go_but_no_failure_that_nobody_has_seen(history):
     assert len(found) == 21
     assert found[0] == unseen
     assert {e.code for e in found[1:]} == {"twin.start"}
+
+
+def test_a_number_beyond_all_lists_nothing(history):
+    history.log.add(VALVE, Event(1, 1, "twin.start", "good", "starts"))
+    assert history.log.events(VALVE, 2**64 - 1) == []
+
+
+def test_an_entry_is_one_line_whatever_somebody_writes(history):
+    history.log.add(VALVE, Event(1, 1, "fault.sensor_freeze", "failure", "frozen"))
+    history.log.acknowledge(VALVE, 1, Acknowledgement("J.\nDoe", "seen\r\n2: forged"))
+    history.add_maintenance(VALVE, Maintenance(2, 1, "new seal\nand spring", False))
+    found = Verdict(3, VALVE, VerdictKind.SENSOR, "sensor", "why\n" * 5000, 2, "sensor_freeze")
+    history.add_verdict(VALVE, found)
+    texts = [e.text for e in history.log.events(VALVE)[1:]]
+    assert texts[:2] == ["J. Doe has seen entry 1: seen 2: forged", "new seal and spring"]
+    assert not any("\n" in text for text in texts)
+    assert max(map(len, texts)) <= 4096
+
+
+def test_a_failure_that_comes_and_goes_does_not_fill_the_log(history):
+    """Thrice the kept number of failures of two kinds, then of as many kinds; nobody looks."""
+    for number in range(60):
+        name = "sensor_freeze" if number % 3 else "supply_drop"
+        history.log.add(VALVE, Event(number, number, f"fault.{name}", "failure", "again"))
+    found = history.log.events(VALVE)
+    assert [e.cycle for e in found] == [0, 1, *range(40, 60)]  # the first of each, the newest
+    for number in range(60, 120):
+        history.log.add(VALVE, Event(number, number, f"limit.{number}", "failure", "new"))
+    found = history.log.events(VALVE)
+    assert len(found) == 40
+    assert [e.cycle for e in found[20:]] == list(range(100, 120))

@@ -2,7 +2,8 @@
 # Copyright 2026 valve_twin maintainers
 """The event log in the history: entries are added, acknowledged, and dropped when they are old.
 
-A log is bounded; what nobody has acknowledged and was a failure is never dropped.
+A log is bounded: beyond the newest entries stands the first of each kind of failure that nobody
+has acknowledged, so that one that comes and goes does not fill the disk.
 """
 
 from __future__ import annotations
@@ -26,6 +27,9 @@ if TYPE_CHECKING:
 MOST_OF_A_NAME, MOST_OF_A_NOTE = 200, 2048
 """Lengths of who acknowledges and of what he says [B]."""
 
+LAST_ID = 2**63 - 1
+"""The highest number that a database knows [1]."""
+
 KEPT = 10_000
 """Entries of a valve that are kept unless told otherwise [1]."""
 
@@ -46,7 +50,8 @@ def add_events(
     events : iterable of Event
         In their order.
     kept : int
-        Entries that may be there [1]; failures that nobody acknowledged stay beyond it.
+        Entries that may be there [1]. Of failures that nobody acknowledged the first of each code
+        stays beyond it; as many of these at most.
     """
     for event in events:
         row = to_row(event, valve_id)
@@ -55,9 +60,15 @@ def add_events(
     own = EVENT.c.valve_id == valve_id
     newest = sa.select(EVENT.c.id).where(own).order_by(EVENT.c.id.desc())
     last = connection.scalar(newest.offset(kept).limit(1))
-    if last is not None:
-        failure = sa.and_(EVENT.c.acknowledged.is_(False), EVENT.c.status == Ne107.FAILURE.value)
-        connection.execute(sa.delete(EVENT).where(own, EVENT.c.id <= last, sa.not_(failure)))
+    if last is None:
+        return
+    failure = sa.and_(EVENT.c.acknowledged.is_(False), EVENT.c.status == Ne107.FAILURE.value)
+    first = sa.select(sa.func.min(EVENT.c.id)).where(own, failure).group_by(EVENT.c.code)
+    old = sa.delete(EVENT).where(own, EVENT.c.id <= last)
+    connection.execute(old.where(EVENT.c.id.not_in(first)))
+    most = connection.scalar(newest.offset(2 * kept).limit(1))
+    if most is not None:
+        connection.execute(sa.delete(EVENT).where(own, EVENT.c.id <= most))
 
 
 def acknowledge(
@@ -93,7 +104,7 @@ def acknowledge(
         raise StoreError(wrong)
     query = sa.select(EVENT).where(EVENT.c.valve_id == valve_id).order_by(EVENT.c.id)
     query = query.where(EVENT.c.id == number) if number else query.where(_OPEN)
-    found = connection.execute(query).mappings().all()
+    found = connection.execute(query).mappings().all() if number <= LAST_ID else ()
     rows = list(sound_rows(EVENT, map(dict, found), where))
     if number and not rows:
         msg = f"there is no entry {number}: get_events lists them"
@@ -112,6 +123,25 @@ def acknowledge(
     return len(waiting)
 
 
+def wrong_text(what: str, text: str, most: int) -> str:
+    """Return what is wrong with a text that somebody gives, empty where nothing is.
+
+    Parameters
+    ----------
+    what, text, most : str, str, int
+        How it is called, the text, and its longest [B].
+    """
+    size = len(text.encode("utf-8", "surrogateescape"))
+    if size > most:
+        return f"{what} has {size} bytes, {most} at most: shorten it"
+    if "\0" in text or any("\ud800" <= c <= "\udfff" for c in text):
+        return f"{what} {text[:_SHOWN]!a} is no text in UTF-8: write it anew"
+    return ""
+
+
+_SHOWN = 40
+
+
 class Acknowledgement:
     """Who has seen an entry, what he says to it, and when [ns]."""
 
@@ -126,9 +156,9 @@ class Acknowledgement:
             ("who", self.who, MOST_OF_A_NAME),
             ("the note", self.note, MOST_OF_A_NOTE),
         ):
-            size = len(text.encode("utf-8", "surrogateescape"))
-            if size > most:
-                return f"{what} has {size} bytes, {most} at most: shorten it"
+            wrong = wrong_text(what, text, most)
+            if wrong:
+                return wrong
         return ""
 
 
@@ -144,7 +174,7 @@ def events_query(query: sa.Select[Any], first_id: int, *, open_only: bool) -> sa
     open_only : bool
         Only those that somebody has yet to acknowledge.
     """
-    query = query.where(EVENT.c.id >= first_id).order_by(EVENT.c.id)
+    query = query.where(EVENT.c.id >= min(first_id, LAST_ID)).order_by(EVENT.c.id)
     return query.where(_OPEN) if open_only else query
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Protocol
 
 from valve_twin.core.faults.ne107 import Ne107
-from valve_twin.core.operation.events import Event
+from valve_twin.core.operation.events import Event, one_line
 from valve_twin.io.history.log.counters import row_counters
 from valve_twin.io.history.log.events import (
     KEPT,
@@ -119,8 +119,7 @@ class OperationLog:
             if seen:
                 which = f"entry {number}" if number else f"{seen} entries"
                 text = f"{by.who} has seen {which}" + (f": {by.note}" if by.note else "")
-                entry = Event(
-                    by.stamp_ns, 0, "event.acknowledged", Ne107.GOOD.value, text
-                )
+                code, status = "event.acknowledged", Ne107.GOOD.value
+                entry = Event(by.stamp_ns, 0, code, status, one_line(text))
                 add_events(connection, valve_id, [entry], self.kept)
         return seen
