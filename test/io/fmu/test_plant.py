@@ -116,6 +116,7 @@ def test_stuck_and_lost_commands_act_and_what_an_fmu_cannot_do_is_told(fmus):
         ({"file": "v2.fmu", "inputs": ["position"]}, "is of causality output, no input"),
         ({"file": "v2.fmu", "inputs": ["command", "x"]}, "has 1 inputs .command.; name as many"),
         ({"file": "v2.fmu", "ouput": "x"}, "simulation.fmu.ouput: unknown setting.*output"),
+        ({"file": "words.fmu"}, "its variable time_constant starts at '0.7 s', which is no numb"),
         ({"file": 7}, "simulation.fmu.file"),
         ({"file": "v2.fmu", "plant": {"time_constant": -1.0}}, "time_constant = -1: must lie"),
     ],
@@ -130,6 +131,7 @@ def test_an_fmu_that_cannot_be_the_plant_is_one_line(fmus, tmp_path, keys, said)
             if "linux64" not in name:
                 new.writestr(name, old.read(name))
     shutil.copy(fmus / "v2.fmu", tmp_path / "v2.fmu")
+    described(fmus / "v2.fmu", tmp_path / "words.fmu", 'start="0.7"', 'start="0.7 s"')
     given = dict(keys)
     if isinstance(given["file"], str):
         given["file"] = str(tmp_path / given["file"])
@@ -176,6 +178,26 @@ def test_an_output_that_is_no_number_is_the_failure(fmus, tmp_path, version):
     valve = SimulatedValve(simulation_for("first_order", {"fmu.file": str(path)}), 1)
     valve.advance(100)
     assert valve.failure == f"{path} its output is nan at 2.5 s"
+
+
+def test_a_parameter_that_no_field_can_be_called_keeps_its_value(fmus, tmp_path):
+    path = tmp_path / "word.fmu"
+    described(fmus / "v2.fmu", path, 'name="time_constant"', 'name="lambda"')
+    given = {"plant.dead_band": 0.02, **QUIET}
+    ours = SimulatedValve(simulation_for("first_order", {**given, "plant.time_constant": 0.7}), 1)
+    theirs = SimulatedValve(simulation_for("first_order", {**given, "fmu.file": str(path)}), 1)
+    np.testing.assert_allclose(theirs.advance(99).position, ours.advance(99).position, atol=1e-12)
+
+
+def described(fmu, target, old, new):
+    """Copy an FMU with another description."""
+    with zipfile.ZipFile(fmu) as source, zipfile.ZipFile(target, "w") as copy:
+        for name in source.namelist():
+            content = source.read(name)
+            if name == "modelDescription.xml":
+                assert old.encode() in content
+                content = content.replace(old.encode(), new.encode())
+            copy.writestr(name, content)
 
 
 def broken(fmus, folder, version, after, change):

@@ -347,3 +347,22 @@ def test_a_request_before_the_first_sample_leaves_the_running_cycle_out(data, tm
     assert second.restart.twin.cycle == 0
     assert second.restart.twin.close_cycle() == []
     second.die()
+
+
+def test_waiting_cycles_outlive_a_second_stop_before_any_sample(data, undisturbed, tmp_path):
+    """Three cycles wait; one is estimated while nothing is heard; the twin stops again."""
+    first = Life(tmp_path / "h.db")
+    first.push(data, 0, 3 * SAMPLES + 100, estimates=False)
+    first.save()
+    first.die()
+    second = Life(tmp_path / "h.db")
+    twin = second.restart.twin
+    job = twin.next_job()
+    second._take(twin.deliver(*estimate_cycle(MODEL, OPTIONS, job.cycle, job.memory)))
+    assert second.restart.is_open
+    second.save()
+    second.die()
+    third = Life(tmp_path / "h.db")
+    third.push(data, 3 * SAMPLES + 100, len(data[0]))
+    assert kept(third) == undisturbed[1]
+    third.die()

@@ -8,9 +8,11 @@ An FMU is a program that runs with the rights of the user: only trusted files be
 from __future__ import annotations
 
 import weakref
+from collections import deque
 from contextlib import suppress
 from ctypes import byref
 from dataclasses import dataclass
+from keyword import iskeyword
 from pathlib import Path
 from shutil import rmtree
 from tempfile import mkdtemp
@@ -84,7 +86,7 @@ class Unit:
                 " ".join((v.description or v.name).split()),
                 v.causality or "local",
                 v.variability == "tunable",
-                float(v.start) if v.start not in (None, "") else 0.0,
+                self._start(v.name, v.start),
             )
             for v in told.modelVariables
             if v.type in _REAL and not v.dimensions
@@ -94,6 +96,13 @@ class Unit:
         weakref.finalize(self, rmtree, self._folder, ignore_errors=True)
         fmpy.extract(self.path, self._folder)
         self._check_platform(fmpy.platform, fmpy.platform_tuple, fmpy.sharedLibraryExtension)
+
+    def _start(self, name: str, text: str | None) -> float:
+        try:
+            return float(text or 0.0)
+        except ValueError as err:
+            why = f"its variable {name} starts at '{text}', which is no number"
+            raise self._refused(why) from err
 
     def _refused(self, why: str) -> ConfigError:
         return ConfigError(f"{KEY}.file = {self.path}: {why}")
@@ -113,7 +122,9 @@ class Unit:
         return tuple(
             v
             for v in self._variables.values()
-            if v.causality == "parameter" and v.name.isidentifier() and not v.name.startswith("_")
+            if v.causality == "parameter"
+            and v.name.isidentifier()
+            and not (v.name.startswith("_") or iskeyword(v.name))
         )
 
     def find(self, key: str, name: str, *, given: bool) -> Variable:
@@ -191,7 +202,7 @@ class Instance:
     ) -> None:
         self.unit = unit
         self.failure = ""
-        self._said: list[str] = []
+        self._said: deque[str] = deque(maxlen=1)
         make = _instance_2 if version == "2" else _instance_3
         try:
             self._slave = make(arguments, self._said)
@@ -266,7 +277,7 @@ class Instance:
         return " ".join(said.split())
 
 
-def _instance_2(arguments: Mapping[str, str], said: list[str]) -> Any:  # noqa: ANN401  FMPy has no types
+def _instance_2(arguments: Mapping[str, str], said: deque[str]) -> Any:  # noqa: ANN401  FMPy has no types
     from fmpy import fmi2
     from fmpy.logging import addLoggerProxy
 
@@ -283,7 +294,7 @@ def _instance_2(arguments: Mapping[str, str], said: list[str]) -> Any:  # noqa: 
     return slave
 
 
-def _instance_3(arguments: Mapping[str, str], said: list[str]) -> Any:  # noqa: ANN401  FMPy has no types
+def _instance_3(arguments: Mapping[str, str], said: deque[str]) -> Any:  # noqa: ANN401  FMPy has no types
     from fmpy.fmi3 import FMU3Slave
 
     def log(*given: Any) -> None:  # noqa: ANN401  likewise

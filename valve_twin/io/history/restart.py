@@ -79,6 +79,7 @@ class Restart:
         self._path = history.snapshot_path(config.name)
         self._rejoin: Rejoin | None = None
         self._closed: Cycle | None = None
+        self._held: Origin | None = None
         self._rests_until_s = 0.0
         last = history.last_record(config.name)
         self.last_cycle = last.cycle if last is not None else 0
@@ -131,9 +132,11 @@ class Restart:
     def saving(self) -> Callable[[], None] | None:
         """Return what saves a snapshot of now, on any thread; None where there is nothing to save.
 
-        For a time when all that was estimated is in the history.
+        For a time when all that was estimated is in the history. While it is open whether the
+        stream goes on, the snapshot before holds until a cycle that waited in it is stored; what
+        came since is no part of the next one either, which then lacks samples.
         """
-        if self._path is None or self.is_open:
+        if self._path is None or (self.is_open and self._origin == self._held):
             return None
         begin_s, state = time.monotonic(), self.twin.snapshot()
         return partial(self._save, self._path, self._origin, state, time.monotonic() - begin_s)
@@ -161,6 +164,7 @@ class Restart:
             self._forget_file()
             return
         if state is not None:
+            self._held = self._origin
             self.twin.restore(_counted_anew(state))
             self._open(state)
 
