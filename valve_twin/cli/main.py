@@ -21,7 +21,7 @@ from valve_twin.cli import (
     simulate,
     validate,
 )
-from valve_twin.cli.archive import backtest, batch, export_fmu, fleet, history, serve
+from valve_twin.cli.archive import backtest, batch, export_fmu, fleet, history, serve, verify
 from valve_twin.cli.bags import convert, cut, import_, info, predict, recover, replay
 from valve_twin.cli.common import FAILED, OK, USAGE, Parser, fail
 from valve_twin.cli.design import verb as design
@@ -38,6 +38,7 @@ VERBS = (
     estimate,
     replay,
     report,
+    verify,
     batch,
     fleet,
     serve,

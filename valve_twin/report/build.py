@@ -20,6 +20,8 @@ from valve_twin.io.offline.baseline import compare_baselines
 from valve_twin.io.offline.run import join_predictions
 from valve_twin.report.data import ReportData
 from valve_twin.report.page import write_report
+from valve_twin.report.provenance.inputs import bag_origin, history_origin
+from valve_twin.report.provenance.record import Provenance, configuration_text, versions
 from valve_twin.report.signals import signals_of
 
 if TYPE_CHECKING:
@@ -30,19 +32,19 @@ if TYPE_CHECKING:
     from valve_twin.core.valves.error_budget import Budget
     from valve_twin.io.config.valve import ValveConfig
     from valve_twin.io.offline.run import Record
+    from valve_twin.report.provenance.record import Origin
 
 
-def report_bag(
+def bag_data(
     config: ValveConfig,
     bag: str | Path,
     record: Record,
     assessment: Assessment,
-    out: str | Path,
     label: str = "",
     *,
     budget: Budget | None = None,
-) -> Path:
-    """Write the page of an estimated bag.
+) -> ReportData:
+    """Return what the page of an estimated bag shows.
 
     Parameters
     ----------
@@ -54,8 +56,6 @@ def report_bag(
         What was found in it.
     assessment : Assessment
         Its trends and verdict.
-    out : path
-        Page to write.
     label : str
         What the axis is where it is not aging, default `aging.label` of the configuration.
     budget : Budget, optional
@@ -63,11 +63,11 @@ def report_bag(
 
     Returns
     -------
-    Path
-        The page.
+    ReportData
+        Of this moment, without provenance.
     """
     model = get_model(config.model)
-    data = ReportData(
+    return ReportData(
         valve=config.name,
         model=config.model,
         source=str(bag),
@@ -87,7 +87,34 @@ def report_bag(
         counters=record.counters,
         nameplate=config.nameplate.given,
     )
-    return write_report(data, out)
+
+
+def report_bag(
+    config: ValveConfig,
+    bag: str | Path,
+    record: Record,
+    assessment: Assessment,
+    out: str | Path,
+    label: str = "",
+    *,
+    budget: Budget | None = None,
+) -> Path:
+    """Write the page of an estimated bag, with its provenance.
+
+    Parameters
+    ----------
+    config, bag, record, assessment, label, budget
+        As of `bag_data`.
+    out : path
+        Page to write.
+
+    Returns
+    -------
+    Path
+        The page.
+    """
+    data = bag_data(config, bag, record, assessment, label, budget=budget)
+    return _write(config, data, bag_origin(config, bag), label, out)
 
 
 def trivial_note(record: Record) -> tuple[str, ...]:
@@ -124,13 +151,11 @@ def report_history(
     Parameters
     ----------
     config : ValveConfig
-        The valve's configuration.
+        The valve's configuration; its history is read.
     out : path
         Page to write.
-    label : str
-        As in `report_bag`.
-    budget : Budget, optional
-        As in `report_bag`.
+    label, budget
+        As of `bag_data`.
 
     Returns
     -------
@@ -142,11 +167,47 @@ def report_history(
     StoreError
         If the history cannot be read or does not know the valve.
     """
+    data = configured_history_data(config, label, budget=budget)
+    return _write(config, data, history_origin(data), label, out)
+
+
+def configured_history_data(
+    config: ValveConfig, label: str = "", *, budget: Budget | None = None
+) -> ReportData:
+    """Return what the page of a configured valve shows of its history, without provenance.
+
+    Parameters
+    ----------
+    config : ValveConfig
+        The valve's configuration; its history is read.
+    label, budget
+        As of `bag_data`.
+
+    Raises
+    ------
+    StoreError
+        If the history cannot be read or does not know the valve.
+    """
     with History(config.history_url, read_only=True) as history:
         data = history_data(history, config.name, config.aging, label, config.model)
     options = {d.name: example(d.default) for d in describe(config.options)}
-    plate = config.nameplate.given
-    return write_report(replace(data, options=options, budget=budget, nameplate=plate), out)
+    return replace(data, options=options, budget=budget, nameplate=config.nameplate.given)
+
+
+def _write(
+    config: ValveConfig, data: ReportData, origin: Origin, label: str, out: str | Path
+) -> Path:
+    """Write a page with what it is made from."""
+    made = Provenance(
+        valve=config.name,
+        origin=origin,
+        configuration=configuration_text(config),
+        label=label,
+        budget=data.budget is not None,
+        versions=versions(),
+        written_ns=data.written_ns,
+    )
+    return write_report(replace(data, provenance=made.text), out)
 
 
 def history_data(
@@ -163,7 +224,7 @@ def history_data(
     aging : AgingConfig
         Rules of aging.
     label : str
-        As in `report_bag`.
+        As of `bag_data`.
     model : str
         Its model, default that of its newest estimate.
 

@@ -64,6 +64,8 @@ class ReportData:
         Its event log, oldest first.
     nameplate : mapping
         What is given of its nameplate, by name.
+    provenance : str
+        What it is made from, see `report.provenance`; empty = not stated.
     """
 
     valve: str
@@ -86,6 +88,7 @@ class ReportData:
     counters: Counters | None = None
     events: tuple[Event, ...] = ()
     nameplate: Mapping[str, str] = field(default_factory=dict)
+    provenance: str = ""
 
     @property
     def aging(self) -> bool:

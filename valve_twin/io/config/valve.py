@@ -48,6 +48,7 @@ T = TypeVar("T")
 
 _ROS_OWN = ("use_sim_time", "start_type_description_service")
 _ROS_OWN_PREFIX = "qos_overrides."
+_NO_RULE = ("valves", "history_url")  # keys of a valve that change nothing of what is computed
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +81,8 @@ class ValveConfig:
         How measured CSV files are read.
     nameplate : Nameplate
         Tag, serial number, type, place and maker.
+    given : dict
+        What was written for the valve by full dotted name, without names and addresses.
     """
 
     name: str
@@ -94,6 +97,7 @@ class ValveConfig:
     simulation: dict[str, object] = field(default_factory=dict)
     csv: CsvConfig = field(default_factory=CsvConfig)
     nameplate: Nameplate = field(default_factory=Nameplate)
+    given: dict[str, object] = field(default_factory=dict, compare=False, repr=False)
 
 
 def load_config(path: str | Path, *, node: str = "twin", name: str = "") -> list[ValveConfig]:
@@ -304,6 +308,11 @@ class _Reader:
             simulation=simulation,
             csv=self._section("csv", CsvConfig(), given),
             nameplate=self._section("nameplate", Nameplate(), given),
+            given={
+                key: value
+                for key, value in values.items()
+                if key not in _NO_RULE and (key in known or not _of_a_node(key))
+            },
         )
 
     def _model(self, values: Mapping[str, object], origin: Mapping[str, str]) -> ValveModel:
