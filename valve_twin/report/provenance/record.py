@@ -208,18 +208,13 @@ def _hash(text: str) -> str:
 def _is_sound(found: Provenance) -> bool:
     """Return whether all values have their types."""
     origin, parts = found.origin, found.origin.parts
-    texts: tuple[object, ...] = (
-        found.valve, found.configuration, found.label, origin.where, *found.versions.values(),
-        *(part.sha256 for part in parts.values()),
-    )  # fmt: skip
-    numbers: tuple[object, ...] = (
-        found.written_ns,
-        origin.size,
-        *(part.count for part in parts.values()),
-    )
+    texts: list[object] = [found.valve, found.configuration, found.label, origin.where]
+    texts += [*found.versions.values(), *(part.sha256 for part in parts.values())]
+    numbers: list[object] = [found.written_ns, origin.size, *(p.count for p in parts.values())]
+    flags: list[object] = [found.budget]
     return (
         origin.kind in {BAG, HISTORY}
-        and type(found.budget) is bool
+        and all(isinstance(flag, bool) for flag in flags)
         and all(isinstance(text, str) for text in texts)
         and all(isinstance(n, int) and not isinstance(n, bool) and n >= 0 for n in numbers)
     )
