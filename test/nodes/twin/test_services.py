@@ -6,7 +6,13 @@ from __future__ import annotations
 
 import pytest
 from valve_twin_msgs.msg import Counters, Estimate, Verdict
-from valve_twin_msgs.srv import AcknowledgeEvent, GetEvents, MarkMaintenance
+from valve_twin_msgs.srv import (
+    AcknowledgeEvent,
+    GetEvents,
+    GetHistory,
+    MarkMaintenance,
+    WithdrawMaintenance,
+)
 
 from test.nodes.conftest import NS
 from test.nodes.feeding import REARM, Feeder
@@ -81,3 +87,20 @@ def test_events_are_listed_and_acknowledged(graph, parameters):
     assert (seen.success, seen.acknowledged) == (True, 1)
     assert codes(listed(open_only=True)) == []
     assert listed().events[2].acknowledged_by == "J. Doe"
+
+
+def test_numbers_beyond_all_and_texts_without_end_are_answered_in_one_line(graph, parameters):
+    graph.host(TwinNode, **parameters)
+    most = 2**64 - 1
+    history = graph.call(GetHistory, f"{NS}/twin/get_history", first_cycle=most, limit=2**32 - 1)
+    assert (history.success, history.message, history.estimates) == (True, "", [])
+    events = graph.call(GetEvents, f"{NS}/twin/get_events", first_id=most, limit=2**32 - 1)
+    assert (events.success, events.message, events.events) == (True, "", [])
+    name = f"{NS}/twin/acknowledge_event"
+    seen = graph.call(AcknowledgeEvent, name, id=most, who="me")
+    assert seen.message == f"{NS}: there is no entry {most}: get_events lists them"
+    seen = graph.call(AcknowledgeEvent, name, id=0, who="w" * 10**6)
+    assert seen.message == f"{NS}: who has 1000000 bytes, 200 at most: shorten it"
+    back = graph.call(WithdrawMaintenance, f"{NS}/twin/withdraw_maintenance", cycle=most, note="n")
+    assert "is not there" in back.message
+    assert (seen.success, back.success) == (False, False)

@@ -17,7 +17,7 @@ from valve_twin.core.types import Maintenance
 from valve_twin.io.config.node_parameters import TwinParameters
 from valve_twin.io.errors import suggest
 from valve_twin.io.history.export import BackupRules
-from valve_twin.io.history.log.events import Acknowledgement
+from valve_twin.io.history.log.events import LAST_ID, Acknowledgement
 from valve_twin.io.history.remarks import wrong_note
 from valve_twin.nodes.runtime import messages as convert
 from valve_twin.nodes.runtime.services import DeferredService, Done
@@ -124,7 +124,7 @@ class TwinServices:
     def _get_history(self, request: Any, response: Any, done: Done) -> None:
         valve, units = self._valve, self._valve.publishers.units
         estimator = request.estimator or valve.model.trend_estimator
-        first = int(request.first_cycle)
+        first = min(int(request.first_cycle), LAST_ID)
         limit = min(int(request.limit) or DEFAULT_PAGE, MOST_OF_A_PAGE)
 
         def read() -> Any:
