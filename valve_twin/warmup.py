@@ -101,14 +101,16 @@ def _warm_up_demo(valve: str) -> None:
 
 
 def _warm_up_all() -> None:
+    rules = list(CycleRule)
     for name in model_names():
         model = get_model(name)
         if model.simulation() is None:
             predict_once(name, CycleRule.WINDOW)
             _estimate_wave(model, {})
         else:
-            for rule in CycleRule:
+            for rule in rules:
                 run_once(name, rule)
+            rules = rules[:1]  # cutting is the same for every valve
         for changed in model.variants:
             _estimate_wave(model, changed)
     if find_spec("skfem"):  # of the extra for design

@@ -110,6 +110,7 @@ def test_the_free_run_is_not_moved_by_a_sensor_that_drifts():
     y = noisy(linear(u))
     _, memory = estimate_cycle(MODEL, OPTIONS, Cycle(1, 0.1, frames(u, y)), Memory.empty())
     force = model_in_force(MODEL, memory, 0.1, OPTIONS)
+    assert force is not None
     u, drift = commands(5), np.cumsum(np.random.default_rng(0).normal(0.0, 0.01, N))
     unseen = frames(u, noisy(linear(u)) + drift, N)
     marks = restart_marks(unseen, 0.1)
