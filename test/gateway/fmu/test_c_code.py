@@ -112,6 +112,34 @@ def test_the_c_of_a_law_gives_the_numbers_of_numba(tmp_path):
         np.testing.assert_allclose(ours, theirs, rtol=1e-14, atol=1e-14)
 
 
+@njit
+def own_numbers(x):
+    """Use what C does otherwise where a row is written from its own numbers."""
+    x[1:] = x[:-1]
+    x[4:6] = x[4] + 1.0
+    a = np.zeros(2)
+    b = np.zeros(2)
+    a[0], b[0] = x[0], 3.0
+    a, b = b, a
+    for i in range(3):
+        x[i] += x[i - 1]
+    for i in range(3):
+        made = np.zeros(2)
+        made[0] += x[i]
+    x[6] = x[0] // 0.1
+    x[7] = x[7] * a[0] + b[0] + made[0] + -0.0 % 3.0 + x[0] // -0.3
+
+
+def test_rows_that_are_written_from_themselves_give_the_numbers_of_numba(tmp_path):
+    run = compiled(tmp_path, own_numbers, (Array(8),))
+    for first in (1.0, -0.7, 0.3):
+        x = np.arange(first, first + 8.0)
+        ours, theirs = x.copy(), x.copy()
+        own_numbers(theirs)
+        run(ours)
+        np.testing.assert_array_equal(ours, theirs)
+
+
 LAWS = [m for m in map(get_model, model_names()) if isinstance(m, Valve)]
 
 
@@ -171,6 +199,16 @@ def _reaches_too_far(x):
     x[0] = x[2]
 
 
+@njit
+def _keeps_a_row_that_is_made_anew(x):
+    old = np.zeros(2)
+    for _ in range(2):
+        made = np.zeros(2)
+        x[0] += old[0]
+        made[0] = x[0]
+        old = made
+
+
 TABLE = np.array([1.0, 2.0])
 
 
@@ -188,6 +226,7 @@ def _knows_a_table(x):
         (_raises, 2, "(Raise) has no translation into C"),
         (_goes_over_numbers, 1, "(For) has no translation into C"),
         (_reaches_too_far, 1, "lies outside its 2 numbers"),
+        (_keeps_a_row_that_is_made_anew, 3, "makes a row anew in a loop that keeps rows"),
         (_knows_a_table, 1, "is a ndarray: only numbers have a translation"),
     ],
 )

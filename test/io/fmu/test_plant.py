@@ -20,6 +20,7 @@ from valve_twin.gateway.fmu.export import write_fmu
 from valve_twin.gateway.fmu.valve import valve_of
 from valve_twin.io.config.valve import load_config
 from valve_twin.io.errors import ConfigError
+from valve_twin.io.fmu import unit
 from valve_twin.io.fmu.plant import simulation_for
 from valve_twin.io.offline.run import run_bag
 from valve_twin.io.offline.simulated_bag import simulation_of, write_simulated_bag
@@ -198,6 +199,33 @@ def described(fmu, target, old, new):
                 assert old.encode() in content
                 content = content.replace(old.encode(), new.encode())
             copy.writestr(name, content)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"sources/law.h": None}, "cannot be unpacked"),
+        ({"resources/bomb": b"\0" * 2_000_000}, "unpacks to .* B, 1000000 are the most"),
+    ],
+)
+def test_an_fmu_that_cannot_be_unpacked_is_one_line(fmus, tmp_path, monkeypatch, change, said):
+    ((name, content),) = change.items()
+    path = tmp_path / "v.fmu"
+    shutil.copy(fmus / "v2.fmu", path)
+    if content is None:  # damaged behind its description
+        with zipfile.ZipFile(path) as archive:
+            begin = archive.getinfo(name).header_offset
+        data = bytearray(path.read_bytes())
+        data[begin + 60 : begin + 90] = bytes(30)
+        path.write_bytes(data)
+    else:
+        monkeypatch.setattr(unit, "MOST_UNPACKED", 1_000_000)
+        with zipfile.ZipFile(path, "a", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr(name, content)
+    with pytest.raises(ConfigError, match=said) as caught:
+        simulation_for("first_order", {"fmu.file": str(path)})
+    assert "\n" not in str(caught.value)
+    assert str(path) in str(caught.value)
 
 
 def broken(fmus, folder, version, after, change):

@@ -77,7 +77,8 @@ class Translation:
 
     def text(self) -> str:
         """Return the C: helpers, then the functions."""
-        return "\n".join(["#include <math.h>\n#include <stdlib.h>\n", HELPERS, *self._text])
+        heads = "#include <math.h>\n#include <stdlib.h>\n#include <string.h>\n"
+        return "\n".join([heads, HELPERS, *self._text])
 
     def _new_name(self, base: str) -> str:
         stem = f"law_{base.strip('_')}"
@@ -123,6 +124,10 @@ class _Function(Expressions):
         self.kinds = dict(zip(self._arguments, kinds, strict=True))
         self._given = dict(self.kinds)
         self.returns: Kind | None = None
+        self._rooms: list[str] = []
+        self._loops = 0
+        self._made_again: ast.stmt | None = None
+        self._renamed = False
 
     def translate(self) -> str:
         """Return the C; the kinds of the variables are found by going over it until they stay."""
@@ -131,7 +136,11 @@ class _Function(Expressions):
         while before != (self.kinds, self.returns):
             before = (dict(self.kinds), self.returns)
             self.begin()
+            self._rooms, self._made_again, self._renamed = [], None, False
             lines = self._block(self._tree.body)
+        if self._made_again is not None and self._renamed:
+            why = "makes a row anew in a loop that keeps rows by another name"
+            raise self.refused(self._made_again, why)
         struct, kind = "", "void"
         if isinstance(self.returns, Several):
             members = " ".join(f"{k} f{i};" for i, k in enumerate(self.returns.kinds))
@@ -142,7 +151,7 @@ class _Function(Expressions):
         head = ", ".join(_declared(self._given[a], a) for a in self._arguments) or "void"
         own = [_declared(k, n) for n, k in self.kinds.items() if n not in self._given]
         own = [f"{d} = {_zero(d)};" for d in own]
-        inside = "\n".join(f"    {line}" for line in (*own, *lines))
+        inside = "\n".join(f"    {line}" for line in (*own, *self._rooms, *lines))
         return f"{struct}static {kind} {self._name}({head})\n{{\n{inside}\n}}\n"
 
     @property
@@ -168,6 +177,12 @@ class _Function(Expressions):
     def _indented(self, body: Iterable[ast.stmt]) -> list[str]:
         return [f"    {line}" for line in self._block(body)]
 
+    def _repeated(self, body: Iterable[ast.stmt]) -> list[str]:
+        self._loops += 1
+        lines = self._indented(body)
+        self._loops -= 1
+        return lines
+
     def _statement(self, s: ast.stmt) -> list[str]:  # noqa: PLR0911  one a kind of statement
         match s:
             case ast.Expr(value=ast.Constant()) | ast.Pass() | ast.Delete():
@@ -188,7 +203,7 @@ class _Function(Expressions):
                     lines[-1:] = ["} else {", *self._indented(orelse), "}"]
                 return lines
             case ast.While(test=test, body=body, orelse=[]):
-                return [f"while ({self.truth(test)}) {{", *self._indented(body), "}"]
+                return [f"while ({self.truth(test)}) {{", *self._repeated(body), "}"]
             case ast.For(target=ast.Name() as target, iter=ast.Call() as over, orelse=[]):
                 return self._loop(s, target, over)
             case ast.Break():
@@ -214,7 +229,7 @@ class _Function(Expressions):
         name = self.bind(s, target.id, LONG)
         begin = f"long long {k} = {first.code}, {k}e = {last.code}"
         head = f"for ({begin}; {k} {sign} {k}e; {k} += {step})"
-        return [f"{head} {{", f"    {name} = {k};", *self._indented(s.body), "}"]
+        return [f"{head} {{", f"    {name} = {k};", *self._repeated(s.body), "}"]
 
     def _assign(self, s: ast.stmt, targets: list[ast.expr], value: ast.expr) -> list[str]:
         if len(targets) == 1 and isinstance(targets[0], (ast.Tuple, ast.List)):
@@ -226,7 +241,10 @@ class _Function(Expressions):
                 raise self.refused(s, "a new row needs a name")
             name = self.bind(s, target.id, made)
             room = self.fresh("room")
-            return [f"double {room}[{made.length}] = {{0}};", f"{name} = {room};"]
+            self._rooms.append(f"double {room}[{made.length}];")
+            if self._loops:
+                self._made_again = s
+            return [f"memset({room}, 0, sizeof {room});", f"{name} = {room};"]
         found = self.value(value)
         if len(targets) > 1:
             if not isinstance(found.kind, str):
@@ -244,10 +262,12 @@ class _Function(Expressions):
             values = [self.value(v) for v in value.elts]
             lines = []
             for i, v in enumerate(values):
-                if isinstance(v.kind, str):
-                    t = self.fresh("t")
-                    lines.append(f"{v.kind} {t} = {v.code};")
-                    values[i] = Value(t, v.kind)
+                if isinstance(v.kind, Several):
+                    continue
+                t = self.fresh("t")
+                kind = "double *" if isinstance(v.kind, Array) else f"{v.kind} "
+                lines.append(f"{kind}{t} = {v.code};")
+                values[i] = Value(t, v.kind)
         else:
             whole = self.value(value)
             if not isinstance(whole.kind, Several):
@@ -265,6 +285,8 @@ class _Function(Expressions):
         if isinstance(target, ast.Name):
             if isinstance(found.kind, Several):
                 raise self.refused(s, "a tuple is kept in one name: give each value its own")
+            if isinstance(found.kind, Array):
+                self._renamed |= self._loops > 0
             return [f"{self.bind(s, target.id, found.kind)} = {found.code};"]
         if not isinstance(target, ast.Subscript):
             raise self.refused(s, "cannot be assigned in C")
@@ -273,13 +295,15 @@ class _Function(Expressions):
             if not isinstance(found.kind, str):
                 raise self.refused(s, "puts a row where a number belongs")
             return [f"{to.code} = {found.code};"]
-        k, v = self.fresh("k"), found.code
         if isinstance(found.kind, Array):
             if found.kind.length != to.kind.length:
                 raise self.refused(s, f"puts {found.kind.length} numbers in {to.kind.length}")
-            v = f"({found.code})[{k}]"
+            size = f"{to.kind.length} * sizeof(double)"
+            return [f"memmove({to.code}, {found.code}, {size});"]  # the parts may overlap
+        k, t = self.fresh("k"), self.fresh("t")  # the number may be made of the part's own
         return [
-            f"for (long long {k} = 0; {k} < {to.kind.length}; {k}++) ({to.code})[{k}] = {v};",
+            f"double {t} = {found.code};",
+            f"for (long long {k} = 0; {k} < {to.kind.length}; {k}++) ({to.code})[{k}] = {t};",
         ]
 
     def _return(self, s: ast.Return) -> list[str]:

@@ -198,7 +198,7 @@ class Expressions:
             return Value(f"((double){a.code} / {b.code})", DOUBLE)
         whole = kind == LONG
         if isinstance(node.op, ast.FloorDiv):
-            code = f"vt_div_l({a.code}, {b.code})" if whole else f"floor({a.code} / {b.code})"
+            code = f"vt_div_l({a.code}, {b.code})" if whole else f"vt_div({a.code}, {b.code})"
             return Value(code, kind)
         if isinstance(node.op, ast.Mod):
             return Value(f"vt_mod{'_l' if whole else ''}({a.code}, {b.code})", kind)
@@ -265,7 +265,7 @@ class Expressions:
             if not -row.kind.length <= k < row.kind.length:
                 raise self.refused(node, f"lies outside its {row.kind.length} numbers")
             return Value(f"{row.code}[{k % row.kind.length}]", DOUBLE)
-        return Value(f"{row.code}[{index.code}]", DOUBLE)
+        return Value(f"{row.code}[vt_at({index.code}, {row.kind.length})]", DOUBLE)
 
     def _part(self, node: ast.Subscript, row: Value, part: ast.Slice) -> Value:
         if not isinstance(row.kind, Array) or part.step is not None:

@@ -125,8 +125,18 @@ static inline long long vt_mod_l(long long a, long long b)
 static inline double vt_mod(double a, double b)
 {
     double r = fmod(a, b);
-    return r != 0.0 && (r < 0.0) != (b < 0.0) ? r + b : r;
+    if (r == 0.0) return copysign(0.0, b);
+    return (r < 0.0) != (b < 0.0) ? r + b : r;
 }
+static inline double vt_div(double a, double b)
+{
+    double r = fmod(a, b), q = (a - r) / b;
+    if (b == 0.0) return a / b;
+    if (r != 0.0 && (r < 0.0) != (b < 0.0)) q -= 1.0;
+    if (q == 0.0) return copysign(0.0, a / b);
+    return q - floor(q) > 0.5 ? floor(q) + 1.0 : floor(q);
+}
+static inline long long vt_at(long long i, long long n) { return i < 0 ? i + n : i; }
 static inline double vt_power(double a, long long n)
 {
     double r = 1.0;

@@ -33,6 +33,7 @@ _BASE = {
     "1": {},
 }
 """Exponents of the SI base units, of coherent units only."""
+_NOT_OF_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 _FACTOR = re.compile(r"([A-Za-z]+|1)(?:\^?(-?\d+))?")
 
 
@@ -188,6 +189,9 @@ def _variables_3(root: ET.Element, valve: FmuValve) -> None:
 
 def xml_bytes(root: ET.Element) -> bytes:
     """Return an XML file."""
+    for element in root.iter():
+        for key, value in element.items():
+            element.set(key, _NOT_OF_XML.sub("\N{REPLACEMENT CHARACTER}", value))
     ET.indent(root)
     text: bytes = ET.tostring(root, encoding="UTF-8", xml_declaration=True)
     return text + b"\n"

@@ -211,6 +211,7 @@ def valve_of(
         f"({source}), lag {lag} samples; min and max of a parameter are its 95 % interval; "
         f"valve_twin {__version__}"
     )
+    text = text.encode("utf-8", "backslashreplace").decode()  # names of bytes that are no text
     starts = [repr(q.start) for q in (*inputs, output, first, *parameters, *states, delay)]
     names = [f'"{q.name}"' for q in (*inputs, output, first, *parameters, *states, delay)]
     token = "{" + str(uuid.uuid5(_SPACE, "\n".join([code, text, *starts]))) + "}"

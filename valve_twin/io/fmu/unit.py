@@ -8,6 +8,7 @@ An FMU is a program that runs with the rights of the user: only trusted files be
 from __future__ import annotations
 
 import weakref
+import zipfile
 from collections import deque
 from contextlib import suppress
 from ctypes import byref
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
 
 KEY = "simulation.fmu"
 _REAL = ("Real", "Float64")
+
+MOST_UNPACKED = 4 << 30
+"""An FMU that unpacks to more is refused, assumed [B]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +69,10 @@ class Unit:
             raise ConfigError(msg)
         self.path = str(path)
         try:
+            with zipfile.ZipFile(self.path) as packed:
+                size = sum(one.file_size for one in packed.infolist())
+            if size > MOST_UNPACKED:
+                raise ValueError(f"it unpacks to {size} B, {MOST_UNPACKED} are the most")  # noqa: TRY301, EM102
             told = fmpy.read_model_description(self.path, validate=False)
         except Exception as err:
             why = " ".join(str(err).split()) or type(err).__name__
@@ -94,7 +102,12 @@ class Unit:
         self._types = {v.name: v.type for v in told.modelVariables}
         self._folder = mkdtemp(prefix="valve_twin_fmu_")
         weakref.finalize(self, rmtree, self._folder, ignore_errors=True)
-        fmpy.extract(self.path, self._folder)
+        try:
+            fmpy.extract(self.path, self._folder)
+        except Exception as err:
+            why = " ".join(str(err).split()) or type(err).__name__
+            why = f"cannot be unpacked to {self._folder} ({why})"
+            raise self._refused(why) from err
         self._check_platform(fmpy.platform, fmpy.platform_tuple, fmpy.sharedLibraryExtension)
 
     def _start(self, name: str, text: str | None) -> float:
@@ -282,7 +295,7 @@ def _instance_2(arguments: Mapping[str, str], said: deque[str]) -> Any:  # noqa:
     from fmpy.logging import addLoggerProxy
 
     def log(*given: Any) -> None:  # noqa: ANN401  likewise
-        said.append(given[-1].decode("utf-8", "replace"))
+        said.append((given[-1] or b"").decode("utf-8", "replace"))
 
     callbacks = fmi2.fmi2CallbackFunctions()
     callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(log)
@@ -298,7 +311,7 @@ def _instance_3(arguments: Mapping[str, str], said: deque[str]) -> Any:  # noqa:
     from fmpy.fmi3 import FMU3Slave
 
     def log(*given: Any) -> None:  # noqa: ANN401  likewise
-        said.append(given[-1].decode("utf-8", "replace"))
+        said.append((given[-1] or b"").decode("utf-8", "replace"))
 
     slave = FMU3Slave(**arguments)
     slave.instantiate(logMessage=log)
