@@ -12,6 +12,7 @@ from valve_twin.cli import main
 from valve_twin.cli.design import optimise
 from valve_twin.design.geometry import DoubleStroke, read_design
 from valve_twin.design.search.tasks import Outcome
+from valve_twin.io.bags.file import hold
 
 QUICK = ["--population", "6", "--generations", "3", "--vary", "gap_ratio=0.17:0.21"]
 QUICK += ["--vary", "valve.preload=5:30"]
@@ -107,3 +108,13 @@ def test_an_interruption_says_what_is_kept(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(optimise, "runner_of", stops)
     assert main(["design", "optimise", "--archive", str(tmp_path / "a"), *QUICK]) == 1
     assert "interrupted: 1 designs are kept" in capsys.readouterr().err
+
+
+def test_an_archive_that_another_run_works_on_is_refused(tmp_path, capsys):
+    path = tmp_path / "a"
+    with hold(path):
+        assert main(["design", "optimise", "--archive", str(path), *QUICK]) == 2
+        assert main(["design", "sensitivity", "--archive", str(path)]) == 2
+    for line in capsys.readouterr().err.splitlines():
+        assert "a: another run works on this archive" in line
+    assert path.read_bytes() == b""

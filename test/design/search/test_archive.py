@@ -57,6 +57,8 @@ def test_the_archive_of_another_problem_is_refused_with_what_differs(archive, tm
     ("text", "said"),
     [
         ("a,b\n1,2\n", "line 1: is no archive of valve-twin design"),
+        ("a drawing of mine without a last line end", "line 1: is no archive of valve-twin"),
+        ("a,b\n1,2", "line 1: is no archive of valve-twin"),
         ('{"form": 99, "problem": {}}\n', "is no archive of valve-twin design of form 1"),
     ],
 )
@@ -65,6 +67,15 @@ def test_another_file_is_no_archive(text, said, tmp_path):
     path.write_text(text, encoding="utf-8")
     with pytest.raises(ValueError, match=said):
         Archive(path, header_of(DoubleStroke(), ""))
+    assert path.read_text(encoding="utf-8") == text
+
+
+def test_a_first_line_that_was_being_written_begins_anew(archive, stand_in, tmp_path):
+    del archive
+    path = tmp_path / "archive.jsonl"
+    path.write_bytes(path.read_bytes()[:-20])
+    Archive(path, header_of(DoubleStroke(), "")).outcomes([task_of(8e-3)], stand_in)
+    assert len(tuple(Archive(path, header_of(DoubleStroke(), "")))) == 1
 
 
 def test_a_line_of_something_else_is_named(archive, tmp_path):

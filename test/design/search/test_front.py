@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -82,3 +83,12 @@ def test_the_chosen_design_is_good_in_rise_and_settling_both():
 def test_a_limit_outside_its_range_is_refused():
     with pytest.raises(ValueError, match=r"Limits.overshoot = -0.1: must be a number from 0 to 1"):
         Limits(overshoot=-0.1)
+
+
+def test_a_figure_that_is_no_number_keeps_no_limit_and_is_no_objective():
+    figures = {"rise_s": 1.0, "settling_s": 1.0, "loss": math.nan, "overshoot": 0.0,
+               "error": 0.0, "heating": 1.0, "margin": 50.0}  # fmt: skip
+    of, reference = Outcome("a", "search", {}, figures), {**figures, "loss": 1.0}
+    assert not Limits().keeps(of, reference)
+    assert front_of([of], Limits(), reference) == ()
+    assert np.isfinite(objectives(of, reference)).all()

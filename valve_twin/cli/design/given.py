@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from valve_twin.design.geometry import DoubleStroke, Section
+    from valve_twin.design.search.archive import Archive
 
 
 def add_design(parser: argparse.ArgumentParser) -> None:
@@ -92,6 +93,38 @@ def refusals() -> Iterator[None]:
         yield
     except ValueError as err:
         raise ConfigError(str(err)) from err
+
+
+@contextmanager
+def archive_at(path: Path, design: DoubleStroke, valve: str) -> Iterator[Archive]:
+    """Open an archive of evaluated designs that no other run uses meanwhile.
+
+    Parameters
+    ----------
+    path : Path
+        The file; made where it is missing.
+    design : DoubleStroke
+        What its designs are changes of.
+    valve : str
+        Model of the valve, empty = the first that takes a design.
+
+    Raises
+    ------
+    ConfigError
+        If it is none of this design, or another run uses it.
+    """
+    from valve_twin.design.search.archive import Archive, header_of
+    from valve_twin.io.bags.file import held
+
+    with ExitStack() as stack:
+        try:
+            stack.enter_context(held(path))
+        except BlockingIOError as err:
+            msg = f"{path}: another run works on this archive: wait for it or name another file"
+            raise ConfigError(msg) from err
+        with refusals():
+            archive = Archive(path, header_of(design, valve))
+        yield archive
 
 
 def require(*modules: str) -> None:

@@ -19,7 +19,13 @@ from valve_twin.cli.common import (
     runner_of,
     say,
 )
-from valve_twin.cli.design.given import add_design, read_double_stroke, refusals, require
+from valve_twin.cli.design.given import (
+    add_design,
+    archive_at,
+    read_double_stroke,
+    refusals,
+    require,
+)
 from valve_twin.cli.output import console, number, print_json, table
 from valve_twin.io.errors import ConfigError
 
@@ -86,7 +92,6 @@ def _optimise(arguments: argparse.Namespace) -> int:
         if path:
             check_writable(path)
     from valve_twin.design.geometry import write_design
-    from valve_twin.design.search.archive import Archive, header_of
     from valve_twin.design.search.optimise import VARIED, Settings, make_problem, optimise
     from valve_twin.design.search.tasks import evaluate_task, lost_design
     from valve_twin.design.search.variables import changed
@@ -97,17 +102,17 @@ def _optimise(arguments: argparse.Namespace) -> int:
         kept = limits_of(arguments)
         settings = Settings(**given, limits=kept)
         problem = make_problem(design, bounds_of(arguments.vary) or VARIED, arguments.valve)
-        archive = Archive(Path(arguments.archive), header_of(design, arguments.valve))
     run = runner_of(arguments, evaluate_task, lost_design, keep=True)
     ends_as_interrupted()
     total = settings.population * settings.generations
-    try:
-        with refusals(), progress_of("evaluating designs", total) as advance:
-            found = optimise(problem, settings, archive, run, _tell, advance)
-    except KeyboardInterrupt:
-        known = sum(1 for _ in archive)
-        say(f"valve-twin: interrupted: {known} designs are kept; the same command goes on")
-        return FAILED
+    with archive_at(Path(arguments.archive), design, arguments.valve) as archive:
+        try:
+            with refusals(), progress_of("evaluating designs", total) as advance:
+                found = optimise(problem, settings, archive, run, _tell, advance)
+        except KeyboardInterrupt:
+            known = sum(1 for _ in archive)
+            say(f"valve-twin: interrupted: {known} designs are kept; the same command goes on")
+            return FAILED
     if arguments.yaml:
         write_design(changed(design, found.chosen.values), Path(arguments.yaml))
         say(f"{arguments.yaml}: written")

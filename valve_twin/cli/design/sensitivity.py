@@ -25,7 +25,13 @@ from valve_twin.cli.common import (
     seed_number,
     share_number,
 )
-from valve_twin.cli.design.given import add_design, read_double_stroke, refusals, require
+from valve_twin.cli.design.given import (
+    add_design,
+    archive_at,
+    read_double_stroke,
+    refusals,
+    require,
+)
 from valve_twin.cli.output import console, number, plain, print_json, table
 
 if TYPE_CHECKING:
@@ -125,15 +131,12 @@ def opened(arguments: argparse.Namespace, design: DoubleStroke) -> Iterator[Arch
     Raises
     ------
     ConfigError
-        If it is none of this design.
+        If it is none of this design, or another run uses it.
     """
-    from valve_twin.design.search.archive import Archive, header_of
-
     with TemporaryDirectory() as folder:
         path = Path(arguments.archive or Path(folder) / "archive.jsonl")
-        with refusals():
-            archive = Archive(path, header_of(design, arguments.valve))
-        yield archive
+        with archive_at(path, design, arguments.valve) as archive:
+            yield archive
 
 
 def run_study(

@@ -50,16 +50,20 @@ class Archive:
         try:
             data = path.read_bytes() if path.exists() else b""
             whole = data[: data.rfind(b"\n") + 1]
-            if len(whole) < len(data):  # the last line was being written when a run was killed
-                path.write_bytes(whole)
-            lines = whole.decode("utf-8").splitlines()
+            lines = whole.decode("utf-8").split("\n")[:-1]
         except (OSError, UnicodeDecodeError) as err:
             message = f"{path}: cannot be read ({' '.join(str(err).split())})"
             raise ValueError(message) from err
         if not lines:
+            if not f"{json.dumps(header)}\n".encode().startswith(data):
+                _parsed(path, 1, "")  # somebody else's file: it stays as it is
+            path.write_bytes(b"")
             self._append(header)
             return
         _check(path, _parsed(path, 1, lines[0]), header)
+        if len(whole) < len(data):  # the last line was being written when a run was killed
+            with path.open("r+b") as file:
+                file.truncate(len(whole))
         for number, line in enumerate(lines[1:], start=2):
             outcome = _outcome(path, number, line)
             self._found[outcome.key, outcome.fidelity] = outcome

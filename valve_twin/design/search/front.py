@@ -79,7 +79,7 @@ class Limits:
         reference : mapping
             Figures of the reference.
         """
-        return not of.error and max(self.broken(of, reference).values()) <= 0.0
+        return not of.error and all(v <= 0.0 for v in self.broken(of, reference).values())
 
     def said(self, of: Outcome, reference: Mapping[str, float]) -> str:
         """Return which limits a design breaks, in words.
@@ -116,7 +116,8 @@ def objectives(of: Outcome, reference: Mapping[str, float]) -> FloatArray:
     """
     if of.error:
         return np.full(len(OBJECTIVES), FAILED)
-    return np.array([of.figures[name] / reference[name] for name in OBJECTIVES])
+    shares = np.array([of.figures[name] / reference[name] for name in OBJECTIVES])
+    return np.where(np.isfinite(shares), shares, FAILED)
 
 
 def front_of(

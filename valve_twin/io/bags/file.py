@@ -6,15 +6,16 @@ from __future__ import annotations
 
 import errno
 import os
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, TextIO, cast
 
 from valve_twin.io.bags.metadata import FileEntry
 from valve_twin.io.bags.qos import QosProfile, qos_text
 from valve_twin.io.mcap.writer import CHUNK_SIZE, McapWriter
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterator, Mapping
     from pathlib import Path
     from typing import BinaryIO
 
@@ -246,6 +247,47 @@ def sync_folder(folder: Path, sync: Callable[[int], object] = os.fsync) -> None:
         sync(number)
     finally:
         os.close(number)
+
+
+def hold(path: Path) -> TextIO:
+    """Open a file, made where it is missing, that nobody else holds until it is closed.
+
+    Parameters
+    ----------
+    path : Path
+        The file; what it holds stays.
+
+    Raises
+    ------
+    BlockingIOError
+        If another process holds it; not told on Windows.
+    """
+    stream = path.open("a", encoding="utf-8")
+    try:
+        import fcntl
+    except ImportError:
+        return stream
+    try:
+        fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        stream.close()
+        raise
+    except OSError:  # a file system without locks
+        pass
+    return stream
+
+
+@contextmanager
+def held(path: Path) -> Iterator[None]:
+    """Hold a file meanwhile, see `hold`; given back also where forked processes live on."""
+    with hold(path) as stream:
+        try:
+            yield
+        finally:
+            with suppress(ImportError, OSError):
+                import fcntl
+
+                fcntl.flock(stream, fcntl.LOCK_UN)
 
 
 def replace_file(path: Path, text: str, sync: Callable[[int], object]) -> None:
