@@ -5,6 +5,7 @@
 import os
 import signal
 import sqlite3
+import time
 from pathlib import Path
 
 import pytest
@@ -24,8 +25,11 @@ from valve_twin_msgs.srv import (
 from test.nodes.conftest import NS
 from test.nodes.feeding import REARM, Feeder
 from valve_twin.core.types import Prediction as PredictionValue
+from valve_twin.io.history import spool as spool_module
+from valve_twin.io.history.snapshot import save_cycle
 from valve_twin.io.history.store import History
 from valve_twin.nodes.runtime.messages import prediction_bytes
+from valve_twin.nodes.twin import node as node_module
 from valve_twin.nodes.twin.node import TwinNode
 from valve_twin.nodes.twin.services import EVENTS
 
@@ -117,16 +121,32 @@ def test_cycles_beyond_the_budget_wait_on_disk_and_give_the_same_estimates(graph
     assert not list(tmp_path.rglob("*.cycle"))
 
 
-def test_cycles_on_disk_at_a_stop_are_estimated_after_the_restart(graph, tmp_path, capfd):
-    given = {"history_url": f"sqlite:///{tmp_path}/h.sqlite", "memory_budget_mb": 0.01, **REARM}
+@pytest.mark.parametrize("budget_mb", [0.01, 0.4])
+def test_cycles_on_disk_at_a_stop_are_estimated_after_the_restart(
+    graph, tmp_path, capfd, monkeypatch, budget_mb
+):
+    """With the larger budget the stop has some to put there, at the pace of a slow disk."""
+    url = f"sqlite:///{tmp_path}/h.sqlite"
+    given = {"history_url": url, "memory_budget_mb": budget_mb, **REARM}
     node = graph.host(TwinNode, **given)
     feeder = Feeder(graph, NS)
     graph.spin_until(lambda: node._worker.pid, what="the estimating process")
     os.kill(node._worker.pid, signal.SIGSTOP)  # it is slower than the data
     feeder.feed(6 * feeder.cycle_samples)
     spool = node._valves[0].spool
-    graph.spin_until(lambda: spool.spooled >= 4, what="cycles on disk")
+    on_disk = 4 if budget_mb < 0.1 else 1
+    graph.spin_until(lambda: spool.spooled >= on_disk, what="cycles on disk")
+    if spool.held:
+
+        def save_slowly(*arguments):
+            time.sleep(node_module.FLUSH_S)
+            save_cycle(*arguments)
+
+        monkeypatch.setattr(spool_module, "save_cycle", save_slowly)
+        monkeypatch.setattr(node_module, "KEPT_B_S", 5e4)
+    assert bool(spool.held) == (budget_mb > 0.1)
     node.stop()
+    monkeypatch.undo()
     assert len(list(tmp_path.rglob("*.cycle"))) >= 4
     graph.executor.remove_node(node)
     graph.hosted.remove(node)

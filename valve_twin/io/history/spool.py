@@ -120,6 +120,11 @@ class CycleSpool(JobQueue):
             yield entry.ordinal, self._cycle_of(entry) if known else None
 
     @property
+    def held(self) -> int:
+        """Memory of the cycles that are not on disk [B]."""
+        return sum(entry.size for entry in self._entries if entry.cycle is not None)
+
+    @property
     def begins_dropped(self) -> bool:
         """Whether the next one was dropped; False where none waits."""
         first = self._entries[0] if self._entries else None

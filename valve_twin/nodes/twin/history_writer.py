@@ -172,7 +172,13 @@ class HistoryWriter:
         self._drop_excess()
         self._next()
 
-    def close(self, timeout_s: float, when_stored: Callable[[], None] = lambda: None) -> int:
+    def close(
+        self,
+        timeout_s: float,
+        when_stored: Callable[[], None] = lambda: None,
+        *,
+        save_s: float = 0.0,
+    ) -> int:
         """Store what waits within the time given, close the history; return how many are lost.
 
         Parameters
@@ -181,6 +187,8 @@ class HistoryWriter:
             The time [s].
         when_stored : callable
             Called, on the writer's thread, if nothing was lost.
+        save_s : float
+            Time beside for that [s].
         """
         self._closed = True
         for timer in (self._timer, self._watch):
@@ -201,7 +209,7 @@ class HistoryWriter:
         self.read_thread.close(0.0)
         self.write_thread.submit(store_rest, lambda _: None)
         self.write_thread.submit(self.history.close, lambda _: None)  # never while it is in use
-        self.write_thread.close(timeout_s)
+        self.write_thread.close(timeout_s + save_s)
         return len(self._waiting)
 
     def _next(self) -> None:
