@@ -7,7 +7,7 @@ from __future__ import annotations
 import logging
 import os
 import socket
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from getpass import getpass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -194,19 +194,17 @@ def _mqtt(arguments: argparse.Namespace, plant: Plant) -> Iterator[None]:
         arguments.mqtt_key,
     )
     group = checked_id("--mqtt-group", arguments.mqtt_group)
-    speaker: Speaker
-    if arguments.mqtt_format == "json":
-        speaker = JsonSpeaker(group)
-    else:
-        backlog = Backlog(Path(arguments.mqtt_state).expanduser(), plant.estimates)
-        node = checked_id("--mqtt-node", arguments.mqtt_node)
-        speaker = SparkplugSpeaker(group, node, backlog)
-    face = MqttFace(plant.view, broker, speaker)
-    say(f"MQTT to {face.start()}")
-    try:
+    with ExitStack() as stack:
+        speaker: Speaker = JsonSpeaker(group)
+        if arguments.mqtt_format != "json":
+            node = checked_id("--mqtt-node", arguments.mqtt_node)
+            backlog = Backlog(Path(arguments.mqtt_state).expanduser(), plant.estimates)
+            stack.callback(backlog.close)
+            speaker = SparkplugSpeaker(group, node, backlog)
+        face = MqttFace(plant.view, broker, speaker)
+        say(f"MQTT to {face.start()}")
+        stack.callback(face.stop)
         yield
-    finally:
-        face.stop()
 
 
 def _add_user(path: str | None, name: str) -> int:

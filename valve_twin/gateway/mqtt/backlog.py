@@ -7,9 +7,9 @@ from __future__ import annotations
 import json
 import os
 from collections import deque
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
-from valve_twin.io.bags.file import replace_file
+from valve_twin.io.bags.file import hold, replace_file
 from valve_twin.io.errors import StoreError, ValveTwinError
 
 if TYPE_CHECKING:
@@ -42,17 +42,28 @@ class Backlog:
     Raises
     ------
     StoreError
-        If the file cannot be read or is none of ours.
+        If the file cannot be read or written, is none of ours, or another process keeps its
+        marks there.
     """
 
     def __init__(self, path: Path, read: Callable[[str, int, int], list[Estimate]]) -> None:
         self._path, self._read = path, read
-        kept: dict[str, Any] = _load(path) if path.exists() else {"birth": 0, "valves": None}
+        self._held = _held(path)
+        try:
+            kept = _load(path) if path.exists() else {"birth": 0, "valves": None}
+        except StoreError:
+            self.close()
+            raise
         self._birth: int = kept["birth"]
         self._marks: dict[str, int] | None = kept["valves"]
         self._pending: dict[str, deque[int]] = {}
         self._seen: dict[str, int] = {}
+        self._all_of: View | None = None
         self._saved = kept
+
+    def close(self) -> None:
+        """Leave the file to others."""
+        self._held.close()
 
     def next_birth(self) -> int:
         """Return the number of the next birth; never that of the one before, restarts included."""
@@ -63,7 +74,7 @@ class Backlog:
 
     def restart(self) -> None:
         """Begin again behind what is confirmed: of what was under way nothing is known."""
-        self._pending, self._seen = {}, {}
+        self._pending, self._seen, self._all_of = {}, {}, None
 
     def take(self, view: View) -> Iterator[tuple[str, Estimate, bool]]:
         """Yield the next cycles to be sent, valve by valve: valve, estimate, whether the newest.
@@ -73,11 +84,11 @@ class Backlog:
         view : View
             What the history holds; of a history that cannot be read nothing is taken.
         """
-        if view.failure:
+        if view.failure or view is self._all_of:
             return
         if self._marks is None:
             self._marks = {row.valve: row.cycle for row in view.rows}
-        marks = self._marks
+        marks, whole = self._marks, True
         for row in view.rows:
             if row.cycle < marks.get(row.valve, 0):  # another history
                 marks[row.valve] = 0
@@ -89,6 +100,7 @@ class Backlog:
             try:
                 found = self._read(row.valve, sent + 1, PAGE)
             except ValveTwinError:  # told by the view; tried again
+                whole = False
                 continue
             for estimate in found:
                 if estimate.cycle > row.cycle:  # newer than the view: with the next one
@@ -97,6 +109,10 @@ class Backlog:
                 yield row.valve, estimate, estimate.cycle == row.cycle
             if len(found) < PAGE:
                 self._seen[row.valve] = row.cycle
+            else:
+                whole = False
+        if whole:
+            self._all_of = view
 
     def confirm(self, valve: str, cycle: int) -> None:
         """Note that the broker handed a cycle on; one that was dropped before is sent again.
@@ -117,6 +133,7 @@ class Backlog:
         else:
             pending.clear()
             self._seen.pop(valve, None)
+            self._all_of = None
 
     def save(self) -> None:
         """Keep the marks, where they changed.
@@ -137,6 +154,19 @@ class Backlog:
             msg = f"{self._path}: cannot be written: {err.strerror or err}"
             raise StoreError(msg) from err
         self._saved = now
+
+
+def _held(path: Path) -> TextIO:
+    lock = path.with_name(f"{path.name}.lock")
+    try:
+        lock.parent.mkdir(parents=True, exist_ok=True)
+        return hold(lock)
+    except BlockingIOError as err:
+        msg = f"{path}: another `serve` keeps its marks there: name another --mqtt-state"
+        raise StoreError(msg) from err
+    except OSError as err:
+        msg = f"{path}: cannot be written: {err.strerror or err}"
+        raise StoreError(msg) from err
 
 
 def _load(path: Path) -> dict[str, Any]:

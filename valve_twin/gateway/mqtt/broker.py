@@ -69,6 +69,9 @@ class Broker:
         ConfigError
             If the address is none.
         """
+        if "@" in self.address:  # not told again: it may hold a password
+            msg = "MQTT: an address holds no user: write --mqtt-user and VALVE_TWIN_MQTT_PASSWORD"
+            raise ConfigError(msg)
         try:
             parts = urlsplit(self.address)
             if parts.scheme in PORTS and parts.hostname and parts.path in {"", "/"}:

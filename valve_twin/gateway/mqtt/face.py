@@ -10,15 +10,24 @@ import random
 import threading
 import time
 from collections import deque
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any, Protocol
 
-from paho.mqtt.client import CONNACK_ACCEPTED, Client, MQTTMessageInfo, connack_string
+from paho.mqtt.client import (
+    CONNACK_ACCEPTED,
+    MQTT_ERR_NO_CONN,
+    Client,
+    MQTTMessageInfo,
+    connack_string,
+)
 
 from valve_twin.gateway.plant import View
 from valve_twin.io.errors import ValveTwinError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from paho.mqtt.client import MQTTMessage
 
     from valve_twin.gateway.mqtt.broker import Broker, Message
 
@@ -34,8 +43,13 @@ CONNECTION_S = 10.0
 KEEPALIVE_S = 10
 """A broker that is silent for one and a half times this is gone [s]."""
 
+MOST_HEARD = 10_000
+"""Messages that wait to be read; what comes beyond is dropped: our own data are sent again [1]."""
+
 MOST_WAITING = 1000
 """Messages that wait for the network; as long as they do nothing more is said [1]."""
+
+GONE = "the connection broke"
 
 STUCK_S = 30.0
 """A broker that takes nothing for so long is left [s]."""
@@ -131,7 +145,7 @@ class MqttFace:
             client.will_set(will.topic, will.payload, will.qos, will.retain)
             client.on_connect = lambda _c, _u, _f, code: events.put(("answer", code))
             client.on_disconnect = lambda _c, _u, code: events.put(("gone", code))
-            client.on_message = lambda _c, _u, message: events.put(("heard", message))
+            client.on_message = lambda _c, _u, message: _hear(events, message)
             client.connect(self._host, self._port, KEEPALIVE_S)
             client.loop_start()
             return _Conversation(client, self._speaker, self._view, events, self._told_all).run(
@@ -162,6 +176,11 @@ class MqttFace:
         self._told = why
 
 
+def _hear(events: queue.Queue[_Event], message: MQTTMessage) -> None:
+    if events.qsize() < MOST_HEARD:
+        events.put(("heard", message))
+
+
 class _Conversation:
     """One connection from its answer to its end."""
 
@@ -177,43 +196,50 @@ class _Conversation:
         self._events, self._connected = events, connected
         self._waiting: deque[MQTTMessageInfo] = deque()
         self._moved_s = time.monotonic()
-        self._born = False
+        self._answered = self._born = False
         self._shown = View()
 
     def run(self, end: threading.Event) -> str:
         """Speak; return why it ended."""
+        try:
+            why = self._talk(end)
+        except Exception:  # ours: the broker is there and has to know that we are gone
+            self._goodbye()
+            raise
+        if why != GONE:
+            self._goodbye()
+        return why
+
+    def _talk(self, end: threading.Event) -> str:
         due_s = time.monotonic() + CONNECTION_S
-        answered = False
-        while True:
-            now_s = time.monotonic()
-            try:
-                what, given = self._events.get(timeout=max(0.0, due_s - now_s))
-            except queue.Empty:
-                if not answered:
+        while not end.is_set():
+            if time.monotonic() >= due_s:  # also where there is always something to hear
+                if not self._answered:
                     return f"no answer within {CONNECTION_S:g} s"
                 if time.monotonic() - self._moved_s > STUCK_S:
                     return f"takes nothing for {STUCK_S:g} s"
                 self._speak()
                 due_s = time.monotonic() + PERIOD_S
+            try:
+                what, given = self._events.get(timeout=max(0.0, due_s - time.monotonic()))
+            except queue.Empty:
                 continue
-            if end.is_set():
-                self._goodbye()
-                return ""
             if what == "gone":
-                return "the connection broke"
+                return GONE
             if what == "answer":
                 if given != CONNACK_ACCEPTED:
                     return str(connack_string(given)).rstrip(".")
-                answered = True
+                self._answered = True
                 self._connected()
                 self._begin()
                 due_s = time.monotonic() + PERIOD_S
-            elif what == "heard":
+            elif what == "heard" and not given.retain:  # what is retained is of another time
                 if self._speaker.heard(given.topic, given.payload):
                     self._born = False
                     self._speak()
                 else:
                     self._send(self._speaker.missed(self._shown))
+        return ""
 
     def _begin(self) -> None:
         for topic in self._speaker.subscriptions:
@@ -237,11 +263,18 @@ class _Conversation:
 
     def _send(self, messages: list[Message]) -> None:
         for m in messages:
-            self._waiting.append(self._client.publish(m.topic, m.payload, m.qos, m.retain))
+            info = self._client.publish(m.topic, m.payload, m.qos, m.retain)
+            if info.rc == MQTT_ERR_NO_CONN:
+                raise ConnectionError(GONE)
+            self._waiting.append(info)
 
     def _goodbye(self) -> None:
-        self._send(self._speaker.farewell())
-        for info in self._waiting:
-            info.wait_for_publish(1.0)
-            if not info.is_published():
-                return
+        """Say that we are gone: a clean end keeps the broker from saying so itself."""
+        if not self._answered:
+            return
+        with suppress(OSError, RuntimeError, ValueError):  # it is gone, too
+            self._send(self._speaker.farewell())
+            for info in self._waiting:
+                info.wait_for_publish(1.0)
+                if not info.is_published():
+                    return

@@ -91,7 +91,8 @@ class SparkplugSpeaker:
         self._of_node: dict[str, Metric] = {}
         self._birth_number = 0
         self._born_s = -math.inf
-        self._sent: set[tuple[str, int]] = set()
+        self._sent: dict[tuple[str, int], bytes] = {}
+        self._shown: dict[str, tuple[object, ...]] = {}
         self._moved_s = 0.0
         self._silent = 0
 
@@ -104,11 +105,12 @@ class SparkplugSpeaker:
     def will(self) -> Message:
         """Return the death that belongs to the next birth."""
         self._birth_number = self.backlog.next_birth()
+        self._silent = 0
         return self._death()
 
     def born(self, view: View) -> list[Message]:
         """Return the births of the node and of all devices."""
-        self._sequence, self._devices = 0, {}
+        self._sequence, self._devices, self._shown = 0, {}, {}
         self._sent.clear()
         self.backlog.restart()
         self._born_s = time.monotonic()
@@ -149,11 +151,12 @@ class SparkplugSpeaker:
         if len(self._sent) > MOST_UNDER_WAY // 2:
             return found
         for valve, estimate, newest in self.backlog.take(view):
-            found.append(self._of_estimate(valve, estimate, newest))
+            message = self._of_estimate(valve, estimate, newest)
+            found.append(message)
             if self._silent >= MOST_SILENT:
                 self.backlog.confirm(valve, estimate.cycle)
             else:
-                self._sent.add((device_id(valve), estimate.cycle))
+                self._sent[device_id(valve), estimate.cycle] = message.payload
             if len(found) + len(self._sent) >= MOST_UNDER_WAY:
                 break
         self.backlog.save()
@@ -161,7 +164,7 @@ class SparkplugSpeaker:
 
     def _of_estimate(self, valve: str, estimate: Estimate, newest: bool) -> Message:
         name = device_id(valve)
-        stamp = estimate.end_ns // 1_000_000
+        stamp = max(estimate.end_ns, 0) // 1_000_000
         born = self._devices[name]
         metrics = tuple(
             Metric(stamp, key, kind, value=value, is_historical=not newest)
@@ -173,6 +176,9 @@ class SparkplugSpeaker:
 
     def heard(self, topic: str, payload: bytes) -> bool:
         """Return whether a birth is asked for; a stored cycle that comes back is delivered.
+
+        What comes back has to be what was sent, byte by byte: what somebody else says on our
+        topics delivers nothing.
 
         Parameters
         ----------
@@ -189,10 +195,11 @@ class SparkplugSpeaker:
             return False
         cycle = next((m.value for m in metrics if m.name == CYCLE), None)
         name = topic.rpartition("/")[2]
-        if isinstance(cycle, int) and (name, cycle) in self._sent:
-            self._sent.discard((name, cycle))
+        if isinstance(cycle, int) and self._sent.get((name, cycle)) == payload:
+            del self._sent[name, cycle]
             self._moved_s, self._silent = time.monotonic(), 0
-            self.backlog.confirm(self._valves[name], cycle)
+            if name in self._valves:
+                self.backlog.confirm(self._valves[name], cycle)
         return False
 
     def farewell(self) -> list[Message]:
@@ -203,11 +210,17 @@ class SparkplugSpeaker:
         found = []
         self._valves = {device_id(row.valve): row.valve for row in view.rows}
         for name in [name for name in self._devices if name not in self._valves]:
-            del self._devices[name]
+            del self._devices[name], self._shown[name]
             death = DDeath(_now_ms(), self._next())
             found.append(self._message(MessageType.DDEATH, death.encode(), name))
         for row in view.rows:
-            name, metrics = device_id(row.valve), dict(_metrics(view, row))
+            name = device_id(row.valve)
+            shown = row, view.trends.get(row.valve), view.nameplates.get(row.valve)
+            before_it = self._shown.get(name)
+            if before_it and all(a is b for a, b in zip(before_it, shown, strict=True)):
+                continue  # the history says nothing new of it
+            self._shown[name] = shown
+            metrics = dict(_metrics(view, row))
             before = self._devices.get(name)
             self._devices[name] = metrics
             if before is None or before.keys() != metrics.keys():
@@ -251,7 +264,7 @@ class SparkplugSpeaker:
 def _metrics(view: View, row: FleetRow) -> Iterator[tuple[str, Metric]]:
     """Yield the metrics of a valve: the JSON's keys, its cycles' parameters at the end."""
     plain: dict[str, Any] = plain_valve(view, row)
-    stamp = row.end_ns // 1_000_000 or None
+    stamp = max(row.end_ns, 0) // 1_000_000 or None
     parameters = plain.pop("parameters")
     for key, value in plain.items():
         if (kind := _ROW_KINDS.get(key)) is not None:

@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""One connection from its answer to its end, with a client that is none."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from types import SimpleNamespace
+
+import pytest
+
+pytest.importorskip("paho.mqtt.client", reason="needs the extra gateway")
+
+from paho.mqtt.client import CONNACK_ACCEPTED, MQTT_ERR_NO_CONN
+
+from valve_twin.gateway.mqtt import face
+from valve_twin.gateway.mqtt.broker import Message
+from valve_twin.gateway.plant import View
+from valve_twin.io.errors import StoreError
+
+HEARD = SimpleNamespace(topic="t", payload=b"", retain=False)
+
+
+class Client:
+    """Takes everything."""
+
+    def __init__(self, rc=0):
+        self.said, self.rc = [], rc
+
+    def subscribe(self, *_):
+        """Take no notice."""
+
+    def publish(self, topic, *_):
+        self.said.append(topic)
+        return SimpleNamespace(
+            rc=self.rc, is_published=lambda: True, wait_for_publish=lambda _: None
+        )
+
+
+class Speaker:
+    """Says what it was asked for; nothing is new but the births."""
+
+    subscriptions = ()
+
+    def __init__(self):
+        self.heard_of = []
+
+    def born(self, view):
+        del view
+        return [Message("birth", b"")]
+
+    def changed(self, view):
+        del view
+        return [Message("change", b"")]
+
+    def missed(self, view):
+        del view
+        return []
+
+    def heard(self, topic, payload):
+        self.heard_of.append((topic, payload))
+        return False
+
+    def farewell(self):
+        return [Message("death", b"")]
+
+
+def conversation(client, speaker):
+    events = queue.Queue()
+    events.put(("answer", CONNACK_ACCEPTED))
+    told = face._Conversation(client, speaker, View, events, lambda: None)
+    return told, events
+
+
+def test_what_is_new_is_said_while_there_is_always_something_to_hear(monkeypatch):
+    monkeypatch.setattr(face, "PERIOD_S", 0.01)
+    client, speaker, end = Client(), Speaker(), threading.Event()
+    told, events = conversation(client, speaker)
+    events.put(("heard", HEARD))
+
+    def heard(topic, payload):
+        speaker.heard_of.append((topic, payload))
+        events.put(("heard", HEARD))
+        if client.said.count("change") >= 3 or len(speaker.heard_of) > 1_000_000:
+            end.set()
+        return False
+
+    monkeypatch.setattr(speaker, "heard", heard)
+    assert told.run(end) == ""
+    assert client.said == ["birth", "change", "change", "change", "death"]
+
+
+def test_a_broker_that_is_left_for_an_error_of_ours_hears_of_it(monkeypatch):
+    client, speaker = Client(), Speaker()
+
+    def missed(view):
+        del view
+        msg = "the disk is full"
+        raise StoreError(msg)
+
+    monkeypatch.setattr(speaker, "missed", missed)
+    with pytest.raises(StoreError):
+        conversation(client, speaker)[0].run(threading.Event())
+    assert client.said == ["birth", "death"]
+
+
+def test_a_connection_that_broke_meanwhile_is_no_error_of_ours():
+    client = Client(MQTT_ERR_NO_CONN)
+    with pytest.raises(ConnectionError, match="the connection broke"):
+        conversation(client, Speaker())[0].run(threading.Event())
+
+
+def test_what_is_retained_delivers_nothing():
+    client, speaker = Client(), Speaker()
+    told, events = conversation(client, speaker)
+    events.put(("heard", SimpleNamespace(topic="t", payload=b"old", retain=True)))
+    events.put(("heard", HEARD))
+    events.put(("gone", 1))
+    assert told.run(threading.Event()) == "the connection broke"
+    assert speaker.heard_of == [("t", b"")]
+    assert "death" not in client.said
+
+
+def test_what_nobody_reads_is_not_kept_without_end(monkeypatch):
+    monkeypatch.setattr(face, "MOST_HEARD", 3)
+    events = queue.Queue()
+    for _ in range(9):
+        face._hear(events, HEARD)
+    assert events.qsize() == 3

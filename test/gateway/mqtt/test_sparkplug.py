@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What the speaker says and takes as delivered, and the marks that it keeps, without a broker."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+pytest.importorskip("pysparkplug", reason="needs the extra gateway")
+
+from pysparkplug import DataType, DData, Metric
+
+from test.gateway.fmu.test_valve import made
+from valve_twin.gateway.mqtt.backlog import Backlog
+from valve_twin.gateway.mqtt.broker import Broker
+from valve_twin.gateway.mqtt.sparkplug import MOST_SILENT, UNCONFIRMED_S, SparkplugSpeaker
+from valve_twin.gateway.plant import View
+from valve_twin.io.errors import ConfigError, StoreError
+from valve_twin.io.history.fleet import FleetRow
+
+
+class Past:
+    """Stored cycles 1 .. n of valves; counts how often it is asked."""
+
+    def __init__(self, **last):
+        self.last, self.asked = last, 0
+
+    def read(self, valve, first, limit):
+        self.asked += 1
+        last = self.last[valve]
+        return [made(cycle) for cycle in range(first, min(first + limit, last + 1))]
+
+    def view(self):
+        return View(tuple(FleetRow(v, cycle=n, end_ns=n) for v, n in self.last.items()))
+
+
+@pytest.fixture
+def past():
+    return Past(a=3, b=2)
+
+
+@pytest.fixture
+def speaker(past, tmp_path):
+    """Return a speaker that owes all cycles."""
+    (tmp_path / "state").write_text('{"birth": 0, "valves": {}}')
+    said = SparkplugSpeaker("group", "node", Backlog(tmp_path / "state", past.read))
+    said.will()
+    said.born(past.view())
+    yield said
+    said.backlog.close()
+
+
+def test_only_what_was_sent_byte_by_byte_is_delivered(speaker, past):
+    sent = speaker.missed(past.view())
+    assert len(sent) == 5
+    forged = DData(0, 0, (Metric(0, "cycles/cycle", DataType.INT64, value=1),))
+    for device in ("a", "b"):
+        speaker.heard(f"spBv1.0/group/DDATA/node/{device}", forged.encode(include_dtypes=True))
+    speaker.born(past.view())
+    assert len(speaker.missed(past.view())) == 5  # nothing counts as delivered
+    speaker.born(past.view())
+    for message in speaker.missed(past.view()):
+        speaker.heard(message.topic, message.payload)
+    speaker.born(past.view())
+    assert speaker.missed(past.view()) == []
+
+
+def test_what_comes_back_of_a_valve_that_is_gone_is_no_error(speaker, past):
+    view = past.view()
+    sent = speaker.missed(view)
+    speaker.changed(replace(view, rows=view.rows[1:]))
+    for message in sent:
+        assert speaker.heard(message.topic, message.payload) is False
+
+
+def test_a_stamp_before_1970_spoils_nothing(past, tmp_path):
+    view = past.view()
+    view = replace(view, rows=(replace(view.rows[0], end_ns=-5), view.rows[1]))
+    (tmp_path / "state").write_text('{"birth": 0, "valves": {}}')
+
+    def read(valve, first, limit):
+        return [replace(e, end_ns=-(10**18)) for e in past.read(valve, first, limit)]
+
+    speaker = SparkplugSpeaker("group", "node", Backlog(tmp_path / "state", read))
+    assert len(speaker.born(view)) == 3
+    assert len(speaker.missed(view)) == 5
+    speaker.backlog.close()
+
+
+def test_a_broker_that_hid_our_data_is_not_believed_on_the_next_connection(
+    speaker, past, monkeypatch
+):
+    now = [0.0]
+    monkeypatch.setattr("valve_twin.gateway.mqtt.sparkplug.time.monotonic", lambda: now[0])
+    speaker.missed(past.view())
+    for _ in range(MOST_SILENT - 1):
+        now[0] += 2.0 * UNCONFIRMED_S
+        assert len(speaker.missed(past.view())) == 5
+    speaker.will()
+    speaker.born(past.view())
+    for _ in range(MOST_SILENT + 1):
+        assert speaker._silent < MOST_SILENT
+        now[0] += 2.0 * UNCONFIRMED_S
+        speaker.missed(past.view())
+    assert speaker._silent == MOST_SILENT
+    speaker.born(past.view())
+    assert speaker.missed(past.view()) == []  # it is believed in the end
+
+
+def test_a_view_that_was_gone_through_is_not_gone_through_again(speaker, past):
+    view = past.view()
+    speaker.missed(view)
+    asked = past.asked
+    for _ in range(3):
+        assert speaker.missed(view) == speaker.changed(view) == []
+    assert past.asked == asked
+    past.last["a"] = 4
+    assert len(speaker.missed(past.view())) == 1
+
+
+def test_the_marks_belong_to_one_at_a_time(tmp_path, past):
+    first = Backlog(tmp_path / "state", past.read)
+    with pytest.raises(StoreError, match=r"state: another `serve` keeps its marks there"):
+        Backlog(tmp_path / "state", past.read)
+    first.close()
+    Backlog(tmp_path / "state", past.read).close()
+
+
+def test_marks_that_cannot_be_written_are_told_at_the_start(tmp_path, past):
+    (tmp_path / "file").touch()
+    with pytest.raises(StoreError, match=r"cannot be written"):
+        Backlog(tmp_path / "file" / "state", past.read)
+
+
+def test_a_password_in_an_address_is_refused_and_not_told():
+    with pytest.raises(ConfigError, match="holds no user") as caught:
+        Broker("mqtt://anna:secret@broker").place()
+    assert "secret" not in str(caught.value)
