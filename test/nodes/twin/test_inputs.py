@@ -107,6 +107,19 @@ def test_a_publisher_of_an_incompatible_quality_is_named(graph, history):
     graph.spin_until(lambda: diagnostics and wanted in newest(diagnostics).message, what=wanted)
 
 
+def test_what_a_refused_publisher_sends_is_not_taken_past_the_refusal(graph, history):
+    """It offers no deadline: a second reader, put there after a second, would hear it."""
+    node = graph.host(TwinNode, deadline_s=0.5, **history)
+    publisher = graph.node.create_publisher(Float64Stamped, f"{NS}/spool_position", 10)
+    topic = next(t for t in node._valves[0].inputs.topics if t.topic.endswith("position"))
+    graph.spin_until(lambda: topic.refused_policy, what="the refusal")
+    for _ in range(25):
+        publisher.publish(Float64Stamped(value=0.1))
+        graph.spin(0.1)
+    assert (topic.received, topic.deaf) == (0, 0)
+    assert topic.problem()[0] == "input.qos"
+
+
 def test_an_input_that_falls_silent_is_stale(graph, history):
     graph.host(TwinNode, silence_s=1.0, **history)
     diagnostics = graph.record("/diagnostics", DiagnosticArray)

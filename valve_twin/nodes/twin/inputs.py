@@ -159,7 +159,8 @@ class TopicInput:
             return
         now_s, beside = seconds_now(), self._second
         unheard = beside.never_heard
-        there = self._matched or (unheard and self._node.count_publishers(self.topic))
+        expected = unheard and not self.refused_policy
+        there = self._matched or (expected and self._node.count_publishers(self.topic))
         if not ((there and self._reliable) or beside.stands_in):
             return
         beside.expect(now_s)
