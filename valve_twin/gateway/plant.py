@@ -71,6 +71,10 @@ class View:
         """Return the row of a valve; None where the history does not know it."""
         return next((row for row in self.rows if row.valve == valve), None)
 
+    def made_of(self, row: FleetRow) -> tuple[object, ...]:
+        """Return what is said of a valve; the same objects where nothing of it was read anew."""
+        return row, self.trends.get(row.valve), self.nameplates.get(row.valve)
+
 
 class Plant:
     """Reads a history for many who look at it; safe from any thread.

@@ -78,11 +78,12 @@ def test_a_first_line_that_was_being_written_begins_anew(archive, stand_in, tmp_
     assert len(tuple(Archive(path, header_of(DoubleStroke(), "")))) == 1
 
 
-def test_a_line_of_something_else_is_named(archive, tmp_path):
+@pytest.mark.parametrize("line", ['{"key": "a"}', '{"key": "a", "fid\x00\x00', ""])
+def test_a_line_of_something_else_is_named(line, archive, tmp_path):
     del archive
     path = tmp_path / "archive.jsonl"
-    path.write_text(path.read_text() + '{"key": "a"}\n', encoding="utf-8")
-    with pytest.raises(ValueError, match="line 2: is no evaluated design"):
+    path.write_text(f"{path.read_text()}{line}\n", encoding="utf-8")
+    with pytest.raises(ValueError, match="line 2: is no evaluated design: remove the line"):
         Archive(path, header_of(DoubleStroke(), ""))
 
 

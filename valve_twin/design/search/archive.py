@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from valve_twin.design.search.tasks import DesignTask, Run
 
 _FORM = 1
+_NO_DESIGN = "no evaluated design: remove the line, and it is computed again"
 
 
 class Archive:
@@ -168,7 +169,8 @@ def _parsed(path: Path, number: int, line: str) -> dict[str, object]:
     try:
         return _mapping(json.loads(line))
     except (TypeError, ValueError) as err:
-        message = f"{path}, line {number}: is no archive of valve-twin design"
+        what = "no archive of valve-twin design" if number == 1 else _NO_DESIGN
+        message = f"{path}, line {number}: is {what}"
         raise ValueError(message) from err
 
 
@@ -208,5 +210,5 @@ def _outcome(path: Path, number: int, line: str) -> Outcome:
             cpu_s=float(str(held["cpu_s"])),
         )
     except (KeyError, TypeError, ValueError) as err:
-        message = f"{path}, line {number}: is no evaluated design"
+        message = f"{path}, line {number}: is {_NO_DESIGN}"
         raise ValueError(message) from err

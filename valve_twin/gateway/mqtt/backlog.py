@@ -50,7 +50,7 @@ class Backlog:
         self._path, self._read = path, read
         self._held = _held(path)
         try:
-            kept = _load(path) if path.exists() else {"birth": 0, "valves": None}
+            kept: dict[str, Any] = _load(path) if path.exists() else {"birth": 0, "valves": None}
         except StoreError:
             self.close()
             raise

@@ -13,6 +13,7 @@ from valve_twin.gateway.pages import plain_valve
 
 if TYPE_CHECKING:
     from valve_twin.gateway.plant import View
+    from valve_twin.io.history.fleet import FleetRow
 
 
 class JsonSpeaker:
@@ -31,6 +32,7 @@ class JsonSpeaker:
     def __init__(self, prefix: str) -> None:
         self._prefix = prefix
         self._said: dict[str, bytes] = {}
+        self._made: dict[str, tuple[tuple[object, ...], bytes]] = {}
 
     def will(self) -> Message:
         """Return what the broker says when we are gone."""
@@ -44,9 +46,10 @@ class JsonSpeaker:
     def changed(self, view: View) -> list[Message]:
         """Return what is new; a valve that is gone is cleared."""
         now = {
-            self._topic(f"valves/{topic_path(row.valve)}"): _text(plain_valve(view, row))
+            self._topic(f"valves/{topic_path(row.valve)}"): self._said_of(view, row)
             for row in view.rows
         }
+        self._made = {row.valve: self._made[row.valve] for row in view.rows}
         place = {"history": view.where, "failure": view.failure}
         now[self._topic("history")] = _text(place)
         gone = [Message(t, b"", 1, retain=True) for t in self._said if t not in now]
@@ -69,6 +72,14 @@ class JsonSpeaker:
     def farewell(self) -> list[Message]:
         """Return what is said at a clean end."""
         return [self.will()]
+
+    def _said_of(self, view: View, row: FleetRow) -> bytes:
+        """Return the text of a valve, made anew where what it is made of is another object."""
+        of = view.made_of(row)
+        kept = self._made.get(row.valve)
+        if kept is None or any(a is not b for a, b in zip(kept[0], of, strict=True)):
+            kept = self._made[row.valve] = of, _text(plain_valve(view, row))
+        return kept[1]
 
     def _topic(self, name: str) -> str:
         return f"{self._prefix}/{name}"

@@ -215,7 +215,7 @@ class SparkplugSpeaker:
             found.append(self._message(MessageType.DDEATH, death.encode(), name))
         for row in view.rows:
             name = device_id(row.valve)
-            shown = row, view.trends.get(row.valve), view.nameplates.get(row.valve)
+            shown = view.made_of(row)
             before_it = self._shown.get(name)
             if before_it and all(a is b for a, b in zip(before_it, shown, strict=True)):
                 continue  # the history says nothing new of it
