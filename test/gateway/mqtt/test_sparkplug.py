@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import pytest
@@ -65,6 +66,14 @@ def test_only_what_was_sent_byte_by_byte_is_delivered(speaker, past):
         speaker.heard(message.topic, message.payload)
     speaker.born(past.view())
     assert speaker.missed(past.view()) == []
+
+
+def test_what_was_delivered_last_is_kept_over_a_clean_end(speaker, past, tmp_path):
+    for message in speaker.missed(past.view()):
+        speaker.heard(message.topic, message.payload)
+    speaker.farewell()
+    kept = json.loads((tmp_path / "state").read_text())
+    assert kept["valves"] == {"a": 3, "b": 2}
 
 
 def test_what_comes_back_of_a_valve_that_is_gone_is_no_error(speaker, past):
