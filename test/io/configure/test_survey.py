@@ -122,6 +122,21 @@ def test_a_motion_that_integrates_its_command_is_followed(tmp_path, way):
     assert best.fit > max(98.0, choice.pair.arx + 5.0)
 
 
+def test_the_longest_lag_of_a_long_record_is_told_in_its_own_samples(tmp_path):
+    """The trial is made on each fifth sample, the twin takes all."""
+    lag, n = 60, 10 * N
+    opening = np.repeat(steps(low=-100.0, high=100.0), 10)
+    late = np.concatenate((opening[:1].repeat(lag), opening[:-lag]))
+    motion = np.cumsum(0.05 * late) + np.random.default_rng(0).normal(0.0, 0.05, n)
+    columns = {"valve opening [%]": opening, "cylinder position [mm]": motion}
+    _, choice = chosen(survey(tmp_path / "a.csv", columns))
+    best = choice.trials[0]
+    assert choice.halves.every == 5
+    assert get_model(best.model).proposed_for == "integrated"
+    assert best.fit > 95.0
+    assert lag <= best.options["max_lag"] <= 3 * lag
+
+
 def test_noise_gives_one_line_and_no_proposal(tmp_path):
     noise = np.random.default_rng(9).normal(size=(N, 3))
     found = survey(tmp_path / "a.csv", dict(zip("abc", noise.T, strict=True)))

@@ -104,14 +104,13 @@ def try_models(
     maps : pair of Mapping01
         Command and answer to 0..1 for models that want parts of full scale.
     """
-    step_s = period_s * halves.every
     trials = []
     for name in model_names():
         model = get_model(name)
         if len(model.inputs) != 1 or not _accepts(model, kind) or model.proposed_for == GENERIC:
             continue
         given = maps if model.normalised else _symmetric(halves, falls=falls)
-        trials += _grown(model, halves, step_s, given, (2 * lag + _REACH) * period_s)
+        trials += _grown(model, halves, period_s, given, 2 * lag + _REACH)
     best = max((t.fit for t in trials if np.isfinite(t.fit)), default=0.0)
 
     def rank(trial: Trial) -> tuple[bool, int, bool, float]:
@@ -140,18 +139,22 @@ def _symmetric(halves: Halves, *, falls: bool) -> tuple[Mapping01, Mapping01]:
 def _grown(
     model: ValveModel,
     halves: Halves,
-    step_s: float,
+    period_s: float,
     maps: tuple[Mapping01, Mapping01],
-    reach_s: float,
+    reach: int,
 ) -> list[Trial]:
-    """Try the defaults, then add terms of the model's variants one by one while they help."""
+    """Try the defaults, then add terms of the model's variants one by one while they help.
+
+    Options are those of the record: `period_s` [s] and `reach` [samples] are not thinned.
+    """
     known = {d.name: d for d in describe(model.options)}
     options: dict[str, object] = {}
     if "max_delay_s" in known:
-        options["max_delay_s"] = min(reach_s, known["max_delay_s"].upper)
+        options["max_delay_s"] = min(reach * period_s, known["max_delay_s"].upper)
     if "max_lag" in known:
-        most = min(int(reach_s / step_s), int(known["max_lag"].upper))
+        most = min(reach, int(known["max_lag"].upper))
         options["max_lag"] = max(most, complete_options(model, {}).max_lag)
+    step_s = period_s * halves.every
     tried = [_try(model, options, halves, step_s, maps)]
     best = tried[0]
     terms = {name: value for variant in model.variants for name, value in variant.items()}
@@ -181,10 +184,12 @@ def _try(
     unseen = _frames(
         command.of(halves.unseen_u), answer.of(halves.unseen_y), len(halves.u), step_s
     )
-    complete = complete_options(model, options)
-    reach = options.get("max_delay_s")
-    if isinstance(reach, float):  # a thinned part has coarser steps
-        complete = complete_options(model, {**options, "max_delay_s": max(reach, step_s)})
+    given = dict(options)  # a thinned part has coarser steps
+    if isinstance(reach := given.get("max_delay_s"), float):
+        given["max_delay_s"] = max(reach, step_s)
+    if isinstance(reach := given.get("max_lag"), int):
+        given["max_lag"] = -(-reach // halves.every)
+    complete = complete_options(model, given)
     estimates, memory = estimate_cycle(model, complete, Cycle(1, step_s, train), Memory.empty())
     force = model_in_force(model, memory, step_s, complete)
     fit, reason, simulated = float("nan"), "", np.empty(0)
