@@ -22,7 +22,7 @@ from valve_twin.cli import (
     validate,
 )
 from valve_twin.cli.archive import backtest, batch, export_fmu, fleet, history, serve, verify
-from valve_twin.cli.bags import convert, cut, import_, info, predict, recover, replay
+from valve_twin.cli.bags import convert, cut, import_, info, predict, recover, replay, stroke_test
 from valve_twin.cli.common import FAILED, OK, USAGE, Parser, fail
 from valve_twin.cli.design import verb as design
 from valve_twin.io.errors import ConfigError, IndexLiesError, ValveTwinError
@@ -49,6 +49,7 @@ VERBS = (
     cut,
     convert,
     predict,
+    stroke_test,
     budget,
     backtest,
     validate,
