@@ -18,6 +18,7 @@ import numpy as np
 from valve_twin.core.aging.config import AgingConfig, parse_bin
 from valve_twin.core.aging.series import Series, cut, part_of
 from valve_twin.core.estimation.data.robust import robust_sigma
+from valve_twin.core.one_thread import dot
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -248,7 +249,7 @@ def _judge(
     if float(np.sum(own**2)) < OWN_SHARE * total:
         return _unknown(name, f"{name} moves with time as aging does, not taken out")
     without, within = _off(values, nuisance), _off(values, np.column_stack([nuisance, columns]))
-    before, after = float(without @ without), float(within @ within)
+    before, after = dot(without, without), dot(within, within)
     freedom = len(values) - nuisance.shape[1] - count
     if freedom < 2:
         return _unknown(name, f"{name}: too few values")

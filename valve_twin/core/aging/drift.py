@@ -27,6 +27,7 @@ from valve_twin.core.aging.trend import (
     quantile,
     ratio_interval,
 )
+from valve_twin.core.one_thread import dot
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -90,7 +91,7 @@ def present_segment(series: Series, pieces: Pieces, line: Line, laws: Sequence[s
     rest = y - fit.curve(x, fit.best)
     if offsets is not None:
         rest = base_of(offsets).without(rest)
-    sigma = float(rest @ rest / max(len(y) - 3, 1)) ** 0.5
+    sigma = (dot(rest, rest) / max(len(y) - 3, 1)) ** 0.5
     line = fit.tangent(now, samples=len(y), sigma=sigma)
     return Present(line, fit, fit.values, fit.average(now), fit.average(start))
 
@@ -242,7 +243,7 @@ def with_drift(
         resolution,
     )
     used = max(rho, 0.0)
-    start = float(present.begin @ present.values)
+    start = dot(present.begin, present.values)
     since_start = _percent(
         trend.level,
         start,
@@ -392,7 +393,7 @@ def _life_to(
     if not np.isfinite(value):
         return NO_LIMIT
     known = np.isfinite(reference.value)
-    new = reference.value if known else float(present.begin @ present.values)
+    new = reference.value if known else dot(present.begin, present.values)
     toward = 1.0 if value >= new else -1.0
     approach = _approach(present.fit, trend.axis_value, value, toward, scale, reference)
     life = approach.remaining(confidence)

@@ -21,6 +21,7 @@ from valve_twin.core.aging.laws.fit import law_shape
 from valve_twin.core.aging.laws.shapes import condense
 from valve_twin.core.aging.trend import RESOLUTION, residuals
 from valve_twin.core.aging.wave import Wave, find_waves
+from valve_twin.core.one_thread import dot, rows_times
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -97,7 +98,7 @@ def join(
         head = parts[:kept]
         shape, bent = law_shape(x[tail], y[tail], laws)
         extra = (kept + BEND * bent) * cost
-        off = _off(shape[:, None], y[tail])
+        off = residuals(shape, y[tail])
         score = _score(np.concatenate([*head, off]), floor) + extra
         if score < best:
             best, chosen = score, Joined(kept, none)
@@ -105,7 +106,7 @@ def join(
             continue
         for wave, found in _waves(x[tail], y[tail], shape):
             shape, bent = law_shape(x[tail], y[tail] - wave, laws)
-            off = _off(shape[:, None], y[tail] - wave)
+            off = residuals(shape, y[tail] - wave)
             extra = (kept + BEND * bent + WAVE) * cost + EDGE * len(found.turns) * found.toothed
             score = _score(np.concatenate([*head, off]), floor) + extra
             if score < best:
@@ -124,18 +125,11 @@ def _waves(x: FloatArray, y: FloatArray, shape: FloatArray) -> list[tuple[FloatA
     found = find_waves((place - x[0]) / length, values, shape_there)
     u = (x - x[0]) / length
     most = LARGEST * abs(float(y.mean()))
-    waves = [(wave.columns(u) @ size, wave) for wave, size in found]
+    waves = [(rows_times(wave.columns(u), size[:, None])[:, 0], wave) for wave, size in found]
     return [(added, wave) for added, wave in waves if np.ptp(added) <= most]
 
 
-def _off(shape: FloatArray, y: FloatArray) -> FloatArray:
-    """Return what a level and a shape (N, 1) leave of (N,) values."""
-    matrix = np.column_stack([np.ones(len(y)), shape])
-    left: FloatArray = y - matrix @ np.linalg.lstsq(matrix, y, rcond=None)[0]
-    return left
-
-
 def _score(rest: FloatArray, floor: float) -> float:
-    power = float(rest @ rest)
-    rho = min(max(float(rest[1:] @ rest[:-1]) / power, 0.0), 0.95) if power > floor else 0.0
+    power = dot(rest, rest)
+    rho = min(max(dot(rest[1:], rest[:-1]) / power, 0.0), 0.95) if power > floor else 0.0
     return float(len(rest) * np.log((power + floor) * (1.0 - rho * rho)))

@@ -19,6 +19,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
+from valve_twin.core.one_thread import dot
+
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
 
@@ -174,8 +176,8 @@ def residuals(x: FloatArray, y: FloatArray, offsets: FloatArray | None = None) -
     else:
         base = base_of(offsets)
         d, e = base.without(x - x.mean()), base.without(y)
-    sxx = float(d @ d)
-    rest: FloatArray = e - d * (float(d @ e) / sxx) if sxx > 0.0 else e
+    sxx = dot(d, d)
+    rest: FloatArray = e - d * (dot(d, e) / sxx) if sxx > 0.0 else e
     return rest
 
 
@@ -194,10 +196,10 @@ def pooled_autocorrelation(parts: list[FloatArray]) -> float:
         In [-0.95, 0.95]; 0 where fewer than 8 residuals a line are there on average.
     """
     n, lines = sum(len(r) for r in parts), len(parts)
-    power = sum(float(r @ r) for r in parts)
+    power = sum(dot(r, r) for r in parts)
     if n < 8 * max(lines, 1) or not power > 0.0:
         return 0.0
-    raw = sum(float(r[1:] @ r[:-1]) for r in parts) / power
+    raw = sum(dot(r[1:], r[:-1]) for r in parts) / power
     corrected = (n * raw + 2.0 * lines) / (n - 4.0 * lines)
     return float(np.clip(corrected, -MAX_AUTOCORRELATION, MAX_AUTOCORRELATION))
 
@@ -220,8 +222,8 @@ def line_weights(
     else:
         base = base_of(offsets)
         level, d = base.level, base.without(x - x.mean())
-        center = float(level @ x)
-    sxx = float(d @ d)
+        center = dot(level, x)
+    sxx = dot(d, d)
     return center, level, d / sxx if sxx > 0.0 else d
 
 
@@ -257,7 +259,7 @@ def fit_line(
     n = len(x)
     center, w_mean, w_slope = line_weights(x, offsets)
     d = x - center if offsets is None else base_of(offsets).without(x - center)
-    sxx = float(d @ d)
+    sxx = dot(d, d)
     if n < 3 or not sxx > 0.0:
         msg = f"a line needs 3 values at different places, got {n} values and a spread of {sxx:g}"
         raise ValueError(msg)
@@ -268,12 +270,12 @@ def fit_line(
     q_slope = ar1_product(w_slope, w_slope, used)
     rounding = (RESOLUTION * float(np.abs(y).max())) ** 2
     base = n * q_mean if offsets is None else base_of(offsets).share(used)
-    variance = max(float(rest @ rest) / max(n - base - sxx * q_slope, 0.5), rounding)
+    variance = max(dot(rest, rest) / max(n - base - sxx * q_slope, 0.5), rounding)
     return Line(
         samples=n,
         center=center,
-        mean=float(y.mean()) if offsets is None else float(w_mean @ y),
-        slope=float(w_slope @ y),
+        mean=float(y.mean()) if offsets is None else dot(w_mean, y),
+        slope=dot(w_slope, y),
         sigma=variance**0.5,
         autocorrelation=rho,
         freedom=max(n * (1.0 - used) / (1.0 + used) - 2.0 - extra, 1.0),

@@ -254,7 +254,7 @@ def whitened(
     y = filled(vectors[:end], config.least)
     y -= y[:known].mean(axis=0)
     rays = whitened_rays(y[:known], np.isfinite(vectors[:end]), table, config)
-    w = y @ rays.white.T
+    w = rays.whitened(y)
     return w, without_outliers(w, config), rays
 
 
@@ -284,18 +284,18 @@ def first_alarm(
         lines = lines_through(base, end - m, config.window)
         line, variance = lines.at(end.astype(np.float64) - 0.5 * (m - 1))
         mean = (total[end + 1] - total[end + 1 - m]) / m - line
-        ratio = (mean / np.sqrt(1.0 / m + variance)[:, None]) @ rays.rays.T
+        ratio = rays.along(mean / np.sqrt(1.0 / m + variance)[:, None])
         shown = ratio > np.sqrt(config.threshold) * strayed(ratio, config)
         shown &= judged[:, None]
-        off = _ABRUPT * (mean @ rays.rays.T)
-        shown &= _jumps(w, base, end - m + 1, m) @ rays.rays.T > off
+        off = _ABRUPT * rays.along(mean)
+        shown &= rays.along(_jumps(w, base, end - m + 1, m)) > off
         young = lines.count < config.settled
-        shown &= ~young[:, None] | ((mean + line - lines.level) @ rays.rays.T > off)
+        shown &= ~young[:, None] | (rays.along(mean + line - lines.level) > off)
         cycles = np.empty((m, *shown.shape))
         for back in range(m):
             line, variance = lines.at((end - back).astype(np.float64))
             each = (w[end - back] - line) / np.sqrt(1.0 + variance)[:, None]
-            cycles[back] = each @ rays.rays.T
+            cycles[back] = rays.along(each)
         least = np.maximum(config.each, _OF_LARGEST * cycles.max(axis=0))
         shown &= np.count_nonzero(cycles > least, axis=0) >= config.confirm
         hits = np.flatnonzero(shown.any(axis=1))

@@ -12,6 +12,7 @@ import numpy as np
 from valve_twin.core.diagnosis.features import NOISE, UNFOLLOWED
 from valve_twin.core.diagnosis.table import SignatureTable, whitener, with_floor
 from valve_twin.core.estimation.data.robust import MAD_SCALE
+from valve_twin.core.one_thread import rows_times
 
 if TYPE_CHECKING:
     from valve_twin.core.diagnosis.config import DetectionConfig
@@ -52,6 +53,14 @@ class Rays:
     changes: FloatArray
     rays: FloatArray
     spread: FloatArray
+
+    def whitened(self, rows: FloatArray) -> FloatArray:
+        """Return (N, F) features in standard deviations."""
+        return rows_times(rows, self.white.T)
+
+    def along(self, rows: FloatArray) -> FloatArray:
+        """Return how far (N, F) whitened features lie along each of the rays, (N, S)."""
+        return rows_times(rows, self.rays.T)
 
 
 def filled(vectors: FloatArray, least: int) -> FloatArray:
