@@ -2,6 +2,8 @@
 # Copyright 2026 valve_twin maintainers
 """However long a valve lives: what was found stays found, what is kept stays bounded."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,11 @@ from valve_twin.core.aging.config import AgingConfig, Axis
 from valve_twin.core.aging.series import order_history
 from valve_twin.core.aging.verdict import TrendStatus
 from valve_twin.core.diagnosis.detection import Diagnosis, Finding
+from valve_twin.core.diagnosis.direct.bounds import OFF_SEAT, WEAK_SMALL
+from valve_twin.core.diagnosis.direct.freezing import DUE, MISSED
+from valve_twin.core.diagnosis.features import DELAYS, NOISE
 from valve_twin.core.diagnosis.history import diagnose
+from valve_twin.core.diagnosis.products import CLOCK
 from valve_twin.core.diagnosis.table import with_floor
 from valve_twin.core.past.columns import past_of
 from valve_twin.core.past.state import FIRST, AgingState
@@ -214,6 +220,70 @@ def test_a_fault_that_lasts_is_told_until_maintenance_and_then_sought_anew():
             assert found.findings[0].end == 900
             assert found.ready
     assert onset(diagnose(state.past(), (event,))) in range(1299, 1303)
+
+
+SHOWN = {
+    "dead_band": {WEAK_SMALL: (0.0, 0.05)},
+    "sensor_offset": {OFF_SEAT: (0.0, 0.02)},
+    "sensor_freeze": {MISSED: (0.0, 2.0), DUE: (20.0, 20.0)},
+    "sensor_noise": {NOISE: (1e-3, 4e-3)},
+}
+"""By fault that shows without a signature: features, sound and with it."""
+
+
+@pytest.mark.parametrize("fault", SHOWN)
+def test_what_shows_without_a_signature_is_over_when_it_is_seen_no_more(fault):
+    random = np.random.default_rng(9)
+    history = []
+    for e in features(1500, 3):
+        ill = 200 <= e.cycle < 900
+        scatter = np.exp(0.1 * random.standard_normal())
+        shown = [ParameterValue(n, v[ill] * scatter) for n, v in SHOWN[fault].items()]
+        history.append(replace(e, parameters=(*shown, *e.parameters)))
+    state = AgingState(recent_features=128)
+    for e in history:
+        state.add(e)
+        if e.cycle in {500, 899, 1000, 1499}:
+            full = diagnose(past_of(history[: e.cycle]), ()).findings
+            assert [f.fault for f in full] == [fault]
+            kept = diagnose(state.past(), ()).findings
+            assert [(f.fault, f.onset, f.alarm) for f in kept] == [named(full)[0][:3]]
+            assert (kept[0].end < 0) is (full[0].end < 0) is (e.cycle < 900)
+            assert abs(kept[0].end - full[0].end) <= 2
+    assert len(state.past().features) < 400
+
+
+def test_clocks_that_ran_apart_leave_the_bound_and_are_over_when_they_are_set():
+    history = []
+    for e in features(1500, 3):
+        late = 2e-5 * 30.0 * min(max(e.cycle - 600, 0), 300)
+        parameters = tuple(
+            replace(p, value=p.value + late) if p.name in DELAYS else p for p in e.parameters
+        )
+        history.append(replace(e, parameters=parameters))
+    state = AgingState(recent_features=128)
+    told = set()
+    for e in history:
+        state.add(e)
+        assert len(state.past().features) < 600
+        if e.cycle % 50 == 0 and any(
+            f.fault == CLOCK for f in diagnose(state.past(), ()).findings
+        ):
+            told.add(e.cycle)
+    assert told
+    assert max(told) < 1200
+
+
+def test_a_mark_that_comes_late_ends_a_fault_of_old_and_others_are_sought_again():
+    event = Maintenance(0, 600, "new sensor")
+    history = features(1500, 5, (4, 200, 600), (7, 1300, 1500))
+    state = AgingState(recent_features=128)
+    for e in history:
+        state.maintenance = (event,) if e.cycle >= 900 else ()
+        state.add(e)
+    found = diagnose(state.past(), (event,))
+    assert found.findings[0].end > 0
+    assert onset(found) in range(1299, 1303)
 
 
 def test_segments_and_verdict_are_those_of_all_estimates():

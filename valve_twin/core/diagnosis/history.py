@@ -6,14 +6,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from valve_twin.core.diagnosis.detection import NOTHING, UNKNOWN, Diagnosis, Finding, detect
-from valve_twin.core.diagnosis.direct.bounds import OFF_SEAT, WEAK_SMALL, beyond
-from valve_twin.core.diagnosis.direct.freezing import DUE, MISSED, freezing
-from valve_twin.core.diagnosis.direct.noise import noisier
+from valve_twin.core.diagnosis.direct import bounds, freezing, noise
 from valve_twin.core.diagnosis.features import NOISE
 from valve_twin.core.diagnosis.generic.reference import has_reference
 from valve_twin.core.diagnosis.generic.signatures import signatures_of
@@ -27,10 +25,11 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from valve_twin.core.past.columns import Past, Rows
-    from valve_twin.core.types import Estimate, IntArray, Maintenance
+    from valve_twin.core.types import Estimate, FloatArray, IntArray, Maintenance
     from valve_twin.core.valves.interface import ValveModel
 
-_DIRECT = (NOISE, MISSED, DUE, OFF_SEAT, WEAK_SMALL)
+_DIRECT = (NOISE, freezing.MISSED, freezing.DUE, bounds.OFF_SEAT, bounds.WEAK_SMALL)
+_WEAK = "dead_band"
 
 _NEAR = 5
 """Cycles behind one whose signals cannot be what is configured in which nothing is said of noise:
@@ -59,7 +58,7 @@ def diagnose(history: Iterable[Estimate] | Past, maintenance: Sequence[Maintenan
         `NOTHING` where no features are stored or the model has no signatures.
     """
     past = past_of(history)
-    found, _ = search(past, maintenance)
+    found = search(past, maintenance).diagnosis
     if found is NOTHING:
         return NOTHING
     doubt = found.doubt or _doubt_of_product(_products_of(_once_a_cycle(past.features)))
@@ -67,8 +66,26 @@ def diagnose(history: Iterable[Estimate] | Past, maintenance: Sequence[Maintenan
     return replace(found, findings=(*found.findings, *([stuck] if stuck else [])), doubt=doubt)
 
 
-def search(past: Past, maintenance: Sequence[Maintenance]) -> tuple[Diagnosis, bool]:
-    """Find the faults that features show, and whether one that lasts ends the search.
+class Searched(NamedTuple):
+    """What features show.
+
+    Attributes
+    ----------
+    diagnosis : Diagnosis
+        The faults.
+    stopped : bool
+        Whether one that lasts ends the search.
+    direct : tuple of Finding
+        Those that were found without a signature.
+    """
+
+    diagnosis: Diagnosis
+    stopped: bool = False
+    direct: tuple[Finding, ...] = ()
+
+
+def search(past: Past, maintenance: Sequence[Maintenance]) -> Searched:
+    """Find the faults that features show.
 
     Parameters
     ----------
@@ -79,16 +96,16 @@ def search(past: Past, maintenance: Sequence[Maintenance]) -> tuple[Diagnosis, b
     """
     shown = past.features
     if not len(shown):
-        return NOTHING, False
+        return Searched(NOTHING)
     model = _model(shown.models[0])
     table = signatures_of(model) if model else None
     if model is None or table is None:
-        return NOTHING, False
+        return Searched(NOTHING)
     shown = _once_a_cycle(shown)
     if model.feature_set.of_any_valve:
         shown = shown.take(np.flatnonzero(has_reference(shown)))
         if not len(shown):
-            return NOTHING, False
+            return Searched(NOTHING)
     cycles = shown.cycle
     vectors = feature_vectors(shown, model.feature_set)
     restarts = [m.cycle for m in maintenance]
@@ -109,22 +126,34 @@ def search(past: Past, maintenance: Sequence[Maintenance]) -> tuple[Diagnosis, b
         if number in lately and (anew or past.settled is None):
             begun = int(np.count_nonzero(own[:since]))
             doubt = doubt or doubt_of(cycles[own][begun:], steady[begun:], table)
-    if settled.stopped:  # until maintenance
+    stopped = settled.stopped and _holds(settled, restarts)
+    if stopped:  # until maintenance
         next_ = min((c for c in restarts if c > settled.judged), default=np.inf)
         found = [f for f in found if f.onset >= next_]
-    stopped = any(f.end < 0 for f in found) or (settled.stopped and not anew)
+    stopped = any(f.end < 0 for f in found) or (stopped and not anew)
     found.sort(key=lambda f: (f.alarm, f.onset))
     before = [_until_maintained(f, cycles, restarts) for f in settled.findings]
     if not any(f.fault == CLOCK and f.end < 0 for f in before):
         start_s = np.asarray((shown.start_ns - shown.start_ns[0]) * 1e-9, np.float64)
-        clock = clocks_apart(cycles[since:], start_s[since:], vectors[since:], table)
+        first = anew or past.settled is None
+        clock = clocks_apart(cycles[since:], start_s[since:], vectors[since:], table, first=first)
         found += [clock] if clock else []
+    direct: list[Finding] = []
     if not model.feature_set.of_any_valve:
-        found += [f for f in _direct(shown, restarts) if f.alarm > settled.judged]
+        values = _direct_values(shown)
+        asked = [f in settled.direct for f in settled.findings]
+        before = [
+            _until_over(f, cycles, values, settled.judged) if d else f
+            for f, d in zip(before, asked, strict=True)
+        ]
+        direct = [f for f, d in zip(before, asked, strict=True) if d]
+        new = [f for f in _direct(cycles, values, restarts) if f.alarm > settled.judged]
+        found, direct = found + new, direct + new
     found = [f for f in found if not _is_slip(f, past.apart)]
     doubt = doubt if anew or past.settled is None else settled.doubt
     looked_at = settled.cycles + len(cycles)
-    return Diagnosis((*before, *found), looked_at, ready, doubt), stopped
+    diagnosis = Diagnosis((*before, *found), looked_at, ready, doubt)
+    return Searched(diagnosis, stopped, tuple(f for f in direct if f in diagnosis.findings))
 
 
 _NONE = Settled((), 0, -1)
@@ -136,6 +165,13 @@ def _until_maintained(finding: Finding, cycles: IntArray, restarts: Sequence[int
     if finding.end >= 0 or not after:
         return finding
     return replace(finding, end=int(cycles[np.searchsorted(cycles, min(after))]))
+
+
+def _holds(settled: Settled, restarts: Sequence[int]) -> bool:
+    """Return whether a fault of old is there that no mark, made later perhaps, has ended."""
+    marks = [c for c in restarts if c <= settled.judged]
+    by_signature = (f for f in settled.findings if f not in settled.direct and f.fault != CLOCK)
+    return any(f.end < 0 and not any(c > f.onset for c in marks) for f in by_signature)
 
 
 def _products_of(shown: Rows) -> IntArray:
@@ -167,20 +203,36 @@ def _once_a_cycle(shown: Rows) -> Rows:
     return shown.take(order[last])
 
 
-def _direct(shown: Rows, restarts: Sequence[int]) -> list[Finding]:
+def _direct_values(shown: Rows) -> FloatArray:
+    """Return what shows faults without a signature, (N, 5)."""
+    return np.column_stack([shown.value(n) for n in _DIRECT])
+
+
+def _until_over(finding: Finding, cycles: IntArray, values: FloatArray, judged: int) -> Finding:
+    """Return what was found of old without a signature, over where it is seen no more."""
+    if finding.end >= 0:
+        return finding
+    if finding.fault == "sensor_noise":
+        end = noise.over(cycles, values[:, 0], finding, judged)
+    elif finding.fault == "sensor_freeze":
+        end = freezing.over(cycles, values[:, 1], values[:, 2], finding)
+    else:
+        end = bounds.over(cycles, values[:, 4 if finding.fault == _WEAK else 3], finding)
+    return replace(finding, end=end)
+
+
+def _direct(cycles: IntArray, values: FloatArray, restarts: Sequence[int]) -> list[Finding]:
     """Return what shows without a signature; maintenance ends it and begins anew."""
-    cycles = shown.cycle
-    values = np.column_stack([shown.value(n) for n in _DIRECT])
     found: list[Finding] = []
     edges = [0, *sorted({int(np.searchsorted(cycles, c)) for c in restarts}), len(cycles)]
     for first, last in pairwise(edges):
         part, own = cycles[first:last], values[first:last]
         over = int(cycles[last]) if last < len(cycles) else -1
         new = [
-            *beyond(part, own[:, 4], "dead_band"),
-            *beyond(part, own[:, 3], "sensor_offset"),
-            *noisier(part, own[:, 0]),
-            *freezing(part, own[:, 1], own[:, 2]),
+            *bounds.beyond(part, own[:, 4], _WEAK),
+            *bounds.beyond(part, own[:, 3], "sensor_offset"),
+            *noise.noisier(part, own[:, 0]),
+            *freezing.freezing(part, own[:, 1], own[:, 2]),
         ]
         found += [replace(f, end=over) if f.end < 0 else f for f in new]
     return sorted(found, key=lambda f: (f.alarm, f.onset))

@@ -150,7 +150,12 @@ class _Slope:
 
 
 def clocks_apart(
-    cycles: IntArray, start_s: FloatArray, vectors: FloatArray, table: SignatureTable
+    cycles: IntArray,
+    start_s: FloatArray,
+    vectors: FloatArray,
+    table: SignatureTable,
+    *,
+    first: bool = True,
 ) -> Finding | None:
     """Find clocks of position and commands that run apart: delays grow steadily and alike.
 
@@ -168,6 +173,8 @@ def clocks_apart(
         Features [unit by feature].
     table : SignatureTable
         Names of the features.
+    first : bool
+        Whether these are the first cycles since start or maintenance.
 
     Returns
     -------
@@ -176,7 +183,7 @@ def clocks_apart(
     """
     count = len(cycles)
     looks = [slice(max(count - _NEWEST, 0), count)]
-    looks += [slice(0, end) for end in _LOOKS if end < count]
+    looks += [slice(0, end) for end in _LOOKS if first and end < count]
     rates = (_rate(start_s[k], vectors[k], table) for k in looks)
     for seen, rate in zip(looks, rates, strict=True):
         if rate is not None:

@@ -211,6 +211,8 @@ class Settled:
         Why the first cycles were no reference, empty where they were.
     stopped : bool
         A fault that lasts was found by its signature: nothing else is sought until maintenance.
+    direct : tuple of Finding
+        Those of the findings that need no signature: they last until they are seen no more.
     """
 
     findings: tuple[Finding, ...]
@@ -218,6 +220,7 @@ class Settled:
     judged: int
     doubt: str = ""
     stopped: bool = False
+    direct: tuple[Finding, ...] = ()
 
 
 @dataclass(slots=True)

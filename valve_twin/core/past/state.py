@@ -22,6 +22,7 @@ import numpy as np
 from valve_twin.core.diagnosis.config import DetectionConfig
 from valve_twin.core.diagnosis.features import ESTIMATOR
 from valve_twin.core.diagnosis.history import search
+from valve_twin.core.diagnosis.products import CLOCK
 from valve_twin.core.past.columns import Past, Rows, Settled, Table
 from valve_twin.core.refusal import RefusalCode
 
@@ -105,11 +106,11 @@ class AgingState:
         """Let go of the features that are not the newest, unless a fault may still heal."""
         events = self._events(int(self._features.rows().cycle[-1]))
         past = self.past()
-        found, stopped = search(past, events)
+        found, stopped, direct = search(past, events)
         cycles = past.features.cycle
         near = int(cycles[max(len(cycles) - DetectionConfig().extrapolate - _WAIT, 0)])
         self._look_at = len(cycles) + _WAIT
-        if any(f.end < 0 and f.alarm >= near for f in found.findings):
+        if any(f.end < 0 and f.alarm >= near and f.fault != CLOCK for f in found.findings):
             return
         kept = np.arange(len(cycles)) >= len(cycles) - self._recent_features
         for fault in found.findings:
@@ -117,8 +118,10 @@ class AgingState:
                 kept &= (cycles < fault.onset) | (cycles > fault.end)
         gone = int(np.count_nonzero(~kept))
         before = self._settled.cycles if self._settled else 0
+        begun = cycles[cycles >= max((m.cycle for m in events), default=0)].min()
+        settled = (f for f in found.findings if f.fault != CLOCK or f.onset <= begun)
         self._settled = Settled(
-            found.findings, before + gone, int(cycles.max()), found.doubt, stopped
+            tuple(settled), before + gone, int(cycles.max()), found.doubt, stopped, direct
         )
         self._features.keep(np.flatnonzero(kept))
         self._look_at = len(self._features) + self._recent_features

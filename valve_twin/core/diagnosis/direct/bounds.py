@@ -60,6 +60,27 @@ def beyond(cycles: IntArray, excess: FloatArray, fault: str) -> list[Finding]:
     return found
 
 
+def over(cycles: IntArray, excess: FloatArray, finding: Finding) -> int:
+    """Return the cycle at which what `beyond` found long ago is over, -1 = it lasts.
+
+    Parameters
+    ----------
+    cycles : (N,) int64 array
+        Cycle numbers, rising; those before the alarm do not count.
+    excess : (N,) array
+        As for `beyond`.
+    finding : Finding
+        What was found.
+    """
+    run = 0
+    later = np.isfinite(excess) & (cycles > finding.alarm)
+    for number, value in zip(cycles[later].tolist(), excess[later].tolist(), strict=True):
+        run = run + 1 if value == 0.0 else 0
+        if run == _CONFIRM:
+            return int(number)
+    return -1
+
+
 def _found(numbers: IntArray, value: FloatArray, fault: str, rows: slice, end: int) -> Finding:
     """Return the finding of some rows."""
     return Finding(

@@ -54,7 +54,8 @@ def freezing(cycles: IntArray, missed: FloatArray, due: FloatArray) -> list[Find
             row += 1
             continue
         onset = since + int(np.flatnonzero(lost[recent])[0])
-        end = _over(lost, owed, onset, row)
+        share = lost[onset : row + 1].sum() / max(owed[onset : row + 1].sum(), 1.0)
+        end = _over(lost, owed, float(share), row)
         stop = len(lost) if end < 0 else end - _HEAL + 1
         share = float(lost[onset:stop].sum() / max(owed[onset:stop].sum(), 1.0))
         last = int(cycles[end]) if end >= 0 else -1
@@ -75,13 +76,30 @@ def freezing(cycles: IntArray, missed: FloatArray, due: FloatArray) -> list[Find
     return found
 
 
+def over(cycles: IntArray, missed: FloatArray, due: FloatArray, finding: Finding) -> int:
+    """Return the cycle at which freezing that was found long ago is over, -1 = it lasts.
+
+    Parameters
+    ----------
+    cycles : (N,) int64 array
+        Cycle numbers, rising; those before the alarm do not count.
+    missed, due : (N,) arrays
+        As for `freezing`.
+    finding : Finding
+        What was found.
+    """
+    later = cycles > finding.alarm
+    lost, owed = np.nan_to_num(missed[later]), np.nan_to_num(due[later])
+    end = _over(lost, owed, finding.severity, -1)
+    return int(cycles[later][end]) if end >= 0 else -1
+
+
 def _row_of(cycles: IntArray, cycle: int) -> int:
     return int(np.searchsorted(cycles, cycle)) + 1
 
 
-def _over(lost: FloatArray, owed: FloatArray, onset: int, alarm: int) -> int:
+def _over(lost: FloatArray, owed: FloatArray, share: float, alarm: int) -> int:
     """Return the first row behind enough cycles and values without one left out, or -1."""
-    share = lost[onset : alarm + 1].sum() / max(owed[onset : alarm + 1].sum(), 1.0)
     last, due = alarm, 0.0
     for row in range(alarm + 1, len(lost)):
         if lost[row]:

@@ -75,6 +75,29 @@ def noisier(cycles: IntArray, noise: FloatArray) -> list[Finding]:
     return found
 
 
+def over(cycles: IntArray, noise: FloatArray, finding: Finding, judged: int) -> int:
+    """Return the cycle at which noise that was found long ago is over, -1 = it lasts.
+
+    Parameters
+    ----------
+    cycles : (N,) int64 array
+        Cycle numbers, rising.
+    noise : (N,) array
+        As for `noisier`.
+    finding : Finding
+        What was found.
+    judged : int
+        Number of a cycle up to which it lasted.
+    """
+    known = np.isfinite(noise) & (noise > 0.0) & (cycles >= finding.onset)
+    numbers, level = cycles[known], np.log(noise[known])
+    noisy = level[numbers <= judged]
+    if not len(noisy):
+        return -1
+    end = _over(level, 0, float(np.median(noisy)) - 0.5 * float(np.log(finding.severity)))
+    return int(numbers[end]) if end >= 0 else -1
+
+
 def _rise(usual: FloatArray, newest: FloatArray) -> tuple[float, float]:
     """Return the least rise of the newest cycles, and that in standard deviations; 0 = none."""
     if len(usual) < _LEAST:
