@@ -14,12 +14,13 @@ from valve_twin.core.aging.verdict import TrendStatus
 from valve_twin.core.diagnosis.detection import Diagnosis, Finding
 from valve_twin.core.diagnosis.direct.bounds import OFF_SEAT, WEAK_SMALL
 from valve_twin.core.diagnosis.direct.freezing import DUE, MISSED
-from valve_twin.core.diagnosis.features import DELAYS, NOISE
+from valve_twin.core.diagnosis.features import DELAYS
 from valve_twin.core.diagnosis.history import diagnose
 from valve_twin.core.diagnosis.products import CLOCK
 from valve_twin.core.diagnosis.table import with_floor
 from valve_twin.core.past.columns import past_of
-from valve_twin.core.past.state import FIRST, AgingState
+from valve_twin.core.past.state import FINDINGS, FIRST, AgingState
+from valve_twin.core.refusal import RefusalCode
 from valve_twin.core.types import (
     Estimate,
     EstimateStatus,
@@ -226,7 +227,6 @@ SHOWN = {
     "dead_band": {WEAK_SMALL: (0.0, 0.05)},
     "sensor_offset": {OFF_SEAT: (0.0, 0.02)},
     "sensor_freeze": {MISSED: (0.0, 2.0), DUE: (20.0, 20.0)},
-    "sensor_noise": {NOISE: (1e-3, 4e-3)},
 }
 """By fault that shows without a signature: features, sound and with it."""
 
@@ -235,22 +235,45 @@ SHOWN = {
 def test_what_shows_without_a_signature_is_over_when_it_is_seen_no_more(fault):
     random = np.random.default_rng(9)
     history = []
-    for e in features(1500, 3):
-        ill = 200 <= e.cycle < 900
+    for e in features(800, 3):
+        ill = 100 <= e.cycle < 420
         scatter = np.exp(0.1 * random.standard_normal())
         shown = [ParameterValue(n, v[ill] * scatter) for n, v in SHOWN[fault].items()]
         history.append(replace(e, parameters=(*shown, *e.parameters)))
-    state = AgingState(recent_features=128)
+    state = AgingState(recent_features=64)
     for e in history:
         state.add(e)
-        if e.cycle in {500, 899, 1000, 1499}:
-            full = diagnose(past_of(history[: e.cycle]), ()).findings
-            assert [f.fault for f in full] == [fault]
-            kept = diagnose(state.past(), ()).findings
-            assert [(f.fault, f.onset, f.alarm) for f in kept] == [named(full)[0][:3]]
-            assert (kept[0].end < 0) is (full[0].end < 0) is (e.cycle < 900)
-            assert abs(kept[0].end - full[0].end) <= 2
+        if e.cycle in {200, 419, 500, 799}:
+            full = diagnose(past_of(history[: e.cycle]), ())
+            kept = diagnose(state.past(), ())
+            assert {f.fault for f in (*kept.findings, *full.findings)} == {fault}
+            assert (kept.present is None) is (full.present is None) is (e.cycle >= 450)
+            assert max(f.end for f in kept.findings) <= 430
     assert len(state.past().features) < 400
+
+
+def test_faults_that_come_and_go_for_ever_hold_no_more_features():
+    history = []
+    for e in features(2500, 3):
+        weak, off = e.cycle % 32 < 20, (e.cycle + 16) % 32 < 20
+        shown = ParameterValue(WEAK_SMALL, 0.05 * weak), ParameterValue(OFF_SEAT, 0.02 * off)
+        history.append(replace(e, parameters=(*e.parameters, *shown)))
+    state = AgingState(recent_features=64)
+    for e in history:
+        state.add(e)
+        assert len(state.past().features) < 1100
+    full = diagnose(past_of(history), ()).findings
+    assert named(diagnose(state.past(), ()).findings[-20:]) == named(full[-20:])
+
+
+def test_the_findings_that_are_kept_are_bounded():
+    state = AgingState(recent_features=256)
+    for e in features(4500, 3):
+        ill = e.cycle % 16 < 5
+        state.add(replace(e, parameters=(*e.parameters, ParameterValue(WEAK_SMALL, 0.05 * ill))))
+    found = diagnose(state.past(), ()).findings
+    assert FINDINGS <= len(found) < FINDINGS + 32
+    assert found[-1].alarm > 4480
 
 
 def test_clocks_that_ran_apart_leave_the_bound_and_are_over_when_they_are_set():
@@ -272,6 +295,15 @@ def test_clocks_that_ran_apart_leave_the_bound_and_are_over_when_they_are_set():
             told.add(e.cycle)
     assert told
     assert max(told) < 1200
+
+
+def test_cycles_whose_signals_do_not_belong_together_are_bounded_and_counted_once():
+    refused = {"status": EstimateStatus.REFUSED, "reason_code": RefusalCode.IMPLAUSIBLE}
+    history = [estimate(c, {}, **refused) for c in range(1, 3001) for _ in range(2)]
+    one_after_the_other = [*history[::2], *history[1::2]]
+    for given in (history, one_after_the_other):
+        apart = lived(given, recent=32).apart
+        assert apart == tuple(range(3001 - 256, 3001))
 
 
 def test_a_mark_that_comes_late_ends_a_fault_of_old_and_others_are_sought_again():

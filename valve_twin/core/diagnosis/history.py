@@ -136,7 +136,7 @@ def search(past: Past, maintenance: Sequence[Maintenance]) -> Searched:
     if not any(f.fault == CLOCK and f.end < 0 for f in before):
         start_s = np.asarray((shown.start_ns - shown.start_ns[0]) * 1e-9, np.float64)
         first = anew or past.settled is None
-        clock = clocks_apart(cycles[since:], start_s[since:], vectors[since:], table, first=first)
+        clock = clocks_apart(cycles[since:], start_s[since:], vectors[since:], table, begins=first)
         found += [clock] if clock else []
     direct: list[Finding] = []
     if not model.feature_set.of_any_valve:

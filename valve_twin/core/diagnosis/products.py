@@ -155,7 +155,7 @@ def clocks_apart(
     vectors: FloatArray,
     table: SignatureTable,
     *,
-    first: bool = True,
+    begins: bool = True,
 ) -> Finding | None:
     """Find clocks of position and commands that run apart: delays grow steadily and alike.
 
@@ -173,7 +173,7 @@ def clocks_apart(
         Features [unit by feature].
     table : SignatureTable
         Names of the features.
-    first : bool
+    begins : bool
         Whether these are the first cycles since start or maintenance.
 
     Returns
@@ -183,7 +183,7 @@ def clocks_apart(
     """
     count = len(cycles)
     looks = [slice(max(count - _NEWEST, 0), count)]
-    looks += [slice(0, end) for end in _LOOKS if first and end < count]
+    looks += [slice(0, end) for end in _LOOKS if begins and end < count]
     rates = (_rate(start_s[k], vectors[k], table) for k in looks)
     for seen, rate in zip(looks, rates, strict=True):
         if rate is not None:

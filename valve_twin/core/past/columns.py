@@ -347,7 +347,7 @@ def past_of(history: Iterable[Estimate] | Past) -> Past:
             features.add(estimate)
         if estimate.reason_code == RefusalCode.IMPLAUSIBLE:
             apart.append(estimate.cycle)
-    return Past(trend.rows(), features.rows(), tuple(apart))
+    return Past(trend.rows(), features.rows(), tuple(sorted(set(apart))))
 
 
 def feature_vectors(rows: Rows, kind: FeatureSet) -> FloatArray:

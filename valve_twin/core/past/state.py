@@ -37,10 +37,15 @@ RECENT = 8192
 RECENT_FEATURES = 2048
 """Newest cycles whose features are kept in full [1]."""
 
+FINDINGS = 256
+"""Newest of the faults that are over which are kept [1]."""
+
 FIRST = 64
 """Estimates kept at the start of the life and behind each maintenance event [1]."""
 
 _WAIT = 128  # cycles after which features are looked at again where a fault may still heal
+_APART = 8  # cycles kept whose signals do not belong together, in those kept in full
+_AROUND = 16  # cycles about a fault in which those count
 _UNKNOWN = -1
 
 
@@ -58,7 +63,7 @@ class AgingState:
         self._trend, self._features = Table(), Table()
         self._old, self._stride = 0, 1
         self._look_at = 2 * recent_features
-        self._apart: list[int] = []
+        self._apart: dict[int, None] = {}
         self._settled: Settled | None = None
         self._taken: Past | None = None
         self.maintenance: Sequence[Maintenance] = ()
@@ -67,7 +72,9 @@ class AgingState:
         """Add an estimate of any estimator; `maintenance` are the events known by then."""
         self._taken = None
         if estimate.reason_code == RefusalCode.IMPLAUSIBLE:
-            self._apart.append(estimate.cycle)
+            self._apart[estimate.cycle] = None
+            if len(self._apart) >= 2 * _APART * self._recent:
+                self._apart = dict.fromkeys(sorted(self._apart)[-_APART * self._recent :])
         if estimate.used_by_trend:
             self._trend.add(estimate)
             if len(self._trend) - self._old >= 2 * self._recent:
@@ -81,8 +88,11 @@ class AgingState:
         """Return what is known now; it stays as it is when more comes."""
         if self._taken is None:
             rows = self._trend.rows(), self._features.rows()
-            self._taken = Past(*rows, tuple(self._apart), self._settled)
+            self._taken = Past(*rows, self._newest_apart(), self._settled)
         return self._taken
+
+    def _newest_apart(self) -> tuple[int, ...]:
+        return tuple(sorted(self._apart)[-_APART * self._recent :])
 
     def _events(self, cycle: int) -> list[Maintenance]:
         """Return the events in force up to a cycle."""
@@ -108,22 +118,35 @@ class AgingState:
         past = self.past()
         found, stopped, direct = search(past, events)
         cycles = past.features.cycle
-        near = int(cycles[max(len(cycles) - DetectionConfig().extrapolate - _WAIT, 0)])
+        open_for = DetectionConfig().extrapolate + _WAIT
+        near = int(cycles[max(len(cycles) - open_for, 0)])
         self._look_at = len(cycles) + _WAIT
-        if any(f.end < 0 and f.alarm >= near and f.fault != CLOCK for f in found.findings):
+        young = [f for f in found.findings if f.end < 0 and f.alarm >= near and f.fault != CLOCK]
+        recent = max(self._recent_features, 2 * open_for if young else 0)
+        if young and len(cycles) < 2 * recent:
             return
-        kept = np.arange(len(cycles)) >= len(cycles) - self._recent_features
-        for fault in found.findings:
+        judged = min((f.onset - 1 for f in young), default=int(cycles.max()))
+        told = [f for f in found.findings if f.alarm <= judged or f.fault == CLOCK]
+        kept = np.arange(len(cycles)) >= len(cycles) - recent
+        for fault in told:
             if fault.end >= 0:  # what a fault did is no measure
                 kept &= (cycles < fault.onset) | (cycles > fault.end)
         gone = int(np.count_nonzero(~kept))
         before = self._settled.cycles if self._settled else 0
         begun = cycles[cycles >= max((m.cycle for m in events), default=0)].min()
-        settled = (f for f in found.findings if f.fault != CLOCK or f.onset <= begun)
+        settled = [f for f in told if f.fault != CLOCK or f.onset <= begun]
+        over = [f for f in settled if f.end >= 0]
+        for old in over[: max(len(over) - FINDINGS, 0)]:
+            settled.remove(old)
+        if young:  # and what they are is told later
+            lasts = (f for f in settled if f.end < 0 and f.fault != CLOCK)
+            stopped = any(f not in direct for f in lasts)
         self._settled = Settled(
-            tuple(settled), before + gone, int(cycles.max()), found.doubt, stopped, direct
+            tuple(settled), before + gone, judged, found.doubt, stopped, direct
         )
         self._features.keep(np.flatnonzero(kept))
+        known = int(cycles[kept].min(initial=int(cycles.max()))) - _AROUND
+        self._apart = {cycle: None for cycle in self._apart if cycle >= known}
         self._look_at = len(self._features) + self._recent_features
         self._taken = None
 

@@ -173,7 +173,7 @@ class MonitoredValve:
         pairs = zip(answer.estimates, answer.missed_cycles, strict=True)
         fresh = [convert.estimate_value(m, int(missed)) for m, missed in pairs]
         events = [convert.to_value(Maintenance, m) for m in answer.maintenance]
-        changes = [self._buffer.add(self._asking[0], fresh), *map(self._buffer.note, events)]
+        changes = [*map(self._buffer.note, events), self._buffer.add(self._asking[0], fresh)]
         self._changed = self._changed or any(changes)
         if not answer.more:  # the estimators are asked for one behind the other
             self._asking = self._asking[1:] or list(self._buffer.counts)

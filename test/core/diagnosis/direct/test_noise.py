@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from valve_twin.core.diagnosis.direct.noise import noisier
+from valve_twin.core.diagnosis.direct.noise import noisier, over
 
 
 def levels(cycles, seed, spread=0.1):
@@ -49,3 +49,13 @@ def test_nothing_is_said_before_it_is_known_how_noisy_it_is():
     noise = levels(20, 4)
     noise[5:] *= 3.0
     assert noisier(np.arange(1, 8), noise[:7]) == []
+
+
+def test_what_was_found_long_ago_is_over_at_the_same_cycle_without_what_came_before():
+    noise, cycles = levels(600, 4), np.arange(1, 601)
+    noise[100:400] *= 3.0
+    (whole,) = noisier(cycles, noise)
+    (seen,) = noisier(cycles[:300], noise[:300])
+    assert seen.end == -1
+    assert over(cycles[250:400], noise[250:400], seen, 300) == -1
+    assert over(cycles[250:], noise[250:], seen, 300) == whole.end == 405
