@@ -17,8 +17,8 @@ import numpy as np
 
 from valve_twin.core.aging.config import AgingConfig, parse_bin
 from valve_twin.core.aging.series import Series, cut, part_of
+from valve_twin.core.estimation.data.one_thread import dot
 from valve_twin.core.estimation.data.robust import robust_sigma
-from valve_twin.core.one_thread import dot
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -27,7 +27,7 @@ from valve_twin.core.aging.trend import (
     quantile,
     ratio_interval,
 )
-from valve_twin.core.one_thread import dot
+from valve_twin.core.estimation.data.one_thread import dot
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -21,7 +21,7 @@ from valve_twin.core.aging.laws.fit import law_shape
 from valve_twin.core.aging.laws.shapes import condense
 from valve_twin.core.aging.trend import RESOLUTION, residuals
 from valve_twin.core.aging.wave import Wave, find_waves
-from valve_twin.core.one_thread import dot, rows_times
+from valve_twin.core.estimation.data.one_thread import dot, rows_times
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
-from valve_twin.core.one_thread import dot
+from valve_twin.core.estimation.data.one_thread import dot
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray

@@ -11,8 +11,8 @@ import numpy as np
 
 from valve_twin.core.diagnosis.features import NOISE, UNFOLLOWED
 from valve_twin.core.diagnosis.table import SignatureTable, whitener, with_floor
+from valve_twin.core.estimation.data.one_thread import rows_times
 from valve_twin.core.estimation.data.robust import MAD_SCALE
-from valve_twin.core.one_thread import rows_times
 
 if TYPE_CHECKING:
     from valve_twin.core.diagnosis.config import DetectionConfig

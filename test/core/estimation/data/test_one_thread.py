@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from valve_twin.core.one_thread import dot, rows_times
+from valve_twin.core.estimation.data.one_thread import dot, rows_times
 
 SPENT = """
 import threading, time
