@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
+from importlib.metadata import EntryPoint
 from types import SimpleNamespace
 
 import pytest
@@ -43,3 +44,12 @@ def test_a_valve_of_another_package_is_found_behind_ours(monkeypatch):
     monkeypatch.setattr(registry, "entry_points", lambda group: [entry])
     assert model_names()[-1] == "a_user_s"
     assert get_model("a_user_s") is model
+
+
+@pytest.mark.parametrize("value", ["valve_twin.nowhere:VALVE", "valve_twin.core:NOTHING"])
+def test_a_valve_that_is_registered_and_not_there_gives_a_line(monkeypatch, value):
+    entry = EntryPoint("my_gone_valve", value, registry.ENTRY_POINT_GROUP)
+    monkeypatch.setattr(registry, "entry_points", lambda group: [entry])
+    with pytest.raises(ValueError, match=f"'{value}', which cannot be loaded: ") as caught:
+        get_model("my_gone_valve")
+    assert "\n" not in str(caught.value)

@@ -50,12 +50,17 @@ def get_model(name: str) -> ValveModel:
     Raises
     ------
     ValueError
-        If there is no such model, the message names the nearest one; or if it lacks a member of
-        `ValveModel`.
+        If there is no such model, the message names the nearest one; if what is registered cannot
+        be loaded; or if it lacks a member of `ValveModel`.
     """
     entry = _entry(name)
     if entry is not None:
-        return _checked(entry.load(), name)
+        try:
+            model = entry.load()
+        except (ImportError, AttributeError) as err:
+            msg = f"'{name}' is registered as '{entry.value}', which cannot be loaded: {err}"
+            raise ValueError(msg) from err
+        return _checked(model, name)
     names = model_names()
     none = f"; no package registers any in '{ENTRY_POINT_GROUP}': install anew (make setup)"
     msg = f"'{name}' is unknown{nearest_hint(name, names) if names else none}"

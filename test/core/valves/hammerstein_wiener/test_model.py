@@ -4,6 +4,8 @@
 
 import json
 import re
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -146,3 +148,13 @@ def test_its_aging_is_found_and_reported_from_a_simulated_bag(root, tmp_path, ca
     assert trends["static_gain"]["status"] == "STEADY"
     assert main(["report", str(bag), *config, "--out", str(page)]) == 0
     assert re.search("response_rising", page.read_text(encoding="utf-8"))
+
+
+def test_a_live_twin_does_not_load_what_only_the_choice_of_blocks_uses():
+    """`scipy.signal` with all that it loads takes 60 MB."""
+    code = (
+        "import sys, valve_twin.report.build\n"
+        "from valve_twin.core.valves.hammerstein_wiener.model import MODEL\n"
+        "sys.exit('scipy.signal' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.signal import lfilter, lfiltic
 
 from valve_twin.core.prediction import fit_percent
 
@@ -55,6 +54,8 @@ class Arx:
         y : (N,) array
             Output, of which only the first samples are used [its unit].
         """
+        from scipy.signal import lfilter, lfiltic
+
         order, n = len(self.a), len(u)
         drive = np.full(n, self.level)
         for b, one in zip(self.b, u.reshape(n, -1).T, strict=True):
