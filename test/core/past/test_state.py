@@ -145,6 +145,16 @@ def test_the_axis_is_that_of_all_estimates_over_resets_and_missed_cycles():
     assert np.count_nonzero(kept.unknown) == np.count_nonzero(full.unknown)
 
 
+def test_numbers_that_came_twice_are_still_told_apart_by_their_time():
+    numbers = [*range(11, 1001), *range(951, 3001)]
+    history = [estimate(n, {"gain": 1.0}, time=k) for k, n in enumerate(numbers)]
+    full = order_history(past_of(history), Axis.CYCLES)
+    kept = order_history(lived(history, recent=16), Axis.CYCLES)
+    assert np.all(np.diff(kept.rows.end_ns) > 0)
+    place = np.searchsorted(full.rows.end_ns, kept.rows.end_ns)
+    assert np.array_equal(kept.axis, full.axis[place])
+
+
 def test_the_first_estimates_behind_maintenance_stay_the_reference():
     event = Maintenance(0, 2000, "new spool", new_reference=True)
     values = 1.0 + 1e-3 * np.random.default_rng(4).standard_normal(6000)
