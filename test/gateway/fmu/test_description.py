@@ -40,4 +40,4 @@ def test_a_name_that_no_xml_can_hold_is_told_without_what_it_cannot(version):
     name = '/press/<&">\x01\udcff valve'
     valve = valve_of("db", name, made(values=VALUES), record())
     root = ET.fromstring(model_description(valve, version))
-    assert root.get("description").startswith('/press/<&">\ufffd\\udcff valve as estimated')
+    assert root.get("description", "").startswith('/press/<&">\ufffd\\udcff valve as estimated')

@@ -67,7 +67,7 @@ class Speaker:
 
 
 def conversation(client, speaker):
-    events = queue.Queue()
+    events: queue.Queue[face._Event] = queue.Queue()
     events.put(("answer", CONNACK_ACCEPTED))
     told = face._Conversation(client, speaker, View, events, lambda: None)
     return told, events
@@ -124,7 +124,7 @@ def test_what_is_retained_delivers_nothing():
 
 def test_what_nobody_reads_is_not_kept_without_end(monkeypatch):
     monkeypatch.setattr(face, "MOST_HEARD", 3)
-    events = queue.Queue()
+    events: queue.Queue[face._Event] = queue.Queue()
     for _ in range(9):
         face._hear(events, HEARD)
     assert events.qsize() == 3
