@@ -15,6 +15,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+import valve_twin.core
 from valve_twin.core.cycle_config import CycleConfig
 from valve_twin.core.estimation.cycle.sequence import estimate_cycle
 from valve_twin.core.simulation.valve import SimulatedValve
@@ -311,10 +312,10 @@ def test_a_snapshot_of_another_build_of_the_same_version_is_refused(data, tmp_pa
     first.save()
     first.die()
     core = tmp_path / "core"
-    shutil.copytree(Path(restarts.core.__file__).parent, core)
+    shutil.copytree(Path(valve_twin.core.__path__[0]), core)
     kernels = core / "valves" / "positioner" / "kernels.py"
     kernels.write_text(kernels.read_text().replace("MEMORY = 1 + MAX_LAG + 1", "MEMORY = 1026"))
-    monkeypatch.setattr(restarts.core, "__file__", str(core / "__init__.py"))
+    monkeypatch.setattr(valve_twin.core, "__file__", str(core / "__init__.py"))
     restarts._build.cache_clear()
     second = Life(tmp_path / "h.db")
     restarts._build.cache_clear()
@@ -358,6 +359,7 @@ def test_waiting_cycles_outlive_a_second_stop_before_any_sample(data, undisturbe
     second = Life(tmp_path / "h.db")
     twin = second.restart.twin
     job = twin.next_job()
+    assert job is not None
     second._take(twin.deliver(*estimate_cycle(MODEL, OPTIONS, job.cycle, job.memory)))
     assert second.restart.is_open
     second.save()
