@@ -477,20 +477,36 @@ class TestSchema:
         from alembic.autogenerate import compare_metadata
         from alembic.runtime.migration import MigrationContext
 
-        History(file).close()
         engine = sa.create_engine(f"sqlite:///{file}")
+        with engine.begin() as connection:
+            migrate(connection)
         with engine.connect() as connection:
             context = MigrationContext.configure(connection, opts={"version_table": SCHEMA_TABLE})
             assert compare_metadata(context, METADATA) == []
             assert context.get_current_revision() == SCHEMA_VERSION
         engine.dispose()
 
-    def test_needs_no_migration_tool_when_it_is_current(self, file: Path, root: Path) -> None:
-        filled(file).close()
+    def test_of_a_new_file_is_what_all_migrations_lead_to(self, file: Path) -> None:
+        History(file).close()
+        migrated = file.with_name("migrated.sqlite")
+        engine = sa.create_engine(f"sqlite:///{migrated}")
+        with engine.begin() as connection:
+            migrate(connection)
+        engine.dispose()
+        assert version(file) == version(migrated) == SCHEMA_VERSION
+        assert described(file) == described(migrated)
+
+    @pytest.mark.parametrize("cycles", [0, 3])
+    def test_needs_no_migration_tool_when_it_is_new_or_current(
+        self, file: Path, root: Path, cycles: int
+    ) -> None:
+        if cycles:
+            filled(file).close()
         code = (
             "import sys; from valve_twin.io.history.store import History;"
             "h = History(sys.argv[1]);"
-            "assert h.last_cycle('/press/valve_1') == 3; assert 'alembic' not in sys.modules"
+            f"assert h.last_cycle('/press/valve_1') == {cycles};"
+            "assert 'alembic' not in sys.modules"
         )
         done = subprocess.run(
             [sys.executable, "-c", code, str(file)],
@@ -685,6 +701,27 @@ def check_upgrade_of_verdicts(url: str, driver_url: str) -> None:
 def version(file: Path) -> str:
     with closing(sqlite3.connect(file)) as connection:
         return str(connection.execute(f"SELECT version_num FROM {SCHEMA_TABLE}").fetchone()[0])
+
+
+def described(file: Path) -> dict[str, object]:
+    """Return tables, columns, keys and indexes of a database; the order of columns is none's."""
+    engine = sa.create_engine(f"sqlite:///{file}")
+    look = sa.inspect(engine)
+    found: dict[str, object] = {}
+    for table in look.get_table_names():
+        columns = {
+            c["name"]: (str(c["type"]), c["nullable"], c["default"])
+            for c in look.get_columns(table)
+        }
+        constraints = {
+            (tuple(c["column_names"]), c["name"]) for c in look.get_unique_constraints(table)
+        }
+        indexes = {(i["name"], tuple(i["column_names"])) for i in look.get_indexes(table)}
+        keys = {tuple(k["constrained_columns"]) for k in look.get_foreign_keys(table)}
+        primary = look.get_pk_constraint(table)
+        found[table] = columns, constraints, indexes, keys, primary
+    engine.dispose()
+    return found
 
 
 @contextmanager

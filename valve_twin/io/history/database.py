@@ -347,14 +347,36 @@ class Database:
         with self.transaction() as connection:
             if not self.is_sqlite:
                 connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({_ADVISORY_LOCK})")
-            if not self._schema_is_current(connection):  # another process may have been faster
-                migrate(connection)
-                seal_all(connection)
+            if self._schema_is_current(connection):  # another process was faster
+                return
+            if not sa.inspect(connection).has_table(SCHEMA_TABLE):
+                create(connection)
+                return
+            migrate(connection)
+            seal_all(connection)
 
 
 def _shown(url: sa.URL) -> str:
     """Return a URL without its password, wherever it stands in it."""
     return url.difference_update_query(("password", "passfile")).render_as_string()
+
+
+def create(connection: Connection) -> None:
+    """Make the tables of an empty database inside the running transaction.
+
+    They are those that all revisions lead to; alembic, 12 MB of it, is loaded for old ones only.
+
+    Parameters
+    ----------
+    connection : Connection
+        Connection with an open write transaction.
+    """
+    METADATA.create_all(connection)
+    revision = sa.Column("version_num", sa.String(32), nullable=False)
+    key = sa.PrimaryKeyConstraint("version_num", name=f"{SCHEMA_TABLE}_pkc")  # as alembic's
+    schema = sa.Table(SCHEMA_TABLE, sa.MetaData(), revision, key)
+    schema.create(connection)
+    connection.execute(schema.insert().values(version_num=SCHEMA_VERSION))
 
 
 def migrate(connection: Connection, revision: str = "head") -> None:
