@@ -45,8 +45,8 @@ def past():
 @pytest.fixture
 def speaker(past, tmp_path):
     """Return a speaker that owes all cycles."""
-    (tmp_path / "state").write_text('{"birth": 0, "valves": {}}')
-    said = SparkplugSpeaker("group", "node", Backlog(tmp_path / "state", past.read))
+    (tmp_path / "state").write_text('{"of": "a broker", "birth": 0, "valves": {}}')
+    said = SparkplugSpeaker("group", "node", Backlog(tmp_path / "state", past.read, "a broker"))
     said.will()
     said.born(past.view())
     yield said
@@ -87,12 +87,12 @@ def test_what_comes_back_of_a_valve_that_is_gone_is_no_error(speaker, past):
 def test_a_stamp_before_1970_spoils_nothing(past, tmp_path):
     view = past.view()
     view = replace(view, rows=(replace(view.rows[0], end_ns=-5), view.rows[1]))
-    (tmp_path / "state").write_text('{"birth": 0, "valves": {}}')
+    (tmp_path / "state").write_text('{"of": "a broker", "birth": 0, "valves": {}}')
 
     def read(valve, first, limit):
         return [replace(e, end_ns=-(10**18)) for e in past.read(valve, first, limit)]
 
-    speaker = SparkplugSpeaker("group", "node", Backlog(tmp_path / "state", read))
+    speaker = SparkplugSpeaker("group", "node", Backlog(tmp_path / "state", read, "a broker"))
     assert len(speaker.born(view)) == 3
     assert len(speaker.missed(view)) == 5
     speaker.backlog.close()
@@ -130,17 +130,20 @@ def test_a_view_that_was_gone_through_is_not_gone_through_again(speaker, past):
 
 
 def test_the_marks_belong_to_one_at_a_time(tmp_path, past):
-    first = Backlog(tmp_path / "state", past.read)
+    first = Backlog(tmp_path / "state", past.read, "a broker")
     with pytest.raises(StoreError, match=r"state: another `serve` keeps its marks there"):
-        Backlog(tmp_path / "state", past.read)
+        Backlog(tmp_path / "state", past.read, "a broker")
+    first.next_birth()
     first.close()
-    Backlog(tmp_path / "state", past.read).close()
+    with pytest.raises(StoreError, match="holds the marks of a broker: name another file for b"):
+        Backlog(tmp_path / "state", past.read, "b")
+    Backlog(tmp_path / "state", past.read, "a broker").close()
 
 
 def test_marks_that_cannot_be_written_are_told_at_the_start(tmp_path, past):
     (tmp_path / "file").touch()
     with pytest.raises(StoreError, match=r"cannot be written"):
-        Backlog(tmp_path / "file" / "state", past.read)
+        Backlog(tmp_path / "file" / "state", past.read, "a broker")
 
 
 def test_a_password_in_an_address_is_refused_and_not_told():

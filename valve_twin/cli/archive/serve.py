@@ -198,7 +198,8 @@ def _mqtt(arguments: argparse.Namespace, plant: Plant) -> Iterator[None]:
         speaker: Speaker = JsonSpeaker(group)
         if arguments.mqtt_format != "json":
             node = checked_id("--mqtt-node", arguments.mqtt_node)
-            backlog = Backlog(Path(arguments.mqtt_state).expanduser(), plant.estimates)
+            of = f"{broker.address} {group}/{node}, {plant.view().where}"
+            backlog = Backlog(Path(arguments.mqtt_state).expanduser(), plant.estimates, of)
             stack.callback(backlog.close)
             speaker = SparkplugSpeaker(group, node, backlog)
         face = MqttFace(plant.view, broker, speaker)

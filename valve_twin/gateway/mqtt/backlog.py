@@ -38,19 +38,24 @@ class Backlog:
         The file that keeps the marks.
     read : callable
         Returns the estimates that feed a valve's trend: valve, first cycle, at most so many.
+    of : str
+        Who is told of what: broker, node and history. Marks of others are none.
 
     Raises
     ------
     StoreError
-        If the file cannot be read or written, is none of ours, or another process keeps its
-        marks there.
+        If the file cannot be read or written, is none of ours, holds the marks of others, or
+        another process keeps its marks there.
     """
 
-    def __init__(self, path: Path, read: Callable[[str, int, int], list[Estimate]]) -> None:
-        self._path, self._read = path, read
+    def __init__(
+        self, path: Path, read: Callable[[str, int, int], list[Estimate]], of: str
+    ) -> None:
+        self._path, self._read, self._of = path, read, of
         self._held = _held(path)
         try:
-            kept: dict[str, Any] = _load(path) if path.exists() else {"birth": 0, "valves": None}
+            new: dict[str, Any] = {"of": of, "birth": 0, "valves": None}
+            kept = _load(path, of) if path.exists() else new
         except StoreError:
             self.close()
             raise
@@ -144,7 +149,7 @@ class Backlog:
             If the file cannot be written.
         """
         marks = None if self._marks is None else dict(self._marks)
-        now = {"birth": self._birth, "valves": marks}
+        now = {"of": self._of, "birth": self._birth, "valves": marks}
         if now == self._saved:
             return
         try:
@@ -169,11 +174,12 @@ def _held(path: Path) -> TextIO:
         raise StoreError(msg) from err
 
 
-def _load(path: Path) -> dict[str, Any]:
+def _load(path: Path, of: str) -> dict[str, Any]:
     try:
         kept = json.loads(path.read_text(encoding="utf-8"))
         marks = kept["valves"]
-        sound = isinstance(kept["birth"], int) and (
+        known = isinstance(kept["birth"], int) and isinstance(kept["of"], str)
+        sound = known and (
             marks is None or all(isinstance(cycle, int) for cycle in marks.values())
         )
     except OSError as err:
@@ -185,4 +191,7 @@ def _load(path: Path) -> dict[str, Any]:
         msg = f"{path}: holds no marks of MQTT: remove it to begin with what is stored from now on"
         raise StoreError(msg)
     found: dict[str, Any] = kept
+    if found["of"] != of:
+        msg = f"{path}: holds the marks of {found['of']}: name another file for {of}"
+        raise StoreError(msg)
     return found
