@@ -126,11 +126,14 @@ class Graph:
         self.processes: list[NodeProcess] = []
         self._count = itertools.count()
 
-    def start(self, name: str, ns: str = NS, extra=(), **parameters) -> NodeProcess:
-        """Start a node as `ros2 run` does."""
+    def start(
+        self, name: str, ns: str = NS, extra=(), *, alone: bool = False, **parameters
+    ) -> NodeProcess:
+        """Start a node as `ros2 run` does; `alone`: with no parameter file beside those given."""
         number = next(self._count)
         command = [sys.executable, "-m", "valve_twin.nodes.runtime.executables", name]
-        command += self._arguments(f"{number}_{name}", ns, parameters, extra)
+        given = self._arguments(f"{number}_{name}", ns, parameters, extra)
+        command += given[:-2] if alone else given
         environment = {**os.environ, "ROS_DOMAIN_ID": str(self.domain), "PYTHONUNBUFFERED": "1"}
         process = NodeProcess(command, environment, self.folder / f"{number}_{name}.log")
         self.processes.append(process)

@@ -97,7 +97,7 @@ def test_a_wrong_parameter_file_ends_the_start_with_one_line(graph, tmp_path, te
     path = tmp_path / "valves.yaml"
     if text is not None:
         path.write_text(text)
-    process = graph.start("twin", extra=["--params-file", str(path)])
+    process = graph.start("twin", extra=["--params-file", str(path)], alone=True)
     assert process.process.wait(60.0) == 1
     assert words in process.log
     assert len(process.log.splitlines()) == 1
