@@ -38,7 +38,7 @@ from valve_twin.core.types import (
     ParameterValue,
 )
 from valve_twin.io.errors import StoreError
-from valve_twin.io.history.database import migrate
+from valve_twin.io.history.migrations.schema import migrate
 from valve_twin.io.history.store import CycleRecord, History, cycle_record
 from valve_twin.io.history.tables import METADATA, SCHEMA_TABLE, SCHEMA_VERSION
 from valve_twin.io.history.tables import VALVE as VALVE_TABLE

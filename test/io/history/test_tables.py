@@ -33,6 +33,7 @@ import dataclasses, pathlib
 import sqlalchemy as sa
 sys.path.insert(0, sys.argv[1])
 from test_store import VALVE, bits, estimate, record
+from valve_twin.io.history.migrations.schema import migrate
 from valve_twin.io.history.store import History
 from valve_twin.io.tables.json_lines import estimate_fields
 
@@ -48,9 +49,10 @@ line = estimate_fields(dataclasses.replace(found, parameters=found.parameters[:1
 assert (line["humidity"], line["guard_weights"], line["spread"]) == (0.75, [0.1, 0.1], [3.5])
 
 folder = pathlib.Path(sys.argv[2])
-History(folder / "h.db").close()
 engine = sa.create_engine(f"sqlite:///{folder / 'h.db'}")
-with engine.begin() as connection:  # the migration
+with engine.begin() as connection:
+    migrate(connection)
+    # the migration that comes with the field
     connection.exec_driver_sql("ALTER TABLE estimate ADD COLUMN humidity DOUBLE")
 engine.dispose()
 with History(folder / "h.db") as history:

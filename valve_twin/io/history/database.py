@@ -24,12 +24,11 @@ from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError, NoSuchT
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.check_sums import seal_all
 from valve_twin.io.history.errors import explain
+from valve_twin.io.history.migrations.schema import create, migrate
 from valve_twin.io.history.tables import METADATA, SCHEMA_TABLE, SCHEMA_VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-
-MIGRATIONS = Path(__file__).parent / "migrations"
 
 _ADVISORY_LOCK = 0x56414C56
 """Key of the PostgreSQL lock that lets one process at a time upgrade the schema ("VALV")."""
@@ -359,43 +358,6 @@ class Database:
 def _shown(url: sa.URL) -> str:
     """Return a URL without its password, wherever it stands in it."""
     return url.difference_update_query(("password", "passfile")).render_as_string()
-
-
-def create(connection: Connection) -> None:
-    """Make the tables of an empty database inside the running transaction.
-
-    They are those that all revisions lead to; alembic, 12 MB of it, is loaded for old ones only.
-
-    Parameters
-    ----------
-    connection : Connection
-        Connection with an open write transaction.
-    """
-    METADATA.create_all(connection)
-    revision = sa.Column("version_num", sa.String(32), nullable=False)
-    key = sa.PrimaryKeyConstraint("version_num", name=f"{SCHEMA_TABLE}_pkc")  # as alembic's
-    schema = sa.Table(SCHEMA_TABLE, sa.MetaData(), revision, key)
-    schema.create(connection)
-    connection.execute(schema.insert().values(version_num=SCHEMA_VERSION))
-
-
-def migrate(connection: Connection, revision: str = "head") -> None:
-    """Bring the schema to a revision inside the running transaction.
-
-    Parameters
-    ----------
-    connection : Connection
-        Connection with an open write transaction.
-    revision : str
-        Revision to reach, "head" = the newest.
-    """
-    from alembic import command
-    from alembic.config import Config
-
-    config = Config()
-    config.set_main_option("script_location", str(MIGRATIONS).replace("%", "%%"))
-    config.attributes["connection"] = connection
-    command.upgrade(config, revision)
 
 
 def _parse_url(text: str) -> URL:
