@@ -23,6 +23,9 @@ OBJECTIVES = ("rise_s", "settling_s", "loss")
 WORST = 1.25
 """Reference point of the hypervolume: every objective over that of the reference [1]."""
 
+_MOST = ("overshoot", "error", "loss", "heating")
+"""Figures that a limit keeps from above."""
+
 FAILED = 10.0
 """What stands for the objectives of a design that has none [1]."""
 
@@ -57,17 +60,11 @@ class Limits:
             By name; "window" are the restrictions of the geometry.
         """
         if of.error:
-            shares = dict.fromkeys(("overshoot", "error", "loss", "heating", "margin"), 1.0)
-            return {"window": 1.0 + of.broken, **shares}
-        f = of.figures
-        return {
-            "window": 0.0,
-            "overshoot": f["overshoot"] / max(self.overshoot, 1e-6) - 1.0,
-            "error": f["error"] / max(self.error, 1e-6) - 1.0,
-            "loss": f["loss"] / (self.loss * reference["loss"]) - 1.0,
-            "heating": f["heating"] / self.heating - 1.0,
-            "margin": (self.margin - f["margin"]) / max(abs(self.margin), 1.0),
-        }
+            return {"window": 1.0 + of.broken, **dict.fromkeys((*_MOST, "margin"), 1.0)}
+        most = self._most(reference)
+        over = {name: of.figures[name] / max(most[name], 1e-6) - 1.0 for name in _MOST}
+        short = (self.margin - of.figures["margin"]) / max(abs(self.margin), 1.0)
+        return {"window": 0.0, **over, "margin": short}
 
     def keeps(self, of: Outcome, reference: Mapping[str, float]) -> bool:
         """Return whether a design keeps all limits.
@@ -93,15 +90,19 @@ class Limits:
         """
         if of.error:
             return of.error
-        most = {"overshoot": self.overshoot, "error": self.error, "heating": self.heating,
-                "loss": self.loss * reference["loss"], "margin": self.margin}  # fmt: skip
+        bounds = {**self._most(reference), "margin": self.margin}
         words = [
-            f"{name} = {of.figures[name]:.4g}: must be {most[name]:.4g} or "
+            f"{name} = {of.figures[name]:.4g}: must be {bounds[name]:.4g} or "
             f"{'more' if name == 'margin' else 'less'}"
             for name, by in self.broken(of, reference).items()
             if by > 0.0
         ]
         return "; ".join(words)
+
+    def _most(self, reference: Mapping[str, float]) -> dict[str, float]:
+        """Return the largest values of the figures that are to be small."""
+        most = {name: float(getattr(self, name)) for name in _MOST}
+        return {**most, "loss": self.loss * reference["loss"]}
 
 
 def objectives(of: Outcome, reference: Mapping[str, float]) -> FloatArray:
