@@ -151,6 +151,7 @@ setup(
         "fmu": ["fmpy", "ziglang"],
         "gateway": [
             "asyncua",
+            "foxglove-sdk",
             "paho-mqtt",
             "prometheus-client",
             "pysparkplug",

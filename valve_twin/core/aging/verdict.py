@@ -57,6 +57,15 @@ class TrendStatus(IntEnum):
     BEYOND_THRESHOLD = 3
 
 
+class LimitState(IntEnum):
+    """Where the level stands to its two limits; the numbers are those of Trend.msg."""
+
+    NONE = 0
+    WITHIN = 1
+    WARNING = 2
+    ALARM = 3
+
+
 class Outlook(Enum):
     """What a trend says about its limit: every face says this, and no other, in its own words."""
 
@@ -153,6 +162,8 @@ class Trend:
     bends: bool = False
     next_stop_probability: float = np.nan
     share_lost: float = np.nan
+    warning: float = np.nan
+    limit_state: LimitState = LimitState.NONE
 
 
 @dataclass(frozen=True, slots=True)
