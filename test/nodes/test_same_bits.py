@@ -14,7 +14,7 @@ from test.nodes.conftest import own_domain
 from valve_twin.core.twin import Estimated
 from valve_twin.demo import Processes
 from valve_twin.io.config.valve import load_config
-from valve_twin.io.errors import StoreError
+from valve_twin.io.errors import BagError, StoreError
 from valve_twin.io.history.store import History
 from valve_twin.io.offline.run import estimate_bag
 
@@ -24,11 +24,12 @@ if TYPE_CHECKING:
     from valve_twin.core.types import Estimate
 
 CYCLES = 5
-LIMIT_S = 90.0
+LIMIT_S = 120.0
 TOPICS = ("spool_position", "command/v_in", "command/v_out", "cycle", "reference")
 SOURCE = {
     "model": "press_cartridge",
     "period_s": 0.03,
+    "hold_back_s": 120.0,  # as fast as possible one topic may be a window ahead of the others
     "topic_prefix": "/sim",
     "signals": {"cycle_counter": {"topic": "cycle"}, "reference": {"topic": "reference"}},
     "cycles": {"start_signal": "v_in", "rearm_signal": "v_out", "min_cycle_s": 5.0},
@@ -56,7 +57,7 @@ def stored(url: str) -> list[Estimate]:
         return []
 
 
-def wait_for_cycles(url: str) -> list[str]:
+def wait_for_cycles(url: str, processes: Processes) -> list[str]:
     """Wait until the history holds the cycles; return every estimate to the last bit."""
     end = time.monotonic() + LIMIT_S
     while time.monotonic() < end:
@@ -64,7 +65,35 @@ def wait_for_cycles(url: str) -> list[str]:
         if len({e.cycle for e in found}) >= CYCLES:
             return sorted(repr(e) for e in found if e.cycle <= CYCLES)
         time.sleep(0.2)  # polls another process's file; nothing depends on the length
-    pytest.fail(f"fewer than {CYCLES} cycles in {url} after {LIMIT_S} s")
+    found = len({e.cycle for e in stored(url)})
+    pytest.fail(f"{found} of {CYCLES} cycles in {url} after {LIMIT_S} s\n{processes.told()}")
+
+
+def estimated(tmp_path: Path, bag: Path) -> list[str]:
+    """Estimate a bag offline; return every estimate to the last bit."""
+    file = tmp_path / "offline.yaml"
+    text = {"/valve_1/twin": {"ros__parameters": SOURCE}}
+    file.write_text(yaml.safe_dump(text), encoding="utf-8")
+    (config,) = load_config(file)
+    events = estimate_bag(config, bag, close_last=False)
+    found = [e for event in events if isinstance(event, Estimated) for e in event.estimates]
+    return sorted(repr(e) for e in found if e.cycle <= CYCLES)
+
+
+def wait_for_record(tmp_path: Path, bag: Path, processes: Processes) -> None:
+    """Wait until the recording, still running, holds the cycles: the twin may be ahead of it."""
+    end, found = time.monotonic() + LIMIT_S, 0
+    while time.monotonic() < end:
+        try:
+            found = len(estimated(tmp_path, bag / "bag_0.mcap"))
+        except BagError:
+            found = 0
+        if found == 3 * CYCLES:
+            return
+        time.sleep(0.5)  # polls another process's file; nothing depends on the length
+    pytest.fail(
+        f"{found} of {3 * CYCLES} estimates in {bag} after {LIMIT_S} s\n{processes.told()}"
+    )
 
 
 def test_live_replayed_and_offline_give_the_same_bits(tmp_path, domain):
@@ -86,7 +115,8 @@ def test_live_replayed_and_offline_give_the_same_bits(tmp_path, domain):
         recorder = write(tmp_path / "recorder.yaml", {"bag": str(bag), "all": True})
         processes.start("bag_recorder", "/valve_1", [recorder])
         processes.start("simulated_valve", "/valve_1", [live])
-        lived = wait_for_cycles(live_url)
+        lived = wait_for_cycles(live_url, processes)
+        wait_for_record(tmp_path, bag, processes)
 
     replay = write(
         tmp_path / "replay.yaml",
@@ -103,20 +133,9 @@ def test_live_replayed_and_offline_give_the_same_bits(tmp_path, domain):
     with Processes(tmp_path) as processes:
         processes.start("twin", "/valve_1", [replay])
         processes.start("bag_player", "/valve_1", [replay])
-        replayed = wait_for_cycles(replay_url)
+        replayed = wait_for_cycles(replay_url, processes)
 
-    offline_config = tmp_path / "offline.yaml"
-    text = {"/valve_1/twin": {"ros__parameters": SOURCE}}
-    offline_config.write_text(yaml.safe_dump(text), encoding="utf-8")
-    (config,) = load_config(offline_config)
-    events = estimate_bag(config, bag, close_last=False)
-    offline = sorted(
-        repr(e)
-        for event in events
-        if isinstance(event, Estimated)
-        for e in event.estimates
-        if e.cycle <= CYCLES
-    )
+    offline = estimated(tmp_path, bag)
     assert len(offline) == 3 * CYCLES  # estimators
     assert lived == offline
     assert replayed == offline

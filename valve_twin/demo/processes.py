@@ -72,6 +72,11 @@ class Processes:
         log.close()
         self._running.append((name, process))
 
+    def told(self) -> str:
+        """Return what they have said so far, one log after the other."""
+        logs = sorted({self._logs / f"{name}.log" for name, _ in self._running})
+        return "\n".join(f"{p.name}:\n{p.read_text('utf-8', 'replace')}" for p in logs)
+
     def alive(self) -> bool:
         """Return whether all nodes still run."""
         return all(process.poll() is None for _, process in self._running)
