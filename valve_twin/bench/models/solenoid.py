@@ -11,7 +11,7 @@ import numpy as np
 from valve_twin.bench.measure import Ratio, Scale, median
 from valve_twin.core.physics.coenergy import linear_map
 from valve_twin.core.quantity import replaced
-from valve_twin.core.valves.double_solenoid.control_kernel import decide_all, drive_open_loop
+from valve_twin.core.valves.double_solenoid.control.kernel import decide_all, drive_open_loop
 from valve_twin.core.valves.double_solenoid.designed import map_lists
 from valve_twin.core.valves.double_solenoid.plant import DoubleSolenoidPlant
 from valve_twin.core.valves.double_solenoid.plant_kernel import SAMPLE_S

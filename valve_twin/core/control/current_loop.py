@@ -37,11 +37,15 @@ class CurrentSensor(NamedTuple):
 
 
 @njit(cache=True, inline="always")
+def rounded(value: float, quantum: float) -> float:
+    """Return a value in whole steps of `quantum`, in its unit; 0 = as it is."""
+    return round(value / quantum) * quantum if quantum > 0.0 else value
+
+
+@njit(cache=True, inline="always")
 def shown_current(sensor: CurrentSensor, current: float) -> float:
     """Return what a sensor shows of a current [A], in parts of its full scale [1]."""
-    if sensor.quantum > 0.0:
-        current = round(current / sensor.quantum) * sensor.quantum
-    return current / sensor.scale
+    return rounded(current, sensor.quantum) / sensor.scale
 
 
 @njit(cache=True)

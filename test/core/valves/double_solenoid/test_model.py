@@ -16,7 +16,7 @@ from valve_twin.core.simulation import configure, simulate_cycles, to_frames
 from valve_twin.core.simulation.plant import Drive
 from valve_twin.core.types import Cycle, EstimateStatus, ParameterStatus, Validity
 from valve_twin.core.valves.double_solenoid import MODEL
-from valve_twin.core.valves.double_solenoid.control_kernel import drive_open_loop
+from valve_twin.core.valves.double_solenoid.control.kernel import drive_open_loop
 from valve_twin.core.valves.double_solenoid.motion import reconstruct_force
 from valve_twin.core.valves.double_solenoid.plant import DoubleSolenoidPlant
 from valve_twin.core.valves.double_solenoid.plant_kernel import FORCE, X

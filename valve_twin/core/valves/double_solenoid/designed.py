@@ -12,7 +12,8 @@ from valve_twin.core.physics.curves import force_of
 from valve_twin.core.quantity import replaced
 from valve_twin.core.valves.designed import Loop, Numbers
 from valve_twin.core.valves.double_solenoid import plant_kernel as at
-from valve_twin.core.valves.double_solenoid.control_kernel import decide
+from valve_twin.core.valves.double_solenoid.control.kernel import decide
+from valve_twin.core.valves.double_solenoid.control.observer import correct, follow
 from valve_twin.core.valves.double_solenoid.plant import DoubleSolenoidPlant
 from valve_twin.core.valves.double_solenoid.step_response import judge_step
 
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from valve_twin.core.valves.designed import Designed
 
 _REST, _FOLLOWED = 50, 800  # control samples before and after a step
+_SEED = 0  # of the noise of the position
 _PLACES = 33  # between middle and open port at which the force is looked at
 
 
@@ -98,7 +100,7 @@ def follow_step(numbers: Numbers, share: float, changes: Mapping[str, float]) ->
     """Follow a step of the setpoint from the middle for 80 ms; see `Designable.loop`.
 
     The controllers keep the model of the design and know the supply: what else changes is the
-    valve's alone.
+    valve's alone. They read position and currents through the sensors of the simulated valve.
 
     Parameters
     ----------
@@ -124,13 +126,16 @@ def follow_step(numbers: Numbers, share: float, changes: Mapping[str, float]) ->
     )
     gains = plant.current_gains()
     gains = gains._replace(supply=gains.supply * changes.get("supply", 1.0))
-    state = plant.initial_state()
-    work, states = state.copy(), np.empty((_REST + _FOLLOWED + 1, len(state)))
+    observer = plant.observer.numbers(float(plant.current_quantum), _SEED)
+    state, o = np.split(plant.initial_state(), 2)
+    work, states = o.copy(), np.empty((_REST + _FOLLOWED + 1, len(state)))
     for n in range(len(states)):
         states[n] = state
         target = share * plant.half_stroke if n >= _REST else 0.0
-        command = decide(state, v, m, gains, weights, target, work)
+        correct(o, v, m, observer, state, state[at.X])
+        command = decide(o, v, m, gains, weights, target, work)
         at.control_sample(state, real, m, gains, command, False)
+        follow(o, v, m, state)
     refusal = plant.failure(state)
     if refusal:
         raise ValueError(refusal)

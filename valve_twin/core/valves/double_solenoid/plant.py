@@ -41,12 +41,13 @@ from valve_twin.core.simulation.plant import (
 )
 from valve_twin.core.simulation.program import CycleProgram
 from valve_twin.core.valves.double_solenoid import plant_kernel as at
-from valve_twin.core.valves.double_solenoid.control_kernel import (
+from valve_twin.core.valves.double_solenoid.control.kernel import (
     CONTROLS,
     N_INPUTS,
     Controller,
     run_valve,
 )
+from valve_twin.core.valves.double_solenoid.control.observer import KnownNumbers, ObserverConfig
 from valve_twin.core.valves.double_solenoid.numbers import DoubleSolenoidNumbers
 from valve_twin.core.valves.double_solenoid.plant_kernel import Second, Valve, second_order
 
@@ -74,7 +75,7 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
     control: str = setting(
         CONTROLS[0],
         "Position controller: pid (the valve's own, nonlinear) or trajectory_set (model "
-        "predictive, knows this plant exactly)",
+        "predictive, on what an observer knows)",
         choices=CONTROLS,
     )
     bias_current: float = assumed(1.0, "A", "Of both coils at no output", 0.0, 10.0, ages=False)
@@ -87,6 +88,8 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
     )
     pid: PidConfig = field(default_factory=PidConfig)
     trajectory_set: TrajectorySetConfig = field(default_factory=TrajectorySetConfig)
+    observer: ObserverConfig = field(default_factory=ObserverConfig)
+    known: KnownNumbers = field(default_factory=KnownNumbers)
 
     def __post_init__(self) -> None:
         """Refuse values outside their range, and numbers that do not fit together."""
@@ -103,14 +106,14 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
         return 1
 
     def initial_state(self) -> FloatArray:
-        """Return the state (STATE_SIZE,): in the middle, both coils at their bias."""
+        """Return valve and observer (2 STATE_SIZE,): in the middle, both coils at their bias."""
         m, bias = self.tables(), float(self.bias_current)
         state = np.zeros(at.STATE_SIZE)
         state[at.POSITION] = 0.5
         state[[at.PSI_A, at.PSI_B]] = _linked(m, bias)
         state[[at.GA_1, at.GB_1, at.I_A, at.I_B, at.MEAN_A, at.MEAN_B, at.LOG_A, at.LOG_B]] = bias
         state[[at.LEVEL_A, at.LEVEL_B]] = 1.0
-        return state
+        return np.concatenate([state, state])
 
     def run(self, state: FloatArray, drive: Drive, period_s: float) -> Response:
         """Run N samples, parameters as `Plant.run`.
@@ -125,7 +128,7 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
             self.valve(),
             self.tables(),
             self.current_gains(),
-            self._controller(),
+            self._controller(drive.seed),
             drive.forcing(N_INPUTS),
             CurrentSensor(float(self.current_scale), float(self.current_quantum)),
             _samples(period_s),
@@ -162,9 +165,13 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
             largest=self.largest_current,
         )
 
-    def _controller(self) -> Controller:
+    def _controller(self, seed: int) -> Controller:
         return Controller(
-            CONTROLS.index(self.control), self.pid.gains(), self.trajectory_set.weights()
+            CONTROLS.index(self.control),
+            self.pid.gains(),
+            self.trajectory_set.weights(),
+            self.known.of(self.valve()),
+            self.observer.numbers(float(self.current_quantum), seed),
         )
 
     def current_dynamics(self) -> Second:

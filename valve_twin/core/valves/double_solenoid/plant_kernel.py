@@ -37,14 +37,14 @@ GA_1, GA_2, GB_1, GB_2, GF_1, GF_2 = 5, 6, 7, 8, 9, 10
 I_A, I_B, MEAN_A, MEAN_B, VOLTS_A, VOLTS_B = 11, 12, 13, 14, 15, 16
 LEVEL_A, LEVEL_B, CARRY_A, CARRY_B, INTEGRAL_A, INTEGRAL_B = 17, 18, 19, 20, 21, 22
 COMMAND, PID_INTEGRAL, READ, FORCE, FAILED, TIME = 23, 24, 25, 26, 27, 28
-LOG_VOLTS_A, LOG_VOLTS_B, LOG_A, LOG_B = 29, 30, 31, 32
-STATE_SIZE = 33
+LOG_VOLTS_A, LOG_VOLTS_B, LOG_A, LOG_B, PUSH = 29, 30, 31, 32, 33
+STATE_SIZE = 34
 """Position [1]; x [m], speed [m/s], flux linkages [Wb]; states of G_A, G_B, G_F; currents of the
 last sub-step, their means over the last sample [A]; mean voltages of the last sample [V]; levels
 of the bridges [1], voltage not yet delivered and integral parts of the current controllers [V];
 output of the position controller and its integral part [1], last position read [m]; force [N]; 1
 after a value that is not finite; time [s]; what is logged: mean voltages [V] and
-currents [A] of the last logged sample."""
+currents [A] of the last logged sample; force from outside on the spool [N]."""
 
 STEP_S = 1.25e-5
 """Step of the integration: an eighth of a control sample [s]; paper 000, section 2.2."""
@@ -119,7 +119,7 @@ def spring_force(v: Valve, x: float) -> float:
     return max(v.preload_1 - v.spring_1 * x, 0.0) - max(v.preload_2 + v.spring_2 * x, 0.0)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def step_sample(
     s: FloatArray,
     v: Valve,
@@ -150,7 +150,7 @@ def step_sample(
     switched = up[0] >= 0
     x, speed, psi_a, psi_b = s[X], s[SPEED], s[PSI_A], s[PSI_B]
     a1, a2, b1, b2, f1, f2 = s[GA_1], s[GA_2], s[GB_1], s[GB_2], s[GF_1], s[GF_2]
-    i_a, i_b = s[I_A], s[I_B]
+    i_a, i_b, push = s[I_A], s[I_B], s[PUSH]
     sum_a, sum_b, force = 0.0, 0.0, 0.0
     c, g = v.current, v.force
     level_a, level_b = 1.0, 1.0
@@ -167,7 +167,7 @@ def step_sample(
         force = g.out_1 * f1 + g.out_2 * f2 + g.direct * static
         sum_a += i_a
         sum_b += i_b
-        accel = (force + spring_force(v, x) - friction_force(v, speed)) * per_mass
+        accel = (force + spring_force(v, x) - friction_force(v, speed) + push) * per_mass
         psi_a += h * (volts[0] * level_a - v.resistance_a * i_a)
         psi_b += h * (volts[1] * level_b - v.resistance_b * i_b)
         a1, a2 = a1 + h * a2, a2 + h * (c.rate_1 * (stat_a - a1) - c.rate_2 * a2)
@@ -264,7 +264,7 @@ def control_sample(
     s[COMMAND] = command
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def predict_sample(
     s: FloatArray, v: Valve, m: Curves, g: CurrentGains, command: float, steps: int
 ) -> None:

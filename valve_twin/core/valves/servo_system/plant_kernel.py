@@ -4,13 +4,14 @@
 
 from __future__ import annotations
 
-from math import cos, log, nan, pi, sin, sqrt
+from math import cos, nan, sin, sqrt
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
 
 from valve_twin.core.physics.hysteresis import PLAYS
+from valve_twin.core.simulation.noise import normal_at
 from valve_twin.core.valves.servo_system import dynamics as dyn
 from valve_twin.core.valves.servo_system import numbers as num
 from valve_twin.core.valves.servo_system.integrate import FIRST_STEP, advance
@@ -54,24 +55,6 @@ class Sensors(NamedTuple):
 
 
 @njit(cache=True)
-def _uniform(seed: int, index: int) -> float:
-    """Return a number in (0, 1) that depends on seed and index only (splitmix64)."""
-    z = np.uint64(seed) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(index)
-    z = (z + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    z = z ^ (z >> np.uint64(31))
-    return (float(z >> np.uint64(11)) + 0.5) / 9007199254740992.0
-
-
-@njit(cache=True)
-def _normal(seed: int, index: int) -> float:
-    """Return a normal number that depends on seed and index only."""
-    first, second = _uniform(seed, 2 * index), _uniform(seed, 2 * index + 1)
-    return sqrt(-2.0 * log(first)) * cos(2.0 * pi * second)
-
-
-@njit(cache=True)
 def scaled(y: FloatArray, p: FloatArray, s: Sensors, out: FloatArray) -> None:
     """Write what ideal sensors give of a state: `INPUTS` but the desired position.
 
@@ -104,7 +87,7 @@ def _read(state: FloatArray, p: FloatArray, s: Sensors, out: FloatArray) -> None
     index = int(state[SAMPLES]) * len(out)
     for j in range(len(out)):
         if s.noise > 0.0:
-            out[j] += s.noise * _normal(s.seed, index + j)
+            out[j] += s.noise * normal_at(s.seed, index + j)
         if s.quantum > 0.0:
             out[j] = s.quantum * np.round(out[j] / s.quantum)
 

@@ -24,6 +24,7 @@ from valve_twin.core.control.trajectory_set import (
     error_cost,
 )
 from valve_twin.core.valves.double_solenoid import plant_kernel as at
+from valve_twin.core.valves.double_solenoid.control.observer import Observer, correct, follow
 from valve_twin.core.valves.double_solenoid.plant_kernel import (
     Valve,
     control_sample,
@@ -43,11 +44,16 @@ N_INPUTS = 5
 
 
 class Controller(NamedTuple):
-    """Position controller: PID or TRAJECTORY_SET, and the numbers of both."""
+    """Position controller: PID or TRAJECTORY_SET, and the numbers of both.
+
+    `known` and `observer` serve the trajectory set: its model of the valve, what observes it.
+    """
 
     kind: int
     pid: PidGains
     weights: TrajectoryWeights
+    known: Valve
+    observer: Observer
 
 
 @njit(cache=True)
@@ -79,7 +85,7 @@ def decide(
     best, lowest = last, math.inf
     for k in range(2 * w.sizes + 3):
         u = candidate(w, k, last)
-        for j in range(len(s)):
+        for j in range(at.STATE_SIZE):
             work[j] = s[j]
         cost = 0.0
         for _ in range(w.horizon):
@@ -133,8 +139,8 @@ def run_valve(
 
     Parameters
     ----------
-    s : (STATE_SIZE,) array
-        See `STATE_SIZE`; written in place.
+    s : (2 STATE_SIZE,) array
+        The valve's state, see `STATE_SIZE`, then that of the observer; written in place.
     v, m, g, controller : Valve, Curves, CurrentGains, Controller
         Numbers of valve and controllers.
     forcing : Forcing
@@ -148,7 +154,8 @@ def run_valve(
         Overwritten: position (N,) [1]; setpoint, means of voltages and currents over the sample
         before (N, N_INPUTS) [1].
     """
-    work = s.copy()
+    o = s[at.STATE_SIZE :]
+    work = o.copy()
     reference, _, external, commands, disturbance, _, stuck, frozen, _, _ = forcing
     position, inputs = out
     for n in range(len(position)):
@@ -168,10 +175,8 @@ def run_valve(
                 break
             read = s[at.READ] if frozen else s[at.X]
             if controller.kind == TRAJECTORY_SET:
-                held = s[at.X]
-                s[at.X] = read
-                command = decide(s, v, m, g, controller.weights, target, work)
-                s[at.X] = held
+                correct(o, controller.known, m, controller.observer, s, read)
+                command = decide(o, controller.known, m, g, controller.weights, target, work)
             else:
                 speed = (read - s[at.READ]) / (v.half_stroke * at.SAMPLE_S)
                 error = (target - read) / v.half_stroke
@@ -185,6 +190,8 @@ def run_valve(
                 )
             s[at.READ] = read
             control_sample(s, v, m, g, command, stuck)
+            if controller.kind == TRAJECTORY_SET:
+                follow(o, controller.known, m, s)
             for j in range(2):
                 s[at.LOG_VOLTS_A + j] += s[at.VOLTS_A + j] / samples
                 s[at.LOG_A + j] += s[at.MEAN_A + j] / samples
