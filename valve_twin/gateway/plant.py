@@ -25,7 +25,7 @@ from valve_twin.report.page import render_report
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from valve_twin.core.aging.verdict import Trend
+    from valve_twin.core.aging.verdict import Trend, Verdict
     from valve_twin.core.types import Estimate
     from valve_twin.io.history.marks import Mark
 
@@ -58,6 +58,8 @@ class View:
         The trends of the followed parameters by name of the valve.
     nameplates : mapping
         What is given of a nameplate, by name of the valve.
+    verdicts : mapping
+        The verdict of each valve that could be assessed, by its name.
     """
 
     rows: tuple[FleetRow, ...] = ()
@@ -66,6 +68,7 @@ class View:
     failure: str = ""
     trends: Mapping[str, tuple[Trend, ...]] = field(default_factory=dict)
     nameplates: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    verdicts: Mapping[str, Verdict] = field(default_factory=dict)
 
     def row(self, valve: str) -> FleetRow | None:
         """Return the row of a valve; None where the history does not know it."""
@@ -182,7 +185,8 @@ class Plant:
         rows = tuple(ranked([state.row for state in states], FleetOrder.URGENCY))
         trends = {state.row.valve: state.trends for state in states}
         plates = self._nameplates
-        self._view = View(rows, history.where, time.time_ns(), trends=trends, nameplates=plates)
+        verdicts = {s.row.valve: s.verdict for s in states if s.verdict is not None}
+        self._view = View(rows, history.where, time.time_ns(), "", trends, plates, verdicts)
 
     def _opened(self) -> History:
         if self._history is not None and self._history.moved:

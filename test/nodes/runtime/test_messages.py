@@ -7,8 +7,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
+from valve_twin_msgs import msg
 from valve_twin_msgs.msg import PredictionSeries
 
+from valve_twin.core.aging.verdict import Trend, TrendStatus, Verdict, VerdictKind
 from valve_twin.core.types import (
     Condition,
     Disagreement,
@@ -20,7 +22,13 @@ from valve_twin.core.types import (
     ParameterValue,
     Prediction,
 )
-from valve_twin.nodes.runtime.messages import estimate_message, estimate_value, series_bytes
+from valve_twin.gateway.foxglove.messages import aging_bytes, estimate_bytes
+from valve_twin.nodes.runtime.messages import (
+    estimate_message,
+    estimate_value,
+    series_bytes,
+    to_message,
+)
 
 PERIOD_S = 0.01
 
@@ -87,3 +95,36 @@ def test_an_estimate_comes_back_from_its_message_whole():
     message = estimate_message("/v", estimate, {"leak": "1/s"}, stored=True)
     back = estimate_value(deserialize_message(serialize_message(message), type(message)))
     assert repr(back) == repr(estimate)  # unlike ==, NaN is NaN
+
+
+def test_the_gateway_makes_the_messages_of_the_nodes_without_ros():
+    estimate = Estimate(
+        model="press_cartridge",
+        estimator="output_error",
+        cycle=7,
+        start_ns=3_000_000_001,
+        end_ns=9_000_000_002,
+        parameters=(
+            ParameterValue("K_in", 0.01, ParameterStatus.OK, "", 1e-4, 0.0098, 0.0102),
+            ParameterValue("leak", 0.0, ParameterStatus.AT_BOUND, "rests on its bound 0"),
+        ),
+        status=EstimateStatus.PARTIAL,
+        reason="at bound: leak",
+        mse_test=1e-6,
+        counts=MaskCounts(800, 30, 20, 10),
+        disagreements=(Disagreement("kalman", "K_in", 1e-5, 0.4),),
+        guards=(Guard("residual", True, 0.1, 0.2, "fine"),),
+        conditions=(Condition("stroke", 0.9),),
+    )
+    units = {"K_in": "1/s"}
+    ours = estimate_bytes("/press/v1", estimate, units)
+    theirs = serialize_message(estimate_message("/press/v1", estimate, units, stored=True))
+    assert repr(deserialize_message(ours, msg.Estimate)) == repr(
+        deserialize_message(theirs, msg.Estimate)
+    )
+    trend = Trend(5_000_000_001, "/press/v1", "K_in", "1/s", "cycles", TrendStatus.DRIFTING,
+                  "it drifts", 30, 1, 1.0, 30.0, level=0.01, service_date_ns=2**62)  # fmt: skip
+    verdict = Verdict(9, "/press/v1", VerdictKind.VALVE, "valve", "K_in -15 %", 30, "K_in")
+    for record, kind in ((trend, msg.Trend), (verdict, msg.Verdict)):
+        ours, theirs = aging_bytes(record), serialize_message(to_message(record))
+        assert repr(deserialize_message(ours, kind)) == repr(deserialize_message(theirs, kind))

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""`valve-twin serve`: the valves of a history in a browser, by OPC UA and MQTT, without ROS."""
+"""`valve-twin serve`: the valves of a history in a browser and by other faces, without ROS."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ def add(verbs: Verbs) -> None:
     parser = add_verb(
         verbs,
         "serve",
-        "Show the valves of a history in a browser, by OPC UA and MQTT; without ROS, read only.",
+        "Show the valves of a history in a browser, by OPC UA, MQTT and in Foxglove; without ROS,"
+        " read only.",
         _serve,
     )
     add_url(parser)
@@ -45,6 +46,14 @@ def add(verbs: Verbs) -> None:
         "--host", default="127.0.0.1", help="address to listen at, default this machine only"
     )
     parser.add_argument("--port", type=int, default=8107, help="TCP port, default 8107; 0 = any")
+    parser.add_argument(
+        "--foxglove",
+        type=int,
+        nargs="?",
+        const=8765,
+        metavar="PORT",
+        help="serve Foxglove at ws://HOST:PORT, default 8765; 0 = any",
+    )
     opcua = parser.add_argument_group("OPC UA, off unless --opcua is given")
     opcua.add_argument(
         "--opcua",
@@ -113,8 +122,9 @@ def _serve(arguments: argparse.Namespace) -> int:
     from valve_twin.gateway.plant import Plant
     from valve_twin.gateway.web import application
 
-    if not 0 <= arguments.port <= _MOST:
-        return fail(f"serve: port {arguments.port} is not in 0 .. {_MOST}", USAGE)
+    for port in (arguments.port, arguments.foxglove or 0):
+        if not 0 <= port <= _MOST:
+            return fail(f"serve: port {port} is not in 0 .. {_MOST}", USAGE)
     plates = nameplates(arguments.config)
     plant = Plant(arguments.url, aging_rules(arguments.config), plates)
     view = plant.view()
@@ -132,7 +142,7 @@ def _serve(arguments: argparse.Namespace) -> int:
             return fail(f"{why} or --host")
         host, port = listening.getsockname()[:2]
         shown = f"[{host}]" if ":" in host else host
-        with _opcua(arguments, plant), _mqtt(arguments, plant):
+        with _opcua(arguments, plant), _mqtt(arguments, plant), _foxglove(arguments, plant):
             say(
                 f"{view.where}: {len(view.rows)} valves at http://{shown}:{port}/ (Ctrl-C ends it)"
             )
@@ -206,6 +216,25 @@ def _mqtt(arguments: argparse.Namespace, plant: Plant) -> Iterator[None]:
         say(f"MQTT to {face.start()}")
         stack.callback(face.stop)
         yield
+
+
+@contextmanager
+def _foxglove(arguments: argparse.Namespace, plant: Plant) -> Iterator[None]:
+    """Serve Foxglove meanwhile, where it is asked for."""
+    if arguments.foxglove is None:
+        yield
+        return
+    try:
+        from valve_twin.gateway.foxglove.face import FoxgloveFace
+    except ModuleNotFoundError as err:
+        msg = f"serve: {err.name} is missing: pip install valve_twin[gateway]"
+        raise ConfigError(msg) from err
+    face = FoxgloveFace(plant.view, plant.estimates, arguments.host, arguments.foxglove)
+    say(f"Foxglove at {face.start()}")
+    try:
+        yield
+    finally:
+        face.stop()
 
 
 def _add_user(path: str | None, name: str) -> int:

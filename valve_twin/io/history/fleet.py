@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from valve_twin.core.aging import Trend
+    from valve_twin.core.aging.verdict import Verdict
     from valve_twin.core.types import Estimate
     from valve_twin.io.history.store import History
 
@@ -134,10 +135,11 @@ class FleetRow:
 
 @dataclass(frozen=True, slots=True)
 class ValveState:
-    """What the history says of one valve: its row and the trend of every followed parameter."""
+    """What the history says of one valve: row, trend of every followed parameter, verdict."""
 
     row: FleetRow
     trends: tuple[Trend, ...] = ()
+    verdict: Verdict | None = None
 
 
 def rank_fleet(
@@ -233,7 +235,7 @@ def describe_valve(history: History, valve: str, config: AgingConfig) -> ValveSt
     maintenance = history.maintenance(valve)
     found = assess(estimates, maintenance, config, parameters=model.parameters, valve=valve)
     row = _assessed(replace(stored, model=name), found, estimates, config)
-    return ValveState(row, found.trends)
+    return ValveState(row, found.trends, found.verdict)
 
 
 def _counted(row: FleetRow, history: History) -> FleetRow:

@@ -1,0 +1,251 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Serves the valves of a history to Foxglove, in a thread of its own; it takes nothing."""
+
+from __future__ import annotations
+
+import logging
+import queue
+import threading
+import time
+from typing import TYPE_CHECKING
+
+import foxglove
+from foxglove import Channel, Context, Schema
+from foxglove.websocket import ServerListener
+
+from valve_twin.core.aging.verdict import TrendStatus
+from valve_twin.core.valves.registry import get_model
+from valve_twin.gateway.foxglove.messages import (
+    DIAGNOSTICS,
+    ESTIMATE,
+    TREND,
+    VERDICT,
+    Condition,
+    aging_bytes,
+    diagnostics_bytes,
+    estimate_bytes,
+)
+from valve_twin.io.bags.definitions import definition
+from valve_twin.io.errors import ConfigError, ValveTwinError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from foxglove.websocket import ChannelView, Client, WebSocketServer
+
+    from valve_twin.core.aging.verdict import Trend, Verdict
+    from valve_twin.core.types import Estimate
+    from valve_twin.gateway.plant import View
+    from valve_twin.io.history.fleet import FleetRow
+
+PERIOD_S = 1.0
+"""What is shown is renewed so often [s]."""
+
+PAUSE_S = 0.2
+"""Who begins to look is told all at most so much later [s]."""
+
+PAST = 500
+"""Newest stored cycles that who begins to look is told [1]."""
+
+MOST_WAITING = 4096
+"""Messages that wait for a client; of one that does not read, the oldest are dropped [1]."""
+
+_OK, _WARN, _ERROR, _STALE = range(4)
+_LOGGER = logging.getLogger("valve_twin")
+
+
+class _Subscriptions(ServerListener):
+    """Notes the topics that somebody begins to look at; called by threads of the library."""
+
+    def __init__(self) -> None:
+        self._new: queue.SimpleQueue[str] = queue.SimpleQueue()
+
+    def on_subscribe(self, client: Client, channel: ChannelView) -> None:
+        """Note a topic."""
+        del client
+        self._new.put(channel.topic)
+
+    def take(self) -> set[str]:
+        """Return the topics since the last call."""
+        found: set[str] = set()
+        while True:
+            try:
+                found.add(self._new.get_nowait())
+            except queue.Empty:
+                return found
+
+
+class FoxgloveFace:
+    """Publishes on the topics of the nodes, in their messages, so that one layout serves both.
+
+    Parameters
+    ----------
+    view : callable
+        Returns what the history holds; may wait.
+    estimates : callable
+        Returns the estimates that feed a valve's trend: valve, first cycle, at most so many.
+    host : str
+        Address to listen at.
+    port : int
+        TCP port; 0 = any.
+    """
+
+    def __init__(
+        self,
+        view: Callable[[], View],
+        estimates: Callable[[str, int, int], list[Estimate]],
+        host: str,
+        port: int,
+    ) -> None:
+        self._view, self._estimates = view, estimates
+        self._host, self._port = host, port
+        self._subscriptions = _Subscriptions()
+        self._context = Context()
+        self._channels: dict[str, Channel] = {}
+        self._valves: dict[str, tuple[object, ...]] = {}
+        self._cycles: dict[str, int] = {}
+        self._end = threading.Event()
+        self._server: WebSocketServer | None = None
+        self._thread = threading.Thread(target=self._run, name="foxglove", daemon=True)
+
+    def start(self) -> str:
+        """Begin; return the address.
+
+        Raises
+        ------
+        ConfigError
+            If it cannot listen there.
+        """
+        self._step(self._view(), set(), periodic=False)  # who asks at once finds all topics
+        try:
+            self._server = foxglove.start_server(
+                name="valve_twin",
+                host=self._host,
+                port=self._port,
+                context=self._context,
+                server_listener=self._subscriptions,
+                message_backlog_size=MOST_WAITING,
+            )
+        except (OSError, RuntimeError) as err:
+            where = f"{self._host}:{self._port}"
+            msg = f"Foxglove: cannot listen at {where}: {err}: choose another --foxglove"
+            raise ConfigError(msg) from err
+        self._thread.start()
+        host = f"[{self._host}]" if ":" in self._host else self._host
+        return f"ws://{host}:{self._server.port}"
+
+    def stop(self) -> None:
+        """End."""
+        self._end.set()
+        self._thread.join(10.0)
+        if self._server is not None:
+            self._server.stop()
+
+    def _run(self) -> None:
+        due_s, told = 0.0, ""
+        asked: set[str] = set()
+        while not self._end.wait(PAUSE_S):
+            asked |= self._subscriptions.take()
+            now_s = time.monotonic()
+            if not asked and now_s < due_s:
+                continue
+            try:
+                self._step(self._view(), asked, periodic=now_s >= due_s)
+                told, asked = "", set()
+            except ValveTwinError as err:
+                if str(err) != told:
+                    _LOGGER.warning("Foxglove: %s", err)
+                told = str(err)
+            except Exception:
+                _LOGGER.exception("Foxglove: an error of ours")
+            if now_s >= due_s:
+                due_s = now_s + PERIOD_S
+
+    def _step(self, view: View, asked: set[str], *, periodic: bool) -> None:
+        """Say what is new, and all of what somebody begins to look at."""
+        for row in view.rows:
+            of = view.made_of(row)
+            kept = self._valves.get(row.valve)
+            new = kept is None or any(a is not b for a, b in zip(kept, of, strict=True))
+            self._say_aging(view, row, asked, new=new)
+            self._say_estimates(row, asked, new=new)
+            self._valves[row.valve] = of
+        gone = set(self._valves) - {row.valve for row in view.rows}
+        for valve in gone:
+            self._forget(valve)
+        channel = self._channel("/diagnostics", DIAGNOSTICS)
+        if periodic and channel.has_sinks():
+            channel.log(diagnostics_bytes(time.time_ns(), _conditions(view)))
+
+    def _say_aging(self, view: View, row: FleetRow, asked: set[str], *, new: bool) -> None:
+        records: list[tuple[str, str, Trend | Verdict]] = [
+            (f"{row.valve}/aging_monitor/trend/{t.parameter}", TREND, t)
+            for t in view.trends.get(row.valve, ())
+        ]
+        verdict = view.verdicts.get(row.valve)
+        if verdict is not None:
+            records.append((f"{row.valve}/aging_monitor/verdict", VERDICT, verdict))
+        for topic, kind, record in records:
+            channel = self._channel(topic, kind)
+            if (new or topic in asked) and channel.has_sinks():
+                channel.log(aging_bytes(record))
+
+    def _say_estimates(self, row: FleetRow, asked: set[str], *, new: bool) -> None:
+        topic = f"{row.valve}/twin/estimate"
+        if not row.model or (not new and topic not in asked):
+            return
+        channel = self._channel(topic, ESTIMATE)
+        said = self._cycles.get(row.valve, row.cycle)
+        if channel.has_sinks():
+            since = min(said, row.cycle) + 1  # a lower number is another history
+            first = max(1, row.cycle - PAST + 1, 0 if topic in asked else since)
+            units = _units(row.model)
+            for estimate in self._estimates(row.valve, first, PAST):
+                if estimate.cycle <= row.cycle:  # newer than the view: with the next one
+                    channel.log(estimate_bytes(row.valve, estimate, units))
+        self._cycles[row.valve] = row.cycle
+
+    def _channel(self, topic: str, type_name: str) -> Channel:
+        if topic not in self._channels:
+            text = definition(type_name).encode()
+            schema = Schema(name=type_name, encoding="ros2msg", data=text)
+            self._channels[topic] = Channel(
+                topic, schema=schema, message_encoding="cdr", context=self._context
+            )
+        return self._channels[topic]
+
+    def _forget(self, valve: str) -> None:
+        del self._valves[valve]
+        self._cycles.pop(valve, None)
+        for topic in [t for t in self._channels if t.startswith(f"{valve}/")]:
+            self._channels.pop(topic).close()
+
+
+def _units(model: str) -> dict[str, str]:
+    """Return the unit of every parameter of a model; nothing of one that is not installed."""
+    try:
+        return {p.name: p.unit for p in get_model(model).parameters}
+    except ValueError:
+        return {}
+
+
+def _conditions(view: View) -> Iterator[Condition]:
+    """Yield the condition of the history and of every valve; names as those of the nodes."""
+    level = _STALE if view.failure else _OK
+    yield Condition("/serve: history", "", level, view.failure or "ok", {"where": view.where})
+    for row in view.rows:
+        trends = view.trends.get(row.valve, ())
+        beyond = [t for t in trends if t.status is TrendStatus.BEYOND_THRESHOLD]
+        level = _ERROR if beyond else _WARN if row.needs_attention else _OK
+        drifts = {f"{t.parameter} drift [%]": f"{t.drift_reference:.2f}" for t in trends}
+        values = {
+            "verdict": row.verdict.text,
+            "NE 107": row.ne107,
+            "failure mode (ISO 14224)": row.failure_mode,
+            "action": row.action,
+            "last cycle": str(row.cycle),
+            **drifts,
+        }
+        name = f"/serve: aging of {row.valve}"
+        yield Condition(name, row.valve, level, row.evidence or "ok", values)
