@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""`valve-twin history`: back up, export, list or verify the history; events, counters, marks."""
+"""`valve-twin history`: back up, export, list, verify; events, counters, marks, views."""
 
 from __future__ import annotations
 
@@ -33,6 +33,7 @@ def add(verbs: Verbs) -> None:
             "list",
             "maintenance",
             "verify",
+            "views",
             "withdraw",
         ),
     )
@@ -56,6 +57,9 @@ def add(verbs: Verbs) -> None:
     parser.add_argument(
         "--id", type=int, default=0, metavar="N", help="entry (acknowledge), 0 = all open ones"
     )
+    parser.add_argument(
+        "--reader", default="", metavar="ROLE", help="role of PostgreSQL that may read the views"
+    )
     parser.add_argument("--who", default="", metavar="NAME", help="who has seen it (acknowledge)")
     parser.add_argument(
         "--open", action="store_true", help="only what nobody has acknowledged (events)"
@@ -67,6 +71,9 @@ def add(verbs: Verbs) -> None:
 
 def _history(arguments: argparse.Namespace) -> int:
     from valve_twin.io.history.store import History
+
+    if arguments.action == "views":
+        return _make_views(arguments)
 
     with History(arguments.url, read_only=True) as history:
         if arguments.action == "backup":
@@ -82,21 +89,28 @@ def _history(arguments: argparse.Namespace) -> int:
         elif arguments.action == "list":
             for valve in history.valves():
                 sys.stdout.write(f"{valve}: last cycle {history.last_cycle(valve)}\n")
-        elif arguments.action == "maintenance":
+        elif arguments.action in _SHOWN:
             for valve in _chosen(history, arguments.valve):
-                _show_events(history, valve)
-        elif arguments.action == "events":
-            for valve in _chosen(history, arguments.valve):
-                _show_log(history, valve, arguments)
-        elif arguments.action == "counters":
-            for valve in _chosen(history, arguments.valve):
-                _show_counters(history, valve, arguments)
+                _SHOWN[arguments.action](history, valve, arguments)
         elif arguments.action == "acknowledge":
             (valve,) = _chosen(history, arguments.valve, one=True)
             return _acknowledge(arguments, valve)
         else:
             (valve,) = _chosen(history, arguments.valve, one=True)
             return _withdraw(arguments, valve)
+    return OK
+
+
+def _make_views(arguments: argparse.Namespace) -> int:
+    from valve_twin.io.history.database import Database
+    from valve_twin.io.history.views.make import make_views
+
+    database = Database(arguments.url)
+    try:
+        for name in make_views(database, arguments.reader):
+            say(f"{name}: made")
+    finally:
+        database.close()
     return OK
 
 
@@ -114,8 +128,9 @@ def _chosen(history: History, name: str, *, one: bool = False) -> list[str]:
     return found
 
 
-def _show_events(history: History, valve: str) -> None:
+def _show_events(history: History, valve: str, arguments: argparse.Namespace) -> None:
     """Print the maintenance events of a valve, a line each: notes may hold any text."""
+    del arguments
     for event in history.maintenance(valve):
         begins = "a new segment and a new reference" if event.new_reference else "a new segment"
         why = f"withdrawn: {event.withdrawn_note!a}" if event.withdrawn else f"begins {begins}"
@@ -174,6 +189,10 @@ def _show_counters(history: History, valve: str, arguments: argparse.Namespace) 
             f"{counters.travel:.6g} ({counters.strokes:.6g} strokes), {hours:.6g} h in cycles: "
             f"{opened:.6g} h open, {near:.6g} h of them near closed, {closed:.6g} h closed\n"
         )
+
+
+_SHOWN = {"maintenance": _show_events, "events": _show_log, "counters": _show_counters}
+"""What is printed of each valve, by action."""
 
 
 def _acknowledge(arguments: argparse.Namespace, valve: str) -> int:
