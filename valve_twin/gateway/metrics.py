@@ -94,6 +94,12 @@ _OF_PARAMETERS: tuple[tuple[str, str, Callable[[Trend], float]], ...] = (
         lambda t: t.mean_upper_95,
     ),
     ("valve_twin_parameter_limit", "Its service limit [unit].", lambda t: t.threshold),
+    ("valve_twin_parameter_warning", "Its warning limit [unit].", lambda t: t.warning),
+    (
+        "valve_twin_parameter_limit_state",
+        "Where it stands: 0 not known, 1 within, 2 warning, 3 alarm.",
+        lambda t: float(t.limit_state),
+    ),
 )
 """Name, text and value: one number a followed parameter."""
 

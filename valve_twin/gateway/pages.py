@@ -87,6 +87,7 @@ def _cells(row: FleetRow) -> dict[str, str]:
         "worst": f"{row.parameter} {row.drift:+.1f} %" if known else "-",
         "interval": interval if math.isfinite(row.drift_lower_95) else "",
         "way": f"{max(row.way, 0.0):.0%}" if math.isfinite(row.way) else "-",
+        "limit": row.limit_state,
         "service": day(row.service_date_ns) if row.service_date_ns else left,
         "cycle": str(row.cycle),
         "end": when(row.end_ns) if row.end_ns else "",
@@ -129,6 +130,7 @@ _OF_TREND = {
     "upper_95": "mean_upper_95",
     "reference": "reference",
     "threshold": "threshold",
+    "warning": "warning",
     "drift": "drift_reference",
     "drift_lower_95": "drift_reference_lower_95",
     "drift_upper_95": "drift_reference_upper_95",
@@ -147,7 +149,7 @@ def _plain_trend(trend: Trend) -> dict[str, object]:
     found = {key: getattr(trend, name) for key, name in _OF_TREND.items()}
     if not said.says_when:
         found["remaining"] = math.inf
-    return {**_known(found), "outlook": said.value}
+    return {**_known(found), "outlook": said.value, "limit_state": trend.limit_state.text}
 
 
 def _known(values: Mapping[str, object]) -> dict[str, object]:

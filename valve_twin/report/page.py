@@ -232,6 +232,7 @@ def _legend_keys(
         (line, "prediction", "95 % interval of the next estimate"),
         (laws, "laws", "laws of aging that the estimates allow, with their probability"),
         (line, "threshold", "service limit"),
+        (line, "warning", "warning limit"),
         (line, "segment", "change found"),
         (outlier, "outlier", "left out as an outlier"),
         (bool(in_force(data.maintenance) and pairs), "service", "maintenance"),

@@ -164,6 +164,8 @@ def plot_parameter(name: str, estimates: Sequence[Estimate], marks: Marks, axis:
         panel.line(line_x, line_y, "trend")
     if trend is not None and math.isfinite(trend.threshold):
         _threshold(panel, trend.threshold)
+        if panel.y[0] <= trend.warning <= panel.y[1]:
+            panel.level(trend.warning, "warning")
     return drawing(480, 286, panel.parts, f"{name} over {axis}", "small")
 
 

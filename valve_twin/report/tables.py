@@ -68,7 +68,7 @@ def life_table(trends: Sequence[Trend]) -> Table:
         ("Level now", "95 % interval"),
         ("Change against new", "95 % interval"),
         (f"Slope in 100 {axis}", "95 % interval"),
-        ("Service limit", ""),
+        ("Service limit", "warning limit, state"),
         (f"Remaining {axis}", "median, 95 % limits"),
         ("Service date", "median, early 95 % limit"),
     ]
@@ -84,10 +84,17 @@ def _life_row(t: Trend) -> list[str]:
         with_interval(t.level, t.mean_lower_95, t.mean_upper_95),
         percent(t.drift_reference, t.drift_reference_lower_95, t.drift_reference_upper_95),
         noted(slope, p),
-        number(t.threshold, 4) if math.isfinite(t.threshold) else "none",
+        _limits(t),
         _remaining(t),
         _service_date(t),
     ]
+
+
+def _limits(t: Trend) -> Markup | str:
+    if not math.isfinite(t.threshold):
+        return "none"
+    notes = [f"warning {number(t.warning, 4)}"] if math.isfinite(t.warning) else []
+    return noted(number(t.threshold, 4), ", ".join([*notes, t.limit_state.text or "in doubt"]))
 
 
 def _remaining(t: Trend) -> str:

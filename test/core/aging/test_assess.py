@@ -27,6 +27,7 @@ from valve_twin.core.aging import (
 )
 from valve_twin.core.aging.laws import shapes
 from valve_twin.core.aging.trend import ar1_product
+from valve_twin.core.aging.verdict import LimitState
 from valve_twin.core.types import (
     EstimateStatus,
     Maintenance,
@@ -67,14 +68,18 @@ def test_results_carry_the_fields_of_their_messages(kind, name):
     assert [alias.get(w, w) for w in wanted] == [f.name for f in fields(kind)]
 
 
-@pytest.mark.parametrize(("kind", "name"), [(TrendStatus, "Trend"), (VerdictKind, "Verdict")])
-def test_status_numbers_are_those_of_the_messages(kind, name):
+@pytest.mark.parametrize(
+    ("kind", "name", "prefix"),
+    [(TrendStatus, "Trend", ""), (LimitState, "Trend", "LIMIT_"), (VerdictKind, "Verdict", "")],
+)
+def test_status_numbers_are_those_of_the_messages(kind, name, prefix):
     lines = (MESSAGES / f"{name}.msg").read_text().splitlines()
     pairs = [
         line.split("#")[0].split()[1].split("=") for line in lines if line.startswith("uint8 ")
     ]
     wanted = {p[0]: int(p[1]) for p in pairs if len(p) == 2}
-    assert wanted == {k.name: k.value for k in kind}
+    own = {name: n for name, n in wanted.items() if name.startswith("LIMIT_") == bool(prefix)}
+    assert own == {prefix + k.name: k.value for k in kind}
 
 
 def test_a_withdrawn_event_begins_no_segment_and_no_reference(history, scatter):

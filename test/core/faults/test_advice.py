@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from valve_twin.core.aging.verdict import Trend, TrendStatus, Verdict, VerdictKind
+from valve_twin.core.aging.verdict import LimitState, Trend, TrendStatus, Verdict, VerdictKind
 from valve_twin.core.diagnosis.table import FAULT_TYPES
 from valve_twin.core.faults.advice import (
     FAILURE_MODES,
@@ -28,8 +28,12 @@ def verdict(kind: VerdictKind, fault: str = "") -> Verdict:
     return Verdict(0, "/v", kind, kind.text, "evidence", 12, fault)
 
 
-def trend(status: TrendStatus) -> Trend:
-    return Trend(0, "/v", "leak", "1/s", "cycles", status, "", 20, 1, 1.0, 20.0)
+def trend(state: LimitState) -> Trend:
+    status = TrendStatus.DRIFTING
+    if state is LimitState.ALARM:
+        status = TrendStatus.BEYOND_THRESHOLD
+    known = Trend(0, "/v", "leak", "1/s", "cycles", status, "", 20, 1, 1.0, 20.0)
+    return replace(known, limit_state=state)
 
 
 def test_every_fault_that_is_separated_has_all_of_an_advice():
@@ -58,8 +62,8 @@ def test_a_sudden_fault_is_asked_for_by_its_name():
 
 def test_wear_is_planned_until_its_limit_is_passed():
     drifting = verdict(VerdictKind.VALVE, "K_in")
-    on_its_way = replace(trend(TrendStatus.DRIFTING), parameter="K_in")
-    beyond = replace(on_its_way, status=TrendStatus.BEYOND_THRESHOLD)
+    on_its_way = replace(trend(LimitState.WARNING), parameter="K_in")
+    beyond = replace(trend(LimitState.ALARM), parameter="K_in")
     planned, due = advise(drifting, [on_its_way]), advise(drifting, [beyond])
     assert (planned.ne107, planned.urgency) == (Ne107.MAINTENANCE_REQUIRED, PLAN)
     assert (due.ne107, due.urgency) == (Ne107.OUT_OF_SPECIFICATION, NOW)
@@ -67,7 +71,7 @@ def test_wear_is_planned_until_its_limit_is_passed():
 
 
 def test_a_parameter_that_is_called_as_a_fault_is_has_the_failure_mode_of_it():
-    worn = advise(verdict(VerdictKind.VALVE, "leak"), [trend(TrendStatus.BEYOND_THRESHOLD)])
+    worn = advise(verdict(VerdictKind.VALVE, "leak"), [trend(LimitState.ALARM)])
     assert (worn.ne107, worn.failure_mode, worn.urgency) == (
         Ne107.OUT_OF_SPECIFICATION,
         "INL",

@@ -117,7 +117,7 @@ def _show(rows: Sequence[FleetRow], where: str) -> None:
         shown.add_row(
             row.valve,
             Text(row.verdict.text, style=colour),
-            row.ne107,
+            f"{row.ne107}\n{row.limit_state}".rstrip(),
             row.parameter or "-",
             number(row.drift, "+.1f"),
             f"{number(row.drift_lower_95, '+.1f')} .. {number(row.drift_upper_95, '+.1f')}",

@@ -20,10 +20,10 @@ from valve_twin.core.aging.drift import (
     find_reference,
     nearest_limit,
     present_segment,
-    share_lost,
     with_drift,
 )
 from valve_twin.core.aging.life import axis_rate, date_after
+from valve_twin.core.aging.limits.states import held_limits, limit_state, lost_shares
 from valve_twin.core.aging.products import same_product
 from valve_twin.core.aging.series import (
     History,
@@ -34,12 +34,7 @@ from valve_twin.core.aging.series import (
     order_history,
     series_of,
 )
-from valve_twin.core.aging.trend import (
-    Line,
-    fit_line,
-    pooled_autocorrelation,
-    residuals,
-)
+from valve_twin.core.aging.trend import Line, fit_line, pooled_autocorrelation, residuals
 from valve_twin.core.aging.verdict import (
     SOON,
     Trend,
@@ -309,27 +304,30 @@ def _judge(
     reference = replace(reference, variance=reference.variance + float(doubt) ** 2)
     trend = _with_laws(_with_line(trend, line), present.fit)
     trend = with_drift(trend, present, reference, resolution)
-    limit = nearest_limit(trend, present, reference, config, confidence=confidence)
+    held = held_limits(reference, pieces, series, lines, config, trend.parameter)
+    limit = nearest_limit(trend, present, reference, config, confidence, held.alarm)
     trend = _with_life(trend, limit, config)
     if not _is_sure(trend, limit, begun=begun):
         trend = _without_forecast(trend)
-    trend = replace(trend, share_lost=share_lost(trend, pieces, series, lines, config))
+    lost = lost_shares(trend, pieces, series, lines, config)
+    trend = replace(trend, share_lost=max((x.share for x in lost), default=_NAN))
     drifting = line.p_value < config.significance
     trend = replace(trend, status=TrendStatus.DRIFTING if drifting else TrendStatus.STEADY)
     if limit.beyond:
-        trend = _beyond(trend)
-    elif trend.remaining_low < SOON and not concern(trend, config):
+        trend = _beyond(trend, held=bool(held.alarm))
+    trend = replace(trend, limit_state=limit_state(trend, lost, held, config))
+    if not limit.beyond and trend.remaining_low < SOON and not concern(trend, config):
         trend = _without_forecast(trend)  # it may be reached now, and is not beyond doubt
     return replace(trend, reason=_reason(trend)), present.fit
 
 
-def _beyond(trend: Trend) -> Trend:
+def _beyond(trend: Trend, *, held: bool) -> Trend:
     """Say of a level past its threshold that it is beyond it, unless it may not have moved.
 
     Where the reference itself, within its doubt, is past the threshold, that tells nothing.
     """
     low, high = trend.drift_reference_lower_95, trend.drift_reference_upper_95
-    if low <= 0.0 <= high and not trend.share_lost > 0.0:
+    if low <= 0.0 <= high and not (held or trend.share_lost > 0.0):
         return replace(_without_forecast(trend), remaining_low=0.0, remaining_median=float("inf"))
     return replace(trend, status=TrendStatus.BEYOND_THRESHOLD)
 
@@ -373,6 +371,7 @@ def _with_life(trend: Trend, limit: Limit, config: AgingConfig) -> Trend:
     return replace(
         trend,
         threshold=limit.value,
+        warning=limit.warning,
         unbounded=life.unbounded,
         remaining_low=life.low,
         remaining_median=life.median,
@@ -424,6 +423,8 @@ def _reason(trend: Trend) -> str:
     inside = trend.mean_lower_95 <= trend.threshold <= trend.mean_upper_95
     doubt = ", but its 95 % interval contains it" if inside else ""
     beyond = f"level {trend.level:.4g} is beyond the threshold {trend.threshold:.4g}{doubt}"
+    if (trend.level - trend.threshold) * (trend.reference - trend.threshold) > 0.0:
+        beyond = f"level {trend.level:.4g}, not clearly back from beyond {trend.threshold:.4g}"
     return f"{beyond}, {slope}"
 
 

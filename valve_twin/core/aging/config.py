@@ -94,6 +94,14 @@ class Threshold:
     relative: bool = setting(
         default=True, text="Whether `value` is a change against the reference."
     )
+    warning: float = assumed(
+        0.0,
+        "1",
+        "Share of the way from the reference to the limit at which the warning limit lies; "
+        "0: `aging.alert_fraction`.",
+        0.0,
+        1.0,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,9 +212,17 @@ class AgingConfig:
     alert_fraction: float = assumed(
         0.5,
         "1",
-        "Share of the way from reference to threshold that raises the verdict when it"
-        " is exceeded with 95 % confidence.",
+        "Share of the way from reference to threshold at which the warning limit lies: the "
+        "verdict is raised where it is exceeded beyond doubt (`verdict_significance`).",
         0.01,
+        1.0,
+    )
+    hysteresis: float = assumed(
+        0.1,
+        "1",
+        "Share of the way from reference to threshold by which a level must come back within the "
+        "warning limit, or the threshold, before it counts as within again.",
+        0.0,
         1.0,
     )
     horizon: float = assumed(
@@ -236,6 +252,10 @@ class AgingConfig:
         'Conditions, each with the width of a bin behind it ("load 500"), whose effect need '
         "not be linear: every bin gets a level of its own.",
     )
+
+    def warning_share(self, threshold: Threshold) -> float:
+        """Return where on the way to a threshold its warning limit lies [1]."""
+        return threshold.warning or self.alert_fraction
 
     def __post_init__(self) -> None:
         """Refuse values that cannot work.

@@ -136,12 +136,13 @@ class Reference:
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """One threshold in the unit of the parameter, and what remains to it."""
+    """One threshold and its warning in the unit of the parameter, and what remains to it."""
 
     value: float
     beyond: bool
     remaining: Remaining
     approach: Approach | None = None
+    warning: float = _NAN
 
 
 NO_LIMIT = Limit(_NAN, False, NEVER)
@@ -281,63 +282,13 @@ def _percent(
     return 100.0 * (a / b - 1.0), 100.0 * (low - wider - 1.0), 100.0 * (high + wider - 1.0)
 
 
-def share_lost(
-    trend: Trend,
-    pieces: Pieces,
-    series: Series,
-    lines: Sequence[Line | None],
-    config: AgingConfig,
-) -> float:
-    """Return the largest share of the way to a threshold that is lost beyond doubt [1].
-
-    A segment that has just begun knows little: what the segments before it had lost since the last
-    maintenance stays lost, as far as the present one does not contradict.
-
-    Parameters
-    ----------
-    trend : Trend
-        Trend with its drift.
-    pieces : Pieces
-        Its segments.
-    series : Series
-        Its values.
-    lines : sequence of Line or None
-        The line of each segment.
-    config : AgingConfig
-        Thresholds, and what is beyond doubt.
-    """
-    line, drift, sure = lines[-1], trend.drift_reference, 1.0 - config.verdict_significance
-    limits = (trend.drift_reference_lower_95, trend.drift_reference_upper_95)
-    if line is None or not np.isfinite(limits).all():
-        return _NAN
-    wider = quantile(line.freedom, sure) / quantile(line.freedom, 0.95)
-    changes = [tuple(0.01 * trend.reference * (drift + wider * (end - drift)) for end in limits)]
-    ends = pieces.starts[1:] - 1
-    for k in range(len(ends) - 1, -1, -1):
-        if pieces.forced[k + 1]:
-            break
-        past = lines[k]
-        if past is not None:
-            low, high = past.mean_interval(float(series.axis[ends[k]]), sure)
-            changes.append((low - trend.reference, high - trend.reference))
-    shares = []
-    for threshold in wanted_limits(config, trend.parameter):
-        relative = 0.01 * threshold.value * trend.reference
-        way = relative if threshold.relative else threshold.value - trend.reference
-        if way and np.isfinite(way):
-            least = [min(low / way, high / way) for low, high in changes]
-            most = max(change / way for change in changes[0])
-            shares.append(max(least[0], min(max(least), most)))
-    return max(shares, default=_NAN)
-
-
 def nearest_limit(
     trend: Trend,
     present: Present,
     reference: Reference,
     config: AgingConfig,
-    *,
     confidence: float = 0.95,
+    held: Sequence[Threshold] = (),
 ) -> Limit:
     """Return the threshold that is reached first: beyond already, else soonest, else nearest.
 
@@ -353,12 +304,21 @@ def nearest_limit(
         Thresholds.
     confidence : float
         That of the limits of what remains [1].
+    held : sequence of Threshold
+        Those that were passed and still count as passed (`core.aging.limits`).
     """
     limits = [
-        _life_to(t, trend, present, reference, confidence)
+        (t, _life_to(t, trend, present, reference, confidence))
         for t in wanted_limits(config, trend.parameter)
     ]
-    usable = [limit for limit in limits if np.isfinite(limit.value)]
+    usable = [
+        replace(
+            _passed(m) if t in held else m,
+            warning=reference.value + config.warning_share(t) * (m.value - reference.value),
+        )
+        for t, m in limits
+        if np.isfinite(m.value)
+    ]
     return min(
         usable,
         key=lambda m: (
@@ -369,6 +329,12 @@ def nearest_limit(
         ),
         default=NO_LIMIT,
     )
+
+
+def _passed(limit: Limit) -> Limit:
+    """Return a limit as one that is passed: nothing remains to it."""
+    low, high = limit.remaining.low, limit.remaining.high
+    return replace(limit, beyond=True, remaining=Remaining(low, 0.0, high))
 
 
 def wanted_limits(config: AgingConfig, parameter: str) -> list[Threshold]:
@@ -397,10 +363,8 @@ def _life_to(
     toward = 1.0 if value >= new else -1.0
     approach = _approach(present.fit, trend.axis_value, value, toward, scale, reference)
     life = approach.remaining(confidence)
-    beyond = toward * (value - trend.level) <= 0.0
-    if beyond:
-        life = Remaining(life.low, 0.0, life.high)
-    return Limit(value, beyond, life, approach)
+    limit = Limit(value, False, life, approach)
+    return _passed(limit) if toward * (value - trend.level) <= 0.0 else limit
 
 
 def _approach(

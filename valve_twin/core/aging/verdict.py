@@ -8,9 +8,9 @@ valve, command, sensor or supply, since what the parameters do meanwhile is its 
 Else the verdict is `valve` if for any followed parameter
 
 1. the fitted level is beyond its threshold and the drift against the reference is beyond doubt
-   (`verdict_significance`), or
-2. the interval of the drift against the reference lies, beyond doubt, wholly beyond
-   `alert_fraction` of the way to the threshold, or
+   (`verdict_significance`): the limit state is alarm, or
+2. the interval of the drift against the reference lies, beyond doubt, wholly beyond the warning
+   limit, `alert_fraction` of the way to the threshold: the limit state is warning, or
 3. the slope leads to the threshold beyond doubt (`verdict_significance`) within `horizon` axis
    units (median), and the drift has gone half as far as in 2. already; without this a short
    segment that was cut out of wandering scatter raises false alarms.
@@ -26,6 +26,7 @@ no reference        there are too few cycles to compare with, or the first ones 
 ok                  nothing has changed against the reference that the evidence names: without a
                     record from commissioning the first cycles, whether they were right or not
 
+Alarm and warning last until the level has come back by a hysteresis (`core.aging.limits`).
 A significant but small drift is reported in the trend and does not raise the verdict.
 """
 
@@ -64,6 +65,11 @@ class LimitState(IntEnum):
     WITHIN = 1
     WARNING = 2
     ALARM = 3
+
+    @property
+    def text(self) -> str:
+        """The word, as shown; empty where nothing is known."""
+        return self.name.lower() if self else ""
 
 
 class Outlook(Enum):
@@ -205,16 +211,15 @@ _OWN_ONLY = (
 
 def concern(trend: Trend, config: AgingConfig) -> int:
     """Return how grave a trend is: 3, 2, 1 for rules 1, 2, 3 of the module, else 0."""
-    way = trend.share_lost
     if trend.status is TrendStatus.NOT_ENOUGH_DATA or not np.isfinite(trend.threshold):
         return 0
-    if trend.status is TrendStatus.BEYOND_THRESHOLD and (way > 0.0 or not np.isfinite(way)):
-        return 3
-    if way > config.alert_fraction:
-        return 2
+    if trend.limit_state in (LimitState.WARNING, LimitState.ALARM):
+        return 3 if trend.limit_state is LimitState.ALARM else 2
+    if trend.status is TrendStatus.BEYOND_THRESHOLD:
+        return 0  # not beyond doubt
     near = trend.remaining_median <= config.horizon
     sure = trend.p_value < config.verdict_significance
-    return 1 if near and sure and not way < 0.5 * config.alert_fraction else 0
+    return 1 if near and sure and not trend.share_lost < 0.5 * config.alert_fraction else 0
 
 
 def decide(

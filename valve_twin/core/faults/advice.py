@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from valve_twin.core.aging.verdict import TrendStatus, VerdictKind
+from valve_twin.core.aging.verdict import LimitState, VerdictKind
 from valve_twin.core.diagnosis.detection import UNKNOWN
 from valve_twin.core.faults.ne107 import Ne107
 
@@ -135,7 +135,17 @@ _ACTIONS = {
 FAULT_ADVICE = {name: Advice(*known, *_ACTIONS[name]) for name, known in _CAUSES.items()}
 """Advice by the name of a sudden fault (`core.diagnosis.table`)."""
 
-_WEAR = Advice(_M, "PDE", "valve", "wear or dirt", "overhaul it", PLAN)
+LIMIT_STATES = {
+    LimitState.NONE: Ne107.GOOD,
+    LimitState.WITHIN: Ne107.GOOD,
+    LimitState.WARNING: _M,
+    LimitState.ALARM: _S,
+}
+"""State by where a trend stands to its limits."""
+
+_WEAR = Advice(
+    LIMIT_STATES[LimitState.WARNING], "PDE", "valve", "wear or dirt", "overhaul it", PLAN
+)
 _BY_KIND = {
     VerdictKind.NOT_ENOUGH_DATA: Advice(_C, part="monitoring", action="see why there is none"),
     VerdictKind.NO_REFERENCE: Advice(
@@ -169,8 +179,8 @@ def advise(verdict: Verdict, trends: Sequence[Trend] = ()) -> Advice:
         advice = replace(_WEAR, cause=f"wear or dirt that changes {verdict.fault}")
     if advice is None:
         return _BY_KIND[verdict.kind]
-    if trend is not None and trend.status is TrendStatus.BEYOND_THRESHOLD:
-        return replace(advice, ne107=_S, urgency=NOW)
+    if trend is not None and trend.limit_state is LimitState.ALARM:
+        return replace(advice, ne107=LIMIT_STATES[trend.limit_state], urgency=NOW)
     return advice
 
 

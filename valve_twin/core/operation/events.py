@@ -7,14 +7,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from valve_twin.core.aging.verdict import VerdictKind
-from valve_twin.core.faults.advice import FAULT_ADVICE, advise
+from valve_twin.core.aging.verdict import LimitState, VerdictKind
+from valve_twin.core.faults.advice import FAULT_ADVICE, LIMIT_STATES, advise
 from valve_twin.core.faults.ne107 import Ne107
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from valve_twin.core.aging.verdict import Verdict
+    from valve_twin.core.aging.verdict import Trend, Verdict
     from valve_twin.core.types import Maintenance
 
 _NO_JUDGEMENT = {VerdictKind.NOT_ENOUGH_DATA, VerdictKind.RECORDING_UNUSABLE}
@@ -89,6 +89,30 @@ def verdict_events(verdict: Verdict, last_fault: str) -> Iterator[Event]:
     else:
         code = f"verdict.{verdict.kind.name.lower()}"
     yield Event(*at, code, status, said)
+
+
+def limit_code(state: LimitState, parameter: str) -> str:
+    """Return the code of the entry of a parameter that comes to a state of its limits."""
+    return f"limit_{state.text}.{parameter}"
+
+
+def limit_event(trend: Trend, last: LimitState) -> Event | None:
+    """Return the entry of a trend whose state differs from the last known one; None where not.
+
+    Parameters
+    ----------
+    trend : Trend
+        What is said now.
+    last : LimitState
+        What was said last; a parameter that was never said to be beyond a limit is within.
+    """
+    state = trend.limit_state
+    if state in (LimitState.NONE, last or LimitState.WITHIN):
+        return None
+    limits = f"warning limit {trend.warning:.4g}, service limit {trend.threshold:.4g}"
+    text = f"{trend.parameter} {state.text}: level {trend.level:.4g} {trend.unit}, {limits}"
+    status = LIMIT_STATES[state].value
+    return Event(trend.stamp_ns, 0, limit_code(state, trend.parameter), status, one_line(text))
 
 
 def maintenance_event(mark: Maintenance) -> Event:

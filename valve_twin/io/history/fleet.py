@@ -67,6 +67,8 @@ class FleetRow:
         Its change against the valve's own reference and the 95 % interval [%].
     way : float
         Share of the way to the threshold that is covered with 95 % confidence [1].
+    limit_state : str
+        Where it stands to its two limits: within, warning, alarm; empty = not known.
     remaining : float
         Remaining life, median [unit of the aging axis]; infinite = unbounded, NaN = not known.
     axis : str
@@ -107,6 +109,7 @@ class FleetRow:
     drift_lower_95: float = math.nan
     drift_upper_95: float = math.nan
     way: float = math.nan
+    limit_state: str = ""
     remaining: float = math.nan
     axis: str = ""
     service_date_ns: int = 0
@@ -299,6 +302,7 @@ def _with_trend(row: FleetRow, trend: Trend, config: AgingConfig) -> FleetRow:
         drift_lower_95=trend.drift_reference_lower_95,
         drift_upper_95=trend.drift_reference_upper_95,
         way=way_to_threshold(trend),
+        limit_state=trend.limit_state.text,
         remaining=trend.remaining_median if outlook(trend).says_when else math.inf,
         axis=trend.axis,
         service_date_ns=trend.service_date_ns if trend.service_date_known else 0,

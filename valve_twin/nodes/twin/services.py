@@ -11,9 +11,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from valve_twin_msgs import msg, srv
 
 from valve_twin import __version__
-from valve_twin.core.aging.verdict import Verdict, VerdictKind
+from valve_twin.core.aging.verdict import LimitState, Trend, Verdict, VerdictKind
 from valve_twin.core.operation.events import start_event
 from valve_twin.core.types import Maintenance
+from valve_twin.core.valves.registry import get_model
 from valve_twin.io.config.node_parameters import TwinParameters
 from valve_twin.io.errors import suggest
 from valve_twin.io.history.export import BackupRules
@@ -47,6 +48,7 @@ class TwinServices:
         )
         self._maintenance = node.create_publisher(msg.Maintenance, f"{base}/maintenance", EVENTS)
         self._verdicts = VerdictLog(node, valve)
+        self._limits = LimitLog(node, valve)
         self._events = EventServices(node, valve)
         self._deferred = [
             DeferredService(node, srv.MarkMaintenance, f"{base}/mark_maintenance", self._mark),
@@ -65,6 +67,7 @@ class TwinServices:
         self._node.destroy_service(self._estimate_now_service)
         self._node.destroy_publisher(self._maintenance)
         self._verdicts.destroy()
+        self._limits.destroy()
         self._events.destroy()
         for service in self._deferred:
             service.destroy()
@@ -204,6 +207,43 @@ class VerdictLog:
     def _on_stored(self, outcome: Outcome) -> None:
         if outcome.error:
             text = f"{self._valve.name}: verdict not stored: {outcome.error}"
+            self._node.post(partial(self._node.get_logger().warning, text))
+
+
+class LimitLog:
+    """Stores where the trends of one valve stand to their limits, where that changes."""
+
+    def __init__(self, node: ValveNode, valve: LiveValve) -> None:
+        self._node, self._valve = node, valve
+        self._last: dict[str, int] = {}
+        model = get_model(valve.config.model)
+        followed = valve.config.aging.parameters or [p.name for p in model.parameters if p.trend]
+        self._subscriptions = [
+            node.create_subscription(
+                msg.Trend, f"{valve.name}/aging_monitor/trend/{name}", self._on_trend, LATCHED
+            )
+            for name in followed
+        ]
+
+    def destroy(self) -> None:
+        """Stop listening."""
+        for subscription in self._subscriptions:
+            self._node.destroy_subscription(subscription)
+
+    def _on_trend(self, message: Any) -> None:
+        """Store a state that differs from the last one; what is not known as one is left out."""
+        name, state = message.parameter, message.limit_state
+        if state not in set(LimitState) or self._last.get(name) == state:
+            return
+        self._last[name] = state
+        trend = convert.to_value(Trend, message)
+        work = partial(self._valve.history.log.add_limit, self._valve.name, trend)
+        self._valve.cycle_queue.writer.write_thread.submit(work, partial(self._on_stored, name))
+
+    def _on_stored(self, name: str, outcome: Outcome) -> None:
+        if outcome.error:
+            self._last.pop(name, None)  # the next trend is stored instead
+            text = f"{self._valve.name}: state of a limit not stored: {outcome.error}"
             self._node.post(partial(self._node.get_logger().warning, text))
 
 

@@ -4,9 +4,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
-from valve_twin.core.aging.verdict import Verdict, VerdictKind
+from valve_twin.core.aging.verdict import (
+    LimitState,
+    Trend,
+    TrendStatus,
+    Verdict,
+    VerdictKind,
+)
 from valve_twin.core.operation.events import Event
 from valve_twin.core.types import Maintenance
 from valve_twin.io.errors import StoreError
@@ -60,6 +68,32 @@ def test_verdicts_that_change_faults_that_heal_and_maintenance_enter_the_log(his
         "fault.sensor_freeze", "verdict.not_enough_data", "fault.sensor_freeze", "limit.K_in",
     ]  # fmt: skip
     assert [e.id for e in history.log.events(VALVE, found[2].id, 2)] == [e.id for e in found[2:4]]
+
+
+def test_a_state_of_a_limit_enters_the_log_where_it_changes(history):
+    known = Trend(
+        0, VALVE, "K_in", "1", "cycles", TrendStatus.DRIFTING, "", 20, 1, 1.0, 20.0, level=0.89,
+        warning=0.9, threshold=0.8,
+    )  # fmt: skip
+    said = [
+        (1, LimitState.WITHIN), (2, LimitState.WARNING), (3, LimitState.NONE),
+        (4, LimitState.WARNING), (5, LimitState.ALARM), (4, LimitState.WARNING),
+        (6, LimitState.WITHIN),
+    ]  # fmt: skip
+    new = [
+        history.log.add_limit(VALVE, replace(known, stamp_ns=at, limit_state=state))
+        for at, state in said
+    ]
+    assert new == [False, True, False, False, True, False, True]
+    assert [(e.code, e.status, e.stamp_ns) for e in history.log.events(VALVE)] == [
+        ("limit_warning.K_in", "maintenance required", 2),
+        ("limit_alarm.K_in", "out of specification", 5),
+        ("limit_within.K_in", "good", 6),
+    ]
+    text = "K_in warning: level 0.89 1, warning limit 0.9, service limit 0.8"
+    assert history.log.events(VALVE)[0].text == text
+    other = replace(known, parameter="leak", stamp_ns=1, limit_state=LimitState.ALARM)
+    assert history.log.add_limit(VALVE, other)
 
 
 def test_an_acknowledgement_stays_with_its_entry_and_is_one_itself(history):

@@ -6,8 +6,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Protocol
 
+import sqlalchemy as sa
+
+from valve_twin.core.aging.verdict import LimitState
 from valve_twin.core.faults.ne107 import Ne107
-from valve_twin.core.operation.events import Event, one_line
+from valve_twin.core.operation.events import Event, limit_code, limit_event, one_line
 from valve_twin.io.history.log.counters import row_counters
 from valve_twin.io.history.log.events import (
     KEPT,
@@ -22,9 +25,9 @@ from valve_twin.io.history.tables import COUNTERS, EVENT, of_valve
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
-    import sqlalchemy as sa
     from sqlalchemy.engine import Connection
 
+    from valve_twin.core.aging.verdict import Trend
     from valve_twin.core.operation.counters import Counters
     from valve_twin.io.history.check_sums import Rows
 
@@ -72,6 +75,28 @@ class OperationLog:
         """Store an entry; on the disk on return."""
         with self._history.writing(valve) as (connection, valve_id):
             add_events(connection, valve_id, [event], self.kept)
+
+    def add_limit(self, valve: str, trend: Trend) -> bool:
+        """Store where a trend stands to its limits if that is new; return whether it is.
+
+        Parameters
+        ----------
+        valve : str
+            Name of the valve.
+        trend : Trend
+            The newest of a parameter; one that is older than the last entry on it says nothing.
+        """
+        codes = {limit_code(s, trend.parameter): s for s in LimitState if s}
+        query = sa.select(EVENT.c.code, EVENT.c.stamp_ns).where(EVENT.c.code.in_(codes))
+        with self._history.writing(valve) as (connection, valve_id):
+            own = query.where(EVENT.c.valve_id == valve_id).order_by(EVENT.c.id.desc()).limit(1)
+            last = connection.execute(own).first()
+            if last is not None and trend.stamp_ns <= last.stamp_ns:
+                return False
+            event = limit_event(trend, codes[last.code] if last else LimitState.NONE)
+            if event is not None:
+                add_events(connection, valve_id, [event], self.kept)
+        return event is not None
 
     def events(
         self, valve: str, first_id: int = 0, limit: int | None = None, *, open_only: bool = False
