@@ -7,158 +7,29 @@ from __future__ import annotations
 import json
 import re
 import signal
-import socket
 import subprocess
 import sys
 import time
 import urllib.request
 from collections import Counter
-from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import pytest
-import yaml
 
 pytest.importorskip("pysparkplug", reason="needs the extra gateway")
 pytest.importorskip("amqtt", reason="needs the broker amqtt")
 
-from paho.mqtt.client import Client
-from pysparkplug import DataType, DBirth, DData, DDeath, Metric, NBirth, NCmd, NData, NDeath
+from pysparkplug import DataType, Metric, NCmd
 
+from test.gateway.mqtt.brokers import GROUP, NODE, Broker, Listener, wait_until
 from test.gateway.test_web import HOSTILE, store
 from valve_twin.cli import main
 from valve_twin.gateway.mqtt.names import device_id
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
     from pathlib import Path
-
-GROUP, NODE = "plant", "hall 1"
-KINDS: dict[str, Any] = {
-    "NBIRTH": NBirth,
-    "DBIRTH": DBirth,
-    "NDATA": NData,
-    "DDATA": DData,
-    "NDEATH": NDeath,
-    "DDEATH": DDeath,
-}
-LIMIT_S = 60.0
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
-
-
-def wait_until(found: Callable[[], object], what: str) -> None:
-    end = time.monotonic() + LIMIT_S
-    while not found():
-        assert time.monotonic() < end, f"{what} within {LIMIT_S:g} s"
-        time.sleep(0.05)  # polls; nothing depends on the length
-
-
-class Broker:
-    """amqtt in a process of its own, at the same port after each start."""
-
-    def __init__(self, folder: Path, password_file: Path | None = None) -> None:
-        self.port = free_port()
-        self.address = f"mqtt://127.0.0.1:{self.port}"
-        plugins: dict[str, Any] = {
-            "amqtt.plugins.authentication.AnonymousAuthPlugin": {
-                "allow_anonymous": password_file is None
-            }
-        }
-        if password_file is not None:
-            plugins["amqtt.plugins.authentication.FileAuthPlugin"] = {
-                "password_file": str(password_file)
-            }
-        where = {"type": "tcp", "bind": f"127.0.0.1:{self.port}"}
-        self._config = folder / f"broker_{self.port}.yaml"
-        self._config.write_text(
-            yaml.safe_dump({"listeners": {"default": where}, "plugins": plugins})
-        )
-        self.start()
-
-    def start(self) -> None:
-        command = [sys.executable, "-m", "amqtt.scripts.broker_script", "-c", str(self._config)]
-        self.process = subprocess.Popen(
-            command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        )
-        wait_until(self._listens, "a broker")
-
-    def kill(self) -> None:
-        self.process.kill()
-        self.process.wait(30)
-
-    def _listens(self) -> bool:
-        assert self.process.poll() is None
-        with socket.socket() as probe:
-            return probe.connect_ex(("127.0.0.1", self.port)) == 0
-
-
-@dataclass
-class Heard:
-    """A message of Sparkplug as a host application sees it."""
-
-    kind: str
-    device: str
-    payload: Any
-    values: dict[str, Any] = field(init=False)
-    kinds: dict[str, Any] = field(init=False)
-
-    def __post_init__(self) -> None:
-        metrics = getattr(self.payload, "metrics", ())
-        self.values = {m.name: m.value for m in metrics}
-        self.kinds = {m.name: m.datatype for m in metrics}
-
-
-class Listener:
-    """Hears everything; connects again by itself."""
-
-    def __init__(self, broker: Broker) -> None:
-        self.raw: list[tuple[str, bytes, bool]] = []
-        self._there = False
-        self.client = Client()
-        self.client.on_connect = lambda client, *_: client.subscribe("#", 1)
-        self.client.on_subscribe = lambda *_: setattr(self, "_there", True)
-        self.client.on_disconnect = lambda *_: setattr(self, "_there", False)
-        self.client.on_message = lambda _c, _u, m: self.raw.append((m.topic, m.payload, m.retain))
-        self.client.reconnect_delay_set(1, 1)
-        self.client.connect("127.0.0.1", broker.port, 5)
-        self.client.loop_start()
-        self.wait_there()
-
-    def wait_there(self) -> None:
-        wait_until(lambda: self._there, "a connected listener")
-
-    @property
-    def heard(self) -> list[Heard]:
-        found = []
-        for topic, payload, _ in list(self.raw):
-            parts = topic.split("/")
-            if parts[0] == "spBv1.0" and parts[1] == GROUP and parts[2] in KINDS:
-                device = parts[4] if len(parts) > 4 else ""
-                found.append(Heard(parts[2], device, KINDS[parts[2]].decode(payload)))
-        return found
-
-    def of(self, kind: str, device: str = "") -> list[Heard]:
-        return [h for h in self.heard if h.kind == kind and h.device == device]
-
-    def cycles(self, device: str) -> list[tuple[int, bool]]:
-        """Return number and whether it is history of all stored cycles heard of a device."""
-        return [
-            (m.value, m.is_historical)
-            for h in self.of("DDATA", device)
-            for m in h.payload.metrics
-            if m.name == "cycles/cycle"
-        ]
-
-    def end(self) -> None:
-        self.client.disconnect()
-        self.client.loop_stop()
 
 
 class Server:
@@ -331,11 +202,7 @@ def test_plain_json_is_retained_and_says_when_nobody_speaks_any_more(
 
 
 def test_a_wrong_user_is_told_in_one_line_and_the_pages_go_on(tmp_path, history, monkeypatch):
-    from pwdlib import PasswordHash
-
-    users = tmp_path / "users"
-    users.write_text(f"anna:{PasswordHash.recommended().hash('right')}\n")
-    guarded = Broker(tmp_path, users)
+    guarded = Broker(tmp_path, guarded=True)
     try:
         monkeypatch.setenv("VALVE_TWIN_MQTT_PASSWORD", "wrong")
         server = Server(history, guarded.address, tmp_path / "a", "--mqtt-user", "anna")
