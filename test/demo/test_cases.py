@@ -50,7 +50,7 @@ def test_the_truth_of_the_press_is_its_steady_gain():
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["--valve", "stepper_serve"], "did you mean stepper_servo?"),
+        (["--valve", "stepper_serve"], "did you mean 'stepper_servo'?"),
         (["--valve", "cycle_timing"], "no such valve to show; there are double_solenoid"),
         (["--cycles", "-1"], "cycles = -1, rate = 0.0: must not be negative"),
         (["--rate", "nan"], "must not be negative"),

@@ -65,8 +65,8 @@ def wait_for_cycles(url: str, processes: Processes) -> list[str]:
         if len({e.cycle for e in found}) >= CYCLES:
             return sorted(repr(e) for e in found if e.cycle <= CYCLES)
         time.sleep(0.2)  # polls another process's file; nothing depends on the length
-    found = len({e.cycle for e in stored(url)})
-    pytest.fail(f"{found} of {CYCLES} cycles in {url} after {LIMIT_S} s\n{processes.told()}")
+    have = len({e.cycle for e in stored(url)})
+    pytest.fail(f"{have} of {CYCLES} cycles in {url} after {LIMIT_S} s\n{processes.told()}")
 
 
 def estimated(tmp_path: Path, bag: Path) -> list[str]:

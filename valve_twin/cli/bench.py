@@ -8,7 +8,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from valve_twin.cli.common import FAILED, OK, USAGE, add_verb, fail
-from valve_twin.io.errors import suggest
+from valve_twin.core.quantity import suggest
 
 if TYPE_CHECKING:
     import argparse

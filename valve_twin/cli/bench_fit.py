@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 
 from valve_twin.cli.common import OK, add_verb, check_writable, fail, say
 from valve_twin.cli.output import console, number, plain, print_json, table
+from valve_twin.core.quantity import suggest
 from valve_twin.core.valves.registry import get_model, model_names
-from valve_twin.io.errors import ConfigError, suggest
+from valve_twin.io.errors import ConfigError
 
 if TYPE_CHECKING:
     import argparse

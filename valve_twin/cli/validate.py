@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from valve_twin.cli.common import FAILED, OK, USAGE, add_verb, fail, progress_of
 from valve_twin.cli.output import console, number, plain, print_json, table
-from valve_twin.io.errors import suggest
+from valve_twin.core.quantity import suggest
 from valve_twin.validation import (
     Verdict,
     benchmark_names,

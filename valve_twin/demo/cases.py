@@ -6,12 +6,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import yaml
 
+from valve_twin.core.quantity import suggest
 from valve_twin.core.types import CycleRule
 from valve_twin.core.valves.registry import get_model, model_names
 from valve_twin.io.config.valve import load_config
@@ -106,9 +106,7 @@ def find_case(model: str, *, cycles: int = 0, rate: float = 0.0) -> Case:
     """
     names = case_names()
     if model not in names:
-        near = get_close_matches(model, names, n=1)
-        hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(names)}"
-        message = f"VALVE = {model}: no such valve to show; {hint}"
+        message = f"VALVE = {model}: no such valve to show; {suggest(model, names)}"
         raise ValueError(message)
     if cycles < 0 or not 0.0 <= rate < math.inf:
         message = f"cycles = {cycles}, rate = {rate}: must not be negative"

@@ -12,12 +12,6 @@ ValveTwinError
 
 from __future__ import annotations
 
-from difflib import get_close_matches
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
 
 class ValveTwinError(Exception):
     """Base of all errors that a user can cause and repair."""
@@ -41,30 +35,3 @@ class StoreError(ValveTwinError):
 
 class FmuError(ValveTwinError):
     """A Functional Mock-up Unit cannot be made, read or run."""
-
-
-def suggest(name: str, known: Iterable[str], *, shown: int = 12) -> str:
-    """Say which known name is nearest to a wrong one, or which there are.
-
-    Parameters
-    ----------
-    name : str
-        The name that is not known.
-    known : iterable of str
-        Valid names.
-    shown : int
-        How many names are listed at most where none is near.
-
-    Returns
-    -------
-    str
-        "did you mean 'x'?", "there are a, b, c" or "there are none".
-    """
-    names = list(dict.fromkeys(known))
-    near = get_close_matches(name, names, n=1)
-    if near:
-        return f"did you mean '{near[0]}'?"
-    if not names:
-        return "there are none"
-    more = f" and {len(names) - shown} more" if len(names) > shown else ""
-    return f"there are {', '.join(names[:shown])}{more}"

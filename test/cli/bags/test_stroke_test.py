@@ -73,9 +73,9 @@ def test_a_limit_can_be_set(run):
 @pytest.mark.parametrize(
     ("arguments", "step", "code", "part"),
     [
-        (("--set", "t68_s=1"), 20.0, 2, "there is no limit 't68_s'; did you mean 't"),
+        (("--set", "t68_s=1"), 20.0, 2, "t68_s: no such limit; did you mean 't"),
         (("--set", "travel=0.9"), 20.0, 2, "is outside its limits"),
-        (("--set", "travel"), 20.0, 2, "write NAME=VALUE with a number"),
+        (("--set", "travel"), 20.0, 2, "is no number; write for example"),
         ((), 0.5, 1, "too small beside the noise"),
         ((), 0.0, 1, "no stroke was commanded"),
     ],

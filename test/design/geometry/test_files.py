@@ -75,7 +75,7 @@ def test_regions_come_from_the_layers_of_a_drawing(tmp_path):
             "kind: double_stroke\ngap_ratio: -1",
             "gap_ratio: value -1.0 is outside its limits; write",
         ),
-        ("kind: double_stroke\ngap: 1", "'gap' is no such number; did you mean 'gap_ratio'"),
+        ("kind: double_stroke\ngap: 1", "gap: no such number; did you mean 'gap_ratio'"),
         ("kind: double_stroke\nturns: many", "turns: value 'many' is no integer"),
         (SECTION + "  - {name: x}", "x: outline_mm = None: must be a list of"),
         (SECTION + "  - {name: x, layer: y}", "there is no layer 'y'; there are none: give dxf"),

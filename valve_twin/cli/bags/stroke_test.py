@@ -12,7 +12,7 @@ import numpy as np
 
 from valve_twin.cli.common import FAILED, OK, add_bag, add_config, add_verb, chosen_config, fail
 from valve_twin.cli.output import number, plain, print_json
-from valve_twin.io.errors import ConfigError, suggest
+from valve_twin.io.errors import ConfigError
 
 if TYPE_CHECKING:
     import argparse
@@ -53,21 +53,25 @@ def _stroke_test(arguments: argparse.Namespace) -> int:
 def _limits(given: list[str]) -> StrokeLimits:
     """Return the limits with what was set."""
     from valve_twin.core.operation.stroke_test import StrokeLimits
-    from valve_twin.core.quantity import describe, replaced
+    from valve_twin.core.quantity import checked, replaced
 
-    known = {d.name: d for d in describe(StrokeLimits)}
     values: dict[str, object] = {}
     for text in given:
         name, _, value = text.partition("=")
-        if name not in known:
-            msg = f"--set {text}: there is no limit '{name}'; {suggest(name, known)}"
-            raise ConfigError(msg)
         try:
-            values[name] = known[name].check(float(value))
+            values |= checked(StrokeLimits, {name: _number(value)}, unknown="no such limit")
         except ValueError as err:
-            msg = f"--set {text}: {err}; write NAME=VALUE with a number"
+            msg = f"--set {text}: {err}"
             raise ConfigError(msg) from None
     return replaced(StrokeLimits(), values)
+
+
+def _number(text: str) -> float | str:
+    """Return the number a text stands for; the text where it stands for none, to be refused."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
 
 
 def _signals(config: ValveConfig, bag: str) -> tuple[FloatArray, FloatArray, FloatArray]:

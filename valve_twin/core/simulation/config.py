@@ -11,9 +11,9 @@ from valve_twin.core.quantity import (
     assumed,
     check_quantities,
     describe,
-    nearest_hint,
     quantity,
     setting,
+    suggest,
 )
 from valve_twin.core.simulation.faults import Faults
 from valve_twin.core.simulation.measurement import MeasurementConfig
@@ -207,7 +207,7 @@ def check_parameter(plant: Plant, name: str) -> None:
     """
     known = [d.name for d in describe(cast("DataclassInstance", plant)) if d.ages]
     if name not in known:
-        message = f"plant parameter '{name}' is unknown{nearest_hint(name, known)}"
+        message = f"plant parameter '{name}' is unknown; {suggest(name, known)}"
         raise ValueError(message)
     if getattr(plant, name) == 0.0:
         message = (

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import cast
 
-from valve_twin.core.quantity import Descriptor, Kind, describe, nearest_hint, replaced
+from valve_twin.core.quantity import Descriptor, Kind, checked, describe, replaced
 from valve_twin.core.simulation.aging_laws import AgingRule
 from valve_twin.core.simulation.config import Scatter, SimulationConfig
 
@@ -33,14 +33,9 @@ def configure(config: SimulationConfig, given: Mapping[str, object]) -> Simulati
         range.
     """
     flat = dict(_flatten(given, ""))
-    known = {s.name: s for s in describe(config)}
     rules = {k: flat.pop(k) for k in list(flat) if k.startswith("aging.")}
     scatter = {k: flat.pop(k) for k in list(flat) if k.startswith("scatter.")}
-    for name in flat:
-        if name not in known:
-            message = f"simulation.{name}: unknown setting{nearest_hint(name, known)}"
-            raise ValueError(message)
-    values = {name: _checked(known[name], value) for name, value in flat.items()}
+    values = checked(config, flat, where="simulation.")
     changed = replaced(config, values)
     return replace(changed, aging=_aging_rules(config, rules), scatter=_scatters(config, scatter))
 

@@ -14,7 +14,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, PackageNotFoundError, distribution, entry_points
 from typing import TYPE_CHECKING, TypeVar, cast
 
-from valve_twin.core.quantity import describe, nearest_hint, replaced
+from valve_twin.core.quantity import checked, replaced, suggest
 from valve_twin.core.valves.interface import ValveModel
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ def get_model(name: str) -> ValveModel:
         return _checked(model, name)
     names = model_names()
     none = f"; no package registers any in '{ENTRY_POINT_GROUP}': install anew (make setup)"
-    msg = f"'{name}' is unknown{nearest_hint(name, names) if names else none}"
+    msg = f"'{name}' is unknown; {suggest(name, names) if names else none}"
     raise ValueError(msg)
 
 
@@ -113,17 +113,8 @@ def complete_options(model: HasOptions[Given], given: Mapping[str, object]) -> G
     ValueError
         If an option is unknown, of the wrong type or outside its limits.
     """
-    known = {d.name: d for d in describe(cast("DataclassInstance", model.options))}
-    values = {}
-    for key, value in given.items():
-        if key not in known:
-            msg = f"options.{key}: unknown to model '{model.name}'{nearest_hint(key, known)}"
-            raise ValueError(msg)
-        try:
-            values[key] = known[key].check(value)
-        except ValueError as err:
-            msg = f"options.{key}: {err}"
-            raise ValueError(msg) from None
+    options = cast("DataclassInstance", model.options)
+    values = checked(options, given, where="options.", unknown=f"unknown to model '{model.name}'")
     return replaced(model.options, values)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import yaml
 
-from valve_twin.core.quantity import describe, example, nearest_hint, replaced
+from valve_twin.core.quantity import checked, describe, example, replaced, suggest
 from valve_twin.design.geometry.double_stroke import DoubleStroke
 from valve_twin.design.geometry.dxf import read_dxf
 from valve_twin.design.geometry.section import Motion, Region, Section
@@ -132,18 +132,7 @@ def _double_stroke(given: Mapping[str, object]) -> DoubleStroke:
 
 def _checked(node: DoubleStroke | Material, given: Mapping[str, object]) -> dict[str, object]:
     """Return the values of known names in their types; ranges are told by who uses them."""
-    known = {d.name: d for d in describe(node)}
-    found = {}
-    for name, value in given.items():
-        if name not in known:
-            message = f"'{name}' is no such number{nearest_hint(name, known)}"
-            raise ValueError(message)
-        try:
-            found[name] = known[name].check(value)
-        except ValueError as err:
-            message = f"{name}: {err} [{known[name].unit}]"
-            raise ValueError(message) from err
-    return found
+    return checked(node, given, unknown="no such number")
 
 
 def _section(given: dict[str, object], folder: Path) -> Section:
@@ -151,7 +140,7 @@ def _section(given: dict[str, object], folder: Path) -> Section:
     allowed = ("name", "box", "motion", "materials", "regions", "dxf")
     for key in given:
         if key not in allowed:
-            message = f"'{key}' is no such key{nearest_hint(key, allowed)}"
+            message = f"'{key}' is no such key; {suggest(key, allowed)}"
             raise ValueError(message)
     box = _numbers(given.get("box"), "box", _BOX)
     motion = given.get("motion")
@@ -198,7 +187,7 @@ def _regions(item: object, drawing: Mapping[str, list[Outline]]) -> list[Region]
     known = {"name", "material", "outline_mm", "layer", "coil", "turns"}
     for key in item:
         if key not in known:
-            message = f"regions: '{name}.{key}' is no such key{nearest_hint(key, known)}"
+            message = f"regions: '{name}.{key}' is no such key; {suggest(key, known)}"
             raise ValueError(message)
     if "layer" in item:
         outlines = drawing.get(str(item["layer"]), [])
@@ -236,6 +225,6 @@ def _numbers(given: object, owner: str, names: tuple[str, ...]) -> dict[str, flo
             raise ValueError(message)
     for key in values:
         if key not in names:
-            message = f"'{owner}.{key}' is no such key{nearest_hint(str(key), names)}"
+            message = f"'{owner}.{key}' is no such key; {suggest(str(key), names)}"
             raise ValueError(message)
     return {name: float(values[name]) for name in names}

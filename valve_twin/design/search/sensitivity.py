@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.quantity import Kind, describe, nearest_hint
+from valve_twin.core.quantity import Kind, describe, suggest
 from valve_twin.design.search.surrogate import fit_surrogate
 from valve_twin.design.search.tasks import DesignTask
 from valve_twin.design.search.variables import (
@@ -145,7 +145,7 @@ def names_of(design: DoubleStroke, given: Sequence[str] = ()) -> tuple[str, ...]
     known = {d.name for d in describe(design) if d.kind in {Kind.FLOAT, Kind.INT}}
     for name in given:
         if name not in known:
-            message = f"'{name}' is no number of the design{nearest_hint(name, known)}"
+            message = f"'{name}' is no number of the design; {suggest(name, known)}"
             raise ValueError(message)
         if not value_of(design, name):
             message = f"{name} = 0: a share of it is no change; leave it out"

@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from valve_twin.core.quantity import Kind, describe, nearest_hint, replaced
+from valve_twin.core.quantity import Kind, describe, replaced, suggest
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -79,7 +79,7 @@ def make_variable(start: DoubleStroke, name: str, lower: float, upper: float) ->
     """
     known = {d.name: d for d in describe(start) if d.kind in {Kind.FLOAT, Kind.INT}}
     if name not in known:
-        message = f"'{name}' is no number of the design{nearest_hint(name, known)}"
+        message = f"'{name}' is no number of the design; {suggest(name, known)}"
         raise ValueError(message)
     of = known[name]
     if not lower < upper:

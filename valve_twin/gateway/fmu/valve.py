@@ -12,12 +12,13 @@ from math import isfinite
 from typing import TYPE_CHECKING
 
 from valve_twin import __version__
+from valve_twin.core.quantity import suggest
 from valve_twin.core.types import EstimateStatus, ParameterStatus
 from valve_twin.core.valves.kit import Valve
 from valve_twin.core.valves.registry import get_model, model_names
 from valve_twin.gateway.fmu.c_code import Translation
 from valve_twin.gateway.fmu.c_kinds import DOUBLE, Array, number
-from valve_twin.io.errors import FmuError, suggest
+from valve_twin.io.errors import FmuError
 
 if TYPE_CHECKING:
     from valve_twin.core.types import Estimate, ParameterValue

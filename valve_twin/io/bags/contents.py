@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from valve_twin.core.quantity import suggest
 from valve_twin.io.bags.folder import bag_files
 from valve_twin.io.cdr.bag_types import BagTypes
 from valve_twin.io.cdr.message_types import known_type_name
-from valve_twin.io.errors import BagError, IndexLiesError, suggest
+from valve_twin.io.errors import BagError, IndexLiesError
 from valve_twin.io.mcap.reader import McapFile, messages
 from valve_twin.io.salvage.read import known, salvage
 

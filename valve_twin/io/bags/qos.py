@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from valve_twin.io.errors import ConfigError, suggest
+from valve_twin.core.quantity import suggest
+from valve_twin.io.errors import ConfigError
 from valve_twin.io.limits import load_yaml
 
 if TYPE_CHECKING:

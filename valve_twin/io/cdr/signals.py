@@ -16,9 +16,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from valve_twin.core.quantity import suggest
 from valve_twin.io.cdr.codec import decode_series, decode_stamped
 from valve_twin.io.cdr.run import decode_stamped_run
-from valve_twin.io.errors import ConfigError, suggest
+from valve_twin.io.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence

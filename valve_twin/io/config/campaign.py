@@ -14,11 +14,11 @@ import yaml
 from valve_twin.core.diagnosis.campaign import CampaignConfig
 from valve_twin.core.diagnosis.derive import Rig
 from valve_twin.core.diagnosis.table import BY_NAME, SIZES
-from valve_twin.core.quantity import describe, quantity, replaced, setting
+from valve_twin.core.quantity import describe, quantity, replaced, setting, suggest
 from valve_twin.core.simulation.aging_laws import AgingRule
 from valve_twin.core.simulation.faults import Faults
 from valve_twin.core.valves.registry import complete_options, get_model
-from valve_twin.io.errors import ConfigError, suggest
+from valve_twin.io.errors import ConfigError
 from valve_twin.io.fmu.plant import simulation_for
 from valve_twin.io.limits import load_yaml
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.cycle_config import CycleConfig
-from valve_twin.core.quantity import replaced
+from valve_twin.core.quantity import replaced, suggest
 from valve_twin.core.types import CycleRule
 from valve_twin.core.valves.interface import NoOptions, Options
 from valve_twin.core.valves.registry import get_model
@@ -36,7 +36,7 @@ from valve_twin.io.config.node_parameters import NODE_PARAMETERS
 from valve_twin.io.config.parameter_file import Section, read_parameter_file
 from valve_twin.io.config.topic_names import resolve_topic
 from valve_twin.io.config.valve_names import expand_names
-from valve_twin.io.errors import ConfigError, suggest
+from valve_twin.io.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.quantity import suggest
 from valve_twin.core.survey.choose import Halves, Pair, choose_pairs, find_integrated, halve
 from valve_twin.core.survey.cycles import CyclePlan, plan_cycles, switched_cycles
 from valve_twin.core.survey.pairs import Signal
@@ -17,7 +18,7 @@ from valve_twin.core.survey.repeats import Repeat, find_repeat
 from valve_twin.core.survey.trial import Mapping01, Trial, try_models
 from valve_twin.core.types import CycleRule
 from valve_twin.core.valves.registry import get_model
-from valve_twin.io.errors import BagError, ConfigError, suggest
+from valve_twin.io.errors import BagError, ConfigError
 from valve_twin.io.instruments.read import read_recording
 from valve_twin.io.instruments.units import known_unit, roles_of, split_name
 

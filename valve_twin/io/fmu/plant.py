@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, cast
 
 import numpy as np
 
-from valve_twin.core.quantity import describe, nearest_hint, quantity, replaced
+from valve_twin.core.quantity import checked, quantity, replaced
 from valve_twin.core.simulation.config import FmuKeys, SimulationConfig
 from valve_twin.core.simulation.plant import Plant, Response
 from valve_twin.core.simulation.settings import configure
@@ -121,18 +121,7 @@ def fmu_keys(given: Mapping[str, object]) -> FmuKeys:
     nested = given.get("fmu")
     own = dict(nested) if isinstance(nested, dict) else {}
     own |= {k.removeprefix("fmu."): v for k, v in given.items() if k.startswith("fmu.")}
-    known = {d.name: d for d in describe(FmuKeys)}
-    values = {}
-    for key, value in own.items():
-        if key not in known:
-            message = f"{KEY}.{key}: unknown setting{nearest_hint(key, known)}"
-            raise ValueError(message)
-        try:
-            values[key] = known[key].check(value)
-        except ValueError as err:
-            message = f"{KEY}.{key}: {err}"
-            raise ValueError(message) from None
-    return replaced(FmuKeys(), values)
+    return replaced(FmuKeys(), checked(FmuKeys, own, where=f"{KEY}."))
 
 
 def default_simulation(model: str, keys: FmuKeys) -> SimulationConfig:

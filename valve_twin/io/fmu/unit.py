@@ -19,7 +19,8 @@ from shutil import rmtree
 from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any
 
-from valve_twin.io.errors import ConfigError, suggest
+from valve_twin.core.quantity import suggest
+from valve_twin.io.errors import ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

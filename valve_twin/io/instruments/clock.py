@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.io.errors import BagError, suggest
+from valve_twin.core.quantity import suggest
+from valve_twin.io.errors import BagError
 from valve_twin.io.instruments.table import Column, Recording, rising, unique
 from valve_twin.io.instruments.units import known_unit, roles_of, split_name
 

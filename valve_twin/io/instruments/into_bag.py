@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.estimation.cycle.plausibility import wrong_step
+from valve_twin.core.quantity import suggest
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.bags.writer import BagWriter
 from valve_twin.io.cdr.codec import encode_string
 from valve_twin.io.cdr.signals import SERIES_TYPE, STAMPED_TYPE
 from valve_twin.io.config.topic_names import resolve_topic
-from valve_twin.io.errors import BagError, suggest
+from valve_twin.io.errors import BagError
 from valve_twin.io.instruments.clock import ClockChoice
 from valve_twin.io.instruments.read import SUFFIXES, kind_of, read_recording
 from valve_twin.io.instruments.table import topic_name, unique_name

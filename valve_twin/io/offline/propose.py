@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.quantity import describe
+from valve_twin.core.quantity import describe, suggest
 from valve_twin.core.survey.pairs import Signal
 from valve_twin.core.survey.record import Proposal, Role, propose
 from valve_twin.core.types import CycleRule
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.bags.read import bag_info, bag_types, read_signals
 from valve_twin.io.cdr.signals import SignalSource
-from valve_twin.io.errors import BagError, ConfigError, suggest
+from valve_twin.io.errors import BagError, ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

@@ -8,8 +8,9 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from valve_twin.core.quantity import suggest
 from valve_twin.io.bags.read import BagInfo, bag_info, topic_name
-from valve_twin.io.errors import BagError, ConfigError, suggest
+from valve_twin.io.errors import BagError, ConfigError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.io.errors import BagError, suggest
+from valve_twin.core.quantity import suggest
+from valve_twin.io.errors import BagError
 from valve_twin.io.limits import unpack_gzip
 from valve_twin.io.tables.csv_doubts import check_commas, check_quotes, clock_notices
 

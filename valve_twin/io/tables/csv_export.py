@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from valve_twin.core.quantity import suggest
 from valve_twin.io.bags.contents import bag_info, bag_types, compare_with_data, topic_name
 from valve_twin.io.bags.signals import read_columns
-from valve_twin.io.errors import BagError, suggest
+from valve_twin.io.errors import BagError
 from valve_twin.io.limits import no_formula
 from valve_twin.io.playback.player import read_messages
 

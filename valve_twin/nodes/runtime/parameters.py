@@ -16,9 +16,9 @@ from rcl_interfaces.msg import (
 from rclpy.exceptions import ParameterUninitializedException
 from rclpy.parameter import Parameter
 
-from valve_twin.core.quantity import Kind, describe, replaced
+from valve_twin.core.quantity import Kind, describe, replaced, suggest
 from valve_twin.io.config.node_parameters import NODE_PARAMETERS
-from valve_twin.io.errors import ConfigError, suggest
+from valve_twin.io.errors import ConfigError
 from valve_twin.nodes.runtime.compat import overrides_of
 
 if TYPE_CHECKING:

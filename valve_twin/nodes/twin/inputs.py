@@ -22,9 +22,10 @@ from rclpy.qos import (
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 
+from valve_twin.core.quantity import suggest
 from valve_twin.io.cdr.message_types import RosTypes, message_class
 from valve_twin.io.cdr.signals import Extractor, SignalBlock, SignalSource
-from valve_twin.io.errors import ConfigError, suggest
+from valve_twin.io.errors import ConfigError
 from valve_twin.nodes.runtime.compat import (
     message_and_info,
     overrides_of,

@@ -13,10 +13,10 @@ from valve_twin_msgs import msg, srv
 from valve_twin import __version__
 from valve_twin.core.aging.verdict import LimitState, Trend, Verdict, VerdictKind
 from valve_twin.core.operation.events import start_event
+from valve_twin.core.quantity import suggest
 from valve_twin.core.types import Maintenance
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.config.node_parameters import TwinParameters
-from valve_twin.io.errors import suggest
 from valve_twin.io.history.export import BackupRules
 from valve_twin.io.history.log.events import LAST_ID, Acknowledgement
 from valve_twin.io.history.remarks import wrong_note

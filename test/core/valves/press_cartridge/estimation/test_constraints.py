@@ -59,7 +59,7 @@ def test_a_chain_and_an_equation_become_two_inequalities_each():
         ("1 / theta_3 <= 0", "a quotient needs a number other than 0 below"),
         ("theta_3 / 0 <= 0", "a quotient needs a number other than 0 below"),
         ("theta_2 ** 2 <= 0", r"only \+ - \* / are understood"),
-        ("thete_2 <= 0", "did you mean theta_2"),
+        ("thete_2 <= 0", "did you mean 'theta_2'"),
         ("abs(theta_2) <= 1", "only numbers, parameters"),
         ("__import__('os') <= 1", "only numbers, parameters"),
         ("theta_2 <= 'a'", "is not a number"),

@@ -5,12 +5,13 @@
 from __future__ import annotations
 
 import ast
-import difflib
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from valve_twin.core.quantity import suggest
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -167,9 +168,7 @@ def _linear(node: ast.expr, text: str, names: tuple[str, ...]) -> FloatArray:
         value[-1] = float(node.value)
     elif isinstance(node, ast.Name):
         if node.id not in names:
-            near = difflib.get_close_matches(node.id, names, 1)
-            hint = f"; did you mean {near[0]}?" if near else ""
-            raise _error(text, f"{node.id} is not one of {', '.join(names)}{hint}")
+            raise _error(text, f"{node.id} is no parameter; {suggest(node.id, names)}")
         value[names.index(node.id)] = 1.0
     elif isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.UAdd, ast.USub)):
         inner = _linear(node.operand, text, names)

@@ -1,51 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""One descriptor of a parameter, declared where the parameter is: a field of a dataclass.
-
-    @dataclass(frozen=True, slots=True)
-    class Tank:
-        volume: float = quantity(1.0, "m^3", "Volume.", lower=0.1, upper=5.0)
-        lid: str = setting("open", "State of the lid.", choices=("open", "shut"))
-
-`describe(Tank)` lists the descriptors; YAML keys and their checks, parameters of nodes, the
-reference of parameters, limits, settings of a simulation and options of a model come from them.
-"""
+"""What one parameter is, and how a field of a dataclass declares it."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass, replace
-from difflib import get_close_matches
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING, TypeVar, cast
-
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
+from typing import TypeVar, cast
 
 T = TypeVar("T")
 
-_KEY = "valve_twin"  # of a field's metadata
-
-
-class QuantityError(ValueError):
-    """A value that its owner refuses.
-
-    Parameters
-    ----------
-    owner : str
-        Name of the record that has it.
-    reason : str
-        Which field, its value and what it must be.
-    """
-
-    def __init__(self, owner: str, reason: str) -> None:
-        super().__init__(owner, reason)  # both are `args`: such an error can be pickled
-        self.reason = reason
-
-    def __str__(self) -> str:
-        """Return one line: `owner.field = value: what it must be`."""
-        return ".".join(self.args)
+KEY = "valve_twin"
+"""Of a field's metadata."""
 
 
 class Kind(Enum):
@@ -216,7 +184,7 @@ def quantity(
     kind = kinds[type(default)]
     ages = ages and kind is Kind.FLOAT
     meta = Descriptor("", kind, default, unit, text, lower, upper, (), assumed, ages)
-    return field(default=default, metadata={_KEY: meta})
+    return field(default=default, metadata={KEY: meta})
 
 
 def assumed(
@@ -268,10 +236,10 @@ def setting(
     kind = Kind.STRING if words else kinds[type(default)]
     choices = tuple(str(member.value) for member in words) if words else choices
     meta = Descriptor(
-        "", kind, _plain(default), "", text,
+        "", kind, plain(default), "", text,
         choices=choices, assumed=assumed, words=words, local=local,
     )  # fmt: skip
-    return field(default=default, metadata={_KEY: meta})
+    return field(default=default, metadata={KEY: meta})
 
 
 def needed(unit: str, text: str, *, lower: float = -math.inf, upper: float = math.inf) -> float:
@@ -287,140 +255,12 @@ def needed(unit: str, text: str, *, lower: float = -math.inf, upper: float = mat
         Allowed range, both ends included [unit].
     """
     meta = Descriptor("", Kind.FLOAT, math.nan, unit, text, lower, upper)
-    return cast("float", field(metadata={_KEY: meta}))
+    return cast("float", field(metadata={KEY: meta}))
 
 
 def records(record: type[T]) -> tuple[T, ...]:
     """Declare a tuple of records: a section each, named by the record's first field."""
-    return cast("tuple[T, ...]", field(default=(), metadata={_KEY: record}))
-
-
-def describe(
-    node: DataclassInstance | type[DataclassInstance], prefix: str = "", names: Sequence[str] = ()
-) -> tuple[Descriptor, ...]:
-    """Return the descriptors of a dataclass, or of an instance with its values as defaults.
-
-    Parameters
-    ----------
-    node : dataclass or instance of one
-        Fields declared by `quantity`, `setting`, `needed` and `records`, and fields that hold such
-        dataclasses; others are passed over.
-    prefix : str
-        What stands before the names of the fields, with its dot.
-    names : sequence of str
-        Names that records can have: each becomes a section of its own.
-
-    Returns
-    -------
-    tuple of Descriptor
-        One a leaf field, in the order of the fields.
-    """
-    return tuple(_describe(node, prefix, names))
-
-
-def _describe(
-    node: DataclassInstance | type[DataclassInstance], prefix: str, names: Sequence[str]
-) -> Iterator[Descriptor]:
-    for item in fields(node):
-        name, meta = f"{prefix}{item.name}", item.metadata.get(_KEY)
-        if isinstance(meta, Descriptor):
-            value = meta.default if isinstance(node, type) else _plain(getattr(node, item.name))
-            yield replace(meta, name=name, default=value)
-        elif meta is not None:
-            for key in names:
-                yield from _describe(meta, f"{name}.{key}.", ())
-        else:
-            part = item.default_factory if isinstance(node, type) else getattr(node, item.name)
-            if is_dataclass(part):
-                yield from _describe(part, f"{name}.", names)
-
-
-def replaced(node: T, values: Mapping[str, object], prefix: str = "") -> T:
-    """Return a copy of a tree of dataclasses with the checked `values` by dotted name in it.
-
-    Parameters
-    ----------
-    node : dataclass
-        Where to start from.
-    values : mapping
-        Values as `Descriptor.check` returns them; names that the tree does not have are passed
-        over. Records that are named replace those that stand in their field.
-    prefix : str
-        What stands before the names, with its dot.
-
-    Raises
-    ------
-    ValueError
-        If a record lacks a value it cannot do without, or a dataclass refuses a value.
-    """
-    changes: dict[str, object] = {}
-    for item in fields(cast("DataclassInstance", node)):
-        name, meta = f"{prefix}{item.name}", item.metadata.get(_KEY)
-        present = getattr(node, item.name)
-        if isinstance(meta, Descriptor):
-            if name in values:
-                value = values[name]
-                changes[item.name] = meta.words(value) if meta.words else value
-        elif meta is not None:
-            found = _records(meta, f"{name}.", values)
-            changes |= {item.name: found} if found else {}
-        elif is_dataclass(present):
-            changes[item.name] = replaced(present, values, f"{name}.")
-    return cast("T", replace(cast("DataclassInstance", node), **changes))
-
-
-def _records(
-    record: type[DataclassInstance], prefix: str, values: Mapping[str, object]
-) -> tuple[DataclassInstance, ...]:
-    """Build one record a name; its first field is the name."""
-    first, *others = fields(record)
-    names = dict.fromkeys(
-        k[len(prefix) :].rsplit(".", 1)[0] for k in values if k.startswith(prefix)
-    )
-    built = []
-    for name in names:
-        given = {f.name: values.get(f"{prefix}{name}.{f.name}", f.default) for f in others}
-        lacking = [key for key, value in given.items() if value is MISSING]
-        if lacking:
-            msg = (
-                f"'{prefix}{name}.{lacking[0]}' is missing; write it or remove the section "
-                f"'{prefix}{name}'"
-            )
-            raise ValueError(msg)
-        built.append(record(**{first.name: name}, **given))
-    return tuple(built)
-
-
-def check_quantities(config: DataclassInstance) -> None:
-    """Refuse a number outside its declared range and a word that is no choice.
-
-    Raises
-    ------
-    QuantityError
-        Names the quantity, its value and the allowed range.
-    """
-    for item in fields(config):
-        meta = item.metadata.get(_KEY)
-        if not isinstance(meta, Descriptor) or meta.kind is Kind.BOOL:
-            continue
-        value = getattr(config, item.name)
-        for one in value if isinstance(value, tuple) else (value,):
-            refusal = _refusal(one, meta)
-            if refusal:
-                raise QuantityError(type(config).__name__, f"{item.name} = {one!r}: {refusal}")
-
-
-def _refusal(value: object, meta: Descriptor) -> str:
-    """Return what a value must be where it is no number inside its range or no choice."""
-    if meta.kind in {Kind.STRING, Kind.STRINGS}:
-        known = not meta.choices or _plain(value) in meta.choices
-        return "" if known else f"must be one of {', '.join(meta.choices)}"
-    numeric = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if numeric and meta.lower <= cast("float", value) <= meta.upper:
-        return ""
-    both = math.isfinite(meta.lower) and math.isfinite(meta.upper)
-    allowed = f" from {meta.limits}" if both else f", {meta.limits}" if meta.limits else ""
-    return f"must be a number{allowed} [{meta.unit}]"
+    return cast("tuple[T, ...]", field(default=(), metadata={KEY: record}))
 
 
 def example(value: object) -> str:
@@ -439,12 +279,6 @@ def example(value: object) -> str:
     return str(value) if isinstance(value, int) else f'"{value}"'
 
 
-def nearest_hint(name: str, known: Iterable[str]) -> str:
-    """Return the end of a message about an unknown name: the nearest known one, else all."""
-    names = list(known)
-    near = get_close_matches(name, names, n=1, cutoff=0.5)
-    return f"; did you mean '{near[0]}'?" if near else f"; known are {', '.join(names)}"
-
-
-def _plain(value: object) -> object:
+def plain(value: object) -> object:
+    """Return a member of an Enum as its text, anything else as it is."""
     return value.value if isinstance(value, Enum) else value

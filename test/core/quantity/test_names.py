@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-from valve_twin.io.errors import suggest
+from valve_twin.core.quantity import suggest
 
 
 def test_the_nearest_name_is_suggested():

@@ -15,9 +15,9 @@ from valve_twin.core.quantity import (
     Kind,
     QuantityError,
     check_quantities,
+    checked,
     describe,
     example,
-    nearest_hint,
     needed,
     quantity,
     records,
@@ -55,11 +55,6 @@ def test_takes_the_ends_of_the_range_and_integers():
 
 def test_an_assumption_carries_its_tag():
     assert [d.description for d in describe(Tank)] == ["Volume (assumed)"]
-
-
-def test_hint_names_the_nearest_name_or_all():
-    assert nearest_hint("aera_in", ["area_in", "mass"]) == "; did you mean 'area_in'?"
-    assert nearest_hint("zzz", ["area_in", "mass"]) == "; known are area_in, mass"
 
 
 class Rule(Enum):
@@ -231,3 +226,13 @@ def test_a_word_that_is_no_choice_is_refused():
 def test_a_note_and_an_assumption_stand_behind_the_text():
     known = Descriptor("a", Kind.FLOAT, 1.0, "s", "Length", assumed=True, note="empty = none")
     assert known.description == "Length (assumed); empty = none"
+
+
+def test_settings_by_name_are_checked_and_the_nearest_name_is_told():
+    assert checked(Tank, {"volume": 2}) == {"volume": 2.0}
+    with pytest.raises(
+        ValueError, match=r"^tank\.volum: unknown setting; did you mean 'volume'\?$"
+    ):
+        checked(Tank, {"volum": 2.0}, where="tank.")
+    with pytest.raises(ValueError, match=r"^tank\.volume: value 9\.0 m\^3 is outside its limits"):
+        checked(Tank, {"volume": 9.0}, where="tank.")

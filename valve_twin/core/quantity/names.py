@@ -1,0 +1,38 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The end of a message about a name that is not known."""
+
+from __future__ import annotations
+
+from difflib import get_close_matches
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+
+def suggest(name: str, known: Iterable[str], *, shown: int = 12) -> str:
+    """Say which known name is nearest to a wrong one, or which there are.
+
+    Parameters
+    ----------
+    name : str
+        The name that is not known.
+    known : iterable of str
+        Valid names.
+    shown : int
+        How many names are listed at most where none is near.
+
+    Returns
+    -------
+    str
+        "did you mean 'x'?", "there are a, b, c" or "there are none".
+    """
+    names = list(dict.fromkeys(known))
+    near = get_close_matches(name, names, n=1, cutoff=0.5)
+    if near:
+        return f"did you mean '{near[0]}'?"
+    if not names:
+        return "there are none"
+    more = f" and {len(names) - shown} more" if len(names) > shown else ""
+    return f"there are {', '.join(names[:shown])}{more}"
