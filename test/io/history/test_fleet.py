@@ -13,6 +13,7 @@ import pytest
 from valve_twin.cli import main
 from valve_twin.core.aging.config import AgingConfig, Threshold
 from valve_twin.core.aging.verdict import VerdictKind
+from valve_twin.core.past.columns import past_of
 from valve_twin.core.types import Estimate, EstimateStatus, ParameterValue
 from valve_twin.io.history.fleet import FleetOrder, FleetRow, rank_fleet, ranked, recent_residual
 from valve_twin.io.history.store import CycleRecord, History
@@ -133,10 +134,10 @@ def test_what_is_not_known_comes_last():
 
 def test_a_young_valve_has_no_residual_to_compare_with():
     first = [estimate(n, {}, mse=4e-6) for n in range(1, 6)]
-    residual, ratio = recent_residual(first)
+    residual, ratio = recent_residual(past_of(first).trend)
     assert residual == pytest.approx(2e-3)
     assert math.isnan(ratio)
-    assert all(map(math.isnan, recent_residual([estimate(1, {}, mse=math.nan)])))
+    assert all(map(math.isnan, recent_residual(past_of([estimate(1, {}, mse=math.nan)]).trend)))
 
 
 def test_the_table_shows_one_line_a_valve(url, capsys):

@@ -316,9 +316,9 @@ def test_a_snapshot_of_another_build_of_the_same_version_is_refused(data, tmp_pa
     kernels = core / "valves" / "positioner" / "kernels.py"
     kernels.write_text(kernels.read_text().replace("MEMORY = 1 + MAX_LAG + 1", "MEMORY = 1026"))
     monkeypatch.setattr(valve_twin.core, "__file__", str(core / "__init__.py"))
-    restarts._build.cache_clear()
+    restarts.build_of.cache_clear()
     second = Life(tmp_path / "h.db")
-    restarts._build.cache_clear()
+    restarts.build_of.cache_clear()
     (note,) = second.notes
     assert "it is of another build of valve_twin or of the model: cycles go on after" in note
     assert second.restart.twin.cycle == 0
@@ -330,7 +330,7 @@ def test_a_model_of_another_package_tells_its_builds_apart_too(tmp_path, monkeyp
     (tmp_path / "my_valve.py").write_text("MODEL = 1\n")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(restarts, "model_module", lambda name: "my_valve")
-    build = restarts._build.__wrapped__
+    build = restarts.build_of.__wrapped__
     before = build("my_valve")
     assert build("my_valve") == before
     (tmp_path / "my_valve.py").write_text("MODEL = 2\n")

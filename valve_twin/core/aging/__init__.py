@@ -2,8 +2,9 @@
 # Copyright 2026 valve_twin maintainers
 """Follow each parameter over a valve's life: trend, remaining life, verdict, from the history."""
 
-from valve_twin.core.aging.assess import Assessment, TrendDetail, assess, warm_up
+from valve_twin.core.aging.assess import Assessment, TrendDetail, assess
 from valve_twin.core.aging.config import AgingConfig, Axis, Commissioning, Threshold
+from valve_twin.core.aging.cutting.ahead import warm_up
 from valve_twin.core.aging.verdict import Trend, TrendStatus, Verdict, VerdictKind
 
 __all__ = [

@@ -16,6 +16,7 @@ import numpy as np
 
 from valve_twin.core.aging.config import AgingConfig, Axis, parse_stop
 from valve_twin.core.aging.covariates import describe_effects, without_conditions
+from valve_twin.core.aging.cutting.memory import Memory
 from valve_twin.core.aging.drift import (
     find_reference,
     nearest_limit,
@@ -24,7 +25,7 @@ from valve_twin.core.aging.drift import (
 )
 from valve_twin.core.aging.life import axis_rate, date_after
 from valve_twin.core.aging.limits.states import held_limits, limit_state, lost_shares
-from valve_twin.core.aging.products import same_product
+from valve_twin.core.aging.products import product_numbers, same_product
 from valve_twin.core.aging.series import (
     History,
     Pieces,
@@ -44,14 +45,13 @@ from valve_twin.core.aging.verdict import (
     decide,
     describe_remaining,
 )
-from valve_twin.core.aging.wave import find_waves
 from valve_twin.core.diagnosis.checks import failed_checks
 from valve_twin.core.diagnosis.detection import NOTHING, Diagnosis
 from valve_twin.core.diagnosis.history import diagnose
-from valve_twin.core.diagnosis.products import CLOCK, take_out_slips
+from valve_twin.core.diagnosis.products import CLOCK
 from valve_twin.core.diagnosis.refused import refused_lately
 from valve_twin.core.past.state import state_of
-from valve_twin.core.types import Estimate, EstimateStatus, Parameter, ParameterValue
+from valve_twin.core.types import Parameter
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -59,7 +59,7 @@ if TYPE_CHECKING:
     from valve_twin.core.aging.drift import Limit
     from valve_twin.core.aging.laws.shapes import LawFit
     from valve_twin.core.past.columns import Past
-    from valve_twin.core.types import BoolArray, FloatArray, IntArray, Maintenance
+    from valve_twin.core.types import BoolArray, Estimate, FloatArray, IntArray, Maintenance
 
 WAVE_DOUBT = 0.1
 """Standard deviation that a wave leaves in a drift, as a share of its height [1], assumed."""
@@ -126,6 +126,7 @@ def assess(
     parameters: Sequence[Parameter],
     valve: str = "",
     confidence: float = 0.95,
+    memory: Memory | None = None,
 ) -> Assessment:
     """Assess the aging of one valve.
 
@@ -144,6 +145,8 @@ def assess(
         Name of the valve, copied into the results.
     confidence : float
         Of the limits of the remaining life; what is published has 95 % [1].
+    memory : Memory, optional
+        What was found before: saves time and changes nothing.
 
     Returns
     -------
@@ -151,14 +154,17 @@ def assess(
         One trend a followed parameter, and the verdict.
     """
     maintenance = in_force(maintenance)
-    known = {p.name: p for p in parameters}
+    of_model = {p.name: p for p in parameters}
     names = config.parameters or tuple(p.name for p in parameters if p.trend)
     past = state_of(history, maintenance)
     ordered = order_history(past, config.axis)
     rows = ordered.rows
-    followed = [known.get(name, Parameter(name, "1", "")) for name in names]
+    followed = [of_model.get(name, Parameter(name, "1", "")) for name in names]
+    numbers = product_numbers(rows)
+    known = memory or Memory()
     results = [
-        _assess_parameter(p, ordered, maintenance, config, valve, confidence) for p in followed
+        _assess_parameter(p, ordered, numbers, maintenance, config, valve, confidence, known)
+        for p in followed
     ]
     label = f" ({config.label})" if config.label else ""
     trends = tuple(replace(trend, reason=trend.reason + label) for trend, _ in results)
@@ -191,44 +197,24 @@ def _first_compared(history: History, maintenance: Sequence[Maintenance]) -> int
     return int(given.min()) if len(given) else 1
 
 
-def warm_up() -> None:
-    """Compile every kernel of the aging monitor, so that no callback has to."""
-    cycles = np.arange(60)
-    history = [
-        Estimate(
-            model="",
-            estimator="",
-            cycle=int(cycle) + 1,
-            start_ns=int(cycle),
-            end_ns=int(cycle) + 1,
-            parameters=(ParameterValue("gain", 1.0 + 1e-3 * float(cycle % 7)),),
-            status=EstimateStatus.ACCEPTED,
-            reason="",
-            used_by_trend=True,
-        )
-        for cycle in cycles
-    ]
-    parameters = (Parameter("gain", "1", "", trend=True),)
-    assess(history, (), AgingConfig(max_candidates=20), parameters=parameters)
-    places = np.linspace(0.0, 1.0, len(cycles))
-    find_waves(places, np.sin(20.0 * places), places)
-    take_out_slips(np.zeros((len(cycles), 2)))
-
-
 def _assess_parameter(
     parameter: Parameter,
     history: History,
+    numbers: IntArray,
     maintenance: Sequence[Maintenance],
     config: AgingConfig,
     valve: str,
     confidence: float,
+    memory: Memory,
 ) -> tuple[Trend, TrendDetail]:
     name = parameter.name
     series, effects = without_conditions(
-        series_of(history, name), history.rows, maintenance, config
+        series_of(history, name), history.rows, maintenance, config, memory
     )
-    series, changed = same_product(series, history.rows, maintenance, config)
-    pieces = cut(series, maintenance, config)
+    series, changed = same_product(
+        series, history.rows, maintenance, config, numbers=numbers, memory=memory
+    )
+    pieces = cut(series, maintenance, config, memory)
     series = replace(series, values=series.values - pieces.wave)
     lines = _fit_pieces(series, pieces)
     detail = TrendDetail(

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
-from valve_twin.core.aging.trend import RESOLUTION
+from valve_twin.core.aging.trend import RESOLUTION, TINY
 from valve_twin.core.estimation.data.robust import robust_sigma
 
 if TYPE_CHECKING:
@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 HALF_WINDOW = 5
 """Neighbours on each side that judge a value [1]; up to 4 outliers of 11 do no harm."""
+
+_FEWEST = 7  # values that are judged
 
 
 def penalty(samples: int) -> float:
@@ -93,13 +95,47 @@ def find_outliers(x: FloatArray, y: FloatArray, limit: float) -> BoolArray:
     limit : float
         Distance from which a value is an outlier [robust standard deviations].
     """
-    n = len(x)
-    if n < 7:
-        return np.zeros(n, dtype=np.bool_)
-    off = np.empty(n)
-    _repeated_median(x, y, HALF_WINDOW, off)
+    return far_from_neighbours(y, distances(x, y), limit)
+
+
+def far_from_neighbours(y: FloatArray, off: FloatArray, limit: float) -> BoolArray:
+    """Return which (N,) values lie off a line through their neighbours, by their distances.
+
+    Parameters
+    ----------
+    y : (N,) array
+        Values [unit of the parameter].
+    off : (N,) array
+        Their `distances` [unit of the parameter].
+    limit : float
+        Distance from which a value is an outlier [robust standard deviations].
+    """
+    if len(y) < _FEWEST:
+        return np.zeros(len(y), dtype=np.bool_)
     scale = robust_sigma(off) + RESOLUTION * float(np.abs(y).max())
     return np.asarray(np.abs(off) > limit * scale)
+
+
+def distances(x: FloatArray, y: FloatArray, known: FloatArray | None = None) -> FloatArray:
+    """Return how far values lie off a line through their neighbours, (N,) [unit].
+
+    Parameters
+    ----------
+    x, y : (N,) arrays
+        Axis positions [axis unit], strictly increasing, and values [unit].
+    known : (M,) array, optional
+        Those of the first M values alone [unit]; all but the last of them stay as they are.
+    """
+    off = np.empty(len(x))
+    if len(x) < _FEWEST:
+        return off
+    first = 0
+    if known is not None and len(known) > 2 * HALF_WINDOW:
+        first = len(known) - 2 * HALF_WINDOW
+    _repeated_median(x[first:], y[first:], HALF_WINDOW, off[first:])
+    if known is not None and first:
+        off[: first + HALF_WINDOW] = known[: first + HALF_WINDOW]
+    return off
 
 
 @njit(cache=True)
@@ -229,7 +265,7 @@ def best_lines(
         return whole
     u = (x - x[0]) / (x[-1] - x[0]) - 0.5
     v = y - y.mean()
-    floor = n * (RESOLUTION * float(np.abs(y).max())) ** 2 + np.finfo(float).tiny
+    floor = n * (RESOLUTION * float(np.abs(y).max())) ** 2 + TINY
     sums = _sums(u, v)
     grid = -(-n // max_candidates)
     places = np.append(np.arange(0, n, grid), n)

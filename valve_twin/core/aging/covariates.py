@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.aging.config import AgingConfig, parse_bin
-from valve_twin.core.aging.series import Series, cut, part_of
+from valve_twin.core.aging.cutting.memory import Memory
+from valve_twin.core.aging.series import Series, cut, events_at, part_of
 from valve_twin.core.estimation.data.one_thread import dot
 from valve_twin.core.estimation.data.robust import robust_sigma
 
@@ -86,6 +87,7 @@ def without_conditions(
     rows: Rows,
     maintenance: Sequence[Maintenance],
     config: AgingConfig,
+    memory: Memory | None = None,
 ) -> tuple[Series, tuple[Effect, ...]]:
     """Take the configured conditions out of a series.
 
@@ -99,6 +101,8 @@ def without_conditions(
         Events that cut the series.
     config : AgingConfig
         Which conditions.
+    memory : Memory, optional
+        What was found before: saves time and changes nothing.
 
     Returns
     -------
@@ -112,7 +116,7 @@ def without_conditions(
     wanted += [parse_bin(text) for text in config.binned]
     if not wanted or not len(series.values):
         return series, ()
-    chosen = rows.at(series.cycle, series.end_ns)
+    chosen = series.rows_in(rows)
     known: list[tuple[str, float, FloatArray]] = []
     effects: list[Effect] = []
     for name, width in wanted:
@@ -136,8 +140,18 @@ def without_conditions(
     ]
     if not conditions:
         return series, tuple(effects)
-    adjusted, found = _separate(series, conditions, maintenance, config)
-    return adjusted, (*effects, *found)
+    columns = np.column_stack([c.columns for c in conditions])
+    memory = memory or Memory()
+    done = memory.first(series.axis, config)
+    if np.any(np.count_nonzero(columns[:done], axis=0) < MIN_IN_BIN):
+        done = len(columns)
+    head = part_of(series, np.arange(done))
+    short = [replace(c, columns=c.columns[:done]) for c in conditions]
+    parts = (head.axis, head.values, columns[:done], events_at(head, maintenance))
+    weights, found = memory.of(
+        "conditions", parts, lambda: _separate(head, short, maintenance, config, memory)
+    )
+    return replace(series, values=series.values - columns @ weights), (*effects, *found)
 
 
 def describe_effects(effects: Sequence[Effect]) -> str:
@@ -173,18 +187,19 @@ def _separate(
     conditions: list[_Condition],
     maintenance: Sequence[Maintenance],
     config: AgingConfig,
-) -> tuple[Series, list[Effect]]:
-    """Fit pieces and conditions in turns, then judge each condition and take it out."""
+    memory: Memory,
+) -> tuple[FloatArray, list[Effect]]:
+    """Fit pieces and conditions in turns, then judge each; return what is to be taken out."""
     columns = np.column_stack([c.columns for c in conditions])
     weights = _from_differences(series.values, columns)
     for _ in range(_ROUNDS):
         cleared = replace(series, values=series.values - columns @ weights)
-        pieces = cut(cleared, maintenance, config)
+        pieces = cut(cleared, maintenance, config, memory)
         kept = np.flatnonzero(~pieces.outlier)
         kept = kept[kept >= pieces.starts[0]]  # older ones are outside the window
         lines = _lines(series.axis, pieces.starts)
         weights = _fit(series.values[kept], columns[kept], lines[kept])
-    values, effects = series.values.copy(), []
+    applied, effects = np.zeros_like(weights), []
     first = 0
     for condition in conditions:
         own = slice(first, first + condition.columns.shape[1])
@@ -193,9 +208,9 @@ def _separate(
         nuisance = np.column_stack([lines, others])[kept]
         effect = _judge(condition, series.values[kept], columns[kept, own], nuisance, weights[own])
         if effect.applied:
-            values -= columns[:, own] @ weights[own]
+            applied[own] = weights[own]
         effects.append(effect)
-    return replace(series, values=values), effects
+    return applied, effects
 
 
 def _from_differences(values: FloatArray, columns: FloatArray) -> FloatArray:

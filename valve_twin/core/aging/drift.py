@@ -22,6 +22,7 @@ from valve_twin.core.aging.series import Pieces, Series, first_after
 from valve_twin.core.aging.trend import (
     Line,
     ar1_product,
+    ar1_products,
     base_of,
     line_weights,
     quantile,
@@ -133,6 +134,22 @@ class Reference:
             return 0.0
         return variance * ar1_product(self.weights, weights, max(rho, 0.0))
 
+    def covariances(self, rows: FloatArray, variance: FloatArray, rho: float) -> FloatArray:
+        """Return the covariance with K other values of which each has a variance, (K,) [unit^2].
+
+        Parameters
+        ----------
+        rows : (K, M) array
+            Their weights on the values [1].
+        variance : (K,) array
+            Of a single value [unit^2].
+        rho : float
+            Lag-1 autocorrelation of the values [1].
+        """
+        if rows.shape[1] != len(self.weights):
+            return np.zeros(len(rows))
+        return variance * ar1_products(self.weights[None], rows, max(rho, 0.0))
+
 
 @dataclass(frozen=True, slots=True)
 class Limit:
@@ -190,9 +207,12 @@ def _mean_reference(
     """Return the mean of the values `kept`; other pieces scatter independently of the present."""
     present = np.flatnonzero(~pieces.outlier)
     present = present[present >= pieces.starts[-1]]
-    weight = np.isin(present, kept) / len(kept)
+    counted = np.zeros(len(series.values), np.bool_)
+    counted[kept] = True
+    weight = counted[present] / len(kept)
     rho = max((f.autocorrelation for f in lines if f is not None), default=0.0)
-    outside = np.isin(kept, present, invert=True) / len(kept)
+    counted[present] = False
+    outside = counted[kept] / len(kept)
     own = lines[-1].sigma ** 2 if lines[-1] is not None else 0.0
     return Reference(
         value=float(series.values[kept].mean()),
@@ -373,16 +393,14 @@ def _approach(
     """Return the way of the laws to a limit that is `scale` times the reference."""
     rho, squares = fit.autocorrelation, fit.sigma**2
     low, cross, high = fit.covariances()
-    rows = zip(fit.level_weights, fit.change_weights, squares, strict=True)
-    shared = np.array(
-        [(reference.covariance(a, s, rho), reference.covariance(b, s, rho)) for a, b, s in rows]
-    )
+    weights = (fit.level_weights, fit.change_weights)
+    level, change = (reference.covariances(rows, squares, rho) for rows in weights)
     return Approach(
         fit=fit,
         now=now,
         gap=toward * (fit.level - value),
         change=toward * fit.change,
-        var_gap=low - 2.0 * scale * shared[:, 0] + scale**2 * reference.variance,
-        cov=cross - scale * shared[:, 1],
+        var_gap=low - 2.0 * scale * level + scale**2 * reference.variance,
+        cov=cross - scale * change,
         var_change=high,
     )

@@ -19,7 +19,7 @@ import numpy as np
 from valve_twin.core.aging.changepoint import penalty
 from valve_twin.core.aging.laws.fit import law_shape
 from valve_twin.core.aging.laws.shapes import condense
-from valve_twin.core.aging.trend import RESOLUTION, residuals
+from valve_twin.core.aging.trend import RESOLUTION, TINY, residuals
 from valve_twin.core.aging.wave import Wave, find_waves
 from valve_twin.core.estimation.data.one_thread import dot, rows_times
 
@@ -88,7 +88,7 @@ def join(
     none = np.zeros(len(x))
     if pieces < 2:
         return Joined(pieces, none)
-    floor = len(x) * (RESOLUTION * float(np.abs(y).max())) ** 2 + np.finfo(float).tiny
+    floor = len(x) * (RESOLUTION * float(np.abs(y).max())) ** 2 + TINY
     cost = penalty_scale * penalty(len(x))
     parts = [residuals(x[a:b], y[a:b]) for a, b in itertools.pairwise(bounds)]
     best = _score(np.concatenate(parts), floor) + (pieces - 1) * cost

@@ -21,6 +21,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.aging.trend import TINY
+
 if TYPE_CHECKING:
     from valve_twin.core.aging.laws.shapes import LawFit
     from valve_twin.core.types import FloatArray, IntArray
@@ -95,7 +97,7 @@ class Approach:
         rows = (v[:, None] for v in (self.gap, self.change, self.var_gap, self.cov))
         gap, change, var_gap, cov = rows
         variance = var_gap + 2.0 * h * cov + h * h * self.var_change[:, None]
-        z = (gap + change * h) / np.sqrt(np.maximum(variance, np.finfo(np.float64).tiny))
+        z = (gap + change * h) / np.sqrt(np.maximum(variance, TINY))
         each = np.maximum.accumulate(stdtr(self.fit.freedom, z), axis=1)
         return np.asarray(self.fit.weight @ each)
 

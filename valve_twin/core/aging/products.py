@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.aging.series import Series, cut, part_of
+from valve_twin.core.aging.cutting.memory import Memory
+from valve_twin.core.aging.series import Series, cut, events_at, part_of
 from valve_twin.core.aging.trend import MAX_FACTOR
 from valve_twin.core.diagnosis.products import products
 from valve_twin.core.estimation.data.robust import MAD_SCALE
@@ -44,6 +45,9 @@ def same_product(
     rows: Rows,
     maintenance: Sequence[Maintenance],
     config: AgingConfig,
+    *,
+    numbers: IntArray | None = None,
+    memory: Memory | None = None,
 ) -> tuple[Series, str]:
     """Bring the values of all products to the level of the first.
 
@@ -58,6 +62,10 @@ def same_product(
     config : AgingConfig
         Rules of the pieces. Nothing is done where conditions are configured, or cycles differ in
         something else than age.
+    numbers : (M,) int64 array, optional
+        The `product_numbers` of the rows.
+    memory : Memory, optional
+        What was found before: saves time and changes nothing.
 
     Returns
     -------
@@ -69,12 +77,14 @@ def same_product(
     """
     if config.covariates or config.binned or config.label or not len(series.values):
         return series, ""
-    number = _numbers(series, rows)
-    known = np.unique(number[number >= 0])
-    used = [int(k) for k in known if np.count_nonzero(number == k) >= FEWEST]
-    if len(known) == 1 == len(np.unique(number)):
-        return series, ""
-    if not used:
+    if numbers is None:
+        numbers = product_numbers(rows)
+    place = series.rows_in(rows)
+    number = np.where(place < 0, -1, numbers[place])
+    counts = np.bincount(number + 1)
+    known = np.flatnonzero(counts[1:])
+    used = [int(k) for k in known if counts[k + 1] >= FEWEST]
+    if (len(known) == 1 and not counts[0]) or not used:
         return series, ""
     kept = np.flatnonzero(np.isin(number, used))
     left_out = len(number) - len(kept)
@@ -84,19 +94,31 @@ def same_product(
     first = int(np.bincount(number[: config.reference_cycles]).argmax())
     others = [k for k in used if k != first]
     offsets = np.array([number == k for k in others], np.float64).T
-    factors = _factors(series, offsets, maintenance, config)
+    memory = memory or Memory()
+    done = memory.first(series.axis, config)
+    if np.any(np.count_nonzero(offsets[:done], axis=0) < FEWEST):
+        done = len(offsets)
+    head, columns = part_of(series, np.arange(done)), offsets[:done]
+    parts = (head.axis, head.values, columns, events_at(head, maintenance))
+    factors = memory.of(
+        "products", parts, lambda: _factors(head, columns, maintenance, config, memory)
+    )
     cleared = series.values / (1.0 + offsets @ (factors - 1.0))
     told = ", ".join(f"{100.0 * (f - 1.0):+.1f} %" for f in factors)
     what = f"; the level of another product taken out ({told})"
     return replace(series, values=cleared, offsets=offsets), what
 
 
-def _numbers(series: Series, rows: Rows) -> IntArray:
-    """Return the product of every value of a series, (N,), -1 = not known."""
+def product_numbers(rows: Rows) -> IntArray:
+    """Return the product of every estimate, (N,), -1 = not known."""
+    if not len(rows):
+        return np.zeros(0, np.int64)
     found = products(np.asarray((rows.end_ns - rows.start_ns) * 1e-9, np.float64))
-    groups = np.unique(found[found >= 0])
+    groups = np.flatnonzero(np.bincount(found + 1)[1:])
     if not len(groups):
-        return np.zeros(len(series.values), np.int64)
+        return np.zeros(len(rows), np.int64)
+    if len(groups) == 1 and not np.any(found < 0):
+        return found
     stroke = rows.condition(STROKE)
     ranges = {int(k): _range(stroke[found == k]) for k in groups}
     for i in np.flatnonzero(found < 0):
@@ -105,8 +127,7 @@ def _numbers(series: Series, rows: Rows) -> IntArray:
             found[i] = fits[0]
         elif len(groups) == 1 and not np.isfinite(stroke[i]):
             found[i] = groups[0]
-    row = rows.at(series.cycle, series.end_ns)
-    return np.where(row < 0, -1, found[row])
+    return found
 
 
 def _range(stroke: FloatArray) -> tuple[float, float]:
@@ -120,7 +141,11 @@ def _range(stroke: FloatArray) -> tuple[float, float]:
 
 
 def _factors(
-    series: Series, offsets: FloatArray, maintenance: Sequence[Maintenance], config: AgingConfig
+    series: Series,
+    offsets: FloatArray,
+    maintenance: Sequence[Maintenance],
+    config: AgingConfig,
+    memory: Memory,
 ) -> FloatArray:
     """Return the level of every product over that of the first, beside the trend, (Z,) [1]."""
     x, y = series.axis, series.values
@@ -128,7 +153,7 @@ def _factors(
     factors = _fit(lines, y, offsets)
     for _ in range(_ROUNDS):
         cleared = replace(series, values=y / (1.0 + offsets @ (factors - 1.0)))
-        pieces = cut(cleared, maintenance, config)
+        pieces = cut(cleared, maintenance, config, memory)
         kept = np.flatnonzero(~pieces.outlier)
         kept = kept[kept >= pieces.starts[0]]
         lines = _lines(x, pieces.starts)[kept]

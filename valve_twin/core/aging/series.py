@@ -4,16 +4,14 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.aging.changepoint import best_lines, find_outliers
+from valve_twin.core.aging.changepoint import find_outliers
 from valve_twin.core.aging.config import AgingConfig, Axis
-from valve_twin.core.aging.joining import Joined, join
-from valve_twin.core.aging.trend import Line, fit_line
+from valve_twin.core.aging.cutting.memory import Memory
 from valve_twin.core.past.columns import Rows, past_of
 
 if TYPE_CHECKING:
@@ -24,9 +22,6 @@ if TYPE_CHECKING:
 
 _UNKNOWN = -1
 _NAN = float("nan")
-_CLEANING_ROUNDS = 2
-_FEWEST_JUDGES = 7
-_FEWEST_IN_LINE = 4
 _FEWEST_OF_PRODUCT = 2
 _LARGEST = 1e50  # fourth powers of what is used must not overflow; no parameter is as large
 
@@ -70,6 +65,8 @@ class Series:
         was made [1].
     systematic : float
         Standard deviation of what is wrong in all values alike [unit].
+    row : (N,) int64 array or None
+        Which row of its history each value stands in.
     """
 
     axis: FloatArray
@@ -80,6 +77,11 @@ class Series:
     unknown: BoolArray
     offsets: FloatArray | None = None
     systematic: float = 0.0
+    row: IntArray | None = None
+
+    def rows_in(self, rows: Rows) -> IntArray:
+        """Return which of some rows each value stands in, (N,), -1 = in none."""
+        return rows.at(self.cycle, self.end_ns) if self.row is None else self.row
 
     def offsets_at(self, index: IntArray) -> FloatArray | None:
         """Return the columns at some values that are not told by the others there, else None."""
@@ -192,6 +194,7 @@ def series_of(history: History, parameter: str) -> Series:
         end_ns=rows.end_ns[index],
         unknown=breaks[index + 1] > breaks[passed],
         systematic=_systematic(rows, parameter, index),
+        row=index,
     )
 
 
@@ -217,6 +220,7 @@ def part_of(series: Series, kept: IntArray) -> Series:
         unknown=series.unknown[kept],
         offsets=None if series.offsets is None else series.offsets[kept],
         systematic=series.systematic,
+        row=None if series.row is None else series.row[kept],
     )
 
 
@@ -237,7 +241,17 @@ def first_after(series: Series, event: Maintenance) -> int:
     return int(np.searchsorted(series.start_ns, event.stamp_ns))
 
 
-def cut(series: Series, maintenance: Sequence[Maintenance], config: AgingConfig) -> Pieces:
+def events_at(series: Series, maintenance: Sequence[Maintenance]) -> FloatArray:
+    """Return before which values of a series the events lie, (M,) [1]."""
+    return np.array([float(first_after(series, m)) for m in maintenance])
+
+
+def cut(
+    series: Series,
+    maintenance: Sequence[Maintenance],
+    config: AgingConfig,
+    memory: Memory | None = None,
+) -> Pieces:
     """Cut a series at every maintenance event, and find the further changes in between.
 
     Parameters
@@ -248,6 +262,8 @@ def cut(series: Series, maintenance: Sequence[Maintenance], config: AgingConfig)
         Events of the valve, in any order.
     config : AgingConfig
         Sizes and penalties.
+    memory : Memory, optional
+        What was found before: saves time and changes nothing.
 
     Returns
     -------
@@ -261,100 +277,15 @@ def cut(series: Series, maintenance: Sequence[Maintenance], config: AgingConfig)
     starts: list[int] = []
     outlier, wave = np.zeros(n, dtype=np.bool_), np.zeros(n)
     period = _NAN
+    known = memory or Memory()
     for first, last in zip(edges, [*edges[1:], n], strict=True):
         part = slice(first, last)
-        x, y = series.axis[part], series.values[part]
-        inner, outlier[part] = _pieces(x, y, config)
-        kept = np.flatnonzero(~outlier[part])
-        found = _join(x[kept], y[kept], kept, inner, config)
-        wave[first + kept] = found.wave
+        found = known.pieces(series.axis[part], series.values[part], config)
+        outlier[part], wave[part] = found.outlier, found.wave
         period = found.period
-        inner = inner[: found.kept + 1]
-        if len(inner) > 1 and np.count_nonzero(kept >= inner[-1]) < _FEWEST_IN_LINE:
-            inner = inner[:-1]
-        starts.extend(first + inner)
+        starts.extend(first + found.starts)
     outlier[:oldest] = find_outliers(
         series.axis[:oldest], series.values[:oldest], config.outlier_sigma
     )
     where = np.array(starts, dtype=np.int64)
     return Pieces(where, np.isin(where, sorted(events)), outlier, wave, period)
-
-
-def _join(
-    x: FloatArray, y: FloatArray, kept: IntArray, starts: IntArray, config: AgingConfig
-) -> Joined:
-    """Join the last pieces of the good values `kept` of a stretch where one law explains them."""
-    bounds = np.append(np.searchsorted(kept, starts), len(kept))
-    bounds[0] = 0
-    return join(x, y, bounds, laws=config.laws, penalty_scale=config.penalty_scale)
-
-
-def _pieces(x: FloatArray, y: FloatArray, config: AgingConfig) -> tuple[IntArray, BoolArray]:
-    """Return the starts of the straight pieces of one stretch and its outliers."""
-    outlier = find_outliers(x, y, config.outlier_sigma)
-    starts = _starts(x, y, outlier, config)
-    for _ in range(_CLEANING_ROUNDS):
-        again = _off_pieces(x, y, starts, outlier, config.outlier_sigma)
-        if np.array_equal(again, outlier):
-            break
-        outlier = again
-        starts = _starts(x, y, outlier, config)
-    return _reclaim(x, y, starts, outlier, config.outlier_sigma)
-
-
-def _reclaim(
-    x: FloatArray, y: FloatArray, starts: IntArray, outlier: BoolArray, limit: float
-) -> tuple[IntArray, BoolArray]:
-    """Give a piece the values just before it that seem outliers only since the change is large."""
-    starts, outlier = starts.copy(), outlier.copy()
-    for k in range(len(starts) - 1, 0, -1):
-        piece = slice(starts[k], starts[k + 1] if k + 1 < len(starts) else len(x))
-        line = _line_of(x[piece], y[piece], outlier[piece])
-        if line is None:
-            continue
-        good = _off(line, x, y) <= limit
-        while outlier[starts[k] - 1] and good[starts[k] - 1]:
-            starts[k] -= 1
-            outlier[starts[k]] = False
-    return starts, outlier
-
-
-def _starts(x: FloatArray, y: FloatArray, outlier: BoolArray, config: AgingConfig) -> IntArray:
-    kept = np.flatnonzero(~outlier)
-    if len(kept) < 2 * config.min_segment:
-        return np.zeros(1, dtype=np.int64)
-    bounds = best_lines(
-        x[kept],
-        y[kept],
-        least=config.min_segment,
-        most=config.max_segments,
-        max_candidates=config.max_candidates,
-        penalty_scale=config.penalty_scale,
-    )
-    return np.concatenate([np.zeros(1, dtype=np.int64), kept[bounds[1:-1]]])
-
-
-def _off_pieces(
-    x: FloatArray, y: FloatArray, starts: IntArray, outlier: BoolArray, limit: float
-) -> BoolArray:
-    """Judge every value by the line of its piece."""
-    out = outlier.copy()
-    for first, last in itertools.pairwise([*starts, len(x)]):
-        line = _line_of(x[first:last], y[first:last], outlier[first:last])
-        if line:
-            out[first:last] = _off(line, x[first:last], y[first:last]) > limit
-    return out
-
-
-def _line_of(x: FloatArray, y: FloatArray, outlier: BoolArray) -> Line | None:
-    """Return the line through the good values; None where they are too few to judge others."""
-    kept = ~outlier
-    if np.count_nonzero(kept) < _FEWEST_JUDGES:
-        return None
-    return fit_line(x[kept], y[kept], autocorrelation=0.0)
-
-
-def _off(line: Line, x: FloatArray, y: FloatArray) -> FloatArray:
-    """Return how far (N,) values lie off a line, in its standard deviations."""
-    distance = np.abs(y - line.mean - line.slope * (x - line.center))
-    return np.asarray(distance / max(line.sigma, np.finfo(np.float64).tiny))

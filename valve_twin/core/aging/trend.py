@@ -31,6 +31,9 @@ RESOLUTION = 1e-9
 """Scatter below this part of the largest value is taken for rounding, not for signal [1]."""
 
 
+TINY = float(np.finfo(np.float64).tiny)
+"""Keeps what is divided by from being zero [1]."""
+
 MAX_FACTOR = 5.0
 """Largest factor, up or down, that a product has on a level [1]."""
 
@@ -158,6 +161,23 @@ def ar1_product(u: FloatArray, v: FloatArray, rho: float) -> float:
         behind_u = u[i] + rho * behind_u
         behind_v = v[i] + rho * behind_v
     return total
+
+
+@njit(cache=True)
+def ar1_products(u: FloatArray, v: FloatArray, rho: float) -> FloatArray:
+    """Return u' R v, see `ar1_product`, of every pair of rows, (K,).
+
+    Parameters
+    ----------
+    u, v : (K, N) arrays
+        Vectors of any unit [1]; one with a single row stands for K alike.
+    rho : float
+        Autocorrelation between neighbours [1].
+    """
+    out = np.empty(max(len(u), len(v)))
+    for k in range(len(out)):
+        out[k] = ar1_product(u[min(k, len(u) - 1)], v[min(k, len(v) - 1)], rho)
+    return out
 
 
 def residuals(x: FloatArray, y: FloatArray, offsets: FloatArray | None = None) -> FloatArray:

@@ -17,18 +17,20 @@ import numpy as np
 
 from valve_twin.core.aging import Assessment, assess
 from valve_twin.core.aging.config import AgingConfig
+from valve_twin.core.aging.cutting.ahead import look_ahead
 from valve_twin.core.aging.verdict import VerdictKind, concern, outlook, way_to_threshold
 from valve_twin.core.faults.advice import advise
 from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.core.types import EstimateStatus
 from valve_twin.core.valves.registry import get_model
+from valve_twin.io.history.aging.reading import keep_known, read_known, trend_model
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from valve_twin.core.aging import Trend
     from valve_twin.core.aging.verdict import Verdict
-    from valve_twin.core.types import Estimate
+    from valve_twin.core.past.columns import Rows
     from valve_twin.io.history.store import History
 
 RECENT_CYCLES = 20
@@ -226,18 +228,21 @@ def describe_valve(history: History, valve: str, config: AgingConfig) -> ValveSt
     last = history.last_record(valve)
     if last is None:
         return ValveState(FleetRow(valve, evidence="no cycle is stored"))
-    estimates = history.estimates(valve, used_by_trend=True)
     stored = _counted(FleetRow(valve, cycle=last.cycle, end_ns=last.end_ns), history)
-    if not estimates:
+    name = trend_model(history, valve)
+    if not name:
         return ValveState(replace(stored, evidence="no stored estimate feeds a trend"))
-    name = estimates[-1].model
     try:
         model = get_model(name)
     except ValueError as err:
         return ValveState(replace(stored, model=name, evidence=str(err)))
-    maintenance = history.maintenance(valve)
-    found = assess(estimates, maintenance, config, parameters=model.parameters, valve=valve)
-    row = _assessed(replace(stored, model=name), found, estimates, config)
+    known = read_known(history, valve, name, config)
+    past, events = known.state.past(), known.state.maintenance
+    named, memory = model.parameters, known.memory
+    found = assess(past, events, config, parameters=named, valve=valve, memory=memory)
+    look_ahead(past, events, config, parameters=named, memory=memory)
+    keep_known(history, valve, name, config, known)
+    row = _assessed(replace(stored, model=name), found, past.trend, config)
     return ValveState(row, found.trends, found.verdict)
 
 
@@ -263,9 +268,7 @@ def _counted(row: FleetRow, history: History) -> FleetRow:
     )
 
 
-def _assessed(
-    row: FleetRow, found: Assessment, estimates: Sequence[Estimate], config: AgingConfig
-) -> FleetRow:
+def _assessed(row: FleetRow, found: Assessment, estimates: Rows, config: AgingConfig) -> FleetRow:
     residual, ratio = recent_residual(estimates)
     advice = advise(found.verdict, found.trends)
     worst = max(found.trends, key=lambda t: _gravity(t, config), default=None)
@@ -309,13 +312,13 @@ def _with_trend(row: FleetRow, trend: Trend, config: AgingConfig) -> FleetRow:
     )
 
 
-def recent_residual(estimates: Sequence[Estimate]) -> tuple[float, float]:
+def recent_residual(estimates: Rows) -> tuple[float, float]:
     """Return the one-step residual of the newest cycles [1] and its ratio to the first ones.
 
     NaN where there are no test errors, and the ratio where there are fewer than two
     `RECENT_CYCLES`.
     """
-    errors = np.sqrt([e.mse_test for e in estimates if math.isfinite(e.mse_test)])
+    errors = np.sqrt(estimates.error[np.isfinite(estimates.error)])
     if len(errors) == 0:
         return math.nan, math.nan
     recent = float(np.median(errors[-RECENT_CYCLES:]))
@@ -324,8 +327,7 @@ def recent_residual(estimates: Sequence[Estimate]) -> tuple[float, float]:
     return recent, recent / first if known else math.nan
 
 
-def confidence(estimates: Sequence[Estimate]) -> float:
+def confidence(estimates: Rows) -> float:
     """Return the share of the newest cycles whose estimate was accepted without restriction."""
-    newest = estimates[-RECENT_CYCLES:]
-    good = sum(e.status is EstimateStatus.ACCEPTED for e in newest)
-    return good / len(newest) if newest else 0.0
+    newest = estimates.status[-RECENT_CYCLES:]
+    return float(np.mean(newest == EstimateStatus.ACCEPTED)) if len(newest) else 0.0

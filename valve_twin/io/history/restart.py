@@ -88,7 +88,7 @@ class Restart:
             self._resume = Resume(last.start_ns, last.end_ns, claim.announced)
         elif claim.announced.number:
             self._resume = Resume(announced=claim.announced)
-        digest, build = _digest(config), _build(config.model)
+        digest, build = _digest(config), build_of(config.model)
         self._origin = Origin(__version__, config.name, digest, build=build)
         self.stored(self.last_cycle, last.start_ns if last is not None else 0)
         recent = partial(history.recent_estimates, config.name)
@@ -240,7 +240,7 @@ def _digest(config: ValveConfig) -> str:
 
 
 @cache
-def _build(model: str) -> str:
+def build_of(model: str) -> str:
     """Return what changes with the code of the core and of a model, by its name.
 
     The arrays of a state carry no names: the same numbers mean something else to other code.

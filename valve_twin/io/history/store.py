@@ -140,12 +140,10 @@ class History:
         self._claims.clear()
         self._database.close()
 
-    def snapshot_path(self, valve: str) -> Path | None:
+    def snapshot_path(self, valve: str, what: str = "twin") -> Path | None:
         """Return where the state of a valve's twin is kept; None beside no SQLite file."""
-        file = self._database.file
-        return (
-            None if file is None else file.with_name(f"{file.name}-twin{valve.replace('/', '.')}")
-        )
+        file, name = self._database.file, f"{what}{valve.replace('/', '.')}"
+        return None if file is None else file.with_name(f"{file.name}-{name}")
 
     def claim(self, valve: str) -> Claim:
         """Claim the right to write a valve's cycles, until the history is closed.
@@ -227,7 +225,7 @@ class History:
                 self._claims[valve].hold()
         if self._insert(valve, record, estimates, counters):
             return True
-        if is_stored(self._rows, self._valve_ids[valve], record, estimates):
+        if is_stored(self.select, self._valve_ids[valve], record, estimates):
             return False
         msg = (
             f"{self.where}: cycle {record.cycle} of {valve} is already stored with other"
@@ -284,13 +282,13 @@ class History:
     def last_cycle(self, valve: str) -> int:
         """Return the highest number that is taken, also by a damaged row; 0 if there is none."""
         query = of_valve(CYCLE, valve).with_only_columns(sa.func.max(CYCLE.c.cycle).label("last"))
-        return int(self._rows(query)[0]["last"] or 0)
+        return int(self.select(query)[0]["last"] or 0)
 
     def last_record(self, valve: str) -> CycleRecord | None:
         """Return the stored cycle with the highest number, None if there is none."""
         query = of_valve(CYCLE, valve).order_by(CYCLE.c.cycle.desc()).limit(1)
         found = [from_row(CycleRecord, row) for row in self.sound(CYCLE, query)]
-        if not found and self._rows(query):  # the newest row is damaged: the last that is not
+        if not found and self.select(query):  # the newest row is damaged: the last that is not
             found = self.cycles(valve)[-1:]
         return found[0] if found else None
 
@@ -405,9 +403,10 @@ class History:
         most : int or None
             At most so many [1]: so many where the table has them.
         """
-        return sound_page(table, lambda at: self._rows(query.offset(at)), most, self.where)
+        return sound_page(table, lambda at: self.select(query.offset(at)), most, self.where)
 
-    def _rows(self, query: sa.Select[Any]) -> Sequence[Mapping[str, Any]]:
+    def select(self, query: sa.Select[Any]) -> Sequence[Mapping[str, Any]]:
+        """Return the rows of a query as they are, without a look at their check sums."""
         try:
             with self._database.read() as connection:
                 found = connection.execute(query).mappings().all()

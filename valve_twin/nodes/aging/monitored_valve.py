@@ -15,6 +15,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from valve_twin_msgs import msg, srv
 
 from valve_twin.core.aging.assess import Assessment, assess
+from valve_twin.core.aging.cutting.ahead import look_ahead
+from valve_twin.core.aging.cutting.memory import Memory
 from valve_twin.core.diagnosis.features import ESTIMATOR
 from valve_twin.core.types import Maintenance
 from valve_twin.core.valves.registry import get_model
@@ -64,6 +66,7 @@ class MonitoredValve:
         self._answered = self._caught_up = False
         self._changed = False
         self._busy = False
+        self._memory = Memory()
         self.assessment: Assessment | None = None
         self.failure = ""
         self.assess_s = 0.0
@@ -191,16 +194,16 @@ class MonitoredValve:
         if self._busy or not self._changed:
             return
         self._busy, self._changed = True, False
-        work = partial(
-            assess,
+        known = (
             self._buffer.past,
             tuple(self._buffer.maintenance.values()),
             self.config.aging,
-            parameters=self._parameters,
-            valve=self.name,
         )
+        common: dict[str, Any] = {"parameters": self._parameters, "memory": self._memory}
+        work = partial(assess, *known, valve=self.name, **common)
         post = self._node.post
         self._worker.submit(work, lambda outcome: post(partial(self._on_assessed, outcome)))
+        self._worker.submit(partial(look_ahead, *known, **common), lambda _: None)
 
     def _on_assessed(self, outcome: Outcome) -> None:
         self._busy, self.assess_s = False, outcome.wall_s

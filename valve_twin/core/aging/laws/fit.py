@@ -21,8 +21,10 @@ from valve_twin.core.aging.laws.shapes import (
 )
 from valve_twin.core.aging.trend import (
     RESOLUTION,
+    TINY,
     Base,
     ar1_product,
+    ar1_products,
     base_of,
     pooled_autocorrelation,
 )
@@ -154,7 +156,7 @@ def fit_laws(
         squares(g if base is None else base.without(g), free, rest)
         autocorrelation = pooled_autocorrelation([rest])
     used = max(autocorrelation, 0.0)
-    floor = n * (RESOLUTION * float(np.abs(y).max())) ** 2 + np.finfo(float).tiny
+    floor = n * (RESOLUTION * float(np.abs(y).max())) ** 2 + TINY
     data = _Data(u, free, used, floor, base)
     shapes = _refined(data.shapes(law, number, prior), data)
     line = float(shapes.weight[shapes.law == 0].sum())
@@ -169,7 +171,7 @@ def fit_laws(
         shape = curves(kept.law, kept.number, u)
         level_weights = base.level + (shape[:, -1:] - shape @ base.level[:, None]) * change_weights
         taken = base.share(used)
-    lost = taken + fits[:, 1] * np.array([ar1_product(w, w, used) for w in change_weights])
+    lost = taken + fits[:, 1] * ar1_products(change_weights, change_weights, used)
     variance = (fits[:, 3] + floor) / np.maximum(n - lost, 0.5)
     return LawFit(
         start=start,

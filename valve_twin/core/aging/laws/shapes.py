@@ -25,13 +25,14 @@ itself estimated. `PRIOR` and `TEMPER` were set with `core.aging.laws.study`, se
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
 
 from valve_twin.core.aging.config import Law
-from valve_twin.core.aging.trend import Line, ar1_product
+from valve_twin.core.aging.trend import Line, ar1_product, ar1_products
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -139,18 +140,10 @@ class LawFit:
 
     def covariances(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return var(level), cov(level, change) and var(change) of every shape, (K,) each."""
-        rho = max(self.autocorrelation, 0.0)
-        pairs = zip(self.level_weights, self.change_weights, self.sigma**2, strict=True)
-        found = [
-            (
-                s * ar1_product(a, a, rho),
-                s * ar1_product(a, b, rho),
-                s * ar1_product(b, b, rho),
-            )
-            for a, b, s in pairs
-        ]
-        low, cross, high = np.array(found).T
-        return low, cross, high
+        rho, square = max(self.autocorrelation, 0.0), self.sigma**2
+        a, b = self.level_weights, self.change_weights
+        low, cross, high = (ar1_products(u, v, rho) for u, v in ((a, a), (a, b), (b, b)))
+        return square * low, square * cross, square * high
 
     def curve(self, places: FloatArray, shape: int) -> FloatArray:
         """Return one shape at (N,) axis positions [unit]."""
@@ -299,6 +292,11 @@ def whitened(g: FloatArray, y: FloatArray, fits: FloatArray, rho: float) -> Floa
 
 def grid(laws: Sequence[str]) -> tuple[IntArray, FloatArray, FloatArray]:
     """Return law, number and prior probability of every shape of the laws named, (K,) each."""
+    return _grid(tuple(laws))
+
+
+@cache
+def _grid(laws: tuple[str, ...]) -> tuple[IntArray, FloatArray, FloatArray]:
     chosen = [law for law in _ORDER if law.value in laws or not laws]
     total = sum(PRIOR[law] for law in chosen)
     rows = [

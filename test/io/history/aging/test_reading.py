@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Of a long history only what is new is read, and what is said of it is what all of it says."""
+
+from dataclasses import replace
+
+import pytest
+import sqlalchemy as sa
+
+from valve_twin.bench.data.years import life
+from valve_twin.core.aging.config import AgingConfig
+from valve_twin.core.types import Maintenance
+from valve_twin.io.history.aging import reading
+from valve_twin.io.history.fleet import describe_valve
+from valve_twin.io.history.store import CycleRecord, History
+
+VALVE = "/v"
+CONFIG = AgingConfig(max_candidates=60)
+
+
+def store(path, estimates, valve=VALVE):
+    with History(path) as history:
+        for e in estimates:
+            record = CycleRecord(e.cycle, e.start_ns, e.end_ns, 800)
+            history.store(valve, record, [replace(e, estimator="whitened")])
+
+
+@pytest.fixture(autouse=True)
+def small(monkeypatch):
+    """Keep what was read of short histories too, and read them by small pages."""
+    monkeypatch.setattr(reading, "WORTH", 50)
+    monkeypatch.setattr(reading, "PAGE", 64)
+    monkeypatch.setattr(reading, "_NEW", 10)
+
+
+@pytest.fixture
+def path(tmp_path):
+    store(tmp_path / "h.db", life(150))
+    return tmp_path / "h.db"
+
+
+@pytest.fixture
+def read(monkeypatch):
+    """Return a list that gets the cycle of each estimate that is read."""
+    cycles = []
+    row_estimate = reading.row_estimate
+
+    def counted(row):
+        cycles.append(row["cycle"])
+        return row_estimate(row)
+
+    monkeypatch.setattr(reading, "row_estimate", counted)
+    return cycles
+
+
+def said(path):
+    with History(path, read_only=True) as history:
+        return repr(describe_valve(history, VALVE, CONFIG))
+
+
+def anew(path):
+    """Return what is said by one that kept nothing."""
+    for kept in path.parent.glob(f"{path.name}-aging*"):
+        kept.unlink()
+    return said(path)
+
+
+def test_what_was_read_is_not_read_again(path, read):
+    first = said(path)
+    assert read == list(range(1, 151))
+    read.clear()
+    assert said(path) == first
+    assert not read
+    store(path, life(20, 151))
+    later = said(path)
+    assert read == list(range(151, 171))
+    assert later == anew(path)
+
+
+def test_a_short_history_leaves_no_file(tmp_path):
+    store(tmp_path / "h.db", life(20))
+    said(tmp_path / "h.db")
+    assert not list(tmp_path.glob("*aging*"))
+
+
+def test_a_cycle_that_came_late_for_before_is_not_overlooked(path, read):
+    said(path)
+    store(path, life(20, 400))
+    said(path)
+    store(path, life(30, 300))
+    read.clear()
+    found = said(path)
+    assert len(read) == 200
+    assert found == anew(path)
+
+
+def test_another_history_under_the_same_name_is_read_anew(path, read):
+    said(path)
+    for file in path.parent.glob("h.db*"):
+        if "aging" not in file.name:
+            file.unlink()
+    store(path, [replace(e, mse_test=1.0) for e in life(160)])
+    read.clear()
+    found = said(path)
+    assert len(read) == 160
+    assert found == anew(path)
+
+
+def test_cycles_of_another_valve_change_nothing(path, read):
+    first = said(path)
+    store(path, life(30), "/other")
+    read.clear()
+    assert said(path) == first
+    assert not read
+
+
+def test_maintenance_marked_for_a_cycle_before_is_not_overlooked(path, read):
+    said(path)
+    event = Maintenance(stamp_ns=1, cycle=70, note="new seal", new_reference=True)
+    with History(path) as history:
+        history.add_maintenance(VALVE, event)
+    read.clear()
+    found = said(path)
+    assert len(read) == 150
+    assert found == anew(path)
+
+
+def test_a_damaged_file_is_replaced(path, read):
+    first = said(path)
+    (kept,) = path.parent.glob("*-aging*")
+    kept.write_bytes(kept.read_bytes()[:-3])
+    assert said(path) == first
+    read.clear()
+    assert said(path) == first
+    assert not read
+
+
+def test_a_damaged_row_is_left_out_as_ever(path, read):
+    with sa.create_engine(f"sqlite:///{path}").begin() as connection:
+        connection.execute(sa.text("UPDATE estimate SET mse_test = 5 WHERE cycle = 64"))
+    first = said(path)
+    assert 64 not in read
+    read.clear()
+    assert said(path) == first
+    assert not read

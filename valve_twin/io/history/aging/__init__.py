@@ -1,0 +1,3 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What the aging of a valve is judged by, kept in files: a long history is not read anew."""

@@ -1,0 +1,165 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What is known of one valve's aging in a file, with a check sum.
+
+The file saves reading the history and changes nothing: it is written beside its place and renamed,
+and one that is damaged, of another build, valve or layout is not used.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from valve_twin import __version__
+from valve_twin.core.aging.cutting.memory import Memory
+from valve_twin.core.past.stored import freeze, thaw
+from valve_twin.io.errors import StoreError
+from valve_twin.io.history.restart import build_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from valve_twin.core.aging.config import AgingConfig
+    from valve_twin.core.past.state import AgingState
+
+_MAGIC = b"valve_twin aging "
+_LAYOUT = 1
+
+
+@dataclass(slots=True)
+class Known:
+    """What is known of one valve.
+
+    Attributes
+    ----------
+    state : AgingState
+        Its estimates.
+    memory : Memory
+        What was found in them.
+    place : dict
+        How far the history was read; words and numbers of whoever reads it.
+    """
+
+    state: AgingState
+    memory: Memory
+    place: dict[str, Any]
+
+
+def origin_of(valve: str, model: str) -> dict[str, Any]:
+    """Return what a file must agree in to be used.
+
+    Parameters
+    ----------
+    valve, model : str
+        Names of the valve and of its model.
+    """
+    return {
+        "layout": _LAYOUT,
+        "software": __version__,
+        "valve": valve,
+        "model": model,
+        "build": build_of(model),
+    }
+
+
+def pack(known: Known, origin: dict[str, Any], config: AgingConfig) -> bytes:
+    """Return the content of a file.
+
+    Parameters
+    ----------
+    known : Known
+        It may go on afterwards.
+    origin : dict
+        See `origin_of`.
+    config : AgingConfig
+        The rules that the memory is of.
+    """
+    state, arrays = freeze(known.state)
+    memory, found = known.memory.freeze()
+    head = {
+        "origin": origin,
+        "place": known.place,
+        "config": repr(config),
+        "state": state,
+        "memory": memory,
+        "arrays": [[a.dtype.str, len(a)] for a in (*arrays, *found)],
+        "of_state": len(arrays),
+    }
+    text = json.dumps(head).encode() + b"\n"
+    return b"".join([text, *(a.tobytes() for a in (*arrays, *found))])
+
+
+def write(path: Path, content: bytes) -> None:
+    """Put what was packed in the place of the file before, at once or not at all.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    content : bytes
+        What `pack` returned.
+
+    Raises
+    ------
+    OSError
+        If the disk does not take it.
+    """
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        part.write_bytes(_MAGIC + hashlib.blake2b(content).hexdigest().encode() + b"\n" + content)
+        os.replace(part, path)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise
+
+
+def load(path: Path, origin: dict[str, Any], config: AgingConfig) -> Known | None:
+    """Return what was stored, None where there is none.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    origin : dict
+        What it must agree in.
+    config : AgingConfig
+        The rules; searches by others are not taken over.
+
+    Raises
+    ------
+    StoreError
+        If it is not used; one line that says why.
+    """
+    try:
+        whole = path.read_bytes()
+    except FileNotFoundError:
+        return None
+    except OSError as err:
+        raise _refused(path, f"it cannot be read: {err.strerror}") from err
+    line, _, content = whole.partition(b"\n")
+    if line != _MAGIC + hashlib.blake2b(content).hexdigest().encode():
+        raise _refused(path, "it is damaged")
+    text, _, data = content.partition(b"\n")
+    head = json.loads(text)
+    for name, wanted in origin.items():
+        if head["origin"].get(name) != wanted:
+            raise _refused(path, f"it is of another {name}")
+    arrays, at = [], 0
+    for kind, size in head["arrays"]:
+        dtype = np.dtype(kind)
+        arrays.append(np.frombuffer(data, dtype, size, at))
+        at += dtype.itemsize * size
+    count, memory = head["of_state"], Memory()
+    if head["config"] == repr(config):
+        memory.thaw(head["memory"], arrays[count:])
+    return Known(thaw(head["state"], arrays[:count]), memory, head["place"])
+
+
+def _refused(path: Path, why: str) -> StoreError:
+    return StoreError(f"{path}: is not used: {why}: the history is read anew")

@@ -1,0 +1,166 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Read what the trend of a valve is made of, of a long history only what came since.
+
+What was read is kept beside a SQLite history. It is used only where the history still holds the
+very row that was read last and no row came behind it for a cycle before: else all is read anew.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+import sqlalchemy as sa
+
+from valve_twin.core.aging.cutting.memory import Memory
+from valve_twin.core.past.state import AgingState
+from valve_twin.io.errors import StoreError
+from valve_twin.io.history.aging.file import Known, load, origin_of, pack, write
+from valve_twin.io.history.tables import (
+    CHECK_SUM,
+    ESTIMATE,
+    MAINTENANCE,
+    VALVE,
+    of_valve,
+    row_estimate,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping
+
+    from valve_twin.core.aging.config import AgingConfig
+    from valve_twin.io.history.store import History
+
+PAGE = 5000
+"""Estimates that are read at a time [1]."""
+
+WORTH = 4000
+"""Estimates from which on what was read is kept [1], assumed: reading as many takes 0.2 s."""
+
+_NEW = 500  # estimates, or rows of all valves times 100, after which it is written again
+
+
+def trend_model(history: History, valve: str) -> str:
+    """Return the name of the model of the newest estimate that feeds the trend, empty = none."""
+    query = of_valve(ESTIMATE, valve).with_only_columns(ESTIMATE.c.model)
+    query = query.where(ESTIMATE.c.used_by_trend == sa.true())
+    found = history.select(query.order_by(ESTIMATE.c.cycle.desc()).limit(1))
+    return str(found[0]["model"]) if found else ""
+
+
+def read_known(history: History, valve: str, model: str, config: AgingConfig) -> Known:
+    """Return what the trend of a valve is made of.
+
+    Parameters
+    ----------
+    history : History
+        Where the estimates are.
+    valve, model : str
+        Names of the valve and of its model.
+    config : AgingConfig
+        Rules of aging.
+    """
+    path, events = history.snapshot_path(valve, "aging"), history.maintenance(valve)
+    newest = _newest(history)
+    known = None
+    if path is not None:
+        with suppress(StoreError):  # which is told nobody: reading anew gives the same
+            known = load(path, origin_of(valve, model), config)
+    if known is not None and not _holds(history, valve, known.place):
+        known = None
+    known = known or Known(AgingState(), Memory(), {"at": [0, -1], "rows": 0, "looked": 0})
+    if known.place.get("events", "") != _digest(history, valve, known.place["at"][0]):
+        known = Known(AgingState(), Memory(), {"at": [0, -1], "rows": 0, "looked": 0})
+    known.state.maintenance = events
+    for row in _rows(history, valve, known.place["at"], newest):
+        known.state.add(row_estimate(row))
+        known.place |= {
+            "at": [row["cycle"], row["position"]],
+            "id": row["id"],
+            "sum": row[CHECK_SUM],
+            "rows": known.place["rows"] + 1,
+        }
+    known.place["newest"] = newest
+    known.place["events"] = _digest(history, valve, known.place["at"][0])
+    return known
+
+
+def keep_known(
+    history: History, valve: str, model: str, config: AgingConfig, known: Known
+) -> None:
+    """Keep what was read where that is worth it and there is a place.
+
+    Parameters
+    ----------
+    history : History
+        Where it was read.
+    valve, model : str
+        Names of the valve and of its model.
+    config : AgingConfig
+        Rules of aging.
+    known : Known
+        What was read.
+    """
+    path, place = history.snapshot_path(valve, "aging"), known.place
+    newest = place.pop("newest")
+    new = place["rows"] - place.get("kept", 0)
+    if path is None or place["rows"] < WORTH:
+        return
+    if new >= _NEW or newest - place["looked"] >= 100 * _NEW:
+        known.place = {**place, "kept": place["rows"], "looked": newest}
+        with suppress(OSError):  # a folder that takes nothing: it is read anew
+            write(path, pack(known, origin_of(valve, model), config))
+
+
+def _rows(history: History, valve: str, at: list[int], newest: int) -> Iterator[Mapping[str, Any]]:
+    """Yield the rows that feed the trend behind a cycle and position, in their order."""
+    while True:
+        cycle, position = at
+        behind = sa.or_(
+            ESTIMATE.c.cycle > cycle,
+            sa.and_(ESTIMATE.c.cycle == cycle, ESTIMATE.c.position > position),
+        )
+        query = of_valve(ESTIMATE, valve).where(
+            ESTIMATE.c.used_by_trend == sa.true(),
+            ESTIMATE.c.cycle >= cycle,
+            behind,
+            ESTIMATE.c.id + 0 <= newest,  # what comes meanwhile is new the next time
+        )
+        query = query.order_by(ESTIMATE.c.cycle, ESTIMATE.c.position).limit(PAGE)
+        rows = history.sound(ESTIMATE, query, PAGE)
+        yield from rows
+        if len(rows) < PAGE:
+            return
+        at = [rows[-1]["cycle"], rows[-1]["position"]]
+
+
+def _newest(history: History) -> int:
+    """Return the newest key of any estimate, 0 = none."""
+    (row,) = history.select(sa.select(sa.func.max(ESTIMATE.c.id).label("id")))
+    return int(row["id"] or 0)
+
+
+def _holds(history: History, valve: str, place: dict[str, Any]) -> bool:
+    """Return whether the history holds the row read last, and none came later for before it."""
+    last = sa.select(ESTIMATE.c.cycle, ESTIMATE.c.position, ESTIMATE.c[CHECK_SUM])
+    found = history.select(last.where(ESTIMATE.c.id == place["id"]))
+    if [[r["cycle"], r["position"], r[CHECK_SUM]] for r in found] != [
+        [*place["at"], place["sum"]]
+    ]:
+        return False
+    of = sa.select(VALVE.c.id).where(VALVE.c.name == valve).scalar_subquery()
+    late = sa.select(ESTIMATE.c.id).where(
+        ESTIMATE.c.id > place["looked"],
+        ESTIMATE.c.valve_id + 0 == of,  # by the key, which says what is new
+        ESTIMATE.c.cycle <= place["at"][0],
+    )
+    return not history.select(late.limit(1))
+
+
+def _digest(history: History, valve: str, cycle: int) -> str:
+    """Return what tells the events up to a cycle, as they are marked now."""
+    query = of_valve(MAINTENANCE, valve).where(MAINTENANCE.c.cycle <= cycle)
+    query = query.order_by(MAINTENANCE.c.cycle, MAINTENANCE.c.id)
+    found = history.sound(MAINTENANCE, query)
+    return repr([(r[CHECK_SUM], r["withdrawn"]) for r in found]) if found else ""
