@@ -165,6 +165,12 @@ class AgingMonitorParameters(NodeParameters):
     retry_s: float = assumed(
         1.0, "s", "Pause before a twin that does not answer is asked again.", 0.01, 3600.0
     )
+    state_folder: str = setting(
+        "",
+        "Folder in which what is known of each valve is kept for the next start, which then "
+        "asks the twin only for what is new; empty = nothing is kept.",
+        local=True,
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,6 +48,8 @@ class EstimateBuffer:
         self.counts = dict.fromkeys(names, 0)
         self._last = dict.fromkeys(names, 0)
         self._known = AgingState()
+        self._newest: Estimate | None = None
+        self._to_prove: dict[str, Any] | None = None
         self.maintenance: dict[Maintenance, Maintenance] = {}
         self._received: dict[str, dict[int, Any]] = {name: {} for name in names}
         self._cycles: dict[int, Any] = {}
@@ -69,9 +71,68 @@ class EstimateBuffer:
         for estimate in fresh:
             self._known.add(estimate)
         self.counts[estimator] += len(fresh)
+        if fresh and estimator == self._trend:
+            self._newest = fresh[-1]
         if fresh:
             self._last[estimator] = fresh[-1].cycle
         return bool(fresh)
+
+    @property
+    def state(self) -> AgingState:
+        """What is known of the estimates, to be stored."""
+        return self._known
+
+    def place(self) -> dict[str, Any]:
+        """Return how far this is, in words and numbers."""
+        return {
+            "counts": dict(self.counts),
+            "last": dict(self._last),
+            "newest": _identity(self._newest),
+            "events": self._events(),
+        }
+
+    def take_over(self, state: AgingState, place: dict[str, Any]) -> bool:
+        """Go on from what was stored, until the history proves it wrong; return whether it can.
+
+        Parameters
+        ----------
+        state : AgingState
+            Its estimates.
+        place : dict
+            How far it was.
+        """
+        if list(place["counts"]) != list(self.counts):
+            return False
+        self._known, self._to_prove = state, place
+        self.counts, self._last = dict(place["counts"]), dict(place["last"])
+        return True
+
+    @property
+    def first_wanted(self) -> dict[str, int]:
+        """First cycle to ask for, by estimator: of what is to be proved the last one again."""
+        again = {self._trend} if self._to_prove else set()
+        return {name: last + (name not in again) for name, last in self._last.items()}
+
+    def contradicts(self, estimates: list[Estimate]) -> bool:
+        """Return whether the history, by its answer, is not the one that was stored.
+
+        Parameters
+        ----------
+        estimates : list of Estimate
+            Of the trend, from `first_wanted` on; the events that came with them are noted.
+        """
+        place, self._to_prove = self._to_prove, None
+        if place is None:
+            return False
+        if self._newest is None and estimates:
+            self._newest = estimates[0]
+        same = [_identity(e) for e in estimates[:1]] == [place["newest"]]
+        return not same or self._events() != place["events"]
+
+    def _events(self) -> list[str]:
+        """Return what tells the events up to the last cycle."""
+        last = self.last()
+        return sorted(repr(e) for e in self.maintenance.values() if e.cycle <= last)
 
     def note(self, event: Maintenance) -> bool:
         """Add a maintenance event, or its withdrawal; return whether that is new."""
@@ -121,6 +182,14 @@ class EstimateBuffer:
         for messages in (self._cycles, *self._received.values()):
             for number in [n for n in messages if n <= last]:
                 del messages[number]
+
+
+def _identity(estimate: Estimate | None) -> str:
+    """Return what tells an estimate from any other."""
+    if estimate is None:
+        return ""
+    values = [(p.name, p.value) for p in estimate.parameters]
+    return repr((estimate.cycle, estimate.start_ns, estimate.end_ns, values))
 
 
 def _keep(messages: dict[int, Any], message: Any) -> None:

@@ -27,6 +27,7 @@ from valve_twin.nodes.twin.publishers import LATCHED
 
 if TYPE_CHECKING:
     from valve_twin.io.config.valve import ValveConfig
+    from valve_twin.nodes.aging.keeping import Keeper
     from valve_twin.nodes.runtime.node import ValveNode
     from valve_twin.nodes.runtime.worker import Outcome, WorkerThread
 
@@ -49,24 +50,31 @@ class MonitoredValve:
         Runs the assessments.
     page : int
         Estimates asked for at a time.
+    keeper : Keeper
+        Keeps what is known for the next start.
     """
 
     def __init__(
-        self, node: ValveNode, config: ValveConfig, *, worker: WorkerThread, page: int
+        self,
+        node: ValveNode,
+        config: ValveConfig,
+        *,
+        worker: WorkerThread,
+        page: int,
+        keeper: Keeper,
     ) -> None:
         self._node, self.config, self._worker, self._page = node, config, worker, page
         self.name = config.name
         model = get_model(config.model)
         self._parameters, self._trend_estimator = model.parameters, model.trend_estimator
-        features = ESTIMATOR in getattr(config.options, "estimators", ())
-        self._buffer = EstimateBuffer(self._trend_estimator, ESTIMATOR if features else "")
-        self._asking = list(self._buffer.counts)
+        self._features = ESTIMATOR in getattr(config.options, "estimators", ())
+        self._begin()
         self._asked_s: float | None = None
         self._again = True
         self._answered = self._caught_up = False
         self._changed = False
         self._busy = False
-        self._memory = Memory()
+        self._keeper = keeper
         self.assessment: Assessment | None = None
         self.failure = ""
         self.assess_s = 0.0
@@ -77,6 +85,7 @@ class MonitoredValve:
         )
         self._client = node.create_client(srv.GetHistory, f"{base}/twin/get_history")
         self._subscriptions: list[Any] = []
+        self._take_over()
 
     # -- life
 
@@ -92,8 +101,22 @@ class MonitoredValve:
                 self._node.create_subscription(kind, f"{self.name}/twin/{name}", take, MANY)
             )
 
+    def _begin(self) -> None:
+        """Begin with nothing known."""
+        self._buffer = EstimateBuffer(self._trend_estimator, ESTIMATOR if self._features else "")
+        self._asking = list(self._buffer.counts)
+        self._memory = Memory()
+
+    def _take_over(self) -> None:
+        """Begin with what was kept, where something was."""
+        known = self._keeper.load(self._node.get_logger().warning)
+        if known is not None and self._buffer.take_over(known.state, known.place):
+            self._memory = known.memory
+            self._changed = True
+
     def silence(self) -> None:
         """Stop following; what is known stays."""
+        self._keep(ends=True)
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
         self._subscriptions = []
@@ -160,7 +183,7 @@ class MonitoredValve:
         self._asked_s, self._again, self._answered = seconds_now(), False, True
         request = srv.GetHistory.Request(
             estimator=self._asking[0],
-            first_cycle=self._buffer.last(self._asking[0]) + 1,
+            first_cycle=self._buffer.first_wanted[self._asking[0]],
             limit=self._page,
         )
         self._client.call_async(request).add_done_callback(self._on_answer)
@@ -176,7 +199,12 @@ class MonitoredValve:
         pairs = zip(answer.estimates, answer.missed_cycles, strict=True)
         fresh = [convert.estimate_value(m, int(missed)) for m, missed in pairs]
         events = [convert.to_value(Maintenance, m) for m in answer.maintenance]
-        changes = [*map(self._buffer.note, events), self._buffer.add(self._asking[0], fresh)]
+        changes = [*map(self._buffer.note, events)]
+        if self._asking[0] == self._trend_estimator and self._buffer.contradicts(fresh):
+            self._begin()
+            self.ask(anew=True)
+            return
+        changes.append(self._buffer.add(self._asking[0], fresh))
         self._changed = self._changed or any(changes)
         if not answer.more:  # the estimators are asked for one behind the other
             self._asking = self._asking[1:] or list(self._buffer.counts)
@@ -204,6 +232,18 @@ class MonitoredValve:
         post = self._node.post
         self._worker.submit(work, lambda outcome: post(partial(self._on_assessed, outcome)))
         self._worker.submit(partial(look_ahead, *known, **common), lambda _: None)
+        self._keep()
+
+    def _keep(self, *, ends: bool = False) -> None:
+        """Write what is known for the next start, where that is due."""
+        if self._caught_up and self._keeper.due(self._buffer, ends=ends):
+            work = self._keeper.saving(self._buffer, self._memory)
+            post = self._node.post
+            self._worker.submit(work, lambda outcome: post(partial(self._on_kept, outcome)))
+
+    def _on_kept(self, outcome: Outcome) -> None:
+        if outcome.error:
+            self._node.get_logger().warning(f"{self.name}: {outcome.error}")
 
     def _on_assessed(self, outcome: Outcome) -> None:
         self._busy, self.assess_s = False, outcome.wall_s

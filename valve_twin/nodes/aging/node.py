@@ -11,6 +11,7 @@ from valve_twin.core.diagnosis.history import describe_finding
 from valve_twin.core.diagnosis.table import PARTS
 from valve_twin.core.faults.advice import advise
 from valve_twin.io.config.node_parameters import AgingMonitorParameters
+from valve_twin.nodes.aging.keeping import Keeper
 from valve_twin.nodes.aging.monitored_valve import MonitoredValve
 from valve_twin.nodes.runtime.diagnostics import ERROR, WARN, Diagnostics, Report
 from valve_twin.nodes.runtime.node import STEADY, ValveNode
@@ -37,8 +38,17 @@ class AgingMonitorNode(ValveNode):
         """Read the parameters."""
         configs = read_valves(self)
         self._worker = WorkerThread("assessment")
-        page = self.parameters.read(AgingMonitorParameters).page
-        self._valves = [MonitoredValve(self, c, worker=self._worker, page=page) for c in configs]
+        given = self.parameters.read(AgingMonitorParameters)
+        self._valves = [
+            MonitoredValve(
+                self,
+                config,
+                worker=self._worker,
+                page=given.page,
+                keeper=Keeper(given.state_folder, config),
+            )
+            for config in configs
+        ]
         self._diagnostics = Diagnostics(self, self._reports)
 
     def activate(self) -> None:

@@ -18,12 +18,14 @@ import numpy as np
 
 from valve_twin import __version__
 from valve_twin.core.aging.cutting.memory import Memory
-from valve_twin.core.past.stored import freeze, thaw
+from valve_twin.core.past.stored import thaw
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.restart import build_of
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from numpy.typing import NDArray
 
     from valve_twin.core.aging.config import AgingConfig
     from valve_twin.core.past.state import AgingState
@@ -68,26 +70,36 @@ def origin_of(valve: str, model: str) -> dict[str, Any]:
     }
 
 
-def pack(known: Known, origin: dict[str, Any], config: AgingConfig) -> bytes:
+def pack(
+    frozen: tuple[dict[str, Any], list[NDArray[Any]]],
+    memory: Memory,
+    place: dict[str, Any],
+    origin: dict[str, Any],
+    config: AgingConfig,
+) -> bytes:
     """Return the content of a file.
 
     Parameters
     ----------
-    known : Known
-        It may go on afterwards.
+    frozen : tuple
+        What `freeze` returned of a state.
+    memory : Memory
+        What was found in it.
+    place : dict
+        See `Known`.
     origin : dict
         See `origin_of`.
     config : AgingConfig
         The rules that the memory is of.
     """
-    state, arrays = freeze(known.state)
-    memory, found = known.memory.freeze()
+    state, arrays = frozen
+    searches, found = memory.freeze()
     head = {
         "origin": origin,
-        "place": known.place,
+        "place": place,
         "config": repr(config),
         "state": state,
-        "memory": memory,
+        "memory": searches,
         "arrays": [[a.dtype.str, len(a)] for a in (*arrays, *found)],
         "of_state": len(arrays),
     }

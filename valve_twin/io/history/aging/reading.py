@@ -15,6 +15,7 @@ import sqlalchemy as sa
 
 from valve_twin.core.aging.cutting.memory import Memory
 from valve_twin.core.past.state import AgingState
+from valve_twin.core.past.stored import freeze
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.aging.file import Known, load, origin_of, pack, write
 from valve_twin.io.history.tables import (
@@ -109,8 +110,9 @@ def keep_known(
         return
     if new >= _NEW or newest - place["looked"] >= 100 * _NEW:
         known.place = {**place, "kept": place["rows"], "looked": newest}
+        origin = origin_of(valve, model)
         with suppress(OSError):  # a folder that takes nothing: it is read anew
-            write(path, pack(known, origin_of(valve, model), config))
+            write(path, pack(freeze(known.state), known.memory, known.place, origin, config))
 
 
 def _rows(history: History, valve: str, at: list[int], newest: int) -> Iterator[Mapping[str, Any]]:

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""A monitor that starts again asks only for what is new, and says what one says that knows all."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from test.nodes.aging.test_estimate_buffer import CYCLES, NS, STORED, VALVE, Twin
+from valve_twin.core.aging.assess import assess
+from valve_twin.core.aging.config import AgingConfig
+from valve_twin.core.past.columns import past_of
+from valve_twin.core.types import Maintenance
+from valve_twin.core.valves.registry import get_model
+from valve_twin.nodes.aging import keeping
+from valve_twin.nodes.aging.node import AgingMonitorNode
+
+
+class Asked(Twin):
+    """A twin that remembers which first cycles it was asked for."""
+
+    def __init__(self, graph) -> None:
+        self.asked: list[int] = []
+        super().__init__(graph)
+
+    def answer(self, request, response):
+        self.asked.append(request.first_cycle)
+        return super().answer(request, response)
+
+
+@pytest.fixture
+def twin(graph, monkeypatch):
+    monkeypatch.setattr(keeping, "WORTH", 5)
+    return Asked(graph)
+
+
+def start(graph, folder, known=STORED):
+    """Start a monitor and wait until it has said its first verdict."""
+    node = graph.host(AgingMonitorNode, retry_s=0.2, state_folder=str(folder))
+    (valve,) = node._valves
+    graph.spin_until(lambda: valve.assessment and valve.cycles == known, what="the history")
+    return node, valve
+
+
+def stop(graph, node, folder):
+    """Let a monitor end as by a signal; what it knows is then kept."""
+    node.trigger_deactivate()
+    graph.spin_until(lambda: list(folder.glob("aging*")), what="the file")
+    node.trigger_cleanup()
+
+
+def said(assessment):
+    return repr((assessment.trends, assessment.verdict))
+
+
+def expected(twin):
+    found = assess(
+        past_of(twin.history),
+        twin.events,
+        AgingConfig(),
+        parameters=get_model("press_cartridge").parameters,
+        valve=NS,
+    )
+    return said(found)
+
+
+def test_it_asks_for_what_is_new_and_for_the_last_it_knows(graph, twin, tmp_path):
+    node, _ = start(graph, tmp_path)
+    stop(graph, node, tmp_path)
+    twin.history = list(VALVE)
+    twin.asked.clear()
+    _, valve = start(graph, tmp_path, CYCLES)
+    assert twin.asked[0] == STORED
+    assert min(twin.asked) == STORED
+    assert said(valve.assessment) == expected(twin)
+
+
+def test_it_speaks_though_nothing_is_new(graph, twin, tmp_path):
+    node, _ = start(graph, tmp_path)
+    stop(graph, node, tmp_path)
+    _, valve = start(graph, tmp_path)
+    assert said(valve.assessment) == expected(twin)
+
+
+def test_another_history_is_asked_for_as_a_whole(graph, twin, tmp_path):
+    node, _ = start(graph, tmp_path)
+    stop(graph, node, tmp_path)
+    twin.history = [replace(e, end_ns=e.end_ns + 1) for e in VALVE[:STORED]]
+    twin.asked.clear()
+    _, valve = start(graph, tmp_path)
+    graph.spin_until(lambda: 1 in twin.asked, what="a request for all")
+    graph.spin_until(lambda: said(valve.assessment) == expected(twin), what="the verdict")
+
+
+def test_maintenance_marked_meanwhile_for_a_known_cycle_begins_anew(graph, twin, tmp_path):
+    node, _ = start(graph, tmp_path)
+    stop(graph, node, tmp_path)
+    twin.events = [Maintenance(stamp_ns=VALVE[4].start_ns, cycle=5, note="x", new_reference=True)]
+    twin.asked.clear()
+    _, valve = start(graph, tmp_path)
+    graph.spin_until(lambda: 1 in twin.asked, what="a request for all")
+    graph.spin_until(lambda: said(valve.assessment) == expected(twin), what="the verdict")
+
+
+def test_a_damaged_file_is_told_and_not_used(graph, twin, tmp_path):
+    node, _ = start(graph, tmp_path)
+    stop(graph, node, tmp_path)
+    (file,) = tmp_path.glob("aging*")
+    file.write_bytes(file.read_bytes()[:-1])
+    twin.asked.clear()
+    _, valve = start(graph, tmp_path)
+    assert min(twin.asked) == 1
+    assert said(valve.assessment) == expected(twin)

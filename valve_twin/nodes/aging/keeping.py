@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What a monitor knows of one valve, kept in a file for its next start.
+
+The file saves asking for the whole history and decides nothing: the twin is asked for the last
+estimate that it holds as well, and for all maintenance events. Where the answer differs from the
+file in either, all is asked for anew.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from valve_twin.core.past.stored import freeze
+from valve_twin.io.errors import ConfigError, StoreError
+from valve_twin.io.history.aging.file import load, origin_of, pack, write
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from valve_twin.core.aging.cutting.memory import Memory
+    from valve_twin.io.config.valve import ValveConfig
+    from valve_twin.io.history.aging.file import Known
+    from valve_twin.nodes.aging.estimate_buffer import EstimateBuffer
+
+WORTH = 1000
+"""Estimates from which on a file is kept [1], assumed: as many are asked for within a second."""
+
+EVERY = 200
+"""Estimates after which it is written again [1], assumed: what came since is asked for."""
+
+
+class Keeper:
+    """The file of one valve.
+
+    Parameters
+    ----------
+    folder : str
+        Where it lies, made where it is missing; empty = nothing is kept.
+    config : ValveConfig
+        The valve.
+
+    Raises
+    ------
+    ConfigError
+        If there can be no such folder.
+    """
+
+    def __init__(self, folder: str, config: ValveConfig) -> None:
+        self._config, self._kept = config, 0
+        self._path: Path | None = None
+        if folder:
+            try:
+                Path(folder).mkdir(parents=True, exist_ok=True)
+            except OSError as err:
+                msg = f"state_folder {folder}: {err.strerror}: name a folder that can be written"
+                raise ConfigError(msg) from err
+            self._path = Path(folder) / f"aging{config.name.replace('/', '.')}"
+
+    def load(self, tell: Callable[[str], object]) -> Known | None:
+        """Return what was kept, None where nothing was or it is of no use.
+
+        Parameters
+        ----------
+        tell : callable
+            Gets one line where it is of no use.
+        """
+        if self._path is None:
+            return None
+        try:
+            known = load(self._path, self._origin(), self._config.aging)
+        except StoreError as err:
+            tell(str(err))
+            return None
+        self._kept = sum(known.place["counts"].values()) if known else 0
+        return known
+
+    def due(self, buffer: EstimateBuffer, *, ends: bool = False) -> bool:
+        """Return whether it is to be written: so many are new, or any where the monitor ends."""
+        count = sum(buffer.counts.values())
+        new = count - self._kept
+        return self._path is not None and count >= WORTH and new >= (1 if ends else EVERY)
+
+    def saving(self, buffer: EstimateBuffer, memory: Memory) -> Callable[[], None]:
+        """Return the work that writes what is known now; what comes meanwhile is not in it.
+
+        Parameters
+        ----------
+        buffer : EstimateBuffer
+            What is known.
+        memory : Memory
+            What was found in it; read when the work is done.
+        """
+        self._kept = sum(buffer.counts.values())
+        return partial(self._save, freeze(buffer.state), buffer.place(), memory)
+
+    def _save(self, state: tuple[Any, Any], place: dict[str, Any], memory: Memory) -> None:
+        if self._path is not None:
+            content = pack(state, memory, place, self._origin(), self._config.aging)
+            try:
+                write(self._path, content)
+            except OSError as err:
+                msg = f"{self._path}: is not written: {err.strerror}: make room, or name another"
+                raise StoreError(msg) from err
+
+    def _origin(self) -> dict[str, Any]:
+        return origin_of(self._config.name, self._config.model)
