@@ -32,6 +32,7 @@ EXECUTABLES = {
     "aging_monitor",
     "bag_player",
     "bag_recorder",
+    "gateway",
     "opcua_source",
     "simulated_valve",
     "twin",

@@ -35,6 +35,7 @@ def path(tmp_path: Path) -> Path:
 def at_once(monkeypatch):
     monkeypatch.setattr(module, "REFRESH_S", 0.0)
     monkeypatch.setattr(module, "REST", 0.0)
+    monkeypatch.setattr(module, "WAIT_S", 60.0)
 
 
 def test_the_file_is_checked_once_however_often_it_is_looked_at(path, monkeypatch):

@@ -10,6 +10,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
+import threading
 import time
 import urllib.error
 import urllib.request
@@ -19,7 +20,7 @@ import pytest
 
 from test.io.history.test_fleet import estimate, record
 from valve_twin.cli import main
-from valve_twin.gateway.web import HEADERS
+from valve_twin.gateway.page.answers import HEADERS
 from valve_twin.io.history.store import History
 
 HOSTILE = '/press/<script>alert(1)</script> & "co"'
@@ -36,19 +37,33 @@ def store(path: Path, valve: str, cycles: range, rate: float) -> None:
 class Server:
     """`valve-twin serve` as a user starts it."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *more: str, scheme: str = "http") -> None:
         command = [sys.executable, "-m", "valve_twin.cli", "serve", "--port", "0"]
         self.process = subprocess.Popen(
-            [*command, "--url", f"sqlite:///{path}"], stderr=subprocess.PIPE, text=True
+            [*command, "--url", f"sqlite:///{path}", *more], stderr=subprocess.PIPE, text=True
         )
         assert self.process.stderr is not None
         line = self.process.stderr.readline()
-        found = re.search(r"http://127\.0\.0\.1:\d+", line)
+        found = re.search(rf"{scheme}://127\.0\.0\.1:\d+", line)
         assert found, line
         self.address = found.group()
+        self._lines: list[str] = []
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
 
-    def get(self, path: str, method: str = "GET") -> tuple[int, str, dict[str, str]]:
-        request = urllib.request.Request(self.address + path, method=method)
+    def _read(self) -> None:
+        assert self.process.stderr is not None
+        for line in self.process.stderr:
+            self._lines.append(line)
+
+    def said(self) -> str:
+        """Return what it has written since its first line."""
+        return "".join(self._lines)
+
+    def get(
+        self, path: str, method: str = "GET", headers: dict[str, str] | None = None
+    ) -> tuple[int, str, dict[str, str]]:
+        request = urllib.request.Request(self.address + path, method=method, headers=headers or {})
         try:
             with urllib.request.urlopen(request, timeout=30) as answer:
                 return answer.status, answer.read().decode(), dict(answer.headers)
@@ -61,6 +76,7 @@ class Server:
             return self.process.wait(30)
         finally:
             self.process.kill()
+            self._reader.join(30)
             assert self.process.stderr is not None
             self.process.stderr.close()
 
@@ -95,20 +111,36 @@ def test_the_page_of_all_valves_shows_the_worst_first_with_state_and_what_to_do(
 
 def test_a_hostile_name_is_text(server):
     _, page, _ = server.get("/")
-    assert "<script" not in page
+    assert re.findall("<script[^>]*>", page) == ['<script src="page.js" defer>']
     assert "&lt;script&gt;alert(1)&lt;/script&gt; &amp; " in page
     link = re.findall(r'href="(valve/press/%3Cscript[^"]*)"', page)
     assert len(link) == 1
-    status, own, _ = server.get("/" + link[0])
-    assert status == 200
-    assert "<script" not in own
+    for room, ours in (("valve", 1), ("report", 0), ("cycles", 1)):
+        status, own, _ = server.get("/" + link[0].replace("valve", room, 1))
+        assert status == 200
+        assert len(re.findall("<script", own)) == ours
+        assert "<script>alert" not in own
 
 
-def test_a_valve_leads_to_the_page_that_report_writes(server):
+def test_a_valve_leads_to_its_page_and_to_the_one_that_report_writes(server):
     status, page, _ = server.get("/valve/press/worn")
     assert status == 200
-    assert "NE 107: out of specification" in page
-    assert "K_in" in page
+    assert "<b>out of specification</b>" in page
+    assert "overhaul it, now" in page.lower()
+    wait_for(lambda: 'class="trend"' in server.get("/valve/press/worn")[1])
+    assert re.findall(r'href="([^"]*)">Report', page) == ["../../report/press/worn"]
+    status, report, _ = server.get("/report/press/worn")
+    assert status == 200
+    assert "NE 107: out of specification" in report
+    assert "K_in" in report
+
+
+def test_what_a_page_shows_already_is_not_sent_again(server):
+    for path in ("/", "/valve/press/new"):
+        wait_for(lambda: "being drawn" not in server.get(path)[1])  # noqa: B023
+        (mark,) = re.findall(r'data-mark="(\w+)"', server.get(path)[1])
+        assert server.get(path, headers={"X-Valve-Twin-Mark": mark})[:2] == (204, "")
+        assert server.get(path, headers={"X-Valve-Twin-Mark": "00000000"})[0] == 200
 
 
 def test_json_says_what_fleet_says(server, path, capsys):

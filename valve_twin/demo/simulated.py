@@ -105,7 +105,9 @@ def _conclude(case: Case, out: Path, bag: Path, files: list[Path]) -> bool:
     say(f"recorded bag: {bag}")
     history = out / "history.sqlite"
     say(f"history:      {history}")
-    say(f"in a browser: tools/run valve-twin serve --url sqlite:///{history}")
+    browser = f"tools/run valve-twin serve --url sqlite:///{history} --bag {bag}"
+    say(f"in a browser: {browser}, then http://127.0.0.1:8107/ and the valve's name there")
+    say("in Foxglove:  layouts/ holds a layout for the recorded bag, see docs/browser.md")
     return code == 0 and found
 
 

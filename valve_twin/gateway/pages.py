@@ -1,27 +1,38 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""The pages of the gateway as HTML, and a row as plain data."""
+"""The pages of the gateway as HTML."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
+import zlib
+from dataclasses import asdict, dataclass, field
+from datetime import datetime, timezone
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import quote
 
+import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 
-from valve_twin.core.aging.verdict import outlook
 from valve_twin.core.faults.ne107 import Ne107
-from valve_twin.report.text import day, render, when
+from valve_twin.gateway.page.details import DRAWING
+from valve_twin.gateway.page.words import LANGUAGES, words
+from valve_twin.report.plots import plot_cycle
+from valve_twin.report.svg import polyline
+from valve_twin.report.tables import life_table
+from valve_twin.report.text import count, day, fixed, number, render, when
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
-    from valve_twin.core.aging import Trend
+    from valve_twin.core.types import Estimate, Prediction
+    from valve_twin.gateway.page.accounts import Session
+    from valve_twin.gateway.page.details import Details
     from valve_twin.gateway.plant import View
     from valve_twin.io.history.fleet import FleetRow
+    from valve_twin.io.history.tables import CycleRecord
 
 RELOAD_S = 5
 """A page asks anew so often [s]."""
@@ -34,17 +45,107 @@ SIGNS = {
     Ne107.GOOD: "\N{CHECK MARK}",
 }
 
+_CLOCK_SET_NS = 10**18
+
+
+@dataclass(frozen=True, slots=True)
+class Visitor:
+    """For whom a page is made.
+
+    Attributes
+    ----------
+    language : str
+        Code of his language.
+    root : str
+        Way from his page to that of all valves, such as "../".
+    path : str
+        Way back.
+    session : Session or None
+        His session, where he has come in.
+    accounts : bool
+        Whether one can come in.
+    languages : mapping
+        What there is.
+    """
+
+    language: str = "en"
+    root: str = ""
+    path: str = ""
+    session: Session | None = None
+    accounts: bool = False
+    languages: Mapping[str, str] = field(default_factory=lambda: LANGUAGES)
+
+
+class Moment(NamedTuple):
+    """A time: what a browser puts into its zone, and the words where it does not."""
+
+    text: str
+    iso: str
+
+
+def moment(stamp_ns: int) -> Moment:
+    """Return a stamp for a page; one of a clock that was not set stays as it is."""
+    if not stamp_ns:
+        return Moment("", "")
+    return Moment(when(stamp_ns), utc(stamp_ns) if stamp_ns >= _CLOCK_SET_NS else "")
+
+
+def utc(stamp_ns: int) -> str:
+    """Return a stamp by ISO 8601, empty for 0."""
+    return datetime.fromtimestamp(stamp_ns * 1e-9, timezone.utc).isoformat() if stamp_ns else ""
+
 
 @cache
-def _templates() -> Environment:
+def _templates(language: str) -> Environment:
     made = Environment(
-        loader=PackageLoader("valve_twin.gateway"), autoescape=True, undefined=StrictUndefined
+        loader=PackageLoader("valve_twin.gateway"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        extensions=["jinja2.ext.i18n"],
     )
+    told = words(language)
+    made.install_gettext_translations(told)  # type: ignore[attr-defined]
     made.globals["style"] = render("style.css")
+    made.globals["own_style"] = Markup(made.get_template("page.css").render())
     return made
 
 
-def fleet_page(view: View, now_ns: int) -> str:
+def _page(name: str, visitor: Visitor, **values: object) -> str:
+    return _templates(visitor.language).get_template(name).render(visitor=visitor, **values)
+
+
+def script() -> str:
+    """Return the glue of the pages."""
+    return _templates("en").get_template("page.js").render()
+
+
+def fleet_mark(view: View) -> str:
+    """Return what changes whenever the page of all valves says something else."""
+    return _mark(view.rows, view.failure, view.where)
+
+
+def valve_mark(view: View, row: FleetRow, details: Details) -> str:
+    """Return what changes whenever the page of a valve says something else.
+
+    Parameters
+    ----------
+    view, row, details : View, FleetRow, Details
+        What is shown.
+    """
+    last = [(e.id, e.acknowledged) for e in details.events]
+    of_it = row, view.failure, len(details.report), details.failure, last
+    return _mark(of_it, details.maintenance)
+
+
+def _mark(*content: object) -> str:
+    return f"{zlib.crc32(repr(content).encode('utf-8', 'replace')):08x}"
+
+
+def _age_s(view: View, now_ns: int) -> int | None:
+    return round((now_ns - view.read_ns) * 1e-9) if view.read_ns else None
+
+
+def fleet_page(view: View, now_ns: int, visitor: Visitor) -> str:
     """Return the page of all valves, worst first.
 
     Parameters
@@ -53,31 +154,36 @@ def fleet_page(view: View, now_ns: int) -> str:
         What the history holds.
     now_ns : int
         When the page is made [ns since 1970].
+    visitor : Visitor
+        For whom.
     """
-    rows = [_cells(row) for row in view.rows]
     counts = {s: sum(row.ne107 == s.value for row in view.rows) for s in Ne107}
-    return (
-        _templates()
-        .get_template("fleet.html")
-        .render(
-            view=view,
-            rows=rows,
-            counts=[(SIGNS[s], s.name.lower(), s.value, n) for s, n in counts.items() if n],
-            read=when(view.read_ns) if view.read_ns else "",
-            age_s=round((now_ns - view.read_ns) * 1e-9) if view.read_ns else None,
-            reload_s=RELOAD_S,
-        )
+    return _page(
+        "fleet.html",
+        visitor,
+        view=view,
+        rows=[_cells(row, view.courses.get(row.valve, ())) for row in view.rows],
+        counts=[(SIGNS[s], s.name.lower(), s.value, n) for s, n in counts.items() if n],
+        read=moment(view.read_ns),
+        age_s=_age_s(view, now_ns),
+        reload_s=RELOAD_S,
+        mark=fleet_mark(view),
     )
 
 
-def _cells(row: FleetRow) -> dict[str, str]:
+def link_of(valve: str) -> str:
+    """Return the part of an address that names a valve."""
+    return quote(valve.lstrip("/"))
+
+
+def _cells(row: FleetRow, course: Sequence[float] = ()) -> dict[str, object]:
     state = Ne107(row.ne107)
     known = math.isfinite(row.drift)
     interval = f"{row.drift_lower_95:+.1f} .. {row.drift_upper_95:+.1f}"
     left = f"{row.remaining:.0f} {row.axis}" if math.isfinite(row.remaining) else "-"
     return {
         "valve": row.valve,
-        "link": "valve/" + quote(row.valve.lstrip("/")),
+        "link": "valve/" + link_of(row.valve),
         "sign": SIGNS[state],
         "style": state.name.lower(),
         "state": state.value,
@@ -90,23 +196,32 @@ def _cells(row: FleetRow) -> dict[str, str]:
         "limit": row.limit_state,
         "service": day(row.service_date_ns) if row.service_date_ns else left,
         "cycle": str(row.cycle),
-        "end": when(row.end_ns) if row.end_ns else "",
+        "end": moment(row.end_ns),
+        "spark": _spark(row.parameter, course),
     }
 
 
-def message_page(title: str, text: str) -> str:
-    """Return a page that says one thing.
+def _spark(parameter: str, course: Sequence[float]) -> dict[str, str] | None:
+    """Return a small line through the last estimates; None where there are too few."""
+    if len(course) < 3:
+        return None
+    y = np.array(course)
+    span = float(np.ptp(y)) or 1.0
+    x = np.linspace(1.0, 99.0, len(y))
+    line = polyline(x, 24.0 - 22.0 * (y - y.min()) / span)
+    return {"path": line, "words": f"{parameter}: {course[0]:.4g} .. {course[-1]:.4g}"}
 
-    Parameters
-    ----------
-    title, text : str
-        What is said; escaped.
-    """
-    return _templates().get_template("message.html").render(title=title, text=text)
 
-
-def plain_valve(view: View, row: FleetRow) -> dict[str, object]:
-    """Return a valve as plain data: a number that is not known or unbounded is null.
+def valve_page(
+    view: View,
+    row: FleetRow,
+    details: Details,
+    visitor: Visitor,
+    *,
+    commands: Sequence[str] | None = None,
+    said: str = "",
+) -> str:
+    """Return the page of a valve.
 
     Parameters
     ----------
@@ -114,46 +229,194 @@ def plain_valve(view: View, row: FleetRow) -> dict[str, object]:
         What the history holds.
     row : FleetRow
         The valve's row in it.
+    details : Details
+        What else is shown.
+    visitor : Visitor
+        For whom.
+    commands : sequence of str or None
+        Names of the commands of the moving plot; None = there is no live twin.
+    said : str
+        What is to be said of what the visitor did.
     """
-    trends = view.trends.get(row.valve, ())
-    found: dict[str, object] = {**asdict(row), "verdict": row.verdict.text}
-    plate = dict(view.nameplates.get(row.valve, {}))
-    parameters = [_plain_trend(t) for t in trends]
-    return {**_known(found), "nameplate": plate, "parameters": parameters}
+    life = life_table(list(view.trends.get(row.valve, ())))
+    parameters = life._replace(head=[_plain_head(h) for h in life.head])
+    return _page(
+        "valve.html",
+        visitor,
+        view=view,
+        row=row,
+        link=link_of(row.valve),
+        plate=view.nameplates.get(row.valve, {}),
+        cells=_cells(row),
+        facts=_facts(row),
+        parameters=parameters,
+        counters={"head": _COUNTERS_HEAD, "rows": _counters(row)},
+        details=_shown(details),
+        live=commands is not None,
+        commands=commands or (),
+        age_s=_age_s(view, view.read_ns),
+        reload_s=1 if details.failure == DRAWING else RELOAD_S,
+        mark=valve_mark(view, row, details),
+        said=said,
+    )
 
 
-_OF_TREND = {
-    "parameter": "parameter",
-    "unit": "unit",
-    "level": "level",
-    "lower_95": "mean_lower_95",
-    "upper_95": "mean_upper_95",
-    "reference": "reference",
-    "threshold": "threshold",
-    "warning": "warning",
-    "drift": "drift_reference",
-    "drift_lower_95": "drift_reference_lower_95",
-    "drift_upper_95": "drift_reference_upper_95",
-    "remaining_low": "remaining_low",
-    "remaining": "remaining_median",
-    "remaining_high": "remaining_high",
-    "axis": "axis",
-    "reason": "reason",
-}
-"""Keys of a parameter in JSON by the fields of its trend."""
+_COUNTERS_HEAD = ("Counter", "Value")
 
 
-def _plain_trend(trend: Trend) -> dict[str, object]:
-    """Return a parameter as plain data; what remains is null where no forecast is told."""
-    said = outlook(trend)
-    found = {key: getattr(trend, name) for key, name in _OF_TREND.items()}
-    if not said.says_when:
-        found["remaining"] = math.inf
-    return {**_known(found), "outlook": said.value, "limit_state": trend.limit_state.text}
+def _plain_head(head: str) -> str:
+    """Return a heading without the remark below it."""
+    return str(head).partition("<small>")[0]
 
 
-def _known(values: Mapping[str, object]) -> dict[str, object]:
+def _facts(row: FleetRow) -> list[tuple[str, str, str]]:
+    cells = _cells(row)
+    found = [("Last cycle", str(row.cycle), "")]
+    if row.parameter:
+        found.append(("Worst parameter, change", str(cells["worst"]), str(cells["interval"])))
+    found += [
+        ("To its limit", str(cells["way"]), row.limit_state),
+        ("Service", str(cells["service"]), ""),
+    ]
+    found.append(("Open events", str(row.open_events), ""))
+    return found
+
+
+def _counters(row: FleetRow) -> list[tuple[str, str]]:
+    if not row.cycles:
+        return []
+    hours = {"Time in cycles": row.hours, "Time open": row.hours_open}
+    hours["Time closed"] = row.hours_closed
+    found = [("Production cycles", count(row.cycles)), ("Movements", count(row.movements))]
+    found += [("Reversals", count(row.reversals)), ("Starts", count(row.starts))]
+    found.append(("Strokes", fixed(row.strokes, 1)))
+    return found + [(name, f"{fixed(h, 2)} h") for name, h in hours.items()]
+
+
+def _shown(details: Details) -> dict[str, object]:
     return {
-        name: None if isinstance(v, float) and not math.isfinite(v) else v
-        for name, v in values.items()
+        "failure": details.failure,
+        "figures": details.figures,
+        "faults": details.faults,
+        "maintenance": [
+            {
+                "cycle": m.cycle,
+                "time": moment(m.stamp_ns),
+                "note": m.note,
+                "withdrawn": m.withdrawn,
+                "new_reference": m.new_reference,
+            }
+            for m in details.maintenance
+        ],
+        "events": [
+            {
+                **asdict(e),
+                "time": moment(e.stamp_ns),
+                "seen": moment(e.acknowledged_at_ns),
+                "is_open": e.is_open,
+            }
+            for e in details.events
+        ],
     }
+
+
+@dataclass(frozen=True, slots=True)
+class ShownCycle:
+    """One of the cycles that stand beside each other.
+
+    Attributes
+    ----------
+    number : int
+        Which was asked for [1].
+    record : CycleRecord or None
+        What is stored of it; None = nothing.
+    estimates : sequence of Estimate
+        Its estimates that feed the trend.
+    samples : Prediction or None
+        Its samples; None = not there.
+    why : str
+        Why they are not.
+    """
+
+    number: int
+    record: CycleRecord | None = None
+    estimates: Sequence[Estimate] = ()
+    samples: Prediction | None = None
+    why: str = ""
+
+
+def cycles_page(row: FleetRow, shown: Sequence[ShownCycle], first: int, visitor: Visitor) -> str:
+    """Return the page of two cycles beside each other.
+
+    Parameters
+    ----------
+    row : FleetRow
+        The valve.
+    shown : sequence of ShownCycle
+        The cycles.
+    first : int
+        Number of the first stored cycle [1].
+    visitor : Visitor
+        For whom.
+    """
+    return _page(
+        "cycles.html",
+        visitor,
+        row=row,
+        link="valve/" + link_of(row.valve),
+        asked=[c.number for c in shown],
+        shown=[_cycle(c) for c in shown],
+        first=first,
+        last=row.cycle,
+    )
+
+
+def _cycle(shown: ShownCycle) -> dict[str, object]:
+    record = shown.record
+    parameters = [p for e in shown.estimates for p in e.parameters]
+    return {
+        "number": shown.number,
+        "record": record,
+        "start": moment(record.start_ns) if record else None,
+        "seconds": (record.end_ns - record.start_ns) * 1e-9 if record else 0.0,
+        "estimates": [
+            {
+                "name": p.name,
+                "value": number(p.value),
+                "interval": f"{number(p.lower_95)} .. {number(p.upper_95)}"
+                if math.isfinite(p.upper_95 - p.lower_95)
+                else "",
+            }
+            for p in parameters
+        ],
+        "plot": plot_cycle(shown.samples) if shown.samples is not None else "",
+        "why": shown.why,
+    }
+
+
+def login_page(visitor: Visitor, following: str, wrong: str = "") -> str:
+    """Return the page that asks for name and password.
+
+    Parameters
+    ----------
+    visitor : Visitor
+        For whom.
+    following : str
+        Where he goes on.
+    wrong : str
+        What was wrong the last time.
+    """
+    return _page("login.html", visitor, next=following, wrong=wrong)
+
+
+def message_page(title: str, text: str, visitor: Visitor) -> str:
+    """Return a page that says one thing.
+
+    Parameters
+    ----------
+    title, text : str
+        What is said; escaped.
+    visitor : Visitor
+        To whom.
+    """
+    return _page("message.html", visitor, title=title, text=text)

@@ -7,9 +7,11 @@ from __future__ import annotations
 import threading
 import time
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 from valve_twin.core.aging.config import AgingConfig
+from valve_twin.gateway.page.details import Details, DetailsOf, make_details
 from valve_twin.io.errors import StoreError, ValveTwinError
 from valve_twin.io.history.fleet import (
     FleetOrder,
@@ -19,15 +21,17 @@ from valve_twin.io.history.fleet import (
     ranked,
 )
 from valve_twin.io.history.store import DamagedValueError, History
-from valve_twin.report.build import history_data
-from valve_twin.report.page import render_report
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
+    from typing import TypeAlias
 
     from valve_twin.core.aging.verdict import Trend, Verdict
     from valve_twin.core.types import Estimate
     from valve_twin.io.history.marks import Mark
+    from valve_twin.io.history.tables import CycleRecord
+
+    StoredCycle: TypeAlias = tuple[CycleRecord, list[Estimate]]
 
 REFRESH_S = 2.0
 """The history is asked at most so often, however many look [s]."""
@@ -37,7 +41,10 @@ REST = 4.0
 core at most, also where a large file cannot be opened and is checked again and again."""
 
 WAIT_S = 0.5
-"""Who looks while another look reads waits at most so long, then sees what there was [s]."""
+"""Who looks while the history is read waits at most so long, then sees what there was [s]."""
+
+COURSE = 60
+"""Estimates of the small course beside a valve's name [1]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +67,8 @@ class View:
         What is given of a nameplate, by name of the valve.
     verdicts : mapping
         The verdict of each valve that could be assessed, by its name.
+    courses : mapping
+        The last `COURSE` estimates of the worst parameter [its unit], by name of the valve.
     """
 
     rows: tuple[FleetRow, ...] = ()
@@ -69,6 +78,7 @@ class View:
     trends: Mapping[str, tuple[Trend, ...]] = field(default_factory=dict)
     nameplates: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     verdicts: Mapping[str, Verdict] = field(default_factory=dict)
+    courses: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
 
     def row(self, valve: str) -> FleetRow | None:
         """Return the row of a valve; None where the history does not know it."""
@@ -108,24 +118,51 @@ class Plant:
         self._view = View()
         self._due_s = time.monotonic()
         self._states: dict[str, tuple[Mark, ValveState]] = {}
-        self._pages: dict[str, tuple[Mark, str]] = {}
-        self._writing: dict[str, threading.Lock] = {}
+        self._courses: dict[str, tuple[float, ...]] = {}
+        self._details = DetailsOf()
 
     def view(self) -> View:
         """Return all valves; a history that cannot be read is said, nothing is raised."""
         if time.monotonic() >= self._due_s and self._reading.acquire(timeout=WAIT_S):
-            try:
-                begun_s = time.monotonic()
-                if begun_s >= self._due_s:
-                    self._read()
-                    end_s = time.monotonic()
-                    self._due_s = end_s + max(REFRESH_S, REST * (end_s - begun_s))
-            finally:
-                self._reading.release()
+            if self._view.read_ns:
+                reader = threading.Thread(target=self._read_once, name="history", daemon=True)
+                reader.start()
+                reader.join(WAIT_S)
+            else:
+                self._read_once()
         return self._view
+
+    def _read_once(self) -> None:
+        """Read where it is due; lets go of the reading that was taken."""
+        try:
+            begun_s = time.monotonic()
+            if begun_s >= self._due_s:
+                self._read()
+                end_s = time.monotonic()
+                self._due_s = end_s + max(REFRESH_S, REST * (end_s - begun_s))
+        finally:
+            self._reading.release()
 
     def page(self, valve: str) -> str | None:
         """Return the report page of a valve; None where the history does not know it.
+
+        Raises
+        ------
+        ValveTwinError
+            If the history cannot be read.
+        """
+        found = self.details(valve, None)
+        return None if found is None else found.report
+
+    def details(self, valve: str, wait_s: float | None = WAIT_S) -> Details | None:
+        """Return what else is shown of a valve; None where the history does not know it.
+
+        Parameters
+        ----------
+        valve : str
+            Its name.
+        wait_s : float or None
+            Longest wait; then the details say that they are being made [s].
 
         Raises
         ------
@@ -138,18 +175,49 @@ class Plant:
         history, known = self._history, self._states.get(valve)
         if history is None or known is None:
             return None
-        mark = known[0]
-        with self._writing.setdefault(valve, threading.Lock()):
-            kept = self._pages.get(valve)
-            if kept is None or kept[0] != mark:
-                try:
-                    data = history_data(history, valve, self._rules(valve))
-                except ValueError as err:  # a model that is not installed here
-                    raise ValveTwinError(str(err)) from err
-                plate = self._nameplates.get(valve, {})
-                page = render_report(replace(data, nameplate=plate))
-                kept = self._pages[valve] = mark, page
-            return kept[1]
+        plate = dict(self._nameplates.get(valve, {}))
+        make = partial(make_details, history, valve, self._rules(valve), plate)
+        return self._details.get(valve, known[0], make, wait_s)
+
+    def cycles(self, valve: str, numbers: Sequence[int]) -> list[StoredCycle | None]:
+        """Return stored cycles with their estimates; None for one that is not there.
+
+        Parameters
+        ----------
+        valve : str
+            Its name.
+        numbers : sequence of int
+            Of the cycles [1].
+
+        Raises
+        ------
+        ValveTwinError
+            If the history cannot be read.
+        """
+        history = self._history
+        if history is None:
+            raise StoreError(self._view.failure)
+        found: list[StoredCycle | None] = []
+        for number in numbers:
+            record = next(iter(history.cycles(valve, number, 1)), None)
+            if record is None or record.cycle != number:
+                found.append(None)
+                continue
+            estimates = history.estimates(valve, None, number, 20, used_by_trend=True)
+            found.append((record, [e for e in estimates if e.cycle == number]))
+        return found
+
+    def first_cycle(self, valve: str) -> int:
+        """Return the number of the first stored cycle; 0 where there is none.
+
+        Raises
+        ------
+        ValveTwinError
+            If the history cannot be read.
+        """
+        history = self._history
+        found = history.cycles(valve, 0, 1) if history is not None else []
+        return found[0].cycle if found else 0
 
     def estimates(self, valve: str, first_cycle: int, limit: int) -> list[Estimate]:
         """Return stored estimates that feed a valve's trend, by cycle.
@@ -178,6 +246,7 @@ class Plant:
             history = self._opened()
             marks = history.marks()
             self._states = {name: self._state(history, name, m) for name, m in marks.items()}
+            self._courses = {n: c for n, c in self._courses.items() if n in marks}
         except ValveTwinError as err:
             self._view = replace(self._view, failure=str(err))
             return
@@ -186,14 +255,16 @@ class Plant:
         trends = {state.row.valve: state.trends for state in states}
         plates = self._nameplates
         verdicts = {s.row.valve: s.verdict for s in states if s.verdict is not None}
-        self._view = View(rows, history.where, time.time_ns(), "", trends, plates, verdicts)
+        now_ns, courses = time.time_ns(), dict(self._courses)
+        self._view = View(rows, history.where, now_ns, "", trends, plates, verdicts, courses)
 
     def _opened(self) -> History:
         if self._history is not None and self._history.moved:
             self._history.close()
             self._history = None
         if self._history is None:
-            self._states, self._pages = {}, {}
+            self._states, self._courses = {}, {}
+            self._details.clear()
             self._history = History(self._url, read_only=True)
         return self._history
 
@@ -206,18 +277,33 @@ class Plant:
         if shown != valve:
             why = "its name is damaged in the history: put the last backup in its place"
             return mark, ValveState(FleetRow(shown, evidence=why, cycle=mark.cycle))
+        self._courses.pop(valve, None)
         try:
-            return mark, describe_valve(history, valve, self._rules(valve))
+            state = describe_valve(history, valve, self._rules(valve))
+            self._courses[valve] = _course(history, state)
         except DamagedValueError as err:
             why = str(err)
         except ValveTwinError:
             raise
         except Exception as err:
             why = f"what is stored of it cannot be assessed ({type(err).__name__}: {err})"
+        else:
+            return mark, state
         return mark, ValveState(FleetRow(valve, evidence=why, cycle=mark.cycle))
 
     def _rules(self, valve: str) -> AgingConfig:
         return self._aging.get(valve, AgingConfig())
+
+
+def _course(history: History, state: ValveState) -> tuple[float, ...]:
+    """Return the last usable estimates of a valve's worst parameter."""
+    parameter = state.row.parameter
+    if not parameter:
+        return ()
+    recent = history.recent_estimates(state.row.valve, COURSE)
+    values = [p.value for e in recent if e.used_by_trend for p in e.parameters
+              if p.name == parameter and p.usable]  # fmt: skip
+    return tuple(values[-COURSE:])
 
 
 def shown_name(valve: str) -> str:

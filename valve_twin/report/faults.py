@@ -33,12 +33,24 @@ def faults_section(assessment: Assessment | None) -> str:
     assessment : Assessment or None
         What was found; None = not assessed.
     """
-    if assessment is None or not (assessment.diagnosis.ready or assessment.diagnosis.findings):
+    found = faults_table(assessment)
+    if assessment is None or found is None:
         return ""
-    found = assessment.diagnosis
+    return render("faults.html", found=found, cycles=assessment.diagnosis.cycles)
+
+
+def faults_table(assessment: Assessment | None) -> Table | None:
+    """Return the sudden faults, a row each; None where none could be found.
+
+    Parameters
+    ----------
+    assessment : Assessment or None
+        What was found; None = not assessed.
+    """
+    if assessment is None or not (assessment.diagnosis.ready or assessment.diagnosis.findings):
+        return None
     head = ["Fault", "Part", "Size", "Since cycle", "Alarm at cycle", "Over at cycle", "Or"]
-    rows = [_row(f) for f in found.findings]
-    return render("faults.html", found=Table(head, rows), cycles=found.cycles)
+    return Table(head, [_row(f) for f in assessment.diagnosis.findings])
 
 
 def _row(finding: Finding) -> list[str]:

@@ -190,6 +190,11 @@ def _facts(data: ReportData) -> list[tuple[str, str, str]]:
     return facts
 
 
+def parameter_figures(data: ReportData) -> list[Figure]:
+    """Return the charts of the followed parameters over cycles."""
+    return _figures(data, _trends(data))
+
+
 def _figures(data: ReportData, pairs: dict[str, tuple[Trend, TrendDetail]]) -> list[Figure]:
     estimates = data.trend_estimates
     events = in_force(data.maintenance) if data.aging else ()

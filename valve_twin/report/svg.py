@@ -142,7 +142,7 @@ class Panel:
         style : str
             Class of the style sheet.
         """
-        self._path(_polyline(*self.place(x, y)), style)
+        self._path(polyline(*self.place(x, y)), style)
 
     def dots(self, x: FloatArray, y: FloatArray, style: str) -> None:
         """Draw a dot at every point.
@@ -213,8 +213,8 @@ class Panel:
         px, low = self.place(x, lower)
         _, high = self.place(x, upper)
         if len(px) > 1 and np.isfinite(low).all() and np.isfinite(high).all():
-            there = _polyline(px, high)
-            back = _polyline(px[::-1], low[::-1]).replace("M", "L", 1)
+            there = polyline(px, high)
+            back = polyline(px[::-1], low[::-1]).replace("M", "L", 1)
             self._path(there + back + "Z", style)
 
     def shade(self, x: FloatArray, mask: BoolArray, style: str) -> None:
@@ -305,7 +305,14 @@ def thin(x: FloatArray, y: FloatArray, bins: int) -> tuple[FloatArray, FloatArra
     return x[index], y[index]
 
 
-def _polyline(px: FloatArray, py: FloatArray) -> str:
+def polyline(px: FloatArray, py: FloatArray) -> str:
+    """Return a path through points; NaN interrupts it.
+
+    Parameters
+    ----------
+    px, py : (N,) arrays
+        Points [units of the drawing].
+    """
     pen_down = False
     moves = []
     for a, b in zip(px.tolist(), py.tolist(), strict=True):

@@ -25,9 +25,9 @@ from asyncua import Client, ua
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 
 from test.gateway.test_web import HOSTILE, store
-from valve_twin.gateway.opcua.passwords import user_line
 from valve_twin.gateway.opcua.units import unit_number
 from valve_twin.gateway.opcua.valve_nodes import OF_PARAMETER, VALUES, stamp
+from valve_twin.gateway.passwords import user_line
 
 DI, VALVES = "http://opcfoundation.org/UA/DI/", "urn:valve_twin:valves"
 PASSWORD = "a long password"

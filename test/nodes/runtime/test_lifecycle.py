@@ -13,6 +13,7 @@ from lifecycle_msgs.srv import ChangeState
 from test.nodes.conftest import NS
 from valve_twin.io.bags.writer import BagWriter
 from valve_twin.nodes.aging.node import AgingMonitorNode
+from valve_twin.nodes.gateway.node import GatewayNode
 from valve_twin.nodes.opcua_source.node import OpcuaSourceNode
 from valve_twin.nodes.player.node import BagPlayerNode
 from valve_twin.nodes.recorder.node import BagRecorderNode
@@ -26,6 +27,7 @@ NODES = {
     "bag_player": BagPlayerNode,
     "bag_recorder": BagRecorderNode,
     "opcua_source": OpcuaSourceNode,
+    "gateway": GatewayNode,
 }
 LIMIT_S = 2.0
 
@@ -43,6 +45,7 @@ def parameters(tmp_path):
         "bag_player": {"bag": str(tmp_path / "bag")},
         "bag_recorder": {"bag": str(tmp_path / "recorded")},
         "opcua_source": {"tags": ["position ns=2;i=1"], "address": "opc.tcp://127.0.0.1:1"},
+        "gateway": {"port": 0, **history},
     }
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 import logging
 import os
 import socket
+import sys
 from contextlib import ExitStack, contextmanager, suppress
 from getpass import getpass
 from pathlib import Path
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from valve_twin.cli.common import Verbs
     from valve_twin.gateway.mqtt.face import Speaker
     from valve_twin.gateway.plant import Plant
+    from valve_twin.gateway.web import Site
 
 _MOST = 65535
 
@@ -36,7 +38,7 @@ def add(verbs: Verbs) -> None:
         " read only.",
         _serve,
     )
-    add_url(parser)
+    add_url(parser, required=False)
     parser.add_argument(
         "--config",
         metavar="FILE",
@@ -53,6 +55,26 @@ def add(verbs: Verbs) -> None:
         const=8765,
         metavar="PORT",
         help="serve Foxglove at ws://HOST:PORT, default 8765; 0 = any",
+    )
+    parser.add_argument("--certificate", metavar="FILE", default="", help="PEM, for TLS")
+    parser.add_argument("--key", metavar="FILE", default="", help="its key, PEM")
+    parser.add_argument(
+        "--bag",
+        action="append",
+        default=[],
+        metavar="PATH",
+        help="bag with the samples of stored cycles, to look at two beside each other; repeatable",
+    )
+    parser.add_argument(
+        "--users",
+        metavar="FILE",
+        default="",
+        help="users with hashed passwords, who may mark and acknowledge on the page",
+    )
+    parser.add_argument(
+        "--add-user",
+        metavar="NAME",
+        help="ask for a password (or read it from stdin), add the user to --users, and end",
     )
     opcua = parser.add_argument_group("OPC UA, off unless --opcua is given")
     opcua.add_argument(
@@ -111,45 +133,67 @@ def _add_mqtt(group: argparse._ArgumentGroup) -> None:
 
 
 def _serve(arguments: argparse.Namespace) -> int:
-    if arguments.opcua_add_user:
-        return _add_user(arguments.opcua_users, arguments.opcua_add_user)
+    for option in ("users", "opcua_users"):
+        name = getattr(arguments, option.replace("users", "add_user"))
+        if name:
+            return _add_user(f"--{option.replace('_', '-')}", getattr(arguments, option), name)
     try:
         import prometheus_client  # noqa: F401
         import starlette  # noqa: F401
-        import uvicorn
+        import uvicorn  # noqa: F401
     except ModuleNotFoundError as err:
         return fail(f"serve: {err.name} is missing: pip install valve_twin[gateway]", USAGE)
+    if not arguments.url:
+        return fail("serve: --url is missing: name the history", USAGE)
+    from valve_twin.gateway import serving
     from valve_twin.gateway.plant import Plant
     from valve_twin.gateway.web import application
 
-    for port in (arguments.port, arguments.foxglove or 0):
-        if not 0 <= port <= _MOST:
-            return fail(f"serve: port {port} is not in 0 .. {_MOST}", USAGE)
+    if not 0 <= (arguments.foxglove or 0) <= _MOST:
+        return fail(f"serve: --foxglove {arguments.foxglove} is not in 0 .. {_MOST}", USAGE)
+    place = serving.Place(arguments.host, arguments.port, arguments.certificate, arguments.key)
+    try:
+        told = serving.check_place(place, accounts=bool(arguments.users))
+        site = _site(arguments, secure=place.secure)
+    except ConfigError as err:
+        return fail(f"serve: {err}", USAGE)
+    if told:
+        say(f"serve: {told}")
     plates = nameplates(arguments.config)
     plant = Plant(arguments.url, aging_rules(arguments.config), plates)
     view = plant.view()
     if view.failure:
         return fail(view.failure)
-    family = socket.AF_INET6 if ":" in arguments.host else socket.AF_INET
-    with socket.socket(family, socket.SOCK_STREAM) as listening:
-        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            listening.bind((arguments.host, arguments.port))
-            listening.listen()  # who asks before the server has started waits for it
-        except OSError as err:
-            where = f"{arguments.host}:{arguments.port}"
-            why = f"serve: cannot listen at {where}: {err.strerror or err}: choose another --port"
-            return fail(f"{why} or --host")
-        host, port = listening.getsockname()[:2]
-        shown = f"[{host}]" if ":" in host else host
-        with _opcua(arguments, plant), _mqtt(arguments, plant), _foxglove(arguments, plant):
-            say(
-                f"{view.where}: {len(view.rows)} valves at http://{shown}:{port}/ (Ctrl-C ends it)"
-            )
-            config = uvicorn.Config(application(plant), log_level="warning", server_header=False)
-            with suppress(KeyboardInterrupt):  # the usual end
-                uvicorn.Server(config).run(sockets=[listening])
+    try:
+        listening = serving.listen(place)
+    except ConfigError as err:
+        return fail(f"serve: {err}")
+    with ExitStack() as stack:
+        stack.enter_context(listening)
+        stack.enter_context(_opcua(arguments, plant))
+        stack.enter_context(_mqtt(arguments, plant))
+        stack.enter_context(_foxglove(arguments, plant))
+        where = serving.address(place, listening)
+        say(f"{view.where}: {len(view.rows)} valves at {where} (Ctrl-C ends it)")
+        server = serving.make_server(application(plant, site), place)
+        with suppress(KeyboardInterrupt):  # the usual end
+            server.run(sockets=[listening])
     return OK
+
+
+def _site(arguments: argparse.Namespace, *, secure: bool) -> Site:
+    """Return what is served beside the history."""
+    from valve_twin.gateway.page.accounts import Accounts
+    from valve_twin.gateway.page.marking import HistoryMarker
+    from valve_twin.gateway.page.samples import Samples
+    from valve_twin.gateway.web import Site
+
+    samples = Samples(arguments.bag)
+    if not arguments.users:
+        return Site(samples=samples, secure=secure)
+    accounts = Accounts(arguments.users, say)
+    marker = HistoryMarker(arguments.url)
+    return Site(samples=samples, accounts=accounts, marker=marker, secure=secure)
 
 
 @contextmanager
@@ -164,7 +208,7 @@ def _opcua(arguments: argparse.Namespace, plant: Plant) -> Iterator[None]:
     except ModuleNotFoundError as err:
         msg = f"serve: {err.name} is missing: pip install valve_twin[gateway]"
         raise ConfigError(msg) from err
-    from valve_twin.gateway.opcua.passwords import Passwords, read_users
+    from valve_twin.gateway.passwords import Passwords, read_users
 
     logging.getLogger("asyncua").setLevel(logging.CRITICAL + 1)  # traces of what clients do wrong
     users = arguments.opcua_users
@@ -237,16 +281,27 @@ def _foxglove(arguments: argparse.Namespace, plant: Plant) -> Iterator[None]:
         face.stop()
 
 
-def _add_user(path: str | None, name: str) -> int:
-    from valve_twin.gateway.opcua.passwords import read_users, user_line
+def _add_user(option: str, path: str | None, name: str) -> int:
+    from valve_twin.gateway.passwords import read_users, user_line
 
+    adding = option.replace("users", "add-user")
     if not path:
-        return fail("serve: --opcua-add-user needs --opcua-users FILE to write to", USAGE)
+        return fail(f"serve: {adding} needs {option} FILE to write to", USAGE)
     file = Path(path)
-    if file.exists() and name in read_users(file):
+    if file.exists() and name in read_users(file, adding):
         return fail(f"{file}: there is a user {name} already: remove the line first")
-    line = user_line(name, getpass(f"Password of {name}: "))
-    with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600), "a") as stream:
-        stream.write(f"{line}\n")
-    say(f"{file}: user {name} may look")
+    line = user_line(name, _password(name))
+    try:
+        with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600), "a") as out:
+            out.write(f"{line}\n")
+    except OSError as err:
+        return fail(f"{file}: cannot be written: {err.strerror or err}")
+    say(f"{file}: user {name} may {'look' if 'opcua' in option else 'mark and acknowledge'}")
     return OK
+
+
+def _password(name: str) -> str:
+    """Return a password from the terminal, else the first line of stdin; never of an argument."""
+    if sys.stdin is not None and not sys.stdin.isatty():
+        return sys.stdin.readline().rstrip("\r\n")
+    return getpass(f"Password of {name}: ")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from valve_twin.gateway.mqtt.broker import Message
 from valve_twin.gateway.mqtt.names import topic_path
-from valve_twin.gateway.pages import plain_valve
+from valve_twin.gateway.plain import plain_valve
 
 if TYPE_CHECKING:
     from valve_twin.gateway.plant import View

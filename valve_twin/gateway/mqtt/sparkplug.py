@@ -32,7 +32,7 @@ from pysparkplug import (
 from valve_twin import __version__
 from valve_twin.gateway.mqtt.broker import Message
 from valve_twin.gateway.mqtt.names import device_id
-from valve_twin.gateway.pages import plain_valve
+from valve_twin.gateway.plain import plain_valve
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.fleet import FleetRow
 

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from asyncua import Server
 
-    from valve_twin.gateway.opcua.passwords import Passwords
+    from valve_twin.gateway.passwords import Passwords
 
 APPLICATION = f"urn:{socket.gethostname()}:valve_twin:gateway"
 """Name of the server among all; its certificate carries it."""

@@ -20,7 +20,7 @@ from valve_twin.gateway.opcua import devices
 from valve_twin.gateway.opcua.access import APPLICATION
 from valve_twin.gateway.opcua.nodes import Builder, Ids
 from valve_twin.gateway.opcua.valve_nodes import ValveNodes, stamp
-from valve_twin.gateway.pages import plain_valve
+from valve_twin.gateway.plain import plain_valve
 from valve_twin.io.errors import ConfigError, ValveTwinError
 
 if TYPE_CHECKING:

@@ -10,23 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from valve_twin.core.quantity import Descriptor, assumed, describe, quantity, setting
-
-
-@dataclass(frozen=True, slots=True)
-class NodeParameters:
-    """Parameters of every node."""
-
-    autostart: bool = setting(default=True, text="Configure and activate by itself at start.")
-    executor: str = setting(
-        "events",
-        "Executor that drives the callbacks; events costs a quarter of single_threaded.",
-        choices=("events", "single_threaded"),
-    )
-    allow_remote_configuration: bool = setting(
-        default=False,
-        text="Let parameter services set what names a place on this machine: files, databases.",
-        local=True,
-    )
+from valve_twin.io.config.every_node import NodeParameters
+from valve_twin.io.config.gateway_parameters import GatewayParameters
 
 
 @dataclass(frozen=True, slots=True)
@@ -438,6 +423,7 @@ NODES = {
     "bag_player": BagPlayerParameters,
     "bag_recorder": BagRecorderParameters,
     "opcua_source": OpcuaSourceParameters,
+    "gateway": GatewayParameters,
 }
 """Parameters by node name."""
 

@@ -21,6 +21,7 @@ _NODES = {
     "bag_player": ("player", "BagPlayerNode"),
     "bag_recorder": ("recorder", "BagRecorderNode"),
     "opcua_source": ("opcua_source", "OpcuaSourceNode"),
+    "gateway": ("gateway", "GatewayNode"),
 }
 """Room and class of each node."""
 
@@ -58,6 +59,11 @@ def bag_recorder() -> int:
 def opcua_source() -> int:
     """Publish tags of a PLC."""
     return run("opcua_source")
+
+
+def gateway() -> int:
+    """Serve a history and its live twins in a browser."""
+    return run("gateway")
 
 
 def run(name: str) -> int:

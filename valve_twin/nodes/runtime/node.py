@@ -23,7 +23,8 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from valve_twin.io.config.node_parameters import NODE_PARAMETERS, NodeParameters
+from valve_twin.io.config.every_node import NodeParameters
+from valve_twin.io.config.node_parameters import NODE_PARAMETERS
 from valve_twin.io.errors import ValveTwinError
 from valve_twin.nodes.runtime import compat, termination
 from valve_twin.nodes.runtime.fault_reporter import FaultReporter

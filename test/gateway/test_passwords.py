@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import pytest
 
-from valve_twin.gateway.opcua.passwords import PAUSE_S, TRIES, Passwords, read_users, user_line
+from valve_twin.gateway.passwords import PAUSE_S, TRIES, Passwords, read_users, user_line
 from valve_twin.io.errors import ConfigError
 
 RIGHT = "correct horse"
@@ -28,7 +28,7 @@ def test_a_file_of_users_holds_no_password(users):
 def test_who_guesses_is_refused_unheard_for_a_while(users):
     now = 0.0
     said: list[str] = []
-    door = Passwords(users, said.append, lambda: now)
+    door = Passwords(users, said.append, clock=lambda: now)
     assert door.fits("anna", RIGHT)
     for _ in range(1000):
         assert not door.fits("anna", "guess")
@@ -39,7 +39,7 @@ def test_who_guesses_is_refused_unheard_for_a_while(users):
 
 
 def test_a_name_that_does_not_exist_does_not_shut_out_one_that_does(users):
-    door = Passwords(users, lambda _: None, lambda: 0.0)
+    door = Passwords(users, lambda _: None, clock=lambda: 0.0)
     for number in range(2 * TRIES):
         assert not door.fits(f"user {number}", RIGHT)
     assert door.fits("anna", RIGHT)

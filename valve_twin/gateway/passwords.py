@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Users of the server with salted hashes of their passwords, and a brake on guessing."""
+"""Users of a face with salted hashes of their passwords, and a brake on guessing."""
 
 from __future__ import annotations
 
@@ -55,8 +55,15 @@ def user_line(name: str, password: str) -> str:
 _LEAST = 8
 
 
-def read_users(path: str | Path) -> dict[str, tuple[str, str]]:
+def read_users(path: str | Path, option: str = "--add-user") -> dict[str, tuple[str, str]]:
     """Return salt and hash by name from a file of lines that `user_line` made.
+
+    Parameters
+    ----------
+    path : path
+        The file.
+    option : str
+        Of `valve-twin serve`: what makes such a line.
 
     Raises
     ------
@@ -67,7 +74,7 @@ def read_users(path: str | Path) -> dict[str, tuple[str, str]]:
         lines = Path(path).read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as err:
         why = getattr(err, "strerror", None) or err
-        msg = f"{path}: cannot be read: {why}: make it by valve-twin serve --opcua-add-user"
+        msg = f"{path}: cannot be read: {why}: make it by valve-twin serve {option}"
         raise ConfigError(msg) from err
     found = {}
     for number, line in enumerate(lines, 1):
@@ -75,7 +82,7 @@ def read_users(path: str | Path) -> dict[str, tuple[str, str]]:
             continue
         match = _LINE.fullmatch(line)
         if match is None:
-            msg = f"{path}: line {number} is none of a user: make it by --opcua-add-user"
+            msg = f"{path}: line {number} is none of a user: make it by {option}"
             raise ConfigError(msg)
         found[match["name"]] = match["salt"], match["hash"]
     return found
@@ -90,6 +97,8 @@ class Passwords:
         Salt and hash by name.
     tell : callable
         Gets a line when a name is refused unheard.
+    where : str
+        The face, as it stands before that line.
     clock : callable
         Returns a time that only goes on [s].
     """
@@ -98,10 +107,16 @@ class Passwords:
         self,
         users: Mapping[str, tuple[str, str]],
         tell: Callable[[str], None],
+        where: str = "OPC UA",
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._users, self._tell, self._clock = dict(users), tell, clock
+        self._where = where
         self._wrong: dict[str, deque[float]] = defaultdict(lambda: deque(maxlen=TRIES))
+
+    def replace(self, users: Mapping[str, tuple[str, str]]) -> None:
+        """Take other users from now on; who is refused stays so."""
+        self._users = dict(users)
 
     def fits(self, name: str, password: str) -> bool:
         """Return whether a user may come in; names that do not exist share one brake."""
@@ -118,5 +133,7 @@ class Passwords:
         wrong.append(now)
         if len(wrong) == TRIES and now - wrong[0] < PAUSE_S:
             who = f"user {name}" if known else "users that do not exist"
-            self._tell(f"OPC UA: {TRIES} wrong passwords of {who}: refused for {PAUSE_S:.0f} s")
+            self._tell(
+                f"{self._where}: {TRIES} wrong passwords of {who}: refused for {PAUSE_S:.0f} s"
+            )
         return False

@@ -1,0 +1,177 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The gateway node: the pages of a history, with the moving plots of the twins that run."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from rclpy.node import Node
+
+from valve_twin.core.valves.registry import get_model
+from valve_twin.gateway.live.channel import Channels, LiveValve
+from valve_twin.gateway.live.plot import MOST_COMMANDS
+from valve_twin.gateway.page.accounts import Accounts
+from valve_twin.gateway.page.samples import Samples
+from valve_twin.gateway.plant import Plant
+from valve_twin.gateway.serving import Background, Place, check_place
+from valve_twin.gateway.web import Site, application
+from valve_twin.io.config.gateway_parameters import GatewayParameters
+from valve_twin.io.errors import ConfigError
+from valve_twin.nodes.gateway.live_feed import LiveFeed
+from valve_twin.nodes.gateway.service_marker import ServiceMarker
+from valve_twin.nodes.runtime.diagnostics import Diagnostics, Report
+from valve_twin.nodes.runtime.node import STEADY, ValveNode
+from valve_twin.nodes.twin.valve_parameters import read_valves
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from valve_twin.io.config.valve import ValveConfig
+
+LOOK_S = 0.1
+"""What came on the topics is taken so often while somebody looks [s]."""
+
+
+class GatewayNode(ValveNode):
+    """Lifecycle node that shows valves in a browser; it publishes nothing that moves one."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("gateway", **kwargs)
+        self._configs: dict[str, ValveConfig] = {}
+        self._plant: Plant | None = None
+        self._server: Background | None = None
+        self._reader: Node | None = None
+        self._feeds: dict[str, LiveFeed] = {}
+        self._watched: set[str] = set()
+        self._channels: Channels | None = None
+        self._marker: ServiceMarker | None = None
+        self._diagnostics: Diagnostics | None = None
+        self._timer: Any = None
+
+    @property
+    def address(self) -> str:
+        """Where the pages are; empty while they are not served."""
+        return self._server.address if self._server is not None else ""
+
+    def configure(self) -> None:
+        """Read the parameters."""
+        where = self.get_fully_qualified_name()
+        try:
+            import prometheus_client  # noqa: F401
+            import starlette  # noqa: F401
+            import uvicorn  # noqa: F401
+        except ModuleNotFoundError as err:
+            msg = f"{where}: {err.name} is missing: pip install valve_twin[gateway]"
+            raise ConfigError(msg) from err
+        self._configs = {config.name: config for config in read_valves(self)}
+        urls = {config.history_url for config in self._configs.values()}
+        if len(urls) > 1:
+            msg = f"{where}: history_url: {', '.join(sorted(urls))}: one gateway shows one history"
+            raise ConfigError(msg)
+        aging = {name: config.aging for name, config in self._configs.items()}
+        plates = {name: config.nameplate.given for name, config in self._configs.items()}
+        self._plant = Plant(next(iter(urls)), aging, plates)
+        given = self.parameters.read(GatewayParameters)
+        place = Place(given.host, given.port, given.certificate, given.key)
+        told = check_place(place, accounts=bool(given.users))
+        if told:
+            self.get_logger().warning(told)
+        self._place = place
+        self._accounts = Accounts(given.users, self._tell) if given.users else None
+        self._samples = Samples([bag for bag in given.bags if bag])
+        self._diagnostics = Diagnostics(self, self._reports)
+
+    def activate(self) -> None:
+        """Serve the pages."""
+        assert self._plant is not None
+        arguments = ["--ros-args", "-p", "start_type_description_service:=false"]
+        self._reader = Node(
+            f"{self.get_name()}_reader",
+            context=self.context,
+            cli_args=arguments,
+            namespace=self.get_namespace(),
+            use_global_arguments=False,
+            start_parameter_services=False,
+            enable_rosout=False,
+        )
+        live = {name: LiveValve(partial(self._on_watched, name)) for name in self._configs}
+        self._feeds = {
+            name: LiveFeed(self._reader, self._configs[name], valve)
+            for name, valve in live.items()
+        }
+        self._marker = ServiceMarker(self, self._configs) if self._accounts else None
+        self._channels = Channels(live)
+        site = Site(
+            live=self._channels,
+            commands={name: _commands(config) for name, config in self._configs.items()},
+            samples=self._samples,
+            accounts=self._accounts,
+            marker=self._marker,
+            secure=self._place.secure,
+        )
+        self._server = Background(application(self._plant, site), self._place, self._tell)
+        self._timer = self.create_timer(LOOK_S, self._look, clock=STEADY)
+        self.get_logger().info(f"{len(self._configs)} valves at {self._server.address}")
+
+    def deactivate(self) -> None:
+        """Serve the pages no longer."""
+        if self._timer is not None:
+            self.destroy_timer(self._timer)
+            self._timer = None
+        if self._channels is not None:
+            self._channels.close()
+            self._channels = None
+        if self._server is not None:
+            self._server.stop()
+            self._server = None
+        for feed in self._feeds.values():
+            feed.end()
+        self._feeds, self._watched = {}, set()
+        if self._marker is not None:
+            self._marker.destroy()
+            self._marker = None
+        if self._reader is not None:
+            self._reader.destroy_node()
+            self._reader = None
+
+    def cleanup(self) -> None:
+        """Let go of everything."""
+        if self._diagnostics is not None:
+            self._diagnostics.destroy()
+            self._diagnostics = None
+        self._configs, self._plant = {}, None
+
+    def _on_watched(self, valve: str, watched: bool) -> None:
+        """Take note on the server's thread that somebody begins to look, or nobody does."""
+        self.post(partial(self._watch, valve, begin=watched))
+
+    def _watch(self, valve: str, *, begin: bool) -> None:
+        feed = self._feeds.get(valve)
+        if feed is None:
+            return
+        if begin:
+            feed.begin()
+            self._watched.add(valve)
+        else:
+            feed.end()
+            self._watched.discard(valve)
+
+    def _look(self) -> None:
+        for valve in self._watched:
+            self._feeds[valve].look()
+
+    def _tell(self, text: str) -> None:
+        self.post(partial(self.get_logger().info, text))
+
+    def _reports(self) -> Iterable[Report]:
+        report = Report(f"pages at {self.address}", self.get_namespace())
+        report.values = {"valves": len(self._configs), "moving plots": len(self._watched)}
+        return [report]
+
+
+def _commands(config: ValveConfig) -> tuple[str, ...]:
+    """Return the names of the commands that are drawn, in their order."""
+    names = [name for name in get_model(config.model).inputs if name in config.signals]
+    return tuple(names[:MOST_COMMANDS])
