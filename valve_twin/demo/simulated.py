@@ -107,7 +107,7 @@ def _conclude(case: Case, out: Path, bag: Path, files: list[Path]) -> bool:
     say(f"history:      {history}")
     browser = f"tools/run valve-twin serve --url sqlite:///{history} --bag {bag}"
     say(f"in a browser: {browser}, then http://127.0.0.1:8107/ and the valve's name there")
-    say("in Foxglove:  layouts/ holds a layout for the recorded bag, see docs/browser.md")
+    say(f"in Foxglove:  {browser} --foxglove, then ws://127.0.0.1:8765 (layouts/foxglove.json)")
     return code == 0 and found
 
 

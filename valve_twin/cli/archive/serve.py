@@ -150,7 +150,7 @@ def _serve(arguments: argparse.Namespace) -> int:
     from valve_twin.gateway.web import application
 
     if not 0 <= (arguments.foxglove or 0) <= _MOST:
-        return fail(f"serve: --foxglove {arguments.foxglove} is not in 0 .. {_MOST}", USAGE)
+        return fail(f"serve: port {arguments.foxglove} is not in 0 .. {_MOST}", USAGE)
     place = serving.Place(arguments.host, arguments.port, arguments.certificate, arguments.key)
     try:
         told = serving.check_place(place, accounts=bool(arguments.users))
