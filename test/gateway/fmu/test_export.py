@@ -411,3 +411,31 @@ def test_a_law_of_two_states_with_a_rest_of_its_own(tmp_path, monkeypatch, versi
     told = {v.name: v for v in fmpy.read_model_description(str(path)).modelVariables}
     assert told["state_1"].causality == "local"
     assert told["frequency"].unit == "rad/s"
+
+
+@both
+def test_a_positioner_runs_as_its_prediction_does(tmp_path, version):
+    from test.gateway.fmu.test_valve import PLAIN
+    from valve_twin.core.types import Restart
+    from valve_twin.core.valves.positioner import MODEL
+
+    lag, period_s, start = 3, 0.05, 0.2
+    valve = valve_of("db", "/v", made(values=PLAIN, model="positioner", lag=lag), record())
+    write_fmu(valve, tmp_path / "p.fmu", version)
+    random = np.random.default_rng(11)
+    command = np.repeat(random.uniform(-0.2, 1.3, 20), 20)  # beyond both stops, too
+    values = {p.name: p.value for p in PLAIN if np.isfinite(p.value)}
+    c = MODEL.coefficients(values, lag, period_s, MODEL.options)
+    state = np.zeros(MODEL.state_size)
+    predicted, free = np.empty(len(command)), np.empty(len(command))
+    restart = np.full(len(command), Restart.GO_ON, dtype=np.uint8)
+    restart[0] = Restart.NEW_CYCLE
+    validity = np.zeros(len(command), dtype=np.uint8)
+    measured = np.full(len(command), start)
+    block = (measured, command[:, np.newaxis], restart, predicted, free, validity)
+    MODEL.kernel_of(c)(state, c, *block)
+    # the prediction begins to move one sample behind the lag, the FMU with it
+    fmu = simulated(tmp_path / "p.fmu", start, command[1:], period_s)
+    first = int(np.flatnonzero(np.isfinite(free))[0])
+    np.testing.assert_allclose(fmu[max(lag, first) :], free[max(lag, first) + 1 :], atol=1e-9)
+    assert np.ptp(fmu) > 0.9

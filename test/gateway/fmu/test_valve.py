@@ -6,6 +6,7 @@ import pytest
 
 from valve_twin.core.types import Estimate, EstimateStatus, ParameterStatus, ParameterValue
 from valve_twin.core.valves.kit import Valve
+from valve_twin.core.valves.positioner.model import PositionerModel
 from valve_twin.core.valves.registry import get_model, model_names
 from valve_twin.gateway.fmu.valve import law_of, stored_estimate, valve_of
 from valve_twin.io.errors import FmuError
@@ -28,12 +29,13 @@ def record(cycle=3, samples=400, lost=0):
     return CycleRecord(cycle, 0, 19_950_000_000, samples, lost)
 
 
-def test_only_a_law_plus_data_is_taken_and_the_line_names_those_that_are():
+def test_only_a_law_is_taken_and_the_line_names_those_that_are():
     for name in model_names():
-        if isinstance(get_model(name), Valve):
-            assert law_of(name).name == name
+        model = get_model(name)
+        if isinstance(model, Valve | PositionerModel):
+            assert law_of(name).law is model.law
             continue
-        with pytest.raises(FmuError, match=rf"'{name}' is no law plus data.* are: first_order"):
+        with pytest.raises(FmuError, match=rf"'{name}' has no law of.* are: .*first_order"):
             law_of(name)
     with pytest.raises(FmuError, match=r"'first_ordr' is unknown.*first_order"):
         law_of("first_ordr")
@@ -85,7 +87,33 @@ def test_a_valve_of_a_model_that_is_no_law_or_is_not_installed_is_told(tmp_path)
     with History(tmp_path / "h.sqlite") as history:
         for valve, model in (("/a", "cycle_timing"), ("/b", "of_a_package")):
             history.store(valve, record(), (made(model=model),))
-        with pytest.raises(FmuError, match=r"'cycle_timing' is no law plus data"):
+        with pytest.raises(FmuError, match=r"'cycle_timing' has no law of one sample"):
             stored_estimate(history, "a", 0)
         with pytest.raises(FmuError, match=r"'of_a_package' is unknown"):
             stored_estimate(history, "b", 0)
+
+
+PLAIN = (
+    ParameterValue("rate_rising", 2.0, lower_95=1.9, upper_95=2.1),
+    ParameterValue("rate_falling", 3.0),
+    ParameterValue("slew_rising", float("nan"), ParameterStatus.NOT_EXCITED, "never so fast"),
+    ParameterValue("slew_falling", 0.5),
+    ParameterValue("dead_band", 0.01),
+)
+
+
+def test_a_positioner_has_what_its_prediction_takes_where_a_cycle_shows_nothing():
+    valve = valve_of("db", "/v", made(values=PLAIN, model="positioner", lag=3), record())
+    found = {q.name: q for q in valve.parameters}
+    assert (found["rate_rising"].lower, found["rate_rising"].start) == (1.9, 2.0)
+    assert found["slew_rising"].start == 1.0 / 0.05  # one stroke a sample
+    assert "never so fast, as the prediction takes it" in found["slew_rising"].text
+    assert (found["lower_stop"].start, found["upper_stop"].start) == (-0.1, 1.1)
+    assert "set the valve's own" in found["upper_stop"].text
+    assert valve.delay.start == pytest.approx(0.15, rel=1e-12)
+
+
+def test_a_positioner_of_the_extended_law_is_refused():
+    values = (*PLAIN, ParameterValue("damping", 4.0))
+    with pytest.raises(FmuError, match="cycle 3: damping belongs to the extended law"):
+        valve_of("db", "/v", made(values=values, model="positioner"), record())

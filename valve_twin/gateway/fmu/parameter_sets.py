@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
-from math import isfinite
+from math import isfinite, nan
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -134,11 +134,11 @@ def draw_sets(
     sets = []
     for k in range(1, count + 1):
         values = {}
-        for p in law.parameters:
-            one = found[p.name]
-            sigma = 0.5 * (one.upper_95 - one.lower_95) / NORMAL_975
-            known = one.status is ParameterStatus.OK and isfinite(sigma)
-            value = one.value + (sigma * float(random.standard_normal()) if known else 0.0)
+        for p, q in zip(law.parameters, valve.parameters, strict=True):
+            one = found.get(p.name)
+            sigma = 0.5 * (one.upper_95 - one.lower_95) / NORMAL_975 if one else nan
+            known = one and one.status is ParameterStatus.OK and isfinite(sigma + one.value)
+            value = q.start + (sigma * float(random.standard_normal()) if known else 0.0)
             values[p.name] = min(max(value, p.published.lower), p.published.upper)
         text = f"draw {k} of {count}, seed {seed}, from the 95 % intervals of {valve.text}"
         sets.append(ParameterSet(f"draw_{k:02d}", text, values))

@@ -9,7 +9,7 @@ import uuid
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from math import isfinite
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol, cast
 
 from valve_twin import __version__
 from valve_twin.core.quantity import suggest
@@ -21,8 +21,10 @@ from valve_twin.gateway.fmu.c_kinds import DOUBLE, Array, number
 from valve_twin.io.errors import FmuError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from valve_twin.core.types import Estimate, ParameterValue
-    from valve_twin.core.valves.kit import Law
+    from valve_twin.core.valves.kit.law import Law, LawParameter
     from valve_twin.io.history.store import History
     from valve_twin.io.history.tables import CycleRecord
 
@@ -98,27 +100,45 @@ class FmuValve:
         return (*self.inputs, *ends, *self.states, self.delay)
 
 
-def law_of(model: str) -> Valve:
-    """Return a valve that is a law plus data.
+class Lawful(Protocol):
+    """A model whose motion is a law: a step of one sample, with parameters."""
+
+    inputs: tuple[str, ...]
+    output: str
+    normalised: bool
+    trend_estimator: str
+
+    @property
+    def law(self) -> Law:
+        """The law."""
+
+
+def law_of(model: str) -> Lawful:
+    """Return a valve that has a law.
 
     Raises
     ------
     FmuError
-        If the model is none, or is unknown; says which are.
+        If the model has none, or is unknown; says which have.
     """
     try:
         found = get_model(model)
     except ValueError as err:
         msg = f"model {err}"
         raise FmuError(msg) from err
-    if isinstance(found, Valve):
-        return found
-    fit = [n for n in model_names() if isinstance(get_model(n), Valve)]
+    if _has_law(found):
+        return cast("Lawful", found)
+    fit = [n for n in model_names() if _has_law(get_model(n))]
     msg = (
-        f"model '{model}' is no law plus data (core/valves/kit), so there is nothing to translate "
+        f"model '{model}' has no law of one sample (core/valves/kit), nothing to translate "
         f"into C; those that are: {', '.join(fit)}, and every valve that a package adds by the kit"
     )
     raise FmuError(msg)
+
+
+def _has_law(model: object) -> bool:
+    """Return whether an estimate gives all numbers of the law, or the model says the others."""
+    return isinstance(model, Valve) or hasattr(model, "law_values")
 
 
 def stored_estimate(history: History, valve: str, cycle: int) -> tuple[Estimate, CycleRecord]:
@@ -192,7 +212,8 @@ def valve_of(
     valve = law_of(estimate.model)
     law = valve.law
     period = period_s or _period(record)
-    parameters = tuple(_parameter(law, i, estimate) for i in range(len(law.parameters)))
+    taken = _taken(valve, estimate, period)
+    parameters = tuple(_parameter(p, estimate, taken) for p in law.parameters)
     lag = max(estimate.lag, 1)
     unit = "1" if valve.normalised else ""
     inputs = tuple(Quantity(n, unit, "held over a sample", 0.0) for n in valve.inputs)
@@ -249,20 +270,35 @@ def _period(record: CycleRecord) -> float:
     return float(f"{(record.end_ns - record.start_ns) * _NS / steps:.9g}")
 
 
-def _parameter(law: Law, i: int, estimate: Estimate) -> Quantity:
-    published = law.parameters[i].published
-    found = next((p for p in estimate.parameters if p.name == published.name), None)
-    if found is None or not isfinite(found.value):
-        why = f": {found.reason}" if found else ""
-        msg = (
-            f"cycle {estimate.cycle}: {published.name} is not known{why}; "
-            "choose another cycle, --cycle"
-        )
+def _taken(valve: Lawful, estimate: Estimate, period_s: float) -> Mapping[str, float]:
+    """Return what the valve's prediction takes for parameters that a cycle does not show."""
+    values_of = getattr(valve, "law_values", None)
+    if values_of is None:
+        return {}
+    known = {p.name: p.value for p in estimate.parameters if isfinite(p.value)}
+    try:
+        found: Mapping[str, float] = values_of(known, period_s)
+    except ValueError as err:
+        msg = f"cycle {estimate.cycle}: {err}; a valve without these options can be exported"
+        raise FmuError(msg) from err
+    return found
+
+
+def _parameter(
+    parameter: LawParameter, estimate: Estimate, taken: Mapping[str, float]
+) -> Quantity:
+    published = parameter.published
+    name, unit, text = published.name, published.unit, published.description
+    found = next((p for p in estimate.parameters if p.name == name), None)
+    if found is not None and isfinite(found.value):
+        lower, upper = _interval(found, published.lower, published.upper)
+        return Quantity(name, unit, text, found.value, lower, upper)
+    why = f": {found.reason}" if found else ""
+    if name not in taken:
+        msg = f"cycle {estimate.cycle}: {name} is not known{why}; choose another cycle, --cycle"
         raise FmuError(msg)
-    lower, upper = _interval(found, published.lower, published.upper)
-    return Quantity(
-        published.name, published.unit, published.description, found.value, lower, upper
-    )
+    text = f"{text}; not shown by the cycle{why}, as the prediction takes it" if found else text
+    return Quantity(name, unit, text, taken[name], published.lower, published.upper)
 
 
 def _interval(found: ParameterValue, lower: float, upper: float) -> tuple[float, float]:

@@ -34,6 +34,7 @@ from valve_twin.core.valves.positioner.fit import (
 )
 from valve_twin.core.valves.positioner.fit_extended import fit_extended
 from valve_twin.core.valves.positioner.kernels import MEMORY, RUNS, predict_block
+from valve_twin.core.valves.positioner.law import EXTENDED, LAW
 from valve_twin.core.valves.positioner.outcome import MIN_DRIVEN, Errors, accepted, refused
 from valve_twin.core.valves.positioner.outcome_extended import Fitted, accepted_extended
 from valve_twin.core.valves.positioner.parameters import ESTIMATOR, PARAMETERS, PositionerOptions
@@ -53,6 +54,7 @@ if TYPE_CHECKING:
         FloatArray,
         Parameter,
     )
+    from valve_twin.core.valves.kit.law import Law
     from valve_twin.core.valves.positioner.fit import Record, Solution
     from valve_twin.core.valves.positioner.record import Prepared
     from valve_twin.core.valves.positioner.structure import Structure
@@ -74,6 +76,7 @@ class PositionerModel(CompiledModel):
     trend_estimator: str = ESTIMATOR
     normalised: bool = True
     proposed_for: str = "followed"
+    law: Law = LAW
     variants: tuple[Mapping[str, object], ...] = (
         {"second_order": True, "static_curve": True, "two_delays": True},
     )
@@ -174,6 +177,29 @@ class PositionerModel(CompiledModel):
         """
         plain = self._plain(values, lag, period_s, options)
         return extend(plain, values, options) if options.extended else plain
+
+    def law_values(self, values: Mapping[str, float], period_s: float) -> Mapping[str, float]:
+        """Return what the prediction takes for the parameters of the plain law.
+
+        Parameters
+        ----------
+        values : mapping
+            Known ones by name [unit of each].
+        period_s : float
+            Sampling time [s].
+
+        Raises
+        ------
+        ValueError
+            If they are those of the extended law.
+        """
+        more = sorted(EXTENDED & set(values))
+        if more:
+            msg = f"{more[0]} belongs to the extended law, of which there is no step of one sample"
+            raise ValueError(msg)
+        c = self._plain(values, 0, period_s, self.options)
+        names = [p.name for p in self.law.parameters]
+        return dict(zip(names, (*c[:5].tolist(), *c[7:].tolist()), strict=True))
 
     def _plain(
         self, values: Mapping[str, float], lag: int, period_s: float, options: PositionerOptions
