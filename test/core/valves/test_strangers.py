@@ -2,15 +2,34 @@
 # Copyright 2026 valve_twin maintainers
 import pytest
 
-from valve_twin.core.valves.registry import get_model
+from valve_twin.core.simulation.settings import configure
+from valve_twin.core.valves.registry import get_model, get_simulation
 from valve_twin.core.valves.strangers import DRAWN, score_strangers
 
-VALVES = ("double_solenoid", "hybrid_actuator", "servo_system", "stepper_servo")
+VALVES = (
+    "double_solenoid",
+    "first_order",
+    "hammerstein_wiener",
+    "hybrid_actuator",
+    "integrator",
+    "positioner",
+    "press_cartridge",
+    "servo_system",
+    "stepper_servo",
+)
 
 
 @pytest.mark.parametrize("valve", VALVES)
 def test_a_valve_has_at_least_twenty_strangers(valve):
     assert len(get_model(valve).strangers()) >= 20
+
+
+@pytest.mark.parametrize("valve", VALVES)
+def test_the_strangers_are_settings_of_the_simulation(valve):
+    """A name that the simulation does not have would be a stranger like the valve itself."""
+    simulation = get_simulation(valve)
+    for name, changes in get_model(valve).strangers().items():
+        assert configure(simulation, changes) != simulation, name
 
 
 def test_soft_edges_and_uneven_screws_are_withheld_or_inside():

@@ -10,11 +10,14 @@ place.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from valve_twin.core.types import BoolArray, FloatArray
 
 
@@ -133,11 +136,14 @@ class Plant(Protocol):
         Least and greatest command that is taken from outside [1].
     fault_kinds : tuple of str
         Kinds of faults that it takes beyond those that every simulated valve takes.
+    constants : mapping
+        Its numbers that stand for known constants of the model that have other names.
     """
 
     inputs: ClassVar[tuple[str, ...]]
     command_range: ClassVar[tuple[float, float]] = (0.0, 1.0)
     fault_kinds: ClassVar[tuple[str, ...]] = ()
+    constants: ClassVar[Mapping[str, str]] = MappingProxyType({})
 
     def ticks_per_sample(self, period_s: float) -> int:
         """Return how often the controller runs in a sample; ValueError if periods do not fit."""

@@ -17,6 +17,7 @@ import numpy as np
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.quantity import replaced
 from valve_twin.core.simulation import simulate_cycles, to_frames
+from valve_twin.core.simulation.settings import configure
 from valve_twin.core.types import Cycle, EstimateStatus
 from valve_twin.core.valves.kit.tolerances import tolerated
 from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
@@ -78,16 +79,19 @@ def score_strangers(name: str, *, drawn: int, seed_base: int = SEED_BASE) -> Ite
     model, simulation = get_model(name), get_simulation(name)
     options = complete_options(model, {})
     for i, (how, changes) in enumerate(model.strangers().items()):
-        yield _score(model, options, replaced(simulation, changes), how, seed_base + i)
+        yield _score(model, options, configure(simulation, changes), how, seed_base + i)
     tolerances = getattr(options, "tolerances", None)
     if tolerances is None:
         return
-    constants = tolerated(options, tolerances)
+    constants, plant = tolerated(options, tolerances), simulation.plant
+    if not constants.names:
+        return
+    own = [plant.constants.get(name, name) for name in constants.names]
     for seed in range(seed_base, seed_base + drawn):
         share = np.random.default_rng(seed).uniform(-1.0, 1.0, len(constants.names))
         values = {
-            f"plant.{key}": cast("float", getattr(simulation.plant, key)) * (1.0 + float(off))
-            for key, off in zip(constants.names, share * constants.widths, strict=True)
+            f"plant.{key}": cast("float", getattr(plant, key)) * (1.0 + float(off))
+            for key, off in zip(own, share * constants.widths, strict=True)
         }
         yield _score(model, options, replaced(simulation, values), DRAWN, seed)
 

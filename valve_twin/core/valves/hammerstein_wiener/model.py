@@ -46,6 +46,7 @@ from valve_twin.core.valves.kit.outcome import (
 )
 from valve_twin.core.valves.kit.plant import simulation_of
 from valve_twin.core.valves.kit.record import take_record
+from valve_twin.core.valves.kit.strangers import READ_OTHERWISE
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -138,6 +139,11 @@ class HammersteinWienerModel(CompiledModel):
             c[index] = values.get(name, 0.0)
         c[LAG] = lag
         return c
+
+    def strangers(self) -> Mapping[str, Mapping[str, object]]:
+        """Return valves that are curved or read otherwise than the simulated one."""
+        curves = {f"curvature {c:g}": {"plant.curvature": c} for c in (-0.3, 0.0, 0.8)}
+        return {**curves, **READ_OTHERWISE}
 
     def simulation(self) -> SimulationConfig:
         """Return the default simulation: a valve that is not of the model's own form."""

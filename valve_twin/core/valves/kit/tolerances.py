@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from _typeshed import DataclassInstance
 
+    from valve_twin.core.quantity import Descriptor
     from valve_twin.core.types import FloatArray
 
 _BEYOND = 4.0  # standard deviations beyond its tolerance that show a constant to be wrong [1]
@@ -36,7 +37,12 @@ _TINY = 1e-300
 
 
 def tolerance_section(
-    name: str, module: str, numbers: type[DataclassInstance], tolerances: Mapping[str, float]
+    name: str,
+    module: str,
+    numbers: type[DataclassInstance],
+    tolerances: Mapping[str, float],
+    *,
+    absolute: bool = False,
 ) -> type[DataclassInstance]:
     """Return a dataclass with a tolerance for each known constant, as a section of the options.
 
@@ -48,6 +54,8 @@ def tolerance_section(
         Declares the constants.
     tolerances : mapping
         Half widths by name, relative to the value [1]; all are our assumption.
+    absolute : bool
+        The half widths are not relative but in the unit of the constant, which may be 0.
 
     Raises
     ------
@@ -60,7 +68,7 @@ def tolerance_section(
         message = f"{numbers.__name__}: no number {', '.join(wrong)} to tolerate"
         raise ValueError(message)
     fields = [
-        (key, float, assumed(size, "1", _text(known[key].text), 0.0, 0.5, ages=False))
+        (key, float, _width(known[key], size, absolute=absolute))
         for key, size in tolerances.items()
     ]
     made = make_dataclass(name, fields, frozen=True, slots=True)
@@ -68,8 +76,10 @@ def tolerance_section(
     return cast("type[DataclassInstance]", made)
 
 
-def _text(constant: str) -> str:
-    return f"Half width in parts of the value: {constant[:1].lower()}{constant[1:]}"
+def _width(constant: Descriptor, size: float, *, absolute: bool) -> float:
+    said = "Half width" if absolute else "Half width in parts of the value"
+    text = f"{said}: {constant.text[:1].lower()}{constant.text[1:]}"
+    return assumed(size, constant.unit if absolute else "1", text, 0.0, 0.5, ages=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,10 +133,19 @@ def limits(covariance: FloatArray, constants: Tolerated) -> tuple[str, ...]:
     count = len(covariance) - len(constants.names)
     parts = (covariance[:count, count:] / constants.sigmas) ** 2
     whole = np.maximum(np.diag(covariance)[:count, None], _TINY)
-    return tuple(_limit(row, constants.names) for row in parts / whole)
+    return tuple(limiting(row, constants.names) for row in parts / whole)
 
 
-def _limit(shares: FloatArray, names: Sequence[str]) -> str:
+def limiting(shares: FloatArray, names: Sequence[str]) -> str:
+    """Return which constants limit a parameter, in one line; empty where none does.
+
+    Parameters
+    ----------
+    shares : (K,) array
+        Of the constants in its variance [1].
+    names : sequence of str
+        Their K names.
+    """
     order = np.argsort(-shares, kind="stable")[:_MOST_NAMED]
     named = [int(k) for k in order if shares[k] >= _WORTH_NAMING]
     if not named:
@@ -170,7 +189,7 @@ class Doubt:
         if not isfinite(whole):
             return not_excited(name, "a constant moved by its tolerance gives no value")
         half = NORMAL_975 * sqrt(whole)
-        line = _limit(squares / max(whole, _TINY), self.names)
+        line = limiting(squares / max(whole, _TINY), self.names)
         return ParameterValue(
             name, value, reason=line, lower_95=value - half, upper_95=value + half
         )

@@ -26,6 +26,7 @@ from valve_twin.core.valves.kit.outcome import (
 from valve_twin.core.valves.kit.plant import simulation_of
 from valve_twin.core.valves.kit.prediction import state_size
 from valve_twin.core.valves.kit.record import take_record
+from valve_twin.core.valves.kit.strangers import READ_OTHERWISE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -140,6 +141,10 @@ class Valve(CompiledModel):
         """Return the prediction loop of the law."""
         del coefficients
         return self.law.predict
+
+    def strangers(self) -> Mapping[str, Mapping[str, object]]:
+        """Return valves that are read otherwise than the options say."""
+        return READ_OTHERWISE if self.program else {}
 
     def simulation(self) -> SimulationConfig | None:
         """Return the default simulation: a new valve under its program."""

@@ -18,6 +18,7 @@ from valve_twin.core.estimation.cycle.plausibility import (
 )
 from valve_twin.core.valves.kit.compiled import CompiledModel
 from valve_twin.core.valves.kit.intervals import block_errors
+from valve_twin.core.valves.kit.moved import with_tolerances
 from valve_twin.core.valves.kit.prediction import state_size
 from valve_twin.core.valves.positioner.curve import (
     line_through,
@@ -38,7 +39,7 @@ from valve_twin.core.valves.positioner.law import EXTENDED, LAW
 from valve_twin.core.valves.positioner.outcome import MIN_DRIVEN, Errors, accepted, refused
 from valve_twin.core.valves.positioner.outcome_extended import Fitted, accepted_extended
 from valve_twin.core.valves.positioner.parameters import ESTIMATOR, PARAMETERS, PositionerOptions
-from valve_twin.core.valves.positioner.plant import default_simulation
+from valve_twin.core.valves.positioner.plant import STRANGERS, default_simulation
 from valve_twin.core.valves.positioner.record import prepare
 from valve_twin.core.valves.positioner.structure import extend
 
@@ -100,6 +101,14 @@ class PositionerModel(CompiledModel):
         tuple of Estimate
             One estimate; REFUSED with its reason where the cycle says nothing.
         """
+        return with_tolerances(
+            options, lambda o: self._exact(cycle, o, earlier), (ESTIMATOR,), absolute=True
+        )
+
+    def _exact(
+        self, cycle: Cycle, options: PositionerOptions, earlier: Sequence[Estimate]
+    ) -> tuple[Estimate, ...]:
+        """Estimate with constants that are known exactly."""
         prepared = prepare(cycle, options)
         if prepared.refusal:
             return (refused(self.name, cycle, prepared),)
@@ -219,6 +228,10 @@ class PositionerModel(CompiledModel):
                 options.upper_stop,
             ]
         )
+
+    def strangers(self) -> Mapping[str, Mapping[str, object]]:
+        """Return valves that are not as the options say."""
+        return STRANGERS
 
     def simulation(self) -> SimulationConfig:
         """Return the default simulation."""

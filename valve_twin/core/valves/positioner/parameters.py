@@ -4,11 +4,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.quantity import assumed, quantity, setting
 from valve_twin.core.types import Parameter
+from valve_twin.core.valves.kit.tolerances import tolerance_section
 from valve_twin.core.valves.positioner.structure import Structure
 
 ESTIMATOR = "output_error"
@@ -132,15 +133,30 @@ PARAMETERS = (
 
 
 @dataclass(frozen=True, slots=True)
-class PositionerOptions(Structure):
+class PositionerNumbers(Structure):
+    """Known constants of the valve."""
+
+    lower_stop: float = quantity(-0.1, "1", "mechanical stop of falling position", -10.0, 10.0)
+    upper_stop: float = quantity(1.1, "1", "mechanical stop of rising position", -10.0, 10.0)
+
+
+PositionerTolerances = tolerance_section(
+    "PositionerTolerances",
+    __name__,
+    PositionerNumbers,
+    {"lower_stop": 0.0, "upper_stop": 0.0},
+    absolute=True,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class PositionerOptions(PositionerNumbers):
     """Options of the model."""
 
     max_delay_s: float = assumed(0.5, "s", "longest delay tried", 0.0, 60.0)
     max_dead_band: float = assumed(0.05, "1", "upper bound of the dead band", 0.0, 1.0)
     min_slew: float = quantity(0.0, "1/s", "speed that the valve reaches for certain", 0.0, 1e3)
     min_motion: float = assumed(0.02, "1", "a cycle that moves less is refused", 0.0, 1.0)
-    lower_stop: float = quantity(-0.1, "1", "mechanical stop of falling position", -10.0, 10.0)
-    upper_stop: float = quantity(1.1, "1", "mechanical stop of rising position", -10.0, 10.0)
     interval_blocks: int = assumed(
         0,
         "1",
@@ -151,3 +167,4 @@ class PositionerOptions(Structure):
     estimators: tuple[str, ...] = setting(
         (ESTIMATOR,), "estimators to run", choices=(ESTIMATOR, FEATURES)
     )
+    tolerances: object = field(default_factory=PositionerTolerances)

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
@@ -26,6 +27,8 @@ from valve_twin.core.valves.positioner.extended import (
 from valve_twin.core.valves.positioner.kernels import advance
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from valve_twin.core.types import FloatArray
 
 _MAX_DELAY_TICKS = 4096
@@ -190,6 +193,40 @@ class PositionerPlant(Plant):
         curved = float(self.dead_command != 0.0 or self.static_gain != 1.0)
         curve = (self.dead_command, self.static_gain, 0.0, curved)
         return np.array([*self._parameters(), *friction, *curve])
+
+
+STRANGERS: Mapping[str, Mapping[str, object]] = MappingProxyType(
+    {
+        "speed lags by 0.02 s": {"plant.velocity_lag": 0.02},
+        "speed lags by 0.1 s": {"plant.velocity_lag": 0.1},
+        "speed lags by 0.4 s": {"plant.velocity_lag": 0.4},
+        "sticks by 0.003": {"plant.stiction": 0.003},
+        "sticks by 0.01": {"plant.stiction": 0.01},
+        "sticks by 0.03": {"plant.stiction": 0.03},
+        "backlash 0.003": {"plant.backlash": 0.003},
+        "backlash 0.01": {"plant.backlash": 0.01},
+        "backlash 0.03": {"plant.backlash": 0.03},
+        "dead command 0.01": {"plant.dead_command": 0.01},
+        "dead command 0.05": {"plant.dead_command": 0.05},
+        "settles 1 % lower": {"plant.static_gain": 0.99},
+        "settles 5 % lower": {"plant.static_gain": 0.95},
+        "settles 5 % higher": {"plant.static_gain": 1.05},
+        "falls 0.05 s later": {"plant.delay_change": 0.05},
+        "falls 0.2 s later": {"plant.delay_change": 0.2},
+        "half a sample late": {"plant.delay": 0.07},
+        "0.3 s late": {"plant.delay": 0.3},
+        "half a sample late, not settling": {"plant.delay": 0.07, "plant.static_gain": 0.97},
+        "noise 5e-3": {"measurement.noise": 5e-3},
+        "noise 1e-5": {"measurement.noise": 1e-5},
+        "quantised to 0.01": {"measurement.quantum": 0.01},
+        "a new value every 3 samples": {"measurement.refresh": 3},
+        "position offset 0.003": {"measurement.position_offset": 0.003},
+        "position offset 0.02": {"measurement.position_offset": 0.02},
+        "command logged 0.01 higher": {"measurement.command_offsets": (0.01,)},
+        "process moves it by 1e-3": {"measurement.process_noise": 1e-3},
+    }
+)
+"""Valves that are not as the options say, by how they differ."""
 
 
 def default_simulation() -> SimulationConfig:

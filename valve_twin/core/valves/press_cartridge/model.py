@@ -41,6 +41,7 @@ from valve_twin.core.types import (
 )
 from valve_twin.core.valves.interface import Demonstration
 from valve_twin.core.valves.kit.compiled import CompiledModel
+from valve_twin.core.valves.kit.moved import with_tolerances
 from valve_twin.core.valves.press_cartridge.approximations import press_approximations
 from valve_twin.core.valves.press_cartridge.diagnosis import features
 from valve_twin.core.valves.press_cartridge.diagnosis.offset import with_command_offset
@@ -63,15 +64,19 @@ from valve_twin.core.valves.press_cartridge.estimator_options import (
     output_error_options,
 )
 from valve_twin.core.valves.press_cartridge.parameters import PARAMETERS, PressCartridgeOptions
-from valve_twin.core.valves.press_cartridge.plant import PressCartridgePlant, default_simulation
+from valve_twin.core.valves.press_cartridge.plant import (
+    STRANGERS,
+    PressCartridgePlant,
+    default_simulation,
+)
 from valve_twin.core.valves.press_cartridge.predictor import (
     COEFFICIENTS,
     LAG,
-    LEAK,
     LOW_SEAT,
     MAX_LAG,
     STATE,
     predict_block,
+    set_gains,
 )
 
 if TYPE_CHECKING:
@@ -141,6 +146,15 @@ class PressCartridgeModel(CompiledModel):
         tuple of Estimate
             One an estimator; REFUSED with its reason where the cycle says nothing.
         """
+        of = (self.trend_estimator, kalman.ESTIMATOR)
+        return with_tolerances(
+            options, lambda o: self._exact(cycle, o, earlier), of, absolute=True
+        )
+
+    def _exact(
+        self, cycle: Cycle, options: PressCartridgeOptions, earlier: Sequence[Estimate]
+    ) -> tuple[Estimate, ...]:
+        """Estimate with constants that are known exactly."""
         frames = cycle.frames
         masks = find_masks(frames, cycle.period_s, push=_PUSH, options=mask_options(options))
         sigma = rest_noise(frames, masks, active_command=options.active_command).sigma
@@ -228,7 +242,7 @@ class PressCartridgeModel(CompiledModel):
         if "theta_1" in values:
             c[:8] = [values.get(name, 0.0) for name in THETA]
         else:
-            _set_gains(c, values, period_s, options)
+            set_gains(c, values, period_s, options.v_ref)
         c[LAG] = min(max(values.get("delay", lag), 0), MAX_LAG)
         c[LOW_SEAT:] = [
             options.lower_seat,
@@ -239,6 +253,10 @@ class PressCartridgeModel(CompiledModel):
             options.active_command,
         ]
         return c
+
+    def strangers(self) -> Mapping[str, Mapping[str, object]]:
+        """Return valves that are not as the options say."""
+        return STRANGERS
 
     def simulation(self) -> SimulationConfig:
         """Return the default simulation."""
@@ -415,22 +433,6 @@ def _with_gap(
         else e
         for e in estimates
     )
-
-
-def _set_gains(
-    c: FloatArray, values: Mapping[str, float], period_s: float, options: PressCartridgeOptions
-) -> None:
-    """Write theta_1 ... theta_5 and the leak of the output error's parameters."""
-    pole = values.get("pole", 0.0)
-    share = 1.0 - pole
-    slope_in, slope_out = values.get("K_in_slope", 0.0), values.get("K_out_slope", 0.0)
-    at_in, at_out = values.get("v_in_mean", 0.0), options.v_ref
-    c[0] = -share
-    c[1] = share * (values.get("K_in", np.nan) - slope_in * at_in)
-    c[2] = -share * (values.get("K_out", np.nan) - slope_out * at_out)
-    c[3] = share * slope_in
-    c[4] = -share * slope_out
-    c[LEAK] = share * values.get("leak", 0.0) * period_s
 
 
 def _scan(cycle: Cycle, masks: Masks, options: PressCartridgeOptions) -> LagScan:

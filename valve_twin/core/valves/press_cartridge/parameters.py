@@ -4,11 +4,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from valve_twin.core.diagnosis.features import ESTIMATOR as SHOWN
 from valve_twin.core.quantity import assumed, quantity, setting
 from valve_twin.core.types import Parameter
+from valve_twin.core.valves.kit.tolerances import tolerance_section
 from valve_twin.core.valves.press_cartridge.diagnosis.features import COUNTS, FEATURES
 from valve_twin.core.valves.press_cartridge.estimation import kalman, output_error
 from valve_twin.core.valves.press_cartridge.estimation.equation_error import (
@@ -74,7 +75,30 @@ PARAMETERS = (
 
 
 @dataclass(frozen=True, slots=True)
-class PressCartridgeOptions:
+class PressCartridgeNumbers:
+    """Known constants of the valve."""
+
+    lower_seat: float = quantity(0.0, "1", "position on the lower seat", lower=-1.0, upper=2.0)
+    upper_seat: float = quantity(1.0, "1", "position on the upper seat", lower=-1.0, upper=2.0)
+    v_offset_in: float = quantity(
+        0.0, "1", "inflow command below which the pilots stay shut", lower=0.0, upper=0.5
+    )
+    v_offset_out: float = quantity(
+        0.0, "1", "outflow command below which the pilots stay shut", lower=0.0, upper=0.5
+    )
+
+
+PressCartridgeTolerances = tolerance_section(
+    "PressCartridgeTolerances",
+    __name__,
+    PressCartridgeNumbers,
+    dict.fromkeys(("lower_seat", "upper_seat", "v_offset_in", "v_offset_out"), 0.0),
+    absolute=True,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class PressCartridgeOptions(PressCartridgeNumbers):
     """Options of the model."""
 
     estimators: tuple[str, ...] = setting(
@@ -109,8 +133,6 @@ class PressCartridgeOptions:
         0.0,
         1e6,
     )
-    lower_seat: float = quantity(0.0, "1", "position on the lower seat", lower=-1.0, upper=2.0)
-    upper_seat: float = quantity(1.0, "1", "position on the upper seat", lower=-1.0, upper=2.0)
     usual_stroke: float = quantity(
         0.0,
         "1",
@@ -120,12 +142,6 @@ class PressCartridgeOptions:
         upper=2.0,
     )
     seat_margin: float = assumed(0.01, "1", "distance from a seat that counts as on it", 0.0, 0.2)
-    v_offset_in: float = quantity(
-        0.0, "1", "inflow command below which the pilots stay shut", lower=0.0, upper=0.5
-    )
-    v_offset_out: float = quantity(
-        0.0, "1", "outflow command below which the pilots stay shut", lower=0.0, upper=0.5
-    )
     active_command: float = assumed(0.01, "1", "command above which an input acts", 0.0, 0.5)
     min_travel: float = assumed(2e-3, "1", "least travel that tells a gain", 0.0, 1.0)
     min_hold: int = assumed(
@@ -139,3 +155,4 @@ class PressCartridgeOptions:
         (), 'equation error: further linear inequalities, e.g. "theta_2 + 0.3*theta_3 <= 0"'
     )
     solver: str = setting("exact", "solver of the equation error", choices=("exact", "cvxpy"))
+    tolerances: object = field(default_factory=PressCartridgeTolerances)

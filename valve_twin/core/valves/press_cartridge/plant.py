@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -37,6 +38,8 @@ from valve_twin.core.valves.press_cartridge.plant_kernel import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from valve_twin.core.types import FloatArray
 
 
@@ -261,6 +264,43 @@ class PressCartridgePlant(Plant):
             resistance_in=float(self.resistance_in),
             stick=float(self.stiction),
         )
+
+
+STRANGERS: Mapping[str, Mapping[str, object]] = MappingProxyType(
+    {
+        "gas in the water, 8e8 Pa": {"plant.bulk_modulus": 8e8},
+        "gas in the water, 4e8 Pa": {"plant.bulk_modulus": 4e8},
+        "dead volume 3 times": {"plant.dead_volume": 3e-3},
+        "dead volume 10 times": {"plant.dead_volume": 1e-2},
+        "spindle 50 % heavier": {"plant.mass": 120.0},
+        "damping doubled": {"plant.damping": 5000.0},
+        "damping halved": {"plant.damping": 1250.0},
+        "pilots of 2 ms": {"plant.pilot_lag": 2e-3},
+        "pilots of 16 ms": {"plant.pilot_lag": 16e-3},
+        "pilots of 40 ms": {"plant.pilot_lag": 40e-3},
+        "top area 0.9": {"plant.area_ratio": 0.9},
+        "filling pilots saturate by 20 %": {"plant.saturation_in": 0.2},
+        "emptying pilots saturate by 45 %": {"plant.saturation_out": 0.45},
+        "filling pilots open at 0.01": {"plant.offset_in": 0.01},
+        "filling pilots open at 0.03": {"plant.offset_in": 0.03},
+        "emptying pilots open at 0.01": {"plant.offset_out": 0.01},
+        "pilots stick by 0.01": {"plant.stiction": 0.01},
+        "pilots stick by 0.05": {"plant.stiction": 0.05},
+        "supply -10 %": {"plant.supply_pressure": 2.7e7},
+        "supply scatters by 2 %": {"scatter.supply_pressure": 0.02},
+        "controller of 5 ms": {"plant.plc.period_s": 5e-3},
+        "controller half as strong": {"plant.plc.gain_in": 3.0, "plant.plc.gain_out": 1.5},
+        "noise 3e-3": {"measurement.noise": 3e-3},
+        "noise 3e-5": {"measurement.noise": 3e-5},
+        "quantised to 0.005": {"measurement.quantum": 0.005},
+        "a new value every 2 samples": {"measurement.refresh": 2},
+        "a new value every 4 samples": {"measurement.refresh": 4},
+        "position three samples late": {"measurement.delay": 3},
+        "position offset 0.003": {"measurement.position_offset": 0.003},
+        "commands logged 0.003 higher": {"measurement.command_offsets": (0.003, 0.003)},
+    }
+)
+"""Valves that are not as the options say, by how they differ."""
 
 
 def default_simulation() -> SimulationConfig:

@@ -15,10 +15,15 @@ cut into blocks.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numba import njit
 
 from valve_twin.core.types import ByteArray, FloatArray, Restart, Validity
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 MAX_LAG = 8
 """Longest lag between command and position that the delay line holds [samples]."""
@@ -159,3 +164,29 @@ def predict_block(
             state[_PAST_OUT + k] = state[_PAST_OUT + k - 1]
         state[_PAST_IN] = v_in
         state[_PAST_OUT] = v_out
+
+
+def set_gains(c: FloatArray, values: Mapping[str, float], period_s: float, v_ref: float) -> None:
+    """Write theta_1 ... theta_5 and the leak of the output error's parameters.
+
+    Parameters
+    ----------
+    c : (16,) array
+        See `COEFFICIENTS`; written in place.
+    values : mapping
+        Parameters by name, in their units.
+    period_s : float
+        Sampling time [s].
+    v_ref : float
+        Outflow command at which K_out is published [1].
+    """
+    pole = values.get("pole", 0.0)
+    share = 1.0 - pole
+    slope_in, slope_out = values.get("K_in_slope", 0.0), values.get("K_out_slope", 0.0)
+    at_in = values.get("v_in_mean", 0.0)
+    c[0] = -share
+    c[1] = share * (values.get("K_in", np.nan) - slope_in * at_in)
+    c[2] = -share * (values.get("K_out", np.nan) - slope_out * v_ref)
+    c[3] = share * slope_in
+    c[4] = -share * slope_out
+    c[LEAK] = share * values.get("leak", 0.0) * period_s

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +19,7 @@ from valve_twin.core.types import (
     MaskCounts,
 )
 from valve_twin.core.valves.kit.compiled import CompiledModel
+from valve_twin.core.valves.kit.moved import with_tolerances
 from valve_twin.core.valves.kit.outcome import Evidence, conclude, refuse, unexcited, withheld
 from valve_twin.core.valves.stepper_servo.fit import end_offset
 from valve_twin.core.valves.stepper_servo.outcome import Settings, mechanics, wiener
@@ -116,6 +117,17 @@ class StepperServoModel(CompiledModel):
         tuple of Estimate
             One an estimator; REFUSED with its reason where the cycle says nothing.
         """
+
+        def known(changed: StepperServoOptions) -> tuple[Estimate, ...]:
+            share = changed.step_size / options.step_size
+            return self._exact(_counted(cycle, share), changed, earlier)
+
+        return with_tolerances(options, known, (MECHANICS,))
+
+    def _exact(
+        self, cycle: Cycle, options: StepperServoOptions, earlier: Sequence[Estimate]
+    ) -> tuple[Estimate, ...]:
+        """Estimate with constants that are known exactly."""
         record, lost, bad = take_record(cycle)
         names = [MECHANICS, *(n for n in (WIENER,) if n in options.estimators)]
         counts = MaskCounts(int(record.used.sum()), bad=bad + lost)
@@ -190,6 +202,15 @@ class StepperServoModel(CompiledModel):
             "band_upper": plant.band_upper / plant.stroke,
             "flow_full": plant.flow_full,
         }
+
+
+def _counted(cycle: Cycle, share: float) -> Cycle:
+    """Return the cycle with counted steps that are longer by a share [1]."""
+    if share == 1.0:
+        return cycle
+    inputs = cycle.frames.inputs.copy()
+    inputs[:, 0] *= share
+    return replace(cycle, frames=replace(cycle.frames, inputs=inputs))
 
 
 def _structure(options: StepperServoOptions, lag: int) -> Structure:

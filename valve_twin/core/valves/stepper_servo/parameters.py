@@ -4,11 +4,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.quantity import assumed, quantity, setting
 from valve_twin.core.types import Parameter
+from valve_twin.core.valves.kit.tolerances import tolerance_section
 from valve_twin.core.valves.stepper_servo.predictor import MAX_LAG, ORDER
 
 MECHANICS = "backlash_output_error"
@@ -79,16 +80,27 @@ PARAMETERS = (
 
 
 @dataclass(frozen=True, slots=True)
-class StepperServoOptions:
+class StepperServoNumbers:
+    """Known constants of the valve."""
+
+    step_size: float = quantity(
+        0.01 / 2.1, "1", "travel of a full step over the stroke", 1e-6, 0.5
+    )
+
+
+StepperServoTolerances = tolerance_section(
+    "StepperServoTolerances", __name__, StepperServoNumbers, {"step_size": 0.002}
+)
+
+
+@dataclass(frozen=True, slots=True)
+class StepperServoOptions(StepperServoNumbers):
     """Options of the model."""
 
     estimators: tuple[str, ...] = setting(
         (MECHANICS, WIENER),
         "estimators to run; backlash_output_error always runs: it feeds trend and prediction",
         choices=(MECHANICS, WIENER, FEATURES),
-    )
-    step_size: float = quantity(
-        0.01 / 2.1, "1", "travel of a full step over the stroke", 1e-6, 0.5
     )
     max_backlash: float = assumed(0.3, "1", "upper bound of the backlash", 1e-4, 1.0)
     max_delay_s: float = assumed(0.1, "s", "longest delay tried", 0.0, 10.0)
@@ -109,3 +121,4 @@ class StepperServoOptions:
     nk: int = quantity(0, "samples", "delay of its input, 0 = the one found", 0, MAX_LAG)
     nl: int = quantity(3, "1", "highest power of its static parts, 1 = linear", 1, ORDER)
     forgetting: float = quantity(1.0, "1", "weight of the past a sample", 0.5, 1.0)
+    tolerances: object = field(default_factory=StepperServoTolerances)

@@ -47,6 +47,7 @@ class StepperServoPlant(Plant):
     """Numbers of the stepper valve; every field carries its unit, range and description."""
 
     inputs: ClassVar[tuple[str, ...]] = ("motor_position", "flow")
+    constants: ClassVar[Mapping[str, str]] = MappingProxyType({"step_size": "count_scale"})
 
     stroke: float = assumed(2.1e-3, "m", "Spool travel that stands for 1", 1e-5, 1.0)
     steps_per_turn: int = quantity(20, "1", "Full steps a turn: 18 degrees", 2, 10000)
@@ -70,6 +71,9 @@ class StepperServoPlant(Plant):
     )
     backlash_taper: float = assumed(
         0.0, "1", "Change of the backlash from end to end of the screw", -1.0, 1.0
+    )
+    count_scale: float = assumed(
+        1.0, "1", "Travel of a counted step as published over the true one", 0.5, 2.0
     )
     window: int = assumed(8, "ticks", "Moving average of the position sensor", 1, at.MAX_WINDOW)
     controller: StepperConfig = field(default_factory=StepperConfig)
@@ -139,6 +143,7 @@ class StepperServoPlant(Plant):
         tick = self.controller.period_s
         return Valve(
             step=self.step_size * unit,
+            counted=self.step_size * unit * self.count_scale,
             backlash=self.backlash * unit,
             lost_share=float(self.lost_share),
             band_lower=self.band_lower * unit,
@@ -178,6 +183,8 @@ STRANGERS: Mapping[str, Mapping[str, object]] = MappingProxyType(
         "backlash 0.3 mm": {"plant.backlash": 0.0003},
         "three samples late": {"measurement.delay": 3},
         "stroke 2 % longer": {"plant.stroke": 0.002142},
+        "counted steps 0.1 % longer": {"plant.count_scale": 1.001},
+        "counted steps 0.5 % longer": {"plant.count_scale": 1.005},
     }
 )
 """Valves that are not as the options say, by how they differ."""

@@ -30,6 +30,7 @@ class Valve(NamedTuple):
     """Numbers of the plant as the kernel takes them; positions in parts of the stroke [1]."""
 
     step: float
+    counted: float
     backlash: float
     lost_share: float
     band_lower: float
@@ -147,12 +148,12 @@ def run_plant(
     position, inputs = out
     for n in range(len(position)):
         position[n] = state[SENSED]
-        inputs[n, 0] = state[COUNT] * v.step
+        inputs[n, 0] = state[COUNT] * v.counted
         inputs[n, 1] = state[FLOW]
         for k in range(ticks):
             if outside:
-                missing = commands[n, 0] - state[COUNT] * v.step
-                steps = int(np.sign(missing)) if abs(missing) > 0.5 * v.step else 0
+                missing = commands[n, 0] - state[COUNT] * v.counted
+                steps = int(np.sign(missing)) if abs(missing) > 0.5 * v.counted else 0
             else:
                 error = v.volts * (reference[n * ticks + k] - state[SENSED])
                 steps = stepper_step(state[CONTROL:LINE], controller, error)

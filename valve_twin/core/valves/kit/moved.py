@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""What the tolerances of known constants do to any estimate: estimated again with each moved.
+
+For a valve whose fit does not hold its constants as unknowns (`tolerances` has those that do):
+one more estimate a constant that has a tolerance, none where all are known exactly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import hypot, isfinite, sqrt
+from typing import TYPE_CHECKING, TypeVar, cast
+
+import numpy as np
+
+from valve_twin.core.estimation.data.robust import NORMAL_975
+from valve_twin.core.quantity import describe
+from valve_twin.core.types import EstimateStatus
+from valve_twin.core.valves.kit.outcome import not_excited
+from valve_twin.core.valves.kit.tolerances import limiting
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from _typeshed import DataclassInstance
+
+    from valve_twin.core.types import Estimate, FloatArray, ParameterValue
+
+T = TypeVar("T", bound="DataclassInstance")
+
+_UNMOVED = 1e-9  # of a value, below which nothing moved it [1]
+
+
+@dataclass(frozen=True, slots=True)
+class Moves:
+    """Constants that are not known exactly, in their units.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Their names.
+    sigmas : tuple of float
+        Their standard deviations [unit of the constant].
+    """
+
+    names: tuple[str, ...]
+    sigmas: tuple[float, ...]
+
+
+def moves_of(options: DataclassInstance, *, absolute: bool) -> Moves:
+    """Return the constants with a tolerance above 0, and by how much they may be off.
+
+    Parameters
+    ----------
+    options : dataclass
+        Has the values of the constants and their `tolerances`, see `tolerance_section`.
+    absolute : bool
+        The tolerances are in the unit of the constant, not in parts of it.
+    """
+    found = {}
+    for constant in describe(options.tolerances):  # type: ignore[attr-defined]
+        size = 1.0 if absolute else abs(float(getattr(options, constant.name)))
+        width = cast("float", constant.default) * size
+        if width > 0.0:
+            found[constant.name] = width / sqrt(3.0)
+    return Moves(tuple(found), tuple(found.values()))
+
+
+def with_tolerances(
+    options: T,
+    estimate: Callable[[T], tuple[Estimate, ...]],
+    of: Sequence[str],
+    *,
+    absolute: bool = False,
+) -> tuple[Estimate, ...]:
+    """Return a cycle's estimates; their intervals hold what known constants may be off.
+
+    Parameters
+    ----------
+    options : dataclass
+        The model's options, with `tolerances`.
+    estimate : callable
+        Takes options, returns the estimates of the cycle for constants that are known exactly.
+    of : sequence of str
+        Names of the estimators that are widened.
+    absolute : bool
+        The tolerances are in the unit of the constant, not in parts of it.
+    """
+    found, moves = estimate(options), moves_of(options, absolute=absolute)
+    if not moves.names or all(e.status is EstimateStatus.REFUSED for e in found):
+        return found
+    asked = tuple(name for name in options.estimators if name in of)  # type: ignore[attr-defined]
+    asides = []
+    for name, by in zip(moves.names, moves.sigmas, strict=True):
+        changed = {"estimators": asked, name: getattr(options, name) + by}
+        asides.append({e.estimator: e for e in estimate(replace(options, **changed))})
+    return tuple(
+        _widened(e, [aside[e.estimator] for aside in asides], moves) if e.estimator in of else e
+        for e in found
+    )
+
+
+def _widened(estimate: Estimate, asides: Sequence[Estimate], moves: Moves) -> Estimate:
+    """Return an estimate whose limits hold what each constant, moved, changes in it."""
+    parameters = tuple(
+        _around(p, np.array([a.value(p.name) - p.value for a in asides]), moves.names)
+        if p.usable
+        else p
+        for p in estimate.parameters
+    )
+    return replace(estimate, parameters=parameters)
+
+
+def _around(p: ParameterValue, moved: FloatArray, names: Sequence[str]) -> ParameterValue:
+    """Return a value whose limits hold what each of the K constants moves it."""
+    if not np.isfinite(moved).all():
+        lost = names[int(np.flatnonzero(~np.isfinite(moved))[0])]
+        return not_excited(p.name, f"{lost} moved by its tolerance gives no value")
+    if not np.abs(moved).max() > _UNMOVED * abs(p.value):
+        return p
+    own = max(p.value - p.lower_95, p.upper_95 - p.value) if isfinite(p.lower_95) else 0.0
+    squares = np.square(NORMAL_975 * moved)
+    half = hypot(own, sqrt(float(squares.sum())))
+    line = limiting(squares / half**2, names)
+    reason = "; ".join(filter(None, (p.reason, line)))
+    return replace(p, reason=reason, lower_95=p.value - half, upper_95=p.value + half)
