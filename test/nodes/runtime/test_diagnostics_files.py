@@ -28,10 +28,11 @@ from valve_twin.nodes.twin.node import TwinNode
 
 ROOT = Path(__file__).parents[3]
 MOST_CODE = 128
-NODES = {"twin", "aging_monitor", "bag_recorder", "simulated_valve", "opcua_source"}
+NODES = {"twin", "aging_monitor", "bag_recorder", "gateway", "opcua_source", "simulated_valve"}
 EXAMPLES = {
     "valve.name": ("/press/valve_1", "/press/valve_11"),
     "name": ("/press/valve_2",),
+    "self.address": ("http://127.0.0.1:8107/", ""),  # empty while nothing is served
     "given.address": ("opc.tcp://plc:4840", "opc.tcp://10.0.0.7:4840/x"),
 }
 """What stands in the names of the reports, by the expression in the source."""
