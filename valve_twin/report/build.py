@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from valve_twin import __version__
 from valve_twin.core.aging import assess
+from valve_twin.core.operation.stroke_due import stroke_due
 from valve_twin.core.quantity import describe, example
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.errors import StoreError
@@ -243,17 +244,19 @@ def history_data(
     maintenance = history.maintenance(valve)
     name = model or (estimates[-1].model if estimates else "")
     parameters = get_model(name).parameters if name else ()
+    cycles, events = tuple(history.cycles(valve)), tuple(history.log.events(valve))
     return ReportData(
         valve=valve,
         model=name,
         source=history.where,
         parameters=parameters,
-        cycles=tuple(history.cycles(valve)),
+        cycles=cycles,
         estimates=tuple(estimates),
         assessment=assess(estimates, maintenance, aging, parameters=parameters, valve=valve),
         maintenance=tuple(maintenance),
         counters=history.log.counters(valve),
-        events=tuple(history.log.events(valve)),
+        events=events,
+        stroke_due=stroke_due(events, cycles[-1].end_ns if cycles else 0, aging.stroke_test_days),
         label=label or aging.label,
         version=__version__,
         written_ns=time.time_ns(),

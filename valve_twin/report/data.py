@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from valve_twin.core.aging import Assessment
     from valve_twin.core.operation.counters import Counters
     from valve_twin.core.operation.events import Event
+    from valve_twin.core.operation.stroke_due import StrokeDue
     from valve_twin.core.types import Cycle, Estimate, Maintenance, Parameter, Prediction
     from valve_twin.core.valves.error_budget import Budget
     from valve_twin.io.history.tables import CycleRecord
@@ -62,6 +63,8 @@ class ReportData:
         What the valve has done; None = not counted.
     events : tuple of Event
         Its event log, oldest first.
+    stroke_due : StrokeDue or None
+        When a stroke was last tested and when the next test is due; None = not asked.
     nameplate : mapping
         What is given of its nameplate, by name.
     provenance : str
@@ -87,6 +90,7 @@ class ReportData:
     signals: tuple[Signal, ...] = ()
     counters: Counters | None = None
     events: tuple[Event, ...] = ()
+    stroke_due: StrokeDue | None = None
     nameplate: Mapping[str, str] = field(default_factory=dict)
     provenance: str = ""
 

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from valve_twin.core.diagnosis import Finding
     from valve_twin.core.operation.counters import Counters
     from valve_twin.core.operation.events import Event
+    from valve_twin.core.operation.stroke_due import StrokeDue
 
 MOST_EVENTS = 50
 """Newest entries that are shown; open ones are shown all [1]."""
@@ -73,7 +74,9 @@ def _row(finding: Finding) -> list[str]:
     ]
 
 
-def operation_section(counters: Counters | None, events: Sequence[Event]) -> str:
+def operation_section(
+    counters: Counters | None, events: Sequence[Event], stroke: StrokeDue | None = None
+) -> str:
     """Return the section of counters and events; empty where there are none.
 
     Parameters
@@ -82,6 +85,8 @@ def operation_section(counters: Counters | None, events: Sequence[Event]) -> str
         What the valve has done.
     events : sequence of Event
         Its event log, oldest first.
+    stroke : StrokeDue, optional
+        Its last stroke test.
     """
     counted = counters if counters is not None and counters.cycles else None
     if counted is None and not events:
@@ -90,7 +95,7 @@ def operation_section(counters: Counters | None, events: Sequence[Event]) -> str
     return render(
         "operation.html",
         counters=counted,
-        figures=_figures(counted) if counted else (),
+        figures=[*(_figures(counted) if counted else ()), *_stroke(stroke)],
         spans=_spans(counted) if counted else Table([], []),
         events=Table(
             ["Entry", "Time", "Cycle", "Code", "NE 107", "What", "Seen by"],
@@ -98,6 +103,12 @@ def operation_section(counters: Counters | None, events: Sequence[Event]) -> str
         ),
         left_out=count(len(events) - len(shown)) if len(shown) < len(events) else "",
     )
+
+
+def _stroke(due: StrokeDue | None) -> list[tuple[str, str, str]]:
+    if due is None or not due.stamp_ns:
+        return []
+    return [("Stroke test", due.verdict, f"{due.words}, seen from the last cycle")]
 
 
 def _figures(counters: Counters) -> list[tuple[str, str, str]]:

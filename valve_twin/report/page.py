@@ -120,7 +120,7 @@ def render_report(data: ReportData) -> str:
         legend_keys=_legend_keys(data, pairs),
         life=life_table([trend for trend, _ in pairs.values()]),
         faults=faults_section(data.assessment if data.aging else None),
-        operation=operation_section(data.counters, data.events),
+        operation=operation_section(data.counters, data.events, data.stroke_due),
         last=estimates_table(data),
         budget=budget_section(data.budget),
         refused_cycles=refused_cycles(data),

@@ -7,6 +7,12 @@ import json
 import pytest
 
 from valve_twin.cli import main
+from valve_twin.core.aging.config import AgingConfig
+from valve_twin.io.config.valve import load_config
+from valve_twin.io.history.fleet import rank_fleet
+from valve_twin.io.history.store import CycleRecord, History
+from valve_twin.report.build import history_data
+from valve_twin.report.page import render_report
 
 CONFIG = """\
 /**:
@@ -36,7 +42,7 @@ def run(tmp_path, capsys):
             rows.append(f"{n * 0.05:.2f},{command},{position + 0.02 * (-1) ** n}")
         source = tmp_path / "rows.csv"
         source.write_text("\n".join(rows) + "\n", encoding="utf-8")
-        bag = tmp_path / "bag"
+        bag = tmp_path / f"bag{len(list(tmp_path.glob('bag*')))}"
         named = ["--config", str(config)]
         assert main(["import", str(source), *named, "--out", str(bag)]) == 0
         capsys.readouterr()
@@ -68,6 +74,33 @@ def test_a_limit_can_be_set(run):
     assert code == 1
     (line,) = (line for line in out.splitlines() if "not kept" in line)
     assert line.startswith("t86_s ")
+
+
+def test_a_test_is_taken_down_once_in_the_event_log_and_fleet_tells_when_the_next_is_due(
+    run, tmp_path, capsys
+):
+    url, name = str(tmp_path / "history.sqlite"), load_config(str(tmp_path / "valve.yaml"))[0].name
+    code, _, err = run(1.0, "--url", url)
+    assert (code, err.count("\n")) == (1, 1)
+    assert "knows nothing about" in err
+    began_s = 1_577_836_800  # 2020-01-01
+    end_ns = (began_s + 10 * 86_400) * 10**9
+    with History(url) as history:
+        history.store(name, CycleRecord(1, end_ns - 10, end_ns, 10))
+    for reach, wanted in ((1.0, 0), (1.0, 0), (0.0, 1)):
+        assert run(reach, "--url", url)[0] == wanted
+    with History(url, read_only=True) as history:
+        assert [e.code for e in history.log.events(name)] == [
+            "stroke_test.pass",
+            "stroke_test.fail",
+        ]
+        page = render_report(history_data(history, name, AgingConfig(stroke_test_days=7.0)))
+        (row,) = rank_fleet(history, aging={name: AgingConfig(stroke_test_days=30.0)})
+    assert "10.0 days ago, overdue by 3.0 days" in page
+    assert (row.stroke_test, row.stroke_days_since) == ("fail", pytest.approx(10.0))
+    assert row.stroke_days_until == pytest.approx(20.0)
+    assert main(["fleet", "--url", url]) == 0
+    assert f"{name}: stroke test fail, 10.0 days ago" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -105,6 +105,8 @@ def _show(rows: Sequence[FleetRow], where: str) -> None:
     """Print the table that a maintenance engineer reads at a glance."""
     from rich.text import Text
 
+    from valve_twin.core.operation.stroke_due import StrokeDue
+
     urgent = sum(row.needs_attention for row in rows)
     title = f"{where}: {len(rows)} valves, {urgent} need attention"
     shown = table(title, ("valve", "verdict", "NE 107"))
@@ -129,6 +131,12 @@ def _show(rows: Sequence[FleetRow], where: str) -> None:
             Text(row.evidence if row.needs_attention or not row.parameter else ""),
         )
     console().print(shown)
+    for row in rows:
+        due = StrokeDue(
+            row.stroke_test_ns, row.stroke_test, row.stroke_days_since, row.stroke_days_until
+        )
+        if due.words:
+            console().print(Text(f"{row.valve}: stroke test {due.verdict}, {due.words}"))
 
 
 def _service(row: FleetRow) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 
 from valve_twin.cli.common import FAILED, OK, add_bag, add_config, add_verb, chosen_config, fail
 from valve_twin.cli.output import number, plain, print_json
-from valve_twin.io.errors import ConfigError
+from valve_twin.io.errors import ConfigError, StoreError
 
 if TYPE_CHECKING:
     import argparse
@@ -33,6 +33,7 @@ def add(verbs: Verbs) -> None:
         "--set", action="append", default=[], metavar="NAME=VALUE", help="a limit, e.g. t63_s=3"
     )
     parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser.add_argument("--url", help="history whose event log takes the test down")
 
 
 def _stroke_test(arguments: argparse.Namespace) -> int:
@@ -40,14 +41,30 @@ def _stroke_test(arguments: argparse.Namespace) -> int:
 
     config = chosen_config(arguments)
     limits = _limits(arguments.set)
-    found = judge_stroke(*_signals(config, arguments.bag), limits=limits)
+    start_ns, *signals = _signals(config, arguments.bag)
+    found = judge_stroke(*signals, limits=limits)
     if found.verdict is StrokeVerdict.REFUSED:
         return fail(f"{arguments.bag}: no stroke to judge: {found.reason}")
+    if arguments.url:
+        _take_down(arguments.url, config.name, start_ns, found)
     if arguments.json:
         _print(config.name, found)
     else:
         _show(found)
     return OK if found.verdict is StrokeVerdict.PASS else FAILED
+
+
+def _take_down(url: str, valve: str, start_ns: int, found: StrokeTest) -> None:
+    """Enter a test in the event log of a valve that the history knows."""
+    from valve_twin.core.operation.stroke_due import stroke_event
+    from valve_twin.io.history.store import History
+
+    with History(url) as history:
+        if valve not in history.valves():
+            known = ", ".join(history.valves()) or "no valve"
+            msg = f"{history.where}: knows nothing about {valve}; it holds {known}"
+            raise StoreError(msg)
+        history.log.add_stroke(valve, stroke_event(start_ns, found))
 
 
 def _limits(given: list[str]) -> StrokeLimits:
@@ -74,8 +91,8 @@ def _number(text: str) -> float | str:
         return text
 
 
-def _signals(config: ValveConfig, bag: str) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return times [s], the command in force and the position, a sample of the position each."""
+def _signals(config: ValveConfig, bag: str) -> tuple[int, FloatArray, FloatArray, FloatArray]:
+    """Return the first stamp [ns], times from it [s], the command in force and the position."""
     from valve_twin.core.valves.registry import get_model
     from valve_twin.io.bags.read import read_columns
 
@@ -95,8 +112,13 @@ def _signals(config: ValveConfig, bag: str) -> tuple[FloatArray, FloatArray, Flo
     held = np.argsort(command.stamp_ns, kind="stable")
     at = np.searchsorted(command.stamp_ns[held], stamps, side="right") - 1
     known = at >= 0
-    times = (stamps[known] - (stamps[known][0] if known.any() else 0)) / 1e9
-    return times, command.values[held][at[known]], values[known]
+    start_ns = int(stamps[known][0]) if known.any() else 0
+    return (
+        start_ns,
+        (stamps[known] - start_ns) / 1e9,
+        command.values[held][at[known]],
+        values[known],
+    )
 
 
 def _print(valve: str, found: StrokeTest) -> None:

@@ -240,6 +240,13 @@ class AgingConfig:
         1e-09,
         1.0,
     )
+    stroke_test_days: float = quantity(
+        0.0,
+        "d",
+        "Most days between two stroke tests (`valve-twin stroke-test --url`): report and fleet "
+        "then say when the next one is due. 0 = not asked.",
+        lower=0.0,
+    )
     covariates: tuple[str, ...] = setting(
         (),
         "Conditions whose linear effect is taken out of every parameter before its "

@@ -21,6 +21,7 @@ from valve_twin.core.aging.cutting.ahead import look_ahead
 from valve_twin.core.aging.verdict import VerdictKind, concern, outlook, way_to_threshold
 from valve_twin.core.faults.advice import advise
 from valve_twin.core.faults.ne107 import Ne107
+from valve_twin.core.operation.stroke_due import stroke_due
 from valve_twin.core.types import EstimateStatus
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.history.aging.reading import keep_known, read_known, trend_model
@@ -94,6 +95,10 @@ class FleetRow:
         Way of its position [its unit] and by the stroke [1]; NaN = not counted, not known.
     hours, hours_open, hours_closed, hours_near_closed : float
         Time in cycles, open, closed, open by less than a tenth [h].
+    stroke_test, stroke_test_ns : str, int
+        Verdict of the last stroke test (pass, fail) and when it was; empty and 0 = none known.
+    stroke_days_since, stroke_days_until : float
+        Days since it and until the next one is due, below 0 = overdue; NaN = not known [d].
     open_events : int
         Entries of its event log that somebody has yet to acknowledge [1].
     """
@@ -131,6 +136,10 @@ class FleetRow:
     hours_closed: float = math.nan
     hours_near_closed: float = math.nan
     open_events: int = 0
+    stroke_test: str = ""
+    stroke_test_ns: int = 0
+    stroke_days_since: float = math.nan
+    stroke_days_until: float = math.nan
 
     @property
     def needs_attention(self) -> bool:
@@ -229,6 +238,14 @@ def describe_valve(history: History, valve: str, config: AgingConfig) -> ValveSt
     if last is None:
         return ValveState(FleetRow(valve, evidence="no cycle is stored"))
     stored = _counted(FleetRow(valve, cycle=last.cycle, end_ns=last.end_ns), history)
+    due = stroke_due(history.log.strokes(valve), last.end_ns, config.stroke_test_days)
+    stored = replace(
+        stored,
+        stroke_test=due.verdict,
+        stroke_test_ns=due.stamp_ns,
+        stroke_days_since=due.since_days,
+        stroke_days_until=due.until_days,
+    )
     name = trend_model(history, valve)
     if not name:
         return ValveState(replace(stored, evidence="no stored estimate feeds a trend"))

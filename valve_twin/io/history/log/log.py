@@ -11,6 +11,7 @@ import sqlalchemy as sa
 from valve_twin.core.aging.verdict import LimitState
 from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.core.operation.events import Event, limit_code, limit_event, one_line
+from valve_twin.core.operation.stroke_due import STROKE_CODES
 from valve_twin.io.history.log.counters import row_counters
 from valve_twin.io.history.log.events import (
     KEPT,
@@ -75,6 +76,21 @@ class OperationLog:
         """Store an entry; on the disk on return."""
         with self._history.writing(valve) as (connection, valve_id):
             add_events(connection, valve_id, [event], self.kept)
+
+    def add_stroke(self, valve: str, event: Event) -> bool:
+        """Store a stroke test, on the disk on return; False if exactly it was stored before."""
+        same = (EVENT.c.stamp_ns == event.stamp_ns, EVENT.c.code == event.code)
+        with self._history.writing(valve) as (connection, valve_id):
+            known = sa.select(EVENT.c.id).where(EVENT.c.valve_id == valve_id, *same)
+            new = connection.scalar(known.limit(1)) is None
+            if new:
+                add_events(connection, valve_id, [event], self.kept)
+        return new
+
+    def strokes(self, valve: str) -> list[Event]:
+        """Return the entries of stroke tests, oldest first."""
+        query = of_valve(EVENT, valve).where(EVENT.c.code.in_(STROKE_CODES)).order_by(EVENT.c.id)
+        return [row_event(valve, row) for row in self._history.sound(EVENT, query)]
 
     def add_limit(self, valve: str, trend: Trend) -> bool:
         """Store where a trend stands to its limits if that is new; return whether it is.
