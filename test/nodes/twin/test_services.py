@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import pytest
-from valve_twin_msgs.msg import Counters, Estimate, Verdict
+from valve_twin_msgs.msg import Counters, Estimate, Trend, Verdict
 from valve_twin_msgs.srv import (
     AcknowledgeEvent,
     GetEvents,
@@ -87,6 +87,27 @@ def test_events_are_listed_and_acknowledged(graph, parameters):
     assert (seen.success, seen.acknowledged) == (True, 1)
     assert codes(listed(open_only=True)) == []
     assert listed().events[2].acknowledged_by == "J. Doe"
+
+
+def test_a_limit_that_is_passed_enters_the_log_of_a_twin_once(graph, parameters):
+    graph.host(TwinNode, **parameters)
+    monitor = graph.stranger("monitor")
+    says = monitor.create_publisher(Trend, f"{NS}/aging_monitor/trend/K_in", LAST)
+    graph.spin_until(lambda: says.get_subscription_count() > 0, what="the twin's ear")
+
+    def logged():
+        return codes(graph.call(GetEvents, f"{NS}/twin/get_events"))
+
+    states = (Trend.LIMIT_WITHIN, Trend.LIMIT_WARNING, Trend.LIMIT_WARNING, Trend.LIMIT_ALARM)
+    wanted = ["twin.start"]
+    for second, state in enumerate(states, 1):
+        message = Trend(valve=NS, parameter="K_in", unit="1", limit_state=state)
+        message.header.stamp.sec = second
+        says.publish(message)
+        entry = {Trend.LIMIT_WARNING: "limit_warning.K_in", Trend.LIMIT_ALARM: "limit_alarm.K_in"}
+        if state in entry and entry[state] not in wanted:
+            wanted.append(entry[state])
+        graph.spin_until(lambda: logged() == wanted, what=f"{wanted} in the log")
 
 
 def test_numbers_beyond_all_and_texts_without_end_are_answered_in_one_line(graph, parameters):
