@@ -12,6 +12,7 @@ from valve_twin.cli import main
 from valve_twin.design import chain
 from valve_twin.design.geometry import DoubleStroke
 from valve_twin.design.map import MapGrid, compute_map, write_map
+from valve_twin.design.wear import compute_wear
 from valve_twin.io.config.valve import load_config
 
 
@@ -42,6 +43,31 @@ def test_valve_and_twin_run_on_the_map(coarse, tmp_path, capsys, monkeypatch):
     value = dict(zip(last["names"], last["values"], strict=True))
     assert value["resistance_a"] == pytest.approx(options.resistance_a, rel=0.02)
     assert value["force_gain"] == pytest.approx(1.0, abs=0.02)
+
+
+def test_a_twin_that_names_dimensions_takes_the_file(coarse, tmp_path, capsys, monkeypatch):
+    grid = MapGrid(currents=4, positions=4, fine=0.3)
+    quick = chain.Fidelity(grid, fine=0.3, step=4e-4)
+    monkeypatch.setitem(chain.FIDELITIES, "export", quick)
+    monkeypatch.setattr(compute_wear, "__defaults__", (grid, *compute_wear.__defaults__[1:]))
+    path = str(tmp_path / "designed.yaml")
+    words = ["design", "export", "--faults", "--map", coarse, "--out", path]
+    assert main(words) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["causes"]["spring_1"]["nearest"] in found["causes"]
+    assert all(0.0 <= of["leaves"] <= 1.0 for of in found["causes"].values())
+    config = load_config(path)[0]
+    assert config.options.dimension_names[0] == "gap_a"
+    assert config.options.estimators == ("balance", "features", "dimensions")
+    bag = str(tmp_path / "bag")
+    assert main(["simulate", "--config", path, "--cycles", "2", "--out", bag]) == 0
+    capsys.readouterr()
+    assert main(["estimate", bag, "--config", path]) == 0
+    lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    told = [x for x in lines if x["kind"] == "estimate" and x["estimator"] == "dimensions"]
+    assert told[-1]["status"] == "ACCEPTED", told[-1]["reason"]
+    assert "cycle.gap_a" in told[-1]["names"]
+    assert "no reference before 8 cycles" in told[-1]["reason"]
 
 
 @pytest.mark.parametrize(

@@ -13,8 +13,11 @@ from valve_twin.cli.output import print_json
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Mapping
 
     from valve_twin.cli.common import Verbs
+    from valve_twin.core.valves.designed import Designable, Numbers
+    from valve_twin.design.geometry import DoubleStroke
 
 _CONFIG = Path(__file__).resolve().parents[3] / "config"
 
@@ -30,6 +33,10 @@ def add(steps: Verbs) -> None:
     parser.add_argument(
         "--like", metavar="FILE", help="parameter file whose other keys are kept, default that "
         "of the model in config/",
+    )  # fmt: skip
+    parser.add_argument(
+        "--faults", action="store_true", help="also how worn dimensions change its curves: the "
+        "twin then names the one that has drifted",
     )  # fmt: skip
 
 
@@ -48,13 +55,34 @@ def _export(arguments: argparse.Namespace) -> int:
         with progress_of("computing fields", None) as advance:
             designed, dynamics = compute_design(design, curves, advance=advance)
         numbers = valve.of_design(designed)
+        twin, apart = _faults(design, valve, numbers) if arguments.faults else ({}, {})
     like = Path(arguments.like) if arguments.like else _CONFIG / f"{valve.name}.yaml"
     source = designed.curves.provenance
     title = f"{source['name']}, map {source['sha256']}: written by valve-twin design export"
-    text = exported_yaml(like, valve.name, numbers.shared, numbers.own, title)
+    text = exported_yaml(like, valve.name, numbers.shared, numbers.own, title, twin)
     Path(arguments.out).write_text(text, encoding="utf-8")
     load_config(Path(arguments.out))
     say(f"{arguments.out}: written")
     fits = {name: found.fit for name, found in zip(("G_A", "G_F"), dynamics, strict=True)}
-    print_json({"map": source["sha256"], "resistance": designed.resistance, "fit": fits})
+    print_json({"map": source["sha256"], "resistance": designed.resistance, "fit": fits} | apart)
     return OK
+
+
+def _faults(
+    design: DoubleStroke, valve: Designable, numbers: Numbers
+) -> tuple[Mapping[str, object], dict[str, object]]:
+    """Return the options of a twin that names drifted dimensions, and what it cannot tell."""
+    from valve_twin.design.wear import compute_wear
+
+    with progress_of("computing worn dimensions", None) as advance:
+        wear = compute_wear(design, advance=advance)
+    apart = valve.told_apart(numbers, wear)
+    nearest = {}
+    for k, name in enumerate(apart.causes):
+        others = [j for j in range(len(apart.causes)) if j != k]
+        at = min(others, key=lambda j: float(apart.leaves[k, j]))
+        nearest[name] = {
+            "nearest": apart.causes[at],
+            "leaves": round(float(apart.leaves[k, at]), 4),
+        }
+    return valve.of_wear(wear), {"causes": nearest, "not_told_apart": apart.together}

@@ -12,7 +12,7 @@ from valve_twin.core.quantity import assumed, check_quantities
 from valve_twin.core.valves.registry import get_model, model_names
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from valve_twin.core.physics.coenergy import CoenergyMap
     from valve_twin.core.types import FloatArray
@@ -100,6 +100,41 @@ class Numbers:
 
 
 @dataclass(frozen=True, slots=True)
+class Wear:
+    """A dimension of a solenoid that may wear.
+
+    Attributes
+    ----------
+    name : str
+        Of the dimension, as the model knows it.
+    change : CoenergyMap
+        Change of the coenergy for a size of 1 [J].
+    """
+
+    name: str
+    change: CoenergyMap
+
+
+@dataclass(frozen=True, slots=True)
+class Apart:
+    """Which causes the signals of a cycle tell apart.
+
+    Attributes
+    ----------
+    causes : tuple of str
+        Names of K causes, the dimensions first.
+    leaves : (K, K) array
+        Share of the change by cause k (row) that cause j leaves [1].
+    together : tuple of tuple of str
+        Causes that leave too little of each other to be told apart.
+    """
+
+    causes: tuple[str, ...]
+    leaves: FloatArray
+    together: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Loop:
     """A step of a designed valve in its position loop.
 
@@ -157,6 +192,28 @@ class Designable(Protocol):
         ----------
         numbers : Numbers
             Of the valve [N].
+        """
+        ...
+
+    def of_wear(self, wear: Sequence[Wear]) -> Mapping[str, object]:
+        """Return the options with which a twin names the dimension that has drifted.
+
+        Parameters
+        ----------
+        wear : sequence of Wear
+            What may drift.
+        """
+        ...
+
+    def told_apart(self, numbers: Numbers, wear: Sequence[Wear]) -> Apart:
+        """Return which dimensions a cycle of the simulated valve tells apart.
+
+        Parameters
+        ----------
+        numbers : Numbers
+            Of the valve.
+        wear : sequence of Wear
+            What may drift.
         """
         ...
 

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import textwrap
+from types import MappingProxyType
 from typing import TYPE_CHECKING, cast
 
 import yaml
@@ -26,7 +27,12 @@ _HEADER = ("# SPDX-License-Identifier: Apache-2.0", "# Copyright 2026 valve_twin
 
 
 def exported_yaml(
-    like: Path, model: str, shared: Mapping[str, object], own: Mapping[str, object], title: str
+    like: Path,
+    model: str,
+    shared: Mapping[str, object],
+    own: Mapping[str, object],
+    title: str,
+    twin: Mapping[str, object] = MappingProxyType({}),
 ) -> str:
     """Return a parameter file with other numbers for the twin and for the simulated valve.
 
@@ -42,6 +48,8 @@ def exported_yaml(
         Settings of the simulated valve alone, by dotted name [unit by setting].
     title : str
         What the file is, one line.
+    twin : mapping
+        Options of the twin alone [unit by option].
 
     Raises
     ------
@@ -58,7 +66,7 @@ def exported_yaml(
     if found != model:
         msg = f"{like}: is of model '{found}'; give one of '{model}'"
         raise ConfigError(msg)
-    section["options"] = {**section.get("options", {}), **shared}
+    section["options"] = {**section.get("options", {}), **shared, **twin}
     simulation = section.setdefault("simulation", {})
     simulation["plant"] = {**simulation.get("plant", {}), **shared, **_nested(own)}
     known = (*option_descriptors(get_model(model), "options."),

@@ -4,11 +4,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.estimation.data.robust import difference_sigma
 from valve_twin.core.physics.coenergy import linear_map
 from valve_twin.core.physics.coenergy_tables import CoenergyTables
@@ -30,6 +31,10 @@ from valve_twin.core.valves.double_solenoid.designed import (
     margin_of,
     numbers_of,
 )
+from valve_twin.core.valves.double_solenoid.dimensions.apart import tell_apart
+from valve_twin.core.valves.double_solenoid.dimensions.estimate import judge_cycle
+from valve_twin.core.valves.double_solenoid.dimensions.published import ESTIMATOR as DIMENSIONS
+from valve_twin.core.valves.double_solenoid.dimensions.table import options_of
 from valve_twin.core.valves.double_solenoid.motion import MotionFit, Record, fit_motion
 from valve_twin.core.valves.double_solenoid.parameters import (
     COILS,
@@ -65,7 +70,7 @@ if TYPE_CHECKING:
     from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.types import BoolArray, Cycle, FloatArray, Parameter
     from valve_twin.core.valves.bench_fit import BenchFit
-    from valve_twin.core.valves.designed import Designed, Loop, Numbers
+    from valve_twin.core.valves.designed import Apart, Designed, Loop, Numbers, Wear
 
 LONGEST_PERIOD_S = 2e-4
 """Slowest sampling that shows the force behind currents that change in 0.3 ms [s], assumed."""
@@ -109,14 +114,13 @@ class DoubleSolenoidModel(CompiledModel):
         options : DoubleSolenoidOptions
             The model's options.
         earlier : sequence of Estimate
-            Not used: nothing is pooled.
+            What the dimensions are compared with; nothing is pooled.
 
         Returns
         -------
         tuple of Estimate
-            One estimate; REFUSED with its reason where the cycle says nothing.
+            One an estimator; REFUSED with its reason where the cycle says nothing.
         """
-        del earlier
         known = usable(cycle.frames, first_input=1)
         valve, refusal = _valve(options)
         refusal = refusal or _refusal(cycle, known)
@@ -133,7 +137,12 @@ class DoubleSolenoidModel(CompiledModel):
         fit = fit_motion(record, valve.valve(), valve.tables(), variations)
         noise = _rest_noise(record.x)
         values = (*coils, *_mechanical(fit, valve, noise, constants.names))
-        return (_estimate(cycle, values, known, fit=fit, valve=valve),)
+        balance = _estimate(cycle, values, known, fit=fit, valve=valve)
+        if DIMENSIONS not in options.estimators:
+            return (balance,)
+        volts = np.nan_to_num(cycle.frames.inputs[:, 1:3]) * valve.supply_voltage
+        told, guards = judge_cycle(cycle, (record, volts, fit), valve, options, earlier)
+        return replace(balance, guards=guards), told
 
     @property
     def variants(self) -> tuple[Mapping[str, object], ...]:  # type: ignore[override]
@@ -189,6 +198,15 @@ class DoubleSolenoidModel(CompiledModel):
     def force_margin(self, numbers: Numbers) -> float:
         """Return the force that is left, as `Designable.force_margin`."""
         return margin_of(numbers)
+
+    def of_wear(self, wear: Sequence[Wear]) -> Mapping[str, object]:
+        """Return the options that name a dimension, as `Designable.of_wear`."""
+        chosen = {"estimators": (ESTIMATOR, FEATURES, DIMENSIONS)}
+        return {**options_of(wear), **chosen}
+
+    def told_apart(self, numbers: Numbers, wear: Sequence[Wear]) -> Apart:
+        """Return which dimensions a cycle tells apart, as `Designable.told_apart`."""
+        return tell_apart(numbers, wear)
 
     def simulation(self) -> SimulationConfig:
         """Return the default simulation."""

@@ -8,8 +8,10 @@ from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING
 
 from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
-from valve_twin.core.quantity import setting
+from valve_twin.core.quantity import quantity, setting
 from valve_twin.core.types import Parameter
+from valve_twin.core.valves.double_solenoid.dimensions.published import ESTIMATOR as DIMENSIONS
+from valve_twin.core.valves.double_solenoid.dimensions.published import PUBLISHED
 from valve_twin.core.valves.double_solenoid.numbers import DoubleSolenoidNumbers
 from valve_twin.core.valves.double_solenoid.plant import DoubleSolenoidPlant
 from valve_twin.core.valves.kit.tolerances import tolerance_section
@@ -41,8 +43,9 @@ PARAMETERS = (
     Parameter(
         "preload_1", "N", "spring 1 in the middle, spring 2 as in the options", 0.0, trend=True
     ),
+    *PUBLISHED,
 )
-NAMES = tuple(p.name for p in PARAMETERS)
+NAMES = tuple(p.name for p in PARAMETERS if p.trend)
 COILS = NAMES[:2]
 MECHANICAL = NAMES[2:]
 
@@ -75,7 +78,17 @@ class DoubleSolenoidOptions(DoubleSolenoidNumbers):
     """The numbers of the data sheet: what is not estimated has to be known."""
 
     estimators: tuple[str, ...] = setting(
-        (ESTIMATOR,), "estimators to run", choices=(ESTIMATOR, FEATURES)
+        (ESTIMATOR,), "estimators to run", choices=(ESTIMATOR, FEATURES, DIMENSIONS)
+    )
+    dimension_names: tuple[str, ...] = setting(
+        (), "Worn dimensions that the estimator `dimensions` knows, by `design export --faults`"
+    )
+    dimension_current: tuple[float, ...] = quantity(
+        (), "A", "Currents at which their changes of the coenergy stand, from 0"
+    )
+    dimension_position: tuple[float, ...] = quantity((), "m", "Positions of the same")
+    dimension_coenergy: tuple[float, ...] = quantity(
+        (), "J", "Changes for a size of 1: coefficients of splines, a dimension after the other"
     )
     tolerances: object = field(default_factory=DoubleSolenoidTolerances)
 

@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The estimator `dimensions` on valves whose solenoid wears."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
+from valve_twin.core.quantity import replaced
+from valve_twin.core.simulation import configure, simulate_cycles, to_frames
+from valve_twin.core.types import Cycle, EstimateStatus
+from valve_twin.core.valves.designed import Numbers
+from valve_twin.core.valves.double_solenoid import MODEL
+from valve_twin.core.valves.double_solenoid.dimensions.judge import REFERENCE_CYCLES
+from valve_twin.core.valves.double_solenoid.dimensions.published import DRIFT, ESTIMATOR
+from valve_twin.core.valves.double_solenoid.dimensions.table import options_of
+from valve_twin.core.valves.double_solenoid.numbers import DoubleSolenoidNumbers
+from valve_twin.core.valves.registry import complete_options, get_simulation
+
+SCATTER = {f"scatter.{n}": 0.002 for n in ("friction", "resistance_a", "resistance_b")}
+
+
+def options_for(plant, wear, **given):
+    names = DoubleSolenoidNumbers.__dataclass_fields__
+    numbers = {n: getattr(plant, n) for n in names}
+    chosen = {**options_of(wear), "estimators": ("balance", ESTIMATOR), **given}
+    return complete_options(MODEL, {**numbers, **chosen})
+
+
+def cycles_of(plant, count, seed):
+    config = replace(configure(get_simulation("double_solenoid"), SCATTER), plant=plant)
+    for k, block in enumerate(simulate_cycles(config, count + 1, seed)):
+        if k:
+            yield Cycle(k, config.period_s, to_frames(block))
+
+
+def follow(options, plant, count, seed, memory=None):
+    """Return the last estimates of some cycles, and what is remembered of them."""
+    memory = memory or Memory.empty()
+    for cycle in cycles_of(plant, count, seed):
+        number = len(memory.of("balance")) + 1
+        done, memory = estimate_cycle(MODEL, options, replace(cycle, number=number), memory)
+    return {e.estimator: e for e in done}, memory
+
+
+@pytest.fixture(scope="module")
+def new(solenoid):
+    """Return options and memory of a valve whose first cycles are known."""
+    options = options_for(solenoid.plant, solenoid.wear)
+    return options, follow(options, solenoid.plant, REFERENCE_CYCLES, 1)[1]
+
+
+def later(new, plant, seed):
+    """Return the last estimates of as many cycles of another plant."""
+    options, memory = new
+    return follow(options, plant, REFERENCE_CYCLES, seed, memory)[0]
+
+
+def named(estimate):
+    return {p.name.removeprefix(DRIFT): p for p in estimate.parameters
+            if p.name.startswith(DRIFT) and np.isfinite(p.value)}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("name", "size"),
+    [("gap_b", 0.06), ("rim_a", 0.2), ("turns_a", 0.03)],
+)
+def test_the_worn_dimension_is_named(solenoid, new, name, size):
+    found = later(new, solenoid.worn(name, size), 2)
+    told = found[ESTIMATOR]
+    assert told.status is EstimateStatus.ACCEPTED
+    assert list(named(told)) == [name], told.reason
+    of = named(told)[name]
+    assert of.lower_95 <= size <= of.upper_95, told.reason
+    assert of.value == pytest.approx(size, rel=0.1)
+    assert told.reason.startswith(f"{name} has drifted by")
+    (guard,) = found["balance"].guards
+    assert not guard.passed
+    assert guard.reason == told.reason
+
+
+def test_a_spring_that_has_set_is_named(solenoid, new):
+    weak = replaced(solenoid.plant, {"preload_1": solenoid.plant.preload_1 - 1.0})
+    told = later(new, weak, 4)[ESTIMATOR]
+    assert list(named(told)) == ["spring_1"], told.reason
+    assert named(told)["spring_1"].value == pytest.approx(1.0, rel=0.05)
+
+
+def test_more_friction_names_no_dimension(solenoid, new):
+    rough = replaced(solenoid.plant, {"friction": 1.3 * solenoid.plant.friction})
+    found = later(new, rough, 6)
+    assert not named(found[ESTIMATOR])
+    assert found[ESTIMATOR].reason == "no dimension has drifted"
+    assert found["balance"].guards[0].passed
+
+
+def test_without_its_lists_the_estimator_says_what_to_do(solenoid):
+    options = options_for(solenoid.plant, solenoid.wear, dimension_names=())
+    found, _ = follow(options, solenoid.plant, 1, 7)
+    assert found["balance"].status is EstimateStatus.ACCEPTED
+    assert found[ESTIMATOR].status is EstimateStatus.REFUSED
+    assert "design export --faults" in found[ESTIMATOR].reason
+
+
+def test_assumed_curves_of_one_coil_are_not_enough(solenoid):
+    plain = {"map_current": (), "map_position": (), "map_coenergy": ()}
+    options = options_for(replaced(solenoid.plant, plain), solenoid.wear)
+    told = follow(options, replaced(solenoid.plant, plain), 1, 8)[0][ESTIMATOR]
+    assert told.status is EstimateStatus.REFUSED
+    assert "needs a map of both coils" in told.reason
+
+
+def test_what_a_cycle_tells_apart(solenoid):
+    shared = {n: getattr(solenoid.plant, n) for n in DoubleSolenoidNumbers.__dataclass_fields__}
+    found = MODEL.told_apart(Numbers(shared, {}), solenoid.wear)
+    assert found.causes[:2] == ("gap_a", "gap_b")
+    at = {n: k for k, n in enumerate(found.causes)}
+    assert found.leaves[at["spring_1"], at["spring_2"]] == 1.0  # opposite directions
+    assert 0.0 < found.leaves[at["gap_a"], at["turns_a"]] < 1.0
+    assert found.leaves.diagonal() == pytest.approx(0.0, abs=1e-9)
+    assert all(len(group) > 1 for group in found.together)

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The closed loop once more in the moving field, where the lumped force is checked.
+
+Currents and motion of a step are given to the field computation with eddy currents and a moving
+armature. Its force against that of the lumped valve says what G_A and G_F, fitted at one bias and
+one place, are worth on the way that the valve takes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.prediction import fit_percent
+from valve_twin.design.dynamics.identify import fit_dynamics
+from valve_twin.design.field import make_model, run_transient
+
+if TYPE_CHECKING:
+    from valve_twin.core.physics.coenergy import CoenergyMap
+    from valve_twin.core.types import FloatArray
+    from valve_twin.core.valves.designed import Loop
+    from valve_twin.design.geometry.section import Section
+
+FOLLOWED_S = 0.03
+"""How much of a step is replayed, assumed [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """Forces of a step, N samples.
+
+    Attributes
+    ----------
+    time_s : (N,) array
+        Since the step [s].
+    field, lumped, static : (N,) arrays
+        Force of the moving field, of the valve's model, of the static curves alone [N].
+    fit, without : float
+        100 (1 - |field - shown| / |field - mean|) of the model and of the static curves [%].
+    refitted : float
+        The same of a G_F of the same order that was fitted to this very record [%].
+    """
+
+    time_s: FloatArray
+    field: FloatArray
+    lumped: FloatArray
+    static: FloatArray
+    fit: float
+    without: float
+    refitted: float
+
+    @property
+    def error(self) -> float:
+        """Root of the mean square of lumped less field [N]."""
+        return float(np.sqrt(np.mean((self.lumped - self.field) ** 2)))
+
+
+def replay(
+    section: Section, curves: CoenergyMap, loop: Loop, fine: float = 0.5, skin: float = 1e-3
+) -> Replay:
+    """Replay the first 30 ms of a step in the moving field.
+
+    Parameters
+    ----------
+    section : Section
+        Of the solenoid.
+    curves : CoenergyMap
+        Its static curves.
+    loop : Loop
+        The step, with its currents, force and position every 0.1 ms.
+    fine, skin : float
+        Of the field's mesh, as of `Fidelity` [1], [m].
+
+    Raises
+    ------
+    ValueError
+        If the loop has no such signals, or the armature leaves the meshed stroke.
+    """
+    rows = dict(loop.rows)
+    try:
+        current, force = rows["current [A]"], rows["force [N]"]["F"]
+        both, place = [current["A"], current["B"]], rows["position [mm]"]["x"]
+    except KeyError as err:
+        message = f"the loop shows no {err}: a replay needs currents, force and position"
+        raise ValueError(message) from err
+    count = int(np.searchsorted(loop.time_s, FOLLOWED_S)) + 1
+    currents, x = np.column_stack(both)[:count], 1e-3 * place[:count]
+    time_s, lumped = loop.time_s[:count], force[:count]
+    model = make_model(section, fine, skin)
+    found = run_transient(model, time_s, currents, x, "euler").force
+    inside = np.clip(currents, curves.currents[0], curves.currents[-1])
+    static = curves.force(inside, np.clip(x, curves.positions[0], curves.positions[-1]))
+    again = fit_dynamics(time_s, static, found)
+    return Replay(
+        time_s,
+        found,
+        lumped,
+        static,
+        fit_percent(found, lumped),
+        fit_percent(found, static),
+        again.fit,
+    )

@@ -1,0 +1,135 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Worn dimensions of a double-stroke solenoid, and how each changes its coenergy.
+
+A dimension is changed in the section, the fields are computed again, and the difference of the
+coenergies over the change is its signature. Where a corner moves, the change is taken both ways,
+so that both meshes have the same lines and most of their error cancels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.physics.coenergy import CoenergyMap
+from valve_twin.core.valves.designed import Wear
+from valve_twin.design.geometry.section import Section
+from valve_twin.design.map import MapGrid, compute_map
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from valve_twin.design.geometry import DoubleStroke
+    from valve_twin.design.geometry.section import Region
+
+GRID = MapGrid(currents=5, positions=5, fine=0.6)
+"""Where the fields of a signature are computed, assumed."""
+
+SIZES: Mapping[str, float] = {"gap": 0.06, "rim": 0.15, "turns": 0.04, "steel": 0.4}
+"""How much each dimension is changed for its signature [1], assumed."""
+
+_MOVED = ("gap", "rim")  # corners of the section move: taken both ways
+_ROUND = 12  # decimals of a metre to which corners are the same
+
+
+def worn(design: DoubleStroke, name: str, size: float) -> Section:
+    """Return the section of a solenoid with a worn dimension on side A.
+
+    Parameters
+    ----------
+    design : DoubleStroke
+        As new.
+    name : str
+        gap: pole A stands away by this share of the working gap; rim: its tip has lost this share
+        of the rim; turns: this share of coil A is shorted (not the current in the shorted ones);
+        steel: all field strengths of its curve are higher by this share.
+    size : float
+        How much [1].
+
+    Raises
+    ------
+    ValueError
+        If the dimension is not known or the section is none with it.
+    """
+    section = design.section()
+    regions, motion = section.regions, section.motion
+    materials = {"steel": section.materials["steel"]}
+    if name == "gap" and motion is not None:
+        far = size * design.gap
+        moves = {design.face: design.face + far, design.rim_tip: design.rim_tip + far}
+        regions = _moved(regions, moves)
+        motion = replace(motion, still_high=design.face + far)
+    elif name == "rim":
+        lost = size * (design.face - design.rim_tip)
+        regions = _moved(regions, {design.rim_tip: design.rim_tip + lost})
+    elif name == "turns":
+        regions = tuple(replace(r, turns=r.turns * (1.0 - size)) if r.name == "coil_a" else r
+                        for r in regions)  # fmt: skip
+    elif name == "steel":
+        steel = design.steel
+        materials["steel"] = replace(
+            steel,
+            knee=steel.knee * (1.0 + size),
+            approach=steel.approach * (1.0 + size),
+            table_h=tuple(h * (1.0 + size) for h in steel.table_h),
+        )
+    else:
+        message = f"dimension '{name}': must be one of {', '.join(SIZES)}"
+        raise ValueError(message)
+    box = section.radius, section.low, section.high
+    return Section(f"{section.name}, {name} {size:+g}", regions, materials, motion, *box)
+
+
+def compute_wear(
+    design: DoubleStroke, grid: MapGrid = GRID, advance: Callable[[], None] = lambda: None
+) -> tuple[Wear, ...]:
+    """Return the signatures of all dimensions, of both sides.
+
+    Parameters
+    ----------
+    design : DoubleStroke
+        As new; side B is the mirror image of side A.
+    grid : MapGrid, optional
+        Where the fields are computed.
+    advance : callable
+        Called once a field.
+
+    Raises
+    ------
+    ValueError
+        If a section or a map of it is none.
+    """
+    new = compute_map(design.section(), grid, advance).coefficients
+    found = []
+    for name, size in SIZES.items():
+        more = compute_map(worn(design, name, size), grid, advance)
+        less = new
+        if name in _MOVED:
+            less = compute_map(worn(design, name, -size), grid, advance).coefficients
+        change = (more.coefficients - less) / (2.0 * size if name in _MOVED else size)
+        of = CoenergyMap(more.coils, more.currents, more.positions, change, more.provenance)
+        if name == "steel":
+            found.append(Wear(name, of))
+        else:
+            found += [Wear(f"{name}_a", of), Wear(f"{name}_b", mirrored(of))]
+    return tuple(found)
+
+
+def mirrored(change: CoenergyMap) -> CoenergyMap:
+    """Return the same change on the side of the other coil: W(i_A, i_B, x) = W(i_B, i_A, -x)."""
+    turned = np.ascontiguousarray(change.coefficients.transpose(1, 0, 2)[:, :, ::-1])
+    return replace(change, coefficients=turned)
+
+
+def _moved(regions: tuple[Region, ...], moves: Mapping[float, float]) -> tuple[Region, ...]:
+    """Return the regions with corners of pole A at other places on the axis."""
+    to = {round(z, _ROUND): there for z, there in moves.items()}
+    return tuple(
+        replace(r, outline=tuple((radius, to.get(round(z, _ROUND), z)) for radius, z in r.outline))
+        if r.name == "pole_a"
+        else r
+        for r in regions
+    )
