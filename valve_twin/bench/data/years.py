@@ -16,10 +16,15 @@ import sqlalchemy as sa
 
 from valve_twin.bench.measure import Ratio, median
 from valve_twin.core.aging import AgingConfig, assess
+from valve_twin.core.aging.cutting.ahead import look_ahead
+from valve_twin.core.aging.cutting.memory import Memory
 from valve_twin.core.past.columns import past_of
 from valve_twin.core.past.state import AgingState
+from valve_twin.core.past.stored import freeze
 from valve_twin.core.types import Estimate, EstimateStatus, Parameter, ParameterValue
+from valve_twin.io.history.aging.file import load, origin_of, pack, write
 from valve_twin.io.history.database import Database
+from valve_twin.io.history.fleet import rank_fleet
 from valve_twin.io.history.insert import Insert
 from valve_twin.io.history.store import CycleRecord, History
 from valve_twin.io.history.tables import CYCLE, ESTIMATE, VALVE, estimate_row, to_row
@@ -28,6 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from valve_twin.bench.measure import Scale
+    from valve_twin.core.past.columns import Past
 
 _NAMES = ("gain_in", "gain_out", "leak")
 _PARAMETERS = tuple(Parameter(name, "1", "", trend=True) for name in _NAMES)
@@ -35,11 +41,14 @@ _PERIOD_NS = 30 * 10**9
 _YOUNG = 1000  # cycles that a history with little in it holds
 _PAGE = 100
 _VALVE = "/v"
+_IN_A_ROW = 70  # verdicts: some searches ahead of a long trend are among them
+_CONFIG = AgingConfig()
 
 
 def compare(scale: Scale) -> Iterator[Ratio]:
     """Yield the comparisons of this area."""
     yield from _verdicts(50_000 if scale.quick else 1_000_000, 3)
+    yield from _ranked(5_000 if scale.quick else 30_000, scale.repeats)
     yield from _stored(5_000 if scale.quick else 300_000, 40 * scale.repeats)
 
 
@@ -84,18 +93,77 @@ def _verdicts(cycles: int, repeats: int) -> Iterator[Ratio]:
     for estimate in life(cycles):
         state.add(estimate)
     adding = time.process_time() - begin - making
-    bounded, everything = state.past(), past_of(life(cycles))
-    young = past_of(life(_YOUNG))
-    ours, peer, early = (
-        median(partial(assess, p, (), AgingConfig(), parameters=_PARAMETERS), repeats)
-        for p in (bounded, everything, young)
-    )
-    yield Ratio(f"verdict after cycle {cycles}", "one on every estimate", ours, peer, 1.0)
+    everything, young = past_of(life(cycles)), AgingState()
+    for estimate in life(_YOUNG):
+        young.add(estimate)
+    peer = median(partial(_assess, everything), repeats)
+    memory = Memory()
+    ours, longest = _goes_on(state, memory, cycles)
+    early, _ = _goes_on(young, Memory(), _YOUNG)
+    yield Ratio(f"verdict after cycle {cycles}", "one on every estimate", ours, peer, 5.0)
+    longest_of = f"longest of {_IN_A_ROW} in a row"
+    yield Ratio(longest_of, "one on every estimate", longest, peer, 3.0)
     late = f"verdict after cycle {cycles} against an early one"
-    yield Ratio(late, f"one after cycle {_YOUNG}", ours, early, 0.2)
+    yield Ratio(late, f"one after cycle {_YOUNG}", ours, early, 0.3)
+    begun = median(partial(_begin_again, state, memory), repeats)
+    yield Ratio("state stored and read, first verdict", longest_of, begun, longest, 0.3)
     loop = median(partial(sum, range(1_000_000)), repeats) * cycles / 1e6
     goal = 0.01 / 30.0  # a million in 30 s where the loop takes 10 ms
     yield Ratio(f"catching up on {cycles} cycles", "a sum over as many", adding, loop, goal)
+
+
+def _assess(past: Past, memory: Memory | None = None) -> None:
+    assess(past, (), _CONFIG, parameters=_PARAMETERS, memory=memory)
+
+
+def _goes_on(state: AgingState, memory: Memory, cycles: int) -> tuple[float, float]:
+    """Return what the verdicts of the next cycles take, their median and the longest [s].
+
+    What is searched ahead is searched between them, as a monitor does.
+    """
+    taken = []
+    _assess(state.past(), memory)
+    for estimate in life(_IN_A_ROW, cycles + 1):
+        state.add(estimate)
+        past = state.past()
+        begin = time.process_time()
+        _assess(past, memory)
+        taken.append(time.process_time() - begin)
+        look_ahead(past, (), _CONFIG, parameters=_PARAMETERS, memory=memory)
+    return middle(taken), max(taken)
+
+
+def _begin_again(state: AgingState, memory: Memory) -> None:
+    """Store what a monitor knows, read it and give a verdict."""
+    origin = origin_of(_VALVE, "press_cartridge")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "known"
+        write(path, pack(freeze(state), memory, {}, origin, _CONFIG))
+        known = load(path, origin, _CONFIG)
+    assert known is not None
+    _assess(known.state.past(), known.memory)
+
+
+def _ranked(cycles: int, repeats: int) -> Iterator[Ratio]:
+    """Compare ranking a valve again, one cycle later, with ranking it the first time."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "fleet.db"
+        _fill(path, cycles)
+        first, again = 0.0, []
+        for k in range(repeats + 1):
+            with History(path) as history:
+                (estimate,) = life(1, cycles + 1 + k)
+                record = CycleRecord(estimate.cycle, estimate.start_ns, estimate.end_ns, 800)
+                history.store(_VALVE, record, [estimate])
+                begin = time.process_time()
+                rank_fleet(history)
+                taken = time.process_time() - begin
+            if k:
+                again.append(taken)
+            else:
+                first = taken
+        what = f"fleet of a valve of {cycles} cycles, again"
+        yield Ratio(what, "the first time", middle(again), first, 5.0)
 
 
 def _stored(cycles: int, repeats: int) -> Iterator[Ratio]:

@@ -20,6 +20,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numba import njit
 
 from valve_twin.core.aging.drift import wanted_limits
 from valve_twin.core.aging.trend import quantile
@@ -272,16 +273,31 @@ def _levels(
         matrix = np.column_stack([np.ones(len(x)), x - x.mean(), offsets])
         y = y - offsets @ np.linalg.lstsq(matrix, y, rcond=None)[0][2:]
     n = np.arange(1.0, len(x) + 1.0)
-    d, e = x - line.center, y - line.mean
-    x_mean, y_mean = np.cumsum(d) / n, np.cumsum(e) / n
-    sxx = np.cumsum(d * d) - n * x_mean**2
-    far = d - x_mean
-    with np.errstate(divide="ignore", invalid="ignore"):
-        slope = (np.cumsum(d * e) - n * x_mean * y_mean) / sxx
-        variance = np.stack([1.0 / n + far**2 / sxx, np.full(len(n), 1.0 / least)])
-    level = np.where(n >= least, line.mean + y_mean + far * slope, _NAN)
+    found, variance = _running_lines(x - line.center, y - line.mean)
+    level = np.where(n >= least, line.mean + found, _NAN)
     rho = max(line.autocorrelation, 0.0)
     inflated = (1.0 + rho) / (1.0 - rho)
     student = [quantile(max(size / inflated - 2.0, 1.0), sure) for size in _SIZES]
-    t = np.interp(np.stack([n, np.full(len(n), n[-1])]), _SIZES, student)
-    return np.stack([level, y]), t * line.sigma * np.sqrt(inflated * variance)
+    t = np.interp(n, _SIZES, student)
+    half = line.sigma * inflated**0.5
+    mean = np.full(len(n), t[-1] * half / least**0.5)
+    return np.stack([level, y]), np.stack([t * half * np.sqrt(variance), mean])
+
+
+@njit(cache=True, error_model="numpy")
+def _running_lines(d: FloatArray, e: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return where the line through the values up to each one stands, and its variance.
+
+    Both (N,), the variance in those of one value; NaN or infinite where there is no line yet.
+    """
+    level, variance = np.empty(len(d)), np.empty(len(d))
+    sd, se, sdd, sde = 0.0, 0.0, 0.0, 0.0
+    for i in range(len(d)):
+        n = i + 1.0
+        sd, se = sd + d[i], se + e[i]
+        sdd, sde = sdd + d[i] * d[i], sde + d[i] * e[i]
+        sxx = sdd - n * (sd / n) ** 2
+        far = d[i] - sd / n
+        level[i] = se / n + far * (sde - n * (sd / n) * (se / n)) / sxx
+        variance[i] = 1.0 / n + far**2 / sxx
+    return level, variance
