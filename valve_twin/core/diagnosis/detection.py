@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from valve_twin.core.diagnosis.changes.ends import first_alike, first_unlike, healed, over
+from valve_twin.core.diagnosis.changes.match import Match, fits_an_end, match
 from valve_twin.core.diagnosis.config import DetectionConfig
 from valve_twin.core.diagnosis.lines import (
-    Lines,
     Rays,
     filled,
-    fit_change,
     follows_nothing,
     lines_through,
     more_noise,
@@ -36,7 +36,7 @@ from valve_twin.core.diagnosis.table import BY_NAME, SignatureTable, partner
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from valve_twin.core.types import BoolArray, FloatArray, IntArray
+    from valve_twin.core.types import FloatArray, IntArray
 
 UNKNOWN = "unknown"
 """Name of a change that is like no fault of the table."""
@@ -83,9 +83,6 @@ what wanders away is no sudden change; and off the mean of few cycles: they are 
 
 _BESIDE = 3
 """Cycles on either side of the onset that show it."""
-
-_NO_SIZE = 1e-3
-"""Size, in that of a signature, below which a fault explains nothing [1]."""
 
 RIVAL = 6.0
 """Difference of twice the log likelihood below which two faults are not distinguished [1]."""
@@ -190,15 +187,23 @@ def _search(
         seen = _first_seen(vectors, table, config, start)
         if seen is None:
             return findings, len(cycles) > start
-        (w, base, rays), alarm = seen
+        view, alarm = seen
         at = alarm[0]
-        onset = _onset(w, base, rays, config, *alarm)
-        finding, end = _isolate(w, base, rays, table, config, onset, at)
+        onset = _onset(*view, config, *alarm)
+        finding, back, end = _isolate(view, table, config, onset, at)
+        ended = _ended(view, table, config, onset, (finding, back))
+        if ended is not None:
+            part, fit = ended
+            seen_at = int(cycles[at])
+            findings.append(_finding(fit, int(cycles[part.start]), seen_at, seen_at))
+            kept = np.r_[0 : part.start, part.stop : len(cycles)]
+            cycles, vectors, start = cycles[kept], vectors[kept], min(start, part.start)
+            continue
         repeats = more_repeats(vectors, onset, table)[onset : at + 1]
         if (repeats > 0.5).any():
-            end = _over(more_repeats(vectors, onset, table) > 0.5, at, config)
-        over = int(cycles[end]) if end >= 0 else -1
-        found = _finding(finding, int(cycles[onset]), int(cycles[at]), over)
+            end = over(more_repeats(vectors, onset, table) > 0.5, at, config)
+        seen_over = int(cycles[end]) if end >= 0 else -1
+        found = _finding(finding, int(cycles[onset]), int(cycles[at]), seen_over)
         last = None if end < 0 else end - config.heal + 1
         findings.append(_gross(found, vectors, slice(onset, last), repeats, table))
         if last is None:
@@ -332,81 +337,50 @@ def _onset(
     return early + 1 + int(since[0]) if len(since) else alarm
 
 
-@dataclass(frozen=True, slots=True)
-class _Match:
-    """How the first cycles fit: twice the log likelihood per fault, the best one's numbers."""
-
-    likelihood: dict[str, float]
-    severity: float
-    deviation: float
-    like: float
-    excess: float
-
-
 def _isolate(
-    w: FloatArray,
-    base: FloatArray,
-    rays: Rays,
-    table: SignatureTable,
-    config: DetectionConfig,
-    onset: int,
-    alarm: int,
-) -> tuple[_Match, int]:
-    """Match the first cycles behind the onset; return that and the row where it is over, -1.
+    view: View, table: SignatureTable, config: DetectionConfig, onset: int, alarm: int
+) -> tuple[Match, Match, int]:
+    """Match the first cycles behind the onset, and the change the other way round.
 
-    The cycle of the onset is a mixture and is left out.
+    The last is the row where it is over, -1. The cycle of the onset is a mixture and is left out.
     """
+    w, base, rays = view
     before = lines_through(base, np.array([onset - 1]), config.window)
     last = min(max(onset + config.isolate, alarm), len(w) - 1)
     onset = min(onset, len(w) - 2)
     rows = np.arange(onset + 1, last + 1)
-    variance = before.at(np.array([rows.mean()]))[1]
+    line = float(before.at(np.array([rows.mean()]))[1][0])
     off = w[rows] - before.at(rows.astype(np.float64))[0]
-    unlike = config.unlike**2 * float(np.sum(off.mean(axis=0) ** 2)) / off.shape[1]
-    fits = [
-        fit_change(off, rays, k, float(variance[0]), table.range(k), unlike=unlike)
-        for k in range(len(table.signatures))
-    ]
-    best: dict[str, float] = {}
-    values = [value if size > _NO_SIZE else -np.inf for value, size, _ in fits]
-    for signature, value in zip(table.signatures, values, strict=True):
-        best[signature.fault] = max(best.get(signature.fault, -np.inf), value)
-    k = int(np.argmax(values))
-    size, change = fits[k][1], off.mean(axis=0)
-    like = float(rays.rays[k] @ change) ** 2 / max(float(change @ change), 1e-300)
-    like = like if np.isfinite(values[k]) else -1.0
-    severity = table.signatures[k].severity * size
-    excess = fits[k][2] / off.size
-    match = _Match(best, severity, float(np.linalg.norm(change)), like, excess)
-    return match, _healed(w, rays.rays[k], before, config, alarm)
+    found = match(off, rays, table, config, line=line)
+    ended = match(-off, rays, table, config, line=line)
+    return found, ended, healed(w, rays.rays[found.ray], before, config, alarm)
 
 
-def _healed(
-    w: FloatArray, ray: FloatArray, before: Lines, config: DetectionConfig, alarm: int
-) -> int:
-    """Return the first row at which `heal` cycles since the alarm are back on the line, or -1."""
-    rows = np.arange(alarm + 1, min(alarm + 1 + config.extrapolate, len(w)))
-    if len(rows) < config.heal:
-        return -1
-    x = rows.astype(np.float64)
-    spread = before.count * (before.count**2 - 1.0) / 12.0
-    off = x - before.centre
-    line = before.level + before.slope * off[:, None]
-    each = np.abs((w[rows] - line) @ ray) / np.sqrt(1.0 + 1.0 / before.count + off**2 / spread)
-    back = (each < config.each).astype(np.int64)
-    run = np.convolve(back, np.ones(config.heal, dtype=np.int64), mode="valid")
-    hits = np.flatnonzero(run == config.heal)
-    return int(rows[hits[0] + config.heal - 1]) if len(hits) else -1
+def _ended(
+    view: View,
+    table: SignatureTable,
+    config: DetectionConfig,
+    onset: int,
+    fits: tuple[Match, Match],
+) -> tuple[slice, Match] | None:
+    """Return the rows of a fault whose end a change is, and what it was; None = it is none.
 
-
-def _over(stale: BoolArray, alarm: int, config: DetectionConfig) -> int:
-    """Return the first row after the alarm that ends `heal` rows without, or -1."""
-    run = 0
-    for row in range(alarm + 1, len(stale)):
-        run = 0 if stale[row] else run + 1
-        if run == config.heal:
-            return row
-    return -1
+    Only in the first `settled` cycles, of which none are known to be right. `fits` are those of
+    the change and of the change the other way round.
+    """
+    w, _, rays = view
+    if onset >= config.settled:
+        return None
+    first, last = first_alike(w, onset), onset
+    if not first:
+        if fits_an_end(*fits, config, least=RIVAL):
+            return slice(0, onset), fits[1]
+        last = first_unlike(w, onset)
+    if not last:
+        return None
+    right = np.vstack((w[:first], w[last + 1 :][: config.recent]))
+    off = w[min(first + 1, last - 1) : last] - right.mean(axis=0)
+    return slice(first, last), match(off, rays, table, config, line=1.0 / len(right))
 
 
 def _gross(
@@ -434,17 +408,16 @@ def _gross(
     return replace(found, fault=name, rivals=(), part=BY_NAME[name].part, severity=severity)
 
 
-def _finding(match: _Match, onset: int, alarm: int, end: int) -> Finding:
+def _finding(fit: Match, onset: int, alarm: int, end: int) -> Finding:
     """Name the fault."""
-    names = sorted(match.likelihood, key=lambda name: -match.likelihood[name])
+    names = sorted(fit.likelihood, key=lambda name: -fit.likelihood[name])
     best, other = names[0], partner(names[0])
-    behind = {n: match.likelihood[best] - match.likelihood[n] for n in names[1:]}
+    behind = {n: fit.likelihood[best] - fit.likelihood[n] for n in names[1:]}
     near = RIVAL if not other else PAIR_RIVAL
     also = (n for n in behind if behind[n] < near)
     rivals = tuple(dict.fromkeys(n for n in (other, *also) if n))
-    config = DetectionConfig()
-    if match.like < 0.0 or (match.like < config.like and match.excess > config.excess):
-        return Finding(UNKNOWN, (), "valve", float("nan"), match.deviation, onset, alarm, end)
+    if fit.is_unknown(DetectionConfig()):
+        return Finding(UNKNOWN, (), "valve", float("nan"), fit.deviation, onset, alarm, end)
     return Finding(
-        best, rivals, BY_NAME[best].part, match.severity, match.deviation, onset, alarm, end
+        best, rivals, BY_NAME[best].part, fit.severity, fit.deviation, onset, alarm, end
     )

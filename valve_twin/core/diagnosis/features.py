@@ -49,6 +49,9 @@ class FeatureSet:
         Greatest size of a fault that has one [unit of the fault].
     least : mapping of str to float
         Least standard deviation of a feature between cycles, by name [unit of the feature].
+    across : mapping of str to float
+        Standard deviation by which a feature changes with the product, by name [as followed];
+        those not named tell nothing of another product.
     of_any_valve : bool
         Whether features that every valve has (`generic`) are among them.
     """
@@ -59,6 +62,7 @@ class FeatureSet:
     first_sizes: Mapping[str, float] = field(default_factory=dict, hash=False)
     largest: Mapping[str, float] = field(default_factory=dict, hash=False)
     least: Mapping[str, float] = field(default_factory=dict, hash=False)
+    across: Mapping[str, float] = field(default_factory=dict, hash=False)
     of_any_valve: bool = False
 
     def vector(self, values: Iterable[ParameterValue]) -> FloatArray:

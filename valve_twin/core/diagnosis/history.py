@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from valve_twin.core.diagnosis.changes.elsewhere import Elsewhere, followed
+from valve_twin.core.diagnosis.config import DetectionConfig
 from valve_twin.core.diagnosis.detection import NOTHING, UNKNOWN, Diagnosis, Finding, detect
 from valve_twin.core.diagnosis.direct import bounds, freezing, noise
 from valve_twin.core.diagnosis.features import NOISE
@@ -120,12 +122,14 @@ def search(past: Past, maintenance: Sequence[Maintenance]) -> Searched:
         own = product == number
         steady = without_slips(vectors[own], table)
         part = detect(cycles[own], steady, table, restarts=restarts, judged=settled.judged)
-        found += part.findings
+        then = [_elsewhere(f, cycles, vectors, product, number, model) for f in part.findings]
+        found += [f for f, _ in then]
+        doubt = doubt or next((why for _, why in then if why), "")
         if number == product[-1]:
             ready = part.ready
         if number in lately and (anew or past.settled is None):
-            begun = int(np.count_nonzero(own[:since]))
-            doubt = doubt or doubt_of(cycles[own][begun:], steady[begun:], table)
+            kept = _measure(cycles[own], part.findings, since=max(restarts, default=0))
+            doubt = doubt or doubt_of(cycles[own][kept], steady[kept], table)
     stopped = settled.stopped and _holds(settled, restarts)
     if stopped:  # until maintenance
         next_ = min((c for c in restarts if c > settled.judged), default=np.inf)
@@ -157,6 +161,49 @@ def search(past: Past, maintenance: Sequence[Maintenance]) -> Searched:
 
 
 _NONE = Settled((), 0, -1)
+
+
+def _elsewhere(
+    finding: Finding,
+    cycles: IntArray,
+    vectors: FloatArray,
+    product: IntArray,
+    number: int,
+    model: ValveModel,
+) -> tuple[Finding, str]:
+    """Return a fault of one product by what others made since say of it, and what is in doubt."""
+    if finding.end >= 0:
+        return finding, ""
+    own, known = product == number, product >= 0
+    then = followed(cycles, vectors, own, finding.onset, known, model.feature_set)
+    if then.state is Elsewhere.THERE:
+        return finding, ""
+    doubt = (
+        f"no reference: {_text(finding)} since cycle {finding.onset} was not seen to end before "
+        f"its product was last made in cycle {then.last}, and nothing tells whether it is still "
+        "there: make that product again, or mark maintenance"
+    )
+    over = replace(finding, end=then.seen)
+    return over, doubt if then.state is Elsewhere.UNKNOWN else ""
+
+
+def _text(finding: Finding) -> str:
+    """Return the name of a fault in words."""
+    kind = BY_NAME.get(finding.fault)
+    return kind.text if kind else "a sudden change that is like no known fault"
+
+
+def _measure(cycles: IntArray, findings: Sequence[Finding], *, since: int) -> IntArray:
+    """Return which cycles since a start may be a reference: not those of an early fault now over.
+
+    Where it was there from the first cycle on they stay: which of the two are right is not known.
+    """
+    kept = cycles >= since
+    first = cycles[kept][: DetectionConfig().settled]
+    for f in findings:
+        if f.end >= 0 and len(first) and int(first[0]) < f.onset <= int(first[-1]):
+            kept &= (cycles < f.onset) | (cycles >= f.end)
+    return np.flatnonzero(kept)
 
 
 def _until_maintained(finding: Finding, cycles: IntArray, restarts: Sequence[int]) -> Finding:

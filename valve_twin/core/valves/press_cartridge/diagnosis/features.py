@@ -93,6 +93,19 @@ FEATURE_SET = FeatureSet(
         "supply_drop": 0.03,
     },
     largest={"aeration": 0.9, "supply_drop": 0.9, "sensor_freeze": 0.9, "command_loss": 0.9},
+    across={
+        "rest_level": 5e-4,
+        "rest_noise": 0.1,
+        "hold_slope": 3e-4,
+        "gain_in_low": 0.2,
+        "gain_in_high": 0.2,
+        "gain_out_low": 0.08,
+        "gain_out_high": 0.02,
+        "delay_out": 0.01,
+        "rough_low": 0.25,
+        "shortfall": 0.16,
+        "repeats": 0.02,
+    },  # four of five changes of 24 strangers are smaller (docs/diagnosis.md)
 )
 """How they are followed, and the faults that they show."""
 

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The end of a fault of the first cycles is no new change, and an old line ends none."""
+
+import numpy as np
+import pytest
+
+from valve_twin.core.diagnosis.changes.ends import first_alike, first_unlike, healed
+from valve_twin.core.diagnosis.config import DetectionConfig
+from valve_twin.core.diagnosis.detection import detect
+from valve_twin.core.diagnosis.lines import lines_through
+from valve_twin.core.valves.press_cartridge import MODEL
+
+FEATURES = 13
+ONSET = 14
+
+
+def steps(*edges, seed=1, size=10.0):
+    """Return 24 whitened cycles that are off by `size` between the edges."""
+    w = np.random.default_rng(seed).standard_normal((24, FEATURES))
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        w[first:last, 3] += size
+    return w
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_end_of_a_fault_is_where_the_first_cycles_come_back(seed):
+    assert first_alike(steps(6, ONSET, seed=seed), ONSET) == 6
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_change_behind_cycles_that_were_all_alike_is_none(seed):
+    assert first_alike(steps(ONSET, 24, seed=seed), ONSET) == 0
+    assert first_unlike(steps(ONSET, 24, seed=seed), ONSET) == 0
+
+
+def test_a_change_to_somewhere_else_is_no_end():
+    w = steps(6, ONSET)
+    w[ONSET:, 5] += 10.0
+    assert first_alike(w, ONSET) == 0
+
+
+def test_what_only_the_first_cycles_had_is_no_change_of_later_ones():
+    assert first_unlike(steps(0, 5), ONSET) == 5
+
+
+def test_a_lasting_fault_is_not_over_since_a_line_of_few_cycles_leads_to_it():
+    config = DetectionConfig()
+    w = np.zeros((60, FEATURES))
+    w[:12, 0] = 0.25 * np.arange(12)  # a slope by chance
+    w[12:, 0] = 8.0
+    ray = np.eye(FEATURES)[0]
+    assert healed(w, ray, lines_through(w, np.array([11]), config.window), config, 13) == -1
+    w[40:, 0] = 1.4
+    assert healed(w, ray, lines_through(w, np.array([11]), config.window), config, 13) == 44
+
+
+def test_a_dead_band_of_the_seventh_to_the_sixteenth_cycle_is_over_behind_it():
+    table = MODEL.signatures()
+    change = 3.0 * np.array(
+        next(s.change for s in reversed(table.signatures) if s.fault == "dead_band")
+    )
+    alarms = 0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        rows = rng.multivariate_normal(np.zeros(len(table.features)), table.covariance, 40)
+        rows[6:16] += change
+        alarms += detect(np.arange(1, 41), rows, table).present is not None
+    assert alarms == 0

@@ -1,0 +1,45 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The end of a fault that comes in one direction only is told from the begin of one."""
+
+import numpy as np
+import pytest
+
+from valve_twin.core.diagnosis.changes.match import fits_an_end, match
+from valve_twin.core.diagnosis.config import DetectionConfig
+from valve_twin.core.diagnosis.detection import RIVAL, whitened
+from valve_twin.core.valves.press_cartridge import MODEL
+
+TABLE = MODEL.signatures()
+CONFIG = DetectionConfig()
+
+
+def matches(name, sign):
+    """Return the matches of a medium change and of its reverse."""
+    rng = np.random.default_rng(3)
+    rows = rng.multivariate_normal(np.zeros(len(TABLE.features)), TABLE.covariance, 45)
+    signature = [s for s in TABLE.signatures if s.fault == name][1]
+    rows[40:] += sign * np.array(signature.change)
+    w, _, rays = whitened(rows, 40, 45, TABLE, CONFIG)
+    off = w[40:] - w[:40].mean(axis=0)
+    found = match(off, rays, TABLE, CONFIG, line=1.0 / 40)
+    return found, match(-off, rays, TABLE, CONFIG, line=1.0 / 40)
+
+
+@pytest.mark.parametrize("name", ["leak", "stiction"])
+def test_a_fault_that_goes_fits_its_end_and_one_that_comes_does_not(name):
+    assert fits_an_end(*matches(name, -1.0), CONFIG, least=RIVAL)
+    assert not fits_an_end(*matches(name, 1.0), CONFIG, least=RIVAL)
+
+
+def test_what_comes_in_both_directions_has_no_end_of_its_own():
+    for sign in (-1.0, 1.0):
+        assert not fits_an_end(*matches("sensor_gain", sign), CONFIG, least=RIVAL)
+
+
+def test_the_likeliest_fault_and_its_size_are_told():
+    found, _ = matches("leak", 1.0)
+    assert max(found.likelihood, key=found.likelihood.__getitem__) == "leak"
+    size = [s.severity for s in TABLE.signatures if s.fault == "leak"][1]
+    # 12 standard deviations a cycle, five cycles: 4 %, and 0.3 of it may be unlike
+    assert found.severity == pytest.approx(size, rel=0.15)
