@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
     from valve_twin.cli.common import Verbs
     from valve_twin.core.types import FloatArray
-    from valve_twin.io.configure.survey import Choice, Survey
+    from valve_twin.io.configure.channels import Survey
+    from valve_twin.io.configure.limits import Limit
+    from valve_twin.io.configure.survey import Choice
     from valve_twin.io.instruments.clock import ClockChoice
 
 
@@ -46,6 +48,13 @@ def add(verbs: Verbs) -> None:
         default=0.0,
         metavar="S",
         help="time between two rows where the files do not state it [s]",
+    )
+    parser.add_argument(
+        "--resample",
+        type=positive_number,
+        default=0.0,
+        metavar="S",
+        help="put all channels on one grid of this step, averaged where they are denser [s]",
     )
     parser.add_argument("--picture", metavar="SVG", help="picture to write, default beside --out")
     parser.add_argument("--yes", action="store_true", help="ask nothing, take the default")
@@ -80,13 +89,15 @@ def _is_bag(path: Path) -> bool:
 
 
 def _configure_files(arguments: argparse.Namespace) -> int:
-    from valve_twin.io.configure.proposal import reasons, yaml_text
-    from valve_twin.io.configure.survey import choose, look
+    from valve_twin.io.configure.channels import look
+    from valve_twin.io.configure.limits import MOST_CYCLES, justified_limits
+    from valve_twin.io.configure.proposal import limit_line, reasons, yaml_text
+    from valve_twin.io.configure.survey import choose
     from valve_twin.io.instruments.clock import ClockChoice
     from valve_twin.io.instruments.into_bag import recording_files
 
     paths = recording_files(arguments.files)
-    clock = ClockChoice(period_s=arguments.period)
+    clock = ClockChoice(period_s=arguments.period, resample_s=arguments.resample)
     survey = look(paths, clock)
     if not survey.recordings[0].measured and not arguments.period:
         clock = _asked(arguments, survey, clock)
@@ -95,7 +106,11 @@ def _configure_files(arguments: argparse.Namespace) -> int:
     survey, choice = choose(survey, position=arguments.position)
     for line in reasons(survey, choice, len(paths)):
         say(line)
-    _write(arguments, yaml_text(survey, choice, arguments.files))
+    limits: list[Limit] = []
+    if choice.repeat is None:
+        limits = justified_limits(yaml_text(survey, choice, arguments.files), paths[:MOST_CYCLES])
+        say(limit_line(limits))
+    _write(arguments, yaml_text(survey, choice, arguments.files, limits))
     picture = arguments.picture or (
         str(Path(arguments.out).with_suffix(".svg")) if arguments.out else ""
     )
@@ -133,7 +148,7 @@ def _write(arguments: argparse.Namespace, text: str) -> None:
 
 
 def _draw(survey: Survey, choice: Choice) -> str:
-    from valve_twin.io.configure.survey import unit_of
+    from valve_twin.io.configure.channels import unit_of
     from valve_twin.report.pictures.configure import draw_proposal
 
     names = [choice.pair.command, choice.pair.answer] if choice.pair else []

@@ -60,7 +60,9 @@ def _estimate(arguments: argparse.Namespace) -> int:
         predict=False,
         freeze_after=arguments.freeze,
     )
-    lines = list(json_lines(record.estimates, assessment, config.name, record.counters))
+    lines = list(
+        json_lines(record.estimates, assessment, config.name, record.counters, record.files)
+    )
     baselines = compare_baselines(record)
     if baselines is not None:
         lines.append(json.dumps(baselines.fields(config.name), allow_nan=False))

@@ -19,6 +19,7 @@ from valve_twin.io.errors import StoreError
 from valve_twin.io.history.store import History
 from valve_twin.io.offline.baseline import compare_baselines
 from valve_twin.io.offline.run import join_predictions
+from valve_twin.io.offline.sources import NOT_MEASURED
 from valve_twin.report.data import ReportData
 from valve_twin.report.page import write_report
 from valve_twin.report.provenance.inputs import bag_origin, history_origin
@@ -82,10 +83,12 @@ def bag_data(
         version=__version__,
         written_ns=time.time_ns(),
         notes=(*trivial_note(record), *baseline_note(record)),
+        warning=_warning(config),
         budget=budget,
         cycle=record.last,
         signals=signals_of(record.last, model, config.options) if record.last else (),
         counters=record.counters,
+        files=record.files,
         nameplate=config.nameplate.given,
     )
 
@@ -192,7 +195,17 @@ def configured_history_data(
     with History(config.history_url, read_only=True) as history:
         data = history_data(history, config.name, config.aging, label, config.model)
     options = {d.name: example(d.default) for d in describe(config.options)}
-    return replace(data, options=options, budget=budget, nameplate=config.nameplate.given)
+    return replace(
+        data,
+        options=options,
+        budget=budget,
+        nameplate=config.nameplate.given,
+        warning=_warning(config),
+    )
+
+
+def _warning(config: ValveConfig) -> str:
+    return "" if config.csv.times_measured else NOT_MEASURED
 
 
 def _write(

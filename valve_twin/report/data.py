@@ -69,6 +69,10 @@ class ReportData:
         What is given of its nameplate, by name.
     provenance : str
         What it is made from, see `report.provenance`; empty = not stated.
+    files : mapping
+        By cycle, the imported files that it comes from; empty = not imported.
+    warning : str
+        What the whole page has to be read with, at its head; empty = nothing.
     """
 
     valve: str
@@ -93,6 +97,8 @@ class ReportData:
     stroke_due: StrokeDue | None = None
     nameplate: Mapping[str, str] = field(default_factory=dict)
     provenance: str = ""
+    files: Mapping[int, str] = field(default_factory=dict)
+    warning: str = ""
 
     @property
     def aging(self) -> bool:

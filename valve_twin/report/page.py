@@ -26,6 +26,7 @@ from valve_twin.report.tables import (
     quality,
     refused_cycles,
     refused_parameters,
+    source_files,
 )
 from valve_twin.report.text import count, fixed, render
 
@@ -124,6 +125,7 @@ def render_report(data: ReportData) -> str:
         last=estimates_table(data),
         budget=budget_section(data.budget),
         refused_cycles=refused_cycles(data),
+        source_files=source_files(data),
         refused_parameters=refused_parameters(data),
         quality=quality(data),
         versions=sorted({c.software for c in data.cycles if c.software}),

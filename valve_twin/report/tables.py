@@ -209,7 +209,29 @@ def refused_cycles(data: ReportData) -> Table:
     found.sort(key=lambda row: -row[0])
     rows = [[str(cycle), when(started[cycle]), why] for cycle, why in found[:MAX_ROWS]]
     more = f"the newest {MAX_ROWS} of {len(found)}" if len(found) > MAX_ROWS else ""
-    return Table(["Cycle", "Start", "Why it was refused"], rows, more)
+    head = ["Cycle", "Start", "Why it was refused"]
+    if data.files:
+        head.append("File")
+        rows = [[*row, data.files.get(int(row[0]), NONE)] for row in rows]
+    return Table(head, rows, more)
+
+
+def source_files(data: ReportData) -> Table:
+    """Return the imported files with the cycles that come from each, in their order."""
+    numbers: dict[str, list[int]] = {}
+    for cycle, name in sorted(data.files.items()):
+        numbers.setdefault(name, []).append(cycle)
+    good = {e.cycle for e in data.trend_estimates if e.status is not EstimateStatus.REFUSED}
+    rows = [
+        [name, _span(own), count(len(own)), count(len(good.intersection(own)))]
+        for name, own in list(numbers.items())[-MAX_ROWS:]
+    ]
+    more = f"the newest {MAX_ROWS} of {len(numbers)}" if len(numbers) > MAX_ROWS else ""
+    return Table(["File", "Cycles", "How many", "Estimated"], rows, more)
+
+
+def _span(numbers: Sequence[int]) -> str:
+    return str(numbers[0]) if len(numbers) == 1 else f"{numbers[0]} … {numbers[-1]}"
 
 
 def refused_parameters(data: ReportData) -> Table:

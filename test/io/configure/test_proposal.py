@@ -12,7 +12,9 @@ import pytest
 from test.io.configure.test_survey import slew_valve, steps, survey, switched
 from test.io.instruments import foreign_files as foreign
 from valve_twin.cli import main
+from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.types import CycleRule
+from valve_twin.core.valves.registry import get_model
 from valve_twin.io.bags.read import bag_info
 from valve_twin.io.config.valve import load_config
 
@@ -28,7 +30,8 @@ def chain(folder: Path, files, *more):
     assert main(["import", *names, "--config", config, "--out", bag]) == 0
     main(["estimate", bag, "--config", config, "--json", out])
     lines = [json.loads(line) for line in (folder / "estimates.jsonl").read_text().splitlines()]
-    return load_config(config)[0], [x for x in lines if x["kind"] == "estimate"]
+    estimates = [x for x in lines if x["kind"] == "estimate" and x["used_by_trend"]]
+    return load_config(config)[0], estimates
 
 
 def value(estimate):
@@ -69,6 +72,40 @@ def test_dates_of_the_file_are_kept_and_windows_begin_with_it(tmp_path):
     assert abs(found[0]["start_ns"] - start_ns) < 5e9
 
 
+KINDS = {
+    "export.csv": foreign.text,
+    "book.xlsx": foreign.excel,
+    "v5.mat": foreign.mat5,
+    "v73.mat": foreign.mat73,
+    "log.tdms": foreign.tdms,
+    "log.mf4": foreign.mdf,
+    "log.parquet": foreign.parquet,
+}
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_file_of_each_kind_ends_in_a_verdict(tmp_path, name, capsys):
+    KINDS[name](tmp_path / name)
+    config, found = chain(tmp_path, [tmp_path / name])
+    model = get_model(config.model)
+    command, answer = (config.signals[s].column for s in (model.inputs[0], model.output))
+    assert command.lower().removeprefix("log.") in {"setpoint", "set point", "sollwert"}
+    assert answer.lower().removeprefix("log.")[:1] in {"p", "d"}
+    assert {e["file"] for e in found} == {name.partition(".")[0]}
+    lines = [json.loads(x) for x in (tmp_path / "estimates.jsonl").read_text().splitlines()]
+    (verdict,) = (x for x in lines if x["kind"] == "verdict")
+    assert verdict["evidence"]
+    assert FEATURES in {x.get("estimator") for x in lines}
+    assert "service limits, outside the scatter: none set" in capsys.readouterr().err
+    page, rows = tmp_path / "r.html", tmp_path / "p.csv"
+    given = [str(tmp_path / "bag"), "--config", str(tmp_path / "valve.yaml")]
+    assert main(["report", *given, "--out", str(page)]) == 0
+    assert "Recordings</h2>" in page.read_text()
+    assert main(["predict", *given, "--out", str(rows)]) == (0 if len(found) > 2 else 1)
+    predicted = "no cycle could be predicted" not in capsys.readouterr().err
+    assert predicted == (len(found) > 2)
+
+
 def test_a_bad_file_among_several_is_left_out_of_the_bag(tmp_path, capsys):
     for name in "ac":
         survey(tmp_path / f"{name}.csv", {"stroke": slew_valve(switched())})
@@ -87,9 +124,18 @@ def test_invented_times_are_said_everywhere(tmp_path, capsys):
     assert main(["configure", file, "--yes", "--out", str(tmp_path / "v.yaml")]) == 0
     assert "NOT MEASURED" in capsys.readouterr().err
     assert "NOT MEASURED" in (tmp_path / "v.yaml").read_text()
+    assert not load_config(tmp_path / "v.yaml")[0].csv.times_measured
+    given = ["--config", str(tmp_path / "v.yaml")]
+    bag, page = str(tmp_path / "bag"), tmp_path / "r.html"
+    assert main(["import", file, *given, "--out", bag]) == 0
+    assert main(["report", bag, *given, "--out", str(page)]) == 0
+    assert "NOT MEASURED" in capsys.readouterr().err
+    assert "<b>Times are NOT MEASURED" in page.read_text()
     assert ">sample<" in (tmp_path / "v.svg").read_text()
     assert main(["configure", file, "--period", "0.02", "--out", str(tmp_path / "v.yaml")]) == 0
-    assert load_config(tmp_path / "v.yaml")[0].period_s == pytest.approx(0.02)
+    given = load_config(tmp_path / "v.yaml")[0]
+    assert given.period_s == pytest.approx(0.02)
+    assert given.csv.times_measured
 
 
 @pytest.mark.parametrize(("answer", "period_s"), [("\n", 1.0), ("0.02\n", 0.02)])

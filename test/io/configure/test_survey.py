@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from valve_twin.core.valves.registry import get_model
-from valve_twin.io.configure.survey import Survey, choose, look
+from valve_twin.io.configure.channels import Survey, look
+from valve_twin.io.configure.survey import choose
 from valve_twin.io.errors import BagError, ConfigError
 from valve_twin.io.instruments.clock import ClockChoice
 

@@ -16,7 +16,7 @@ from valve_twin.cli.common import (
     add_freeze,
     add_verb,
     chosen_config,
-    no_cycle,
+    fail,
 )
 from valve_twin.cli.output import print_json
 
@@ -46,7 +46,11 @@ def _predict(arguments: argparse.Namespace) -> int:
     config = chosen_config(arguments)
     errors = write_predictions(config, arguments.bag, arguments.out, freeze_after=arguments.freeze)
     if not errors:
-        return no_cycle(config, arguments.bag)
+        return fail(
+            f"{arguments.bag}: no cycle could be predicted: the estimate of a cycle is in force "
+            "from the second cycle after it; give a longer record, or see valve-twin estimate for "
+            "why cycles are refused"
+        )
     if arguments.json:
         for error in errors:
             print_json(

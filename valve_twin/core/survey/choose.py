@@ -12,7 +12,13 @@ import numpy as np
 
 from valve_twin.core.estimation.solvers.arx import fit_arx, line_fit
 from valve_twin.core.prediction import fit_percent
-from valve_twin.core.survey.pairs import Signal, Views, match_increments
+from valve_twin.core.survey.pairs import (
+    Match,
+    Signal,
+    Views,
+    match_increments,
+    match_levels,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -26,6 +32,8 @@ _NEVER = frozenset({"temperature", "time", "count"})
 _COPY = (
     0.002  # rms distance from the command, in its range, that no sensor of its own has, assumed
 )
+_LATE_COPY = 2e-4  # likewise of a command some samples ago, assumed
+_FOLLOWS = 0.5  # correlation of the levels where names say the same, assumed
 _MOST_SAMPLES = 3000  # of a trial
 _WORTH = 20.0  # ARX fit of a pair worth a model [%], assumed
 _CLEAR = 0.5  # correlation of the increments that is enough where names say the same, assumed
@@ -125,22 +133,38 @@ def choose_pairs(
     usable = {k: s for k, s in signals.items() if not _NEVER.intersection(roles.get(k, ())[:1])}
     views = Views(usable)
     refused: dict[str, str] = {}
-    seen: set[frozenset[str]] = set()
+    copied: set[frozenset[str]] = set()
     for commands, answers, named in _levels(list(views.signals), roles, position):
         found = []
         for answer in answers:
             for command in (c for c in commands if c != answer):
-                pair = _pair(usable, views, command, answer, named)
+                if frozenset((command, answer)) in copied:
+                    continue
+                pair = _pair(usable, views, command, answer, named=named)
                 if isinstance(pair, str):
-                    if frozenset((command, answer)) not in seen:
-                        refused[answer] = pair
-                    seen.add(frozenset((command, answer)))
+                    refused[answer] = pair
+                    copied.add(frozenset((command, answer)))
                 elif pair is not None:
                     found.append(pair)
         good = [p for p in found if p.arx >= _WORTH or (named and abs(p.correlation) >= _CLEAR)]
         if good:
             return _ranked(good, usable)[:_PAIRS], refused
     return [], refused
+
+
+def compare_pair(signals: Mapping[str, Signal], command: str, answer: str) -> Pair | None:
+    """Return how one named column answers another, None where it does not or is a copy.
+
+    Parameters
+    ----------
+    signals : mapping
+        Columns that change, by name.
+    command, answer : str
+        Which.
+    """
+    both = {k: signals[k] for k in (command, answer)}
+    pair = _pair(both, Views(both), command, answer, named=True)
+    return pair if isinstance(pair, Pair) else None
 
 
 def _levels(
@@ -162,23 +186,42 @@ def _levels(
 
 
 def _pair(
-    signals: Mapping[str, Signal], views: Views, command: str, answer: str, named: bool
+    signals: Mapping[str, Signal], views: Views, command: str, answer: str, *, named: bool
 ) -> Pair | str | None:
     """Return a pair, why it is refused, or None where the answer does not follow."""
     view = views.of(answer)
     u, y = view.columns[command], view.columns[answer]
     if float(np.ptp(u)) == 0.0 or float(np.ptp(y)) == 0.0:
         return None
-    gain, level = np.polyfit(u, y, 1)
-    if float(np.sqrt(np.mean((y - gain * u - level) ** 2))) < _COPY * float(np.ptp(y)):
+    if _misses(u, y, 0) < _COPY:
         return f"'{answer}' is a copy of '{command}': no answer that a sensor measured"
     matches = [(s, m) for s in (1.0, -1.0) if (m := match_increments(u, s * y, view.max_lag))]
     both = [(s, m) for s, m in matches if m.lag >= 0]
-    sign, match = max(both, key=lambda f: f[1].correlation, default=(1.0, None))
+    if not matches and named:  # few and slow answers: increments show nothing
+        both = [(s, m) for s in (1.0, -1.0) if (m := match_levels(u, s * y, view.max_lag))]
+        both = [(s, m) for s, m in both if m.correlation >= _FOLLOWS]
+    sign, match = max(both, key=_well, default=(1.0, None))
     if match is None:
         return None
     correlation, lag = sign * match.correlation, match.lag * view.every
+    if _misses(u, y, match.lag) < _LATE_COPY:
+        late = f"'{command}', {lag} samples late" if lag else f"'{command}'"
+        return f"'{answer}' is a copy of {late}: no answer that a sensor measured"
     return _with_baselines(signals, Pair(command, answer, lag, correlation, nan, nan, named))
+
+
+def _well(found: tuple[float, Match]) -> float:
+    return found[1].correlation
+
+
+def _misses(u: FloatArray, y: FloatArray, lag: int) -> float:
+    """Return by how much a line through a late command misses the answer, rms in its range."""
+    before, after = u[: len(u) - lag], y[lag:]
+    span = float(np.ptp(after))
+    if span == 0.0 or float(np.ptp(before)) == 0.0:
+        return nan
+    gain, level = np.polyfit(before, after, 1)
+    return float(np.sqrt(np.mean((after - gain * before - level) ** 2))) / span
 
 
 def _with_baselines(signals: Mapping[str, Signal], pair: Pair) -> Pair:
@@ -194,7 +237,11 @@ def _with_baselines(signals: Mapping[str, Signal], pair: Pair) -> Pair:
 
 
 def find_integrated(
-    signals: Mapping[str, Signal], roles: Mapping[str, Sequence[str]], *, position: str = ""
+    signals: Mapping[str, Signal],
+    roles: Mapping[str, Sequence[str]],
+    *,
+    position: str = "",
+    nameless: bool = False,
 ) -> Pair | None:
     """Return a command and the position that integrates it; None = none.
 
@@ -206,21 +253,26 @@ def find_integrated(
         What each may be by its name and unit, the most likely first.
     position : str
         The answer, where it is known.
+    nameless : bool
+        Whether columns whose names say nothing are tried, too.
     """
     views = Views(signals)
-    commands = [k for k in views.signals if "command" in roles.get(k, ())]
+    unsaid = [k for k in views.signals if nameless and not roles.get(k, ())]
+    commands = [k for k in views.signals if "command" in roles.get(k, ())] + unsaid
     answers = [k for k in views.signals if "position" in roles.get(k, ()) and k not in commands]
+    answers += unsaid
     found = []
     for answer in [k for k in answers if k == position] if position else answers:
         view = views.of(answer)
-        for command in commands:
+        for command in (c for c in commands if c != answer):
             u = view.columns[command]
             total = np.concatenate(([0.0], np.cumsum(u - np.median(u))[:-1]))
             for way in (1.0, -1.0):
                 match = match_increments(way * total, view.columns[answer], view.max_lag)
                 if match is not None and match.correlation > _CLEAR and match.lag >= 0:
                     lag = match.lag * view.every
-                    pair = Pair(command, answer, lag, way * match.correlation, nan, nan, True)
+                    named = command not in unsaid and answer not in unsaid
+                    pair = Pair(command, answer, lag, way * match.correlation, nan, nan, named)
                     found.append(pair)
     if not found:
         return None

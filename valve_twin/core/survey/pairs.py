@@ -309,6 +309,21 @@ def match_increments(
     return best
 
 
+def match_levels(u: FloatArray, y: FloatArray, max_lag: int) -> Match | None:
+    """Return how the levels of one column follow those of another that comes first.
+
+    Parameters
+    ----------
+    u, y : (N,) arrays
+        Columns on one grid [their units].
+    max_lag : int
+        Longest lag tried [samples].
+    """
+    r = _correlations(u, y, max_lag)[max_lag:]
+    lag = int(np.argmax(r))
+    return Match(float(r[lag]), lag, 0) if r[lag] > 0.0 else None
+
+
 def _mirrors(views: Views, found: Followed) -> bool:
     """Whether the "command" is the position itself, seen by another sensor."""
     view = views.of(found.position)

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,6 +31,7 @@ GENERIC = "any"
 
 _MARGIN = 1.1  # a misfit less than this many times the least is not worth more terms, assumed
 _HELPS = 0.5  # a term that adds less to the fit is not built on [%], assumed
+_BASELINE_SAMPLES = 800  # of a half that a black box is chosen on: it bounds the time, assumed
 _REACH = 4  # samples that the scan of the delay reaches beyond twice the lag found
 
 
@@ -105,9 +106,8 @@ def try_models(
         Command and answer to 0..1 for models that want parts of full scale.
     """
     trials = []
-    for name in model_names():
-        model = get_model(name)
-        if len(model.inputs) != 1 or not _accepts(model, kind) or model.proposed_for == GENERIC:
+    for model in _valves():
+        if len(model.inputs) != 1 or not _accepts(model, kind):
             continue
         given = maps if model.normalised else _symmetric(halves, falls=falls)
         trials += _grown(model, halves, period_s, given, 2 * lag + _REACH)
@@ -120,6 +120,53 @@ def try_models(
         return not near, terms, example, -float(np.nan_to_num(trial.fit, nan=-1e9))
 
     return sorted(trials, key=rank)
+
+
+def _valves() -> list[ValveModel]:
+    """Return the models of valves, without one that is the law of another by its own name."""
+    found = [get_model(name) for name in model_names()]
+    proposed = {type(m) for m in found if m.proposed_for}
+    return [
+        m
+        for m in found
+        if m.proposed_for != GENERIC
+        and (m.proposed_for or not proposed.intersection(type(m).__mro__[1:]))
+    ]
+
+
+def try_baseline(
+    halves: Halves, period_s: float, lag: int, *, maps: tuple[Mapping01, Mapping01]
+) -> Trial | None:
+    """Return what a black box makes of the same halves, None where there is none.
+
+    Parameters
+    ----------
+    halves : Halves
+        Command and answer.
+    period_s : float
+        Of the answer in the record [s].
+    lag : int
+        Command to answer in the record [samples].
+    maps : pair of Mapping01
+        Command and answer to 0..1.
+    """
+    generic = [m for m in map(get_model, model_names()) if m.proposed_for == GENERIC]
+    if not generic:
+        return None
+    thin = max(1, -(-len(halves.y) // _BASELINE_SAMPLES))
+    part = replace(
+        halves,
+        every=halves.every * thin,
+        u=halves.u[::thin],
+        y=halves.y[::thin],
+        unseen_u=halves.unseen_u[::thin],
+        unseen_y=halves.unseen_y[::thin],
+    )
+    tried = _grown(generic[0], part, period_s, maps, lag + _REACH)[0]
+    if thin > 1:  # one value a sample, as the others
+        simulated = np.repeat(tried.simulated, thin)[: len(halves.unseen_y)]
+        tried = replace(tried, simulated=simulated)
+    return tried
 
 
 def _accepts(model: ValveModel, kind: str) -> bool:

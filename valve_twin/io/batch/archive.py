@@ -116,7 +116,9 @@ def _estimated(result: BagResult, task: BatchTask) -> BagResult:
     for config in configs:
         record = run_bag(config, task.bag, predict=False)
         assessment = assess_record(config, record)
-        lines += json_lines(record.estimates, assessment, config.name, record.counters)
+        lines += json_lines(
+            record.estimates, assessment, config.name, record.counters, record.files
+        )
         notes += describe_bad(config, task.bag, record)
         verdicts.append(assessment.verdict.kind.text)
         cycles += len(record.cycles)

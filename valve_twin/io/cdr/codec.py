@@ -177,6 +177,23 @@ def decode_series(data: bytes) -> tuple[int, float, FloatArray]:
     return stamp_ns, period, values.astype(np.float64)
 
 
+def decode_string(data: bytes) -> str:
+    """Return the text of a std_msgs/msg/String.
+
+    Raises
+    ------
+    ValueError
+        If the bytes are no valid message.
+    """
+    try:
+        (size,) = struct.unpack_from("<I" if data[1] & 1 else ">I", data, 4)
+        if not 1 <= size <= len(data) - 8:
+            raise ValueError(_broken(data, "String"))
+        return data[8 : 7 + size].decode()
+    except (struct.error, IndexError, UnicodeDecodeError) as err:
+        raise ValueError(_broken(data, "String")) from err
+
+
 def _broken(data: bytes, name: str) -> str:
     return f"{len(data)} bytes are no valid {name}"
 

@@ -38,6 +38,21 @@ class CsvConfig:
         "Date and time (ISO 8601, UTC) of time 0, moved up to the next start of a "
         "window where cycles are windows; empty = the time column counts from 1970.",
     )
+    row_s: float = quantity(
+        0.0, "s", "Time between two rows of a file without times; 0 = period_s.", lower=0.0
+    )
+    resample_s: float = quantity(
+        0.0,
+        "s",
+        "Step of one grid that all channels are put on when they are imported; 0 = their own "
+        "times. Reader `any` only.",
+        lower=0.0,
+    )
+    times_measured: bool = setting(
+        default=True,
+        text="Whether the files state their times; false = rows were counted or a unit was "
+        "assumed: reports then call rates and dates not measured.",
+    )
     batch: int = quantity(
         100,
         "1",

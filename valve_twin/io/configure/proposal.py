@@ -8,25 +8,32 @@ import json
 import math
 from typing import TYPE_CHECKING
 
+from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
+from valve_twin.core.quantity import describe
 from valve_twin.core.types import CycleRule
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.cdr.signals import SERIES_TYPE
 from valve_twin.io.config.csv import BASE_STAMP
-from valve_twin.io.configure.survey import MOST_FILES, unit_of
+from valve_twin.io.configure.channels import MOST_FILES, unit_of
 from valve_twin.io.offline.propose import EXPLAINED, HELD_BACK, number_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from valve_twin.core.survey.trial import Mapping01
-    from valve_twin.io.configure.survey import Choice, Survey
+    from valve_twin.io.configure.channels import Survey
+    from valve_twin.io.configure.limits import Limit
+    from valve_twin.io.configure.survey import Choice
 
 _BATCHED_S = 0.02  # a shorter step is imported in batches [s]
 _SHOWN = 3  # models named in the reasons
+_TIE = 1.0  # points of fit by which a black box may be better, assumed [%]
 _LIKELY = 50.0  # a free-run fit below deserves a word [%]
 
 
-def yaml_text(survey: Survey, choice: Choice, files: Sequence[str]) -> str:
+def yaml_text(
+    survey: Survey, choice: Choice, files: Sequence[str], limits: Sequence[Limit] = ()
+) -> str:
     """Return a commented configuration that `import` and `estimate` run with.
 
     Parameters
@@ -37,6 +44,8 @@ def yaml_text(survey: Survey, choice: Choice, files: Sequence[str]) -> str:
         What they are taken for.
     files : sequence of str
         As they were given.
+    limits : sequence of Limit
+        Service limits by parameter; a parameter without one has none.
     """
     first = survey.recordings[0]
     model, evidence = _model(choice)
@@ -65,6 +74,8 @@ def yaml_text(survey: Survey, choice: Choice, files: Sequence[str]) -> str:
             '      label: "timing of a signal that repeats, no command recorded"   # no verdict',
             "      default_percent: 0.0   # no change here is aging until a limit is set [%]",
         ]
+    else:
+        lines += _limits(limits)
     lines += [
         "    csv:",
         "      reader: any   # every channel of the files lies in the bag, mapped or not",
@@ -72,6 +83,13 @@ def yaml_text(survey: Survey, choice: Choice, files: Sequence[str]) -> str:
         f"      time_scale: {number_text(first.time_scale)}   # seconds in one unit of it",
         f"      gap_s: {number_text(survey.gap_s)}   # pause between two files [s]",
     ]
+    if not first.measured and not survey.clock.period_s:
+        lines.append("      times_measured: false   # rates and dates are no measurements")
+    if survey.clock.resample_s:
+        step = number_text(survey.clock.resample_s)
+        lines.append(f"      resample_s: {step}   # as asked: one grid for all channels [s]")
+        if survey.clock.period_s:
+            lines.append(f"      row_s: {number_text(survey.clock.period_s)}   # as given [s]")
     if first.start_ns is not None:
         lines.append('      base_stamp: ""   # the dates of the files count')
     else:
@@ -120,7 +138,7 @@ def _signals(survey: Survey, choice: Choice) -> list[str]:
     assert pair is not None  # there are trials
     model = get_model(best.model)
     way = "rises" if pair.correlation > 0.0 else "falls"
-    why = f"{way} {pair.lag} samples after the command (correlation {pair.correlation:.2f})"
+    why = f"{way} with the command, most alike {pair.lag} samples later ({pair.correlation:.2f})"
     command = (best.command.scale, best.command.offset)
     lines = _signal(
         survey, model.inputs[0], pair.command, command, _range(survey, pair.command, best.command)
@@ -173,19 +191,61 @@ def _signal(
     ]
 
 
+def _limits(limits: Sequence[Limit]) -> list[str]:
+    set_ = [limit for limit in limits if math.isfinite(limit.percent)]
+    lines = [
+        "    aging:",
+        "      default_percent: 0.0   # no limit but those that the scatter supports [%]",
+    ]
+    lines += [f"      # {x.parameter}: {x.reason}" for x in limits if x not in set_]
+    lines += ["      thresholds:   # change against the reference [%]"] if set_ else []
+    for limit in set_:
+        lines += [
+            f"        {limit.parameter}:",
+            f"          value: {limit.percent:.1f}   # {limit.reason}",
+        ]
+    return lines
+
+
+def limit_line(limits: Sequence[Limit]) -> str:
+    """Return which service limits are proposed, in one line.
+
+    Parameters
+    ----------
+    limits : sequence of Limit
+        As `justified_limits` gives them.
+    """
+    told = ", ".join(
+        f"{x.parameter} {x.percent:.0f} %" for x in limits if math.isfinite(x.percent)
+    )
+    missing = [x for x in limits if not math.isfinite(x.percent)]
+    why = f"; {missing[0].parameter}: {missing[0].reason}" if missing else ""
+    more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
+    return f"service limits, outside the scatter: {told or 'none set'}{why}{more}"
+
+
+def _estimators(name: str) -> list[str]:
+    """Return the line of a model's estimators with the one that tells faults, where it has it."""
+    known = next(d for d in describe(get_model(name).options) if d.name == "estimators")
+    if FEATURES not in known.choices or not isinstance(known.default, tuple):
+        return []
+    names = ", ".join([*map(str, known.default), FEATURES])
+    return [f"      estimators: [{names}]   # the last one tells faults, see docs/diagnosis.md"]
+
+
 def _options(choice: Choice) -> list[str]:
     given: dict[str, object] = {}
     if choice.repeat is not None:
         given = dict(choice.repeat.options)
     elif choice.trials:
         given = choice.trials[0].options
-    if not given:
-        return []
     texts = {
         k: str(v).lower() if isinstance(v, bool) else number_text(float(str(v)))
         for k, v in given.items()
     }
-    return ["    options:", *(f"      {k}: {v}" for k, v in texts.items())]
+    lines = [] if choice.repeat is not None else _estimators(_model(choice)[0])
+    lines += [f"      {k}: {v}" for k, v in texts.items()]
+    return ["    options:", *lines] if lines else []
 
 
 def reasons(survey: Survey, choice: Choice, count: int) -> list[str]:
@@ -227,6 +287,12 @@ def reasons(survey: Survey, choice: Choice, count: int) -> list[str]:
     return lines
 
 
+def _black_box(choice: Choice) -> str:
+    if choice.baseline is None:
+        return ""
+    return f", a black box ({choice.baseline.model}) {_percent(choice.baseline.fit)}"
+
+
 def _pair_lines(survey: Survey, choice: Choice) -> list[str]:
     pair, best = choice.pair, choice.trials[0]
     assert pair is not None  # there are trials
@@ -234,7 +300,7 @@ def _pair_lines(survey: Survey, choice: Choice) -> list[str]:
     lines = [
         f"command: '{pair.command}' ({_range(survey, pair.command, best.command)}), by {how}",
         f"answer: '{pair.answer}' ({_range(survey, pair.answer, best.answer)}), "
-        f"{pair.lag} samples later, correlation of the increments {pair.correlation:.2f}",
+        f"most alike {pair.lag} samples later, correlation {pair.correlation:.2f}",
     ]
     if choice.others:
         near = ", ".join(
@@ -251,8 +317,11 @@ def _pair_lines(survey: Survey, choice: Choice) -> list[str]:
     lines.append(
         f"models, free run on the half that was not fitted: {told}; beside them ARX "
         f"{_percent(pair.arx)}, a line through the command {_percent(pair.line)}"
+        f"{_black_box(choice)}"
     )
-    peer = max((f for f in (pair.arx, pair.line, 0.0) if math.isfinite(f)), default=0.0)
+    box = choice.baseline.fit if choice.baseline is not None else math.nan
+    beside = (pair.arx, pair.line, box - _TIE, 0.0)
+    peer = max((f for f in beside if math.isfinite(f)), default=0.0)
     if not best.fit > peer:
         lines.append(
             f"doubt: {best.model} follows no better than its baselines; a longer part with steps "

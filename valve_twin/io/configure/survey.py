@@ -13,30 +13,22 @@ from valve_twin.core.quantity import suggest
 from valve_twin.core.survey.choose import Halves, Pair, choose_pairs, find_integrated, halve
 from valve_twin.core.survey.cycles import CyclePlan, plan_cycles, switched_cycles
 from valve_twin.core.survey.pairs import Signal
-from valve_twin.core.survey.record import MIN_SAMPLES, Proposal, propose
+from valve_twin.core.survey.record import Proposal, propose
 from valve_twin.core.survey.repeats import Repeat, find_repeat
-from valve_twin.core.survey.trial import Mapping01, Trial, try_models
+from valve_twin.core.survey.trial import Mapping01, Trial, try_baseline, try_models
 from valve_twin.core.types import CycleRule
 from valve_twin.core.valves.registry import get_model
+from valve_twin.io.configure.channels import Survey, unit_of
+from valve_twin.io.configure.made import better_difference, split_command
 from valve_twin.io.errors import BagError, ConfigError
-from valve_twin.io.instruments.read import read_recording
-from valve_twin.io.instruments.units import known_unit, roles_of, split_name
+from valve_twin.io.instruments.units import known_unit
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from valve_twin.core.types import FloatArray
-    from valve_twin.io.instruments.clock import ClockChoice
-    from valve_twin.io.instruments.table import Recording
 
-MOST_FILES = 8
-"""Files that are looked at; the import reads all."""
-
-GAP_S = 5.0
-"""Pause between two files, at least [s]."""
-
-_GAP_PERIODS = 10.0
 _PERCENT = (20.0, 110.0)
 _WINDOW_S = 300.0  # usual length of a window, assumed
 _WINDOWS = 3  # at least, where each still has enough samples
@@ -45,41 +37,6 @@ _ACTIVE = 0.1  # share of the command's range that is no rest
 _SURE = 60.0  # ARX fit of one command beside which two nameless ones are not looked for [%]
 _POOR = 30.0  # free-run fit below which the next pair is tried, too [%]
 _SLACK = 0.3  # of the answer's range that a command of the same unit may lie outside it
-
-
-@dataclass(frozen=True, slots=True)
-class Survey:
-    """What was found in the files.
-
-    Attributes
-    ----------
-    recordings : list of Recording
-        Those that could be read.
-    refused : list of str
-        Why the others are left out, one line each.
-    signals : dict
-        Channels that change, all files after each other, by name.
-    roles : dict
-        What each channel may be, the most likely first.
-    still : dict
-        Channels that never change, and where they stay.
-    sizes : dict
-        What 1 of a channel is in SI, 1 where its unit is not known.
-    period_s, jitter : float
-        Usual step of the answer [s] and the share of steps off it by a tenth [1].
-    gap_s : float
-        Pause between files [s].
-    """
-
-    recordings: list[Recording]
-    refused: list[str]
-    signals: dict[str, Signal]
-    roles: dict[str, tuple[str, ...]]
-    still: dict[str, float]
-    sizes: dict[str, float]
-    period_s: float = 0.0
-    jitter: float = 0.0
-    gap_s: float = GAP_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +61,8 @@ class Choice:
         Pairs that came close.
     copies : dict
         Why answers were refused, by channel.
+    baseline : Trial, optional
+        A black box on the same halves.
     """
 
     plan: CyclePlan
@@ -114,78 +73,7 @@ class Choice:
     repeat: Repeat | None = None
     others: list[Pair] = field(default_factory=list)
     copies: dict[str, str] = field(default_factory=dict)
-
-
-def look(paths: Sequence[Path], choice: ClockChoice) -> Survey:
-    """Read files and put them after each other.
-
-    Parameters
-    ----------
-    paths : sequence of path
-        The first eight are read. One that cannot be read is left out.
-    choice : ClockChoice
-        What is known of the time.
-
-    Raises
-    ------
-    BagError
-        If none can be read.
-    """
-    recordings, refused = [], []
-    for path in paths[:MOST_FILES]:
-        try:
-            recordings.append(read_recording(path, choice))
-        except BagError as err:
-            refused.append(str(err))
-    if not recordings:
-        raise BagError(refused[0])
-    names = [c.name for c in recordings[0].columns]
-    alike = []
-    for recording in recordings:
-        missing = set(names) - {c.name for c in recording.columns}
-        if missing:
-            refused.append(f"{recording.path}: has no channel '{min(missing)}' as the first file")
-        else:
-            alike.append(recording)
-    steps = [np.diff(c.seconds) for r in alike for c in r.columns if len(c.seconds) > 1]
-    usual = float(np.median(np.concatenate(steps))) if steps else 1.0
-    gap_s = max(GAP_S, _GAP_PERIODS * usual)
-    signals, still = _joined(alike, gap_s)
-    units = {c.name: c.unit for c in alike[0].columns}
-    roles = {k: roles_of(*_parts(k, units[k])) for k in signals}
-    known = {k: known_unit(_parts(k, units[k])[1]) for k in signals}
-    sizes = {k: unit.size if unit else 1.0 for k, unit in known.items()}
-    return Survey(alike, refused, signals, roles, still, sizes, gap_s=gap_s)
-
-
-def _parts(name: str, unit: str) -> tuple[str, str]:
-    plain, own = split_name(name)
-    return plain, unit or own
-
-
-def _joined(
-    recordings: Sequence[Recording], gap_s: float
-) -> tuple[dict[str, Signal], dict[str, float]]:
-    signals: dict[str, Signal] = {}
-    still: dict[str, float] = {}
-    starts, at = [], 0.0
-    for recording in recordings:
-        starts.append(at)
-        at += max(float(c.seconds[-1]) for c in recording.columns) + gap_s
-    for column in recordings[0].columns:
-        own = [next(c for c in r.columns if c.name == column.name) for r in recordings]
-        seconds = np.concatenate([s + c.seconds for s, c in zip(starts, own, strict=True)])
-        values = np.concatenate([c.values for c in own])
-        known = np.isfinite(values)
-        if np.count_nonzero(known) < MIN_SAMPLES:
-            continue
-        values = values[known]
-        if float(np.ptp(values)) == 0.0:
-            still[column.name] = float(values[0])
-            continue
-        stamps = np.rint(seconds[known] * 1e9).astype(np.int64)
-        signals[column.name] = Signal(column.name, stamps, values)
-    return signals, still
+    baseline: Trial | None = None
 
 
 def choose(survey: Survey, *, position: str = "") -> tuple[Survey, Choice]:
@@ -218,12 +106,18 @@ def choose(survey: Survey, *, position: str = "") -> tuple[Survey, Choice]:
         raise ConfigError(msg)
     pairs, copies = choose_pairs(signals, roles, position=position)
     driven = _driven(survey, pairs, position)
+    if driven is None and pairs and pairs[0].named:
+        survey, driven = split_command(survey, pairs[0]) or (survey, None)
     if driven is not None:
         answer = driven.roles[0].source
         return _timed(survey, answer), Choice(driven.cycles, driven=driven, copies=copies)
-    if not pairs:
-        summed = find_integrated(signals, roles, position=position)
-        pairs = [summed] if summed is not None else []
+    unsure = not (pairs and (pairs[0].named or pairs[0].arx > _SURE))
+    if unsure:
+        own = {k: s for k, s in signals.items() if k not in copies}
+        summed = find_integrated(own, roles, position=position, nameless=True)
+        pairs = [summed, *pairs] if summed is not None else pairs
+    if not position:
+        survey, pairs = better_difference(survey, pairs, copies)
     if pairs:
         return _followed(survey, pairs, copies)
     free = {
@@ -281,11 +175,15 @@ def _followed(survey: Survey, pairs: list[Pair], copies: dict[str, str]) -> tupl
         kind = (list(survey.roles.get(pair.answer, ())) or [""])[0]
         falls = pair.correlation < 0.0
         trials = try_models(halves, timed.period_s, pair.lag, falls=falls, kind=kind, maps=maps)
+        baseline = try_baseline(halves, timed.period_s, pair.lag, maps=maps)
+        if baseline is not None and not trials[0].fit > 0.0 and baseline.fit > 0.0:
+            trials = [baseline, *trials]
         first = survey.signals[pair.command]
         mapped = Signal("command", first.stamp_ns, trials[0].command.of(first.values))
         plan = _even(plan_cycles([mapped], timed.period_s, has_counter=False), timed, mapped)
         others = [p for p in pairs if p is not pair]
-        found = timed, Choice(plan, pair, trials, halves, others=others, copies=copies)
+        made = Choice(plan, pair, trials, halves, others=others, copies=copies)
+        found = timed, replace(made, baseline=baseline)
         if best is None or trials[0].fit > max(best[1].trials[0].fit, _POOR):
             best = found
         if trials[0].fit >= _POOR:
@@ -328,12 +226,6 @@ def _maps(survey: Survey, pair: Pair) -> tuple[Mapping01, Mapping01]:
     if alike:
         return answer, answer
     return _share(u, units[0]), answer
-
-
-def unit_of(survey: Survey, name: str) -> str:
-    """Return the unit of a channel as it stands in the file, in small letters."""
-    column = next(c for c in survey.recordings[0].columns if c.name == name)
-    return _parts(name, column.unit)[1].lower()
 
 
 def _overlap(u: FloatArray, y: FloatArray) -> bool:

@@ -50,11 +50,14 @@ class ClockChoice:
         Seconds in one unit of it; 0 = found [s].
     period_s : float
         Time between two rows of a file without times; 0 = one that the preamble states, else 1 s.
+    resample_s : float
+        Put all channels on one grid of this step; 0 = as they are [s].
     """
 
     column: str = ""
     scale: float = 0.0
     period_s: float = 0.0
+    resample_s: float = 0.0
 
 
 def with_clock(sheet: Sheet, choice: ClockChoice) -> Recording:

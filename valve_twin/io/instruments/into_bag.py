@@ -19,6 +19,7 @@ from valve_twin.io.cdr.signals import SERIES_TYPE, STAMPED_TYPE
 from valve_twin.io.config.topic_names import resolve_topic
 from valve_twin.io.errors import BagError
 from valve_twin.io.instruments.clock import ClockChoice
+from valve_twin.io.instruments.derived import with_derived
 from valve_twin.io.instruments.read import SUFFIXES, kind_of, read_recording
 from valve_twin.io.instruments.table import topic_name, unique_name
 from valve_twin.io.tables.csv_import import (
@@ -149,10 +150,11 @@ def import_recordings(
 def _read(path: Path, config: ValveConfig, streams: Sequence[Stream]) -> Recording:
     csv = config.csv
     if csv.time_column:
-        choice = ClockChoice(csv.time_column, csv.time_scale)
+        choice = ClockChoice(csv.time_column, csv.time_scale, resample_s=csv.resample_s)
     else:
-        choice = ClockChoice(period_s=config.period_s)
-    recording = read_recording(path, choice)
+        rows_s = csv.row_s or config.period_s
+        choice = ClockChoice(period_s=rows_s, resample_s=csv.resample_s)
+    recording = with_derived(read_recording(path, choice), (s.column for s in streams))
     names = [c.name for c in recording.columns]
     for stream in streams:
         if stream.column not in names:

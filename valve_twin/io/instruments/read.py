@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from valve_twin.io.errors import BagError
 from valve_twin.io.instruments.clock import ClockChoice, with_clock
+from valve_twin.io.instruments.derived import resampled
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -95,7 +96,7 @@ def read_recording(path: Path, choice: ClockChoice | None = None) -> Recording:
     if not found.columns:
         msg = f"{path}: holds no channel of numbers beside the time"
         raise BagError(msg)
-    return found
+    return resampled(found, choice.resample_s) if choice.resample_s else found
 
 
 def _native(path: Path, kind: str, choice: ClockChoice) -> Recording | None:

@@ -32,7 +32,7 @@ _TABLE = {
 }
 _ROLES = {
     "command": r"cv|co|mv|cmd|command|soll\w*|set|setpoint|set_point|sp|demand|duty|stell\w*|ref|"
-    r"reference|u|input|opening|request|out_?put_signal|drive|target|v_in",
+    r"reference|u|input|opening|request|out_?put_signal|drive|target|v_in|v_out",
     "position": r"pos|position|travel|stroke|hub|weg|lvdt|spool|stem|rod|x|ist\w*|lift|y|"
     r"valve_pos|opening_fb|feedback|fb|rueck\w*|rück\w*|zt|stellung",
     PRESSURE: r"p\d?|press|pressure|druck|pt\d*",
@@ -100,6 +100,8 @@ def split_name(name: str) -> tuple[str, str]:
     parts = text.split("_")
     for count in (3, 1):
         unit = "_".join(parts[-count:])
+        if unit == "in" and len(parts[0]) == 1:  # v_in, p_in
+            continue
         if len(parts) > count and known_unit(unit) and unit not in {"c", "C", "k", "1"}:
             return "_".join(parts[:-count]), unit
     return text, ""
@@ -114,7 +116,7 @@ def roles_of(name: str, unit: str) -> tuple[str, ...]:
         As `split_name` gives them.
     """
     words = [w for w in re.split(r"[^A-Za-zÀ-ÿ0-9]+|(?<=[a-z])(?=[A-Z])", name) if w]
-    words += [re.sub(r"^\d+|\d+$", "", w) for w in words]
+    words += [re.sub(r"^\d+|\d+$", "", w) for w in words] + [name]
     found = [role for role, word in _WORD.items() if any(word.fullmatch(w) for w in words)]
     known = known_unit(unit)
     if known is None:

@@ -23,6 +23,7 @@ from valve_twin.io.bags.read import SLICE_S, read_signals
 from valve_twin.io.history.tables import CycleRecord, cycle_record
 from valve_twin.io.offline.large_rounds import LARGE_S, in_large_rounds
 from valve_twin.io.offline.make_twin import make_twin
+from valve_twin.io.offline.sources import NOT_MEASURED, cycle_files
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -66,6 +67,8 @@ class Record:
         Whether positions are shares of the stroke.
     counters : Counters
         What the valve did.
+    files : dict
+        By cycle, the imported files that it comes from; empty = the bag was not imported.
     """
 
     cycles: list[CycleRecord] = field(default_factory=list)
@@ -78,6 +81,7 @@ class Record:
     offsets: list[ClockOffset] = field(default_factory=list)
     normalised: bool = False
     counters: Counters = field(default_factory=Counters)
+    files: dict[int, str] = field(default_factory=dict)
     _running: dict[int, list[Prediction]] = field(default_factory=dict)
 
     def add(self, event: Event) -> None:
@@ -281,6 +285,7 @@ def run_bag(
     record.close()
     record.counts = twin.counts()
     record.offsets = clocks.look()
+    record.files = cycle_files(config, bag, record.cycles)
     return record
 
 
@@ -306,6 +311,8 @@ def describe_bad(config: ValveConfig, bag: str | Path, record: Record) -> list[s
         What was found.
     """
     lines = [f"{bag}: {offset}" for offset in record.offsets]
+    if not config.csv.times_measured:
+        lines.append(f"{bag}: {NOT_MEASURED}")
     for signal, counts in record.counts.items():
         source = config.signals[signal]
         where = f"{bag}: topic '{source.topic}': of {counts.received} values"

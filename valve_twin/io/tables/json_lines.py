@@ -23,7 +23,7 @@ from valve_twin.core.types import ParameterStatus
 from valve_twin.core.valves.registry import get_model
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Mapping
 
     from valve_twin.core.aging import Assessment
     from valve_twin.core.faults.advice import Advice
@@ -67,6 +67,7 @@ def json_lines(
     assessment: Assessment | None,
     valve: str,
     counters: Counters | None = None,
+    files: Mapping[int, str] | None = None,
 ) -> Iterator[str]:
     """Yield one line of JSON an estimate, a trend, the verdict, what it asks for, the counters.
 
@@ -80,9 +81,14 @@ def json_lines(
         Name of the valve.
     counters : Counters, optional
         What the valve did in these cycles; None = not counted.
+    files : mapping, optional
+        By cycle, the imported files that it comes from, for `file` of an estimate.
     """
     for estimate in estimates:
-        yield json.dumps(estimate_fields(estimate, valve), allow_nan=False)
+        fields = estimate_fields(estimate, valve)
+        if files:
+            fields["file"] = files.get(estimate.cycle, "")
+        yield json.dumps(fields, allow_nan=False)
     if assessment is None:
         return
     for trend in assessment.trends:

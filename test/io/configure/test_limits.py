@@ -1,0 +1,42 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from valve_twin.io.configure.limits import LEAST_CYCLES, limit_of
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_no_limit_lies_inside_the_scatter(seed):
+    rng = np.random.default_rng(seed)
+    scatter = rng.uniform(0.001, 0.3)
+    draw = [rng.normal, rng.standard_cauchy][seed % 2]  # some cycles may lie far off
+    values = -3.0 * (1.0 + scatter * np.asarray(draw(size=rng.integers(10, 40))))
+    limit = limit_of("speed", values)
+    centre = np.median(values)
+    worst = 100.0 * np.max(np.abs(values / centre - 1.0))
+    if np.isfinite(limit.percent):
+        assert limit.percent > worst
+        assert limit.percent >= 20.0
+        assert "scatter by" in limit.reason
+    else:
+        assert worst > 20.0
+        assert limit.reason.startswith("none: ")
+
+
+@pytest.mark.parametrize(
+    ("values", "why"),
+    [
+        (np.full(LEAST_CYCLES - 1, 2.0), "9 estimates"),
+        (np.array([]), "0 estimates"),
+        (np.full(30, 2.0), "does not vary"),
+        (np.tile([-1.0, 1.0], 10), "scatters about 0"),
+        (np.tile([3.0, 4.0], 10), "single cycles scatter by"),
+    ],
+)
+def test_what_supports_no_limit_gets_none_with_the_reason(values, why):
+    limit = limit_of("speed", values)
+    assert np.isnan(limit.percent)
+    assert why in limit.reason

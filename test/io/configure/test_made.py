@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from test.io.configure.test_survey import STEP_S, N, chosen, slew_valve, steps, survey
+from valve_twin.core.types import CycleRule
+
+
+def stroke(seed):
+    """Return a bipolar command with rests, and a ram that it drives from stop to stop."""
+    command = np.tile(np.repeat([0.0, 8.0, 0.0, -7.0, 0.0], [20, 80, 60, 90, 50]), N // 300)
+    position = np.zeros(N)
+    for k in range(1, N):
+        u = command[max(k - 3, 0)]
+        speed = 6.0 * max(u - 0.5, 0.0) + 9.0 * min(u + 0.5, 0.0)
+        position[k] = np.clip(position[k - 1] + STEP_S * speed, 0.0, 50.0)
+    return command, position + np.random.default_rng(seed).normal(0.0, 0.02, N)
+
+
+def test_a_bipolar_command_is_split_into_two_that_drive_the_ram(tmp_path):
+    command, ram = stroke(1)
+    found = survey(tmp_path / "a.csv", {"valve_cmd_V": command, "ram_mm": ram})
+    _, choice = chosen(found)
+    sources = {r.signal: r.source for r in choice.driven.roles}
+    assert sources["v_in"] == "max(valve_cmd_V, 0)"
+    assert sources["v_out"] == "max(-valve_cmd_V, 0)"
+    assert choice.plan.rule is CycleRule.COMMANDS
+
+
+def test_a_bipolar_command_that_a_spool_follows_is_not_split(tmp_path):
+    command = steps(low=-90.0, high=90.0)
+    command = np.where(np.arange(N) % 300 < 60, 0.0, command)
+    found = survey(tmp_path / "a.csv", {"cmd [%]": command, "spool [mm]": slew_valve(command)})
+    _, choice = chosen(found)
+    assert choice.driven is None
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_the_difference_of_two_pressures_answers_where_neither_does(tmp_path, way):
+    rng = np.random.default_rng(3)
+    command = steps(low=-90.0, high=90.0)
+    supply = 100.0 + np.cumsum(rng.normal(0.0, 0.6, N))
+    apart = 0.15 * way * slew_valve(command)
+    columns = {
+        "cmd_pct": command,
+        "p_a_bar": supply + apart + rng.normal(0.0, 0.1, N),
+        "p_b_bar": supply - apart + rng.normal(0.0, 0.1, N),
+    }
+    timed, choice = chosen(survey(tmp_path / "a.csv", columns))
+    name = "p_a_bar - p_b_bar" if way > 0.0 else "p_b_bar - p_a_bar"
+    assert choice.pair.answer == name
+    assert choice.pair.correlation > 0.0
+    assert choice.trials[0].fit > 70.0
+    made = timed.recordings[0].columns[-1]
+    assert (made.name, made.unit) == (name, timed.recordings[0].columns[1].unit)
+
+
+def test_two_pressures_of_which_one_answers_alone_are_left_apart(tmp_path):
+    command = steps()
+    columns = {
+        "cmd_pct": command,
+        "p_pilot_bar": slew_valve(command),
+        "p_supply_bar": 90.0 + np.random.default_rng(4).normal(0.0, 0.3, N),
+    }
+    _, choice = chosen(survey(tmp_path / "a.csv", columns))
+    assert choice.pair.answer == "p_pilot_bar"

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Channels that no file holds but two of it make: a difference, the two sides of a command."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.survey.choose import ANSWERS, compare_pair
+from valve_twin.core.survey.pairs import Views, find_driven
+from valve_twin.core.survey.record import propose
+from valve_twin.io.configure.channels import add_channels, unit_of
+from valve_twin.io.instruments.derived import difference, one_side
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from valve_twin.core.survey.choose import Pair
+    from valve_twin.core.survey.record import Proposal
+    from valve_twin.io.configure.channels import Survey
+
+_PRESSURE = ANSWERS[1]
+_MOST = 6  # channels whose differences are tried
+_BETTER = 10.0  # points of the ARX fit that a difference has to be worth, assumed [%]
+_BOTH = 0.1  # share of its largest value that a bipolar command reaches on both sides
+_REST, _RESTS = 0.02, 0.1  # of that value, and share of the record that it lies below
+_DRIVES = 0.6  # correlation with the rate of the answer, each side alone, assumed
+
+
+def better_difference(
+    survey: Survey, pairs: Sequence[Pair], copies: Mapping[str, str]
+) -> tuple[Survey, list[Pair]]:
+    """Return pairs, first the difference of two pressures where it answers clearly better.
+
+    Parameters
+    ----------
+    survey : Survey
+        Channels.
+    pairs : sequence of Pair
+        What was found, the best first.
+    copies : mapping
+        Channels that are none.
+    """
+    roles = survey.roles
+    kind = (*roles.get(pairs[0].answer, ()), "")[0] if pairs else _PRESSURE
+    names = [k for k in survey.signals if roles.get(k, ())[:1] == (_PRESSURE,) and k not in copies]
+    commands = [k for k in survey.signals if "command" in roles.get(k, ()) and k not in names]
+    if kind != _PRESSURE or not 2 <= len(names) <= _MOST or not commands:
+        return survey, list(pairs)
+    made = {
+        difference(a, b): a
+        for a, b in combinations(names, 2)
+        if unit_of(survey, a) == unit_of(survey, b)
+    }
+    tried = add_channels(survey, made, (_PRESSURE,))
+    found = [
+        pair
+        for name in made
+        if name in tried.signals
+        for command in commands[:2]
+        if (pair := compare_pair(tried.signals, command, name)) is not None
+        and np.isfinite(pair.arx)
+    ]
+    least = max((p.arx for p in pairs if np.isfinite(p.arx)), default=0.0) + _BETTER
+    best = max(found, key=lambda p: p.arx, default=None)
+    if best is None or best.arx < least:
+        return survey, list(pairs)
+    first = made[best.answer]
+    second = best.answer.removeprefix(difference(first, ""))
+    if best.correlation < 0.0:
+        name = difference(second, first)
+        added = add_channels(survey, {name: first}, (_PRESSURE,))
+        turned = compare_pair(added.signals, best.command, name)
+        return (added, [turned, *pairs]) if turned is not None else (survey, list(pairs))
+    return add_channels(survey, {best.answer: first}, (_PRESSURE,)), [best, *pairs]
+
+
+def split_command(survey: Survey, pair: Pair) -> tuple[Survey, Proposal] | None:
+    """Return the two sides of a command that rests at 0 and drives the answer both ways.
+
+    Parameters
+    ----------
+    survey : Survey
+        Channels.
+    pair : Pair
+        Command and answer.
+    """
+    u = survey.signals[pair.command].values
+    largest = float(np.abs(u).max())
+    if u.min() > -_BOTH * largest or u.max() < _BOTH * largest:
+        return None
+    if float(np.mean(np.abs(u) < _REST * largest)) < _RESTS:
+        return None
+    sides = [one_side(pair.command), one_side(pair.command, falling=True)]
+    added = add_channels(survey, dict.fromkeys(sides, pair.command), ("command",))
+    signals = {k: added.signals[k] for k in (pair.answer, *sides)}
+    found = find_driven(Views(signals), [pair.answer])
+    if found is None or min(found.rising, -found.falling) < max(_DRIVES, abs(pair.correlation)):
+        return None
+    proposal = propose(signals, position=pair.answer)
+    return None if proposal is None else (added, proposal)

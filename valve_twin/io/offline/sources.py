@@ -1,0 +1,66 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Which imported file each cycle of a bag comes from."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from typing import TYPE_CHECKING
+
+from valve_twin.io.bags.contents import bag_info
+from valve_twin.io.cdr.codec import decode_string
+from valve_twin.io.config.topic_names import resolve_topic
+from valve_twin.io.playback.player import read_messages
+from valve_twin.io.tables.csv_import import RUN_TOPIC
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from valve_twin.io.config.valve import ValveConfig
+    from valve_twin.io.history.tables import CycleRecord
+
+_MOST = 3  # names of a cycle that spans several files; the rest is counted
+
+NOT_MEASURED = (
+    "Times are NOT MEASURED: the files state none, or no unit (csv.times_measured); rates, time "
+    "constants, delays, hours and dates are as doubtful as the time that was assumed."
+)
+"""What is said of a record whose times were invented."""
+
+
+def cycle_files(
+    config: ValveConfig, bag: str | Path, cycles: Sequence[CycleRecord]
+) -> dict[int, str]:
+    """Return by the number of a cycle the imported files that it comes from.
+
+    Parameters
+    ----------
+    config : ValveConfig
+        The valve.
+    bag : path
+        The bag; one that was not imported names no files.
+    cycles : sequence of CycleRecord
+        Closed cycles.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be read.
+    """
+    topic = resolve_topic(RUN_TOPIC, config.name)
+    if not cycles or topic not in {t.name for t in bag_info(bag).topics}:
+        return {}
+    starts: list[int] = []
+    names: list[str] = []
+    for message in read_messages(bag, [topic]):
+        starts.append(message.log_ns)
+        names.append(decode_string(message.data))
+    found = {}
+    for cycle in cycles:
+        first = max(bisect_right(starts, cycle.start_ns) - 1, 0)
+        own = names[first : max(bisect_left(starts, cycle.end_ns), first + 1)]
+        more = f" and {len(own) - _MOST} more" if len(own) > _MOST else ""
+        if own:
+            found[cycle.cycle] = ", ".join(own[:_MOST]) + more
+    return found
