@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -108,7 +109,10 @@ def _configure_files(arguments: argparse.Namespace) -> int:
         say(line)
     limits: list[Limit] = []
     if choice.repeat is None:
-        limits = justified_limits(yaml_text(survey, choice, arguments.files), paths[:MOST_CYCLES])
+        first = paths[:MOST_CYCLES]
+        cycles = choice.plan.count * len(first) / len(survey.recordings)
+        text = yaml_text(survey, choice, arguments.files)
+        limits = justified_limits(text, first, cycles or math.inf)
         say(limit_line(limits))
     _write(arguments, yaml_text(survey, choice, arguments.files, limits))
     picture = arguments.picture or (

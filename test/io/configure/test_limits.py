@@ -2,10 +2,12 @@
 # Copyright 2026 valve_twin maintainers
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from valve_twin.io.configure.limits import LEAST_CYCLES, limit_of
+from valve_twin.io.configure.limits import LEAST_CYCLES, justified_limits, limit_of
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -40,3 +42,10 @@ def test_what_supports_no_limit_gets_none_with_the_reason(values, why):
     limit = limit_of("speed", values)
     assert np.isnan(limit.percent)
     assert why in limit.reason
+
+
+def test_too_few_cycles_are_not_estimated():
+    text = "/**:\n  ros__parameters:\n    model: first_order\n    period_s: 0.01\n"
+    limits = justified_limits(text, [Path("not there.csv")], count=3.0)
+    assert [limit.parameter for limit in limits] == ["time_constant", "dead_band"]
+    assert {limit.reason for limit in limits} == {"none: 3 cycles, 10 tell the scatter"}

@@ -42,11 +42,14 @@ class CyclePlan:
         The figure it rests on.
     values : dict
         Fields of `CycleConfig` that it needs, [s] or [1].
+    count : int
+        Cycles in the record; 0 = not known.
     """
 
     rule: CycleRule
     reason: str
     values: dict[str, float | str] = field(default_factory=dict)
+    count: int = 0
 
 
 def plan_cycles(commands: Sequence[Signal], period_s: float, *, has_counter: bool) -> CyclePlan:
@@ -84,7 +87,7 @@ def _from_commands(start: Signal, rearm: Signal, period_s: float) -> CyclePlan:
         "threshold": threshold,
         "min_cycle_s": _least(opened, period_s),
     }
-    return CyclePlan(CycleRule.COMMANDS, _found(opened), values)
+    return CyclePlan(CycleRule.COMMANDS, _found(opened), values, len(opened))
 
 
 def _from_reference(command: Signal, period_s: float) -> CyclePlan | None:
@@ -101,7 +104,8 @@ def _from_reference(command: Signal, period_s: float) -> CyclePlan | None:
         "reference_hysteresis": 0.5 * _LEVEL * span,
         "min_cycle_s": _least(opened, period_s),
     }
-    return CyclePlan(CycleRule.REFERENCE, f"the command leaves its rest: {_found(opened)}", values)
+    reason = f"the command leaves its rest: {_found(opened)}"
+    return CyclePlan(CycleRule.REFERENCE, reason, values, len(opened))
 
 
 def switched_cycles(command: Signal, period_s: float) -> CyclePlan | None:
@@ -127,7 +131,8 @@ def switched_cycles(command: Signal, period_s: float) -> CyclePlan | None:
         "reference_hysteresis": level - low_again,
         "min_cycle_s": _least(opened, period_s),
     }
-    return CyclePlan(CycleRule.REFERENCE, f"the command is switched on: {_found(opened)}", values)
+    reason = f"the command is switched on: {_found(opened)}"
+    return CyclePlan(CycleRule.REFERENCE, reason, values, len(opened))
 
 
 def _windows(command: Signal, period_s: float) -> CyclePlan:

@@ -55,7 +55,7 @@ class Limit:
     reason: str
 
 
-def justified_limits(text: str, files: Sequence[Path]) -> list[Limit]:
+def justified_limits(text: str, files: Sequence[Path], count: float = math.inf) -> list[Limit]:
     """Estimate the first cycles of files and return a limit a parameter that is followed.
 
     Parameters
@@ -64,6 +64,8 @@ def justified_limits(text: str, files: Sequence[Path]) -> list[Limit]:
         The proposed configuration.
     files : sequence of path
         What it was proposed for.
+    count : float
+        About how many cycles these hold: too few are not estimated.
 
     Returns
     -------
@@ -79,10 +81,12 @@ def justified_limits(text: str, files: Sequence[Path]) -> list[Limit]:
         written = Path(folder, "valve.yaml")
         written.write_text(text, encoding="utf-8")
         config = load_config(written)[0]
+        followed = [p.name for p in get_model(config.model).parameters if p.trend]
+        if count < LEAST_CYCLES:
+            why = f"none: {count:.0f} cycles, {LEAST_CYCLES} tell the scatter"
+            return [Limit(name, math.nan, why) for name in followed]
         import_recordings(files, config, Path(folder, "bag"))
-        found: dict[str, list[float]] = {
-            p.name: [] for p in get_model(config.model).parameters if p.trend
-        }
+        found: dict[str, list[float]] = {name: [] for name in followed}
         cycles = 0
         for event in estimate_bag(config, Path(folder, "bag")):
             if not isinstance(event, Estimated):

@@ -212,7 +212,7 @@ def _even(plan: CyclePlan, survey: Survey, command: Signal) -> CyclePlan:
     first_ns = survey.recordings[0].start_ns
     if first_ns is not None:
         values["window_offset_s"] = (first_ns * 1e-9) % window_s
-    return replace(plan, values=values)
+    return replace(plan, values=values, count=max(count, 1))
 
 
 def _maps(survey: Survey, pair: Pair) -> tuple[Mapping01, Mapping01]:
