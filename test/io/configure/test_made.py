@@ -41,9 +41,9 @@ def test_a_bipolar_command_that_a_spool_follows_is_not_split(tmp_path):
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_the_difference_of_two_pressures_answers_where_neither_does(tmp_path, way):
     rng = np.random.default_rng(3)
-    command = steps(low=-90.0, high=90.0)
+    command = steps()
     supply = 100.0 + np.cumsum(rng.normal(0.0, 0.6, N))
-    apart = 0.15 * way * slew_valve(command)
+    apart = 0.5 * way * slew_valve(command)
     columns = {
         "cmd_pct": command,
         "p_a_bar": supply + apart + rng.normal(0.0, 0.1, N),

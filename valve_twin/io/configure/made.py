@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from valve_twin.core.survey.choose import Pair
     from valve_twin.core.survey.record import Proposal
+    from valve_twin.core.types import BoolArray
     from valve_twin.io.configure.channels import Survey
 
 _PRESSURE = ANSWERS[1]
@@ -27,7 +28,9 @@ _MOST = 6  # channels whose differences are tried
 _BETTER = 10.0  # points of the ARX fit that a difference has to be worth, assumed [%]
 _BOTH = 0.1  # share of its largest value that a bipolar command reaches on both sides
 _REST, _RESTS = 0.02, 0.1  # of that value, and share of the record that it lies below
-_DRIVES = 0.6  # correlation with the rate of the answer, each side alone, assumed
+_DRIVES = 0.5  # correlation with the rate of the answer, each side alone, assumed
+_STILL = 0.02  # share of its range that it moves in the second half of a rest, assumed
+_APART = 0.3  # share of its range that the answer stays apart at rests; what follows comes back
 
 
 def better_difference(
@@ -92,13 +95,29 @@ def split_command(survey: Survey, pair: Pair) -> tuple[Survey, Proposal] | None:
     largest = float(np.abs(u).max())
     if u.min() > -_BOTH * largest or u.max() < _BOTH * largest:
         return None
-    if float(np.mean(np.abs(u) < _REST * largest)) < _RESTS:
+    resting = np.abs(u) < _REST * largest
+    if float(np.mean(resting)) < _RESTS or not _stays(survey, pair, resting):
         return None
     sides = [one_side(pair.command), one_side(pair.command, falling=True)]
     added = add_channels(survey, dict.fromkeys(sides, pair.command), ("command",))
     signals = {k: added.signals[k] for k in (pair.answer, *sides)}
     found = find_driven(Views(signals), [pair.answer])
-    if found is None or min(found.rising, -found.falling) < max(_DRIVES, abs(pair.correlation)):
+    if found is None or min(found.rising, -found.falling) < _DRIVES:
         return None
     proposal = propose(signals, position=pair.answer)
     return None if proposal is None else (added, proposal)
+
+
+def _stays(survey: Survey, pair: Pair, resting: BoolArray) -> bool:
+    """Whether the answer stays where it was driven when the command goes back to rest."""
+    command, answer = survey.signals[pair.command], survey.signals[pair.answer]
+    edges = np.diff(np.concatenate(([0], resting.astype(np.int8), [0])))
+    first, last = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0) - 1
+    middle = (first + last + 1) // 2
+    held = [
+        answer.values[np.maximum(np.searchsorted(answer.stamp_ns, t, side="right") - 1, 0)]
+        for t in (command.stamp_ns[middle], command.stamp_ns[last])
+    ]
+    span = float(np.ptp(answer.values))
+    moved = float(np.median(np.abs(held[1] - held[0])))
+    return len(first) > 1 and moved < _STILL * span and float(np.ptp(held[1])) > _APART * span
