@@ -65,7 +65,7 @@ def justified_limits(text: str, files: Sequence[Path], count: float = math.inf) 
     files : sequence of path
         What it was proposed for.
     count : float
-        About how many cycles these hold: too few are not estimated.
+        About how many cycles these hold [1]: too few are not estimated.
 
     Returns
     -------
