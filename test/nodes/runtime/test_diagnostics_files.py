@@ -138,7 +138,7 @@ def test_what_nodes_say_falls_under_an_analyzer_and_is_a_fault_of_its_valve(grap
     history = {"history_url": f"sqlite:///{tmp_path}/history.sqlite"}
     graph.host(TwinNode, **history)
     graph.host(AgingMonitorNode)
-    graph.host(BagRecorderNode, uri=str(tmp_path / "bag"))
+    graph.host(BagRecorderNode, bag=str(tmp_path / "bag"))
     graph.host(SimulatedValveNode, ns="/sim/press/v1")
     diagnostics = graph.record("/diagnostics", DiagnosticArray)
 
