@@ -26,6 +26,9 @@ _LAST = 3
 _FAR = 5.0
 """Distance between the two states below which single cycles do not tell them [deviations]."""
 
+_LEAST_FAR = 2.0
+"""The same in deviations that hold the fault itself, assumed."""
+
 _BETWEEN = 0.8
 """Share of the cycles in between that must be in the other state, assumed [1]."""
 
@@ -107,12 +110,16 @@ def first_alike(w: FloatArray, onset: int) -> int:
     now = since.mean(axis=0)
     way = now - w[max(onset - _LAST, _LEAST_BEFORE) : onset].mean(axis=0)
     far = float(np.linalg.norm(way))
-    if far < _FAR:
+    if far < _LEAST_FAR:
         return 0
     along = (w[:onset] - now) @ way / far**2  # 0 = like those since, -1 = like those between
     first = int(np.argmax(np.append(np.abs(along) >= 0.5, True)))
     between = along[first + 1 :]
     if first < _LEAST_BEFORE or len(between) < 1 or np.mean(between < -0.5) < _BETWEEN:
+        return 0
+    parts = (along[:first], between, (since - now) @ way / far**2)
+    scatter = float(np.sqrt(np.mean(np.concatenate([p - p.mean() for p in parts]) ** 2)))
+    if _FAR * scatter > 1.0:  # the scatter that `w` is told in holds the fault itself
         return 0
     left = w[:first].mean(axis=0) - now
     chance = w.shape[1] * (1.0 / first + 1.0 / len(since))
