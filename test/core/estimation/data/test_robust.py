@@ -26,6 +26,20 @@ def test_outliers_hardly_count():
     assert robust_sigma(off) == pytest.approx(0.3, rel=0.05)
 
 
+@pytest.mark.parametrize("digits", [1, 3, 16])
+def test_the_median_has_the_bits_of_numpy_and_leaves_the_values_alone(digits):
+    rng = np.random.default_rng(5)
+    for n in [*range(1, 40), 849, 850, 20_001, 20_002]:
+        off = np.round(rng.standard_normal(n), digits)
+        off[rng.integers(n)] = rng.choice([np.inf, -1e300, 0.0])
+        given = off.copy()
+        assert robust_sigma(off) == MAD_SCALE * float(np.median(np.abs(off)))
+        assert (off == given).all()
+        off[rng.integers(n)] = np.nan
+        assert np.isnan(robust_sigma(off))
+    assert np.isnan(robust_sigma(np.empty(0)))
+
+
 @pytest.mark.parametrize("order", [1, 2, 3])
 def test_differences_tell_the_noise_and_not_a_smooth_motion(order):
     t = np.linspace(0.0, 1.0, 50_000)

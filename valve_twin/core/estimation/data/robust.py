@@ -24,7 +24,24 @@ NORMAL_975 = 1.959963984540054
 
 def robust_sigma(off: FloatArray) -> float:
     """Return the standard deviation of N deviations from their centre, by their median size."""
-    return MAD_SCALE * float(np.median(np.abs(off)))
+    return MAD_SCALE * _median_taken(np.abs(off).ravel())
+
+
+def _median_taken(values: FloatArray) -> float:
+    """Return the bits of `np.median`, but bring the values, (N,), into another order.
+
+    One place to part at instead of numpy's three, which its fastest selection does not take.
+    """
+    half = len(values) // 2
+    if not len(values):
+        return float("nan")
+    values.partition(half)
+    upper = values[half:]
+    if np.isnan(upper.max()):  # what is no number is sorted to the end
+        return float("nan")
+    if len(values) % 2:
+        return float(upper[0])
+    return float((values[:half].max() + upper[0]) / 2.0)
 
 
 def difference_sigma(differences: FloatArray, order: int) -> float:
