@@ -49,7 +49,9 @@ def test_a_twin_that_names_dimensions_takes_the_file(coarse, tmp_path, capsys, m
     grid = MapGrid(currents=4, positions=4, fine=0.3)
     quick = chain.Fidelity(grid, fine=0.3, step=4e-4)
     monkeypatch.setitem(chain.FIDELITIES, "export", quick)
-    monkeypatch.setattr(compute_wear, "__defaults__", (grid, *compute_wear.__defaults__[1:]))
+    monkeypatch.setattr(
+        compute_wear, "__defaults__", (grid, *(compute_wear.__defaults__ or ())[1:])
+    )
     path = str(tmp_path / "designed.yaml")
     words = ["design", "export", "--faults", "--map", coarse, "--out", path]
     assert main(words) == 0

@@ -3,19 +3,15 @@
 """A past that was stored goes on as if it never had been."""
 
 import json
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from test.core.past.test_state import features, trends
 from valve_twin.core.past.state import AgingState
 from valve_twin.core.past.stored import freeze, thaw
 from valve_twin.core.types import EstimateStatus, Guard
-
-sys.path.insert(0, str(Path(__file__).parent))
-from test_state import features, trends
 
 
 def again(state):

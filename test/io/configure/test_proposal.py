@@ -133,9 +133,9 @@ def test_invented_times_are_said_everywhere(tmp_path, capsys):
     assert "<b>Times are NOT MEASURED" in page.read_text()
     assert ">sample<" in (tmp_path / "v.svg").read_text()
     assert main(["configure", file, "--period", "0.02", "--out", str(tmp_path / "v.yaml")]) == 0
-    given = load_config(tmp_path / "v.yaml")[0]
-    assert given.period_s == pytest.approx(0.02)
-    assert given.csv.times_measured
+    config = load_config(tmp_path / "v.yaml")[0]
+    assert config.period_s == pytest.approx(0.02)
+    assert config.csv.times_measured
 
 
 @pytest.mark.parametrize(("answer", "period_s"), [("\n", 1.0), ("0.02\n", 0.02)])

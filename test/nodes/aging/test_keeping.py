@@ -8,7 +8,8 @@ from dataclasses import replace
 
 import pytest
 
-from test.nodes.aging.test_estimate_buffer import CYCLES, NS, STORED, VALVE, Twin
+from test.nodes.aging.test_estimate_buffer import CYCLES, STORED, VALVE, Twin
+from test.nodes.conftest import NS
 from valve_twin.core.aging.assess import assess
 from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.past.columns import past_of

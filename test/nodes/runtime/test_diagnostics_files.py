@@ -38,7 +38,7 @@ EXAMPLES = {
 """What stands in the names of the reports, by the expression in the source."""
 
 
-def analyzers() -> dict[str, dict[str, object]]:
+def analyzers() -> dict[str, dict[str, list[str]]]:
     file = yaml.safe_load((ROOT / "config" / "diagnostics.yaml").read_text(encoding="utf-8"))
     found = file["analyzers"]["ros__parameters"]
     return {name: given for name, given in found.items() if isinstance(given, dict)}
@@ -66,8 +66,9 @@ def reports() -> set[str]:
     found: set[str] = set()
     for path in sorted((ROOT / "valve_twin" / "nodes").rglob("*.py")):
         for call in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            made = isinstance(call, ast.Call) and isinstance(call.func, ast.Name)
-            if made and call.func.id == "Report":
+            if not (isinstance(call, ast.Call) and isinstance(call.func, ast.Name)):
+                continue
+            if call.func.id == "Report":
                 found.update(spelled(call.args[0]))
     return found
 
@@ -77,7 +78,9 @@ def spelled(text: ast.expr) -> set[str]:
         return {str(text.value)}
     assert isinstance(text, ast.JoinedStr), ast.unparse(text)
     parts = [
-        EXAMPLES[ast.unparse(p.value)] if isinstance(p, ast.FormattedValue) else (p.value,)
+        EXAMPLES[ast.unparse(p.value)]
+        if isinstance(p, ast.FormattedValue)
+        else (str(ast.literal_eval(p)),)
         for p in text.values
     ]
     return {"".join(chosen) for chosen in product(*parts)}

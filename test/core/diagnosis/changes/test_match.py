@@ -26,15 +26,21 @@ def matches(name, sign):
     return found, match(-off, rays, TABLE, CONFIG, line=1.0 / 40)
 
 
+def fits(name, sign):
+    """Return whether a medium change fits the end of a fault."""
+    found, reverse = matches(name, sign)
+    return fits_an_end(found, reverse, CONFIG, least=RIVAL)
+
+
 @pytest.mark.parametrize("name", ["leak", "stiction"])
 def test_a_fault_that_goes_fits_its_end_and_one_that_comes_does_not(name):
-    assert fits_an_end(*matches(name, -1.0), CONFIG, least=RIVAL)
-    assert not fits_an_end(*matches(name, 1.0), CONFIG, least=RIVAL)
+    assert fits(name, -1.0)
+    assert not fits(name, 1.0)
 
 
 def test_what_comes_in_both_directions_has_no_end_of_its_own():
     for sign in (-1.0, 1.0):
-        assert not fits_an_end(*matches("sensor_gain", sign), CONFIG, least=RIVAL)
+        assert not fits("sensor_gain", sign)
 
 
 def test_the_likeliest_fault_and_its_size_are_told():

@@ -70,7 +70,7 @@ def test_constants_that_are_exact_cost_no_further_estimate():
         calls.append(options)
         return said(options)
 
-    exact = Options(tolerances=Relative(a=0.0, b=0.0))
+    exact = Options(tolerances=Relative(**{"a": 0.0, "b": 0.0}))
     assert with_tolerances(exact, once, ("one",)) == said(exact)
     assert len(calls) == 1
 

@@ -89,6 +89,8 @@ def test_another_origin_is_refused(path, name):
 def test_searches_by_other_rules_are_not_taken_over(path):
     same = load(path, ORIGIN, CONFIG)
     other = load(path, ORIGIN, AgingConfig(max_candidates=21))
+    assert same is not None
+    assert other is not None
     assert len(same.memory._stored) == 1
     assert not other.memory._stored
 

@@ -13,6 +13,7 @@ from valve_twin.core.types import Maintenance
 from valve_twin.io.history.aging import reading
 from valve_twin.io.history.fleet import describe_valve
 from valve_twin.io.history.store import CycleRecord, History
+from valve_twin.io.history.tables import row_estimate
 
 VALVE = "/v"
 CONFIG = AgingConfig(max_candidates=60)
@@ -43,7 +44,6 @@ def path(tmp_path):
 def read(monkeypatch):
     """Return a list that gets the cycle of each estimate that is read."""
     cycles = []
-    row_estimate = reading.row_estimate
 
     def counted(row):
         cycles.append(row["cycle"])
