@@ -38,7 +38,7 @@ EXAMPLES = {
 """What stands in the names of the reports, by the expression in the source."""
 
 
-def analyzers() -> dict[str, dict[str, list[str]]]:
+def analyzers() -> dict[str, dict[str, Any]]:
     file = yaml.safe_load((ROOT / "config" / "diagnostics.yaml").read_text(encoding="utf-8"))
     found = file["analyzers"]["ros__parameters"]
     return {name: given for name, given in found.items() if isinstance(given, dict)}
