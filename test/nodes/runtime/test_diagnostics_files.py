@@ -15,6 +15,7 @@ import ast
 import re
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
