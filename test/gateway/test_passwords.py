@@ -6,7 +6,14 @@ from __future__ import annotations
 
 import pytest
 
-from valve_twin.gateway.passwords import PAUSE_S, TRIES, Passwords, read_users, user_line
+from valve_twin.gateway.passwords import (
+    MOST_PLACES,
+    PAUSE_S,
+    TRIES,
+    Passwords,
+    read_users,
+    user_line,
+)
 from valve_twin.io.errors import ConfigError
 
 RIGHT = "correct horse"
@@ -57,3 +64,32 @@ def test_a_line_that_is_none_of_a_user_is_named(tmp_path, line):
 def test_a_bad_name_or_short_password_is_refused(name, password):
     with pytest.raises(ConfigError, match="user"):
         user_line(name, password)
+
+
+def test_who_guesses_somewhere_does_not_shut_out_its_owner_elsewhere(users):
+    said: list[str] = []
+    door = Passwords(users, said.append, "page", clock=lambda: 0.0)
+    for _ in range(3 * TRIES):
+        assert not door.fits("anna", "guess", "10.0.0.9")
+    assert not door.fits("anna", RIGHT, "10.0.0.9")
+    assert door.fits("anna", RIGHT, "10.0.0.7")
+    assert said == ["page: 5 wrong passwords of user anna from 10.0.0.9: refused for 30 s"]
+
+
+def test_a_network_of_ipv6_is_one_place_and_a_mapped_address_that_of_ipv4(users):
+    door = Passwords(users, lambda _: None, clock=lambda: 0.0)
+    for number in range(TRIES):
+        assert not door.fits("anna", "guess", f"2001:db8:0:1::{number + 1}")
+    assert not door.fits("anna", RIGHT, "2001:db8:0:1:ffff::7")
+    assert door.fits("anna", RIGHT, "2001:db8:0:2::1")
+    for _ in range(TRIES):
+        assert not door.fits("anna", "guess", "::ffff:10.0.0.9")
+    assert not door.fits("anna", RIGHT, "10.0.0.9")
+
+
+def test_places_are_bounded(users, monkeypatch):
+    monkeypatch.setattr("valve_twin.gateway.passwords._COST", {"n": 2, "r": 1, "p": 1})
+    door = Passwords(users, lambda _: None, clock=lambda: 0.0)
+    for number in range(MOST_PLACES + 50):
+        assert not door.fits("anna", "guess", f"10.0.{number // 250}.{number % 250}")
+    assert len(door._wrong) == MOST_PLACES

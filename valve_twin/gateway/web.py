@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from valve_twin.gateway.metrics import TYPE, exposition
 from valve_twin.gateway.page import forms, words
-from valve_twin.gateway.page.answers import HEADERS, visitor_of
+from valve_twin.gateway.page.answers import HEADERS, MARK, visitor_of
 from valve_twin.gateway.page.samples import NoSamplesError, Samples
 from valve_twin.gateway.pages import (
     ShownCycle,
@@ -42,9 +42,6 @@ if TYPE_CHECKING:
     from valve_twin.gateway.page.marking import Marker
     from valve_twin.gateway.plant import Plant
     from valve_twin.io.history.fleet import FleetRow
-
-MARK = "X-Valve-Twin-Mark"
-"""Header with what a page shows already; it is answered 204 where there is nothing new."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +110,9 @@ def application(plant: Plant, site: Site | None = None) -> Starlette:
     ]
     if pages.site.accounts is not None and pages.site.marker is not None:
         routes += forms.routes(pages.site.accounts, pages.site.marker, secure=pages.site.secure)
-    return Starlette(routes=routes, exception_handlers={HTTPException: refused})
+    made = Starlette(routes=routes, exception_handlers={HTTPException: refused})
+    made.router.redirect_slashes = False  # it would lead to the host's own name, without a prefix
+    return made
 
 
 class _Pages:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import threading
 import tracemalloc
 
 import pytest
@@ -86,3 +87,44 @@ def test_sessions_are_bounded(path, monkeypatch):
     cookies = [accounts.enter("anna", RIGHT) for _ in range(MOST_SESSIONS + 3)]
     alive = [c for c in cookies if accounts.session(c)]
     assert alive == cookies[3:]
+
+
+def test_a_page_that_asks_anew_by_itself_keeps_no_session_alive(path):
+    clock = Clock()
+    accounts = Accounts(str(path), lambda _: None, clock)
+    cookie = accounts.enter("anna", RIGHT)
+    for _ in range(3):
+        clock.now += 0.4 * SESSION_S
+        found = accounts.session(cookie, used=False)
+    assert found is None
+
+
+def test_a_session_ends_with_its_user_or_his_password(path):
+    accounts = Accounts(str(path), lambda _: None, Clock())
+    cookie = accounts.enter("anna", RIGHT)
+    assert accounts.still(cookie) is accounts.session(cookie)
+    path.write_text(user_line("anna", "another password") + "\n", encoding="utf-8")
+    assert accounts.still(cookie) is None
+    assert accounts.session(cookie) is None
+    cookie = accounts.enter("anna", "another password")
+    path.write_text("", encoding="utf-8")
+    assert accounts.still(cookie) is None
+
+
+def test_a_guess_that_takes_long_keeps_no_page_waiting(path, monkeypatch):
+    accounts = Accounts(str(path), lambda _: None, Clock())
+    cookie = accounts.enter("anna", RIGHT)
+    inside, go_on = threading.Event(), threading.Event()
+
+    def slow(*_: object) -> bool:
+        inside.set()
+        return not go_on.wait(60.0)
+
+    monkeypatch.setattr(accounts._passwords, "fits", slow)
+    guess = threading.Thread(target=accounts.enter, args=("anna", "guess"))
+    guess.start()
+    assert inside.wait(60.0)
+    assert accounts.session(cookie) is not None  # would wait for the guess
+    assert guess.is_alive()
+    go_on.set()
+    guess.join(60.0)

@@ -28,6 +28,10 @@ HEADERS: Mapping[str, str] = {
 """Of every answer: a page runs the one script of ours and loads nothing else, whatever a valve is
 called."""
 
+MARK = "X-Valve-Twin-Mark"
+"""Header with what a page shows already, when it asks anew by itself; it is answered 204 where
+there is nothing new."""
+
 
 def visitor_of(request: Request, accounts: Accounts | None = None) -> Visitor:
     """Return for whom a page is made.
@@ -42,6 +46,9 @@ def visitor_of(request: Request, accounts: Accounts | None = None) -> Visitor:
     path = request.url.path
     asked, kept = request.query_params.get("lang", ""), request.cookies.get(words.COOKIE, "")
     language = words.chosen(asked, kept, request.headers.get("accept-language", ""))
-    session = accounts.session(request.cookies.get(COOKIE, "")) if accounts else None
+    session = None
+    if accounts is not None:
+        used = MARK.lower() not in request.headers
+        session = accounts.session(request.cookies.get(COOKIE, ""), used=used)
     root = "../" * (path.count("/") - 1)
     return Visitor(language, root, path, session, accounts is not None)

@@ -34,6 +34,10 @@ MOST_BYTES = 16_384
 WRONG = "Name and password do not fit, or were tried too often: wait half a minute."
 NO_FORM = "The form cannot be read"
 STRANGE = "The form is none of this session"
+FOREIGN = (
+    "The form comes from another site: where a proxy stands before these pages, let it pass on "
+    "the header Host"
+)
 
 
 async def fields_of(request: Request) -> dict[str, str] | None:
@@ -52,12 +56,16 @@ async def fields_of(request: Request) -> dict[str, str] | None:
 
 
 def is_own(request: Request) -> bool:
-    """Return whether a form comes from a page of ours, as far as the browser says."""
-    site = request.headers.get("sec-fetch-site", "same-origin")
+    """Return whether a form comes from a page of ours, as far as the browser says.
+
+    What it says of the site counts before the name of the host, which a proxy may have replaced;
+    browsers say it by TLS and on this machine only.
+    """
+    site = request.headers.get("sec-fetch-site")
+    if site is not None:
+        return site in {"same-origin", "none"}
     origin = request.headers.get("origin")
-    host = request.headers.get("host", "")
-    own = origin is None or origin.partition("://")[2] == host
-    return own and site in {"same-origin", "none"}
+    return origin is None or origin.partition("://")[2] == request.headers.get("host", "")
 
 
 def inside(path: str) -> str:
@@ -107,12 +115,15 @@ class _Forms:
         from starlette.concurrency import run_in_threadpool
 
         given = await fields_of(request)
-        if given is None or not is_own(request):
+        if given is None:
             return self._refuse(request, NO_FORM, 400)
+        if not is_own(request):
+            return self._refuse(request, FOREIGN, 403)
         following = given.get("next", "/")
         user, password = given.get("user", ""), given.get("password", "")
         try:
-            cookie = await run_in_threadpool(self._accounts.enter, user, password)
+            address = request.client.host if request.client is not None else ""
+            cookie = await run_in_threadpool(self._accounts.enter, user, password, address)
         except ValveTwinError as err:
             return self._refuse(request, str(err), 503)
         if not cookie:
@@ -167,8 +178,13 @@ class _Forms:
         given = await fields_of(request)
         if given is None:
             return self._refuse(request, NO_FORM, 400)
-        session = self._accounts.session(request.cookies.get(COOKIE, ""))
-        if session is None or not is_own(request) or not session.owns(given.get("token", "")):
+        if not is_own(request):
+            return self._refuse(request, FOREIGN, 403)
+        try:
+            session = self._accounts.still(request.cookies.get(COOKIE, ""))
+        except ValveTwinError as err:
+            return self._refuse(request, str(err), 503)
+        if session is None or not session.owns(given.get("token", "")):
             return self._refuse(request, STRANGE, 403)
         return await act(request, session, given)
 
@@ -191,6 +207,7 @@ async def _told(session: Session, valve: str, act: Callable[[], str]) -> Respons
 
 
 def _go_on(where: str) -> Response:
+    """Lead to a page of ours; beside the form, since a proxy may put a prefix before all."""
     from starlette.responses import RedirectResponse
 
-    return RedirectResponse(where, 303, headers=HEADERS)
+    return RedirectResponse(f".{where}", 303, headers=HEADERS)
