@@ -13,6 +13,7 @@ import pytest
 
 from valve_twin.gateway.live.plot import (
     BIN_S,
+    MOST_WAITING,
     STRIPS,
     UNITS_A_SECOND,
     WIDTH,
@@ -149,3 +150,26 @@ def test_decimation_keeps_lowest_and_highest_of_each_bin():
     none_t, none = decimated(t, np.full(5000, math.nan), 0.1)
     assert np.isnan(none).all()
     assert len(none_t) == 20
+
+
+def test_commands_that_come_without_predictions_do_not_pile_up():
+    plot = LivePlot()
+    for look in range(300):
+        t = stamps(look + np.arange(0.0, 1.0, 1e-3))
+        plot.add(t, {"s0": np.ones(len(t))})
+        plot.draw()
+    assert sum(len(t) for t, _ in plot._waiting["s0"]) <= MOST_WAITING
+
+
+def test_what_nobody_looked_at_is_a_gap_and_no_line():
+    plot = LivePlot()
+    feed(plot, 100.0, 2.0)
+    plot.interrupt()
+    t = np.arange(6.0, 7.0, 0.01)
+    plot.add(stamps(t), {"measured": np.full(len(t), 0.2), "s0": np.ones(len(t))})
+    plot.draw()
+    x = points(plot.all(), "measured")[:, 0] / UNITS_A_SECOND
+    assert np.diff(x).max() > 3.5
+    last = plot.all()[-1]
+    assert min(p[0] for p in points([last], "measured")) == pytest.approx(6.0 * UNITS_A_SECOND)
+    assert min(p[0] for p in points([last], "s0")) == pytest.approx(6.0 * UNITS_A_SECOND)

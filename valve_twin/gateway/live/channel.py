@@ -114,7 +114,9 @@ class LiveValve:
         """Count one more who looks."""
         self._viewers += 1
         if self._viewers == 1:
-            self._since_s, self._heard_s = self._clock(), None
+            with self._lock:
+                self._since_s, self._heard_s = self._clock(), None
+                self._plot.interrupt()  # nobody knows what was while nobody looked
             self._watched(True)
 
     def leave(self) -> None:

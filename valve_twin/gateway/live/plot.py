@@ -34,6 +34,10 @@ BIN_S = WINDOW_S / 400
 JUMP_S = 60.0
 """Stamps that jump by more than this, or back, begin a new plot [s]."""
 
+MOST_WAITING = 100_000
+"""Samples of a curve that wait to be drawn, as commands do while no prediction comes; of more the
+oldest are left out [1]."""
+
 UNITS_A_SECOND = WIDTH / WINDOW_S
 BAND = 2.0
 """Half the width of the residual's band [expected standard deviations]."""
@@ -139,7 +143,15 @@ class LivePlot:
             self._sigma = sigma
         for name, values in curves.items():
             if name in _STRIP_OF:
-                self._waiting.setdefault(name, []).append((stamp_ns, values))
+                parts = self._waiting.setdefault(name, [])
+                parts.append((stamp_ns, values))
+                while len(parts) > 1 and sum(len(p[0]) for p in parts) > MOST_WAITING:
+                    del parts[0]
+
+    def interrupt(self) -> None:
+        """Leave a gap between what came so far and what comes."""
+        self._waiting.clear()
+        self._last.clear()
 
     def draw(self) -> Drawn:
         """Draw what came since the last call."""

@@ -43,7 +43,7 @@ const live = document.getElementById("live");
 if (live) {
   const WIDTH = 1000, QUIET_MS = 2000;
   const axes = document.getElementById("axes"), slices = document.getElementById("slices");
-  let heard = Date.now(), source;
+  let heard = Date.now(), asked, source;
   const make = (parent, kind, given) => {
     const made = document.createElementNS("http://www.w3.org/2000/svg", kind);
     for (const name in given) made.setAttribute(name, given[name]);
@@ -75,6 +75,7 @@ if (live) {
     }
   };
   const listen = () => {
+    asked = Date.now();
     source = new EventSource(live.dataset.source);
     source.onmessage = (event) => show(JSON.parse(event.data));
   };
@@ -84,6 +85,6 @@ if (live) {
       live.dataset.state = "stale";
       write("quiet", Math.round((Date.now() - heard) / 1000));
     }
-    if (source.readyState === EventSource.CLOSED) listen();
+    if (source.readyState === EventSource.CLOSED && Date.now() - asked > QUIET_MS) listen();
   }, 250);
 }
