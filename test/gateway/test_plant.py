@@ -134,3 +134,45 @@ def test_a_damaged_value_is_the_valves_own(path):
     rows = {row.valve: row for row in Plant(str(path)).view().rows}
     assert rows["/b"].cycle == 3
     assert len(rows) == 2
+
+
+def test_who_comes_during_the_first_reading_is_not_told_that_there_is_nothing(path, monkeypatch):
+    monkeypatch.setattr(module, "WAIT_S", 0.0)
+    plant = Plant(str(path))
+    reached, go_on = threading.Event(), threading.Event()
+    describe = describe_valve
+
+    def slow(*given):
+        reached.set()
+        assert go_on.wait(60.0)
+        return describe(*given)
+
+    monkeypatch.setattr(module, "describe_valve", slow)
+    seen: list[int] = []
+    first, second = (
+        threading.Thread(target=lambda: seen.append(len(plant.view().rows))) for _ in range(2)
+    )
+    first.start()
+    assert reached.wait(60.0)
+    second.start()
+    second.join(0.2)
+    assert seen == []
+    go_on.set()
+    first.join(60.0)
+    second.join(60.0)
+    assert seen == [2, 2]
+
+
+def test_a_machine_without_a_thread_to_spare_shows_what_there_was(path, monkeypatch):
+    plant = Plant(str(path))
+    before = plant.view()
+
+    def none(_: threading.Thread) -> None:
+        msg = "can't start new thread"
+        raise RuntimeError(msg)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(threading.Thread, "start", none)
+        assert plant.view() is before
+    assert plant.view().rows == before.rows
+    assert not plant._reading.locked()

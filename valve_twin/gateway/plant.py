@@ -89,6 +89,10 @@ class View:
         return row, self.trends.get(row.valve), self.nameplates.get(row.valve)
 
 
+_NOTHING = View()
+"""Before the first reading."""
+
+
 class Plant:
     """Reads a history for many who look at it; safe from any thread.
 
@@ -115,7 +119,7 @@ class Plant:
         self._nameplates = dict(nameplates or {})
         self._reading = threading.Lock()
         self._history: History | None = None
-        self._view = View()
+        self._view = _NOTHING
         self._due_s = time.monotonic()
         self._states: dict[str, tuple[Mark, ValveState]] = {}
         self._courses: dict[str, tuple[float, ...]] = {}
@@ -123,11 +127,17 @@ class Plant:
 
     def view(self) -> View:
         """Return all valves; a history that cannot be read is said, nothing is raised."""
-        if time.monotonic() >= self._due_s and self._reading.acquire(timeout=WAIT_S):
+        nothing = self._view is _NOTHING  # the first reading is waited for, however long it takes
+        wait_s = -1.0 if nothing else WAIT_S
+        if time.monotonic() >= self._due_s and self._reading.acquire(timeout=wait_s):
             if self._view.read_ns:
                 reader = threading.Thread(target=self._read_once, name="history", daemon=True)
-                reader.start()
-                reader.join(WAIT_S)
+                try:
+                    reader.start()
+                except RuntimeError:  # no thread is to be had: what there was is shown
+                    self._reading.release()
+                else:
+                    reader.join(WAIT_S)
             else:
                 self._read_once()
         return self._view
