@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import struct
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -60,3 +61,66 @@ def test_what_is_not_there_says_why(bag, tmp_path, monkeypatch):
     monkeypatch.setattr(module, "MOST_BYTES", 10)
     with pytest.raises(NoSamplesError, match="cut the time wanted"):
         Samples([str(bag)]).cycle("/v", record(1))
+
+
+class Recording:
+    """A bag that grows, and how often it was read."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.cycles, self.reads, self.looks, self.size, self.now = 1, 0, 0, 100, 0.0
+        monkeypatch.setattr(module, "bag_info", self.info)
+        monkeypatch.setattr(module, "_read", self.read)
+
+    def grow(self, cycles: int) -> None:
+        self.cycles, self.size = self.cycles + cycles, self.size + 100 * cycles
+
+    def info(self, _: str) -> SimpleNamespace:
+        self.looks += 1
+        return SimpleNamespace(start_ns=1, size=self.size, topics=())
+
+    def read(self, *_: object) -> module._Read:
+        self.reads += 1
+        starts = 100 * np.arange(1, self.cycles + 1)[:, None]
+        t = (starts + np.arange(10)).ravel() * SECOND
+        names = ("measured", "predicted", "simulated", "residual", "sigma", "validity")
+        return module._Read(t, {n: np.zeros(len(t)) for n in names})
+
+
+def test_a_bag_that_is_still_recorded_is_read_anew_only_for_what_is_new(monkeypatch):
+    bag = Recording(monkeypatch)
+    bag.grow(9)
+    samples = Samples(["/bag"], lambda: bag.now)
+    for _ in range(20):
+        bag.grow(1)
+        bag.now += 0.5 * module.REFRESH_S
+        assert len(samples.cycle("/v", record(5)).stamp_ns) == 10
+    assert bag.reads == 1
+    assert bag.looks <= 11
+    assert len(samples.cycle("/v", record(5)).stamp_ns) == 10
+    bag.now += 2.0 * module.REFRESH_S
+    assert len(samples.cycle("/v", record(25)).stamp_ns) == 10
+    for _ in range(50):  # what is not recorded yet does not make it read at every view
+        bag.grow(1)
+        bag.now += 0.1
+        with pytest.raises(NoSamplesError, match="holds no sample of cycle 500"):
+            samples.cycle("/v", record(500))
+    assert bag.reads <= 4
+
+
+def test_another_bag_in_its_place_is_read(monkeypatch):
+    bag = Recording(monkeypatch)
+    bag.grow(9)
+    samples = Samples(["/bag"], lambda: bag.now)
+    samples.cycle("/v", record(2))
+    bag.cycles, bag.size = 2, 50
+    bag.now += 2.0 * module.REFRESH_S
+    samples.cycle("/v", record(2))
+    assert bag.reads == 2
+
+
+def test_who_waits_for_a_bag_that_others_have_read_is_told_so(bag, monkeypatch):
+    monkeypatch.setattr(module, "WAIT_S", 0.01)
+    samples = Samples([str(bag)])
+    with samples._lock, pytest.raises(NoSamplesError, match="being read for others: load"):
+        samples.cycle("/v", record(1))
+    assert samples.cycle("/v", record(1)).cycle == 1

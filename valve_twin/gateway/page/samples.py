@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -17,13 +18,24 @@ from valve_twin.io.cdr.signals import SignalSource
 from valve_twin.io.errors import ValveTwinError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from valve_twin.core.types import FloatArray, IntArray
+    from valve_twin.io.bags.contents import BagInfo
     from valve_twin.io.history.tables import CycleRecord
 
 MOST_BYTES = 500_000_000
 """A larger bag is not read for a page [B]."""
+
+MOST_KEPT_BYTES = 200_000_000
+"""Of what was read so much is kept beside what was read last [B]."""
+
+REFRESH_S, REST = 5.0, 4.0
+"""A bag is looked at again at most so often, and so many times what the last look took later: one
+that is still being recorded is not read at every view [s, 1]."""
+
+WAIT_S = 2.0
+"""Who wants samples while others have a bag read waits so long [s]."""
 
 _FIELDS = ("measured", "predicted", "simulated", "residual", "validity")
 _SINGLE = "valve_twin_msgs/msg/Prediction"
@@ -41,6 +53,31 @@ class _Read:
     stamp_ns: IntArray
     columns: Mapping[str, FloatArray]
 
+    @property
+    def size(self) -> int:
+        """What it takes of the memory [B]."""
+        return self.stamp_ns.nbytes + sum(c.nbytes for c in self.columns.values())
+
+    def covers(self, record: CycleRecord) -> bool:
+        """Return whether what came later cannot belong to a cycle."""
+        return bool(len(self.stamp_ns)) and record.end_ns < int(self.stamp_ns[-1])
+
+
+@dataclass(slots=True)
+class _Kept:
+    """What was read, of which bag as it was then, and when it is to be looked at again [s]."""
+
+    read: _Read
+    start_ns: int
+    size: int
+    due_s: float
+
+    def holds(self, info: BagInfo, record: CycleRecord) -> bool:
+        """Return whether a bag has nothing else of a cycle than what was read."""
+        if info.start_ns != self.start_ns or info.size < self.size:
+            return False
+        return info.size == self.size or self.read.covers(record)
+
 
 class Samples:
     """The bags of a plant; safe from any thread. What was read last is kept.
@@ -49,12 +86,14 @@ class Samples:
     ----------
     bags : sequence of str
         Folders or files, as `bag_recorder` wrote them with the topics of a twin.
+    clock : callable
+        Returns a time that only goes on [s].
     """
 
-    def __init__(self, bags: Sequence[str]) -> None:
-        self._bags = tuple(bags)
+    def __init__(self, bags: Sequence[str], clock: Callable[[], float] = time.monotonic) -> None:
+        self._bags, self._clock = tuple(bags), clock
         self._lock = threading.Lock()
-        self._kept: dict[tuple[str, str, int], _Read] = {}
+        self._kept: dict[tuple[str, str], _Kept] = {}
 
     def cycle(self, valve: str, record: CycleRecord) -> Prediction:
         """Return the samples of a cycle.
@@ -77,8 +116,7 @@ class Samples:
         why = ""
         for bag in self._bags:
             try:
-                with self._lock:
-                    read = self._read(bag, valve)
+                read = self._read(bag, valve, record)
             except ValveTwinError as err:
                 why = str(err)
                 continue
@@ -88,22 +126,39 @@ class Samples:
             why = why or f"{bag}: holds no sample of cycle {record.cycle} of {valve}"
         raise NoSamplesError(why)
 
-    def _read(self, bag: str, valve: str) -> _Read:
-        info = bag_info(bag)
-        key = bag, valve, info.message_count
-        found = self._kept.get(key)
-        if found is None:
-            if info.size > MOST_BYTES:
-                msg = (
-                    f"{bag}: has {info.size / 1e6:.0f} MB, {MOST_BYTES / 1e6:.0f} MB at most are "
-                    "read for a page: cut the time wanted out of it by valve-twin cut"
-                )
-                raise NoSamplesError(msg)
-            self._kept.clear()  # one at a time: a bag may fill much of the memory
-            topic = f"{valve}/twin/prediction"
-            types = {t.name: t.type for t in info.topics}
-            found = self._kept[key] = _read(bag, topic, types.get(topic, _SINGLE))
-        return found
+    def _read(self, bag: str, valve: str, record: CycleRecord) -> _Read:
+        if not self._lock.acquire(timeout=WAIT_S):
+            msg = f"{bag}: bags are being read for others: load the page again in a while"
+            raise NoSamplesError(msg)
+        try:
+            return self._read_alone(bag, valve, record)
+        finally:
+            self._lock.release()
+
+    def _read_alone(self, bag: str, valve: str, record: CycleRecord) -> _Read:
+        kept, begun_s = self._kept.pop((bag, valve), None), self._clock()
+        if kept is None or begun_s >= kept.due_s:
+            info = bag_info(bag)
+            if kept is None or not kept.holds(info, record):
+                kept = _Kept(_read_checked(bag, valve, info), info.start_ns, info.size, 0.0)
+            end_s = self._clock()
+            kept.due_s = end_s + max(REFRESH_S, REST * (end_s - begun_s))
+        while self._kept and sum(k.read.size for k in self._kept.values()) > MOST_KEPT_BYTES:
+            del self._kept[next(iter(self._kept))]
+        self._kept[bag, valve] = kept
+        return kept.read
+
+
+def _read_checked(bag: str, valve: str, info: BagInfo) -> _Read:
+    if info.size > MOST_BYTES:
+        msg = (
+            f"{bag}: has {info.size / 1e6:.0f} MB, {MOST_BYTES / 1e6:.0f} MB at most are "
+            "read for a page: cut the time wanted out of it by valve-twin cut"
+        )
+        raise NoSamplesError(msg)
+    topic = f"{valve}/twin/prediction"
+    types = {t.name: t.type for t in info.topics}
+    return _read(bag, topic, types.get(topic, _SINGLE))
 
 
 def _read(bag: str, topic: str, kind: str) -> _Read:
