@@ -29,7 +29,9 @@ from websockets.typing import Subprotocol
 
 from test.gateway.test_web import HOSTILE, store
 from valve_twin.cli import main
-from valve_twin.gateway.foxglove.face import PAST
+from valve_twin.gateway.foxglove import face as module
+from valve_twin.gateway.foxglove.face import PAST, REST, FoxgloveFace
+from valve_twin.gateway.plant import View
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -40,13 +42,21 @@ WORN, NEW = "/press/valve_1", "/press/new"
 _HEAD = struct.Struct("<BIQ")
 
 
+VIEWERS: list[Viewer] = []
+"""All that are open."""
+
+
 class Viewer:
     """Subscribes topics and decodes what comes by the definition that the server gives."""
 
     def __init__(self, address: str) -> None:
         self.socket = connect(
-            address, subprotocols=[Subprotocol("foxglove.sdk.v1")], max_size=None
+            address,
+            subprotocols=[Subprotocol("foxglove.sdk.v1")],
+            max_size=None,
+            ping_interval=None,  # no thread that complains when the server has gone
         )
+        VIEWERS.append(self)
         self.info = json.loads(self.socket.recv(LIMIT_S))
         self.channels: dict[str, dict[str, Any]] = {}
         self.heard: list[tuple[str, Any]] = []
@@ -132,6 +142,13 @@ class Server:
             self.process.kill()
         assert "Traceback" not in self.said()
         assert "error of ours" not in self.said()
+
+
+@pytest.fixture(autouse=True)
+def no_viewer_stays() -> Iterator[None]:
+    yield
+    while VIEWERS:
+        VIEWERS.pop().socket.close()
 
 
 @pytest.fixture(scope="module")
@@ -290,3 +307,23 @@ def test_a_port_that_is_taken_or_none_is_told_in_one_line(history, capsys):
         assert main([*given, "70000"]) != 0
         (line,) = capsys.readouterr().err.splitlines()
         assert "port 70000 is not in 0 .. 65535" in line
+
+
+def test_clients_that_subscribe_again_and_again_take_a_share_of_a_core(monkeypatch):
+    monkeypatch.setattr(module, "PAUSE_S", 0.0)
+    face = FoxgloveFace(View, lambda *_: [], "127.0.0.1", 0)
+    monkeypatch.setattr(face._subscriptions, "take", lambda: {"/v/twin/estimate"})
+    spent: list[float] = []
+
+    def step(*_: object, **__: object) -> None:
+        begun = time.thread_time()
+        while time.thread_time() - begun < 0.02:
+            pass
+        spent.append(time.thread_time() - begun)
+        if len(spent) == 10:
+            face._end.set()
+
+    monkeypatch.setattr(face, "_step", step)
+    begun = time.monotonic()
+    face._run()
+    assert sum(spent[:-1]) <= 1.05 / REST * (time.monotonic() - begun)
