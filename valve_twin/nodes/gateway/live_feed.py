@@ -20,6 +20,7 @@ from valve_twin.gateway.live.plot import MOST_COMMANDS
 from valve_twin.io.cdr.message_types import RosTypes, message_class
 from valve_twin.io.cdr.predictions import decode_prediction_run
 from valve_twin.io.cdr.signals import Extractor, batch_stamps
+from valve_twin.nodes.runtime.compat import take_waiting
 from valve_twin.nodes.runtime.stamps import from_time
 
 if TYPE_CHECKING:
@@ -83,8 +84,8 @@ class LiveFeed:
         if not self._readers:
             return
         for curve, extractor in self._commands.items():
-            self._take_commands(curve, extractor, _taken(self._readers[curve]))
-        found = _taken(self._readers[""])
+            self._take_commands(curve, extractor, take_waiting(self._readers[curve], DEPTH))
+        found = take_waiting(self._readers[""], DEPTH)
         if not found:
             self._fit_type()
         elif self._series:
@@ -160,18 +161,6 @@ def _curves(
         "freerun": simulated,
         "residual": residual,
     }
-
-
-def _taken(subscription: Any) -> list[bytes]:
-    """Return the serialized messages that wait."""
-    found: list[bytes] = []
-    with subscription.handle:
-        while len(found) < DEPTH:
-            taken = subscription.handle.take_message(subscription.msg_type, True)
-            if taken is None:
-                break
-            found.append(taken[0])
-    return found
 
 
 def _nothing(_: object) -> None:

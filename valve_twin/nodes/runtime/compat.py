@@ -64,6 +64,30 @@ def take_with_info(subscription: Any) -> Any:
     return subscription
 
 
+def take_waiting(subscription: Any, most: int) -> list[bytes]:
+    """Return the serialized messages that wait at a raw subscription which no executor drives.
+
+    rclpy takes messages in its executors only, with a callback each (its C++ sister has
+    `Subscription::take`); no issue is known. Goes when a subscription of rclpy can be asked for
+    what waits.
+
+    Parameters
+    ----------
+    subscription : Subscription
+        Made with `raw=True`, of a node that belongs to no executor.
+    most : int
+        At most so many are taken [1].
+    """
+    found: list[bytes] = []
+    with subscription.handle:
+        while len(found) < most:
+            taken = subscription.handle.take_message(subscription.msg_type, True)
+            if taken is None:
+                break
+            found.append(taken[0])
+    return found
+
+
 def message_and_info(arguments: tuple[Any, ...]) -> tuple[Any, Any]:
     """Return message and info of a callback.
 
