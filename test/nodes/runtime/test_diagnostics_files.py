@@ -33,7 +33,6 @@ NODES = {"twin", "aging_monitor", "bag_recorder", "gateway", "opcua_source", "si
 EXAMPLES = {
     "valve.name": ("/press/valve_1", "/press/valve_11"),
     "name": ("/press/valve_2",),
-    "self.address": ("http://127.0.0.1:8107/", ""),  # empty while nothing is served
     "given.address": ("opc.tcp://plc:4840", "opc.tcp://10.0.0.7:4840/x"),
 }
 """What stands in the names of the reports, by the expression in the source."""

@@ -166,8 +166,12 @@ class GatewayNode(ValveNode):
         self.post(partial(self.get_logger().info, text))
 
     def _reports(self) -> Iterable[Report]:
-        report = Report(f"pages at {self.address}", self.get_namespace())
-        report.values = {"valves": len(self._configs), "moving plots": len(self._watched)}
+        report = Report("pages", self.get_namespace())
+        report.values = {
+            "address": self.address or "not served",
+            "valves": len(self._configs),
+            "moving plots": len(self._watched),
+        }
         return [report]
 
 
