@@ -33,7 +33,7 @@ class Browser:
 
     def __init__(self, folder: Path) -> None:
         if PROGRAM is None:
-            pytest.skip("needs chromium")
+            pytest.skip("chromium is not on this machine: sudo apt install chromium")
         sockets = pytest.importorskip("websockets.sync.client")
         flags = ["--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
         flags += ["--remote-debugging-port=0", f"--user-data-dir={folder}", "--hide-scrollbars"]

@@ -185,7 +185,7 @@ def found_program(name: str) -> str:
     """Return the path of a program; the test is skipped where there is none."""
     found = shutil.which(name) or shutil.which(name, path=SBIN)
     if found is None:
-        pytest.skip(f"{name} is not on this machine")
+        pytest.skip(f"{name} is not on this machine: sudo apt install mosquitto")
     return found
 
 
@@ -224,6 +224,9 @@ class Listener:
         self.client.connect("127.0.0.1", broker.port, 5)
         self.client.loop_start()
         self.wait_there()
+
+    def wait_gone(self) -> None:
+        wait_until(lambda: not self._there, "a listener that knows of the outage")
 
     def wait_there(self) -> None:
         wait_until(lambda: self._there, "a connected listener")

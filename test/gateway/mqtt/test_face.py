@@ -144,6 +144,11 @@ def is_known(state: Path, cycle: int) -> bool:
     return bool(valves and valves["/press/worn"] == cycle)
 
 
+def knows(server: Server, cycle: int) -> bool:
+    """Return whether a server shows a cycle."""
+    return bool(server.json()["/press/worn"]["cycle"] == cycle)
+
+
 def test_no_stored_cycle_is_lost_over_outages_of_broker_and_server(
     broker, listener, history, tmp_path
 ):
@@ -163,8 +168,12 @@ def test_no_stored_cycle_is_lost_over_outages_of_broker_and_server(
             wait_until(lambda: listener.of("NDEATH"), "the will")
             server = Server(history, broker.address, state)
         else:
+            listener.wait_gone()
+            wait_until(partial(knows, server, last), "a server that has read all")
+            server.process.send_signal(signal.SIGSTOP)  # what the listener misses is not lost
             broker.start()
             listener.wait_there()
+            server.process.send_signal(signal.SIGCONT)
         wait_until(partial(is_known, state, last), f"cycle {last}")
     server.end()
     heard = listener.cycles("press.worn")

@@ -125,6 +125,7 @@ def test_every_cycle_is_heard_in_order_over_outages(
                 told.end()
                 Speaker.gate.clear()
                 told = Told(history, broker)
+            listener.wait_gone()
             broker.start()
             listener.wait_there()
             Speaker.gate.set()

@@ -103,7 +103,7 @@ def make_server() -> Iterator[Callable[[], PostgresServer]]:
         None,
     )
     if found is None:
-        pytest.skip("PostgreSQL server programs (initdb, pg_ctl) are not on this machine")
+        pytest.skip("PostgreSQL's server is not on this machine: sudo apt install postgresql")
     made: list[PostgresServer] = []
 
     def make() -> PostgresServer:
