@@ -117,3 +117,11 @@ def test_a_positioner_of_the_extended_law_is_refused():
     values = (*PLAIN, ParameterValue("damping", 4.0))
     with pytest.raises(FmuError, match="cycle 3: damping belongs to the extended law"):
         valve_of("db", "/v", made(values=values, model="positioner"), record())
+
+
+def test_a_lag_of_0_becomes_one_sample_and_the_description_says_so():
+    none = valve_of("db", "/v", made(values=PLAIN, model="positioner", lag=0), record())
+    one = valve_of("db", "/v", made(values=PLAIN, model="positioner", lag=1), record())
+    assert none.delay.start == one.delay.start == 0.05
+    assert "lag 1 samples (found 0: " in none.text
+    assert "found" not in one.text

@@ -215,6 +215,7 @@ def valve_of(
     taken = _taken(valve, estimate, period)
     parameters = tuple(_parameter(p, estimate, taken) for p in law.parameters)
     lag = max(estimate.lag, 1)
+    least = "" if estimate.lag else " (found 0: held inputs act one sample later at the earliest)"
     unit = "1" if valve.normalised else ""
     inputs = tuple(Quantity(n, unit, "held over a sample", 0.0) for n in valve.inputs)
     output = Quantity(valve.output, unit, "as measured, without noise", 0.0)
@@ -230,7 +231,7 @@ def valve_of(
     text = (
         f"{name} as estimated from cycle {estimate.cycle} ({made}) of {where}: model "
         f"{estimate.model}, estimator {estimate.estimator}, sampling time {period!r} s "
-        f"({source}), lag {lag} samples; min and max of a parameter are its 95 % interval; "
+        f"({source}), lag {lag} samples{least}; min and max of a parameter are its 95 % interval; "
         f"valve_twin {__version__}"
     )
     text = text.encode("utf-8", "backslashreplace").decode()  # names of bytes that are no text

@@ -48,7 +48,33 @@ def said(options):
 def test_a_relative_tolerance_of_a_constant_that_is_0_is_none():
     moves = moves_of(Options(), absolute=False)
     assert moves.names == ("a",)
-    assert moves.sigmas == pytest.approx((0.06 / np.sqrt(3.0),))
+    assert moves.values == (pytest.approx((2.0 + 0.06 / np.sqrt(3.0),)),)
+
+
+def test_a_place_is_moved_to_both_sides_inside_its_limits():
+    by = 0.1 / np.sqrt(3.0)
+    assert moves_of(Options(tolerances=Absolute()), absolute=True).values[1] == (
+        pytest.approx((by, -by))
+    )
+    at_its_limit = Options(b=1.0, tolerances=Absolute())
+    assert moves_of(at_its_limit, absolute=True).values[1] == pytest.approx((1.0 - by,))
+    heaviest = Options(a=10.0)
+    assert moves_of(heaviest, absolute=False).values == (
+        pytest.approx((10.0 - 0.3 / np.sqrt(3.0),)),
+    )
+
+
+def test_what_moves_a_value_on_one_side_only_widens_its_interval():
+    def stopped(options):
+        one = said(options)[0]
+        x, y = one.parameters
+        x = replace(x, value=3.0 + min(options.b, 0.0))  # nothing runs into what lies higher
+        return (replace(one, parameters=(x, y)),)
+
+    options = Options(tolerances=Absolute())
+    (x, _) = with_tolerances(options, stopped, ("one",), absolute=True)[0].parameters
+    assert x.upper_95 - x.value == pytest.approx(1.959964 * 0.1 / np.sqrt(3.0), rel=1e-6)
+    assert x.reason == "limited by the tolerance of b (100 %)"
 
 
 def test_the_interval_holds_what_the_constants_change_and_the_reason_names_them():
@@ -141,3 +167,18 @@ def test_a_stop_that_may_stand_elsewhere_limits_what_the_positioner_tells():
     assert any("upper_stop" in p.reason for p in found.values())
     found, _ = estimated("positioner", changes, {"upper_stop": 0.93})
     assert not any("upper_stop" in p.reason for p in found.values())
+
+
+def test_a_stop_that_stands_lower_than_said_is_inside_its_tolerance():
+    """Nothing reaches the stop of the options, but the valve's own, which stands lower."""
+    changes = {"program.targets": (0.1, 0.95, 0.9, 0.3, 0.95, 0.95, 0.4, 0.1)}
+    simulation = configure(get_simulation("positioner"), changes)
+    *_, block = simulate_cycles(simulation, 2, 5)
+    frames, model = to_frames(block), get_model("positioner")
+    frames = replace(frames, position=np.minimum(frames.position, 0.94))
+    given = complete_options(model, {"upper_stop": 0.96, "tolerances.upper_stop": 0.03})
+    done = model.estimate(Cycle(2, simulation.period_s, frames), given)
+    found = {p.name: p for p in done[0].parameters}
+    assert "upper_stop" in found["rate_rising"].reason
+    assert found["rate_rising"].lower_95 <= 4.0 <= found["rate_rising"].upper_95
+    assert found["rate_falling"].lower_95 <= 3.0 <= found["rate_falling"].upper_95

@@ -136,7 +136,7 @@ def follow_step(numbers: Numbers, share: float, changes: Mapping[str, float]) ->
         command = decide(o, v, m, gains, weights, target, work)
         at.control_sample(state, real, m, gains, command, False)
         follow(o, v, m, state)
-    refusal = plant.failure(state)
+    refusal = plant.failure(np.concatenate([state, o]))
     if refusal:
         raise ValueError(refusal)
     return _loop(plant, copper, share, states[_REST:])

@@ -141,9 +141,12 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
 
         Parameters
         ----------
-        state : (STATE_SIZE,) array
+        state : (2 STATE_SIZE,) array
             The state that `run` has written.
         """
+        if state[at.STATE_SIZE + at.FAILED]:
+            where = "the observer; set simulation.plant.known.* and .observer.* nearer the valve"
+            return failure_text(1.0, state[at.TIME], where)
         return failure_text(
             state[at.FAILED],
             state[at.TIME],

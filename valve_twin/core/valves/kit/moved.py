@@ -3,13 +3,14 @@
 """What the tolerances of known constants do to any estimate: estimated again with each moved.
 
 For a valve whose fit does not hold its constants as unknowns (`tolerances` has those that do):
-one more estimate a constant that has a tolerance, none where all are known exactly.
+one more estimate a constant that has a relative tolerance, none where all are known exactly. A
+place such as a stop or a seat acts on one side of it only, so these are moved to both.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import hypot, isfinite, sqrt
+from math import hypot, inf, isfinite, sqrt
 from typing import TYPE_CHECKING, TypeVar, cast
 
 import numpy as np
@@ -40,12 +41,13 @@ class Moves:
     ----------
     names : tuple of str
         Their names.
-    sigmas : tuple of float
-        Their standard deviations [unit of the constant].
+    values : tuple of tuple of float
+        What each is moved to: a standard deviation up or, for a place, down, too, inside its
+        limits [unit of the constant].
     """
 
     names: tuple[str, ...]
-    sigmas: tuple[float, ...]
+    values: tuple[tuple[float, ...], ...]
 
 
 def moves_of(options: DataclassInstance, *, absolute: bool) -> Moves:
@@ -58,12 +60,15 @@ def moves_of(options: DataclassInstance, *, absolute: bool) -> Moves:
     absolute : bool
         The tolerances are in the unit of the constant, not in parts of it.
     """
-    found = {}
+    found, known = {}, {d.name: d for d in describe(options)}
     for constant in describe(options.tolerances):  # type: ignore[attr-defined]
-        size = 1.0 if absolute else abs(float(getattr(options, constant.name)))
-        width = cast("float", constant.default) * size
-        if width > 0.0:
-            found[constant.name] = width / sqrt(3.0)
+        value = float(getattr(options, constant.name))
+        sigma = cast("float", constant.default) * (1.0 if absolute else abs(value)) / sqrt(3.0)
+        if sigma > 0.0:
+            lower, upper = known[constant.name].lower, known[constant.name].upper
+            sides = [x for x in (value + sigma, value - sigma) if lower <= x <= upper]
+            sides = sides or [lower, upper]
+            found[constant.name] = tuple(sides if absolute else sides[:1])
     return Moves(tuple(found), tuple(found.values()))
 
 
@@ -92,24 +97,37 @@ def with_tolerances(
         return found
     asked = tuple(name for name in options.estimators if name in of)  # type: ignore[attr-defined]
     asides = []
-    for name, by in zip(moves.names, moves.sigmas, strict=True):
-        changed = {"estimators": asked, name: getattr(options, name) + by}
-        asides.append({e.estimator: e for e in estimate(replace(options, **changed))})
+    for name, values in zip(moves.names, moves.values, strict=True):
+        changes = [{"estimators": asked, name: value} for value in values]
+        sides = [estimate(replace(options, **changed)) for changed in changes]
+        asides.append([{e.estimator: e for e in side} for side in sides])
     return tuple(
-        _widened(e, [aside[e.estimator] for aside in asides], moves) if e.estimator in of else e
+        _widened(e, [[side[e.estimator] for side in sides] for sides in asides], moves)
+        if e.estimator in of
+        else e
         for e in found
     )
 
 
-def _widened(estimate: Estimate, asides: Sequence[Estimate], moves: Moves) -> Estimate:
-    """Return an estimate whose limits hold what each constant, moved, changes in it."""
+def _widened(estimate: Estimate, asides: Sequence[Sequence[Estimate]], moves: Moves) -> Estimate:
+    """Return an estimate whose limits hold what each constant, moved, changes in it at most."""
     parameters = tuple(
-        _around(p, np.array([a.value(p.name) - p.value for a in asides]), moves.names)
+        _around(
+            p,
+            np.array([max(_off(p, side) for side in sides) for sides in asides]),
+            moves.names,
+        )
         if p.usable
         else p
         for p in estimate.parameters
     )
     return replace(estimate, parameters=parameters)
+
+
+def _off(p: ParameterValue, moved: Estimate) -> float:
+    """Return how far a parameter moved, infinite where it was lost."""
+    off = abs(moved.value(p.name) - p.value)
+    return off if isfinite(off) else inf
 
 
 def _around(p: ParameterValue, moved: FloatArray, names: Sequence[str]) -> ParameterValue:

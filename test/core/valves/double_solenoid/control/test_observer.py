@@ -96,6 +96,15 @@ def test_the_noise_of_the_sensor_follows_the_seed_and_any_block_gives_its_bits()
     np.testing.assert_array_equal(np.concatenate(parts), one)
 
 
+def test_an_observer_that_fails_ends_the_run_and_says_so():
+    plant = replace(PLANT, known=KnownNumbers(mass=1e-6))
+    position, state = run(plant, np.repeat([0.5, 0.75], 100))
+    assert np.isnan(position[-1])
+    assert plant.failure(state).startswith("integration failed at 0.0")
+    assert "plant.known.*" in plant.failure(state)
+    assert PLANT.failure(run(PLANT, np.full(10, 0.5))[1]) == ""
+
+
 def test_numbers_out_of_range_are_refused_by_name():
     with pytest.raises(ValueError, match=r"ObserverConfig.rate = 0.0: must be"):
         ObserverConfig(rate=0.0)

@@ -192,6 +192,7 @@ def run_valve(
             control_sample(s, v, m, g, command, stuck)
             if controller.kind == TRAJECTORY_SET:
                 follow(o, controller.known, m, s)
+                s[at.FAILED] = max(s[at.FAILED], o[at.FAILED])
             for j in range(2):
                 s[at.LOG_VOLTS_A + j] += s[at.VOLTS_A + j] / samples
                 s[at.LOG_A + j] += s[at.MEAN_A + j] / samples
