@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import sqlite3
 import threading
+import time
 from typing import TYPE_CHECKING
 
 import pytest
@@ -176,3 +177,28 @@ def test_a_machine_without_a_thread_to_spare_shows_what_there_was(path, monkeypa
         assert plant.view() is before
     assert plant.view().rows == before.rows
     assert not plant._reading.locked()
+
+
+def test_a_history_that_does_not_answer_any_more_is_told(path, monkeypatch):
+    plant = Plant(str(path))
+    before = plant.view()
+    monkeypatch.setattr(module, "WAIT_S", 0.0)
+    monkeypatch.setattr(module, "LATE_S", 0.05)
+    store(path, "/b", range(4, 5), 0.0)
+    go_on = threading.Event()
+    describe = describe_valve
+
+    def slow(*given):
+        assert go_on.wait(60.0)
+        return describe(*given)
+
+    monkeypatch.setattr(module, "describe_valve", slow)
+    end = time.monotonic() + 60.0
+    while not (late := plant.view()).failure:
+        assert time.monotonic() < end
+    assert late.rows == before.rows
+    assert "history.sqlite: does not answer for " in late.failure
+    go_on.set()
+    while [row.cycle for row in plant.view().rows if row.valve == "/b"] != [4]:
+        assert time.monotonic() < end
+    assert not plant.view().failure

@@ -43,6 +43,9 @@ core at most, also where a large file cannot be opened and is checked again and 
 WAIT_S = 0.5
 """Who looks while the history is read waits at most so long, then sees what there was [s]."""
 
+LATE_S = 30.0
+"""A reading that takes longer, as with a database that does not answer any more, is told [s]."""
+
 COURSE = 60
 """Estimates of the small course beside a valve's name [1]."""
 
@@ -121,26 +124,36 @@ class Plant:
         self._history: History | None = None
         self._view = _NOTHING
         self._due_s = time.monotonic()
+        self._begun_s: float | None = None
         self._states: dict[str, tuple[Mark, ValveState]] = {}
         self._courses: dict[str, tuple[float, ...]] = {}
         self._details = DetailsOf()
 
     def view(self) -> View:
         """Return all valves; a history that cannot be read is said, nothing is raised."""
-        nothing = self._view is _NOTHING  # the first reading is waited for, however long it takes
-        wait_s = -1.0 if nothing else WAIT_S
+        wait_s = LATE_S if self._view is _NOTHING else WAIT_S
         if time.monotonic() >= self._due_s and self._reading.acquire(timeout=wait_s):
+            self._begun_s = time.monotonic()
             if self._view.read_ns:
                 reader = threading.Thread(target=self._read_once, name="history", daemon=True)
                 try:
                     reader.start()
                 except RuntimeError:  # no thread is to be had: what there was is shown
-                    self._reading.release()
+                    self._end_reading()
                 else:
                     reader.join(WAIT_S)
             else:
                 self._read_once()
-        return self._view
+        begun_s = self._begun_s
+        late_s = 0.0 if begun_s is None else time.monotonic() - begun_s
+        if late_s < LATE_S:
+            return self._view
+        where = self._view.where or "the history"
+        return replace(self._view, failure=f"{where}: does not answer for {late_s:.0f} s")
+
+    def _end_reading(self) -> None:
+        self._begun_s = None
+        self._reading.release()
 
     def _read_once(self) -> None:
         """Read where it is due; lets go of the reading that was taken."""
@@ -151,7 +164,7 @@ class Plant:
                 end_s = time.monotonic()
                 self._due_s = end_s + max(REFRESH_S, REST * (end_s - begun_s))
         finally:
-            self._reading.release()
+            self._end_reading()
 
     def page(self, valve: str) -> str | None:
         """Return the report page of a valve; None where the history does not know it.
