@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from valve_twin.core.valves.interface import ValveModel
 
-_COLOURS = ("#1b2026", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#7a4f00")
+_COLOURS = ("#1b2026", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#7a4f00", "#e69f00")
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +109,7 @@ def _trend_tab(parameter: str) -> Tab:
         "prediction_upper_95",
         "reference",
         "threshold",
+        "warning",
     )
     drift = _curves(
         *trend, "drift_reference", "drift_reference_lower_95", "drift_reference_upper_95"

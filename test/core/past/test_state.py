@@ -335,6 +335,7 @@ def test_segments_and_verdict_are_those_of_all_estimates():
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(7200)
 def test_segments_are_those_of_all_estimates_in_300_histories():
     segments, verdicts = same_segments(range(1000, 1300))
     assert segments >= 291  # measured: 296; 3 % allow for another BLAS

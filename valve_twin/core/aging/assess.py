@@ -24,7 +24,12 @@ from valve_twin.core.aging.drift import (
     with_drift,
 )
 from valve_twin.core.aging.life import axis_rate, date_after
-from valve_twin.core.aging.limits.states import held_limits, limit_state, lost_shares
+from valve_twin.core.aging.limits.states import (
+    held_limits,
+    limit_state,
+    lost_shares,
+    with_warnings,
+)
 from valve_twin.core.aging.products import product_numbers, same_product
 from valve_twin.core.aging.series import (
     History,
@@ -291,11 +296,12 @@ def _judge(
     trend = _with_laws(_with_line(trend, line), present.fit)
     trend = with_drift(trend, present, reference, resolution)
     held = held_limits(reference, pieces, series, lines, config, trend.parameter)
-    limit = nearest_limit(trend, present, reference, config, confidence, held.alarm)
+    lost = lost_shares(trend, pieces, series, lines, config)
+    held = with_warnings(held, lost, config)
+    limit = nearest_limit(trend, present, reference, config, confidence=confidence, held=held)
     trend = _with_life(trend, limit, config)
     if not _is_sure(trend, limit, begun=begun):
         trend = _without_forecast(trend)
-    lost = lost_shares(trend, pieces, series, lines, config)
     trend = replace(trend, share_lost=max((x.share for x in lost), default=_NAN))
     drifting = line.p_value < config.significance
     trend = replace(trend, status=TrendStatus.DRIFTING if drifting else TrendStatus.STEADY)

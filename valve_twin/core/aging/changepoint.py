@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
-from valve_twin.core.aging.trend import RESOLUTION, TINY
+from valve_twin.core.aging.trend import MAX_AUTOCORRELATION, RESOLUTION, TINY
 from valve_twin.core.estimation.data.robust import robust_sigma
 
 if TYPE_CHECKING:
@@ -231,6 +231,34 @@ def _off_lines(
     return power, product
 
 
+def left_by(x: FloatArray, y: FloatArray, bounds: IntArray) -> tuple[float, float]:
+    """Return the sums of squares and of lag-1 products of the residuals of straight pieces.
+
+    Parameters
+    ----------
+    x, y : (N,) arrays
+        Axis positions [axis unit] and values [unit] without outliers.
+    bounds : (K + 1,) int64 array
+        0, the first index of each further piece, and N.
+    """
+    u, v = (x - x[0]) / (x[-1] - x[0]) - 0.5, y - y.mean()
+    return _off_lines(_sums(u, v), u, v, bounds)
+
+
+def log_left(power: float, product: float, floor: float) -> float:
+    """Return log(S (1 - rho^2)) of residuals: what is left of AR(1) scatter.
+
+    Parameters
+    ----------
+    power, product : float
+        Sums of their squares and of their lag-1 products [unit^2].
+    floor : float
+        Square sum below which they are round-off [unit^2].
+    """
+    rho = min(max(product / power, 0.0), MAX_AUTOCORRELATION) if power > floor else 0.0
+    return float(np.log((power + floor) * (1.0 - rho * rho)))
+
+
 def best_lines(
     x: FloatArray,
     y: FloatArray,
@@ -278,10 +306,7 @@ def best_lines(
         if grid > 1:
             _refine(sums, bounds, least, grid)
         power, product = _off_lines(sums, u, v, bounds)
-        rho = min(max(product / power, 0.0), 0.95) if power > floor else 0.0
-        score = n * np.log((power + floor) * (1.0 - rho * rho)) + (
-            k - 1
-        ) * penalty_scale * penalty(n)
+        score = n * log_left(power, product, floor) + (k - 1) * penalty_scale * penalty(n)
         if score < best:
             best, chosen = score, bounds
     return chosen

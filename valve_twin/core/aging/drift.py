@@ -33,6 +33,7 @@ from valve_twin.core.estimation.data.one_thread import dot
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from valve_twin.core.aging.limits.states import Held
     from valve_twin.core.aging.verdict import Trend
     from valve_twin.core.types import FloatArray, IntArray, Maintenance
 
@@ -307,10 +308,11 @@ def nearest_limit(
     present: Present,
     reference: Reference,
     config: AgingConfig,
+    *,
     confidence: float = 0.95,
-    held: Sequence[Threshold] = (),
+    held: Held,
 ) -> Limit:
-    """Return the threshold that is reached first: beyond already, else soonest, else nearest.
+    """Return the threshold that counts: passed, else warned of, else soonest, else nearest.
 
     Parameters
     ----------
@@ -324,31 +326,36 @@ def nearest_limit(
         Thresholds.
     confidence : float
         That of the limits of what remains [1].
-    held : sequence of Threshold
-        Those that were passed and still count as passed (`core.aging.limits`).
+    held : Held
+        What was passed and still counts as passed (`core.aging.limits`).
     """
     limits = [
         (t, _life_to(t, trend, present, reference, confidence))
         for t in wanted_limits(config, trend.parameter)
     ]
     usable = [
-        replace(
-            _passed(m) if t in held else m,
-            warning=reference.value + config.warning_share(t) * (m.value - reference.value),
+        (
+            t in held.warning,
+            replace(
+                _passed(m) if t in held.alarm else m,
+                warning=reference.value + config.warning_share(t) * (m.value - reference.value),
+            ),
         )
         for t, m in limits
         if np.isfinite(m.value)
     ]
-    return min(
+    _, limit = min(
         usable,
-        key=lambda m: (
-            not m.beyond,
-            m.remaining.median,
-            m.remaining.low,
-            abs(m.value - trend.level),
+        key=lambda found: (
+            not found[1].beyond,
+            not found[0],
+            found[1].remaining.median,
+            found[1].remaining.low,
+            abs(found[1].value - trend.level),
         ),
-        default=NO_LIMIT,
+        default=(False, NO_LIMIT),
     )
+    return limit
 
 
 def _passed(limit: Limit) -> Limit:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.aging.changepoint import penalty
+from valve_twin.core.aging.changepoint import log_left, penalty
 from valve_twin.core.aging.laws.fit import law_shape
 from valve_twin.core.aging.laws.shapes import condense
 from valve_twin.core.aging.trend import RESOLUTION, TINY, residuals
@@ -131,5 +131,4 @@ def _waves(x: FloatArray, y: FloatArray, shape: FloatArray) -> list[tuple[FloatA
 
 def _score(rest: FloatArray, floor: float) -> float:
     power = dot(rest, rest)
-    rho = min(max(dot(rest[1:], rest[:-1]) / power, 0.0), 0.95) if power > floor else 0.0
-    return float(len(rest) * np.log((power + floor) * (1.0 - rho * rho)))
+    return len(rest) * log_left(power, dot(rest[1:], rest[:-1]), floor)

@@ -96,7 +96,7 @@ def limit_code(state: LimitState, parameter: str) -> str:
     return f"limit_{state.text}.{parameter}"
 
 
-def limit_event(trend: Trend, last: LimitState) -> Event | None:
+def limit_event(trend: Trend, last: LimitState, cycle: int = 0) -> Event | None:
     """Return the entry of a trend whose state differs from the last known one; None where not.
 
     Parameters
@@ -105,14 +105,17 @@ def limit_event(trend: Trend, last: LimitState) -> Event | None:
         What is said now.
     last : LimitState
         What was said last; a parameter that was never said to be beyond a limit is within.
+    cycle : int
+        The last in the trend [1], 0 = not known.
     """
     state = trend.limit_state
     if state in (LimitState.NONE, last or LimitState.WITHIN):
         return None
     limits = f"warning limit {trend.warning:.4g}, service limit {trend.threshold:.4g}"
-    text = f"{trend.parameter} {state.text}: level {trend.level:.4g} {trend.unit}, {limits}"
+    unit = "" if trend.unit == "1" else f" {trend.unit}"
+    text = f"{trend.parameter} {state.text}: level {trend.level:.4g}{unit}, {limits}"
     status = LIMIT_STATES[state].value
-    return Event(trend.stamp_ns, 0, limit_code(state, trend.parameter), status, one_line(text))
+    return Event(trend.stamp_ns, cycle, limit_code(state, trend.parameter), status, one_line(text))
 
 
 def maintenance_event(mark: Maintenance) -> Event:

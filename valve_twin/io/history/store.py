@@ -85,7 +85,7 @@ class History:
         Path of a SQLite file (made where it is missing), sqlite:///file.db, or
         postgresql://user@host/name.
     read_only : bool
-        Never write; the database must exist.
+        Never write the database; it must exist.
     busy_timeout_s : float
         How long to wait for another program's lock [s].
     software : str

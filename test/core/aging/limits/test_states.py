@@ -108,3 +108,24 @@ def test_a_limit_may_have_a_warning_of_its_own(history, scatter):
         found = judged(values, config)
         assert found.trends[0].limit_state is state
         assert (found.verdict.kind is VerdictKind.VALVE) == (state is LimitState.WARNING)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("levels", "warning"),
+    [
+        ([0.87, 0.907], 0.9),  # within the hysteresis of the lower limit, rising to the upper one
+        ([0.87, 1.13], 1.1),
+        ([1.13, 0.87], 0.9),
+        ([0.78, 1.13], 1.1),
+    ],
+)
+def test_what_a_trend_warns_of_is_the_limit_that_it_shows(levels, warning, sign, history, scatter):
+    config = AgingConfig(thresholds=(LIMIT, Threshold("K_in", 20.0)))
+    ways = np.concatenate([np.ones(20), *(level * np.ones(30) for level in levels)])
+    ways[-30:] += 0.003 * np.linspace(-1.0, 1.0, 30)
+    values = history(K_in=sign * (ways + 0.002 * scatter(1, len(ways))))
+    trend = judged(values, config).trends[0]
+    assert trend.limit_state is LimitState.WARNING
+    assert trend.warning == pytest.approx(sign * warning, abs=0.003)
+    assert trend.threshold == pytest.approx(sign * (2.0 * warning - 1.0), abs=0.003)

@@ -2,6 +2,8 @@
 # Copyright 2026 valve_twin maintainers
 """A file of what is known of a valve's aging is whole and of this code, or not used."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 
@@ -103,3 +105,11 @@ def test_a_full_disk_leaves_nothing_behind(tmp_path, monkeypatch):
     with pytest.raises(OSError, match="No space"):
         write(tmp_path / "known", b"x")
     assert not list(tmp_path.iterdir())
+
+
+def test_threads_that_write_the_same_file_spoil_nothing(tmp_path, known):
+    content = packed(known)
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(lambda _: write(tmp_path / "known", content), range(200)))
+    assert load(tmp_path / "known", ORIGIN, CONFIG) is not None
+    assert [p.name for p in tmp_path.iterdir()] == ["known"]

@@ -125,6 +125,27 @@ def test_maintenance_marked_for_a_cycle_before_is_not_overlooked(path, read):
     assert found == anew(path)
 
 
+def test_beside_a_history_of_somebody_else_nothing_is_left(path, read, monkeypatch):
+    monkeypatch.setattr("os.geteuid", lambda: path.stat().st_uid + 1)
+    first = said(path)
+    assert not list(path.parent.glob("*aging*"))
+    read.clear()
+    assert said(path) == first
+    assert len(read) == 150
+
+
+def test_what_cannot_be_kept_is_read_anew_without_a_word(path, read, recwarn):
+    history_only = said(path)
+    (kept,) = path.parent.glob("*-aging*")
+    kept.unlink()
+    kept.mkdir()
+    read.clear()
+    assert said(path) == history_only
+    assert len(read) == 150
+    assert not list(path.parent.glob(".*"))
+    assert not recwarn.list
+
+
 def test_a_damaged_file_is_replaced(path, read):
     first = said(path)
     (kept,) = path.parent.glob("*-aging*")

@@ -90,10 +90,23 @@ def test_a_state_of_a_limit_enters_the_log_where_it_changes(history):
         ("limit_alarm.K_in", "out of specification", 5),
         ("limit_within.K_in", "good", 6),
     ]
-    text = "K_in warning: level 0.89 1, warning limit 0.9, service limit 0.8"
+    text = "K_in warning: level 0.89, warning limit 0.9, service limit 0.8"
     assert history.log.events(VALVE)[0].text == text
     other = replace(known, parameter="leak", stamp_ns=1, limit_state=LimitState.ALARM)
     assert history.log.add_limit(VALVE, other)
+
+
+def test_the_entry_of_a_limit_names_the_cycle_that_ends_when_the_trend_does(history):
+    known = Trend(
+        7, VALVE, "K_in", "1", "cycles", TrendStatus.DRIFTING, "", 20, 1, 1.0, 20.0, level=0.89,
+        warning=0.9, threshold=0.8, limit_state=LimitState.WARNING,
+    )  # fmt: skip
+    for cycle in (2, 3, 4):
+        history.store(VALVE, CycleRecord(cycle, 2 * cycle, 2 * cycle + 1, 10))
+    history.store("/other", CycleRecord(9, 6, 7, 10))
+    history.log.add_limit(VALVE, known)
+    history.log.add_limit(VALVE, replace(known, stamp_ns=8, limit_state=LimitState.ALARM))
+    assert [e.cycle for e in history.log.events(VALVE)] == [3, 0]
 
 
 def test_an_acknowledgement_stays_with_its_entry_and_is_one_itself(history):
@@ -141,6 +154,15 @@ def test_old_entries_go_but_no_failure_that_nobody_has_seen(history):
     assert len(found) == 21
     assert found[0] == unseen
     assert {e.code for e in found[1:]} == {"twin.start"}
+
+
+def test_the_last_stroke_test_stays_however_many_entries_follow(history):
+    for stamp in (5, 9, 7):
+        history.log.add_stroke(VALVE, Event(stamp, 0, "stroke_test.pass", "good", "tested"))
+    for number in range(100):
+        history.log.add(VALVE, Event(number, number, "twin.start", "good", "starts"))
+    assert [e.stamp_ns for e in history.log.strokes(VALVE)] == [9]
+    assert len(history.log.events(VALVE)) == 21
 
 
 def test_a_number_beyond_all_lists_nothing(history):

@@ -105,6 +105,7 @@ class Memory:
                     "pieces": result.pieces,
                     "line": asdict(result.line) if result.line else None,
                     "power": result.power,
+                    "product": result.product,
                 }
             )
             arrays += [known.off, result.found.starts, result.found.outlier]
@@ -125,7 +126,8 @@ class Memory:
             off, starts, outlier = next(rest), next(rest), next(rest)
             line = Line(**one["line"]) if one["line"] else None
             found = Stretch(starts, outlier, np.zeros(len(outlier)), float("nan"))
-            result = Search(found, one["straight"], one["pieces"], line, one["power"])
+            left = one["power"], one["product"]
+            result = Search(found, one["straight"], one["pieces"], line, *left)
             self._stored.append(_Stored(one["digest"], off, result))
 
     @contextmanager

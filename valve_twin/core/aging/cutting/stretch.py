@@ -16,7 +16,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
-from valve_twin.core.aging.changepoint import best_lines, far_from_neighbours, penalty
+from valve_twin.core.aging.changepoint import (
+    best_lines,
+    far_from_neighbours,
+    left_by,
+    log_left,
+    penalty,
+)
 from valve_twin.core.aging.joining import Joined, join
 from valve_twin.core.aging.trend import RESOLUTION, TINY, Line, fit_line
 from valve_twin.core.estimation.data.one_thread import dot
@@ -69,8 +75,8 @@ class Search:
         Straight pieces [1].
     line : Line or None
         The line through the newest; None where it has too few values to judge others.
-    power : float
-        Square sum of the residuals of all others [unit^2].
+    power, product : float
+        Sums of the squares and of the lag-1 products of the residuals of all others [unit^2].
     """
 
     found: Stretch
@@ -78,6 +84,7 @@ class Search:
     pieces: int
     line: Line | None
     power: float
+    product: float
 
 
 def searched(count: int, places: int) -> int:
@@ -123,19 +130,21 @@ def search(x: FloatArray, y: FloatArray, off: FloatArray, config: AgingConfig) -
     if len(inner) > 1 and np.count_nonzero(kept >= inner[-1]) < _FEWEST_IN_LINE:
         inner = inner[:-1]
     newest = int(starts[-1])
-    power = 0.0
+    power = product = 0.0
     for first, last in itertools.pairwise(starts.tolist()):
         line = _line_of(x[first:last], y[first:last], outlier[first:last])
         good = slice(first, last)
         if line is not None:
             rest = (y[good] - line.mean - line.slope * (x[good] - line.center))[~outlier[good]]
             power += dot(rest, rest)
+            product += dot(rest[1:], rest[:-1])
     return Search(
         Stretch(inner, outlier, wave, joined.period),
         newest,
         len(starts),
         _line_of(x[newest:], y[newest:], outlier[newest:]),
         power,
+        product,
     )
 
 
@@ -169,33 +178,44 @@ def extend(known: Search, x: FloatArray, y: FloatArray, config: AgingConfig) -> 
         count = len(x) - int(np.count_nonzero(outlier))
         floor = count * (RESOLUTION * float(np.abs(y[-1]))) ** 2 + TINY
         first = int(np.searchsorted(good, done - _BEFORE))
-        one, two = _split(x[good], y[good], first, config.min_segment)
-        gain = count * np.log((known.power + one + floor) / (known.power + two + floor))
+        u, v = x[good], y[good]
+        place = _split(u, v, first, config.min_segment)
+        one, two = (_score(known, u, v, cut, floor) for cut in ((), (place,)))
+        gain = count * (one - two) if place else 0.0
         if gain > _ALERT * config.penalty_scale * penalty(count):
             return None
     wave = np.zeros(len(x))
     return Stretch(found.starts, outlier, wave, found.period)
 
 
-@njit(cache=True)
-def _split(x: FloatArray, y: FloatArray, first: int, least: int) -> tuple[float, float]:
-    """Return what one line leaves, and what the best two leave of which one begins late.
+def _score(
+    known: Search, x: FloatArray, y: FloatArray, cuts: tuple[int, ...], floor: float
+) -> float:
+    """Return the score of the search for a value, with its newest piece cut at some places."""
+    power, product = left_by(x, y, np.array([0, *cuts, len(x)]))
+    return log_left(known.power + power, known.product + product, floor)
 
-    The second begins at `first` or later, `least` values before the end or earlier.
+
+@njit(cache=True)
+def _split(x: FloatArray, y: FloatArray, first: int, least: int) -> int:
+    """Return where the second of the best two lines begins, of those that begin late; 0 = nowhere.
+
+    That is at `first` or later, `least` values before the end or earlier.
     """
     n = len(x)
     x0, y0 = x[n - 1], y[n - 1]
     whole, late = np.zeros(6), np.zeros(6)
     for i in range(n):
         _count(whole, x[i] - x0, y[i] - y0, 1.0)
-    one = _left(whole)
-    two = one
+    low, place = _left(whole), 0
     for i in range(n - 1, max(first, least) - 1, -1):
         _count(late, x[i] - x0, y[i] - y0, 1.0)
         _count(whole, x[i] - x0, y[i] - y0, -1.0)
         if n - i >= least:
-            two = min(two, _left(whole) + _left(late))
-    return one, two
+            left = _left(whole) + _left(late)
+            if left < low:
+                low, place = left, i
+    return place
 
 
 @njit(cache=True, inline="always")

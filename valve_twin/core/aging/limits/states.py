@@ -68,13 +68,11 @@ class Held(NamedTuple):
 
     Attributes
     ----------
-    warning : bool
-        Whether a warning limit was.
-    alarm : tuple of Threshold
-        The service limits that were.
+    warning, alarm : tuple of Threshold
+        Those whose warning limit was, and those whose service limit was.
     """
 
-    warning: bool = False
+    warning: tuple[Threshold, ...] = ()
     alarm: tuple[Threshold, ...] = ()
 
 
@@ -171,7 +169,7 @@ def held_limits(
     level, half = (np.concatenate([part[i] for part in parts], axis=1) for i in (0, 1))
     level[1] = _running_mean(level[1], config.min_segment)
     half = np.hypot(half, quantile(1e6, sure) * reference.variance**0.5)
-    warning, alarm = False, []
+    warning, alarm = [], []
     for threshold in wanted_limits(config, parameter):
         way = _way(threshold, reference.value)
         if not (way and np.isfinite(way)):
@@ -179,10 +177,27 @@ def held_limits(
         gone, doubt = (level - reference.value) / way, half / abs(way)
         at, moved = config.warning_share(threshold), gone - doubt > 0.0
         band = _band(threshold, lines[-1], way, config)
-        warning = warning or _latched(gone - doubt > at, gone, at - band)
+        if _latched(gone - doubt > at, gone, at - band):
+            warning.append(threshold)
         if _latched(moved & (gone > 1.0), gone, 1.0 - band):
             alarm.append(threshold)
-    return Held(warning, tuple(alarm))
+    return Held(tuple(warning), tuple(alarm))
+
+
+def with_warnings(held: Held, lost: Sequence[Lost], config: AgingConfig) -> Held:
+    """Return what counts as passed, with the warning limits that are passed now.
+
+    Parameters
+    ----------
+    held : Held
+        What was passed since the last maintenance.
+    lost : sequence of Lost
+        What of the way to the thresholds is lost beyond doubt; empty = not known.
+    config : AgingConfig
+        Where the warning limits lie.
+    """
+    now = [x.threshold for x in lost if x.share > config.warning_share(x.threshold)]
+    return held._replace(warning=(*held.warning, *(t for t in now if t not in held.warning)))
 
 
 def limit_state(trend: Trend, lost: Sequence[Lost], held: Held, config: AgingConfig) -> LimitState:
@@ -195,18 +210,18 @@ def limit_state(trend: Trend, lost: Sequence[Lost], held: Held, config: AgingCon
     lost : sequence of Lost
         What of the way to its thresholds is lost beyond doubt; empty = not known.
     held : Held
-        What was passed since the last maintenance.
+        What counts as passed, the present included.
     config : AgingConfig
         Where the warning limits lie.
     """
     if trend.status is TrendStatus.NOT_ENOUGH_DATA or not np.isfinite(trend.threshold):
         return LimitState.NONE
-    sure = held.warning or not lost or max(x.share for x in lost) > 0.0
+    sure = bool(held.warning) or not lost or max(x.share for x in lost) > 0.0
     if trend.status is TrendStatus.BEYOND_THRESHOLD:
         return LimitState.ALARM if sure or held.alarm else LimitState.NONE
-    places = [(x, config.warning_share(x.threshold)) for x in lost]
-    if held.warning or any(x.share > at for x, at in places):
+    if held.warning:
         return LimitState.WARNING
+    places = [(x, config.warning_share(x.threshold)) for x in lost]
     within = all(x.most < at or x.level < at - x.band for x, at in places)
     return LimitState.WITHIN if within else LimitState.NONE
 

@@ -2,8 +2,9 @@
 # Copyright 2026 valve_twin maintainers
 """What is known of one valve's aging in a file, with a check sum.
 
-The file saves reading the history and changes nothing: it is written beside its place and renamed,
-and one that is damaged, of another build, valve or layout is not used.
+The file saves reading the history and changes nothing: every writer writes it beside its place
+under a name of his own and renames it, and one that is damaged, of another build, valve or layout
+is not used.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import secrets
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -122,9 +124,11 @@ def write(path: Path, content: bytes) -> None:
     OSError
         If the disk does not take it.
     """
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    part = path.with_name(f".{path.name}.{secrets.token_hex(8)}.part")
     try:
-        part.write_bytes(_MAGIC + hashlib.blake2b(content).hexdigest().encode() + b"\n" + content)
+        with part.open("xb") as file:
+            file.write(_MAGIC + hashlib.blake2b(content).hexdigest().encode() + b"\n")
+            file.write(content)
         os.replace(part, path)
     except OSError:
         part.unlink(missing_ok=True)

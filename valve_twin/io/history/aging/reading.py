@@ -2,13 +2,17 @@
 # Copyright 2026 valve_twin maintainers
 """Read what the trend of a valve is made of, of a long history only what came since.
 
-What was read is kept beside a SQLite history. It is used only where the history still holds the
-very row that was read last and no row came behind it for a cycle before: else all is read anew.
+What was read is kept beside a SQLite history, also one that is open for reading only, by the
+user that the history belongs to: nobody else leaves files there. It is used only where the history
+still holds the very row that was read last and no row came behind it for a cycle before: else all
+is read anew.
 """
 
 from __future__ import annotations
 
+import os
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import sqlalchemy as sa
@@ -106,13 +110,21 @@ def keep_known(
     path, place = history.snapshot_path(valve, "aging"), known.place
     newest = place.pop("newest")
     new = place["rows"] - place.get("kept", 0)
-    if path is None or place["rows"] < WORTH:
+    if path is None or place["rows"] < WORTH or not _is_own(history):
         return
     if new >= _NEW or newest - place["looked"] >= 100 * _NEW:
         known.place = {**place, "kept": place["rows"], "looked": newest}
         origin = origin_of(valve, model)
         with suppress(OSError):  # a folder that takes nothing: it is read anew
             write(path, pack(freeze(known.state), known.memory, known.place, origin, config))
+
+
+def _is_own(history: History) -> bool:
+    """Return whether the file of a SQLite history belongs to the user of this process."""
+    try:
+        return Path(history.where).stat().st_uid == os.geteuid()
+    except OSError:
+        return False
 
 
 def _rows(history: History, valve: str, at: list[int], newest: int) -> Iterator[Mapping[str, Any]]:

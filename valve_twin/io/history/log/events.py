@@ -3,7 +3,8 @@
 """The event log in the history: entries are added, acknowledged, and dropped when they are old.
 
 A log is bounded: beyond the newest entries stands the first of each kind of failure that nobody
-has acknowledged, so that one that comes and goes does not fill the disk.
+has acknowledged, so that one that comes and goes does not fill the disk, and the last stroke test,
+so that it is known when the next one is due.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import sqlalchemy as sa
 
 from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.core.operation.events import Event
+from valve_twin.core.operation.stroke_due import STROKE_CODES
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.check_sums import sealed, sound_rows
 from valve_twin.io.history.tables import EVENT, from_row, to_row
@@ -51,7 +53,7 @@ def add_events(
         In their order.
     kept : int
         Entries that may be there [1]. Of failures that nobody acknowledged the first of each code
-        stays beyond it; as many of these at most.
+        stays beyond it; as many of these at most. The last stroke test always stays.
     """
     for event in events:
         row = to_row(event, valve_id)
@@ -64,11 +66,14 @@ def add_events(
         return
     failure = sa.and_(EVENT.c.acknowledged.is_(False), EVENT.c.status == Ne107.FAILURE.value)
     first = sa.select(sa.func.min(EVENT.c.id)).where(own, failure).group_by(EVENT.c.code)
-    old = sa.delete(EVENT).where(own, EVENT.c.id <= last)
-    connection.execute(old.where(EVENT.c.id.not_in(first)))
+    strokes = sa.select(EVENT.c.id).where(own, EVENT.c.code.in_(STROKE_CODES))
+    newest_first = EVENT.c.stamp_ns.desc(), EVENT.c.id.desc()
+    stroke = connection.scalar(strokes.order_by(*newest_first).limit(1))
+    old = sa.delete(EVENT).where(own, EVENT.c.id != (stroke or 0))
+    connection.execute(old.where(EVENT.c.id <= last, EVENT.c.id.not_in(first)))
     most = connection.scalar(newest.offset(2 * kept).limit(1))
     if most is not None:
-        connection.execute(sa.delete(EVENT).where(own, EVENT.c.id <= most))
+        connection.execute(old.where(EVENT.c.id <= most))
 
 
 def acknowledge(

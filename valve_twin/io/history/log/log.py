@@ -21,7 +21,7 @@ from valve_twin.io.history.log.events import (
     events_query,
     row_event,
 )
-from valve_twin.io.history.tables import COUNTERS, EVENT, of_valve
+from valve_twin.io.history.tables import COUNTERS, CYCLE, EVENT, of_valve
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
@@ -109,7 +109,8 @@ class OperationLog:
             last = connection.execute(own).first()
             if last is not None and trend.stamp_ns <= last.stamp_ns:
                 return False
-            event = limit_event(trend, codes[last.code] if last else LimitState.NONE)
+            before = codes[last.code] if last else LimitState.NONE
+            event = limit_event(trend, before, _cycle_at(connection, valve_id, trend.stamp_ns))
             if event is not None:
                 add_events(connection, valve_id, [event], self.kept)
         return event is not None
@@ -164,3 +165,11 @@ class OperationLog:
                 entry = Event(by.stamp_ns, 0, code, status, one_line(text))
                 add_events(connection, valve_id, [entry], self.kept)
         return seen
+
+
+def _cycle_at(connection: Connection, valve_id: int, end_ns: int) -> int:
+    """Return the cycle that ends at a stamp [ns], 0 = none; the newest are looked at first."""
+    query = sa.select(CYCLE.c.cycle, CYCLE.c.end_ns).where(CYCLE.c.valve_id == valve_id)
+    query = query.where(CYCLE.c.end_ns <= end_ns).order_by(CYCLE.c.cycle.desc()).limit(1)
+    found = connection.execute(query).first()
+    return int(found.cycle) if found is not None and found.end_ns == end_ns else 0
