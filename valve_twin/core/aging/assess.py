@@ -298,7 +298,15 @@ def _judge(
     held = held_limits(reference, pieces, series, lines, config, trend.parameter)
     lost = lost_shares(trend, pieces, series, lines, config)
     held = with_warnings(held, lost, config)
-    limit = nearest_limit(trend, present, reference, config, confidence=confidence, held=held)
+    limit = nearest_limit(
+        trend,
+        present,
+        reference,
+        config,
+        confidence=confidence,
+        held=held.alarm,
+        warned=held.warning,
+    )
     trend = _with_life(trend, limit, config)
     if not _is_sure(trend, limit, begun=begun):
         trend = _without_forecast(trend)

@@ -33,7 +33,6 @@ from valve_twin.core.estimation.data.one_thread import dot
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from valve_twin.core.aging.limits.states import Held
     from valve_twin.core.aging.verdict import Trend
     from valve_twin.core.types import FloatArray, IntArray, Maintenance
 
@@ -310,7 +309,8 @@ def nearest_limit(
     config: AgingConfig,
     *,
     confidence: float = 0.95,
-    held: Held,
+    held: Sequence[Threshold] = (),
+    warned: Sequence[Threshold] = (),
 ) -> Limit:
     """Return the threshold that counts: passed, else warned of, else soonest, else nearest.
 
@@ -326,8 +326,8 @@ def nearest_limit(
         Thresholds.
     confidence : float
         That of the limits of what remains [1].
-    held : Held
-        What was passed and still counts as passed (`core.aging.limits`).
+    held, warned : sequence of Threshold
+        Those that count as passed, and those whose warning limit does (`core.aging.limits`).
     """
     limits = [
         (t, _life_to(t, trend, present, reference, confidence))
@@ -335,9 +335,9 @@ def nearest_limit(
     ]
     usable = [
         (
-            t in held.warning,
+            t in warned,
             replace(
-                _passed(m) if t in held.alarm else m,
+                _passed(m) if t in held else m,
                 warning=reference.value + config.warning_share(t) * (m.value - reference.value),
             ),
         )
