@@ -17,6 +17,9 @@ from valve_twin.core.types import CycleRule
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.bags.read import bag_info
 from valve_twin.io.config.valve import load_config
+from valve_twin.io.configure.channels import look
+from valve_twin.io.configure.survey import choose
+from valve_twin.io.instruments.clock import ClockChoice
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -167,6 +170,26 @@ def test_strokes_without_a_command_give_timing_and_no_verdict(tmp_path):
     config, found = chain(tmp_path, [tmp_path / "a.csv"])
     assert len(found) == 6
     assert "no command recorded" in config.aging.label
+
+
+def test_strokes_without_a_command_are_cut_alike_over_many_files(tmp_path):
+    rng = np.random.default_rng(5)
+    stroke = slew_valve(np.repeat([5.0, 35.0, 20.0, 5.0], [50, 100, 100, 150]), seed=3)
+    for k in range(12):
+        values = stroke + rng.normal(0.0, 0.02, len(stroke))
+        survey(tmp_path / f"run_{k:02d}.csv", {"stroke [mm]": values})
+    _, found = chain(tmp_path, sorted(tmp_path.glob("run_*.csv")))
+    assert [e["file"] for e in found[:-1]] == [f"run_{k:02d}" for k in range(11)]
+    assert all(e["status"] != "REFUSED" for e in found[:-1])
+
+
+def test_a_cycle_in_counted_rows_is_not_told_as_measured_seconds(tmp_path):
+    found = survey(tmp_path / "a.csv", {"stroke [mm]": slew_valve(switched())})
+    counted = tmp_path / "b.csv"
+    lines = (tmp_path / "a.csv").read_text(encoding="utf-8").splitlines()
+    counted.write_text("\n".join(line.split(",")[1] for line in lines), encoding="utf-8")
+    assert "NOT MEASURED" not in choose(found)[1].plan.reason
+    assert "NOT MEASURED" in choose(look([counted], ClockChoice()))[1].plan.reason
 
 
 def test_the_rig_gives_what_its_own_configuration_gives(root, measured, tmp_path):

@@ -168,3 +168,10 @@ def test_the_boiler_valve_is_read_with_its_units(shared):
     units = {c.name: c.unit for c in found.columns}
     assert (units["LC74_20CV_pct"], units["P74_00_P1_kPa"]) == ("pct", "kPa")
     assert found.measured
+
+
+@pytest.mark.parametrize("time", [lambda i: i // 4, lambda i: 60 - i])
+def test_a_time_that_does_not_rise_is_named_where_rows_are_counted(tmp_path, time):
+    found = recorded(tmp_path / "a.csv", "t [s],x\n" + rows(lambda i: f"{time(i)},{i % 5}"))
+    assert not found.measured
+    assert "column 't [s]' rises in" in found.clock

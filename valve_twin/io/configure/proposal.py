@@ -281,6 +281,11 @@ def reasons(survey: Survey, choice: Choice, count: int) -> list[str]:
             f"model: {choice.repeat.model}: no command is recorded, so only timing and level of "
             "each cycle are followed",
         ]
+        if not choice.repeat.options:
+            lines.append(
+                "doubt: the mean cycle ends in no steady part, so cycles will be refused; set "
+                f"the windows of {choice.repeat.model} under options by hand"
+            )
     else:
         lines += _pair_lines(survey, choice)
     lines.append(f"cycles: rule {choice.plan.rule.value}: {choice.plan.reason}")

@@ -110,7 +110,8 @@ def choose(survey: Survey, *, position: str = "") -> tuple[Survey, Choice]:
         survey, driven = split_command(survey, pairs[0]) or (survey, None)
     if driven is not None:
         answer = driven.roles[0].source
-        return _timed(survey, answer), Choice(driven.cycles, driven=driven, copies=copies)
+        plan = _doubted(survey, driven.cycles)
+        return _timed(survey, answer), Choice(plan, driven=driven, copies=copies)
     unsure = not (pairs and (pairs[0].named or pairs[0].arx > _SURE))
     if unsure:
         own = {k: s for k, s in signals.items() if k not in copies}
@@ -127,7 +128,18 @@ def choose(survey: Survey, *, position: str = "") -> tuple[Survey, Choice]:
     if repeat is None:
         msg = f"{_first(survey)}: {_nothing(survey, copies)}"
         raise BagError(msg)
-    return _timed(survey, repeat.channel), Choice(repeat.plan, repeat=repeat, copies=copies)
+    survey = _timed(survey, repeat.channel)
+    if all(r.start_ns is None for r in survey.recordings):  # windows cut on from file to file
+        survey = replace(survey, gap_s=survey.period_s)
+    return survey, Choice(_doubted(survey, repeat.plan), repeat=repeat, copies=copies)
+
+
+def _doubted(survey: Survey, plan: CyclePlan) -> CyclePlan:
+    """Return a plan that says so where its seconds are invented."""
+    first = survey.recordings[0]
+    if first.measured or survey.clock.period_s:
+        return plan
+    return replace(plan, reason=f"{plan.reason}; NOT MEASURED: {first.clock}")
 
 
 def _nothing(survey: Survey, copies: Mapping[str, str]) -> str:
@@ -181,6 +193,7 @@ def _followed(survey: Survey, pairs: list[Pair], copies: dict[str, str]) -> tupl
         first = survey.signals[pair.command]
         mapped = Signal("command", first.stamp_ns, trials[0].command.of(first.values))
         plan = _even(plan_cycles([mapped], timed.period_s, has_counter=False), timed, mapped)
+        plan = _doubted(survey, plan)
         others = [p for p in pairs if p is not pair]
         made = Choice(plan, pair, trials, halves, others=others, copies=copies)
         found = timed, replace(made, baseline=baseline)

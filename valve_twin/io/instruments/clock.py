@@ -82,6 +82,8 @@ def with_clock(sheet: Sheet, choice: ClockChoice) -> Recording:
         period_s, clock = _period(sheet.preamble, choice.period_s)
         seconds = np.arange(count, dtype=np.float64) * period_s
         measured = clock != _COUNTED and not choice.period_s
+        if clock == _COUNTED:
+            clock = _useless(columns) or clock
         return _recording(sheet, columns, seconds, clock, measured=measured)
     time = columns[at]
     scale, clock, measured = _scale(time, choice.scale)
@@ -159,6 +161,23 @@ def _find(columns: Sequence[RawColumn]) -> int | None:
         elif at == 0 and known is None and _regular(steps) and not _counts(column.values):
             ranks.append((4, at))
     return min(ranks)[1] if ranks else None
+
+
+def _useless(columns: Sequence[RawColumn]) -> str:
+    """Say which column looks like the time and cannot be it, empty where none does."""
+    for column in columns:
+        name, unit = split_name(column.name)
+        known = known_unit(column.unit or unit)
+        told = known is not None and known.quantity == "time"
+        if not (column.dated or told or (known is None and "time" in roles_of(name, "")[:1])):
+            continue
+        steps = np.diff(column.values)
+        if len(steps) and (risen := float(np.mean(steps > 0))) < _RISES:
+            return (
+                f"rows are counted: column '{column.name}' rises in {100.0 * risen:.3g} % of the "
+                f"rows, {100.0 * _RISES:.0f} % would make it the time"
+            )
+    return ""
 
 
 def _counts(values: FloatArray) -> bool:

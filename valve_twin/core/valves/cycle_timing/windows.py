@@ -35,10 +35,14 @@ def windows_of(cycle: FloatArray, period_s: float) -> Mapping[str, object]:
         Empty where the cycle ends in no steady part.
     """
     n, span = len(cycle), float(np.ptp(cycle))
-    level = float(np.median(cycle[n // 2 :]))
-    off = np.flatnonzero(np.abs(cycle - level) > _STEADY * span)
-    settled = int(off[-1]) + 1 if len(off) else 0
-    if span == 0.0 or n - settled < n // 8:
+    least = max(1, n // 8)
+    for part in (n // 2, least):  # a cycle of several levels is steady at its end only
+        level = float(np.median(cycle[-part:]))
+        off = np.flatnonzero(np.abs(cycle - level) > _STEADY * span)
+        settled = int(off[-1]) + 1 if len(off) else 0
+        if n - settled >= least:
+            break
+    if span == 0.0 or n - settled < least:
         return {}
     # the last lonely peak before the steady part: a start-up at the cycle's begin has no rise
     above = np.flatnonzero(cycle[: settled + 1] > level + 0.25 * span)
