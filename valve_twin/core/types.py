@@ -181,20 +181,19 @@ class Cycle:
 
     Attributes
     ----------
-    number : int
-        Cycle number, counted on from the history or read from the counter topic.
+    number, since : int
+        Cycle number, counted on from the history or read from the counter topic; the first cycle
+        of new references after maintenance, 0 = there was none.
     period_s : float
         Nominal sampling time of the position [s].
     frames : Frames
         The samples of the cycle.
-    lost : int
-        Position samples known to be missing inside the cycle (gaps over 1.5 periods).
-    missed_cycles : int
-        Cycles missed before this one; -1 = unknown.
-    accepted, reason : bool, str
-        Whether the cycle is handed to estimation, and why in one line.
-    reproducible : bool
-        All inputs carried header stamps and none was lost.
+    lost, missed_cycles : int
+        Position samples known to be missing inside the cycle (gaps over 1.5 periods); cycles
+        missed before this one, -1 = unknown.
+    accepted, reason, reproducible : bool, str, bool
+        Whether the cycle is handed to estimation, and why in one line; whether all inputs carried
+        header stamps and none was lost.
     """
 
     number: int
@@ -205,6 +204,7 @@ class Cycle:
     accepted: bool = True
     reason: str = ""
     reproducible: bool = True
+    since: int = 0
 
     @property
     def start_ns(self) -> int:

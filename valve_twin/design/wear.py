@@ -3,8 +3,10 @@
 """Worn dimensions of a double-stroke solenoid, and how each changes its coenergy.
 
 A dimension is changed in the section, the fields are computed again, and the difference of the
-coenergies over the change is its signature. Where a corner moves, the change is taken both ways,
-so that both meshes have the same lines and most of their error cancels.
+coenergies over the change is its signature: the secant to a size that is to be found, since wear
+bends (a gap that is half as wide again takes less than half as much again). Where a corner moves,
+the secant begins at a small change, so that both meshes have lines at the corners of either side
+and most of their error cancels.
 """
 
 from __future__ import annotations
@@ -28,10 +30,11 @@ if TYPE_CHECKING:
 GRID = MapGrid(currents=5, positions=5, fine=0.6)
 """Where the fields of a signature are computed, assumed."""
 
-SIZES: Mapping[str, float] = {"gap": 0.06, "rim": 0.15, "turns": 0.04, "steel": 0.4}
+SIZES: Mapping[str, float] = {"gap": 0.12, "rim": 0.3, "turns": 0.04, "steel": 0.4}
 """How much each dimension is changed for its signature [1], assumed."""
 
-_MOVED = ("gap", "rim")  # corners of the section move: taken both ways
+_MOVED = ("gap", "rim")  # corners of the section move: taken from a small change
+_LEAST = 0.1  # which, of the size [1], assumed
 _ROUND = 12  # decimals of a metre to which corners are the same
 
 
@@ -108,8 +111,9 @@ def compute_wear(
         more = compute_map(worn(design, name, size), grid, advance)
         less = new
         if name in _MOVED:
-            less = compute_map(worn(design, name, -size), grid, advance).coefficients
-        change = (more.coefficients - less) / (2.0 * size if name in _MOVED else size)
+            less = compute_map(worn(design, name, _LEAST * size), grid, advance).coefficients
+        part = 1.0 - _LEAST if name in _MOVED else 1.0
+        change = (more.coefficients - less) / (part * size)
         of = CoenergyMap(more.coils, more.currents, more.positions, change, more.provenance)
         if name == "steel":
             found.append(Wear(name, of))

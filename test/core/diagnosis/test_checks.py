@@ -6,7 +6,7 @@ import pytest
 
 from valve_twin.core.aging import AgingConfig, VerdictKind, assess
 from valve_twin.core.diagnosis.checks import failed_checks
-from valve_twin.core.types import Estimate, EstimateStatus, Guard, ParameterValue
+from valve_twin.core.types import Estimate, EstimateStatus, Guard, Maintenance, ParameterValue
 from valve_twin.core.valves.press_cartridge import MODEL
 
 
@@ -48,6 +48,17 @@ def test_fewer_or_older_failures_are_not_told(failing):
 
 def test_a_check_that_only_informs_is_not_told():
     assert failed_checks(history(range(1, 31), "equation-error gap of pole")) == ""
+
+
+def test_a_drifted_dimension_is_told_until_maintenance_renews_the_reference():
+    estimates = history(range(11, 26), "dimension: gap_b")
+    told = failed_checks(estimates)
+    assert told.startswith("check of dimension: gap_b failed in 15 of the newest 20 cycles")
+    assert failed_checks(estimates, 26) == ""
+    for renewed in (False, True):
+        events = (Maintenance(0, 26, "new pole", new_reference=renewed),)
+        evidence = assess(estimates, events, AgingConfig(), parameters=MODEL.parameters).verdict
+        assert ("dimension: gap_b" in evidence.evidence) is not renewed
 
 
 def test_refused_cycles_and_four_cycles_say_nothing():

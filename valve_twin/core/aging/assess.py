@@ -188,7 +188,7 @@ def assess(
         fault=diagnosis.present,
         stale=refused_lately(past),
         doubt=diagnosis.doubt,
-        failed=failed_checks(past),
+        failed=failed_checks(past, _begun(maintenance)),
         since=_first_compared(ordered, maintenance),
     )
     return Assessment(trends, verdict, tuple(detail for _, detail in results), diagnosis)
@@ -196,10 +196,14 @@ def assess(
 
 def _first_compared(history: History, maintenance: Sequence[Maintenance]) -> int:
     """Return the first cycle of the reference that gave an estimate, 1 = none yet."""
-    begun = max((m.cycle for m in maintenance if m.new_reference), default=0)
     given = history.rows.cycle[history.rows.given]
-    given = given[given >= begun]
+    given = given[given >= _begun(maintenance)]
     return int(given.min()) if len(given) else 1
+
+
+def _begun(maintenance: Sequence[Maintenance]) -> int:
+    """Return the first cycle of the newest reference by maintenance, 0 = there was none."""
+    return max((m.cycle for m in maintenance if m.new_reference), default=0)
 
 
 def _assess_parameter(

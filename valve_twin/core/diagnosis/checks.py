@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from valve_twin.core.past.columns import Past
     from valve_twin.core.types import Estimate, Guard
 
-_GRAVE = ("bounds", "identifiability", "noise at rest", "excitation", "condition number")
+_GRAVE = ("bounds", "identifiability", "noise at rest", "excitation", "condition number",
+          "dimension")  # fmt: skip
 """Beginnings of the names of checks that an estimate must pass; others only inform."""
 
 _NEWEST = 20
@@ -25,13 +26,15 @@ _SHARE = 0.5
 """Share of the newest cycles that must fail a check before it is told, assumed [1]."""
 
 
-def failed_checks(history: Iterable[Estimate] | Past) -> str:
+def failed_checks(history: Iterable[Estimate] | Past, since: int = 0) -> str:
     """Return which grave checks at least half of the newest estimates fail, empty = none.
 
     Parameters
     ----------
     history : iterable of Estimate, or Past
         Estimates of all estimators; those that feed the trend count, refused ones do not.
+    since : int
+        First cycle that counts, by maintenance with a new reference.
 
     Returns
     -------
@@ -39,7 +42,7 @@ def failed_checks(history: Iterable[Estimate] | Past) -> str:
         A clause for each, with the finding of the newest cycle that fails it.
     """
     rows = past_of(history).trend
-    given = np.flatnonzero(rows.given)
+    given = np.flatnonzero(rows.given & (rows.cycle >= since))
     newest = rows.key[given[np.argsort(rows.end_ns[given], kind="stable")[-_NEWEST:]]]
     if len(newest) < _LEAST:
         return ""

@@ -7,6 +7,7 @@ One at a time and in order; the data path does not wait for them, but see `estim
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -48,6 +49,8 @@ class Jobs:
         The last error.
     wall_s : float
         Computing time of the last estimation [s].
+    renewed : list of int
+        First cycles of new references, by maintenance [1].
     """
 
     def __init__(
@@ -66,6 +69,7 @@ class Jobs:
         self.wait = EstimateWait(longest_wait_s(node, topics))
         self.estimated = self.refused = self.failed = 0
         self.failure, self.wall_s = "", 0.0
+        self.renewed: list[int] = []
 
     def start(self, twin: Twin) -> None:
         """Begin the next job where none runs."""
@@ -95,10 +99,10 @@ class Jobs:
 
     def _submit(self, memory: Memory | None) -> None:
         assert self._job is not None
-        config = self._config
-        arguments = (
-            config.name, config.model, config.options, self._job.cycle, self._ordinal, memory
-        )  # fmt: skip
+        config, cycle = self._config, self._job.cycle
+        since = max((n for n in self.renewed if n <= cycle.number), default=0)
+        cycle = replace(cycle, since=since)
+        arguments = config.name, config.model, config.options, cycle, self._ordinal, memory
         self.run(run_job, arguments, self._deliver)
 
     def _deliver(self, outcome: Outcome) -> None:

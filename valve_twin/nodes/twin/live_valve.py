@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from valve_twin.core.operation.counters import Counters, cycle_duty
 from valve_twin.core.state import Announced
 from valve_twin.core.twin import ClockJump, Estimated, Event
-from valve_twin.core.types import Cycle, Estimate, Prediction
+from valve_twin.core.types import Cycle, Estimate, Maintenance, Prediction
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.history.restart import Restart
 from valve_twin.io.history.spool import CycleSpool
@@ -113,6 +113,8 @@ class LiveValve:
             self.name, self.publishers.estimate, self.twin.number_from
         )
         self.jobs = Jobs(node, config, worker=worker, deliver=self._estimated)
+        for event in self.history.maintenance(self.name):
+            self.note(event)
         self.inputs = ValveInputs(
             node,
             config,
@@ -156,6 +158,12 @@ class LiveValve:
         self.work(force=True)
         self.publishers.flush()
         self.inputs.silence()
+
+    def note(self, event: Maintenance) -> None:
+        """Take a maintenance event, stored or withdrawn, into account."""
+        if event.new_reference:
+            renewed = [n for n in self.jobs.renewed if n != event.cycle]
+            self.jobs.renewed = renewed if event.withdrawn else [*renewed, event.cycle]
 
     def close(self) -> None:
         """Take the publishers down."""

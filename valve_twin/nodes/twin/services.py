@@ -100,6 +100,7 @@ class TwinServices:
 
         def answer(outcome: Outcome) -> None:
             if not outcome.error:
+                valve.note(event)
                 self._maintenance.publish(convert.to_message(event))
             response.success = not outcome.error
             response.message = (
@@ -115,6 +116,7 @@ class TwinServices:
 
         def answer(outcome: Outcome) -> None:
             if not outcome.error:
+                valve.note(outcome.result)
                 self._maintenance.publish(convert.to_message(outcome.result))
             response.success = not outcome.error
             told = outcome.error or f"the event at cycle {cycle} is withdrawn: it begins nothing"

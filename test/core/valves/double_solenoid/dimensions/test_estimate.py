@@ -12,13 +12,16 @@ import pytest
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.quantity import replaced
 from valve_twin.core.simulation import configure, simulate_cycles, to_frames
-from valve_twin.core.types import Cycle, EstimateStatus
+from valve_twin.core.types import Cycle, EstimateStatus, MaskCounts
 from valve_twin.core.valves.designed import Numbers
 from valve_twin.core.valves.double_solenoid import MODEL
-from valve_twin.core.valves.double_solenoid.dimensions.judge import REFERENCE_CYCLES
+from valve_twin.core.valves.double_solenoid.dimensions.estimate import judged
+from valve_twin.core.valves.double_solenoid.dimensions.fit import DimensionFit
+from valve_twin.core.valves.double_solenoid.dimensions.judge import NONE, REFERENCE_CYCLES
 from valve_twin.core.valves.double_solenoid.dimensions.published import DRIFT, ESTIMATOR
 from valve_twin.core.valves.double_solenoid.dimensions.table import options_of
 from valve_twin.core.valves.double_solenoid.numbers import DoubleSolenoidNumbers
+from valve_twin.core.valves.kit.outcome import Evidence, conclude
 from valve_twin.core.valves.registry import complete_options, get_simulation
 
 SCATTER = {f"scatter.{n}": 0.002 for n in ("friction", "resistance_a", "resistance_b")}
@@ -96,6 +99,37 @@ def test_more_friction_names_no_dimension(solenoid, new):
     assert not named(found[ESTIMATOR])
     assert found[ESTIMATOR].reason == "no dimension has drifted"
     assert found["balance"].guards[0].passed
+
+
+@pytest.mark.parametrize("share", [0.93, 1.05])
+def test_another_supply_names_no_dimension(solenoid, new, share):
+    other = replaced(solenoid.plant, {"supply_voltage": share * solenoid.plant.supply_voltage})
+    told = later(new, other, 9)[ESTIMATOR]
+    assert told.reason == "no dimension has drifted"
+    known = {p.name: p.value for p in told.parameters}
+    assert known["cycle.supply"] == pytest.approx(share - 1.0, abs=5e-3)
+
+
+def test_maintenance_renews_what_is_compared(solenoid):
+    of = np.array([0.0, 0.0, 0.0, 0.0, 0.1, *np.zeros(6)])
+    fit = DimensionFit(of, np.diag(np.full(len(of), 1e-6)), np.zeros(3), 1.0)
+    rng = np.random.default_rng(1)
+    names = tuple(w.name for w in solenoid.wear)
+    frames = next(cycles_of(solenoid.plant, 1, 1)).frames
+    earlier, said = [], {}
+    for number in range(1, 41):
+        part = (number > 16) * of + 1e-3 * rng.standard_normal(len(of))
+        since = 0 if number < 30 else 17  # told late, of a cycle that is over
+        cycle = Cycle(number, 1e-4, frames, since=since)
+        values, drift, line = judged(replace(fit, values=part), names, earlier, cycle)
+        said[number] = drift.name, line, {p.name: p.value for p in values}.get("first.cycle")
+        estimate = conclude("double_solenoid", ESTIMATOR, cycle, values,
+                            (EstimateStatus.ACCEPTED, line), Evidence(MaskCounts(1)))  # fmt: skip
+        earlier.append(estimate)
+    assert said[8] == (NONE, "no dimension has drifted", 1.0)
+    assert said[29][0] == "gap_a"
+    assert said[29][2] == 1.0
+    assert {said[n] for n in range(30, 41)} == {(NONE, "no dimension has drifted", 17.0)}
 
 
 def test_without_its_lists_the_estimator_says_what_to_do(solenoid):

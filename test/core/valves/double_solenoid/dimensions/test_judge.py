@@ -15,11 +15,15 @@ from valve_twin.core.valves.double_solenoid.dimensions.judge import (
     leftovers,
     weights_of,
 )
-from valve_twin.core.valves.double_solenoid.dimensions.published import causes_of
+from valve_twin.core.valves.double_solenoid.dimensions.published import (
+    COMPANIONS,
+    FREE,
+    causes_of,
+)
 
 NAMES = ("gap_a", "gap_b", "turns_a")
 CAUSES = causes_of(NAMES)
-COUNT = 3 + len(NAMES)
+COUNT = len(COMPANIONS) + len(NAMES)
 ROOT = np.random.default_rng(5).standard_normal((COUNT, COUNT)) + 2.0 * np.eye(COUNT)
 COVARIANCE = ROOT @ ROOT.T
 PLACES = {c.name: c.place for c in CAUSES}
@@ -74,9 +78,10 @@ def test_scatter_alone_has_no_cause():
     assert sum(n != NONE for n in names) <= 2
 
 
-def test_friction_is_no_cause():
+@pytest.mark.parametrize("name", FREE)
+def test_friction_and_supply_are_no_cause(name):
     change = np.zeros(COUNT)
-    change[1] = 500.0
+    change[COMPANIONS.index(name)] = 500.0
     assert told(2, change).name == NONE
 
 
@@ -88,7 +93,10 @@ def test_a_change_like_no_cause_is_unknown():
 def test_two_causes_that_look_alike_are_named_together():
     twin = COVARIANCE.copy()
     row = np.zeros(COUNT)
-    row[3], row[4] = 100.0, -100.0  # the difference of both gaps shows hardly
+    row[PLACES["gap_a"]], row[PLACES["gap_b"]] = (
+        100.0,
+        -100.0,
+    )  # the difference of both gaps shows hardly
     twin += np.outer(row, row)
     rng = np.random.default_rng(4)
     root = np.linalg.cholesky(twin)

@@ -3,7 +3,8 @@
 """The estimator `dimensions`: sizes from each cycle, and which has drifted since the first ones.
 
 The means of the first cycles travel with the estimates, as the reference of the features does: so
-what is said is a function of the cycle and of the estimates before it.
+what is said is a function of the cycle and of the estimates before it. After maintenance with a
+new reference the first cycles are those from the event on.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from valve_twin.core.valves.double_solenoid.dimensions.published import (
     DRIFT,
     ESTIMATOR,
     FIRST,
+    FIRST_CYCLE,
     FORCE_GAIN,
     TOLD,
     UNITS,
@@ -76,7 +78,7 @@ def judge_cycle(
         values = blank((f"{CYCLE}{n}" for n in (*COMPANIONS, *names)), refusal)
         judgement = EstimateStatus.REFUSED, refusal
         return conclude(_MODEL, ESTIMATOR, cycle, values, judgement, Evidence(MaskCounts(0))), ()
-    values, drift, line = judged(fit, names, earlier)
+    values, drift, line = judged(fit, names, earlier, cycle)
     judgement = EstimateStatus.ACCEPTED, line
     evidence = Evidence(MaskCounts(len(measured[0].x)), fit.condition)
     told = conclude(_MODEL, ESTIMATOR, cycle, values, judgement, evidence)
@@ -113,7 +115,7 @@ def _fit(
 
 
 def judged(
-    fit: DimensionFit, names: Sequence[str], earlier: Sequence[Estimate]
+    fit: DimensionFit, names: Sequence[str], earlier: Sequence[Estimate], cycle: Cycle
 ) -> tuple[tuple[ParameterValue, ...], Drift, str]:
     """Return all parameters of a cycle, its verdict, and that in one line.
 
@@ -125,21 +127,29 @@ def judged(
         Its dimensions.
     earlier : sequence of Estimate
         Estimates of the cycles before, oldest first.
+    cycle : Cycle
+        Its number, and since when it is compared.
     """
     fitted = (*COMPANIONS, *names)
     past = [e for e in earlier
-            if e.estimator == ESTIMATOR and e.status is not EstimateStatus.REFUSED]  # fmt: skip
-    rows = [_row(e, CYCLE, fitted) for e in past]
-    rows = [r for r in rows if np.isfinite(r).all()] + [fit.values]
-    first = _row(past[-1], FIRST, fitted) if past else np.full(len(fitted), np.nan)
-    if not np.isfinite(first).all() and len(rows) >= REFERENCE_CYCLES:
-        first = np.mean(rows[:REFERENCE_CYCLES], axis=0)
+            if e.estimator == ESTIMATOR and e.status is not EstimateStatus.REFUSED
+            and e.cycle >= cycle.since]  # fmt: skip
+    known = [(e.cycle, _row(e, CYCLE, fitted)) for e in past]
+    known = [(n, row) for n, row in known if np.isfinite(row).all()] + [(cycle.number, fit.values)]
+    rows = [row for _, row in known]
+    kept = _row(past[-1], "", (FIRST_CYCLE, *(f"{FIRST}{n}" for n in fitted))) if past else None
+    begun, first = (np.nan, np.full(len(fitted), np.nan)) if kept is None else (kept[0], kept[1:])
+    if not (begun >= cycle.since and np.isfinite(first).all()):  # none yet, or before the event
+        begun, first = known[0][0], np.full(len(fitted), np.nan)
+        if len(rows) >= REFERENCE_CYCLES:
+            first = np.mean(rows[:REFERENCE_CYCLES], axis=0)
     values = [ParameterValue(f"{CYCLE}{n}", float(v))
               for n, v in zip(fitted, fit.values, strict=True)]  # fmt: skip
     causes = causes_of(names)
     if not np.isfinite(first).all():
         return tuple(values), Drift(NONE), f"no reference before {REFERENCE_CYCLES} cycles"
     values += [ParameterValue(f"{FIRST}{n}", float(v)) for n, v in zip(fitted, first, strict=True)]
+    values.append(ParameterValue(FIRST_CYCLE, float(begun)))
     drift = Drift(NONE)
     if len(rows) >= REFERENCE_CYCLES:
         newest = np.array(rows[-REFERENCE_CYCLES:])

@@ -10,7 +10,8 @@ A dimension changes the coenergy by a known function dW (`table`), so to first o
 The flux balance of either coil (V summed up, less R i) is compared with psi at the currents
 before the eddy currents, G_A^-1 i, and the motion in windows of 10 ms with the force behind G_F
 (`motion.py`). Both are linear in the sizes and are solved together, with the resistances, the
-fluxes at the start, force gain, friction and the start of every window as their companions.
+supply, the fluxes at the start, force gain, friction and the start of every window as their
+companions.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from valve_twin.core.valves.double_solenoid.motion import Record
     from valve_twin.core.valves.double_solenoid.plant_kernel import Valve
 
+_SUPPLY = COMPANIONS.index("supply")
 _ROUNDS = 8
 _SHOWN = 1e-2  # combinations that the motion alone hardly shows take no step [1]
 _ENDED = 1.05  # what is left before a last step over that behind it [1]
@@ -56,9 +58,9 @@ class DimensionFit:
 
     Attributes
     ----------
-    values : (3 + D,) array
+    values : (4 + D,) array
         Companions, then sizes [their units], [1].
-    covariance : (3 + D, 3 + D) array
+    covariance : (4 + D, 4 + D) array
         As if what the fit leaves were noise.
     left : (3,) array
         What it leaves of the motion [m] and of both fluxes [Wb], rms.
@@ -182,8 +184,10 @@ def _motion_rows(
     measured = record.x[places]
     slope = np.polyfit(np.arange(8) * period, measured[:, :8].T, 1)
     starts = np.ascontiguousarray(np.stack([slope[1], slope[0]], axis=1))
-    values = np.concatenate([companions, np.zeros(len(more))])
-    spring = np.concatenate([[0.0, 0.0, v.preload_1], np.zeros(len(more))])  # its change is told
+    values = np.concatenate([companions, [0.0], np.zeros(len(more))])  # no supply in the motion
+    spring = np.concatenate(
+        [[0.0, 0.0, v.preload_1, 0.0], np.zeros(len(more))]
+    )  # its change is told
 
     def positions(at: FloatArray, whole: FloatArray, speed: float) -> FloatArray:
         moved = v._replace(force_gain=at[0], friction=max(at[1], 0.0), preload_1=at[2])
@@ -191,7 +195,7 @@ def _motion_rows(
         shift_all(moved, whole, record.x, firsts, starts, speed, period, WINDOW, out)
         return out
 
-    rows = np.empty((*measured.shape, len(values)))
+    rows = np.zeros((*measured.shape, len(values)))
     own = np.ones((*measured.shape, 2))
     for _ in range(_ROUNDS):
         whole = force + np.tensordot(values[len(COMPANIONS) :], more, axes=1)
@@ -209,6 +213,7 @@ def _motion_rows(
         left = (rows - basis @ (basis.transpose(0, 2, 1) @ rows)).reshape(-1, len(values))
         rest = residual - (basis @ (basis.transpose(0, 2, 1) @ residual[:, :, None]))[:, :, 0]
         scale = np.linalg.norm(left, axis=0)
+        scale[_SUPPLY] = 1.0
         change = np.linalg.lstsq(left / scale, rest.ravel(), rcond=_SHOWN)[0] / scale
         off = residual - rows @ change
         move = np.linalg.solve(own.transpose(0, 2, 1) @ own,
@@ -225,7 +230,7 @@ def _motion_rows(
 def _flux_rows(
     record: Record, volts: FloatArray, v: Valve, m: Curves, table: DimensionTable, coil: int
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Return rows and values of a coil's flux balance, whose solution are the sizes."""
+    """Return rows and values of a coil's flux balance: its solution is the supply and sizes."""
     period = record.period_s
     both = np.column_stack([record.current_a, record.current_b])
     early = np.empty((len(both), SUB))
@@ -241,6 +246,7 @@ def _flux_rows(
     applied = np.concatenate([[0.0], np.cumsum(volts[1:, coil])]) * period
     beside = np.column_stack([charge, np.ones(len(both))])
     rows = np.zeros((len(both), len(COMPANIONS) + len(table.names)))
+    rows[:, _SUPPLY] = -applied
     rows[:, len(COMPANIONS) :] = table.fluxes(at, record.x, coil).T
     part = slice(_THINNED, -1, _THINNED)
     basis = np.linalg.qr(beside[part])[0]

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.aging.trend import quantile
-from valve_twin.core.valves.double_solenoid.dimensions.published import COMPANIONS
+from valve_twin.core.valves.double_solenoid.dimensions.published import COMPANIONS, FREE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -41,7 +41,9 @@ AS_WELL, AS_WELL_SHARE = 3.4, 0.01
 SIGNATURE = 0.03
 """Standard error of a signature: mesh, straight line through a curve, assumed [1]."""
 
-_FRICTION = COMPANIONS.index("friction")
+_FREE = tuple(COMPANIONS.index(n) for n in FREE)
+
+_TWICE = 2.0  # standard errors of the signatures of friction and supply that a change exceeds
 
 NONE, UNKNOWN = "none", "unknown"
 
@@ -88,6 +90,14 @@ def weights_of(covariance: FloatArray) -> FloatArray:
     return found
 
 
+def _judged(covariance: FloatArray) -> FloatArray:
+    """Return the weights (P, P) without what friction and supply may have changed."""
+    white = weights_of(covariance)
+    own = np.linalg.qr(white[:, _FREE])[0]
+    found: FloatArray = white - own @ (own.T @ white)
+    return found
+
+
 def judge(
     before: FloatArray, newest: FloatArray, covariance: FloatArray, causes: Sequence[Cause]
 ) -> Drift:
@@ -104,15 +114,15 @@ def judge(
     causes : sequence of Cause
         What can have changed.
     """
-    white = weights_of(covariance)
-    friction = white[:, _FRICTION] / np.linalg.norm(white[:, _FRICTION])
-    free = white - np.outer(friction, friction @ white)  # friction has its own trend
-    off = (newest - before) @ free.T
+    white = _judged(covariance)
+    off = (newest - before) @ white.T
     change = off.mean(axis=0)
-    whole, freedom = float(change @ change), len(change) - 2
+    all_of_it = weights_of(covariance) @ (newest.mean(axis=0) - before)
+    beside = SIGNATURE * float(np.linalg.norm(all_of_it - change))  # of friction and supply
+    whole, freedom = float(change @ change), len(change) - len(FREE) - 1
     found: dict[str, tuple[float, float, float, bool]] = {}
     for cause in causes:
-        ray = free[:, cause.place]
+        ray = white[:, cause.place]
         length = float(ray @ ray)
         if length == 0.0:
             continue
@@ -122,11 +132,11 @@ def judge(
             continue
         left = whole - size**2 * length
         counts = 1.0 / len(sizes) + 1.0 / REFERENCE_CYCLES
-        scatter = float(sizes.std(ddof=1)) * counts**0.5
+        scatter, known = float(sizes.std(ddof=1)) * counts**0.5, beside / length**0.5
         limit = quantile(len(sizes) - 1, 1.0 - SURE / len(causes))
-        parts = scatter**2 + left / (freedom * length) + (SIGNATURE * size) ** 2
+        parts = scatter**2 + known**2 + left / (freedom * length) + (SIGNATURE * size) ** 2
         error = float(np.sqrt(parts))
-        found[cause.name] = (left, size, error, abs(size) > limit * scatter)
+        found[cause.name] = (left, size, error, abs(size) > limit * scatter + _TWICE * known)
     if not any(sure for *_, sure in found.values()):
         return Drift(NONE)
     ordered = sorted(found, key=lambda name: found[name][0])
@@ -153,13 +163,11 @@ def leftovers(covariance: FloatArray, causes: Sequence[Cause]) -> FloatArray:
     causes : sequence of Cause
         What can have changed; two that only differ in direction leave all of each other.
     """
-    white = weights_of(covariance)
-    friction = white[:, _FRICTION] / np.linalg.norm(white[:, _FRICTION])
-    free = white - np.outer(friction, friction @ white)
+    white = _judged(covariance)
     out = np.ones((len(causes), len(causes)))
     for k, one in enumerate(causes):
         for j, other in enumerate(causes):
-            ray, toward = (free[:, c.place] * (c.sign or 1.0) for c in (one, other))
+            ray, toward = (white[:, c.place] * (c.sign or 1.0) for c in (one, other))
             cosine = float(ray @ toward / np.sqrt((ray @ ray) * (toward @ toward)))
             if cosine > 0.0 or not (one.sign and other.sign):
                 out[k, j] = max(1.0 - cosine**2, 0.0)

@@ -18,9 +18,15 @@ ESTIMATOR = "dimensions"
 CYCLE, FIRST, DRIFT = "cycle.", "first.", "drift."
 """What names of parameters begin with: of this cycle, mean of the first ones, named change."""
 
-COMPANIONS = ("force_gain", "friction", "spring")
-"""What is fitted to the motion beside the dimensions: [1], [N], change of the preload of spring 1
-less that of spring 2 [N]."""
+FIRST_CYCLE = f"{FIRST}cycle"
+"""First of the cycles that everything is compared with."""
+
+COMPANIONS = ("force_gain", "friction", "spring", "supply")
+"""What is fitted beside the dimensions: [1], [N], change of the preload of spring 1 less that of
+spring 2 [N], all to the motion; share by which the supply is above that of the options [1]."""
+
+FREE = ("friction", "supply")
+"""Companions that may change without a cause: they have trends and causes of their own."""
 
 DIMENSIONS = {
     "gap_a": "working gap A wider, share of it",
@@ -87,6 +93,7 @@ PUBLISHED = (
         for prefix, text in ((CYCLE, "of this cycle"), (FIRST, "mean of the first cycles"))
         for n in _FITTED
     ),
+    Parameter(FIRST_CYCLE, "1", "number of the first cycle that everything is compared with"),
     *(
         Parameter(f"{DRIFT}{c.name}", UNITS.get(c.name, "1"), f"since the first cycles: {c.text}")
         for c in _CAUSES
