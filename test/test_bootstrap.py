@@ -157,8 +157,9 @@ def copied_inputs(folder: Path) -> None:
         shutil.copy(ROOT / name, folder / name)
     for name in ("tools/setup_steps", "msg_defs", "launch", "resource"):
         shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
-    (folder / "valve_twin" / "core").mkdir(parents=True)
-    (folder / "valve_twin" / "core" / "kernel.py").write_text("x = 1\n")
+    for name in ("core", "io/cdr"):
+        (folder / "valve_twin" / name).mkdir(parents=True)
+        (folder / "valve_twin" / name / "kernel.py").write_text("x = 1\n")
 
 
 def fingerprints_of(folder: Path) -> dict[str, str]:
@@ -182,6 +183,7 @@ def fingerprints_of(folder: Path) -> dict[str, str]:
         ("launch/new.launch.py", {"package"}),
         ("setup.py", {"package"}),
         ("valve_twin/core/kernel.py", {"kernels"}),
+        ("valve_twin/io/cdr/kernel.py", {"kernels"}),
         ("valve_twin/__init__.py", set()),
     ],
 )

@@ -40,7 +40,8 @@ def fingerprints(distro: str) -> dict[str, str]:
     installed = _tree("launch", "config", "layouts", "resource")
     names = [str(path.relative_to(ROOT)) for path in sorted(installed)]
     described = ("setup.py", "setup.cfg", "package.xml", "colcon_defaults.yaml")
-    kernels = [*_tree("valve_twin/core", pattern="*.py"), *ROOT.glob("valve_twin/warmup.py")]
+    compiled = ("valve_twin/core", "valve_twin/io/cdr", "valve_twin/design/field")
+    kernels = [*_tree(*compiled, pattern="*.py"), *ROOT.glob("valve_twin/warmup.py")]
     return {
         "interpreter": interpreter,
         "packages": _fingerprint(ros, [LOCK]),
