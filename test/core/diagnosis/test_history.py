@@ -10,7 +10,8 @@ import pytest
 from valve_twin.core.diagnosis.features import ESTIMATOR, NOISE
 from valve_twin.core.diagnosis.history import diagnose
 from valve_twin.core.refusal import RefusalCode
-from valve_twin.core.types import Estimate, EstimateStatus, ParameterValue
+from valve_twin.core.types import Estimate, EstimateStatus, Maintenance, ParameterValue
+from valve_twin.core.valves.press_cartridge import MODEL
 
 
 def estimate(cycle, estimator=ESTIMATOR, noise=None, code=""):
@@ -60,3 +61,44 @@ def test_cycles_of_a_new_product_are_compared_with_nothing(newest, told):
     ]
     doubt = diagnose([*(estimate(c, noise=1e-4) for c in range(1, 31)), *longer], ()).doubt
     assert doubt.startswith(f"no reference yet: {told}") if told else not doubt
+
+
+CHANGED = 41
+"""Cycle from which on another product is made."""
+
+
+def changed_product(fault, *, which, cycles=70):
+    """Return features of two products with a signature from cycle 31 to the change."""
+    table, kind = MODEL.signatures(), MODEL.feature_set
+    rng = np.random.default_rng(5)
+    rows = rng.multivariate_normal(np.zeros(len(kind.names)), table.covariance, cycles)
+    signature = [s for s in table.signatures if s.fault == fault][which]
+    rows[30 : CHANGED - 1] += np.array(signature.change)
+    return [
+        replace(
+            estimate(c),
+            parameters=tuple(
+                ParameterValue(n, float(np.exp(v) if n in kind.relative else v))
+                for n, v in zip(kind.names, row, strict=True)
+            ),
+            end_ns=c * 30 * 10**9 + (25 if c < CHANGED else 28) * 10**9,
+        )
+        for c, row in enumerate(rows, 1)
+    ]
+
+
+@pytest.mark.parametrize("fault", ["leak", "coil_resistance"])
+def test_maintenance_ends_a_fault_of_a_product_that_is_not_made_any_more(fault):
+    history = changed_product(fault, which=1)
+    before = diagnose(history, ())
+    assert [f.fault for f in before.findings] == [fault]
+    assert "mark maintenance" in before.doubt
+    found = diagnose(history, [Maintenance(0, 43, "")])
+    assert [(f.onset, f.end) for f in found.findings] == [(31, 43)]
+    assert not found.doubt
+
+
+def test_maintenance_ends_a_fault_that_is_still_told_of_another_product():
+    history = changed_product("leak", which=1, cycles=44)
+    assert diagnose(history, ()).present is not None  # too few cycles followed
+    assert diagnose(history, [Maintenance(0, 43, "")]).present is None

@@ -122,7 +122,8 @@ def search(past: Past, maintenance: Sequence[Maintenance]) -> Searched:
         own = product == number
         steady = without_slips(vectors[own], table)
         part = detect(cycles[own], steady, table, restarts=restarts, judged=settled.judged)
-        then = [_elsewhere(f, cycles, vectors, product, number, model) for f in part.findings]
+        lasting = [_until_maintained(f, cycles, restarts) for f in part.findings]
+        then = [_elsewhere(f, cycles, vectors, product, number, model) for f in lasting]
         found += [f for f, _ in then]
         doubt = doubt or next((why for _, why in then if why), "")
         if number == product[-1]:
