@@ -9,7 +9,7 @@ that a `Rows` that was taken stays as it is while more come.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from math import isfinite
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -19,7 +19,7 @@ import numpy as np
 from valve_twin.core.diagnosis.features import ESTIMATOR
 from valve_twin.core.estimation.data.robust import NORMAL_975
 from valve_twin.core.refusal import RefusalCode
-from valve_twin.core.types import EstimateStatus, ParameterStatus
+from valve_twin.core.types import EstimateStatus, Guard, ParameterStatus
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
         BoolArray,
         Estimate,
         FloatArray,
-        Guard,
         IntArray,
         ParameterValue,
     )
@@ -303,6 +302,40 @@ class Table:
             key=of["int", "key"],
             models=tuple(self._models),
         )
+
+    def freeze(self, arrays: list[NDArray[Any]]) -> dict[str, Any]:
+        """Return all but the columns as values of JSON; the columns are added to `arrays`."""
+        arrays += [column[: self._size] for column in self._columns.values()]
+        return {
+            "added": self.added,
+            "size": self._size,
+            "columns": list(self._columns),
+            "reasons": list(self._reasons.items()),
+            "failed": [[key, list(map(astuple, found))] for key, found in self._failed.items()],
+            "models": list(self._models),
+        }
+
+    @classmethod
+    def thaw(cls, head: Mapping[str, Any], arrays: list[NDArray[Any]]) -> Table:
+        """Return the table that was frozen; its columns are taken from the front of `arrays`.
+
+        Raises
+        ------
+        ValueError
+            If they differ in length.
+        """
+        table, size = cls(added=head["added"]), head["size"]
+        columns = {(kind, name): arrays.pop(0) for kind, name in head["columns"]}
+        if any(len(column) != size for column in columns.values()):
+            msg = "its columns differ in length"
+            raise ValueError(msg)
+        table._reasons = {int(key): reason for key, reason in head["reasons"]}
+        table._failed = {int(k): tuple(Guard(*g) for g in found) for k, found in head["failed"]}
+        table._models = dict.fromkeys(head["models"])
+        if size:
+            table._columns, table._size = columns, size
+            table.keep(np.arange(size))  # with room to grow
+        return table
 
     def _places(self, estimate: Estimate) -> Iterable[tuple[ParameterValue, _Writing]]:
         """Return the parameters and where each goes; of a name that occurs twice the first."""

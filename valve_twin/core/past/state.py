@@ -15,7 +15,7 @@ depends only on what came and in which order: a history read anew gives the same
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,7 +27,9 @@ from valve_twin.core.past.columns import Past, Rows, Settled, Table
 from valve_twin.core.refusal import RefusalCode
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from numpy.typing import NDArray
 
     from valve_twin.core.types import BoolArray, Estimate, Maintenance
 
@@ -90,6 +92,29 @@ class AgingState:
             rows = self._trend.rows(), self._features.rows()
             self._taken = Past(*rows, self._newest_apart(), self._settled)
         return self._taken
+
+    def freeze(self, arrays: list[NDArray[Any]]) -> dict[str, Any]:
+        """Return all but the columns as plain values; the columns are added to `arrays`."""
+        return {
+            "recent": self._recent,
+            "recent_features": self._recent_features,
+            "old": self._old,
+            "stride": self._stride,
+            "look_at": self._look_at,
+            "apart": list(self._apart),
+            "settled": self._settled,
+            "tables": [table.freeze(arrays) for table in (self._trend, self._features)],
+        }
+
+    @classmethod
+    def thaw(cls, head: Mapping[str, Any], arrays: list[NDArray[Any]]) -> AgingState:
+        """Return the state that was frozen; its columns are taken from the front of `arrays`."""
+        state = cls(head["recent"], head["recent_features"])
+        state._old, state._stride, state._look_at = head["old"], head["stride"], head["look_at"]
+        state._apart = dict.fromkeys(head["apart"])
+        state._settled = head["settled"]
+        state._trend, state._features = (Table.thaw(t, arrays) for t in head["tables"])
+        return state
 
     def _newest_apart(self) -> tuple[int, ...]:
         return tuple(sorted(self._apart)[-_APART * self._recent :])
