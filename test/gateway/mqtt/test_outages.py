@@ -104,7 +104,9 @@ def history(tmp_path: Path) -> Iterator[Path]:
 
 
 @pytest.mark.parametrize("kind", [Broker, Mosquitto])
-@pytest.mark.parametrize("outages", [4, pytest.param(100, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "outages", [4, pytest.param(100, marks=[pytest.mark.slow, pytest.mark.timeout(3600)])]
+)
 def test_every_cycle_is_heard_in_order_over_outages(
     kind, outages, history, pair, tmp_path, at_once
 ):
