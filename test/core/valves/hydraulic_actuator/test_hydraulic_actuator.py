@@ -237,3 +237,15 @@ def test_a_run_that_diverges_stays_a_number():
     out = np.empty(N)
     free_run(wild, make_opening(), 0.0, out)
     assert np.isfinite(out).all()
+
+
+def test_no_valve_within_the_bounds_of_the_fit_runs_away():
+    rng = np.random.default_rng(0)
+    low = np.array([1e-3] * 2 + [0.02] * 2 + [1.0, 0.01, 0.0, 0.0, 0.05])
+    high = np.array([50.0] * 2 + [1.5] * 2 + [8.0, 1.2, 1e3, 1e3, 20.0])
+    largest, out = [], np.empty(500)
+    for _ in range(50):
+        values = low + (high - low) * rng.random(9) ** 3
+        free_run(np.append(values, 1.0), np.repeat(rng.uniform(-1.0, 1.0, 10), 50), 0.0, out)
+        largest.append(np.abs(out).max())
+    assert max(largest) < 1e5  # half of them came to 1e6
