@@ -122,8 +122,10 @@ def search(past: Past, maintenance: Sequence[Maintenance]) -> Searched:
         own = product == number
         steady = without_slips(vectors[own], table)
         part = detect(cycles[own], steady, table, restarts=restarts, judged=settled.judged)
-        lasting = [_until_maintained(f, cycles, restarts) for f in part.findings]
-        then = [_elsewhere(f, cycles, vectors, product, number, model) for f in lasting]
+        then = [
+            _marked(f, _elsewhere(f, cycles, vectors, product, number, model), cycles, restarts)
+            for f in part.findings
+        ]
         found += [f for f, _ in then]
         doubt = doubt or next((why for _, why in then if why), "")
         if number == product[-1]:
@@ -186,6 +188,17 @@ def _elsewhere(
     )
     over = replace(finding, end=then.seen)
     return over, doubt if then.state is Elsewhere.UNKNOWN else ""
+
+
+def _marked(
+    finding: Finding, then: tuple[Finding, str], cycles: IntArray, restarts: Sequence[int]
+) -> tuple[Finding, str]:
+    """Return what others say of a fault, which is over with maintenance and in doubt no more."""
+    mark = _until_maintained(finding, cycles, restarts).end
+    if finding.end >= 0 or mark < 0:
+        return then
+    end = then[0].end
+    return replace(finding, end=min(end, mark) if end >= 0 else mark), ""
 
 
 def _text(finding: Finding) -> str:
