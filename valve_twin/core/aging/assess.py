@@ -50,7 +50,7 @@ from valve_twin.core.aging.verdict import (
     decide,
     describe_remaining,
 )
-from valve_twin.core.diagnosis.checks import failed_checks
+from valve_twin.core.diagnosis.checks import begun_anew, failed_checks
 from valve_twin.core.diagnosis.detection import NOTHING, Diagnosis
 from valve_twin.core.diagnosis.history import diagnose
 from valve_twin.core.diagnosis.products import CLOCK
@@ -188,7 +188,7 @@ def assess(
         fault=diagnosis.present,
         stale=refused_lately(past),
         doubt=diagnosis.doubt,
-        failed=failed_checks(past, _begun(maintenance)),
+        failed=failed_checks(past, begun_anew(maintenance)),
         since=_first_compared(ordered, maintenance),
     )
     return Assessment(trends, verdict, tuple(detail for _, detail in results), diagnosis)
@@ -197,13 +197,8 @@ def assess(
 def _first_compared(history: History, maintenance: Sequence[Maintenance]) -> int:
     """Return the first cycle of the reference that gave an estimate, 1 = none yet."""
     given = history.rows.cycle[history.rows.given]
-    given = given[given >= _begun(maintenance)]
+    given = given[given >= begun_anew(maintenance)]
     return int(given.min()) if len(given) else 1
-
-
-def _begun(maintenance: Sequence[Maintenance]) -> int:
-    """Return the first cycle of the newest reference by maintenance, 0 = there was none."""
-    return max((m.cycle for m in maintenance if m.new_reference), default=0)
 
 
 def _assess_parameter(

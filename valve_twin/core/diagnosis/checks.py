@@ -11,10 +11,10 @@ import numpy as np
 from valve_twin.core.past.columns import past_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from valve_twin.core.past.columns import Past
-    from valve_twin.core.types import Estimate, Guard
+    from valve_twin.core.types import Estimate, Guard, Maintenance
 
 _GRAVE = ("bounds", "identifiability", "noise at rest", "excitation", "condition number",
           "dimension")  # fmt: skip
@@ -24,6 +24,11 @@ _NEWEST = 20
 _LEAST = 5
 _SHARE = 0.5
 """Share of the newest cycles that must fail a check before it is told, assumed [1]."""
+
+
+def begun_anew(maintenance: Sequence[Maintenance]) -> int:
+    """Return the first cycle of the newest reference by maintenance, 0 = there was none."""
+    return max((m.cycle for m in maintenance if m.new_reference), default=0)
 
 
 def failed_checks(history: Iterable[Estimate] | Past, since: int = 0) -> str:
