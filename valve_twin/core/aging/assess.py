@@ -377,9 +377,7 @@ def _with_life(trend: Trend, limit: Limit, config: AgingConfig) -> Trend:
         remaining_high=life.high,
         service_date_known=date > 0 and not life.unbounded,
         service_date_ns=date if not life.unbounded else 0,
-        service_date_early_ns=date_after(trend.stamp_ns, life.low, rate)
-        if not life.unbounded
-        else 0,
+        service_date_early_ns=0 if life.unbounded else date_after(trend.stamp_ns, life.low, rate),
     )
 
 
