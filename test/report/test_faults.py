@@ -10,6 +10,7 @@ from test.core.diagnosis.test_detection import healthy, medium, search, with_fau
 from test.report.example import report_data
 from valve_twin.core.operation.counters import Counters
 from valve_twin.core.operation.events import Event
+from valve_twin.core.operation.step_metrics import METRICS, Metric, StepMetrics
 from valve_twin.core.valves.press_cartridge import MODEL
 from valve_twin.report.faults import faults_section
 from valve_twin.report.page import render_report
@@ -65,3 +66,17 @@ def test_counters_and_the_event_log_stand_on_the_page_as_text():
     assert section.count("fault.leak") == 62
     assert "1 older entries are in the history" in section
     assert "<h2>Operation</h2>" not in render_report(report_data())
+
+
+def test_step_metrics_stand_on_the_page_with_intervals_and_reasons():
+    known = {"t63": Metric("t63", 0.512, 0.503, 0.541)}
+    found = [known.get(name, Metric(name, reason="the <b> is too coarse")) for name in METRICS]
+    steps = tuple(StepMetrics(c, 1, 10**18, "command", 0.25, tuple(found)) for c in range(1, 71))
+    html = render_report(replace(report_data(), steps=steps))
+    section = html.split("<h2>Steps of the command</h2>")[1].split("<h2>")[0]
+    assert "0.512<small>0.503 … 0.541</small>" in section
+    assert section.count("0.512") == 60
+    assert "10 older steps are not shown" in section
+    assert "the &lt;b&gt; is too coarse" in section
+    assert "<td>70</td>" in section
+    assert "Steps of the command" not in render_report(report_data())

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from valve_twin import __version__
 from valve_twin.core.aging import assess
+from valve_twin.core.operation.step_metrics import measure_steps
 from valve_twin.core.operation.stroke_due import stroke_due
 from valve_twin.core.quantity import describe, example
 from valve_twin.core.valves.registry import get_model
@@ -88,6 +89,7 @@ def bag_data(
         cycle=record.last,
         signals=signals_of(record.last, model, config.options) if record.last else (),
         counters=record.counters,
+        steps=tuple(step for c in record.newest for step in measure_steps(c, model.inputs)),
         files=record.files,
         nameplate=config.nameplate.given,
     )

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from valve_twin.core.aging import Assessment
     from valve_twin.core.operation.counters import Counters
     from valve_twin.core.operation.events import Event
+    from valve_twin.core.operation.step_metrics import StepMetrics
     from valve_twin.core.operation.stroke_due import StrokeDue
     from valve_twin.core.types import Cycle, Estimate, Maintenance, Parameter, Prediction
     from valve_twin.core.valves.error_budget import Budget
@@ -65,6 +66,8 @@ class ReportData:
         Its event log, oldest first.
     stroke_due : StrokeDue or None
         When a stroke was last tested and when the next test is due; None = not asked.
+    steps : tuple of StepMetrics
+        What the steps of the last cycles tell, oldest first; empty = none, or no samples.
     nameplate : mapping
         What is given of its nameplate, by name.
     provenance : str
@@ -95,6 +98,7 @@ class ReportData:
     counters: Counters | None = None
     events: tuple[Event, ...] = ()
     stroke_due: StrokeDue | None = None
+    steps: tuple[StepMetrics, ...] = ()
     nameplate: Mapping[str, str] = field(default_factory=dict)
     provenance: str = ""
     files: Mapping[int, str] = field(default_factory=dict)

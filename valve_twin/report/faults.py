@@ -1,17 +1,29 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Sudden faults, counters and event log of a valve on the report page."""
+"""Sudden faults, counters, event log and step metrics of a valve on the report page."""
 
 from __future__ import annotations
 
 import math
+from collections import Counter
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from valve_twin.core.diagnosis.detection import UNKNOWN
 from valve_twin.core.diagnosis.table import BY_NAME
-from valve_twin.report.tables import Table
-from valve_twin.report.text import NONE, count, fixed, render, when
+from valve_twin.core.operation.step_metrics import METRICS
+from valve_twin.report.tables import MAX_ROWS, Table
+from valve_twin.report.text import (
+    NONE,
+    count,
+    fixed,
+    noted,
+    number,
+    render,
+    unit,
+    when,
+    with_interval,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,10 +32,14 @@ if TYPE_CHECKING:
     from valve_twin.core.diagnosis import Finding
     from valve_twin.core.operation.counters import Counters
     from valve_twin.core.operation.events import Event
+    from valve_twin.core.operation.step_metrics import Metric, StepMetrics
     from valve_twin.core.operation.stroke_due import StrokeDue
 
 MOST_EVENTS = 50
 """Newest entries that are shown; open ones are shown all [1]."""
+
+MOST_REASONS = 10
+"""Reasons of refused step metrics that are listed, the most frequent ones [1]."""
 
 
 def faults_section(assessment: Assessment | None) -> str:
@@ -151,3 +167,40 @@ def _event_row(event: Event) -> list[str]:
         event.text,
         seen if event.acknowledged else "open" if event.is_open else NONE,
     ]
+
+
+def steps_section(steps: Sequence[StepMetrics]) -> str:
+    """Return the section of step metrics; empty where no command stepped.
+
+    Parameters
+    ----------
+    steps : sequence of StepMetrics
+        Of the last cycles, oldest first.
+    """
+    if not steps:
+        return ""
+    shown = steps[-MAX_ROWS:]
+    head = [noted(name, unit(text).strip()) for name, text in METRICS.items()]
+    refused = Counter((m.name, m.reason) for s in steps for m in s.metrics if m.reason)
+    return render(
+        "steps.html",
+        steps=Table(
+            ["Cycle, step", "Command", "Size", *head],
+            [
+                [f"{s.cycle}, {s.step}", s.command, number(s.size), *map(_cell, s.metrics)]
+                for s in shown
+            ],
+        ),
+        refused=Table(
+            ["Metric", "Why it is not told", "Times"],
+            [[name, why, count(n)] for (name, why), n in refused.most_common(MOST_REASONS)],
+        ),
+        cycles=count(len({s.cycle for s in steps})),
+        left_out=count(len(steps) - len(shown)) if len(shown) < len(steps) else "",
+    )
+
+
+def _cell(metric: Metric) -> str:
+    if metric.reason:
+        return NONE
+    return with_interval(metric.value, metric.lower_95, metric.upper_95)

@@ -16,7 +16,7 @@ from valve_twin.core.faults.advice import FAILURE_MODES, advise
 from valve_twin.core.types import EstimateStatus, ParameterStatus
 from valve_twin.io.errors import ValveTwinError
 from valve_twin.report.budget import budget_section
-from valve_twin.report.faults import faults_section, operation_section
+from valve_twin.report.faults import faults_section, operation_section, steps_section
 from valve_twin.report.plots import Marks, draws_laws, has_line, plot_cycle, plot_parameter
 from valve_twin.report.signals import plot_signals
 from valve_twin.report.tables import (
@@ -122,6 +122,7 @@ def render_report(data: ReportData) -> str:
         life=life_table([trend for trend, _ in pairs.values()]),
         faults=faults_section(data.assessment if data.aging else None),
         operation=operation_section(data.counters, data.events, data.stroke_due),
+        steps=steps_section(data.steps),
         last=estimates_table(data),
         budget=budget_section(data.budget),
         refused_cycles=refused_cycles(data),

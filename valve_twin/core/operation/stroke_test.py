@@ -14,9 +14,16 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from valve_twin.core.estimation.data.robust import difference_sigma
+from valve_twin.core.operation.way import (
+    HELD,
+    LEAST_SAMPLES,
+    LEFT_SIGMAS,
+    WINDOW,
+    end_of,
+    smooth_way,
+)
 from valve_twin.core.quantity import assumed, check_quantities
 
 if TYPE_CHECKING:
@@ -25,14 +32,8 @@ if TYPE_CHECKING:
 LEAST_STROKE = 50.0
 """Least commanded stroke that is judged [standard deviations of the noise at rest], assumed."""
 
-LEAST_SAMPLES = 10
-"""Least samples before the command, away and after the return [1], assumed."""
-
-_HELD = 0.02  # share of the stroke within which a command counts as held, assumed
-_LEFT, _LEFT_SIGMAS = 0.02, 5.0  # way that is a breakaway [1], [standard deviations], assumed
+_LEFT = 0.02  # way that is a breakaway [1], assumed
 _BAND, _BAND_SIGMAS = 0.01, 6.0  # way within which a valve stands [1], [standard deviations]
-_WINDOW = 5  # samples of the moving median
-_END = 0.2  # share of a rest that tells its level, assumed
 
 
 class StrokeVerdict(Enum):
@@ -162,14 +163,14 @@ def judge_stroke(
     if np.allclose(position, command, rtol=0.0, atol=1e-9 * stroke):
         return _refused("the position is a copy of the command: it tells nothing of the valve")
     level = float(command[off.argmax()])
-    begin = int((off > _HELD * stroke).argmax())
-    there = np.abs(command - level) <= _HELD * stroke
+    begin = int((off > HELD * stroke).argmax())
+    there = np.abs(command - level) <= HELD * stroke
     arrived = int(there.argmax())
     gone = np.flatnonzero(~there[arrived:])
     back = arrived + int(gone[0]) if len(gone) else len(command)
     returns = back < len(command)
     if returns and (
-        off[-1] > _HELD * stroke or (np.diff((off > _HELD * stroke)[back:].astype(int)) > 0).any()
+        off[-1] > HELD * stroke or (np.diff((off > HELD * stroke)[back:].astype(int)) > 0).any()
     ):
         return _refused("the command is no single stroke, away and back: cut one out")
     for samples, where in (
@@ -186,10 +187,10 @@ def judge_stroke(
         least = LEAST_STROKE * noise
         return _refused(f"a stroke of {stroke:.3g} is too small beside the noise: {least:.3g}")
     way = (position - start) * np.sign(level - command[0]) / stroke
-    smooth = _smooth(way)
+    smooth = smooth_way(way)
     found = _away(time_s, way, smooth, (begin, back), noise / stroke)
     if returns:
-        end = _end(way[back:])
+        end = end_of(way[back:])
         found["return_s"] = _reached(-smooth[back:], time_s[back:], -0.14)
         found["return_error"] = abs(float(np.median(end)))
     criteria = tuple(Criterion(n, value, getattr(limits, n)) for n, value in found.items())
@@ -212,9 +213,9 @@ def _away(
     """Return what is judged of the way there, by the names of the limits."""
     begin, back = between
     times, moved = time_s[begin:back], smooth[begin:back]
-    end = _end(way[begin:back])
+    end = end_of(way[begin:back])
     held = float(np.median(end))
-    left = _reached(moved, times, max(_LEFT, _LEFT_SIGMAS * noise))
+    left = _reached(moved, times, max(_LEFT, LEFT_SIGMAS * noise))
     t86 = _reached(moved, times, 0.86)
     under_way = (times - times[0] >= left) & (times - times[0] <= t86)
     return {
@@ -227,20 +228,8 @@ def _away(
             times[under_way], moved[under_way], max(_BAND, _BAND_SIGMAS * noise)
         ),
         "hunting": math.sqrt(max(float(end.var()) - noise**2, 0.0)),
-        "early": float(np.abs(smooth[: begin - _WINDOW // 2]).max()),
+        "early": float(np.abs(smooth[: begin - WINDOW // 2]).max()),
     }
-
-
-def _end(way: FloatArray) -> FloatArray:
-    """Return the samples that tell the level at which a rest ends."""
-    return way[-max(round(_END * len(way)), _WINDOW) :]
-
-
-def _smooth(way: FloatArray) -> FloatArray:
-    """Return the moving median: no single sample is a movement."""
-    half = _WINDOW // 2
-    padded = np.concatenate([np.repeat(way[0], half), way, np.repeat(way[-1], half)])
-    return np.asarray(np.median(sliding_window_view(padded, _WINDOW), axis=1))
 
 
 def _reached(moved: FloatArray, times: FloatArray, level: float) -> float:

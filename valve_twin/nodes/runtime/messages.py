@@ -19,6 +19,7 @@ from valve_twin_msgs import msg
 from valve_twin.core.aging.verdict import Trend, Verdict
 from valve_twin.core.gaps import gap_ns
 from valve_twin.core.operation.events import Event
+from valve_twin.core.operation.step_metrics import METRICS
 from valve_twin.core.records import Column, build, columns, flat
 from valve_twin.core.types import (
     Cycle,
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator
 
     from valve_twin.core.operation.counters import Counters
+    from valve_twin.core.operation.step_metrics import StepMetrics
 
 T = TypeVar("T")
 
@@ -140,6 +142,26 @@ def counters_message(valve: str, counters: Counters) -> msg.Counters:
         span_counts=counters.spans,
     )
     out.header.stamp = to_time(counters.end_ns)
+    return out
+
+
+def step_message(valve: str, step: StepMetrics) -> msg.StepMetrics:
+    """Return the metrics of one step as a message."""
+    found = step.metrics
+    out = msg.StepMetrics(
+        valve=valve,
+        cycle=step.cycle,
+        step=step.step,
+        command=step.command,
+        size=step.size,
+        names=[m.name for m in found],
+        units=[METRICS[m.name] for m in found],
+        values=[m.value for m in found],
+        lower_95=[m.lower_95 for m in found],
+        upper_95=[m.upper_95 for m in found],
+        reasons=[m.reason for m in found],
+    )
+    out.header.stamp = to_time(step.stamp_ns)
     return out
 
 

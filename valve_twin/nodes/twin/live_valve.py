@@ -15,6 +15,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from valve_twin.core.operation.counters import Counters, cycle_duty
+from valve_twin.core.operation.step_metrics import measure_steps
 from valve_twin.core.state import Announced
 from valve_twin.core.twin import ClockJump, Estimated, Event
 from valve_twin.core.types import Cycle, Estimate, Maintenance, Prediction
@@ -293,8 +294,21 @@ class LiveValve:
             if duty is not None:
                 self.counters = self.counters.after(duty)
             self.cycle_queue.add(event.cycle, event.estimates, wall_s, self.counters)
+            self.jobs.run(measure_steps, (event.cycle, self.model.inputs), self._measured)
         elif isinstance(event, ClockJump):
             self._tell_jump(event.dropped_cycle)
+
+    def _measured(self, outcome: Outcome) -> None:
+        """Publish the step metrics of a cycle, which the worker has measured."""
+        if self.stopped:
+            return
+        if outcome.error:
+            self._node.get_logger().error(
+                f"{self.name}: steps are not measured: {outcome.error}",
+                throttle_duration_sec=JUMP_TOLD_S,
+            )
+            return
+        self.publishers.steps(outcome.result)
 
     def _on_saved(self, outcome: Outcome) -> None:
         self._saving = False

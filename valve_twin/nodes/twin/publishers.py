@@ -12,6 +12,7 @@ from valve_twin_msgs import msg
 
 from valve_twin.core.diagnosis.generic.reference import published
 from valve_twin.core.gaps import GapCounter
+from valve_twin.core.operation.step_metrics import MOST_STEPS
 from valve_twin.io.config.node_parameters import TwinParameters
 from valve_twin.nodes.runtime import messages as convert
 from valve_twin.nodes.twin.inputs import seconds_now
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from valve_twin.core.operation.counters import Counters
+    from valve_twin.core.operation.step_metrics import StepMetrics
     from valve_twin.core.types import Cycle, Prediction
     from valve_twin.core.valves.interface import ValveModel
     from valve_twin.io.config.valve import ValveConfig
@@ -41,6 +43,9 @@ LATCHED = QoSProfile(
 
 LAST = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Counters: the newest say all."""
+
+STEPS = QoSProfile(depth=2 * MOST_STEPS, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""Step metrics: one message a step, the last cycle's for who comes late."""
 
 _DEEP = QoSProfile(depth=5000, reliability=ReliabilityPolicy.RELIABLE)
 _DEEP_SERIES = QoSProfile(depth=300, reliability=ReliabilityPolicy.RELIABLE)
@@ -86,6 +91,7 @@ class ValvePublishers:
         self._cycle = node.create_publisher(msg.CycleSummary, f"{base}/cycle", LATCHED)
         self._estimate = node.create_publisher(msg.Estimate, f"{base}/estimate", LATCHED)
         self._counters = node.create_publisher(msg.Counters, f"{base}/counters", LAST)
+        self._steps = node.create_publisher(msg.StepMetrics, f"{base}/step_metrics", STEPS)
 
     def __bool__(self) -> bool:
         """Return whether predictions wait to fill a message."""
@@ -99,7 +105,8 @@ class ValvePublishers:
     def close(self) -> None:
         """Publish what waits, take the publishers down."""
         self.flush()
-        for publisher in (self._prediction, self._cycle, self._estimate, self._counters):
+        states = (self._cycle, self._estimate, self._counters, self._steps)
+        for publisher in (self._prediction, *states):
             self._node.destroy_publisher(publisher)
 
     def predict(self, prediction: Prediction) -> None:
@@ -143,6 +150,11 @@ class ValvePublishers:
         """Publish what is counted in the history."""
         if counters.cycles:
             self._counters.publish(convert.counters_message(self._valve, counters))
+
+    def steps(self, found: Iterable[StepMetrics]) -> None:
+        """Publish what the steps of a cycle tell, one message each."""
+        for step in found:
+            self._steps.publish(convert.step_message(self._valve, step))
 
     def _publish_series(self, series: Iterable[Prediction]) -> None:
         for prediction in series:
