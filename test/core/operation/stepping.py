@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,8 +12,8 @@ from valve_twin.core.operation.step_metrics import measure_steps
 from valve_twin.core.operation.way import END, LEAST_SAMPLES
 from valve_twin.core.simulation.plant import Drive
 from valve_twin.core.types import Cycle, Frames
-from valve_twin.core.valves.first_order import VALVE as FIRST_ORDER
 from valve_twin.core.valves.positioner.plant import PositionerPlant
+from valve_twin.core.valves.registry import get_simulation
 
 FINE_S = 1e-3
 START_NS = 10**12
@@ -48,10 +48,9 @@ def plant_of(kind, rng):
     """Return a random valve of a kind and the longest time that it needs to settle [s]."""
     if kind == "first_order":
         lag = rng.uniform(0.15, 0.6)
-        plant = FIRST_ORDER.simulation().plant.__class__(
-            time_constant=lag, dead_band=rng.uniform(0.0, 0.02)
-        )
-        return plant, 8.0 * lag
+        numbers = {"time_constant": lag, "dead_band": rng.uniform(0.0, 0.02)}
+        plant: Any = get_simulation("first_order").plant
+        return plant.__class__(**numbers), 8.0 * lag
     rates, slews = rng.uniform(3.0, 12.0, 2), rng.uniform(0.4, 2.0, 2)
     common = {
         "rate_rising": rates[0],

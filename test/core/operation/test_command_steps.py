@@ -15,7 +15,7 @@ def command(*parts):
 def test_each_step_stands_between_its_holds():
     up, down = find_transitions(command((30, 0.2), (50, 0.7), (40, 0.1)))
     assert (up.column, up.at, up.reason) == (0, 30, "")
-    assert (up.size, down.size) == (pytest.approx(0.5), pytest.approx(-0.6))
+    assert [up.size, down.size] == pytest.approx([0.5, -0.6])
     assert (up.before, up.after) == (Hold(0, 30), Hold(30, 80))
     assert (down.before, down.after) == (Hold(30, 80), Hold(80, 120))
 

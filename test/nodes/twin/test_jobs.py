@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,6 +23,9 @@ def cycle(number):
     return Cycle(number, 1e-3, frames)
 
 
+made: Any = SimpleNamespace  # stands in for what has only the members that are used
+
+
 @pytest.mark.parametrize(
     ("events", "since"),
     [
@@ -37,11 +41,11 @@ def cycle(number):
 def test_a_cycle_is_compared_since_the_newest_new_reference(monkeypatch, events, since):
     monkeypatch.setattr(jobs, "longest_wait_s", lambda *_: 1.0)
     sent = []
-    worker = SimpleNamespace(submit=lambda work, arguments, done: sent.append(arguments))
-    config = SimpleNamespace(name="v", model="m", options=None, signals={})
-    of = jobs.Jobs(SimpleNamespace(post=None), config, worker=worker, deliver=lambda *_: None)
+    worker = made(submit=lambda work, arguments, done: sent.append(arguments))
+    config = made(name="v", model="m", options=None, signals={})
+    of = jobs.Jobs(made(post=None), config, worker=worker, deliver=lambda *_: None)
     for event in events:
-        LiveValve.note(SimpleNamespace(jobs=of), event)
-    of.start(SimpleNamespace(next_job=lambda: Job(1, cycle(10), Memory.empty())))
+        LiveValve.note(made(jobs=of), event)
+    of.start(made(next_job=lambda: Job(1, cycle(10), Memory.empty())))
     assert sent[0][3].since == since
     assert sent[0][3].number == 10

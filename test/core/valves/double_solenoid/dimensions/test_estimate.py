@@ -12,7 +12,7 @@ import pytest
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.quantity import replaced
 from valve_twin.core.simulation import configure, simulate_cycles, to_frames
-from valve_twin.core.types import Cycle, EstimateStatus, MaskCounts
+from valve_twin.core.types import Cycle, Estimate, EstimateStatus, MaskCounts
 from valve_twin.core.valves.designed import Numbers
 from valve_twin.core.valves.double_solenoid import MODEL
 from valve_twin.core.valves.double_solenoid.dimensions.estimate import judged
@@ -116,7 +116,8 @@ def test_maintenance_renews_what_is_compared(solenoid):
     rng = np.random.default_rng(1)
     names = tuple(w.name for w in solenoid.wear)
     frames = next(cycles_of(solenoid.plant, 1, 1)).frames
-    earlier, said = [], {}
+    earlier: list[Estimate] = []
+    said = {}
     for number in range(1, 41):
         part = (number > 16) * of + 1e-3 * rng.standard_normal(len(of))
         since = 0 if number < 30 else 17  # told late, of a cycle that is over
