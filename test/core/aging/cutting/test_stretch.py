@@ -84,3 +84,13 @@ def test_a_value_between_two_searches_may_be_an_outlier():
     assert found is not None
     assert found.outlier[390]
     assert np.count_nonzero(found.outlier[360:]) == 1
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.25])
+def test_values_without_any_scatter_stay_one_piece_between_two_searches(slope):
+    x = np.arange(640.0)
+    y = 2.0 + slope * x
+    found = extend(whole(x[:600], y[:600]), x, y, CONFIG)
+    assert found is not None
+    assert found.starts.tolist() == [0]
+    assert not found.outlier.any()

@@ -180,10 +180,10 @@ def extend(known: Search, x: FloatArray, y: FloatArray, config: AgingConfig) -> 
         first = int(np.searchsorted(good, done - _BEFORE))
         u, v = x[good], y[good]
         place = _split(u, v, first, config.min_segment)
-        one, two = (_score(known, u, v, cut, floor) for cut in ((), (place,)))
-        gain = count * (one - two) if place else 0.0
-        if gain > _ALERT * config.penalty_scale * penalty(count):
-            return None
+        if place:
+            one, two = (_score(known, u, v, cut, floor) for cut in ((), (place,)))
+            if count * (one - two) > _ALERT * config.penalty_scale * penalty(count):
+                return None
     wave = np.zeros(len(x))
     return Stretch(found.starts, outlier, wave, found.period)
 
