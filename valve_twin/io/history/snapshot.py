@@ -26,6 +26,7 @@ from valve_twin.core.estimation.cycle.sequence import InForce, memory_from_histo
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import Cycle, Frames
 from valve_twin.io.errors import StoreError
+from valve_twin.io.sealed import framed, seal, unsealed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -105,11 +106,10 @@ def save_snapshot(path: Path, origin: Origin, state: TwinState) -> None:
         "learnt": learnt,
         "state": _encode(replace(state, memory_after=()), arrays),
     }
-    text = json.dumps(head).encode() + b"\n"
-    content = b"".join([text, *(a.tobytes() for a in arrays)])
+    content = framed(head, arrays)
     part = path.with_name(f".{path.name}.part")
     try:
-        part.write_bytes(_MAGIC + hashlib.sha256(content).hexdigest().encode() + b"\n" + content)
+        part.write_bytes(seal(_MAGIC, content) + content)
         os.replace(part, path)
     except OSError:
         part.unlink(missing_ok=True)  # on a full disk the history needs its room
@@ -143,11 +143,10 @@ def load_snapshot(
         raise _refused(path, f"it cannot be read: {err.strerror}") from err
     if not whole.startswith(_MAGIC):
         raise _refused(path, "it is no snapshot of a twin")
-    line, _, content = whole.partition(b"\n")
-    if line != _MAGIC + hashlib.sha256(content).hexdigest().encode():
+    content = unsealed(_MAGIC, whole)
+    if content is None:
         raise _refused(path, "it is damaged")
-    text, _, data = content.partition(b"\n")
-    head = json.loads(text)
+    head, data = content
     if head.get("layout") != _layout():
         raise _refused(path, _MEANING["software"])
     for name, wanted in asdict(origin).items():
@@ -173,21 +172,20 @@ def save_cycle(path: Path, cycle: Cycle) -> None:
         If the disk does not take it.
     """
     arrays: list[np.ndarray[Any, Any]] = []
-    text = json.dumps(_encode(cycle, arrays)).encode() + b"\n"
-    content = b"".join([text, *(a.tobytes() for a in arrays)])
-    path.write_bytes(_MAGIC + hashlib.sha256(content).hexdigest().encode() + b"\n" + content)
+    content = framed(_encode(cycle, arrays), arrays)
+    path.write_bytes(seal(_MAGIC, content) + content)
 
 
 def load_cycle(path: Path) -> Cycle | None:
     """Return the cycle that was saved, None where the file is gone or damaged."""
     try:
-        line, _, content = path.read_bytes().partition(b"\n")
+        content = unsealed(_MAGIC, path.read_bytes())
     except OSError:
         return None
-    if line != _MAGIC + hashlib.sha256(content).hexdigest().encode():
+    if content is None:
         return None
-    text, _, data = content.partition(b"\n")
-    cycle: Cycle = _decode(json.loads(text), BytesIO(data))
+    head, data = content
+    cycle: Cycle = _decode(head, BytesIO(data))
     return cycle
 
 

@@ -9,8 +9,6 @@ is not used.
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 import secrets
 from dataclasses import dataclass
@@ -23,6 +21,7 @@ from valve_twin.core.aging.cutting.memory import Memory
 from valve_twin.core.past.stored import thaw
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.restart import build_of
+from valve_twin.io.sealed import framed, seal, unsealed
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -105,8 +104,7 @@ def pack(
         "arrays": [[a.dtype.str, len(a)] for a in (*arrays, *found)],
         "of_state": len(arrays),
     }
-    text = json.dumps(head).encode() + b"\n"
-    return b"".join([text, *(a.tobytes() for a in (*arrays, *found))])
+    return framed(head, (*arrays, *found))
 
 
 def write(path: Path, content: bytes) -> None:
@@ -127,7 +125,7 @@ def write(path: Path, content: bytes) -> None:
     part = path.with_name(f".{path.name}.{secrets.token_hex(8)}.part")
     try:
         with part.open("xb") as file:
-            file.write(_MAGIC + hashlib.blake2b(content).hexdigest().encode() + b"\n")
+            file.write(seal(_MAGIC, content))
             file.write(content)
         os.replace(part, path)
     except OSError:
@@ -158,11 +156,10 @@ def load(path: Path, origin: dict[str, Any], config: AgingConfig) -> Known | Non
         return None
     except OSError as err:
         raise _refused(path, f"it cannot be read: {err.strerror}") from err
-    line, _, content = whole.partition(b"\n")
-    if line != _MAGIC + hashlib.blake2b(content).hexdigest().encode():
+    content = unsealed(_MAGIC, whole)
+    if content is None:
         raise _refused(path, "it is damaged")
-    text, _, data = content.partition(b"\n")
-    head = json.loads(text)
+    head, data = content
     for name, wanted in origin.items():
         if head["origin"].get(name) != wanted:
             raise _refused(path, f"it is of another {name}")

@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Content of a file that carries a check sum: a line that seals it, a line of words, arrays."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    import numpy as np
+
+
+def framed(head: object, arrays: Iterable[np.ndarray[Any, Any]]) -> bytes:
+    """Return the bytes of arrays behind a line that says what they are.
+
+    Parameters
+    ----------
+    head : object
+        Whatever JSON holds.
+    arrays : iterable of arrays
+        Their shapes and types are for the head to tell.
+    """
+    text = json.dumps(head).encode() + b"\n"
+    return b"".join([text, *(a.tobytes() for a in arrays)])
+
+
+def seal(magic: bytes, content: bytes) -> bytes:
+    """Return the line that goes before the content of a file of a kind: its check sum."""
+    return magic + hashlib.sha256(content).hexdigest().encode() + b"\n"
+
+
+def unsealed(magic: bytes, whole: bytes) -> tuple[Any, bytes] | None:
+    """Return the head and the bytes of the arrays of a sealed file, None where it is damaged.
+
+    Parameters
+    ----------
+    magic : bytes
+        The kind of file.
+    whole : bytes
+        All of the file.
+    """
+    line, _, content = whole.partition(b"\n")
+    if line + b"\n" != seal(magic, content):
+        return None
+    text, _, data = content.partition(b"\n")
+    return json.loads(text), data
