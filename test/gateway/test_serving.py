@@ -4,15 +4,23 @@
 
 from __future__ import annotations
 
+import asyncio
 import io
+import socket
 import sys
+from contextlib import ExitStack, suppress
+from typing import TYPE_CHECKING
 
 import pytest
+
+if TYPE_CHECKING:
+    from starlette.requests import Request
 
 pytest.importorskip("cryptography", reason="needs the extra gateway")
 
 from test.gateway.page.test_forms import make_pair
 from valve_twin.cli import main
+from valve_twin.gateway import serving
 from valve_twin.gateway.passwords import read_users
 from valve_twin.gateway.serving import Place, check_pair, check_place, listen
 from valve_twin.io.errors import ConfigError
@@ -56,6 +64,50 @@ def test_who_can_look_on_is_told_and_passwords_do_not_go_in_the_clear(tmp_path):
         check_place(Place(key=key), accounts=False)
     with pytest.raises(ConfigError, match="choose another port or host"):
         listen(Place("256.1.1.1"))
+
+
+def test_who_is_connected_and_idle_is_let_go_and_who_waits_for_an_answer_is_not(monkeypatch):
+    from starlette.applications import Starlette
+    from starlette.responses import PlainTextResponse, Response
+    from starlette.routing import Route
+
+    async def slow(_: Request) -> Response:
+        await asyncio.sleep(5 * 0.2)
+        return PlainTextResponse("at last")
+
+    async def form(request: Request) -> Response:
+        return PlainTextResponse(await request.body())
+
+    def large(_: Request) -> Response:
+        return PlainTextResponse("x" * 50_000_000)
+
+    monkeypatch.setattr(serving, "IDLE_S", 0.2)
+    routes = [Route("/slow", slow), Route("/large", large), Route("/form", form, methods=["POST"])]
+    server = serving.Background(Starlette(routes=routes), Place(port=0), pytest.fail)
+    place = "127.0.0.1", int(server.address.rstrip("/").rpartition(":")[2])
+    head = b"Host: x\r\n\r\n"
+    asked = [
+        b"",
+        b"GET /slow HT",
+        b"POST /form HTTP/1.1\r\nContent-Length: 9\r\n" + head + b"half",
+        b"GET /large HTTP/1.1\r\n" + head,
+    ]
+    with ExitStack() as stack:
+        stack.callback(server.stop)
+        waiting = stack.enter_context(socket.create_connection(place, timeout=20.0))
+        waiting.sendall(b"GET /slow HTTP/1.1\r\nConnection: close\r\n" + head)
+        idle = [stack.enter_context(socket.create_connection(place, timeout=20.0)) for _ in asked]
+        for client, text in zip(idle, asked, strict=True):
+            client.sendall(text)
+        answer = b"".join(iter(lambda: waiting.recv(4096), b""))
+        assert answer.endswith(b"at last")
+        for client in idle[:3]:
+            with suppress(ConnectionResetError):
+                assert client.recv(10) == b""
+        seen = 0
+        with suppress(ConnectionResetError):
+            seen = sum(map(len, iter(lambda: idle[3].recv(1 << 20), b"")))
+        assert seen < 50_000_000  # not read until now: cut off
 
 
 def test_a_user_is_added_with_a_password_that_no_list_of_processes_shows(

@@ -8,7 +8,7 @@ import math
 import zlib
 from dataclasses import asdict, dataclass, field
 from datetime import datetime, timezone
-from functools import cache
+from functools import cache, partial
 from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import quote
 
@@ -18,7 +18,7 @@ from markupsafe import Markup
 
 from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.gateway.page.details import DRAWING
-from valve_twin.gateway.page.words import LANGUAGES, words
+from valve_twin.gateway.page.words import LANGUAGES, drawn, words
 from valve_twin.report.plots import plot_cycle
 from valve_twin.report.svg import polyline
 from valve_twin.report.tables import life_table
@@ -45,6 +45,7 @@ SIGNS = {
     Ne107.GOOD: "\N{CHECK MARK}",
 }
 
+_GRAVEST_FIRST = sorted(Ne107, key=lambda state: -state.severity)
 _CLOCK_SET_NS = 10**18
 
 
@@ -105,6 +106,7 @@ def _templates(language: str) -> Environment:
     )
     told = words(language)
     made.install_gettext_translations(told)  # type: ignore[attr-defined]
+    made.filters["drawn"] = partial(drawn, told=told)
     made.globals["style"] = render("style.css")
     made.globals["own_style"] = Markup(made.get_template("page.css").render())
     return made
@@ -157,7 +159,7 @@ def fleet_page(view: View, now_ns: int, visitor: Visitor) -> str:
     visitor : Visitor
         For whom.
     """
-    counts = {s: sum(row.ne107 == s.value for row in view.rows) for s in Ne107}
+    counts = {s: sum(row.ne107 == s.value for row in view.rows) for s in _GRAVEST_FIRST}
     return _page(
         "fleet.html",
         visitor,

@@ -16,12 +16,17 @@ from typing import TYPE_CHECKING, Any
 from valve_twin.io.errors import ConfigError
 
 if TYPE_CHECKING:
+    import asyncio
     from collections.abc import Callable
 
     from starlette.applications import Starlette
 
 FAREWELL_S = 1.0
 """Viewers get so long to go when the server ends [s]."""
+
+IDLE_S = 10.0
+"""Who is connected and asks nothing whole, or takes nothing of an answer, goes after one to two
+times as long [s]."""
 
 MOST_CONNECTIONS = 500
 """Connections at a time; more are answered 503 [1]."""
@@ -166,6 +171,42 @@ def address(place: Place, listening: socket.socket) -> str:
     return f"http{'s' if place.secure else ''}://{shown}:{port}/"
 
 
+def _impatient() -> type:
+    """Return the protocol of uvicorn that lets idle connections go: else 500 of them fill it."""
+    from uvicorn.protocols.http.h11_impl import H11Protocol
+
+    class Impatient(H11Protocol):
+        """Looks at its connection now and then."""
+
+        _seen: object = None
+
+        def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+            super().connection_made(transport)
+            self.loop.call_later(IDLE_S, self._look)
+
+        def _look(self) -> None:
+            if self.transport.is_closing():
+                return
+            now = self._hindered()
+            if now is not None and now == self._seen:
+                self.transport.abort()
+                return
+            self._seen = now
+            self.loop.call_later(IDLE_S, self._look)
+
+        def _hindered(self) -> object:
+            """Return what its client keeps waiting for; None where it is not the client."""
+            cycle: Any = self.cycle
+            unread = self.transport.get_write_buffer_size()
+            if unread:
+                return "unread", unread
+            if cycle is None or cycle.response_complete:
+                return "nothing asked", id(cycle)
+            return ("half asked", len(cycle.body)) if cycle.more_body else None
+
+    return Impatient
+
+
 def make_server(application: Starlette, place: Place) -> Any:  # noqa: ANN401 - of uvicorn
     """Return a server of uvicorn; `run(sockets=[...])` serves until `should_exit`."""
     import uvicorn
@@ -176,6 +217,7 @@ def make_server(application: Starlette, place: Place) -> Any:  # noqa: ANN401 - 
         access_log=False,
         server_header=False,
         lifespan="off",
+        http=_impatient(),
         limit_concurrency=MOST_CONNECTIONS,
         timeout_graceful_shutdown=max(1, round(FAREWELL_S)),
         ssl_certfile=place.certificate or None,

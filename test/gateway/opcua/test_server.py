@@ -15,6 +15,7 @@ import sys
 import time
 import urllib.request
 from contextlib import asynccontextmanager
+from functools import partial
 from typing import Any
 
 import pytest
@@ -94,7 +95,7 @@ def server(path, folder):
     yield made
     said = made.end()
     assert "Traceback" not in said
-    assert said.count("5 wrong passwords of user anna: refused for 30 s") <= 1
+    assert said.count("5 wrong passwords of user anna from 127.0.0.2: refused for 30 s") == 1
 
 
 @asynccontextmanager
@@ -225,6 +226,23 @@ def test_without_user_or_encryption_nobody_looks(server, folder):
             pass
 
     asyncio.run(knock())
+
+
+def test_who_guesses_does_not_shut_out_the_owner_of_the_name_elsewhere(server, folder):
+    async def guess() -> None:
+        loop = asyncio.get_running_loop()
+        connect = loop.create_connection
+        from_elsewhere: Any = partial(connect, local_addr=("127.0.0.2", 0))
+        for password in (*5 * ["wrong"], PASSWORD):
+            loop.create_connection = from_elsewhere  # type: ignore[method-assign]
+            with pytest.raises(ua.uaerrors.BadUserAccessDenied):
+                async with connected(server, folder, "anna", password):
+                    pass
+        loop.create_connection = connect  # type: ignore[method-assign]
+        async with connected(server, folder):
+            pass
+
+    asyncio.run(guess())
 
 
 def test_a_verdict_that_changes_is_an_event_and_a_lost_history_a_status(tmp_path):

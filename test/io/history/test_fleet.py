@@ -13,6 +13,7 @@ import pytest
 from valve_twin.cli import main
 from valve_twin.core.aging.config import AgingConfig, Threshold
 from valve_twin.core.aging.verdict import VerdictKind
+from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.core.past.columns import past_of
 from valve_twin.core.types import Estimate, EstimateStatus, ParameterValue
 from valve_twin.io.history.fleet import FleetOrder, FleetRow, rank_fleet, ranked, recent_residual
@@ -79,7 +80,7 @@ def rows_of(url, order=FleetOrder.URGENCY, **kind):
 
 def test_the_valve_that_went_farthest_from_its_own_past_comes_first(url):
     rows = rows_of(url)
-    assert [row.valve[-1] for row in rows] == ["3", "2", "1", "4", "5"]
+    assert [row.valve[-1] for row in rows] == ["3", "4", "5", "2", "1"]
     worst = rows[0]
     assert worst.verdict is VerdictKind.VALVE
     assert worst.needs_attention
@@ -87,7 +88,7 @@ def test_the_valve_that_went_farthest_from_its_own_past_comes_first(url):
     assert worst.drift_lower_95 < worst.drift < worst.drift_upper_95 < -20.0
     assert worst.drift == pytest.approx(-25.0, abs=2.0)
     assert worst.cycle == CYCLES
-    assert not rows[2].needs_attention
+    assert not rows[4].needs_attention
 
 
 @pytest.mark.parametrize(
@@ -130,6 +131,11 @@ def test_what_is_not_known_comes_last():
     rows = [FleetRow("/a"), FleetRow("/b", drift=1.0), FleetRow("/c", drift=-2.0)]
     assert [r.valve for r in ranked(rows, FleetOrder.DRIFT)] == ["/c", "/b", "/a"]
     assert [r.valve for r in ranked(rows, FleetOrder.URGENCY)] == ["/a", "/b", "/c"]
+
+
+def test_worst_first_is_by_the_state_of_ne_107():
+    rows = [FleetRow(f"/{state.name}", ne107=state.value) for state in reversed(Ne107)]
+    assert "".join(r.valve[1] for r in ranked(rows, FleetOrder.URGENCY)) == "FOCMG"
 
 
 def test_a_young_valve_has_no_residual_to_compare_with():

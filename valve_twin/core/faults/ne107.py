@@ -11,7 +11,11 @@ from enum import Enum
 
 
 class Ne107(Enum):
-    """State of a valve with its monitoring, gravest first."""
+    """State of a valve with its monitoring, in the order in which one device tells several.
+
+    Valves are ranked by `severity`: one that is checked, or of which nothing is known yet, is no
+    worse than one out of its specification.
+    """
 
     FAILURE = "failure"
     CHECK_FUNCTION = "check function"
@@ -24,8 +28,14 @@ class Ne107(Enum):
         """The letter of its sign: F, C, S, M, or N for none."""
         return _LETTERS[self]
 
+    @property
+    def severity(self) -> int:
+        """How grave it is among valves, 1 .. 1000 as of an event of OPC UA [1]."""
+        return _SEVERITIES[self]
+
 
 _LETTERS = dict(zip(Ne107, "FCSMN", strict=True))
+_SEVERITIES = dict(zip(Ne107, (900, 500, 700, 400, 100), strict=True))
 
 _F, _C, _S, _M = (state for state in Ne107 if state is not Ne107.GOOD)
 

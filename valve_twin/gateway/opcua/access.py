@@ -6,8 +6,10 @@ from __future__ import annotations
 
 import asyncio
 import socket
+from contextvars import ContextVar
 from dataclasses import dataclass
 from datetime import datetime, timezone
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from asyncua import ua
@@ -22,7 +24,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 from valve_twin.io.errors import ConfigError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
     from asyncua import Server
@@ -124,13 +126,28 @@ def _close_ways_in(server: Server) -> None:
     def refuse(*_: object) -> None:
         raise ServiceError(ua.StatusCodes.BadServiceUnsupported)
 
-    def create(*arguments: Any, **named: Any) -> Any:  # noqa: ANN401  those of asyncua
+    def create(name: str, *arguments: Any, **named: Any) -> Any:  # noqa: ANN401  of asyncua
         if len(inner._external_sessions) >= MOST_SESSIONS:
             raise ServiceError(ua.StatusCodes.BadTooManySessions)
-        return make(*arguments, **named)
+        session = make(name, *arguments, **named)
+        session.activate_session = partial(_activate, session.activate_session, name)
+        return session
 
     inner.lookup_external_session = lambda _: None
     inner.register_server, inner.create_session = refuse, create
+
+
+_PLACE: ContextVar[str] = ContextVar("place", default="")
+"""Address of the client whose session is being activated: asyncua does not tell who asks."""
+
+
+def _activate(activate: Callable[..., Any], name: object, *arguments: Any) -> Any:  # noqa: ANN401
+    """Activate a session; it is named by asyncua after the address of its client."""
+    token = _PLACE.set(str(name[0]) if isinstance(name, tuple) and name else "")
+    try:
+        return activate(*arguments)
+    finally:
+        _PLACE.reset(token)
 
 
 class _Users:
@@ -150,7 +167,7 @@ class _Users:
             if self._trusted and not self._access.anonymous and certificate not in self._trusted:
                 return None
             passwords = self._access.passwords
-            if passwords and passwords.fits(username, password or ""):
+            if passwords and passwords.fits(username, password or "", _PLACE.get()):
                 return User(UserRole.User, username)
             return None
         if certificate is not None and certificate in self._trusted:

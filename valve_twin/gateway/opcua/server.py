@@ -44,13 +44,6 @@ _START_S = 120.0
 _STALE = ua.StatusCode(ua.StatusCodes.UncertainLastUsableValue)
 _UNKNOWN = ua.StatusCode(ua.StatusCodes.BadNoData)
 _GOOD = ua.StatusCode(ua.StatusCodes.Good)
-_SEVERITY = {
-    Ne107.FAILURE: 900,
-    Ne107.CHECK_FUNCTION: 500,
-    Ne107.OUT_OF_SPECIFICATION: 700,
-    Ne107.MAINTENANCE_REQUIRED: 400,
-    Ne107.GOOD: 100,
-}
 _EVENT = "VerdictChangedEventType"
 _EVENT_FIELDS = {
     "Verdict": "verdict",
@@ -265,7 +258,7 @@ class OpcUaFace:
         device = self._valves[valve][0].device
         generator = await server.get_event_generator(self._event, emitting_node=device)
         event = generator.event
-        event.Severity = _SEVERITY[Ne107(plain["ne107"])]
+        event.Severity = Ne107(plain["ne107"]).severity
         for name, key in _EVENT_FIELDS.items():
             setattr(event, name, plain[key])
         event.Cycle = plain["cycle"]

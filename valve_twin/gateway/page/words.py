@@ -10,6 +10,12 @@ import math
 import re
 from functools import cache
 from importlib.resources import files
+from typing import TYPE_CHECKING
+
+from markupsafe import Markup, escape
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 LANGUAGES = {"en": "English", "de": "Deutsch"}
 """Names of the languages by code; the first is that of the templates."""
@@ -45,6 +51,46 @@ def read_catalogue(text: str) -> dict[str, str]:
         part = {"msgid": 0, "msgstr": 1}.get(word, part)
         pairs[-1][part] += ast.literal_eval(quoted)
     return {message: told for message, told in pairs if message}
+
+
+def drawn(picture: str, told: Words) -> Markup:
+    """Return a picture (SVG) with its words in another language; what is not known stays.
+
+    Parameters
+    ----------
+    picture : str
+        SVG, escaped.
+    told : Words
+        The words; a text with {} stands for all that differ in that place.
+    """
+    if not told.catalogue:
+        return Markup(picture)
+    patterns = _patterns(tuple(m for m in told.catalogue if "{}" in m))
+
+    def replaced(found: re.Match[str]) -> str:
+        before, text, after = found.groups()
+        return f"{before}{escape(_translated(Markup(text).unescape(), told, patterns))}{after}"
+
+    return Markup(_IN_PICTURE.sub(replaced, picture))
+
+
+_IN_PICTURE = re.compile(r'(<text [^>]*>|aria-label=")([^<"]+)(</text>|")')
+
+
+@cache
+def _patterns(messages: tuple[str, ...]) -> dict[str, re.Pattern[str]]:
+    return {m: re.compile("(.+?)".join(map(re.escape, m.split("{}")))) for m in messages}
+
+
+def _translated(text: str, told: Words, patterns: Mapping[str, re.Pattern[str]]) -> str:
+    if text in told.catalogue:
+        return told.gettext(text)
+    for message, pattern in patterns.items():
+        found = pattern.fullmatch(text)
+        if found:
+            parts = [told.gettext(part) for part in found.groups()]
+            return told.gettext(message).format(*parts)
+    return text
 
 
 @cache

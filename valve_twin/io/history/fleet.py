@@ -204,6 +204,7 @@ def _rank(row: FleetRow, order: FleetOrder) -> tuple[float, ...]:
     if order is FleetOrder.CONFIDENCE:
         return (row.confidence, _descending(_width(row)))
     return (
+        -float(Ne107(row.ne107).severity),
         -float(row.needs_attention),
         -float(row.concern),
         _descending(row.way),
