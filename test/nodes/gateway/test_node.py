@@ -109,6 +109,32 @@ def test_values_shown_are_those_of_the_topic_with_that_stamp(gateway, twin):
             break
 
 
+def test_foxglove_shows_the_topics_of_a_twin_beside_those_of_the_history(graph, history, twin):
+    pytest.importorskip("foxglove", reason="needs the extra gateway")
+    from test.gateway.foxglove.test_face import Viewer
+
+    url = f"sqlite:///{history}"
+    made = graph.start("gateway", port=0, foxglove=0, history_url=url)
+    address = graph.spin_until(
+        lambda: re.search(r"ws://127\.0\.0\.1:\d+", made.log), what="Foxglove"
+    ).group()
+    prediction, command = f"{NS}/twin/prediction", f"{NS}/command/v_in"
+    viewer = Viewer(address)
+    try:
+        viewer.look_at(prediction, command, f"{NS}/twin/estimate")
+        viewer.until(lambda: len(viewer.of(prediction)) > 100, "predictions")
+        viewer.until(lambda: viewer.of(command), "commands")
+        viewer.until(lambda: viewer.of(f"{NS}/twin/estimate"), "estimates of the history")
+        for told in viewer.of(prediction):
+            stamp_ns = told.header.stamp.sec * 10**9 + told.header.stamp.nanosec
+            wanted = expected(stamp_ns)
+            assert told.measured == wanted["measured"]
+            assert told.simulated == wanted["freerun"]
+        assert viewer.of(command)[-1].value in {0.0, 1.0}
+    finally:
+        viewer.socket.close()
+
+
 def test_the_browser_draws_says_stale_within_three_seconds_and_recovers(
     graph, gateway, twin, browser
 ):

@@ -4,11 +4,10 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import socket
 import sys
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, suppress
 from getpass import getpass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,12 +18,10 @@ from valve_twin.io.errors import ConfigError
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Iterator
 
     from valve_twin.cli.common import Verbs
-    from valve_twin.gateway.mqtt.face import Speaker
-    from valve_twin.gateway.plant import Plant
     from valve_twin.gateway.web import Site
+    from valve_twin.io.config.gateway_parameters import FaceParameters
 
 _MOST = 65535
 
@@ -146,6 +143,7 @@ def _serve(arguments: argparse.Namespace) -> int:
     if not arguments.url:
         return fail("serve: --url is missing: name the history", USAGE)
     from valve_twin.gateway import serving
+    from valve_twin.gateway.faces import faces
     from valve_twin.gateway.plant import Plant
     from valve_twin.gateway.web import application
 
@@ -170,9 +168,7 @@ def _serve(arguments: argparse.Namespace) -> int:
         return fail(f"serve: {err}")
     with ExitStack() as stack:
         stack.enter_context(listening)
-        stack.enter_context(_opcua(arguments, plant))
-        stack.enter_context(_mqtt(arguments, plant))
-        stack.enter_context(_foxglove(arguments, plant))
+        stack.enter_context(faces(plant, _wanted(arguments), say))
         where = serving.address(place, listening)
         say(f"{view.where}: {len(view.rows)} valves at {where} (Ctrl-C ends it)")
         server = serving.make_server(application(plant, site), place)
@@ -196,89 +192,28 @@ def _site(arguments: argparse.Namespace, *, secure: bool) -> Site:
     return Site(samples=samples, accounts=accounts, marker=marker, secure=secure)
 
 
-@contextmanager
-def _opcua(arguments: argparse.Namespace, plant: Plant) -> Iterator[None]:
-    """Serve OPC UA meanwhile, where it is asked for."""
-    if not arguments.opcua:
-        yield
-        return
-    try:
-        from valve_twin.gateway.opcua.access import Access
-        from valve_twin.gateway.opcua.server import OpcUaFace
-    except ModuleNotFoundError as err:
-        msg = f"serve: {err.name} is missing: pip install valve_twin[gateway]"
-        raise ConfigError(msg) from err
-    from valve_twin.gateway.passwords import Passwords, read_users
-
-    logging.getLogger("asyncua").setLevel(logging.CRITICAL + 1)  # traces of what clients do wrong
-    users = arguments.opcua_users
-    passwords = Passwords(read_users(users), say) if users else None
-    folder = Path(arguments.opcua_pki).expanduser()
-    face = OpcUaFace(plant.view, arguments.opcua, Access(folder, passwords, arguments.anonymous))
-    say(f"OPC UA at {face.start()}, certificates in {folder}")
-    try:
-        yield
-    finally:
-        face.stop()
-
-
-@contextmanager
-def _mqtt(arguments: argparse.Namespace, plant: Plant) -> Iterator[None]:
-    """Tell a broker meanwhile, where it is asked for."""
-    if not arguments.mqtt:
-        yield
-        return
-    try:
-        from valve_twin.gateway.mqtt.face import MqttFace
-        from valve_twin.gateway.mqtt.sparkplug import SparkplugSpeaker
-    except ModuleNotFoundError as err:
-        msg = f"serve: {err.name} is missing: pip install valve_twin[gateway]"
-        raise ConfigError(msg) from err
-    from valve_twin.gateway.mqtt.backlog import Backlog
-    from valve_twin.gateway.mqtt.broker import Broker
+def _wanted(arguments: argparse.Namespace) -> FaceParameters:
+    """Return which faces are asked for."""
     from valve_twin.gateway.mqtt.names import checked_id
-    from valve_twin.gateway.mqtt.plain import JsonSpeaker
+    from valve_twin.io.config.gateway_parameters import FaceParameters
 
-    broker = Broker(
-        arguments.mqtt,
-        arguments.mqtt_user,
-        os.environ.get("VALVE_TWIN_MQTT_PASSWORD", ""),
-        arguments.mqtt_ca,
-        arguments.mqtt_cert,
-        arguments.mqtt_key,
+    return FaceParameters(
+        host=arguments.host,
+        foxglove=-1 if arguments.foxglove is None else arguments.foxglove,
+        opcua=arguments.opcua or "",
+        opcua_users=arguments.opcua_users or "",
+        opcua_pki=arguments.opcua_pki,
+        opcua_anonymous=arguments.anonymous,
+        mqtt=arguments.mqtt or "",
+        mqtt_format=arguments.mqtt_format,
+        mqtt_group=arguments.mqtt_group,
+        mqtt_node=checked_id("--mqtt-node", arguments.mqtt_node) if arguments.mqtt else "",
+        mqtt_state=arguments.mqtt_state,
+        mqtt_user=arguments.mqtt_user,
+        mqtt_ca=arguments.mqtt_ca,
+        mqtt_cert=arguments.mqtt_cert,
+        mqtt_key=arguments.mqtt_key,
     )
-    group = checked_id("--mqtt-group", arguments.mqtt_group)
-    with ExitStack() as stack:
-        speaker: Speaker = JsonSpeaker(group)
-        if arguments.mqtt_format != "json":
-            node = checked_id("--mqtt-node", arguments.mqtt_node)
-            of = f"{broker.address} {group}/{node}, {plant.view().where}"
-            backlog = Backlog(Path(arguments.mqtt_state).expanduser(), plant.estimates, of)
-            stack.callback(backlog.close)
-            speaker = SparkplugSpeaker(group, node, backlog)
-        face = MqttFace(plant.view, broker, speaker)
-        say(f"MQTT to {face.start()}")
-        stack.callback(face.stop)
-        yield
-
-
-@contextmanager
-def _foxglove(arguments: argparse.Namespace, plant: Plant) -> Iterator[None]:
-    """Serve Foxglove meanwhile, where it is asked for."""
-    if arguments.foxglove is None:
-        yield
-        return
-    try:
-        from valve_twin.gateway.foxglove.face import FoxgloveFace
-    except ModuleNotFoundError as err:
-        msg = f"serve: {err.name} is missing: pip install valve_twin[gateway]"
-        raise ConfigError(msg) from err
-    face = FoxgloveFace(plant.view, plant.estimates, arguments.host, arguments.foxglove)
-    say(f"Foxglove at {face.start()}")
-    try:
-        yield
-    finally:
-        face.stop()
 
 
 def _add_user(option: str, path: str | None, name: str) -> int:

@@ -133,11 +133,23 @@ class FoxgloveFace:
             )
         except (OSError, RuntimeError) as err:
             where = f"{self._host}:{self._port}"
-            msg = f"Foxglove: cannot listen at {where}: {err}: choose another --foxglove"
+            msg = f"Foxglove: cannot listen at {where}: {err}: choose another port"
             raise ConfigError(msg) from err
         self._thread.start()
         host = f"[{self._host}]" if ":" in self._host else self._host
         return f"ws://{host}:{self._server.port}"
+
+    def offer(self, topic: str, type_name: str) -> Channel | None:
+        """Return a channel for what is live; None of a topic that the history speaks on.
+
+        Parameters
+        ----------
+        topic, type_name : str
+            As they are in ROS; what is logged is the serialized message.
+        """
+        if topic in self._channels:
+            return None
+        return _channel(topic, type_name, self._context)
 
     def stop(self) -> None:
         """End."""
@@ -215,11 +227,7 @@ class FoxgloveFace:
 
     def _channel(self, topic: str, type_name: str) -> Channel:
         if topic not in self._channels:
-            text = definition(type_name).encode()
-            schema = Schema(name=type_name, encoding="ros2msg", data=text)
-            self._channels[topic] = Channel(
-                topic, schema=schema, message_encoding="cdr", context=self._context
-            )
+            self._channels[topic] = _channel(topic, type_name, self._context)
         return self._channels[topic]
 
     def _forget(self, valve: str) -> None:
@@ -227,6 +235,11 @@ class FoxgloveFace:
         self._cycles.pop(valve, None)
         for topic in [t for t in self._channels if t.startswith(f"{valve}/")]:
             self._channels.pop(topic).close()
+
+
+def _channel(topic: str, type_name: str, context: Context) -> Channel:
+    schema = Schema(name=type_name, encoding="ros2msg", data=definition(type_name).encode())
+    return Channel(topic, schema=schema, message_encoding="cdr", context=context)
 
 
 def _units(model: str) -> dict[str, str]:

@@ -33,7 +33,8 @@ if TYPE_CHECKING:
 DEPTH = 4000
 """Messages that may wait for the next look; of more the oldest are left out of the plot [1]."""
 
-_QOS = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+BEST_EFFORT = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""No publisher waits for such a reader."""
 _SERIES = "valve_twin_msgs/msg/PredictionSeries"
 
 
@@ -70,7 +71,7 @@ class LiveFeed:
         for curve, extractor in self._commands.items():
             kind = message_class(extractor.source.type)
             self._readers[curve] = self._reader.create_subscription(
-                kind, extractor.source.topic, _nothing, _QOS, raw=True
+                kind, extractor.source.topic, nothing, BEST_EFFORT, raw=True
             )
 
     def end(self) -> None:
@@ -100,7 +101,7 @@ class LiveFeed:
             self._reader.destroy_subscription(old)
         kind = PredictionSeries if self._series else Prediction
         self._readers[""] = self._reader.create_subscription(
-            kind, self._topic, _nothing, _QOS, raw=True
+            kind, self._topic, nothing, BEST_EFFORT, raw=True
         )
 
     def _fit_type(self) -> None:
@@ -163,5 +164,5 @@ def _curves(
     }
 
 
-def _nothing(_: object) -> None:
+def nothing(_: object) -> None:
     """Stand for the callback that nobody calls."""

@@ -4,12 +4,14 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from rclpy.node import Node
 
 from valve_twin.core.valves.registry import get_model
+from valve_twin.gateway.faces import faces
 from valve_twin.gateway.live.channel import Channels, LiveValve
 from valve_twin.gateway.live.plot import MOST_COMMANDS
 from valve_twin.gateway.page.accounts import Accounts
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from valve_twin.io.config.valve import ValveConfig
+    from valve_twin.nodes.gateway.foxglove_relay import FoxgloveRelay
 
 LOOK_S = 0.1
 """What came on the topics is taken so often while somebody looks [s]."""
@@ -49,6 +52,8 @@ class GatewayNode(ValveNode):
         self._marker: ServiceMarker | None = None
         self._diagnostics: Diagnostics | None = None
         self._timer: Any = None
+        self._faces = ExitStack()
+        self._relay: FoxgloveRelay | None = None
 
     @property
     def address(self) -> str:
@@ -73,7 +78,7 @@ class GatewayNode(ValveNode):
         aging = {name: config.aging for name, config in self._configs.items()}
         plates = {name: config.nameplate.given for name, config in self._configs.items()}
         self._plant = Plant(next(iter(urls)), aging, plates)
-        given = self.parameters.read(GatewayParameters)
+        given = self._given = self.parameters.read(GatewayParameters)
         place = Place(given.host, given.port, given.certificate, given.key)
         told = check_place(place, accounts=bool(given.users))
         if told:
@@ -111,6 +116,11 @@ class GatewayNode(ValveNode):
             marker=self._marker,
             secure=self._place.secure,
         )
+        foxglove = self._faces.enter_context(faces(self._plant, self._given, self._tell))
+        if foxglove is not None:
+            from valve_twin.nodes.gateway.foxglove_relay import FoxgloveRelay
+
+            self._relay = FoxgloveRelay(self._reader, foxglove, self._configs)
         self._server = Background(application(self._plant, site), self._place, self._tell)
         self._timer = self.create_timer(LOOK_S, self._look, clock=STEADY)
         self.get_logger().info(f"{len(self._configs)} valves at {self._server.address}")
@@ -126,6 +136,10 @@ class GatewayNode(ValveNode):
         if self._server is not None:
             self._server.stop()
             self._server = None
+        if self._relay is not None:
+            self._relay.end()
+            self._relay = None
+        self._faces.close()
         for feed in self._feeds.values():
             feed.end()
         self._feeds, self._watched = {}, set()
@@ -161,6 +175,8 @@ class GatewayNode(ValveNode):
     def _look(self) -> None:
         for valve in self._watched:
             self._feeds[valve].look()
+        if self._relay is not None:
+            self._relay.look()
 
     def _tell(self, text: str) -> None:
         self.post(partial(self.get_logger().info, text))
