@@ -22,6 +22,11 @@ from valve_twin.core.simulation import AgingRule, simulate_cycles, to_frames
 from valve_twin.core.types import Cycle
 from valve_twin.core.valves.double_solenoid.plant import DoubleSolenoidPlant
 from valve_twin.core.valves.double_solenoid.step_response import step_response
+from valve_twin.core.valves.hybrid_actuator.landing.strokes import (
+    open_stroke,
+    samples_of,
+    soft_stroke,
+)
 from valve_twin.core.valves.hybrid_actuator.magnetics import KERNELS, coil_force, magnet_force
 from valve_twin.core.valves.hybrid_actuator.plant import HybridActuatorPlant
 from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
@@ -33,6 +38,7 @@ from valve_twin.gateway.fmu.export import write_fmu
 from valve_twin.gateway.fmu.valve import law_of, valve_of
 from valve_twin.io.history.tables import cycle_record
 from valve_twin.report.svg import Panel, drawing, thin
+from valve_twin.validation import landing
 from valve_twin.validation.bench_004 import track_square, velocity_sweep
 from valve_twin.validation.layers_002 import FREQUENCIES, fit_layer
 from valve_twin.validation.paper_002 import REFRESH_3, REFRESH_4, SEED
@@ -181,6 +187,35 @@ def draw_actuator() -> list[Panel]:
     magnet_course, _ = followed("hybrid_actuator", "magnet_force", -0.15,
                                 ["magnet_force", "seating_speed_open"])  # fmt: skip
     return [stroke, force, course(magnet_course, 128.0, -0.15, "magnet force [N]", (105.0, 133.0))]
+
+
+def draw_landing() -> list[Panel]:
+    """Return an opening under the open sequence and the controller, and speeds at contact."""
+    noise = np.random.default_rng(landing.GRID_SEED).normal(size=samples_of())
+    _, loose = open_stroke(landing.VALVE, True)
+    stroke, soft = soft_stroke(landing.VALVE, landing.DATA_SHEET, True, noise)
+    ms, fine_ms = 0.05 * np.arange(len(soft)), 0.01 * np.arange(len(loose))
+    place = panel(0, (0.0, 20.0), (-4.2, 4.2), ("time [ms]", "armature towards the seat [mm]"))
+    place.line(*thin(fine_ms[fine_ms < 20.0], 1e3 * loose[fine_ms < 20.0], 300), "b")
+    place.line(*thin(ms[ms < 20.0], 1e3 * soft[ms < 20.0, 0], 300), "a")
+    place.text(205, 120, "controller", "ink-a")
+    place.text(205, 135, "open sequence", "ink-b")
+    currents = panel(1, (0.0, 20.0), (-30.0, 50.0), ("time [ms]", "currents, controller [A]"))
+    for column, style in ((3, "b"), (2, "a")):
+        currents.line(*thin(ms[ms < 20.0], soft[ms < 20.0, column], 400), style)
+    currents.text(520, 60, "coil that catches", "ink-a")
+    currents.text(520, 75, "coil that lets go", "ink-b")
+    print(f"landing: {stroke}")
+    speeds = panel(2, (-0.5, 26.5), (0.0, 1.2), ("valve of the grid", "speed at contact [m/s]"))
+    for opens, style in ((True, "dot"), (False, "fine")):
+        for values in landing.strokes_of(landing.grid(), opens):
+            found = np.array([s.speed for s in values])
+            if style == "dot":
+                speeds.dots(np.arange(27.0), found, style)
+            else:
+                speeds.line(np.arange(27.0), found, style)
+    speeds.level(landing.GOAL, "truth")
+    return [place, currents, speeds]
 
 
 def draw_double_solenoid() -> list[Panel]:
@@ -369,6 +404,7 @@ def draw_fmu() -> list[Panel]:
 FIGURES: dict[str, Callable[[], list[Panel]]] = {
     "stepper_servo": draw_stepper,
     "hybrid_actuator": draw_actuator,
+    "hybrid_actuator_landing": draw_landing,
     "double_solenoid": draw_double_solenoid,
     "servo_system": draw_servo,
     "servo_system_loops": draw_servo_loops,

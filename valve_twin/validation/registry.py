@@ -24,7 +24,10 @@ _MODULES = {
     "004": "valve_twin.validation.paper_004",
 }
 
-_BENCHMARKS = {"damadics": "valve_twin.validation.damadics.benchmark"}
+_BENCHMARKS = {
+    "damadics": "valve_twin.validation.damadics.benchmark",
+    "landing": "valve_twin.validation.landing",
+}
 
 
 @dataclass(frozen=True, slots=True)

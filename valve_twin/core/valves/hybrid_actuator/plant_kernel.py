@@ -171,9 +171,18 @@ def _runge_kutta(
 
 
 @njit(cache=True)
-def _currents(
+def solenoid_currents(
     a: Armature, opener: Magnetics, closer: Magnetics, state: FloatArray
 ) -> tuple[float, float]:
+    """Return the currents of opener and closer [A].
+
+    Parameters
+    ----------
+    a, opener, closer : Armature, Magnetics, Magnetics
+        Numbers of the actuator.
+    state : (STATE_SIZE,) array
+        See `STATE_SIZE`.
+    """
     reach = a.travel + a.residual_gap
     i_o = i_c = 0.0
     if state[OPEN_OPENER] == 0.0:
@@ -188,7 +197,7 @@ def _held(a: Armature, opener: Magnetics, closer: Magnetics, state: FloatArray) 
     """Return whether the armature rests on a stop and is pressed onto it."""
     if state[SPEED] != 0.0 or abs(state[X]) < a.travel:
         return False
-    i_o, i_c = _currents(a, opener, closer, state)
+    i_o, i_c = solenoid_currents(a, opener, closer, state)
     return bool(net_force(a, opener, closer, state[X], i_o, i_c) * state[X] >= 0.0)
 
 
@@ -215,7 +224,7 @@ def _block(
 ) -> None:
     """Let a bridge that is off block once its current has died; keep its flux at the magnet's."""
     reach = a.travel + a.residual_gap
-    now = _currents(a, opener, closer, state)
+    now = solenoid_currents(a, opener, closer, state)
     for j in range(2):
         m = opener if j == 0 else closer
         gap = reach - state[X] if j == 0 else reach + state[X]
@@ -265,7 +274,7 @@ def step(
     for j in range(2):
         if volts[j] != 0.0:
             state[OPEN_OPENER + j] = 0.0
-    before = _currents(a, opener, closer, state)
+    before = solenoid_currents(a, opener, closer, state)
     left = h
     for impact in range(_MAX_IMPACTS + 1):
         if impact == _MAX_IMPACTS:
@@ -413,7 +422,7 @@ def run_actuator(
         else:
             volts = _voltages(state, b, target[n], steps * h)
         position[n] = state[POSITION] if state[FAILED] == 0.0 else math.nan
-        currents = _currents(a, opener, closer, state)
+        currents = solenoid_currents(a, opener, closer, state)
         for j in range(2):
             inputs[n, j] = volts[j] / b.supply
             inputs[n, 2 + j] = shown_current(sensor, currents[j])

@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Strokes of the actuator: under the open sequence of its bridges, and under the controller."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.control.current_loop import CurrentSensor
+from valve_twin.core.quantity import assumed, check_quantities, compiled
+from valve_twin.core.valves.hybrid_actuator import plant_kernel as at
+from valve_twin.core.valves.hybrid_actuator.landing.kernel import Gains, fly, throw
+from valve_twin.core.valves.hybrid_actuator.magnetics import magnet_flux
+
+if TYPE_CHECKING:
+    from valve_twin.core.types import FloatArray
+    from valve_twin.core.valves.hybrid_actuator.plant import (
+        HybridActuatorNumbers,
+        HybridActuatorPlant,
+    )
+
+SENSOR_NOISE = 3e-6
+"""Position sensor of paper 001 with its data acquisition, 1.52 mV at 2.0242 mm/V [m]."""
+
+_LASTS_S = 0.04  # a stroke is followed so long [s]
+_AT_REST = 20e-6  # nearer to its seat the armature rests [m]
+
+
+@dataclass(frozen=True, slots=True)
+class LandingNumbers:
+    """Settings of the controller; all ours, tuned on the grid of +-10 % with two noise seeds."""
+
+    period: float = assumed(5e-5, "s", "Sampling time: the bridge's 20 kHz", 1e-5, 2e-4)
+    seat_speed: float = assumed(0.05, "m/s", "Wanted speed at the seat", 1e-3, 1.0)
+    deceleration: float = assumed(25.0, "m/s^2", "Wanted at the seat", 0.0, 1e4)
+    growth: float = assumed(1e5, "1/s^2", "More of it a metre before the seat", 0.0, 1e8)
+    zone: float = assumed(1.4e-3, "m", "Before the seat; further out the springs' own", 1e-5, 0.1)
+    speed_gain: float = assumed(2000.0, "1/s", "Acceleration a speed that is off", 0.0, 1e5)
+    observer: float = assumed(4000.0, "1/s", "Triple pole of the observer", 10.0, 1e5)
+    most_current: float = assumed(45.0, "A", "Largest current asked for", 0.1, 1e3)
+    catch_from: float = assumed(5e-3, "m", "Distance from which the seat's coil acts", 1e-5, 0.1)
+    inverse_below: float = assumed(
+        1.5e-3, "m", "Gap below which an inverse current is worth its heat", 0.0, 0.1
+    )
+    release_until: float = assumed(
+        2e-3, "m", "Way on which the other magnet is weakened", 0.0, 0.1
+    )
+    reserve: float = assumed(
+        0.6, "m^2/s^2", "Squared speed beyond the profile's at which the release ends", 0.0, 1e2
+    )
+    near: float = assumed(20e-6, "m", "Distance that counts as seated", 1e-7, 1e-3)
+    ramp: float = assumed(2e-3, "s", "In which the inverse current then goes", 1e-5, 1.0)
+
+    def __post_init__(self) -> None:
+        """Refuse numbers outside their range."""
+        check_quantities(self)
+
+    def gains(self, supply: float) -> Gains:
+        """Return the numbers for the compiled functions; `supply` is the data sheet's [V]."""
+        return compiled(Gains, self, supply=supply)
+
+
+@dataclass(frozen=True, slots=True)
+class Stroke:
+    """What a stroke did.
+
+    Attributes
+    ----------
+    speed : float
+        At the first contact with the seat [m/s]; NaN = never.
+    contact_s, rest_s : float
+        From the command to the first contact, and to rest on the seat [s]; NaN = never.
+    heat : float
+        Lost in both coils [J].
+    """
+
+    speed: float
+    contact_s: float
+    rest_s: float
+    heat: float
+
+
+def soft_stroke(
+    plant: HybridActuatorPlant,
+    known: HybridActuatorNumbers,
+    opens: bool,
+    noise: FloatArray,
+    numbers: LandingNumbers | None = None,
+) -> tuple[Stroke, FloatArray]:
+    """Run one stroke under the controller.
+
+    Parameters
+    ----------
+    plant : HybridActuatorPlant
+        The valve as it is.
+    known : HybridActuatorNumbers
+        Its data sheet: all that the controller knows beside position and currents.
+    opens : bool
+        Whether it opens, else it closes.
+    noise : (N,) array
+        Of the position sensor in standard deviations, one a sample [1].
+    numbers : LandingNumbers, optional
+        Settings, default as they are.
+
+    Returns
+    -------
+    stroke : Stroke
+        What it did.
+    course : (N, 4) array
+        Place towards the seat [m], speed [m/s], currents of the coil that catches and of the
+        other [A], a sample each.
+
+    Raises
+    ------
+    ValueError
+        If the sampling time is no multiple of the plant's step.
+    """
+    of = numbers or LandingNumbers()
+    steps = round(of.period / plant.step)
+    if steps < 1 or abs(steps * plant.step - of.period) > 1e-9 * of.period:
+        message = f"period = {of.period:g}: must be a multiple of step = {plant.step:g} [s]"
+        raise ValueError(message)
+    state, course = _seated(plant, opens), np.empty((len(noise), 4))
+    speed, contact = fly(
+        state,
+        (plant.armature(), plant.magnetics(), float(plant.supply_voltage)),
+        (known.armature(), known.magnetics()),
+        of.gains(float(known.supply_voltage)),
+        SENSOR_NOISE * noise,
+        CurrentSensor(float(plant.current_scale), float(plant.current_quantum)),
+        steps,
+        opens,
+        course,
+    )
+    return _told(plant, (speed, contact), course[:, 0], of.period, state), course
+
+
+def samples_of(numbers: LandingNumbers | None = None) -> int:
+    """Return how many samples a stroke is followed."""
+    return round(_LASTS_S / (numbers or LandingNumbers()).period)
+
+
+def open_stroke(plant: HybridActuatorPlant, opens: bool) -> tuple[Stroke, FloatArray]:
+    """Run one stroke under the open sequence of pulses that the plant's settings say.
+
+    Parameters
+    ----------
+    plant : HybridActuatorPlant
+        The valve as it is.
+    opens : bool
+        Whether it opens, else it closes.
+
+    Returns
+    -------
+    stroke : Stroke
+        What it did.
+    course : (N,) array
+        Place towards the seat before each step of the plant [m].
+    """
+    time = plant.step * np.arange(round(_LASTS_S / plant.step))
+    middle = time + 0.25 * plant.step
+    volts = np.zeros((len(time), 2))
+    volts[middle < plant.release_s, 1] = -plant.release_share * plant.supply_voltage
+    caught = (middle >= plant.catch_start_s) & (middle < plant.catch_start_s + plant.catch_s)
+    volts[caught, 0] = plant.catch_share * plant.supply_voltage
+    state, course = _seated(plant, opens), np.empty(len(time))
+    true = plant.armature(), plant.magnetics()
+    speed, contact = throw(state, true, volts, float(plant.step), opens, course)
+    return _told(plant, (speed, contact), course, plant.step, state), course
+
+
+def varied(
+    plant: HybridActuatorPlant, friction: float, supply: float, gas: float
+) -> HybridActuatorPlant:
+    """Return a valve with friction (viscous and Coulomb), supply and gas force scaled.
+
+    Parameters
+    ----------
+    plant : HybridActuatorPlant
+        The valve.
+    friction, supply, gas : float
+        Factors [1].
+    """
+    return replace(
+        plant,
+        damping=friction * plant.damping,
+        coulomb_friction=friction * plant.coulomb_friction,
+        supply_voltage=supply * plant.supply_voltage,
+        gas_force=gas * plant.gas_force,
+    )
+
+
+def _seated(plant: HybridActuatorPlant, opens: bool) -> FloatArray:
+    """Return the plant's state on the seat that is left, without current."""
+    state = plant.initial_state()
+    if not opens:
+        m = plant.magnetics()
+        state[at.X], state[at.POSITION] = plant.half_travel, 1.0
+        state[at.FLUX_OPENER] = magnet_flux(m, plant.residual_gap)
+        state[at.FLUX_CLOSER] = magnet_flux(m, 2.0 * plant.half_travel + plant.residual_gap)
+    return state
+
+
+def _told(
+    plant: HybridActuatorPlant,
+    contact: tuple[float, float],
+    place: FloatArray,
+    period: float,
+    state: FloatArray,
+) -> Stroke:
+    """Return what a stroke did; one that ends away from its seat never rests."""
+    away = int(np.flatnonzero(place < plant.half_travel - _AT_REST)[-1])
+    rest = float("nan") if away == len(place) - 1 else max(period * (away + 1), contact[1])
+    return Stroke(*contact, rest, float(state[at.JOULE]))
