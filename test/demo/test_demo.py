@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -36,9 +37,15 @@ def demo(tmp_path_factory):
     out = tmp_path_factory.mktemp("demo")
     command = [sys.executable, "-m", "valve_twin.demo", "--cycles", str(CYCLES)]
     command += ["--rate", "60", "--out", str(out), "--data", str(out / "nothing")]
+    opened = out / "opened.txt"
+    environment = {**os.environ, "BROWSER": f"sh -c 'echo %s >> {opened}'"}
     with (out / "told.txt").open("w+", encoding="utf-8") as told:
         process = subprocess.Popen(
-            command, stdout=told, stderr=subprocess.STDOUT, start_new_session=True
+            command,
+            stdout=told,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            env=environment,
         )
         try:
             code = process.wait(120)
@@ -47,7 +54,8 @@ def demo(tmp_path_factory):
             for pid in members(process.pid):
                 os.kill(pid, signal.SIGKILL)
     text = (out / "told.txt").read_text(encoding="utf-8")
-    return SimpleNamespace(folder=out / "1", code=code, text=text, left=left)
+    page = opened.read_text(encoding="utf-8") if opened.exists() else ""
+    return SimpleNamespace(folder=out / "1", code=code, text=text, left=left, page=page)
 
 
 def test_the_demo_ends_well_or_says_what_it_missed(demo):
@@ -84,3 +92,13 @@ def test_no_process_is_left(demo):
 def test_no_node_complained(demo):
     for log in demo.folder.glob("*.log"):
         assert "Traceback" not in log.read_text(errors="replace"), log.name
+
+
+def test_the_demo_opens_the_live_page_and_ends_by_saying_where_to_look(demo):
+    pytest.importorskip("starlette", reason="needs the extra gateway")
+    page = re.search(r"live page while it runs: (http://127\.0\.0\.1:\d+/valve/\S+)", demo.text)
+    assert page, demo.text
+    assert demo.page.strip() == page.group(1)
+    end = demo.text[demo.text.rindex("report page:") :]
+    for word in ("in a browser:", "in Foxglove:"):
+        assert word in end

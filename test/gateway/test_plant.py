@@ -13,7 +13,7 @@ import pytest
 
 from test.gateway.test_web import store
 from valve_twin.gateway import plant as module
-from valve_twin.gateway.plant import Plant
+from valve_twin.gateway.plant import WAITING, Plant
 from valve_twin.io.history.database import Database
 from valve_twin.io.history.fleet import describe_valve
 
@@ -202,3 +202,24 @@ def test_a_history_that_does_not_answer_any_more_is_told(path, monkeypatch):
     while [row.cycle for row in plant.view().rows if row.valve == "/b"] != [4]:
         assert time.monotonic() < end
     assert not plant.view().failure
+
+
+def test_who_looks_during_a_long_first_reading_sees_what_there_is(path, monkeypatch):
+    turn = threading.Event()
+    found = Plant._state
+
+    def slow(plant: Plant, history, valve: str, mark):
+        turn.wait(30.0)
+        return found(plant, history, valve, mark)
+
+    monkeypatch.setattr(Plant, "_state", slow)
+    plant = Plant(f"sqlite:///{path}")
+    begun = plant.glance()
+    assert not begun.whole
+    assert len(begun.rows) >= 1
+    assert {row.evidence for row in begun.rows} == {WAITING}
+    turn.set()
+    whole = plant.view()
+    assert whole.whole
+    assert plant.glance().rows == whole.rows
+    assert WAITING not in {row.evidence for row in whole.rows}

@@ -28,6 +28,12 @@ def _nodes(scale: Scale) -> Iterator[Ratio]:
     return live.compare(scale)
 
 
+def _faces(scale: Scale) -> Iterator[Ratio]:
+    from valve_twin.bench.nodes import faces
+
+    return faces.compare(scale)
+
+
 AREAS = {
     "simulation": simulation.compare,
     "estimation": estimation.compare,
@@ -39,6 +45,7 @@ AREAS = {
     "storing": storing.compare,
     "years": years.compare,
     "nodes": _nodes,
+    "faces": _faces,
 }
 """What is compared, by the name that `valve-twin bench NAME` takes."""
 

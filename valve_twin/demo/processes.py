@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import os
 import random
+import re
 import signal
 import subprocess
 import sys
@@ -31,6 +32,7 @@ class Processes:
     def __init__(self, logs: Path) -> None:
         self._logs = logs
         self._running: list[tuple[str, subprocess.Popen[bytes]]] = []
+        self._beside: set[str] = set()
 
     def __enter__(self) -> Processes:
         """Return itself."""
@@ -49,7 +51,13 @@ class Processes:
                 process.wait()
 
     def start(
-        self, name: str, namespace: str, files: Sequence[Path], more: Sequence[str] = ()
+        self,
+        name: str,
+        namespace: str,
+        files: Sequence[Path],
+        more: Sequence[str] = (),
+        *,
+        beside: bool = False,
     ) -> None:
         """Start one node with parameter files, later ones first in rank.
 
@@ -63,7 +71,11 @@ class Processes:
             Parameter files, later ones first in rank.
         more : sequence of str
             Further arguments.
+        beside : bool
+            Whether the rest goes on without it.
         """
+        if beside:
+            self._beside.add(name)
         command = [str(_executable(name)), "--ros-args", "-r", f"__ns:={namespace}"]
         for file in files:
             command += ["--params-file", str(file)]
@@ -78,8 +90,29 @@ class Processes:
         return "\n".join(f"{p.name}:\n{p.read_text('utf-8', 'replace')}" for p in logs)
 
     def alive(self) -> bool:
-        """Return whether all nodes still run."""
-        return all(process.poll() is None for _, process in self._running)
+        """Return whether all nodes still run that the rest needs."""
+        needed = [p for name, p in self._running if name not in self._beside]
+        return all(process.poll() is None for process in needed)
+
+    def found(self, name: str, pattern: str, limit_s: float) -> list[str]:
+        """Return what a node has said of a pattern as soon as it has; empty where it does not.
+
+        Parameters
+        ----------
+        name, pattern : str
+            Executable, and a regular expression.
+        limit_s : float
+            Longest wait [s].
+        """
+        log = self._logs / f"{name}.log"
+        end_s = time.monotonic() + limit_s
+        process = next(p for n, p in self._running if n == name)
+        while time.monotonic() < end_s and process.poll() is None:
+            seen = re.findall(pattern, log.read_text("utf-8", "replace"))
+            if seen:
+                return seen
+            time.sleep(0.1)
+        return []
 
 
 def _executable(name: str) -> Path:

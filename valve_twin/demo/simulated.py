@@ -4,6 +4,9 @@
 
 from __future__ import annotations
 
+import os
+import webbrowser
+from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 import yaml
@@ -19,6 +22,10 @@ if TYPE_CHECKING:
 
 SPARE = 2
 """Cycles beyond those waited for: the start of one ends the last, and the first may be cut."""
+
+
+PAGE_S = 60.0
+"""The page is waited for so long [s]."""
 
 
 def run_case(case: Case, out: Path) -> bool:
@@ -44,6 +51,7 @@ def run_case(case: Case, out: Path) -> bool:
         processes.start("aging_monitor", case.namespace, files)
         recorded = ["-p", f"bag:={bag}", "-p", "all:=true"]
         processes.start("bag_recorder", case.namespace, files, recorded)
+        _open_page(processes, case, files, bag)
         processes.start("simulated_valve", case.namespace, files)
         seen = _watch(processes, case)
     if seen < case.cycles:
@@ -77,6 +85,29 @@ def _signals(case: Case) -> dict[str, object]:
         for name in (*signals, *given):
             given.setdefault(name, {})["type"] = SERIES_TYPE
     return dict(given)
+
+
+def _open_page(processes: Processes, case: Case, files: list[Path], bag: Path) -> None:
+    """Show the valve in a browser while it runs; without the packages say so."""
+    missing = [name for name in ("starlette", "uvicorn", "prometheus_client")
+               if find_spec(name) is None]  # fmt: skip
+    if missing:
+        say(f"no live page: {missing[0]} is missing: pip install valve_twin[gateway]")
+        return
+    foxglove = ["-p", "foxglove:=0"] if find_spec("foxglove") else []
+    more = ["-p", "port:=0", "-p", f"bags:=['{bag}']", *foxglove]
+    processes.start("gateway", case.namespace, files, more, beside=True)
+    pages = processes.found("gateway", r"valves at (http://\S+)", PAGE_S)
+    if not pages:
+        say("no live page: see gateway.log")
+        return
+    page = f"{pages[0]}valve{case.namespace}"
+    say(f"live page while it runs: {page}")
+    for address in processes.found("gateway", r"Foxglove at (ws://\S+)", 5.0 * bool(foxglove)):
+        say(f"live in Foxglove:        {address} (layouts/foxglove.json)")
+    screens = ("DISPLAY", "WAYLAND_DISPLAY", "BROWSER")
+    if any(os.environ.get(screen) for screen in screens):  # else it would take the terminal
+        webbrowser.open(page)
 
 
 def _watch(processes: Processes, case: Case) -> int:

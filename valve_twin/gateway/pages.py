@@ -168,7 +168,7 @@ def fleet_page(view: View, now_ns: int, visitor: Visitor) -> str:
         counts=[(SIGNS[s], s.name.lower(), s.value, n) for s, n in counts.items() if n],
         read=moment(view.read_ns),
         age_s=_age_s(view, now_ns),
-        reload_s=RELOAD_S,
+        reload_s=RELOAD_S if view.whole else 1,
         mark=fleet_mark(view),
     )
 

@@ -46,6 +46,9 @@ WAIT_S = 0.5
 LATE_S = 30.0
 """A reading that takes longer, as with a database that does not answer any more, is told [s]."""
 
+WAITING = "is being assessed for the first time since the start"
+"""Evidence of a valve whose turn has not come yet."""
+
 COURSE = 60
 """Estimates of the small course beside a valve's name [1]."""
 
@@ -72,6 +75,8 @@ class View:
         The verdict of each valve that could be assessed, by its name.
     courses : mapping
         The last `COURSE` estimates of the worst parameter [its unit], by name of the valve.
+    whole : bool
+        Whether every valve was assessed.
     """
 
     rows: tuple[FleetRow, ...] = ()
@@ -82,6 +87,7 @@ class View:
     nameplates: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     verdicts: Mapping[str, Verdict] = field(default_factory=dict)
     courses: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    whole: bool = True
 
     def row(self, valve: str) -> FleetRow | None:
         """Return the row of a valve; None where the history does not know it."""
@@ -128,6 +134,20 @@ class Plant:
         self._states: dict[str, tuple[Mark, ValveState]] = {}
         self._courses: dict[str, tuple[float, ...]] = {}
         self._details = DetailsOf()
+        self._first, self._begun = threading.Event(), _NOTHING
+
+    def glance(self) -> View:
+        """Return what there is at once: of a first reading, which takes long, what it has so far.
+
+        Faces that tell changes take `view`: a valve that is yet to be assessed is no news.
+        """
+        if self._view is not _NOTHING:
+            return self.view()
+        if self._reading.acquire(blocking=False):
+            self._begun_s = time.monotonic()
+            threading.Thread(target=self._read_once, name="history", daemon=True).start()
+        self._first.wait(LATE_S)
+        return self._begun if self._view is _NOTHING and self._begun.rows else self.view()
 
     def view(self) -> View:
         """Return all valves; a history that cannot be read is said, nothing is raised."""
@@ -164,6 +184,7 @@ class Plant:
                 end_s = time.monotonic()
                 self._due_s = end_s + max(REFRESH_S, REST * (end_s - begun_s))
         finally:
+            self._first.set()
             self._end_reading()
 
     def page(self, valve: str) -> str | None:
@@ -268,7 +289,12 @@ class Plant:
         try:
             history = self._opened()
             marks = history.marks()
-            self._states = {name: self._state(history, name, m) for name, m in marks.items()}
+            known: dict[str, tuple[Mark, ValveState]] = {}
+            for name, mark in marks.items():
+                if self._view is _NOTHING:
+                    self._begin(history.where, marks, known)
+                known[name] = self._state(history, name, mark)
+            self._states = known
             self._courses = {n: c for n, c in self._courses.items() if n in marks}
         except ValveTwinError as err:
             self._view = replace(self._view, failure=str(err))
@@ -280,6 +306,19 @@ class Plant:
         verdicts = {s.row.valve: s.verdict for s in states if s.verdict is not None}
         now_ns, courses = time.time_ns(), dict(self._courses)
         self._view = View(rows, history.where, now_ns, "", trends, plates, verdicts, courses)
+
+    def _begin(
+        self,
+        where: str,
+        marks: Mapping[str, Mark],
+        states: Mapping[str, tuple[Mark, ValveState]],
+    ) -> None:
+        """Show what the first reading has so far."""
+        waiting = [FleetRow(shown_name(name), evidence=WAITING, cycle=mark.cycle)
+                   for name, mark in marks.items() if name not in states]  # fmt: skip
+        rows = ranked([state.row for _, state in states.values()] + waiting, FleetOrder.URGENCY)
+        self._begun = View(tuple(rows), where, time.time_ns(), whole=False)
+        self._first.set()
 
     def _opened(self) -> History:
         if self._history is not None and self._history.moved:

@@ -156,7 +156,7 @@ class _Pages:
         return self._message("No such valve", text, request, 404)
 
     def fleet(self, request: Request) -> Response:
-        view = self._plant.view()
+        view = self._plant.glance()
         if _has(request, fleet_mark(view)) and not view.failure:
             return _nothing_new()
         return self._html(fleet_page(view, time.time_ns(), self._visitor(request)), request)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from functools import partial
+from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 from rclpy.node import Node
@@ -122,6 +123,7 @@ class GatewayNode(ValveNode):
 
             self._relay = FoxgloveRelay(self._reader, foxglove, self._configs)
         self._server = Background(application(self._plant, site), self._place, self._tell)
+        Thread(target=self._plant.glance, daemon=True).start()  # read before somebody looks
         self._timer = self.create_timer(LOOK_S, self._look, clock=STEADY)
         self.get_logger().info(f"{len(self._configs)} valves at {self._server.address}")
 

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import gc
+import os
 import sys
 from importlib import import_module
 from importlib.util import find_spec
@@ -24,6 +25,9 @@ _NODES = {
     "gateway": ("gateway", "GatewayNode"),
 }
 """Room and class of each node."""
+
+_NICENESS = {"gateway": 10}
+"""Priority of who shows below that of who computes, so that no twin waits for a viewer [1]."""
 
 _USAGE = 2
 
@@ -75,6 +79,7 @@ def run(name: str) -> int:
         )
         return _USAGE
     termination.install()
+    os.nice(_NICENESS.get(name, 0))
     if not _accepts(name):
         return 1
     gc.disable()  # until the node has started: imports make hardly any garbage
