@@ -8,6 +8,7 @@ can be recomputed, the static table and one finite-element current contradict th
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -33,6 +34,12 @@ FLIGHT_S = 0.015
 XI, OMEGA_N, OMEGA_D, DAMPING = 0.072, 441.1, 439.6, 3.559
 """Paper 001, eqs. (3.12) and (3.13)."""
 
+POLE_TESLA, POLE_AREA, CORE_AREA = 2.74587, 2.5e-4, 1.095e-4
+"""Paper 001, section 3.2: B of the design equations [T], A_pole and A_core [m^2]."""
+
+MU_0 = 4e-7 * math.pi
+"""As the paper takes it [T m/A]."""
+
 THESIS = HybridActuatorPlant(
     kernel="linear",
     magnet_force=0.0,
@@ -53,7 +60,37 @@ def recompute(advance: Callable[[], None]) -> tuple[Check, ...]:
         checks += forces(kernel)
         checks += flights(kernel)
         advance()
-    return (*checks, *mechanics(), *contradictions())
+    return (*design_equations(), *checks, *mechanics(), *contradictions())
+
+
+def design_equations() -> list[Check]:
+    """Compare what eqs. (3.1) to (3.6) give with what is printed beside them."""
+    field = POLE_TESLA / MU_0
+    force = POLE_TESLA**2 * POLE_AREA / (2.0 * MU_0)
+    hold = float(np.sqrt(2.0 * MU_0 * 500.0 / POLE_AREA))
+    turns = field * 4e-3
+    derived = Kind.DERIVED
+    return [
+        within_share("Eqs. (3.1), (3.6)", "flux of the core [Wb]", 30.067e-5,
+                     POLE_TESLA * CORE_AREA, 2e-5, "the printed B and A_core", derived),
+        cannot("Eq. (3.2)", "surface of the core [m^2]", CORE_AREA, np.nan,
+               "radius and length of the core are not printed; a flux through its whole outside, "
+               "mantle and ends, is no flux of a core"),
+        within_share("Eq. (3.3)", "field strength [A/m]", 2185093.91, field, 1e-6,
+                     "the printed B over mu_0", derived),
+        within_share("Eq. (3.3)", "m.m.f. of a gap of 4 mm [A]", 8740.37, turns, 1e-6,
+                     "one gap; the circuit has two in series", derived),
+        within_range("Eq. (3.4)", "current of 1500 At in 200 turns [A]", "below 10",
+                     1500.0 / 200.0, upper=10.0, kind=derived,
+                     note="section 5.2: below 10 A in static tests"),
+        within_range("Eq. (3.4)", "current of the m.m.f. in 200 turns [A]", "50 of the supply",
+                     turns / 200.0, upper=50.0, kind=derived, note="section 3.4.2"),
+        cannot("Eq. (3.5)", "holding force [N]", 500.0, force,
+               f"the printed B and A_pole give this; 500 N need {hold:.2f} T"),
+        cannot("Eq. (3.5)", "flux density of the poles [T]", POLE_TESLA, hold,
+               "above what AISI 1008, the paper's steel, carries at any current of the tests "
+               "(2.0 T at 32 kA/m); ours is that of 500 N"),
+    ]  # fmt: skip
 
 
 def pulse(kernel: str, volts: float, gap: float = 0.5e-3) -> tuple[float, float]:

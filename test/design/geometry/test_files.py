@@ -65,7 +65,7 @@ def test_regions_come_from_the_layers_of_a_drawing(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("kind: cube", "kind = 'cube': must be double_stroke or section"),
+        ("kind: cube", "kind = 'cube': must be double_stroke, hybrid_pole or section"),
         ("[1, 2]", "holds no 'key: value' lines"),
         ("kind: [", "cannot be read"),
         ("kind: " + 5000 * "[", "line 1: nested deeper than 8 levels"),

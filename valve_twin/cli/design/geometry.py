@@ -29,7 +29,13 @@ def add(steps: Verbs) -> None:
 
 
 def _geometry(arguments: argparse.Namespace) -> int:
-    from valve_twin.design.geometry import DoubleStroke, draw_section, write_design, write_dxf
+    from valve_twin.design.geometry import (
+        DoubleStroke,
+        Section,
+        draw_section,
+        write_design,
+        write_dxf,
+    )
 
     design = read_given(arguments)
     written = [path for path in (arguments.svg, arguments.dxf, arguments.yaml) if path]
@@ -41,14 +47,15 @@ def _geometry(arguments: argparse.Namespace) -> int:
         if broken:
             return fail("; ".join(str(violation) for violation in broken))
         _show(design, as_json=arguments.json)
-    elif arguments.yaml:
-        return fail("--yaml: writes the numbers of a double-stroke solenoid only")
-    section = section_of(design)
+    elif arguments.yaml and isinstance(design, Section):
+        return fail("--yaml: writes numbers; a design of kind section has regions")
+    with refusals():
+        section = section_of(design)
     if arguments.svg:
         Path(arguments.svg).write_text(draw_section(section), encoding="utf-8")
     if arguments.dxf:
         write_dxf(section, Path(arguments.dxf))
-    if arguments.yaml and isinstance(design, DoubleStroke):
+    if arguments.yaml and not isinstance(design, Section):
         write_design(design, Path(arguments.yaml))
     for path in written:
         say(f"{path}: written")

@@ -15,21 +15,32 @@ if TYPE_CHECKING:
     import argparse
     from collections.abc import Iterator
 
-    from valve_twin.design.geometry import DoubleStroke, Section
+    from valve_twin.design.geometry import DoubleStroke, HybridPole, Section
     from valve_twin.design.search.archive import Archive
 
 
-def add_design(parser: argparse.ArgumentParser) -> None:
-    """Add the design as arguments."""
-    text = "YAML of the design, default a double-stroke solenoid of size 6"
+def add_design(
+    parser: argparse.ArgumentParser, default: str = "a double-stroke solenoid of size 6"
+) -> None:
+    """Add the design as arguments; `default` says what is taken where none is named."""
+    text = f"YAML of the design, default {default}"
     parser.add_argument("design", nargs="?", metavar="DESIGN", help=text)
     parser.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", help="a number of the design"
     )
 
 
-def read_given(arguments: argparse.Namespace) -> DoubleStroke | Section:
+def read_given(
+    arguments: argparse.Namespace, kind: str = "double_stroke"
+) -> DoubleStroke | HybridPole | Section:
     """Return the design of the arguments.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+        Of `add_design`.
+    kind : str
+        Of the design where no file is named.
 
     Raises
     ------
@@ -47,7 +58,8 @@ def read_given(arguments: argparse.Namespace) -> DoubleStroke | Section:
             raise ConfigError(msg)
         changes[name] = load_yaml(value)
     with refusals():
-        return read_design(Path(arguments.design) if arguments.design else None, changes)
+        path = Path(arguments.design) if arguments.design else None
+        return read_design(path, changes, kind)
 
 
 def read_double_stroke(arguments: argparse.Namespace) -> DoubleStroke:
@@ -67,7 +79,7 @@ def read_double_stroke(arguments: argparse.Namespace) -> DoubleStroke:
     return design
 
 
-def section_of(design: DoubleStroke | Section) -> Section:
+def section_of(design: DoubleStroke | HybridPole | Section) -> Section:
     """Return what the field is computed of.
 
     Raises
@@ -75,9 +87,9 @@ def section_of(design: DoubleStroke | Section) -> Section:
     ValueError
         If a restriction is broken.
     """
-    from valve_twin.design.geometry import DoubleStroke
+    from valve_twin.design.geometry import Section
 
-    return design.section() if isinstance(design, DoubleStroke) else design
+    return design if isinstance(design, Section) else design.section()
 
 
 @contextmanager

@@ -11,6 +11,7 @@ from valve_twin.cli.design import (
     export,
     field,
     geometry,
+    holding,
     map,
     optimise,
     report,
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 STEPS = (
     geometry,
     field,
+    holding,
     map,
     transient,
     evaluate,
@@ -38,8 +40,8 @@ STEPS = (
 def add(verbs: Verbs) -> None:
     """Add the verb and its steps."""
     text = (
-        "Compute a solenoid from its drawing: geometry, field, map, transient, evaluate, "
-        "sensitivity, optimise, report, export."
+        "Compute a solenoid from its drawing: geometry, field, holding, map, transient, "
+        "evaluate, sensitivity, optimise, report, export."
     )
     parser = verbs.add_parser("design", help=text, description=text)
     steps = parser.add_subparsers(dest="step", required=True, metavar="STEP")

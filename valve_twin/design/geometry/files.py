@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Designs in YAML: a double-stroke solenoid by its numbers, any other by its regions."""
+"""Designs in YAML: double-stroke solenoid and hybrid pole by their numbers, others by regions."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import yaml
 from valve_twin.core.quantity import checked, describe, example, replaced, suggest
 from valve_twin.design.geometry.double_stroke import DoubleStroke
 from valve_twin.design.geometry.dxf import read_dxf
+from valve_twin.design.geometry.hybrid_pole import HybridPole
 from valve_twin.design.geometry.section import Motion, Region, Section
 from valve_twin.design.materials import Linear, Magnet, Material, Steel
 
@@ -22,22 +23,30 @@ if TYPE_CHECKING:
     from valve_twin.design.geometry.section import Outline
 
 _KINDS: dict[str, type[Material]] = {"linear": Linear, "magnet": Magnet, "steel": Steel}
+_NUMBERED: dict[str, type[DoubleStroke | HybridPole]] = {
+    "double_stroke": DoubleStroke,
+    "hybrid_pole": HybridPole,
+}
+"""Solenoids that are described by their numbers, by kind."""
+
 _MM = 1e-3
 _DEEPEST = 8  # levels of a design's YAML
 _BOX = ("radius", "low", "high")
 
 
-def read_design(path: Path | None, changes: Mapping[str, object] | None = None) -> (
-    DoubleStroke | Section
-):  # fmt: skip
+def read_design(
+    path: Path | None, changes: Mapping[str, object] | None = None, kind: str = "double_stroke"
+) -> DoubleStroke | HybridPole | Section:
     """Read a design.
 
     Parameters
     ----------
     path : Path or None
-        YAML file; None = the double-stroke solenoid with its defaults.
+        YAML file; None = the solenoid of `kind` with its defaults.
     changes : mapping, optional
         Numbers in place of those of the file, by dotted name [SI].
+    kind : str
+        double_stroke or hybrid_pole.
 
     Raises
     ------
@@ -45,7 +54,7 @@ def read_design(path: Path | None, changes: Mapping[str, object] | None = None) 
         Names the key, its value and what to write.
     """
     if path is None:
-        return _double_stroke(changes or {})
+        return _numbered(kind, changes or {})
     given = _read_yaml(path)
     try:
         return _design(given, path.parent, changes or {})
@@ -56,12 +65,12 @@ def read_design(path: Path | None, changes: Mapping[str, object] | None = None) 
 
 def _design(
     given: dict[str, object], folder: Path, changes: Mapping[str, object]
-) -> DoubleStroke | Section:
+) -> DoubleStroke | HybridPole | Section:
     kind = given.pop("kind", None)
-    if kind == "double_stroke":
-        return _double_stroke({**_flat(given), **changes})
+    if isinstance(kind, str) and kind in _NUMBERED:
+        return _numbered(kind, {**_flat(given), **changes})
     if kind != "section":
-        message = f"kind = {kind!r}: must be double_stroke or section"
+        message = f"kind = {kind!r}: must be {', '.join(_NUMBERED)} or section"
         raise ValueError(message)
     if changes:
         message = f"'{next(iter(changes))}' cannot be set: edit the regions"
@@ -69,17 +78,17 @@ def _design(
     return _section(given, folder)
 
 
-def write_design(design: DoubleStroke, path: Path) -> None:
+def write_design(design: DoubleStroke | HybridPole, path: Path) -> None:
     """Write the numbers of a design with what they are.
 
     Parameters
     ----------
-    design : DoubleStroke
+    design : DoubleStroke or HybridPole
         What is written.
     path : Path
         YAML file.
     """
-    lines = ["kind: double_stroke"]
+    lines = [f"kind: {next(k for k, of in _NUMBERED.items() if isinstance(design, of))}"]
     for item in describe(design):
         unit = f" [{item.unit}]" if item.unit else ""
         value = example(item.default) if item.default else ("0.0" if item.default == 0.0 else "[]")
@@ -126,11 +135,14 @@ def _flat(given: Mapping[str, object], prefix: str = "") -> dict[str, object]:
     return found
 
 
-def _double_stroke(given: Mapping[str, object]) -> DoubleStroke:
-    return replaced(DoubleStroke(), _checked(DoubleStroke(), given))
+def _numbered(kind: str, given: Mapping[str, object]) -> DoubleStroke | HybridPole:
+    node = _NUMBERED[kind]()
+    return replaced(node, _checked(node, given))
 
 
-def _checked(node: DoubleStroke | Material, given: Mapping[str, object]) -> dict[str, object]:
+def _checked(
+    node: DoubleStroke | HybridPole | Material, given: Mapping[str, object]
+) -> dict[str, object]:
     """Return the values of known names in their types; ranges are told by who uses them."""
     return checked(node, given, unknown="no such number")
 
