@@ -125,7 +125,7 @@ def test_rows_that_go_back_in_time_are_named_and_left_out(tmp_path):
     found = recorded(tmp_path / "a.csv", text)
     assert len(found.columns[0].values) == 89
     (notice,) = found.notices
-    assert "a.csv:32: column 't_s': 0.3 is no later than what stands before" in notice
+    assert "a.csv:32: column 't_s': 0.3 stands behind 2.9 and before 3.1; 1 such row" in notice
 
 
 def test_a_row_cut_off_at_the_end_and_a_footer_are_left_out(tmp_path):
@@ -175,3 +175,21 @@ def test_a_time_that_does_not_rise_is_named_where_rows_are_counted(tmp_path, tim
     found = recorded(tmp_path / "a.csv", "t [s],x\n" + rows(lambda i: f"{time(i)},{i % 5}"))
     assert not found.measured
     assert "column 't [s]' rises in" in found.clock
+
+
+@pytest.mark.parametrize("row", [0, 30, 119])
+@pytest.mark.parametrize("time", ["1e9", "-7e5"])
+def test_a_wild_time_costs_its_own_row_only(tmp_path, row, time):
+    text = "t_s,x\n" + rows(lambda i: f"{time if i == row else f'{0.1 * i:.1f}'},{i % 4}", 120)
+    found = recorded(tmp_path / "a.csv", text)
+    assert len(found.columns[0].values) == 119
+    assert found.columns[0].seconds[-1] == pytest.approx(0.1 * (119 - (row in (0, 119))))
+    (notice,) = found.notices
+    assert f"a.csv:{row + 2}: column 't_s': {float(time):.12g} stands" in notice
+
+
+def test_a_pause_before_many_rows_is_no_wild_time(tmp_path):
+    text = "t_s,x\n" + rows(lambda i: f"{0.1 * i + 1e6 * (i >= 100)},{i % 4}", 120)
+    found = recorded(tmp_path / "a.csv", text)
+    assert len(found.columns[0].values) == 120
+    assert not found.notices

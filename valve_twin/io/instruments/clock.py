@@ -12,7 +12,7 @@ import numpy as np
 
 from valve_twin.core.quantity import suggest
 from valve_twin.io.errors import BagError
-from valve_twin.io.instruments.table import Column, Recording, rising, unique
+from valve_twin.io.instruments.table import Column, Recording, rising, unique, wild_row
 from valve_twin.io.instruments.units import known_unit, roles_of, split_name
 
 if TYPE_CHECKING:
@@ -91,10 +91,8 @@ def with_clock(sheet: Sheet, choice: ClockChoice) -> Recording:
     notices = list(sheet.notices)
     if not keep.all():
         bad = int(np.argmin(keep))
-        notices.append(
-            f"{sheet.path}:{sheet.lines[bad]}: column '{time.name}': {time.values[bad]:.12g} is "
-            f"no later than what stands before; {int(np.sum(~keep))} such rows are left out"
-        )
+        told = wild_row(time.values, keep)
+        notices.append(f"{sheet.path}:{sheet.lines[bad]}: column '{time.name}': {told}")
     if np.count_nonzero(keep) < 2:
         msg = f"{sheet.path}: column '{time.name}' does not rise; name the time column"
         raise BagError(msg)

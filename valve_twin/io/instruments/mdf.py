@@ -18,6 +18,7 @@ from valve_twin.io.instruments.table import (
     load_package,
     rising,
     unique,
+    wild_row,
 )
 
 if TYPE_CHECKING:
@@ -50,7 +51,8 @@ def read_mdf(path: Path) -> Recording:
             check_size(path, sum(8 * file.groups[g].channel_group.cycles_nr for g, _ in places))
             check_count(path, len(places))
             signals = (file.get(group=g, index=i) for g, i in places)
-            columns = [c for s in signals if (c := _column(s)) is not None]
+            notices: list[str] = []
+            columns = [c for s in signals if (c := _column(s, path, notices)) is not None]
             start = file.header.start_time
             start_ns = round(start.timestamp() * 1e6) * 1000
     except BagError:
@@ -64,7 +66,8 @@ def read_mdf(path: Path) -> Recording:
     first = min(float(c.seconds[0]) for c in columns)
     moved = [Column(c.name, c.unit, c.seconds - first, c.values) for c in columns]
     dated = start_ns + round(first * 1e9) if start_ns > 0 else None
-    return Recording(path, unique(moved), "master channels", measured=True, start_ns=dated)
+    return Recording(path, unique(moved), "master channels", measured=True, start_ns=dated,
+                     notices=tuple(notices))  # fmt: skip
 
 
 def _close_quietly() -> None:
@@ -79,10 +82,12 @@ def _close_quietly() -> None:
         reader.__del__ = forget  # type: ignore[method-assign]
 
 
-def _column(signal: Any) -> Column | None:  # noqa: ANN401  a Signal of asammdf
+def _column(signal: Any, path: Path, notices: list[str]) -> Column | None:  # noqa: ANN401  a Signal of asammdf
     values, times = np.asarray(signal.samples), np.asarray(signal.timestamps, dtype=np.float64)
     if values.ndim != 1 or values.dtype.kind not in "fiub" or len(values) < 2:
         return None
     keep = rising(times)
+    if not keep.all():
+        notices.append(f"{path}: channel '{signal.name}': time {wild_row(times, keep)}")
     numbers = values.astype(np.float64)[keep]
     return Column(str(signal.name), str(signal.unit or ""), times[keep], numbers)

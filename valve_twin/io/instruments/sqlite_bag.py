@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from valve_twin.io.errors import BagError
-from valve_twin.io.instruments.table import Column, Recording, check_size, rising, unique
+from valve_twin.io.instruments.table import Column, Recording, check_size, rising, unique, wild_row
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
+
+    from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
 _MOST_DEPTH = 6
 _ELEMENTS = 8  # of an array
@@ -67,17 +69,27 @@ def read_sqlite_bag(path: Path) -> Recording:
     if not found:
         msg = f"{path}: holds no numeric field"
         raise BagError(msg)
-    start_ns = min(min(stamps) for stamps, _ in found.values())
-    columns = [_column(name, *parts, start_ns) for name, parts in found.items()]
+    read = {name: _rising(*parts) for name, parts in found.items()}
+    for name, (keep, _, _) in read.items():
+        topic = name.partition(":")[0]
+        if not keep.all() and topic not in notices:
+            told = wild_row(np.array(found[name][0]) * 1e-9, keep)
+            notices[topic] = f"{path}: topic '{topic}': stamp {told}"
+    start_ns = min(int(stamps[0]) for _, stamps, _ in read.values())
+    columns = [
+        Column(name, "", 1e-9 * (stamps - start_ns).astype(np.float64), values)
+        for name, (_, stamps, values) in read.items()
+    ]
     clock = "receive times" if received else "header stamps"
     return Recording(path, unique(columns), clock, measured=True, start_ns=start_ns,
                      notices=tuple(notices.values()))  # fmt: skip
 
 
-def _column(name: str, stamps: list[int], values: list[float], start_ns: int) -> Column:
-    seconds = (np.array(stamps) - start_ns) * 1e-9
-    keep = rising(seconds)
-    return Column(name, "", seconds[keep], np.array(values)[keep])
+def _rising(stamps: list[int], values: list[float]) -> tuple[BoolArray, IntArray, FloatArray]:
+    """Return which samples have times of one clock; their stamps [ns] and values."""
+    all_ns = np.array(stamps, dtype=np.int64)
+    keep = rising((all_ns - all_ns[0]).astype(np.float64))
+    return keep, all_ns[keep], np.array(values, dtype=np.float64)[keep]
 
 
 def _stamp(message: Any) -> int | None:  # noqa: ANN401  any message

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numba import njit
 
 from valve_twin.io.errors import BagError
 from valve_twin.io.limits import too_large
@@ -18,10 +19,14 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
     from pathlib import Path
 
-    from valve_twin.core.types import BoolArray, FloatArray
+    from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
 MOST_COLUMNS = 2000
 """More columns than that are no channels of an instrument."""
+
+_FEW = 100  # of so many rows one at an end may be set apart
+_MOST_APART = 5  # rows at an end that may be set apart
+_PAUSE = 10.0  # pause that sets them apart, in times of all the others
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,8 +171,74 @@ def check_count(path: Path, count: int) -> None:
 
 
 def rising(seconds: FloatArray) -> BoolArray:
-    """Return where a time is later than all before it: (N,) bool; NaN is not."""
-    known = np.where(np.isfinite(seconds), seconds, -np.inf)
-    before = np.concatenate(([-np.inf], np.maximum.accumulate(known)[:-1]))
-    later: BoolArray = known > before
-    return later
+    """Return which times can be those of one clock: (N,) bool.
+
+    The most rows that rise strictly: a wild time is left out by itself, whether it lies before or
+    behind its neighbours. So are the first or last rows (one in a hundred, five at most) where a
+    pause of more than ten times all the others' time sets them apart.
+
+    Parameters
+    ----------
+    seconds : (N,) array
+        Times in the order of their rows; NaN is none [s].
+    """
+    keep = np.isfinite(seconds)
+    at = np.flatnonzero(keep)
+    times = np.asarray(seconds, dtype=np.float64)[at]
+    if len(times) and not (np.diff(times) > 0.0).all():
+        at = at[_longest_rise(times)]
+        keep[:] = False
+        keep[at] = True
+    times = seconds[at]
+    for apart in range(min(len(at) // _FEW, _MOST_APART), 0, -1):
+        first, last = times[apart] - times[apart - 1], times[-apart] - times[-apart - 1]
+        if first > _PAUSE * (times[-1] - times[apart]):
+            keep[at[:apart]] = False
+        if last > _PAUSE * (times[-apart - 1] - times[0]):
+            keep[at[-apart:]] = False
+    return keep
+
+
+def wild_row(seconds: FloatArray, keep: BoolArray) -> str:
+    """Say of the first row that `rising` left out what its time is, and how many there are.
+
+    Parameters
+    ----------
+    seconds : (N,) array
+        Times [s].
+    keep : (N,) bool array
+        What `rising` returned of them, not all of it true.
+    """
+    bad, count = int(np.argmin(keep)), int(np.count_nonzero(~keep))
+    before, behind = seconds[:bad][keep[:bad]], seconds[bad:][keep[bad:]]
+    where = [f"behind {before[-1]:.12g}"] if len(before) else []
+    where += [f"before {behind[0]:.12g}"] if len(behind) else []
+    rows = "1 such row is" if count == 1 else f"{count} such rows are"
+    return f"{seconds[bad]:.12g} stands {' and '.join(where)}; {rows} left out"
+
+
+@njit(cache=True)
+def _longest_rise(times: FloatArray) -> IntArray:
+    """Return the rows of a longest strictly rising part, of equal times the first."""
+    n = len(times)
+    ends = np.empty(n, dtype=np.int64)  # by length - 1: the row with the least time that ends one
+    before = np.empty(n, dtype=np.int64)
+    length = 0
+    for i in range(n):
+        low, high = 0, length
+        while low < high:
+            mid = (low + high) // 2
+            if times[ends[mid]] < times[i]:
+                low = mid + 1
+            else:
+                high = mid
+        before[i] = ends[low - 1] if low else -1
+        if low == length or times[i] < times[ends[low]]:
+            ends[low] = i
+        length = max(length, low + 1)
+    found = np.empty(length, dtype=np.int64)
+    row = ends[length - 1] if length else -1
+    for k in range(length - 1, -1, -1):
+        found[k] = row
+        row = before[row]
+    return found
