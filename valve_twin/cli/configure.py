@@ -92,6 +92,7 @@ def _is_bag(path: Path) -> bool:
 def _configure_files(arguments: argparse.Namespace) -> int:
     from valve_twin.io.configure.channels import look
     from valve_twin.io.configure.limits import MOST_CYCLES, justified_limits
+    from valve_twin.io.configure.odd import odd_files, without
     from valve_twin.io.configure.proposal import limit_line, reasons, yaml_text
     from valve_twin.io.configure.survey import choose
     from valve_twin.io.instruments.clock import ClockChoice
@@ -105,7 +106,11 @@ def _configure_files(arguments: argparse.Namespace) -> int:
         if clock.period_s or clock.scale:
             survey = look(paths, clock)
     survey, choice = choose(survey, position=arguments.position)
-    for line in reasons(survey, choice, len(paths)):
+    odd = odd_files(survey, [choice.pair, *choice.others] if choice.pair else [])
+    if odd:
+        paths = [p for p in paths if p not in odd]
+        survey, choice = choose(without(odd, look(paths, clock)), position=arguments.position)
+    for line in reasons(survey, choice, len(paths) + len(odd)):
         say(line)
     limits: list[Limit] = []
     if choice.repeat is None:

@@ -88,6 +88,14 @@ def test_a_missing_topic_is_named_with_the_remedy(graph, history, capfd):
     assert "has no publisher" in capfd.readouterr().err
 
 
+def test_a_channel_made_from_others_is_told_to_be_taken_as_it_is(graph, history, capfd):
+    graph.host(TwinNode, **history, **{"signals.v_in.column": "p_a - p_b"})
+    said = capfd.readouterr().err
+    (line,) = [x for x in said.splitlines() if "p_a - p_b" in x]
+    assert "signals.v_in.column 'p_a - p_b' is made by `valve-twin import` and not by" in line
+    assert f"'{NS}/command/v_in' as it is: publish 'p_a - p_b' there" in line
+
+
 def test_a_topic_of_another_type_is_named_with_the_remedy(graph, history):
     graph.host(TwinNode, **history)
     graph.stranger("plc").create_publisher(Float64, f"{NS}/command/v_in", 10)

@@ -53,6 +53,10 @@ class CsvConfig:
         text="Whether the files state their times; false = rows were counted or a unit was "
         "assumed: reports then call rates and dates not measured.",
     )
+    leave_out: tuple[str, ...] = setting(
+        (),
+        "Names of files that are not imported: configure puts those unlike the others here.",
+    )
     batch: int = quantity(
         100,
         "1",

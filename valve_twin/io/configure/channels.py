@@ -18,7 +18,7 @@ from valve_twin.io.instruments.read import read_recording
 from valve_twin.io.instruments.units import known_unit, roles_of, split_name
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
     from valve_twin.io.instruments.table import Recording
@@ -58,6 +58,8 @@ class Survey:
         Channels made from others, and the channel whose unit each has.
     clock : ClockChoice
         What was known of the time.
+    left_out : tuple of str
+        Names of files that were read and are unlike the others.
     """
 
     recordings: list[Recording]
@@ -71,6 +73,7 @@ class Survey:
     gap_s: float = GAP_S
     made: Mapping[str, str] = field(default_factory=dict)
     clock: ClockChoice = field(default_factory=ClockChoice)
+    left_out: tuple[str, ...] = ()
 
 
 def look(paths: Sequence[Path], choice: ClockChoice) -> Survey:
@@ -107,7 +110,7 @@ def look(paths: Sequence[Path], choice: ClockChoice) -> Survey:
     steps = [np.diff(c.seconds) for r in alike for c in r.columns if len(c.seconds) > 1]
     usual = float(np.median(np.concatenate(steps))) if steps else 1.0
     gap_s = max(GAP_S, _GAP_PERIODS * usual)
-    signals, still = _joined(alike, gap_s)
+    signals, still = joined(alike, gap_s)
     units = {c.name: c.unit for c in alike[0].columns}
     roles = {k: roles_of(*_parts(k, units[k])) for k in signals}
     known = {k: known_unit(_parts(k, units[k])[1]) for k in signals}
@@ -128,7 +131,7 @@ def add_channels(survey: Survey, made: Mapping[str, str], roles: tuple[str, ...]
         What the new ones may be.
     """
     recordings = [with_derived(r, made) for r in survey.recordings]
-    signals, _ = _joined(recordings, survey.gap_s, made)
+    signals, _ = joined(recordings, survey.gap_s, made)
     return replace(
         survey,
         recordings=recordings,
@@ -144,9 +147,28 @@ def _parts(name: str, unit: str) -> tuple[str, str]:
     return plain, unit or own
 
 
-def _joined(
-    recordings: Sequence[Recording], gap_s: float, names: Mapping[str, str] | None = None
+def joined(
+    recordings: Sequence[Recording], gap_s: float, names: Iterable[str] | None = None
 ) -> tuple[dict[str, Signal], dict[str, float]]:
+    """Put the channels of recordings after each other.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+        With the same channels.
+    gap_s : float
+        Pause between two [s].
+    names : iterable of str, optional
+        Only these channels.
+
+    Returns
+    -------
+    dict
+        Channels that change, by name.
+    dict
+        Channels that never do, and where they stay.
+    """
+    wanted = None if names is None else set(names)
     signals: dict[str, Signal] = {}
     still: dict[str, float] = {}
     starts, at = [], 0.0
@@ -154,7 +176,7 @@ def _joined(
         starts.append(at)
         at += max(float(c.seconds[-1]) for c in recording.columns) + gap_s
     for column in recordings[0].columns:
-        if names is not None and column.name not in names:
+        if wanted is not None and column.name not in wanted:
             continue
         own = [next(c for c in r.columns if c.name == column.name) for r in recordings]
         seconds = np.concatenate([s + c.seconds for s, c in zip(starts, own, strict=True)])

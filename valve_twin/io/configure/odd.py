@@ -5,16 +5,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from valve_twin.core.estimation.solvers.arx import fit_arx
 from valve_twin.core.prediction import fit_percent
-from valve_twin.core.survey.choose import halve
 from valve_twin.io.configure.channels import joined
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from valve_twin.core.survey.choose import Pair
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from valve_twin.io.configure.channels import Survey
 
 _LEAST_FILES = 3
+_MOST_SAMPLES = 1500  # of a file that are looked at
 _SOUND = 50.0  # fit of one file by the models of the others that shows how sound ones are [%]
 _ODD = 0.0  # fit by the models of the others at and below which a file is odd [%]
 
@@ -44,9 +45,8 @@ def odd_files(survey: Survey, pairs: list[Pair]) -> dict[Path, str]:
         return {}
     for pair in pairs:
         names = (pair.command, pair.answer)
-        parts = [_columns(survey, at, pair) for at in range(len(survey.recordings))]
-        fits = _fits(parts, pair.lag)
-        odd = _odd(fits)
+        parts, every = _columns(survey, pair)
+        odd = _odd(_fits(parts, max(1, pair.lag // every)))
         if odd:
             return {
                 survey.recordings[at].path: (
@@ -58,30 +58,49 @@ def odd_files(survey: Survey, pairs: list[Pair]) -> dict[Path, str]:
     return {}
 
 
-def _columns(survey: Survey, at: int, pair: Pair) -> tuple[FloatArray, FloatArray, int] | None:
-    """Return command and answer of one file on one grid, and its step; None = one rests."""
-    names = {n: "" for n in (pair.command, pair.answer)}
-    signals, _ = joined([survey.recordings[at]], survey.gap_s, names)
-    if len(signals) < len(names):
-        return None
-    halves = halve(signals, pair.command, pair.answer)
-    u = np.concatenate((halves.u, halves.unseen_u))
-    return u, np.concatenate((halves.y, halves.unseen_y)), halves.every
+def without(odd: Mapping[Path, str], survey: Survey) -> Survey:
+    """Return a survey of the other files that says which were left out.
+
+    Parameters
+    ----------
+    odd : mapping
+        What `odd_files` returned.
+    survey : Survey
+        Of the others.
+    """
+    told = [f"{path}: {why}" for path, why in odd.items()]
+    names = tuple(path.name for path in odd)
+    return replace(survey, refused=[*told, *survey.refused], left_out=names)
 
 
-def _fits(parts: list[tuple[FloatArray, FloatArray, int] | None], lag: int) -> FloatArray:
+_Part: TypeAlias = "tuple[FloatArray, FloatArray]"
+
+
+def _columns(survey: Survey, pair: Pair) -> tuple[list[_Part | None], int]:
+    """Return command and answer of each file, None where one rests, and their common step."""
+    names = {pair.command, pair.answer}
+    each = [joined([r], survey.gap_s, names)[0] for r in survey.recordings]
+    longest = max((len(s[pair.answer].values) for s in each if pair.answer in s), default=0)
+    every = max(1, -(-longest // _MOST_SAMPLES))
+    parts: list[_Part | None] = []
+    for signals in each:
+        if len(signals) < len(names):
+            parts.append(None)
+            continue
+        command, answer = signals[pair.command], signals[pair.answer]
+        at = np.searchsorted(command.stamp_ns, answer.stamp_ns[::every], side="right") - 1
+        parts.append((command.values[np.maximum(at, 0)], answer.values[::every]))
+    return parts, every
+
+
+def _fits(parts: Sequence[_Part | None], reach: int) -> FloatArray:
     """Return how well the model of a file (row) fits another (column) [%]; NaN = not known."""
     fits = np.full((len(parts), len(parts)), np.nan)
     for row, part in enumerate(parts):
-        if part is None:
-            continue
-        reach = max(1, lag // part[2])
-        model = fit_arx(part[0], part[1], (0, 1, reach // 2, reach, 2 * reach))
-        if model is None:
-            continue
+        model = part and fit_arx(*part, (0, 1, reach // 2, reach, 2 * reach))
         for column, other in enumerate(parts):
-            if other is not None and column != row and other[2] == part[2]:
-                fits[row, column] = fit_percent(other[1], model.free_run(other[0], other[1]))
+            if model and other and column != row:
+                fits[row, column] = fit_percent(other[1], model.free_run(*other))
     return fits
 
 
@@ -90,7 +109,7 @@ def _odd(fits: FloatArray) -> dict[int, tuple[float, float]]:
     sound = list(range(len(fits)))
     odd: dict[int, tuple[float, float]] = {}
     while len(sound) >= _LEAST_FILES:
-        by_others = np.array([_median(np.delete(fits[sound, k], sound.index(k))) for k in sound])
+        by_others = np.array([_median(fits[sound, k]) for k in sound])
         known = np.where(np.isfinite(by_others), by_others, np.inf)
         worst = int(np.argmin(known))
         rest = [k for k in sound if k != sound[worst]]

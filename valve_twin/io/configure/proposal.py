@@ -83,6 +83,9 @@ def yaml_text(
         f"      time_scale: {number_text(first.time_scale)}   # seconds in one unit of it",
         f"      gap_s: {number_text(survey.gap_s)}   # pause between two files [s]",
     ]
+    if survey.left_out:
+        names = json.dumps(list(survey.left_out), ensure_ascii=False)
+        lines.append(f"      leave_out: {names}   # unlike the other files")
     if not first.measured and not survey.clock.period_s:
         lines.append("      times_measured: false   # rates and dates are no measurements")
     if survey.clock.resample_s:

@@ -43,6 +43,17 @@ def difference(first: str, second: str) -> str:
     return f"{first} - {second}"
 
 
+def is_made(name: str) -> bool:
+    """Return whether a name describes a channel made from others.
+
+    Parameters
+    ----------
+    name : str
+        Of a channel.
+    """
+    return bool(_PART.fullmatch(name)) or " - " in name or " + " in name
+
+
 def with_derived(recording: Recording, names: Iterable[str]) -> Recording:
     """Return a recording with the channels that these names describe; others stay as they are.
 

@@ -118,10 +118,11 @@ def import_recordings(
         If no signal names a column, or the mapping cannot be written.
     """
     streams = streams_of(config)
-    paths = recording_files(files)
+    given = recording_files(files)
+    paths = [p for p in given if p.name not in config.csv.leave_out] or given
     bag: BagWriter | None = None
     done: list[ImportedFile] = []
-    notices: list[str] = []
+    notices = [f"left out: {p}: csv.leave_out names it" for p in given if p not in paths]
     try:
         for path in paths:
             try:

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from valve_twin.io.config.valve import ValveConfig
 
 _REASONS = 3  # told of refused cycles
+_FILES = 3  # named with a kind of refusal
 
 COMPARED = 5
 """Newest cycles on which a model is compared with its baselines."""
@@ -336,9 +337,23 @@ def describe_refused(bag: str | Path, record: Record) -> list[str]:
     refused = [e for e in trended if e.status is EstimateStatus.REFUSED]
     first = {e.reason_code: e.reason for e in reversed(refused)}
     return [
-        f"{bag}: {count} of {len(trended)} cycles give no estimate: {first[code]}"
+        f"{bag}: {count} of {len(trended)} cycles give no estimate"
+        f"{_of_files(record, refused, code)}: {first[code]}"
         for code, count in Counter(e.reason_code for e in refused).most_common(_REASONS)
     ]
+
+
+def _of_files(record: Record, refused: list[Estimate], code: str) -> str:
+    """Name the imported files of refused cycles where these are not of all files."""
+    found = [record.files.get(e.cycle, "") for e in refused if e.reason_code == code]
+    names, known = (
+        list(dict.fromkeys(name for text in texts if text for name in text.split(", ")))
+        for texts in (found, record.files.values())
+    )
+    if not names or len(names) == len(known):
+        return ""
+    more = f" and {len(names) - _FILES} more" if len(names) > _FILES else ""
+    return f" ({', '.join(names[:_FILES])}{more})"
 
 
 def assess_record(config: ValveConfig, record: Record) -> Assessment:

@@ -14,6 +14,7 @@ from valve_twin.io.config.node_parameters import TwinParameters
 from valve_twin.io.errors import ConfigError
 from valve_twin.io.history.spool import MemoryBudget
 from valve_twin.io.history.store import History
+from valve_twin.io.instruments.derived import is_made
 from valve_twin.nodes.runtime.compat import share_interpreter
 from valve_twin.nodes.runtime.diagnostics import ERROR, STALE, Diagnostics, Report
 from valve_twin.nodes.runtime.memory_trim import MemoryTrimmer
@@ -31,6 +32,8 @@ from valve_twin.nodes.twin.valve_parameters import read_valves
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+
+    from valve_twin.io.config.valve import ValveConfig
 
 FLUSH_S = 1.0
 """Time that is given to the database at the end [s]."""
@@ -93,6 +96,7 @@ class TwinNode(ValveNode):
             self.get_logger().info(f"prediction: {compiled}")
         budget = MemoryBudget(round(1e6 * given.memory_budget_mb))
         for config in configs:
+            self._tell_made(config)
             valve = LiveValve(
                 self,
                 config,
@@ -113,6 +117,16 @@ class TwinNode(ValveNode):
         self._diagnostics = Diagnostics(self, self._reports)
         each_s = max(SAVE_S / max(len(self._valves), 1), MOST_OFTEN_S)
         self._save_timer = self.create_timer(each_s, self._save_next, clock=STEADY)
+
+    def _tell_made(self, config: ValveConfig) -> None:
+        """Say that channels made from others are made by the import only."""
+        for source in config.signals.values():
+            if is_made(source.column):
+                self.get_logger().warning(
+                    f"{config.name}: signals.{source.signal}.column '{source.column}' is made by "
+                    "`valve-twin import` and not by a live twin, which takes "
+                    f"'{source.topic}' as it is: publish '{source.column}' there"
+                )
 
     def _check_given(self) -> None:
         """Refuse to make a database for a valve that nobody described."""
