@@ -311,6 +311,52 @@ async def until_status(read, wanted, most_s=60.0) -> None:
         await asyncio.sleep(0.1)
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+def test_a_server_that_is_killed_a_hundred_times_shows_all_that_was_stored(tmp_path):
+    outlive(tmp_path, 100)
+
+
+def outlive(folder, kills: int) -> list[float]:
+    """Kill the server and store a cycle meanwhile; return how long it took to be there again [s].
+
+    A client finds the newest cycle as soon as the server is there again.
+    """
+    path, port = folder / "history.sqlite", free_port()
+    store(path, "/v", range(1, 41), 0.0)
+    more = ("--anonymous", "--opcua", f"opc.tcp://127.0.0.1:{port}")
+    gone = []
+
+    async def look() -> int:
+        async with Client(f"opc.tcp://127.0.0.1:{port}") as client:
+            own = await client.get_namespace_index(VALVES)
+            return int(await client.get_node(ua.NodeId("/v#Cycle", own)).read_value())
+
+    server = Server(path, folder / "pki", *more)
+    cycle = asyncio.run(look())
+    assert cycle == 40
+    for _ in range(kills):
+        server.process.kill()
+        server.process.wait()
+        assert server.process.stderr is not None
+        server.process.stderr.close()
+        cycle += 1
+        store(path, "/v", range(cycle, cycle + 1), 0.0)
+        begun_s = time.monotonic()
+        server = Server(path, folder / "pki", *more)
+        assert asyncio.run(look()) == cycle
+        gone.append(time.monotonic() - begun_s)
+    assert server.json()["/v"]["cycle"] == cycle
+    assert "Traceback" not in server.end()
+    return gone
+
+
+def free_port() -> int:
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        return int(found.getsockname()[1])
+
+
 def refusal(path, *more: str) -> tuple[int, str]:
     command = [sys.executable, "-m", "valve_twin.cli", "serve", "--port", "0", "--opcua", *more]
     done = subprocess.run(

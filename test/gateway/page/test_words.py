@@ -9,13 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from markupsafe import Markup
 
 import valve_twin.gateway
 from valve_twin.core.aging.verdict import VerdictKind
 from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.core.types import Prediction, Validity
 from valve_twin.gateway.page import forms
-from valve_twin.gateway.page.words import chosen, drawn, read_catalogue, words
+from valve_twin.gateway.page.words import cell, chosen, drawn, read_catalogue, words
 from valve_twin.report import plots
 from valve_twin.report.plots import plot_cycle
 from valve_twin.report.tables import STATUS_WORDS
@@ -57,6 +58,15 @@ def test_the_words_inside_a_picture_are_translated():
     assert drawn(name, words("de")) == name.replace("over cycle", "über Zyklus")
     limit = '<text class="limit">service limit 0.5, beyond this view ▼</text>'
     assert ">Wartungsgrenze 0.5, unterhalb dieses Bildes ▼<" in drawn(limit, words("de"))
+
+
+def test_the_words_in_the_cells_of_a_table_are_translated():
+    german = words("de")
+    made = Markup("steady<small>60 estimates</small>")
+    assert cell(made, german) == "stetig<small>60 Schätzungen</small>"
+    assert cell("<b>due</b>", german) == "&lt;b&gt;due&lt;/b&gt;"
+    assert cell("due", german) == "fällig"
+    assert cell(made, words("en")) == made
 
 
 def test_every_word_that_the_plots_write_is_translated():

@@ -74,6 +74,21 @@ def drawn(picture: str, told: Words) -> Markup:
     return Markup(_IN_PICTURE.sub(replaced, picture))
 
 
+def cell(text: object, told: Words) -> Markup:
+    """Return a cell of a table, text or HTML, with its words in another language."""
+    found = str(escape(text))
+    if not told.catalogue:
+        return Markup(found)
+    patterns = _patterns(tuple(m for m in told.catalogue if "{}" in m))
+    parts = re.split("(<[^>]*>)", found)
+    return Markup("").join(
+        Markup(part)
+        if part.startswith("<")
+        else _translated(Markup(part).unescape(), told, patterns)
+        for part in parts
+    )
+
+
 _IN_PICTURE = re.compile(r'(<text [^>]*>|aria-label=")([^<"]+)(</text>|")')
 
 
