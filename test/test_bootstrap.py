@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).resolve().parent.parent
 BOOTSTRAP = ROOT / "tools" / "bootstrap.py"
-LOCKS = ("requirements.lock", "requirements-ros.lock")
-INPUTS = ("requirements.lock", "requirements-ros.lock", "setup.py", "setup.cfg", "package.xml")
+LOCKS = ("requirements.lock", "requirements-ros.lock", "requirements-ros-kilted.lock")
+INPUTS = (*LOCKS, "setup.py", "setup.cfg", "package.xml")
 
 
 @pytest.fixture
@@ -162,11 +162,11 @@ def copied_inputs(folder: Path) -> None:
         (folder / "valve_twin" / name / "kernel.py").write_text("x = 1\n")
 
 
-def fingerprints_of(folder: Path) -> dict[str, str]:
+def fingerprints_of(folder: Path, ros: str = "") -> dict[str, str]:
     code = (
         "import json; from setup_steps.inputs import fingerprints as f; print(json.dumps(f('')))"
     )
-    environment = {**os.environ, "PYTHONPATH": str(folder / "tools")}
+    environment = {**os.environ, "PYTHONPATH": str(folder / "tools"), "VALVE_TWIN_ROS": ros}
     done = subprocess.run(
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
     )
@@ -196,6 +196,25 @@ def test_a_change_redoes_only_what_depends_on_it(
         file.write("\n")
     after = fingerprints_of(tmp_path)
     assert {step for step in before if before[step] != after[step]} == redone
+
+
+def test_kilted_has_pins_of_its_own_and_takes_the_rest_from_the_others(tmp_path: Path) -> None:
+    copied_inputs(tmp_path)
+    jazzy, kilted = fingerprints_of(tmp_path), fingerprints_of(tmp_path, "kilted")
+    assert {step for step in jazzy if jazzy[step] != kilted[step]} == {"packages", "messages"}
+
+
+def test_another_distribution_is_refused_in_one_line(
+    step: Callable[[str], Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    console, prefix = step("console"), step("prefix")
+    monkeypatch.setattr(prefix, "WHEELS", "rolling")
+    with pytest.raises(console.SetupError, match="ROS=rolling: there are wheels of jazzy and kil"):
+        prefix.refuse_what_cannot_work("")
+    monkeypatch.setattr(prefix, "WHEELS", "kilted")
+    monkeypatch.setattr(prefix, "SUFFIX", "-kilted")
+    with pytest.raises(console.SetupError, match="ROS 2 jazzy is sourced, ROS=kilted was asked"):
+        prefix.refuse_what_cannot_work("jazzy")
 
 
 def test_the_demo_compiles_one_valve_and_a_whole_set_up_adds_the_rest(
@@ -280,12 +299,13 @@ def test_the_lock_covers_what_the_package_requires() -> None:
     assert wanted("requirements.in") <= locked
 
 
-def test_the_ros_lock_covers_what_is_wanted_and_agrees_with_the_other() -> None:
+@pytest.mark.parametrize("ros", ["requirements-ros", "requirements-ros-kilted"])
+def test_a_ros_lock_covers_what_is_wanted_and_agrees_with_the_other(ros: str) -> None:
     ours = {str(pin) for pin in pins("requirements.lock")}
     names = {canonicalize_name(pin.name) for pin in pins("requirements.lock")}
-    ros = pins("requirements-ros.lock")
-    assert wanted("requirements-ros.in") <= {canonicalize_name(pin.name) for pin in ros}
-    assert {str(pin) for pin in ros if canonicalize_name(pin.name) in names} <= ours
+    found = pins(f"{ros}.lock")
+    assert wanted(f"{ros}.in") <= {canonicalize_name(pin.name) for pin in found}
+    assert {str(pin) for pin in found if canonicalize_name(pin.name) in names} <= ours
 
 
 def test_every_python_has_one_pin_a_package() -> None:

@@ -27,7 +27,8 @@ from valve_twin.io.errors import StoreError
 from valve_twin.io.history.claim import FileClaim
 
 ROOT = Path(__file__).resolve().parent.parent
-INSTALLED = ROOT / "install" / "valve_twin"
+ROS = os.environ.get("VALVE_TWIN_ROS") or "jazzy"
+INSTALLED = ROOT / ("install" if ROS == "jazzy" else f"install-{ROS}") / "valve_twin"
 EXECUTABLES = {
     "aging_monitor",
     "bag_player",

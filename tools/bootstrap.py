@@ -5,7 +5,7 @@
 Needs nothing but a Python 3.10-3.13 of its own. Every step remembers a fingerprint of its inputs
 in .venv/valve_twin_setup.json and is skipped while they stay the same. Where ROS 2 is sourced
 (ROS_DISTRO is set) that installation is used; elsewhere its Jazzy wheels fill the virtual
-environment as one ament prefix.
+environment as one ament prefix, or those of Kilted (VALVE_TWIN_ROS=kilted) another beside it.
 """
 
 import sys
@@ -23,7 +23,7 @@ import os
 import time
 from concurrent.futures import ThreadPoolExecutor
 
-from setup_steps.console import LOG, ROOT, SetupError, say
+from setup_steps.console import LOG, ROOT, SUFFIX, SetupError, say
 from setup_steps.inputs import fingerprints, read_state, write_state
 from setup_steps.prefix import PYTHON, install_packages, make_environment, refuse_what_cannot_work
 from setup_steps.system import install_system_packages, missing_system_packages
@@ -83,7 +83,7 @@ def set_up(demo: str | None) -> tuple[str, ...]:
 def build_packages(state: dict[str, str], wanted: dict[str, str], distro: str) -> dict[str, str]:
     """Build messages and package, check that all of it imports; return what is done now."""
     steps = {"messages": "valve_twin_msgs", "package": "valve_twin"}
-    built = all((ROOT / "install" / name).is_dir() for name in steps.values())
+    built = all((ROOT / f"install{SUFFIX}" / name).is_dir() for name in steps.values())
     stale = [step for step in steps if not built or state.get(step) != wanted[step]]
     if stale:
         colcon_build([steps[step] for step in stale], distro)

@@ -18,6 +18,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 RESOLVER = "uv==0.13.8"
 LOCKS = ("requirements.lock", "requirements-ros.lock")
+ROS = ("requirements-ros", "requirements-ros-kilted")
 BILL = "sbom.cdx.json"
 HEADER = "# Pinned for Python 3.10-3.13 from {source} by make lock; do not edit.\n"
 
@@ -100,13 +101,14 @@ def bill_of_materials() -> str:
 
 
 def main() -> None:
-    """Write both lock files with a resolver of their own."""
+    """Write the lock files with a resolver of their own."""
     with tempfile.TemporaryDirectory() as folder:
         subprocess.run([sys.executable, "-m", "venv", folder], check=True)
         tools = Path(folder, "bin")
         subprocess.run([tools / "python", "-m", "pip", "install", "--quiet", RESOLVER], check=True)
         resolve(tools / "uv", "requirements.in", "requirements.lock")
-        resolve(tools / "uv", "requirements-ros.in", "requirements-ros.lock", "requirements.lock")
+        for ros in ROS:
+            resolve(tools / "uv", f"{ros}.in", f"{ros}.lock", "requirements.lock")
     (ROOT / BILL).write_text(bill_of_materials(), encoding="utf-8")
     print(f"lock: wrote {BILL}")
 

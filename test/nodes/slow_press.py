@@ -1,11 +1,17 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""A press valve whose estimation computes for two seconds, found by an entry point of its own."""
+"""A press valve whose estimation takes long, found by an entry point of its own.
+
+It computes for two seconds; where the environment names a file, it waits for the seconds that
+stand there, and not at all once the file is gone.
+"""
 
 from __future__ import annotations
 
+import os
 import shutil
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +19,8 @@ from valve_twin.core.valves.press_cartridge import MODEL as PRESS
 
 NAME = "slow_press"
 ESTIMATION_S = 2.0
+PAUSE = "SLOW_PRESS_PAUSE"
+"""Variable of the environment with the file."""
 START_S = 1000.0
 """No stamp of a test lies before it, those of the worker's warm-up do [s]."""
 
@@ -26,9 +34,13 @@ class SlowPress:
         return getattr(PRESS, name)
 
     def estimate(self, cycle, options, earlier):
-        """Estimate, then keep a core busy until two seconds are over."""
+        """Estimate, then keep a core busy until two seconds are over, or wait."""
         begin = time.monotonic()
         estimates = PRESS.estimate(cycle, options, earlier)
+        if path := os.environ.get(PAUSE):
+            with suppress(FileNotFoundError):
+                time.sleep(max(begin + float(Path(path).read_text()) - time.monotonic(), 0.0))
+            return estimates
         while cycle.start_ns > START_S * 1e9 - 1 and time.monotonic() - begin < ESTIMATION_S:
             pass
         return estimates

@@ -19,6 +19,7 @@ import sys
 import time
 from contextlib import closing
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import sqlalchemy as sa
@@ -32,6 +33,9 @@ from valve_twin.io.history import tables as history_tables
 from valve_twin.io.history.check_sums import sealed
 from valve_twin.io.history.store import History, cycle_record
 from valve_twin.nodes.player.outbox import SubscriberGate
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 REARM = {"cycles.rearm_signal": "v_out"}
 TOPICS = ("command/v_in", "command/v_out", "spool_position")
@@ -77,8 +81,14 @@ class Result:
     cpu: float
     most_waiting: int
     """Most estimations that waited at a time: 110 kB each, so that a growth can be told apart."""
+    most_on_disk: int
+    """Most of them that waited on disk at a time."""
     longest_ms: float
     """Longest way of a sample that the diagnostics looked at told of [ms]."""
+    dropped: int
+    """Cycles that were dropped before their estimation."""
+    caught_up_s: float
+    """From the last sample until all was estimated and stored [s]."""
 
     def slope(self, series: str, after_s: float) -> tuple[float, float, float]:
         """Return Theil-Sen slope and its 95 % limits, in units in 10 min."""
@@ -90,7 +100,16 @@ class Result:
 class Soak:
     """Twin and plant in processes of their own, in the graph of a test."""
 
-    def __init__(self, graph, folder: Path, *, valves: int, rate: float, batch: int) -> None:
+    def __init__(
+        self,
+        graph,
+        folder: Path,
+        *,
+        valves: int,
+        rate: float,
+        batch: int,
+        model: str = "press_cartridge",
+    ) -> None:
         self.graph, self.valves, self.rate, self.batch = graph, valves, rate, batch
         self.counts = folder / "counts.jsonl"
         self.database = folder / "history.sqlite"
@@ -98,7 +117,7 @@ class Soak:
         self.diagnostics = graph.record("/diagnostics", DiagnosticArray)
         parameters = {
             "valves": valve_names(valves),
-            "model": "press_cartridge",
+            "model": model,
             "history_url": f"sqlite:///{self.database}",
             **REARM,
         }
@@ -128,17 +147,27 @@ class Soak:
                 text=True,
             )
 
-    def run(self, seconds: float, every_s: float = 0.5, folder: Path = Path()) -> Result:
-        """Let the plant run and watch the twin."""
+    def run(
+        self,
+        seconds: float,
+        every_s: float = 0.5,
+        folder: Path = Path(),
+        *,
+        left_s: float = 300.0,
+        over: Callable[[], object] = lambda: None,
+    ) -> Result:
+        """Let the plant run and watch the twin; call `over` when it has ended."""
         arguments = [str(x) for x in (self.valves, self.rate, self.batch, seconds)]
         self.plant = self._start("plant", arguments, folder / "plant.log")
         series: dict[str, list[tuple[float, float]]] = {"rss": [], "worker": [], "blocks": []}
-        cpu, begin, waiting, longest = cpu_s(self.twin.pid), time.monotonic(), 0, 0.0
+        cpu, begin, longest = cpu_s(self.twin.pid), time.monotonic(), 0.0
+        waiting = on_disk = 0
         while self.plant.poll() is None:
             self.graph.spin(every_s)
             del self.diagnostics[:-3]
             figures = self.figures()
             waiting = max(waiting, sum(int(f["estimations pending"]) for f in figures))
+            on_disk = max(on_disk, sum(int(f["cycles waiting on disk"]) for f in figures))
             longest = max(longest, *(float(f["worst latency [ms]"]) for f in figures))
             if self.twin.poll() is not None:
                 raise AssertionError(self.log.read_text()[-3000:])
@@ -153,7 +182,9 @@ class Soak:
         assert self.plant.returncode == 0, (folder / "plant.log").read_text()[-3000:]
         sent = int(json.loads(said)["samples"])
         expected = self.valves * max(sent // CYCLE - 2, 0)  # the first is not seen as a whole
-        self._wait(sent * self.valves, expected)
+        over()
+        begin = time.monotonic()
+        self._wait(sent * self.valves, expected, left_s)
         figures = self.figures()
         return Result(
             self.valves, self.rate, self.batch, seconds, sent * self.valves,
@@ -161,7 +192,9 @@ class Soak:
             sum(int(f["cycles stored"]) for f in figures), expected,
             sum(int(v.split("/")[1]) for f in figures for k, v in f.items() if "/lost" in k),
             sum(int(f["estimations pending"]) for f in figures),
-            series["rss"], series["worker"], series["blocks"], cpu, waiting, longest,
+            series["rss"], series["worker"], series["blocks"], cpu, waiting, on_disk, longest,
+            sum(int(f["cycles dropped before estimation"]) for f in figures),
+            time.monotonic() - begin,
         )  # fmt: skip
 
     def rounds(self, count: int, folder: Path) -> list[Round]:
@@ -212,7 +245,7 @@ class Soak:
             return False
         return sum(int(f["samples predicted"]) for f in figures) == sent
 
-    def _wait(self, sent: int, cycles: int) -> None:
+    def _wait(self, sent: int, cycles: int, left_s: float) -> None:
         def done() -> bool:
             figures = self.figures()
             stored = sum(int(f["cycles stored"]) for f in figures)
@@ -220,9 +253,10 @@ class Soak:
                 return False
             return stored >= cycles and sum(int(f["samples predicted"]) for f in figures) >= sent
 
-        end = time.monotonic() + 300.0
+        end = time.monotonic() + left_s
         while not done() and time.monotonic() < end:
             self.graph.spin(0.2)
+            del self.diagnostics[:-3]
 
     def figures(self) -> list[dict[str, str]]:
         """Return the newest figures of every valve."""

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from scipy.stats import theilslopes
 
+from test.nodes import slow_press
 from test.nodes.soaking import CYCLE, PERIOD_S, Result, Soak, children, rss_mb
 from valve_twin.io.history.store import History
 
@@ -20,6 +21,12 @@ VALVES = 50
 BATCH = 33
 FAST = 20.0
 """Times real time: 33 000 samples a second in each of three signals."""
+
+PAUSE_S = 0.1
+"""Time that the estimation of a cycle takes where it is to be too slow [s]."""
+
+FLAT = 1.05
+"""Most by least memory that is allowed of an overloaded twin after 10 min."""
 
 GOAL_MB = 1.0
 """Growth of the memory in 10 min that is allowed [MB]."""
@@ -102,7 +109,46 @@ def test_fifty_valves_for_half_an_hour(graph, tmp_path):
             assert numbers == list(range(1, len(numbers) + 1))
 
 
-def write(found: Result, warm_s: float) -> dict[str, float]:
+@pytest.mark.slow
+@pytest.mark.timeout(14400)
+def test_half_an_hour_at_twice_what_is_estimated_stays_within_the_budget(
+    graph, tmp_path, monkeypatch
+):
+    """Estimation takes 0.1 s a cycle and 20 cycles come a second: ten of them wait longer.
+
+    At the end the pause is taken away, and all that waits is estimated.
+    """
+    seconds = float(os.environ.get("OVERLOAD_S", "1800"))
+    pause = tmp_path / "pause"
+    pause.write_text(str(PAUSE_S))
+    slow_press.register(tmp_path, monkeypatch)
+    monkeypatch.setenv(slow_press.PAUSE, str(pause))
+    rate = 2.0 / PAUSE_S * CYCLE * PERIOD_S / VALVES
+    made = Soak(graph, tmp_path, valves=VALVES, rate=rate, batch=BATCH, model=slow_press.NAME)
+    try:
+        found = made.run(seconds, 2.0, tmp_path, left_s=2.0 * seconds, over=pause.unlink)
+        assert made.end() == 0
+    finally:
+        made.end()
+    warm_s = min(600.0, 0.5 * seconds)
+    write(found, warm_s, RESULT.with_name("overload.json"))
+    assert found.lost == found.pending == found.dropped == 0
+    assert found.predicted == found.sent
+    assert found.stored >= found.expected
+    assert found.most_on_disk > 0
+    together = [
+        (t, twin + worker)
+        for (t, twin), (_, worker) in zip(found.rss_mb, found.worker_mb, strict=False)
+    ]
+    warm = [mb for t, mb in together if t >= warm_s]
+    assert max(warm) < FLAT * min(warm)
+    with History(made.database, read_only=True) as history:
+        for name in history.valves():
+            numbers = [c.cycle for c in history.cycles(name)]
+            assert numbers == list(range(1, len(numbers) + 1))
+
+
+def write(found: Result, warm_s: float, path: Path = RESULT) -> dict[str, float]:
     """Write the result where it is quoted; return the slopes in 10 min."""
     content = dataclasses.asdict(found) | {"warm_up_s": warm_s}
     slopes = {}
@@ -113,9 +159,12 @@ def write(found: Result, warm_s: float) -> dict[str, float]:
         content[name] = {
             "slope in 10 min": round(slope, 3),
             "95 % limits": [round(low, 3), round(high, 3)],
+            "least, most after warm-up": [
+                round(extreme(y for x, y in points if x >= warm_s), 2) for extreme in (min, max)
+            ],
             "after warm-up": round(next(y for x, y in points if x >= warm_s), 2),
             "at the end": round(points[-1][1], 2),
         }
-    RESULT.parent.mkdir(exist_ok=True)
-    RESULT.write_text(json.dumps(content, indent=2) + "\n")
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(json.dumps(content, indent=2) + "\n")
     return slopes

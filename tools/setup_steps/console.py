@@ -2,6 +2,7 @@
 # Copyright 2026 valve_twin maintainers
 """Speak to the user and run commands into a log."""
 
+import os
 import shlex
 import subprocess
 import sys
@@ -10,6 +11,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
+DISTROS = ("jazzy", "kilted")
+WHEELS = os.environ.get("VALVE_TWIN_ROS") or DISTROS[0]
+"""Whose wheels are used where no ROS 2 is sourced; each has an environment of its own."""
+SUFFIX = "" if DISTROS[0] == WHEELS else f"-{WHEELS}"
 LOG = ROOT / "log" / "setup.log"
 HEARTBEAT_S = 15.0
 SHOWN_LINES = 40

@@ -10,11 +10,11 @@ import sysconfig
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from setup_steps.console import ROOT
+from setup_steps.console import ROOT, SUFFIX
 
-STATE = ROOT / ".venv" / "valve_twin_setup.json"
+STATE = ROOT / f".venv{SUFFIX}" / "valve_twin_setup.json"
 LOCK = ROOT / "requirements.lock"
-ROS_LOCK = ROOT / "requirements-ros.lock"
+ROS_LOCK = ROOT / f"requirements-ros{SUFFIX}.lock"
 FORMAT = "2"  # raise it when these scripts make an environment that differs from the one before
 
 

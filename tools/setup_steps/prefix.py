@@ -11,10 +11,10 @@ import sys
 import sysconfig
 from pathlib import Path
 
-from setup_steps.console import ROOT, SetupError, run, say
+from setup_steps.console import DISTROS, ROOT, SUFFIX, WHEELS, SetupError, run, say
 from setup_steps.inputs import LOCK, ROS_LOCK
 
-VENV = ROOT / ".venv"
+VENV = ROOT / f".venv{SUFFIX}"
 PYTHON = VENV / "bin" / "python"
 BUILDER_PATH = re.compile(
     r"/opt/python/cp3\d+-cp3\d+t?/(?:(include)/python3\.\d+|lib/python3\.\d+/site-packages)"
@@ -23,6 +23,12 @@ BUILDER_PATH = re.compile(
 
 def refuse_what_cannot_work(distro: str) -> None:
     """Raise SetupError before anything is downloaded that could not be used."""
+    if WHEELS not in DISTROS:
+        raise SetupError(f"ROS={WHEELS}: there are wheels of {' and '.join(DISTROS)}")
+    if distro and SUFFIX and distro != WHEELS:
+        raise SetupError(
+            f"ROS 2 {distro} is sourced, ROS={WHEELS} was asked for: open a shell without ROS 2"
+        )
     if distro:
         probe = [sys.executable, "-c", "import rclpy"]
         if subprocess.run(probe, capture_output=True, check=False).returncode != 0:
@@ -53,10 +59,11 @@ def build_environment(distro: str) -> dict[str, str]:
 
 def make_environment(distro: str) -> None:
     """Make an empty virtual environment; what an earlier one had built goes with it."""
-    for folder in ("build/valve_twin", "build/valve_twin_msgs", "install"):
+    built = ("build{}/valve_twin", "build{}/valve_twin_msgs", "install{}")
+    for folder in (name.format(SUFFIX) for name in built):
         shutil.rmtree(ROOT / folder, ignore_errors=True)
-    source = f"ROS 2 {distro} as sourced" if distro else "the ROS 2 Jazzy wheels"
-    say(f"making .venv with Python {platform.python_version()} and {source}")
+    source = f"ROS 2 {distro} as sourced" if distro else f"the ROS 2 {WHEELS.title()} wheels"
+    say(f"making {VENV.name} with Python {platform.python_version()} and {source}")
     options = ["--clear"] + (["--system-site-packages"] if distro else [])
     command = [sys.executable, "-m", "venv", *options, str(VENV)]
     run(command, "making the virtual environment", build_environment(distro))

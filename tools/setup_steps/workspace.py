@@ -9,7 +9,7 @@ import sysconfig
 from collections.abc import Sequence
 from pathlib import Path
 
-from setup_steps.console import ROOT, SetupError, run, say
+from setup_steps.console import ROOT, SUFFIX, WHEELS, SetupError, run, say
 from setup_steps.prefix import PYTHON, VENV, build_environment
 
 ENVIRONMENT = VENV / "valve_twin_env.sh"
@@ -61,6 +61,7 @@ def colcon_build(packages: Sequence[str], distro: str) -> None:
     say(f"building {names} with colcon")
     command = [str(PYTHON), "-m", "colcon", "build", "--symlink-install"]
     command += ["--packages-select", *packages]
+    command += ["--build-base", f"build{SUFFIX}", "--install-base", f"install{SUFFIX}"]
     command += ["--cmake-args", "-G", "Ninja", "-DCMAKE_BUILD_TYPE=Release"]
     command += [f"-DPython3_EXECUTABLE={PYTHON}", "-DBUILD_TESTING=OFF", "--no-warn-unused-cli"]
     command += [f"-DWITHOUT_CPP={'OFF' if distro else 'ON'}"]
@@ -83,6 +84,7 @@ def write_environment(distro: str) -> None:
         added["LD_LIBRARY_PATH"] += map(str, sorted(site_packages.glob("ros_*.libs")))
         # With the library path set here the wheels need not start the interpreter twice.
         lines += ["unset PYTHONHOME", "export _ROS_WHEELS_BOOTSTRAP_COMPLETE=1"]
+        lines += [f"export VALVE_TWIN_ROS={WHEELS}"] if SUFFIX else []
     lines.append(f"export VIRTUAL_ENV={shlex.quote(str(VENV))}")
     for name, parts in added.items():
         value = shlex.quote(os.pathsep.join(parts))
@@ -92,7 +94,8 @@ def write_environment(distro: str) -> None:
 
 def _paths_of_the_workspace() -> dict[str, list[str]]:
     """Return what install/local_setup.sh puts on each search path."""
-    script = f"unset {' '.join(SEARCH_PATHS[:-1])}; PATH=/usr/bin:/bin; . install/local_setup.sh; "
+    script = f"unset {' '.join(SEARCH_PATHS[:-1])}; PATH=/usr/bin:/bin; "
+    script += f". install{SUFFIX}/local_setup.sh; "
     script += "printf '%s\\n' " + " ".join(f'"${name}"' for name in SEARCH_PATHS)
     environment = {**os.environ, "COLCON_PYTHON_EXECUTABLE": str(PYTHON)}
     shell = subprocess.run(
@@ -105,7 +108,7 @@ def _paths_of_the_workspace() -> dict[str, list[str]]:
     )
     if shell.returncode != 0:
         cause = " ".join(shell.stderr.split())
-        raise SetupError(f"install/local_setup.sh failed: {cause}; call make clean setup")
+        raise SetupError(f"install{SUFFIX}/local_setup.sh failed: {cause}; call make clean setup")
     found = zip(SEARCH_PATHS, shell.stdout.splitlines(), strict=True)
     return {name: [p for p in line.split(":") if p.startswith(str(ROOT))] for name, line in found}
 

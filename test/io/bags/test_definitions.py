@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
+from pathlib import Path
+
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -32,10 +34,11 @@ def test_hash_is_that_of_the_standard_type(name):
     assert type_hash(name) == get_typestore(Stores.ROS2_JAZZY).hash_rihs01(name)
 
 
-def test_hash_is_that_of_the_built_package(root):
+def test_hash_is_that_of_the_built_package():
     package = pytest.importorskip("valve_twin_msgs.msg", reason="messages are not built")
     built = getattr(package.Float64Stamped, "_TYPE_HASH", None)  # Jazzy keeps it in the .json file
-    folder = root / "install/valve_twin_msgs/share/valve_twin_msgs/msg"
+    prefix = Path(package.__file__).parents[5]
+    folder = prefix / "share/valve_twin_msgs/msg"
     if built is None and (folder / "Float64Stamped.json").is_file():
         import json
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from ament_index_python import get_package_prefix
 from valve_twin_msgs.msg import Float64Stamped
 
 from test.nodes.conftest import NS
@@ -25,7 +26,7 @@ LIMIT_S = 2.0
 LEASE_S = 20.0  # of Fast DDS: so long a peer is kept that goes without a word
 LATEST_S = 3.0
 AT_ONCE = 3
-SCRIPTS = Path(__file__).parents[3] / "install/valve_twin/lib/valve_twin"
+SCRIPTS = Path(get_package_prefix("valve_twin")) / "lib" / "valve_twin"
 
 
 @dataclass

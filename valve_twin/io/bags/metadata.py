@@ -23,6 +23,7 @@ FILE_NAME = "metadata.yaml"
 VERSION = 9
 """What the ROS 2 Jazzy recorder writes."""
 
+_DISTRO = ("ROS_DISTRO", "VALVE_TWIN_ROS")
 _ROOT = "rosbag2_bagfile_information"
 
 
@@ -100,7 +101,7 @@ def metadata_map(
             for f in files
         ],
         "custom_data": dict(custom) or None,
-        "ros_distro": os.environ.get("ROS_DISTRO", "jazzy"),
+        "ros_distro": next(filter(None, map(os.environ.get, _DISTRO)), "jazzy"),
     }
 
 

@@ -10,7 +10,7 @@ Shared memory does not survive a subscriber that stands still: after 1 s its por
 dead, every further message removes and makes it anew, and a subscriber that goes on meanwhile may
 be left with a port that nobody writes to, or leave the writer in an endless loop
 (eProsima/Fast-DDS issues 6484 and 5469, pull request 4737; all there in 2.14.5). A socket has no
-such state.
+such state. A recorder that follows a killed process keeps off it, too (`recorder/dead_ports.py`).
 """
 
 from __future__ import annotations
@@ -21,6 +21,10 @@ from pathlib import Path
 
 HEARTBEAT_S = 0.01
 """Pause between two heartbeats while something is not acknowledged [s]."""
+
+BUFFER_B = 4 * 2**20
+"""Wanted of the kernel for what has arrived and was not taken yet; it gives `net.core.rmem_max` at
+most [B]."""
 
 _VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 _TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
@@ -43,7 +47,10 @@ _PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
 
 _UDP = """
     <participant profile_name="valve_twin_udp" is_default_profile="true">
-      <rtps><builtinTransports>UDPv4</builtinTransports></rtps>
+      <rtps>
+        <builtinTransports>UDPv4</builtinTransports>
+        <listenSocketBufferSize>{buffer}</listenSocketBufferSize>
+      </rtps>
     </participant>"""
 
 _UDP_HERE = """
@@ -51,6 +58,7 @@ _UDP_HERE = """
       <transport_descriptor>
         <transport_id>valve_twin_here</transport_id>
         <type>UDPv4</type>
+        <receiveBufferSize>{buffer}</receiveBufferSize>
         <maxInitialPeersRange>32</maxInitialPeersRange>
       </transport_descriptor>
     </transport_descriptors>
@@ -84,6 +92,7 @@ def use_fast_heartbeat(*, over_udp: bool = False) -> None:
     number, path = tempfile.mkstemp(prefix="valve_twin_", suffix=".xml")
     with os.fdopen(number, "w", encoding="ascii") as stream:
         participant = _udp() if over_udp and not os.environ.get(_TRANSPORTS) else ""
+        participant = participant.format(buffer=BUFFER_B)
         stream.write(_PROFILE.format(participant=participant, period_ns=round(HEARTBEAT_S * 1e9)))
     os.environ[_VARIABLES[0]] = path
     _files.append(path)

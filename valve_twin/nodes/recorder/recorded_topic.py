@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import time
+from collections import OrderedDict
 from typing import TYPE_CHECKING, Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
@@ -24,6 +25,15 @@ if TYPE_CHECKING:
     from rclpy.node import Node
 
 _DEPTH = 100_000
+
+START_PATIENCE_S = 0.5
+"""So much later than a second reader one that was just made may hear, before it is deaf [s]."""
+
+FORGET_S = 30.0
+"""So long after a second reader what it heard is known, for what the first hears late [s]."""
+
+DEAF_BEHIND = "a publisher sent a message of 0 bytes, behind which nothing came"
+DEAF_FROM_START = "heard nothing since it listens, while another subscription heard"
 
 DEAF_TOLD_S = 30.0
 """A line about deafness is not repeated earlier [s]."""
@@ -72,7 +82,7 @@ class RecordedTopic:
         self._class = message_class(kind)
         self._on_message = on_message
         self._policies = dict(policies or {})
-        self._last = 0
+        self._last = self._last_sent_ns = 0
         self.lost_transport = self.lost_recorder = 0
         self.publishers = 0
         self._refused = False
@@ -82,8 +92,8 @@ class RecordedTopic:
         profiles = self._look()
         self._profile = _matching(profiles, self._policies)
         self._subscription: Any = None
-        self._stood_in = 0
-        self._second = SecondReader(self._listen_beside, node.destroy_subscription, self._stand_in)
+        self._recent: OrderedDict[tuple[int, int], None] = OrderedDict()
+        self._beside_s = 0.0
         self.listen()
 
     @property
@@ -102,12 +112,11 @@ class RecordedTopic:
         A quality that one publisher does not offer is asked of none. Subscribe anew also where
         this subscription is deaf, see `SecondReader`.
         """
-        if self._is_deaf():
+        if cause := self._deaf_by():
             self._node.destroy_subscription(self._subscription)
             self._subscription = self._subscribe()
             self._node.get_logger().warning(
-                f"{self.name}: a publisher sent a message of 0 bytes, behind which nothing came: "
-                "subscribed anew",
+                f"{self.name}: {cause}: subscribed anew",
                 throttle_duration_sec=DEAF_TOLD_S,
             )
         if self._node.count_publishers(self.name) == self.publishers and not self._refused:
@@ -142,6 +151,7 @@ class RecordedTopic:
         """Subscribe, where this is not done; what was sent meanwhile was not wanted."""
         if self._subscription is None:
             self._last = 0
+            self._second = self._watch()
             self._subscription = self._subscribe()
 
     def silence(self) -> None:
@@ -179,25 +189,57 @@ class RecordedTopic:
         )
         return take_with_info(subscription)
 
-    def _is_deaf(self) -> bool:
+    def _watch(self) -> SecondReader:
+        """Return a watch that doubts from the first look on: what it keeps is not lost then."""
+        destroy = self._node.destroy_subscription
+        return SecondReader(self._listen_beside, destroy, self._stand_in, start_s=0.0)
+
+    def _deaf_by(self) -> str:
+        """Say why this subscription is deaf; empty where it is not."""
         reliable = self._profile.reliability == ReliabilityPolicy.RELIABLE
-        listens = self._subscription is not None and reliable
-        return listens and self._second.look(time.monotonic(), RESENT_S)
+        if self._subscription is None or not reliable:
+            return ""
+        now_s, unheard = time.monotonic(), self._second.never_heard
+        if self.publishers and not self._refused:
+            self._second.expect(now_s)
+        if self._second.is_open:
+            self._beside_s = now_s
+        elif now_s - self._beside_s > FORGET_S:
+            self._recent.clear()
+        if not self._second.look(now_s, START_PATIENCE_S if unheard else RESENT_S):
+            return ""
+        return DEAF_FROM_START if unheard else DEAF_BEHIND
 
     def _listen_beside(self, callback: Callable[..., None]) -> Any:
+        """Make the second reader; at the start both record, what one had the other leaves."""
+
+        def take(*arguments: Any) -> None:
+            callback(*arguments)
+            if self._second.never_heard:
+                self._stand_in(*arguments)
+
         profile = QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         return take_with_info(
-            self._node.create_subscription(self._class, self.name, callback, profile, raw=True)
+            self._node.create_subscription(self._class, self.name, take, profile, raw=True)
         )
 
     def _stand_in(self, *arguments: Any) -> None:
         """Take a message of the second reader in place of the deaf one."""
         data, info = message_and_info(arguments)
-        sequence = int(info["publication_sequence_number"])
-        if self.publishers == 1 and 0 <= self._last - sequence < MOST_KEPT:
-            return  # the first has it
-        self._stood_in = sequence
-        self._keep(data, info)
+        behind = self._last - int(info["publication_sequence_number"])
+        heard = self.publishers == 1 and not self._recent and 0 <= behind < MOST_KEPT
+        if not heard and self._is_new(info):
+            self._keep(data, info)
+
+    def _is_new(self, info: Any) -> bool:
+        """Note a message while two readers listen; return whether the other one had it not."""
+        key = int(info["publication_sequence_number"]), int(info["source_timestamp"])
+        if key in self._recent:
+            return False
+        self._recent[key] = None
+        if len(self._recent) > MOST_KEPT:
+            self._recent.popitem(last=False)
+        return True
 
     def _on_refused(self, event: Any) -> None:
         del event
@@ -206,24 +248,24 @@ class RecordedTopic:
     def _take(self, *arguments: Any) -> None:
         data, info = message_and_info(arguments)
         self._second.heard = True
-        if self._stood_in:
-            behind = self._stood_in - int(info["publication_sequence_number"])
-            if self.publishers == 1 and 0 <= behind < MOST_KEPT:  # else of another publisher
-                return
-            self._stood_in = 0
-        self._keep(data, info)
+        if not (self._recent or self._second.is_open) or self._is_new(info):
+            self._keep(data, info)
 
     def _keep(self, data: bytes, info: Any) -> None:
         sequence = int(info["publication_sequence_number"])
-        if self.publishers <= 1 and 0 < self._last < sequence:
-            self.lost_transport += sequence - self._last - 1
-        self._last = sequence
+        sent_ns = int(info["source_timestamp"])
+        if self._recent and sent_ns < self._last_sent_ns:  # it was taken for lost
+            self.lost_transport -= self.publishers <= 1 and self.lost_transport > 0
+        else:
+            if self.publishers <= 1 and 0 < self._last < sequence:
+                self.lost_transport += sequence - self._last - 1
+            self._last, self._last_sent_ns = sequence, sent_ns
         log_ns = int(info["received_timestamp"])
         if self._simulated:
             log_ns = self._node.get_clock().now().nanoseconds
             if log_ns == 0:
                 return  # simulated time has not begun
-        message = RecordedMessage(self.name, data, log_ns, int(info["source_timestamp"]))
+        message = RecordedMessage(self.name, data, log_ns, sent_ns)
         self._on_message(message, self)
 
 

@@ -85,11 +85,16 @@ def run(name: str) -> int:
     gc.disable()  # until the node has started: imports make hardly any garbage
     if name in _PREDICT:
         compat.spare_imports()
-    if name == "bag_player":
+    if name == "bag_player" or (name == "bag_recorder" and _follows_a_dead_process()):
         import_module("valve_twin.nodes.player.dds_profile").use_fast_heartbeat(over_udp=True)
     room, kind = _NODES[name]
     make = getattr(import_module(f"valve_twin.nodes.{room}.node"), kind)
     return int(import_module("valve_twin.nodes.runtime.node").run(make))
+
+
+def _follows_a_dead_process() -> bool:
+    ports = import_module("valve_twin.nodes.recorder.dead_ports")
+    return bool(ports.has_dead_port(ports.domain_id()))
 
 
 def _accepts(name: str) -> bool:

@@ -98,6 +98,8 @@ class SecondReader:
         Destroys it.
     deliver : callable
         Takes a message of a second reader whose first is deaf, as the first's callback does.
+    start_s : float
+        A first reader that never heard anything is doubted after this [s].
 
     Attributes
     ----------
@@ -112,8 +114,10 @@ class SecondReader:
         subscribe: Callable[[Callable[..., None]], Any],
         destroy: Callable[[Any], object],
         deliver: Callable[..., None],
+        start_s: float = START_S,
     ) -> None:
         self._subscribe, self._destroy, self._deliver = subscribe, destroy, deliver
+        self._start_s = start_s
         self._reader: Any = None
         self._kept: deque[tuple[Any, ...]] = deque(maxlen=MOST_KEPT)
         self._since_s: float | None = None
@@ -127,6 +131,11 @@ class SecondReader:
     def never_heard(self) -> bool:
         """Whether the first reader has not heard anything yet."""
         return self._last_s is None
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the second reader listens."""
+        return self._reader is not None
 
     def expect(self, now_s: float) -> None:
         """Note that a publisher is there, so that something is to be heard [s]."""
@@ -176,7 +185,7 @@ class SecondReader:
     def _is_silent(self, now_s: float) -> bool:
         if self._last_s is not None:
             return now_s - self._last_s >= max(QUIET_S, 2.0 * self._usual_s)
-        return self._expected_s is not None and now_s - self._expected_s >= START_S
+        return self._expected_s is not None and now_s - self._expected_s >= self._start_s
 
     def _is_deaf(self, now_s: float, patience_s: float) -> bool:
         if self.stands_in or not self._kept:

@@ -1,0 +1,65 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Ports of shared memory whose process is dead, as the kernel shows them."""
+
+import fcntl
+
+import pytest
+
+from valve_twin.nodes.recorder.dead_ports import domain_id, has_dead_port
+
+PORT = 7400 + 250 * 3 + 11
+
+
+@pytest.fixture
+def kernel(tmp_path):
+    """Return the memory and a process that has one port of domain 3 open."""
+    memory, process = tmp_path / "shm", tmp_path / "proc" / "41"
+    memory.mkdir()
+    process.mkdir(parents=True)
+    (memory / f"fastrtps_port{PORT}_el").touch()
+    write_maps(process, f"/dev/shm/fastrtps_port{PORT}")
+    return memory, tmp_path / "proc"
+
+
+def write_maps(process, *names):
+    lines = [f"7f00-7f01 rw-s 00000000 00:1a 7   {name}" for name in ("/usr/lib/libc.so", *names)]
+    (process / "maps").write_text("\n".join(lines) + "\n")
+
+
+def test_a_port_that_nobody_holds_and_somebody_has_open_is_dead(kernel):
+    assert has_dead_port(3, *kernel)
+    assert not has_dead_port(2, *kernel)
+    assert not has_dead_port(4, *kernel)
+
+
+def test_a_port_that_is_held_is_alive(kernel):
+    memory, _ = kernel
+    with (memory / f"fastrtps_port{PORT}_el").open("rb") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        assert not has_dead_port(3, *kernel)
+    assert has_dead_port(3, *kernel)
+
+
+def test_a_dead_port_that_nobody_has_open_harms_nobody(kernel):
+    _, processes = kernel
+    write_maps(processes / "41")
+    assert not has_dead_port(3, *kernel)
+
+
+def test_memory_that_was_made_anew_under_a_writer_is_dead(kernel):
+    memory, processes = kernel
+    with (memory / f"fastrtps_port{PORT}_el").open("rb") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        write_maps(processes / "41", f"/dev/shm/fastrtps_port{PORT} (deleted)")
+        assert has_dead_port(3, *kernel)
+
+
+def test_a_machine_that_shows_neither_has_none(tmp_path):
+    assert not has_dead_port(3, tmp_path / "shm", tmp_path / "proc")
+
+
+@pytest.mark.parametrize(("text", "domain"), [("17", 17), ("", 0), ("x", 0)])
+def test_the_domain_is_that_of_the_environment(text, domain, monkeypatch):
+    monkeypatch.setenv("ROS_DOMAIN_ID", text)
+    assert domain_id() == domain
