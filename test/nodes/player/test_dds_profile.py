@@ -12,7 +12,8 @@ from valve_twin_msgs.msg import Float64Stamped
 from test.nodes.player.test_flow_control import TOPICS, write_bag
 from valve_twin.nodes.player import dds_profile
 
-VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
+VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
+VARIABLE = VARIABLES[dds_profile.is_fast_dds_3()]
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 
 
@@ -20,7 +21,7 @@ RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 def fresh(monkeypatch):
     """No profile is set before and none is left behind."""
     monkeypatch.setenv(RANGE, "SUBNET")
-    for name in (VARIABLE, "FASTDDS_DEFAULT_PROFILES_FILE", "FASTDDS_BUILTIN_TRANSPORTS"):
+    for name in (*VARIABLES, "FASTDDS_BUILTIN_TRANSPORTS"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(dds_profile, "_made", [])
     yield
@@ -30,7 +31,8 @@ def fresh(monkeypatch):
 def test_the_profile_stands_until_the_first_node_has_read_it():
     dds_profile.use_fast_heartbeat()
     path = Path(os.environ[VARIABLE])
-    (period,) = ElementTree.parse(path).findall(".//{*}heartbeatPeriod")
+    name = "heartbeat_period" if dds_profile.is_fast_dds_3() else "heartbeatPeriod"
+    (period,) = ElementTree.parse(path).findall(".//{*}" + name)
     assert [part.text for part in period] == ["0", "10000000"]
     assert dds_profile.has_fast_heartbeat()
     dds_profile.remove_profile_file()
@@ -57,7 +59,7 @@ def test_a_player_keeps_off_shared_memory_unless_the_user_says_otherwise(monkeyp
     assert transports() == []
 
 
-@pytest.mark.parametrize("name", [VARIABLE, "FASTDDS_DEFAULT_PROFILES_FILE"])
+@pytest.mark.parametrize("name", VARIABLES)
 def test_a_user_s_profile_is_left_alone(monkeypatch, tmp_path, name):
     monkeypatch.setenv(name, str(tmp_path / "mine.xml"))
     dds_profile.use_fast_heartbeat()
@@ -79,3 +81,13 @@ def test_a_player_of_this_machine_alone_keeps_off_shared_memory_too(
     graph.spin_until(lambda: len(heard) > 10, 120.0, "messages")
     maps = Path(f"/proc/{player.pid}/maps").read_text()
     assert "/dev/shm/fastrtps" not in maps
+
+
+@pytest.mark.parametrize("third", [False, True])
+def test_each_middleware_gets_the_names_that_it_knows(monkeypatch, tmp_path, third):
+    (tmp_path / "share" / ("fastdds" if third else "fastrtps")).mkdir(parents=True)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
+    dds_profile.use_fast_heartbeat(over_udp=True)
+    text = Path(os.environ[VARIABLES[third]]).read_text()
+    assert ("<heartbeat_period>" in text) is ("<nack_response_delay>" in text) is third
+    assert ("<heartbeatPeriod>" in text) is ("<nackResponseDelay>" in text) is (not third)

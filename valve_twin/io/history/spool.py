@@ -52,11 +52,11 @@ class MemoryBudget:
 
 @dataclass(slots=True)
 class _Entry:
-    """A job: its cycle in memory, on disk, or dropped."""
+    """A job: its cycle in memory, on disk, or dropped; small, for there may be many."""
 
     ordinal: int
     cycle: Cycle | None = None
-    path: Path | None = None
+    is_spooled: bool = False
     size: int = 0
 
 
@@ -100,7 +100,7 @@ class CycleSpool(JobQueue):
         for ordinal, cycle in jobs:
             path = self._path(ordinal)
             if cycle is None and path is not None and path.exists():
-                self._entries.append(_Entry(ordinal, path=path))
+                self._entries.append(_Entry(ordinal, is_spooled=True))
                 self.spooled += 1
             else:
                 self.append(ordinal, cycle)
@@ -116,7 +116,7 @@ class CycleSpool(JobQueue):
         """
         for place, entry in enumerate(tuple(self._entries)):
             inside = 0 < place < len(self._entries) - 1
-            known = not (self._stays and inside and entry.path is not None)
+            known = not (self._stays and inside and entry.is_spooled)
             yield entry.ordinal, self._cycle_of(entry) if known else None
 
     @property
@@ -128,7 +128,7 @@ class CycleSpool(JobQueue):
     def begins_dropped(self) -> bool:
         """Whether the next one was dropped; False where none waits."""
         first = self._entries[0] if self._entries else None
-        return first is not None and first.cycle is None and first.path is None
+        return first is not None and first.cycle is None and not first.is_spooled
 
     def append(self, ordinal: int, cycle: Cycle | None) -> None:
         """Add the newest: in memory, else on disk, else in place of the oldest.
@@ -146,7 +146,7 @@ class CycleSpool(JobQueue):
             while not (self._budget.has_room(entry.size) or self._put_on_disk(entry)):
                 if not self._drop_oldest():
                     break  # the only one stays, whatever it takes
-            if entry.path is None:
+            if not entry.is_spooled:
                 self._budget.used += entry.size
         self._entries.append(entry)
 
@@ -154,7 +154,7 @@ class CycleSpool(JobQueue):
         """Take the next; one that the disk does not give back counts as dropped."""
         entry = self._entries.popleft()
         cycle = self._cycle_of(entry)
-        if cycle is None and entry.path is not None:
+        if cycle is None and entry.is_spooled:
             self.dropped += 1
         self._release(entry)
         return entry.ordinal, cycle
@@ -171,14 +171,15 @@ class CycleSpool(JobQueue):
         """Forget everything, also on disk unless it stays."""
         while self._entries:
             entry = self._entries.popleft()
-            if self._stays and entry.path is not None:
+            if self._stays and entry.is_spooled:
                 continue
             self._release(entry)
         if self._folder is not None and not self._stays:
             shutil.rmtree(self._folder, ignore_errors=True)
 
     def _cycle_of(self, entry: _Entry) -> Cycle | None:
-        return load_cycle(entry.path) if entry.path is not None else entry.cycle
+        path = self._path(entry.ordinal)
+        return load_cycle(path) if entry.is_spooled and path is not None else entry.cycle
 
     def _put_on_disk(self, entry: _Entry) -> bool:
         path = self._path(entry.ordinal)
@@ -193,7 +194,7 @@ class CycleSpool(JobQueue):
         except OSError:
             _unlink(path)
             return False
-        entry.cycle, entry.path = None, path
+        entry.cycle, entry.is_spooled = None, True
         self.spooled += 1
         return True
 
@@ -216,19 +217,20 @@ class CycleSpool(JobQueue):
     def _drop_oldest(self) -> bool:
         """Drop the oldest cycle; it keeps its place, so that what was learnt before goes on."""
         for entry in self._entries:
-            if entry.cycle is not None or entry.path is not None:
+            if entry.cycle is not None or entry.is_spooled:
                 self._release(entry)
                 self.dropped += 1
                 return True
         return False
 
     def _release(self, entry: _Entry) -> None:
-        if entry.path is not None:
-            _unlink(entry.path)
+        path = self._path(entry.ordinal)
+        if entry.is_spooled and path is not None:
+            _unlink(path)
             self.spooled -= 1
         elif entry.cycle is not None:
             self._budget.used -= entry.size
-        entry.cycle = entry.path = None
+        entry.cycle, entry.is_spooled = None, False
 
 
 def _unlink(path: Path) -> None:

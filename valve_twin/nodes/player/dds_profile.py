@@ -31,6 +31,13 @@ _TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 _LOCAL_ONLY = "ROS_LOCALHOST_ONLY"
 
+_NAMES = (
+    ("heartbeatPeriod", "heartbeat_period"),
+    ("initialHeartbeatDelay", "initial_heartbeat_delay"),
+    ("nackResponseDelay", "nack_response_delay"),
+)
+"""Elements that Fast DDS 3 (ROS 2 Kilted) names otherwise; it refuses a file with the old ones."""
+
 _PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
 <dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
   <profiles>{participant}
@@ -89,14 +96,24 @@ def use_fast_heartbeat(*, over_udp: bool = False) -> None:
     """
     if any(os.environ.get(name) for name in _VARIABLES):
         return
+    third = is_fast_dds_3()
     number, path = tempfile.mkstemp(prefix="valve_twin_", suffix=".xml")
     with os.fdopen(number, "w", encoding="ascii") as stream:
         participant = _udp() if over_udp and not os.environ.get(_TRANSPORTS) else ""
         participant = participant.format(buffer=BUFFER_B)
-        stream.write(_PROFILE.format(participant=participant, period_ns=round(HEARTBEAT_S * 1e9)))
-    os.environ[_VARIABLES[0]] = path
+        text = _PROFILE.format(participant=participant, period_ns=round(HEARTBEAT_S * 1e9))
+        for old, new in _NAMES if third else ():
+            text = text.replace(old, new)
+        stream.write(text)
+    os.environ[_VARIABLES[third]] = path
     _files.append(path)
     _made.append(path)
+
+
+def is_fast_dds_3() -> bool:
+    """Return whether the ROS 2 of this process comes with Fast DDS 3, by the name it installs."""
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    return any(Path(prefix, "share", "fastdds").is_dir() for prefix in filter(None, prefixes))
 
 
 def _udp() -> str:
@@ -117,7 +134,8 @@ def remove_profile_file() -> None:
     """Remove the file of the profile; the middleware reads it when the first node is made."""
     while _files:
         Path(_files.pop()).unlink(missing_ok=True)
-        os.environ.pop(_VARIABLES[0], None)
+        for name in _VARIABLES:
+            os.environ.pop(name, None)
 
 
 def has_fast_heartbeat() -> bool:

@@ -112,14 +112,18 @@ class Diagnostics:
         self._load = Load()
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._timer = node.create_timer(PERIOD_S, self.publish, clock=STEADY)
+        self._ended = False
 
     def destroy(self) -> None:
         """Stop."""
+        self._ended = True
         self._node.destroy_timer(self._timer)
         self._node.destroy_publisher(self._publisher)
 
     def publish(self) -> None:
-        """Publish now."""
+        """Publish now; not behind `destroy`: the timer may have been due before."""
+        if self._ended:
+            return
         reports, load = self._all_reports(), self._load.look()
         if not self._publisher.get_subscription_count():
             return  # faults are looked for all the same
