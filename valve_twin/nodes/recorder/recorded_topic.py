@@ -16,6 +16,7 @@ from valve_twin.io.bags.qos import QosProfile as OfferedQos
 from valve_twin.io.cdr.message_types import message_class
 from valve_twin.io.recording.ring_buffer import RecordedMessage
 from valve_twin.nodes.runtime.compat import message_and_info, take_with_info
+from valve_twin.nodes.runtime.safety import is_free
 from valve_twin.nodes.runtime.second_reader import MOST_KEPT, RESENT_S, SecondReader
 
 if TYPE_CHECKING:
@@ -200,8 +201,8 @@ class RecordedTopic:
         if self._subscription is None or not reliable:
             return ""
         now_s, unheard = time.monotonic(), self._second.never_heard
-        if self.publishers and not self._refused:
-            self._second.expect(now_s)
+        if self.publishers and not (self._refused or is_free(self.name)):
+            self._second.expect(now_s)  # a simulated valve or a player may wait: it counts readers
         if self._second.is_open:
             self._beside_s = now_s
         elif now_s - self._beside_s > FORGET_S:
