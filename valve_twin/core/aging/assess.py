@@ -8,7 +8,6 @@ what one says that has been running all the time. Times are the data's own; no c
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -36,11 +35,11 @@ from valve_twin.core.aging.series import (
     Pieces,
     Series,
     cut,
+    fit_pieces,
     in_force,
     order_history,
     series_of,
 )
-from valve_twin.core.aging.trend import Line, fit_line, pooled_autocorrelation, residuals
 from valve_twin.core.aging.verdict import (
     SOON,
     Trend,
@@ -63,6 +62,7 @@ if TYPE_CHECKING:
 
     from valve_twin.core.aging.drift import Limit
     from valve_twin.core.aging.laws.shapes import LawFit
+    from valve_twin.core.aging.trend import Line
     from valve_twin.core.past.columns import Past
     from valve_twin.core.types import BoolArray, Estimate, FloatArray, IntArray, Maintenance
 
@@ -220,7 +220,7 @@ def _assess_parameter(
     )
     pieces = cut(series, maintenance, config, memory)
     series = replace(series, values=series.values - pieces.wave)
-    lines = _fit_pieces(series, pieces)
+    lines = fit_pieces(series, pieces)
     detail = TrendDetail(
         name, series.axis, series.values, series.cycle, pieces.outlier, pieces.starts, lines
     )
@@ -256,17 +256,6 @@ def _blank(
         segment_start=float(series.axis[start]) if start < n else _NAN,
         axis_value=float(series.axis[-1]) if n else _NAN,
     )
-
-
-def _fit_pieces(series: Series, pieces: Pieces) -> tuple[Line | None, ...]:
-    """Fit every piece; they share one autocorrelation, the scatter being the same process."""
-    parts = []
-    edges = [*pieces.starts, len(series.values)]
-    for first, last in itertools.pairwise(edges):
-        kept = np.arange(first, last)[~pieces.outlier[first:last]]
-        parts.append((series.axis[kept], series.values[kept], series.offsets_at(kept)))
-    rho = pooled_autocorrelation([residuals(x, y, z) for x, y, z in parts if len(x) >= 4])
-    return tuple(fit_line(x, y, rho, offsets=z) if len(x) >= 4 else None for x, y, z in parts)
 
 
 def _judge(

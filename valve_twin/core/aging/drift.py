@@ -21,8 +21,8 @@ from valve_twin.core.aging.life import NEVER, Approach, Remaining
 from valve_twin.core.aging.series import Pieces, Series, first_after
 from valve_twin.core.aging.trend import (
     Line,
+    ar1_leading,
     ar1_product,
-    ar1_products,
     base_of,
     line_weights,
     quantile,
@@ -49,17 +49,19 @@ class Present:
         Its level and slope now: the line through it, or where it bends the mean of its laws.
     fit : LawFit
         The laws that its values allow.
-    values : (N,) array
-        What was fitted to, good values or means of neighbours [unit].
-    now, begin : (N,) arrays
-        Weights of them that give the level now and at the start of the segment.
+    now : (N,) array
+        Weights of what was fitted to, good values or means of neighbours, that give the level now.
+    start, cross, var_start : float
+        Level at the start of the segment [unit], its covariance with that now and its variance
+        [unit^2].
     """
 
     line: Line
     fit: LawFit
-    values: FloatArray
     now: FloatArray
-    begin: FloatArray
+    start: float
+    cross: float
+    var_start: float
 
 
 def present_segment(series: Series, pieces: Pieces, line: Line, laws: Sequence[str]) -> Present:
@@ -86,15 +88,18 @@ def present_segment(series: Series, pieces: Pieces, line: Line, laws: Sequence[s
     start, now = float(series.axis[pieces.starts[-1]]), float(series.axis[-1])
     if not fit.bends:
         center, mean, slope = line_weights(x, offsets)
-        return Present(
-            line, fit, y, mean + (now - center) * slope, mean + (start - center) * slope
-        )
+        a, b = now - line.center, start - line.center
+        cross = line.var_mean + (a + b) * line.cov + a * b * line.var_slope
+        weights = mean + (now - center) * slope
+        return Present(line, fit, weights, line.level(start), cross, line.level_variance(start))
     rest = y - fit.curve(x, fit.best)
     if offsets is not None:
         rest = base_of(offsets).without(rest)
     sigma = (dot(rest, rest) / max(len(y) - 3, 1)) ** 0.5
     line = fit.tangent(now, samples=len(y), sigma=sigma)
-    return Present(line, fit, fit.values, fit.average(now), fit.average(start))
+    here, begin, rho = fit.average(now), fit.average(start), max(line.autocorrelation, 0.0)
+    cross, own = (sigma**2 * ar1_product(w, begin, rho) for w in (here, begin))
+    return Present(line, fit, here, dot(begin, fit.values), cross, own)
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,13 +115,16 @@ class Reference:
     variance : float
         Of the level [unit^2].
     weights : (M,) array
-        Its weights on the good values of the present segment; empty where it shares none.
+        Its weights on the first good values of the present segment; empty where it shares none.
+    count : int
+        Good values of the present segment [1].
     """
 
     value: float
     source: str
     variance: float = 0.0
     weights: FloatArray = field(default_factory=lambda: np.empty(0))
+    count: int = 0
 
     def covariance(self, weights: FloatArray, variance: float, rho: float) -> float:
         """Return the covariance with something else that is linear in the same values [unit^2].
@@ -130,9 +138,9 @@ class Reference:
         rho : float
             Lag-1 autocorrelation of the values [1].
         """
-        if len(weights) != len(self.weights):
+        if len(weights) != self.count or not len(self.weights):
             return 0.0
-        return variance * ar1_product(self.weights, weights, max(rho, 0.0))
+        return variance * ar1_leading(self.weights, weights, max(rho, 0.0))
 
     def covariances(self, rows: FloatArray, variance: FloatArray, rho: float) -> FloatArray:
         """Return the covariance with K other values of which each has a variance, (K,) [unit^2].
@@ -146,9 +154,10 @@ class Reference:
         rho : float
             Lag-1 autocorrelation of the values [1].
         """
-        if rows.shape[1] != len(self.weights):
+        if rows.shape[1] != self.count or not len(self.weights):
             return np.zeros(len(rows))
-        return variance * ar1_products(self.weights[None], rows, max(rho, 0.0))
+        used = max(rho, 0.0)
+        return variance * np.array([ar1_leading(self.weights, row, used) for row in rows])
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,22 +214,28 @@ def _mean_reference(
     kept: IntArray, series: Series, pieces: Pieces, lines: tuple[Line | None, ...]
 ) -> Reference:
     """Return the mean of the values `kept`; other pieces scatter independently of the present."""
-    present = np.flatnonzero(~pieces.outlier)
-    present = present[present >= pieces.starts[-1]]
-    counted = np.zeros(len(series.values), np.bool_)
-    counted[kept] = True
-    weight = counted[present] / len(kept)
-    rho = max((f.autocorrelation for f in lines if f is not None), default=0.0)
-    counted[present] = False
-    outside = counted[kept] / len(kept)
+    begin, used = int(pieces.starts[-1]), _used(lines)
     own = lines[-1].sigma ** 2 if lines[-1] is not None else 0.0
+    inside = kept >= begin
+    outside = ~inside / len(kept)
+    weight = np.empty(0)
+    if inside.any():
+        place = np.cumsum(~pieces.outlier[begin : kept[-1] + 1])[kept[inside] - begin] - 1
+        weight = np.zeros(place[-1] + 1)
+        weight[place] = 1.0 / len(kept)
     return Reference(
         value=float(series.values[kept].mean()),
         source="first_cycles",
-        variance=own * ar1_product(weight, weight, max(rho, 0.0))
-        + _pooled_variance(lines) * ar1_product(outside, outside, max(rho, 0.0)),
+        variance=own * ar1_product(weight, weight, used)
+        + _pooled_variance(lines) * ar1_product(outside, outside, used),
         weights=weight,
+        count=int(np.count_nonzero(~pieces.outlier[begin:])),
     )
+
+
+def _used(lines: tuple[Line | None, ...]) -> float:
+    """Return the autocorrelation of some lines that counts [1]."""
+    return max(max((f.autocorrelation for f in lines if f is not None), default=0.0), 0.0)
 
 
 def _pooled_variance(lines: tuple[Line | None, ...]) -> float:
@@ -263,8 +278,7 @@ def with_drift(
         ),
         resolution,
     )
-    used = max(rho, 0.0)
-    start = dot(present.begin, present.values)
+    start = present.start
     since_start = _percent(
         trend.level,
         start,
@@ -272,8 +286,8 @@ def with_drift(
             trend.level,
             start,
             var_a=var_level,
-            cov=variance * ar1_product(present.now, present.begin, used),
-            var_b=variance * ar1_product(present.begin, present.begin, used),
+            cov=present.cross,
+            var_b=present.var_start,
             t=t,
         ),
         resolution,
@@ -386,7 +400,7 @@ def _life_to(
     if not np.isfinite(value):
         return NO_LIMIT
     known = np.isfinite(reference.value)
-    new = reference.value if known else dot(present.begin, present.values)
+    new = reference.value if known else present.start
     toward = 1.0 if value >= new else -1.0
     approach = _approach(present.fit, trend.axis_value, value, toward, scale, reference)
     life = approach.remaining(confidence)

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.aging.trend import TINY
+from valve_twin.core.aging.laws.reach import first_places, reached, student_table
 
 if TYPE_CHECKING:
     from valve_twin.core.aging.laws.shapes import LawFit
@@ -31,8 +31,6 @@ MAX_STAMP_NS = (2**31 - 1) * 10**9
 """Last date that builtin_interfaces/Time can carry [ns]."""
 
 _GRID = np.concatenate([np.zeros(1), np.geomspace(1e-3, 1e4, 48)])  # in lengths of the history
-_POINTS, _ROUNDS = 9, 16  # of the search between two places of it
-_FINE = 1e-4  # difference in probability between which it is straight
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,52 +81,24 @@ class Approach:
     cov: FloatArray
     var_change: FloatArray
 
-    def probability(self, ahead: FloatArray) -> FloatArray:
-        """Return the probability that the threshold is reached within (M,) axis units, rising.
-
-        Parameters
-        ----------
-        ahead : (M,) array
-            Ahead of the present position, rising [axis unit].
-        """
-        from scipy.special import stdtr  # slow to import
-
-        h = self.fit.beyond(self.now + ahead)
-        rows = (v[:, None] for v in (self.gap, self.change, self.var_gap, self.cov))
-        gap, change, var_gap, cov = rows
-        variance = var_gap + 2.0 * h * cov + h * h * self.var_change[:, None]
-        z = (gap + change * h) / np.sqrt(np.maximum(variance, TINY))
-        each = np.maximum.accumulate(stdtr(self.fit.freedom, z), axis=1)
-        return np.asarray(self.fit.weight @ each)
-
     def before(self, ahead: float) -> float:
         """Return the probability that the threshold is reached within `ahead` axis units [1]."""
         grid = _GRID[_GRID * self.fit.length < ahead] * self.fit.length
-        return float(self.probability(np.append(grid, max(ahead, 0.0)))[-1])
+        return reached(*self._known, np.append(grid, max(ahead, 0.0)))
 
     def remaining(self, confidence: float = 0.95) -> Remaining:
         """Return the limits of what remains with a two-sided `confidence`, and the median."""
-        places = _GRID * self.fit.length
-        reached = self.probability(places)
         tail = 0.5 * (1.0 - confidence)
-        low, median, high = (self._place(p, places, reached) for p in (tail, 0.5, 1.0 - tail))
-        return Remaining(low, median, high)
+        shares = np.array([tail, 0.5, 1.0 - tail])
+        return Remaining(*first_places(*self._known, _GRID * self.fit.length, shares).tolist())
 
-    def _place(self, share: float, places: FloatArray, reached: FloatArray) -> float:
-        """Return the first place where the probability is `share`, infinite where it never is."""
-        for _ in range(_ROUNDS):
-            if not reached[-1] >= share:
-                return float("inf")
-            j = int(np.argmax(reached >= share))
-            if j == 0:
-                return float(places[0])
-            if reached[j] - reached[j - 1] < _FINE:
-                break
-            places = np.linspace(places[j - 1], places[j], _POINTS)
-            reached = self.probability(places)
-        j = int(np.argmax(reached >= share))
-        part = (share - reached[j - 1]) / (reached[j] - reached[j - 1])
-        return float(places[j - 1] + part * (places[j] - places[j - 1]))
+    @property
+    def _known(self) -> tuple[IntArray, FloatArray, FloatArray, float, float]:
+        """Return what the kernels read."""
+        ways = (self.gap, self.change, self.var_gap, self.cov, self.var_change)
+        rows = np.stack([self.fit.number, self.fit.weight, *ways])
+        table = student_table(self.fit.freedom)
+        return self.fit.law, rows, table, self.now - self.fit.start, self.fit.length
 
 
 def axis_rate(axis: FloatArray, stamp_ns: IntArray, newest: int) -> float:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,14 @@ import numpy as np
 from valve_twin.core.aging.changepoint import find_outliers
 from valve_twin.core.aging.config import AgingConfig, Axis
 from valve_twin.core.aging.cutting.memory import Memory
+from valve_twin.core.aging.trend import (
+    Line,
+    autocorrelation_of,
+    fit_line,
+    line_sums,
+    residuals,
+)
+from valve_twin.core.estimation.data.one_thread import dot
 from valve_twin.core.past.columns import Rows, past_of
 
 if TYPE_CHECKING:
@@ -289,3 +298,33 @@ def cut(
     )
     where = np.array(starts, dtype=np.int64)
     return Pieces(where, np.isin(where, sorted(events)), outlier, wave, period)
+
+
+def fit_pieces(series: Series, pieces: Pieces) -> tuple[Line | None, ...]:
+    """Fit every piece; they share one autocorrelation, the scatter being the same process.
+
+    Parameters
+    ----------
+    series : Series
+        Values of one parameter.
+    pieces : Pieces
+        Its pieces; one of fewer than 4 good values has no line.
+    """
+    parts = []
+    edges = [*pieces.starts, len(series.values)]
+    for first, last in itertools.pairwise(edges):
+        kept = np.arange(first, last)[~pieces.outlier[first:last]]
+        parts.append((series.axis[kept], series.values[kept], series.offsets_at(kept)))
+    left = [_left(x, y, z) for x, y, z in parts if len(x) >= 4]
+    n, power, product = (sum(column) for column in zip(*left, strict=True)) if left else (0, 0, 0)
+    rho = autocorrelation_of(int(n), len(left), power, product)
+    return tuple(fit_line(x, y, rho, offsets=z) if len(x) >= 4 else None for x, y, z in parts)
+
+
+def _left(x: FloatArray, y: FloatArray, offsets: FloatArray | None) -> tuple[int, float, float]:
+    """Return the count of residuals of a line, and the sums of squares and lag-1 products."""
+    if offsets is None:
+        sums = line_sums(x, y)
+        return len(x), sums.power, sums.product
+    rest = residuals(x, y, offsets)
+    return len(x), dot(rest, rest), dot(rest[1:], rest[:-1])

@@ -14,7 +14,7 @@ intervals.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -180,6 +180,30 @@ def ar1_products(u: FloatArray, v: FloatArray, rho: float) -> FloatArray:
     return out
 
 
+@njit(cache=True)
+def ar1_leading(u: FloatArray, v: FloatArray, rho: float) -> float:
+    """Return u' R v, see `ar1_product`, where u has only its first M of N values.
+
+    Parameters
+    ----------
+    u, v : (M,) and (N,) arrays
+        Vectors of any unit [1], N >= M.
+    rho : float
+        Autocorrelation between neighbours [1].
+    """
+    total, behind_u, behind_v = 0.0, 0.0, 0.0
+    for i in range(len(v)):
+        if i < len(u):
+            total += u[i] * v[i] + rho * (u[i] * behind_v + v[i] * behind_u)
+            behind_u, behind_v = u[i] + rho * behind_u, v[i] + rho * behind_v
+        else:
+            total += rho * v[i] * behind_u
+            behind_u *= rho
+            if abs(behind_u) < TINY:
+                break
+    return total
+
+
 def residuals(x: FloatArray, y: FloatArray, offsets: FloatArray | None = None) -> FloatArray:
     """Return the residuals of the least-squares line, (N,) [unit].
 
@@ -215,13 +239,92 @@ def pooled_autocorrelation(parts: list[FloatArray]) -> float:
     float
         In [-0.95, 0.95]; 0 where fewer than 8 residuals a line are there on average.
     """
-    n, lines = sum(len(r) for r in parts), len(parts)
     power = sum(dot(r, r) for r in parts)
+    product = sum(dot(r[1:], r[:-1]) for r in parts)
+    return autocorrelation_of(sum(len(r) for r in parts), len(parts), power, product)
+
+
+def autocorrelation_of(n: int, lines: int, power: float, product: float) -> float:
+    """Return the lag-1 autocorrelation of residuals, see `pooled_autocorrelation` [1].
+
+    Parameters
+    ----------
+    n, lines : int
+        Residuals, and lines that they are of [1].
+    power, product : float
+        Sums of their squares and of their lag-1 products [unit^2].
+    """
     if n < 8 * max(lines, 1) or not power > 0.0:
         return 0.0
-    raw = sum(dot(r[1:], r[:-1]) for r in parts) / power
-    corrected = (n * raw + 2.0 * lines) / (n - 4.0 * lines)
-    return float(np.clip(corrected, -MAX_AUTOCORRELATION, MAX_AUTOCORRELATION))
+    corrected = (n * product / power + 2.0 * lines) / (n - 4.0 * lines)
+    return min(max(corrected, -MAX_AUTOCORRELATION), MAX_AUTOCORRELATION)
+
+
+class LineSums(NamedTuple):
+    """What a least-squares line through N values and its residuals come to.
+
+    Attributes
+    ----------
+    center, mean : float
+        Means of the axis positions [axis unit] and of the values [unit].
+    square, slope : float
+        Sum of the squares about the center [axis unit^2], and the slope [unit / axis unit].
+    power, product, most : float
+        Sums of squares and of lag-1 products of the residuals [unit^2], and the largest value
+        without its sign [unit].
+    """
+
+    center: float
+    mean: float
+    square: float
+    slope: float
+    power: float
+    product: float
+    most: float
+
+
+def line_sums(x: FloatArray, y: FloatArray) -> LineSums:
+    """Return the sums of the line through (N,) values [unit] at (N,) places [axis unit]."""
+    return LineSums(*_line_sums(x, y))
+
+
+@njit(cache=True)
+def _line_sums(x: FloatArray, y: FloatArray) -> tuple[float, ...]:
+    n = len(x)
+    if n == 0:
+        return np.nan, np.nan, 0.0, 0.0, 0.0, 0.0, 0.0
+    center, mean, most = 0.0, 0.0, 0.0
+    for i in range(n):
+        center += x[i] - x[0]
+        mean += y[i] - y[0]
+        most = max(most, abs(y[i]))
+    center, mean = x[0] + center / n, y[0] + mean / n
+    square, cross = 0.0, 0.0
+    for i in range(n):
+        d = x[i] - center
+        square += d * d
+        cross += d * (y[i] - mean)
+    slope = cross / square if square > 0.0 else 0.0
+    power, product, before = 0.0, 0.0, 0.0
+    for i in range(n):
+        rest = y[i] - mean - slope * (x[i] - center)
+        power += rest * rest
+        product += rest * before
+        before = rest
+    return center, mean, square, slope, power, product, most
+
+
+@njit(cache=True)
+def _line_spread(x: FloatArray, center: float, rho: float) -> tuple[float, float, float]:
+    """Return u' R u, u' R d and d' R d of ones u and distances d from the center, in one pass."""
+    one, cross, square, ones, far = 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(len(x)):
+        d = x[i] - center
+        one += 1.0 + 2.0 * rho * ones
+        cross += d + rho * (far + d * ones)
+        square += d * d + 2.0 * rho * d * far
+        ones, far = 1.0 + rho * ones, d + rho * far
+    return one, cross, square
 
 
 def line_weights(
@@ -276,31 +379,44 @@ def fit_line(
     ValueError
         If there are fewer than 3 values or all axis positions are equal.
     """
-    n = len(x)
-    center, w_mean, w_slope = line_weights(x, offsets)
-    d = x - center if offsets is None else base_of(offsets).without(x - center)
-    sxx = dot(d, d)
+    n, extra = len(x), 0 if offsets is None else offsets.shape[1]
+    sums = line_sums(x, y)
+    center, mean, slope, power = sums.center, sums.mean, sums.slope, sums.power
+    sxx, rho = sums.square, autocorrelation
+    if offsets is not None:
+        d = base_of(offsets).without(x - center)
+        sxx = dot(d, d)
     if n < 3 or not sxx > 0.0:
         msg = f"a line needs 3 values at different places, got {n} values and a spread of {sxx:g}"
         raise ValueError(msg)
-    rest = residuals(x, y, offsets)
-    rho = pooled_autocorrelation([rest]) if autocorrelation is None else autocorrelation
-    used, extra = max(rho, 0.0), 0 if offsets is None else offsets.shape[1]
-    q_mean = ar1_product(w_mean, w_mean, used)
-    q_slope = ar1_product(w_slope, w_slope, used)
-    rounding = (RESOLUTION * float(np.abs(y).max())) ** 2
-    base = n * q_mean if offsets is None else base_of(offsets).share(used)
-    variance = max(dot(rest, rest) / max(n - base - sxx * q_slope, 0.5), rounding)
+    if offsets is not None:
+        rest = residuals(x, y, offsets)
+        power = dot(rest, rest)
+        rho = pooled_autocorrelation([rest]) if rho is None else rho
+    elif rho is None:
+        rho = autocorrelation_of(n, 1, power, sums.product)
+    used = max(rho, 0.0)
+    if offsets is None:
+        one, cross, square = _line_spread(x, center, used)
+        q_mean, q_cross, q_slope = one / n**2, cross / (n * sxx), square / sxx**2
+        base = n * q_mean
+    else:
+        center, w_mean, w_slope = line_weights(x, offsets)
+        q_mean, q_slope = (ar1_product(w, w, used) for w in (w_mean, w_slope))
+        q_cross, base = ar1_product(w_mean, w_slope, used), base_of(offsets).share(used)
+        mean, slope = dot(w_mean, y), dot(w_slope, y)
+    rounding = (RESOLUTION * sums.most) ** 2
+    variance = max(power / max(n - base - sxx * q_slope, 0.5), rounding)
     return Line(
         samples=n,
         center=center,
-        mean=float(y.mean()) if offsets is None else dot(w_mean, y),
-        slope=dot(w_slope, y),
+        mean=mean,
+        slope=slope,
         sigma=variance**0.5,
         autocorrelation=rho,
         freedom=max(n * (1.0 - used) / (1.0 + used) - 2.0 - extra, 1.0),
         var_mean=variance * q_mean,
-        cov=variance * ar1_product(w_mean, w_slope, used),
+        cov=variance * q_cross,
         var_slope=variance * q_slope,
     )
 

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -80,13 +80,23 @@ class _Data:
     floor: float
     base: Base | None = None
 
-    def shapes(self, law: IntArray, number: FloatArray, prior: FloatArray) -> _Shapes:
-        """Return shapes with their evidence."""
+    def bare(self, law: IntArray, number: FloatArray) -> FloatArray:
+        """Return the curves of shapes as they are fitted, (K, N)."""
         g = curves(law, number, self.u)
-        taken = 2
-        if self.base is not None:
-            g, taken = self.base.without(g), 1 + self.base.columns.shape[1]
-        fits = squares(g, self.y, np.empty(len(self.y)))
+        return g if self.base is None else self.base.without(g)
+
+    def shapes(
+        self,
+        law: IntArray,
+        number: FloatArray,
+        prior: FloatArray,
+        known: tuple[FloatArray, FloatArray] | None = None,
+    ) -> _Shapes:
+        """Return shapes with their evidence; `known` are their curves and fits."""
+        g, fits = known or (self.bare(law, number), None)
+        taken = 2 if self.base is None else 1 + self.base.columns.shape[1]
+        if fits is None:
+            fits = squares(g, self.y, np.empty(len(self.y)))
         white = whitened(g, self.y, fits, self.rho)
         score = np.log(prior) - 0.5 * TEMPER * (
             np.log(white[:, 1]) + (len(self.y) - taken) * np.log(white[:, 0] + self.floor)
@@ -111,8 +121,9 @@ def _refined(shapes: _Shapes, data: _Data) -> _Shapes:
             number = np.exp(np.linspace(ends[0], ends[1], _BETWEEN))
             prior = np.full(_BETWEEN, shapes.prior[near].sum() / _BETWEEN)
             fresh = data.shapes(np.full(_BETWEEN, law), number, prior)
-            others = np.setdiff1d(np.arange(len(shapes.law)), near)
-            shapes = shapes.part(others).joined(fresh)
+            others = np.ones(len(shapes.law), np.bool_)
+            others[near] = False
+            shapes = shapes.part(np.flatnonzero(others)).joined(fresh)
     return shapes
 
 
@@ -151,14 +162,15 @@ def fit_laws(
     base = None if offsets is None else base_of(offsets)
     extra = 0 if offsets is None else offsets.shape[1]
     free = y if base is None else base.without(y)
+    floor = n * (RESOLUTION * float(np.abs(y).max())) ** 2 + TINY
+    data, rest = _Data(u, free, 0.0, floor, base), np.empty(n)
+    bare = data.bare(law, number)
+    fitted = squares(bare, free, rest)
     if autocorrelation is None:
-        rest, g = np.empty(n), curves(law, number, u)
-        squares(g if base is None else base.without(g), free, rest)
         autocorrelation = pooled_autocorrelation([rest])
     used = max(autocorrelation, 0.0)
-    floor = n * (RESOLUTION * float(np.abs(y).max())) ** 2 + TINY
-    data = _Data(u, free, used, floor, base)
-    shapes = _refined(data.shapes(law, number, prior), data)
+    data = replace(data, rho=used)
+    shapes = _refined(data.shapes(law, number, prior, (bare, fitted)), data)
     line = float(shapes.weight[shapes.law == 0].sum())
     rising = np.argsort(shapes.weight, kind="stable")
     kept = shapes.part(np.sort(rising[np.cumsum(shapes.weight[rising]) > LEAST]))

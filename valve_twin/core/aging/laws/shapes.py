@@ -208,17 +208,19 @@ def curves(law: IntArray, number: FloatArray, u: FloatArray) -> FloatArray:
         Places along the history [1].
     """
     out = np.empty((len(law), len(u)))
+    logs = np.log(u)
     for i in range(len(law)):
         k = number[i]
-        for j in range(len(u)):
-            if law[i] == 0:
-                out[i, j] = u[j]
-            elif law[i] == 1:
-                out[i, j] = np.expm1(min(k * u[j], 60.0)) / np.expm1(k)
-            elif law[i] == 2:
-                out[i, j] = u[j] ** k
-            else:
-                out[i, j] = np.expm1(-k * u[j]) / np.expm1(-k)
+        if law[i] == 0:
+            out[i] = u
+        elif law[i] == 2:
+            for j in range(len(u)):
+                out[i, j] = np.exp(k * logs[j])
+        else:
+            k = k if law[i] == 1 else -k
+            whole = np.expm1(k)
+            for j in range(len(u)):
+                out[i, j] = (np.exp(min(k * u[j], 60.0)) - 1.0) / whole
     return out
 
 

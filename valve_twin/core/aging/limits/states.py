@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from valve_twin.core.aging.series import Pieces, Series
     from valve_twin.core.aging.trend import Line
     from valve_twin.core.aging.verdict import Trend
-    from valve_twin.core.types import BoolArray, FloatArray
+    from valve_twin.core.types import FloatArray
 
 SCATTER = 2.0
 """Least hysteresis [standard deviations of a single estimate], assumed."""
@@ -159,27 +159,20 @@ def held_limits(
         return Held()
     begun = int(np.flatnonzero(np.r_[True, pieces.forced[1:]])[-1])
     sure = 1.0 - config.verdict_significance
-    parts = [
-        _levels(series, pieces, k, line, sure, config.min_segment)
-        for k, line in enumerate(lines[begun:], begun)
-        if line is not None
-    ]
-    if not parts:
+    known = _levels(series, pieces, lines[begun:], begun, sure, config.min_segment)
+    if known is None:
         return Held()
-    level, half = (np.concatenate([part[i] for part in parts], axis=1) for i in (0, 1))
-    level[1] = _running_mean(level[1], config.min_segment)
-    half = np.hypot(half, quantile(1e6, sure) * reference.variance**0.5)
+    doubt = quantile(1e6, sure) * reference.variance**0.5
     warning, alarm = [], []
     for threshold in wanted_limits(config, parameter):
         way = _way(threshold, reference.value)
         if not (way and np.isfinite(way)):
             continue
-        gone, doubt = (level - reference.value) / way, half / abs(way)
-        at, moved = config.warning_share(threshold), gone - doubt > 0.0
-        band = _band(threshold, lines[-1], way, config)
-        if _latched(gone - doubt > at, gone, at - band):
+        at, band = config.warning_share(threshold), _band(threshold, lines[-1], way, config)
+        where = reference.value, doubt, way
+        if _latched(*known, *where, at, at - band, False):
             warning.append(threshold)
-        if _latched(moved & (gone > 1.0), gone, 1.0 - band):
+        if _latched(*known, *where, 1.0, 1.0 - band, True):
             alarm.append(threshold)
     return Held(tuple(warning), tuple(alarm))
 
@@ -238,81 +231,136 @@ def _band(threshold: Threshold, line: Line | None, way: float, config: AgingConf
     return min(max(config.hysteresis, scatter), 0.5 * config.warning_share(threshold))
 
 
-def _latched(entered: BoolArray, gone: FloatArray, within: float) -> bool:
-    """Return whether a limit was passed by one of both levels and not left by both since.
-
-    Parameters
-    ----------
-    entered : (2, M) bool array
-        Whether it was passed.
-    gone : (2, M) array
-        Where the levels stood on the way, NaN = not known [1].
-    within : float
-        Where they are back [1].
-    """
-    where = np.flatnonzero(entered.any(axis=0))
-    if not len(where):
-        return False
-    since = gone[:, where[-1] :]
-    left = ~(since >= within).any(axis=0) & np.isfinite(since).any(axis=0)
-    return not left.any()
-
-
-def _running_mean(values: FloatArray, size: int) -> FloatArray:
-    """Return the mean of so many values up to each one, NaN where they are fewer."""
-    if len(values) < size:
-        return np.full(len(values), _NAN)
-    total = np.cumsum(np.r_[0.0, values - values[0]])
-    mean = values[0] + (total[size:] - total[:-size]) / size
-    return np.concatenate([np.full(size - 1, _NAN), mean])
-
-
 def _levels(
-    series: Series, pieces: Pieces, k: int, line: Line, sure: float, least: int
-) -> tuple[FloatArray, FloatArray]:
-    """Return what was known of the level of a segment at each of its M good values.
+    series: Series,
+    pieces: Pieces,
+    lines: Sequence[Line | None],
+    begun: int,
+    sure: float,
+    least: int,
+) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Return what was known of the level at each of the M good values of some segments.
 
     Returns
     -------
-    levels : (2, M) array
-        That of the line up to there, NaN before the `least`-th value, and the value [unit].
-    half : (2, M) array
-        Half the interval of the line, and of the mean of `least` values [unit]. The scatter is
-        that of the whole segment.
+    sums : (M, 7) array
+        Of what lies before each value and itself: places and values about the line of its segment,
+        squares and products of them, values of the segments together; its place, its segment.
+    segments : (P, 5) array
+        Values in it, its line's mean [unit], standard deviation of a mean value [unit], its
+        quantile, and `least`.
+    student : (P, S) array
+        Quantiles of Student's t at `_SIZES`.
+    None where no segment has a line.
     """
-    last = pieces.starts[k + 1] if k + 1 < len(pieces.starts) else len(series.values)
-    kept = np.arange(pieces.starts[k], last)
-    kept = kept[~pieces.outlier[kept]]
-    x, y, offsets = series.axis[kept], series.values[kept], series.offsets_at(kept)
-    if offsets is not None:
-        matrix = np.column_stack([np.ones(len(x)), x - x.mean(), offsets])
-        y = y - offsets @ np.linalg.lstsq(matrix, y, rcond=None)[0][2:]
-    n = np.arange(1.0, len(x) + 1.0)
-    found, variance = _running_lines(x - line.center, y - line.mean)
-    level = np.where(n >= least, line.mean + found, _NAN)
-    rho = max(line.autocorrelation, 0.0)
-    inflated = (1.0 + rho) / (1.0 - rho)
-    student = [quantile(max(size / inflated - 2.0, 1.0), sure) for size in _SIZES]
-    t = np.interp(n, _SIZES, student)
-    half = line.sigma * inflated**0.5
-    mean = np.full(len(n), t[-1] * half / least**0.5)
-    return np.stack([level, y]), np.stack([t * half * np.sqrt(variance), mean])
+    parts, rows, tables = [], [], []
+    for k, line in enumerate(lines, begun):
+        if line is None:
+            continue
+        last = pieces.starts[k + 1] if k + 1 < len(pieces.starts) else len(series.values)
+        kept = pieces.starts[k] + np.flatnonzero(~pieces.outlier[pieces.starts[k] : last])
+        x, y, offsets = series.axis[kept], series.values[kept], series.offsets_at(kept)
+        if offsets is not None:
+            matrix = np.column_stack([np.ones(len(x)), x - x.mean(), offsets])
+            y = y - offsets @ np.linalg.lstsq(matrix, y, rcond=None)[0][2:]
+        rho = max(line.autocorrelation, 0.0)
+        inflated = (1.0 + rho) / (1.0 - rho)
+        table = _quantiles(np.maximum(_SIZES / inflated - 2.0, 1.0), sure)
+        newest = np.interp(len(x), _SIZES, table)
+        parts.append((x - line.center, y))
+        rows.append([len(x), line.mean, line.sigma * inflated**0.5, newest, least])
+        tables.append(table)
+    if not parts:
+        return None
+    d, y = (np.concatenate(column) for column in zip(*parts, strict=True))
+    segments = np.array(rows, np.float64)
+    return _sums(d, y, segments), segments, np.stack(tables)
+
+
+def _quantiles(freedom: FloatArray, confidence: float) -> FloatArray:
+    """Return two-sided quantiles of Student's t, see `quantile`."""
+    from scipy.special import stdtrit  # slow to import
+
+    return np.asarray(stdtrit(freedom, 0.5 + 0.5 * confidence))
+
+
+@njit(cache=True)
+def _sums(d: FloatArray, y: FloatArray, segments: FloatArray) -> FloatArray:
+    out = np.empty((len(d), 7))
+    i, total = 0, 0.0
+    for p in range(len(segments)):
+        sd, se, sdd, sde = 0.0, 0.0, 0.0, 0.0
+        for _ in range(int(segments[p, 0])):
+            e = y[i] - segments[p, 1]
+            sd, se = sd + d[i], se + e
+            sdd, sde = sdd + d[i] * d[i], sde + d[i] * e
+            total += y[i] - y[0]
+            out[i, 0], out[i, 1], out[i, 2], out[i, 3] = sd, se, sdd, sde
+            out[i, 4], out[i, 5], out[i, 6] = total, d[i], p
+            i += 1
+    return out
 
 
 @njit(cache=True, error_model="numpy")
-def _running_lines(d: FloatArray, e: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return where the line through the values up to each one stands, and its variance.
+def _latched(
+    sums: FloatArray,
+    segments: FloatArray,
+    student: FloatArray,
+    reference: float,
+    doubt: float,
+    way: float,
+    enter: float,
+    within: float,
+    moved: bool,
+) -> bool:
+    """Return whether a limit was passed by one of two levels and not left by both since.
 
-    Both (N,), the variance in those of one value; NaN or infinite where there is no line yet.
+    The levels at a value are that of the line up to there, from the `least`-th on, and the mean of
+    the `least` values up to there. The scatter is that of the whole segment.
+
+    Parameters
+    ----------
+    sums, segments, student : arrays
+        What `_levels` returned.
+    reference, doubt : float
+        Level when new, and half its interval [unit].
+    way : float
+        From it to the threshold, with its sign [unit].
+    enter, within : float
+        Where on the way the limit is passed, and where the levels are back [1].
+    moved : bool
+        Whether the level has to be past it as it is found, and moved beyond doubt; else past it
+        beyond doubt.
     """
-    level, variance = np.empty(len(d)), np.empty(len(d))
-    sd, se, sdd, sde = 0.0, 0.0, 0.0, 0.0
-    for i in range(len(d)):
-        n = i + 1.0
-        sd, se = sd + d[i], se + e[i]
-        sdd, sde = sdd + d[i] * d[i], sde + d[i] * e[i]
-        sxx = sdd - n * (sd / n) ** 2
-        far = d[i] - sd / n
-        level[i] = se / n + far * (sde - n * (sd / n) * (se / n)) / sxx
-        variance[i] = 1.0 / n + far**2 / sxx
-    return level, variance
+    begun = len(sums)
+    p = len(segments)
+    for i in range(len(sums) - 1, -1, -1):
+        if i < begun:
+            p -= 1
+            begun -= int(segments[p, 0])
+        _, mean, scatter, newest, least = segments[p]
+        n = i - begun + 1.0
+        size = int(least)
+        level, half = np.nan, np.nan
+        if n >= least:
+            sd, se, sdd, sde = sums[i, 0], sums[i, 1], sums[i, 2], sums[i, 3]
+            sxx = sdd - n * (sd / n) ** 2
+            far = sums[i, 5] - sd / n
+            level = mean + se / n + far * (sde - n * (sd / n) * (se / n)) / sxx
+            half = np.interp(n, _SIZES, student[p]) * scatter * np.sqrt(1.0 / n + far**2 / sxx)
+        last = np.nan
+        if i >= size:
+            last = (sums[i, 4] - sums[i - size, 4]) / size
+        elif i == size - 1:
+            last = sums[i, 4] / size
+        last += sums[0, 1] + segments[0, 1]  # the first value
+        gone = (level - reference) / way, (last - reference) / way
+        off = np.hypot(half, doubt), np.hypot(newest * scatter / least**0.5, doubt)
+        known = np.isfinite(gone[0]) or np.isfinite(gone[1])
+        if known and not (gone[0] >= within or gone[1] >= within):
+            return False
+        for k in range(2):
+            sure = gone[k] - off[k] / abs(way)
+            if (sure > 0.0 and gone[k] > enter) if moved else sure > enter:
+                return True
+    return False
