@@ -17,12 +17,13 @@ repeated-median line through their neighbours (Siegel 1982) and left out.
 
 from __future__ import annotations
 
+import itertools
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numba import njit
 
-from valve_twin.core.aging.trend import MAX_AUTOCORRELATION, RESOLUTION, TINY
+from valve_twin.core.aging.trend import MAX_AUTOCORRELATION, RESOLUTION, TINY, line_sums
 from valve_twin.core.estimation.data.robust import robust_sigma
 
 if TYPE_CHECKING:
@@ -241,8 +242,8 @@ def left_by(x: FloatArray, y: FloatArray, bounds: IntArray) -> tuple[float, floa
     bounds : (K + 1,) int64 array
         0, the first index of each further piece, and N.
     """
-    u, v = (x - x[0]) / (x[-1] - x[0]) - 0.5, y - y.mean()
-    return _off_lines(_sums(u, v), u, v, bounds)
+    pieces = [line_sums(x[a:b], y[a:b]) for a, b in itertools.pairwise(bounds.tolist())]
+    return sum(p.power for p in pieces), sum(p.product for p in pieces)
 
 
 def log_left(power: float, product: float, floor: float) -> float:

@@ -140,7 +140,7 @@ class Reference:
         """
         if len(weights) != self.count or not len(self.weights):
             return 0.0
-        return variance * ar1_leading(self.weights, weights, max(rho, 0.0))
+        return variance * float(ar1_leading(self.weights, weights[None], max(rho, 0.0))[0])
 
     def covariances(self, rows: FloatArray, variance: FloatArray, rho: float) -> FloatArray:
         """Return the covariance with K other values of which each has a variance, (K,) [unit^2].
@@ -156,8 +156,7 @@ class Reference:
         """
         if rows.shape[1] != self.count or not len(self.weights):
             return np.zeros(len(rows))
-        used = max(rho, 0.0)
-        return variance * np.array([ar1_leading(self.weights, row, used) for row in rows])
+        return variance * ar1_leading(self.weights, rows, max(rho, 0.0))
 
 
 @dataclass(frozen=True, slots=True)

@@ -79,6 +79,8 @@ def same_product(
         return series, ""
     if numbers is None:
         numbers = product_numbers(rows)
+    if series.row is not None and not numbers.any():
+        return series, ""
     place = series.rows_in(rows)
     number = np.where(place < 0, -1, numbers[place])
     counts = np.bincount(number + 1)

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 _UNKNOWN = -1
 _NAN = float("nan")
 _FEWEST_OF_PRODUCT = 2
+_FEWEST_IN_LINE = 4
 _LARGEST = 1e50  # fourth powers of what is used must not overflow; no parameter is as large
 
 
@@ -193,27 +194,36 @@ def series_of(history: History, parameter: str) -> Series:
     values = rows.usable(parameter)
     used = rows.given & (np.abs(values) < _LARGEST)
     index = np.flatnonzero(used)
-    breaks = np.concatenate([[0], np.cumsum(history.unknown)])
-    passed = np.concatenate([[0], index[:-1] + 1]) if len(index) else index
+    whole = len(index) == len(rows)
+    unknown = history.unknown
+    if not whole:
+        breaks = np.concatenate([[0], np.cumsum(unknown)])
+        passed = np.concatenate([[0], index[:-1] + 1]) if len(index) else index
+        unknown = breaks[index + 1] > breaks[passed]
+    part = slice(None) if whole else index
     return Series(
-        axis=history.axis[index],
-        values=values[index],
-        cycle=rows.cycle[index],
-        start_ns=rows.start_ns[index],
-        end_ns=rows.end_ns[index],
-        unknown=breaks[index + 1] > breaks[passed],
-        systematic=_systematic(rows, parameter, index),
+        axis=history.axis[part],
+        values=values[part],
+        cycle=rows.cycle[part],
+        start_ns=rows.start_ns[part],
+        end_ns=rows.end_ns[part],
+        unknown=unknown,
+        systematic=_systematic(rows, parameter, part),
         row=index,
     )
 
 
-def _systematic(rows: Rows, parameter: str, index: IntArray) -> float:
+def _systematic(rows: Rows, parameter: str, part: IntArray | slice) -> float:
     """Return what the limits of the values hold beyond their repeatability [unit]."""
     if parameter not in rows.parameters:
         return 0.0
-    found = rows.parameters[parameter].spread[index]
-    found = found[np.isfinite(found)]
-    return float(np.median(found)) ** 0.5 if len(found) else 0.0
+    found = rows.parameters[parameter].spread[part]
+    known = np.isfinite(found)
+    found = found if known.all() else found[known]
+    if not len(found):
+        return 0.0
+    middle = [(len(found) - 1) // 2, len(found) // 2]
+    return float(np.partition(found, sorted(set(middle)))[middle].mean()) ** 0.5
 
 
 def part_of(series: Series, kept: IntArray) -> Series:
@@ -315,16 +325,17 @@ def fit_pieces(series: Series, pieces: Pieces) -> tuple[Line | None, ...]:
     for first, last in itertools.pairwise(edges):
         kept = np.arange(first, last)[~pieces.outlier[first:last]]
         parts.append((series.axis[kept], series.values[kept], series.offsets_at(kept)))
-    left = [_left(x, y, z) for x, y, z in parts if len(x) >= 4]
-    n, power, product = (sum(column) for column in zip(*left, strict=True)) if left else (0, 0, 0)
-    rho = autocorrelation_of(int(n), len(left), power, product)
-    return tuple(fit_line(x, y, rho, offsets=z) if len(x) >= 4 else None for x, y, z in parts)
-
-
-def _left(x: FloatArray, y: FloatArray, offsets: FloatArray | None) -> tuple[int, float, float]:
-    """Return the count of residuals of a line, and the sums of squares and lag-1 products."""
-    if offsets is None:
-        sums = line_sums(x, y)
-        return len(x), sums.power, sums.product
-    rest = residuals(x, y, offsets)
-    return len(x), dot(rest, rest), dot(rest[1:], rest[:-1])
+    sums = [line_sums(x, y) if len(x) >= _FEWEST_IN_LINE else None for x, y, _ in parts]
+    n, lines, power, product = 0, 0, 0.0, 0.0
+    for (x, y, z), of_line in zip(parts, sums, strict=True):
+        if of_line is not None:
+            left = of_line.power, of_line.product
+            if z is not None:
+                rest = residuals(x, y, z)
+                left = dot(rest, rest), dot(rest[1:], rest[:-1])
+            n, lines, power, product = n + len(x), lines + 1, power + left[0], product + left[1]
+    rho = autocorrelation_of(n, lines, power, product)
+    return tuple(
+        fit_line(x, y, rho, offsets=z, sums=of_line) if of_line is not None else None
+        for (x, y, z), of_line in zip(parts, sums, strict=True)
+    )

@@ -164,44 +164,53 @@ def ar1_product(u: FloatArray, v: FloatArray, rho: float) -> float:
 
 
 @njit(cache=True)
-def ar1_products(u: FloatArray, v: FloatArray, rho: float) -> FloatArray:
-    """Return u' R v, see `ar1_product`, of every pair of rows, (K,).
+def ar1_leading(u: FloatArray, v: FloatArray, rho: float) -> FloatArray:
+    """Return u' R v, see `ar1_product`, of every row of v, where u ends before they do, (K,).
 
     Parameters
     ----------
-    u, v : (K, N) arrays
-        Vectors of any unit [1]; one with a single row stands for K alike.
-    rho : float
-        Autocorrelation between neighbours [1].
-    """
-    out = np.empty(max(len(u), len(v)))
-    for k in range(len(out)):
-        out[k] = ar1_product(u[min(k, len(u) - 1)], v[min(k, len(v) - 1)], rho)
-    return out
-
-
-@njit(cache=True)
-def ar1_leading(u: FloatArray, v: FloatArray, rho: float) -> float:
-    """Return u' R v, see `ar1_product`, where u has only its first M of N values.
-
-    Parameters
-    ----------
-    u, v : (M,) and (N,) arrays
+    u, v : (M,) and (K, N) arrays
         Vectors of any unit [1], N >= M.
     rho : float
         Autocorrelation between neighbours [1].
     """
-    total, behind_u, behind_v = 0.0, 0.0, 0.0
-    for i in range(len(v)):
-        if i < len(u):
-            total += u[i] * v[i] + rho * (u[i] * behind_v + v[i] * behind_u)
-            behind_u, behind_v = u[i] + rho * behind_u, v[i] + rho * behind_v
-        else:
-            total += rho * v[i] * behind_u
+    out = np.empty(len(v))
+    for k in range(len(v)):
+        total, behind_u, behind_v = 0.0, 0.0, 0.0
+        for i in range(len(u)):
+            total += u[i] * v[k, i] + rho * (u[i] * behind_v + v[k, i] * behind_u)
+            behind_u, behind_v = u[i] + rho * behind_u, v[k, i] + rho * behind_v
+        for i in range(len(u), v.shape[1]):
+            total += rho * v[k, i] * behind_u
             behind_u *= rho
             if abs(behind_u) < TINY:
                 break
-    return total
+        out[k] = total
+    return out
+
+
+@njit(cache=True)
+def ar1_forms(u: FloatArray, v: FloatArray, rho: float) -> FloatArray:
+    """Return u' R u, u' R v and v' R v, see `ar1_product`, of every pair of rows, (3, K).
+
+    Parameters
+    ----------
+    u, v : (K, N) arrays
+        Vectors of any unit [1].
+    rho : float
+        Autocorrelation between neighbours [1].
+    """
+    out = np.zeros((3, len(u)))
+    for k in range(len(u)):
+        first, cross, second, behind_u, behind_v = 0.0, 0.0, 0.0, 0.0, 0.0
+        for i in range(u.shape[1]):
+            a, b = u[k, i], v[k, i]
+            first += a * a + 2.0 * rho * a * behind_u
+            cross += a * b + rho * (a * behind_v + b * behind_u)
+            second += b * b + 2.0 * rho * b * behind_v
+            behind_u, behind_v = a + rho * behind_u, b + rho * behind_v
+        out[0, k], out[1, k], out[2, k] = first, cross, second
+    return out
 
 
 def residuals(x: FloatArray, y: FloatArray, offsets: FloatArray | None = None) -> FloatArray:
@@ -356,6 +365,7 @@ def fit_line(
     autocorrelation: float | None = None,
     *,
     offsets: FloatArray | None = None,
+    sums: LineSums | None = None,
 ) -> Line:
     """Fit a line by least squares with the covariance of AR(1) scatter.
 
@@ -368,6 +378,8 @@ def fit_line(
         Lag-1 autocorrelation of the scatter [1]; from the residuals of this line where not given.
     offsets : (N, Z) array, optional
         Columns that are fitted beside it; the line is the one without them [1].
+    sums : LineSums, optional
+        Those of x and y, where they are known.
 
     Returns
     -------
@@ -380,7 +392,7 @@ def fit_line(
         If there are fewer than 3 values or all axis positions are equal.
     """
     n, extra = len(x), 0 if offsets is None else offsets.shape[1]
-    sums = line_sums(x, y)
+    sums = sums or line_sums(x, y)
     center, mean, slope, power = sums.center, sums.mean, sums.slope, sums.power
     sxx, rho = sums.square, autocorrelation
     if offsets is not None:

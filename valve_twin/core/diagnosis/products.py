@@ -66,6 +66,9 @@ def products(duration_s: FloatArray) -> IntArray:
     (N,) int64 array
         Number of the product, longest program last; all 0 where durations differ too much to say.
     """
+    low, high = float(duration_s.min()), float(duration_s.max())
+    if high - low <= _ALIKE * max(low, 1e-9):
+        return np.zeros(len(duration_s), dtype=np.int64)
     order = np.argsort(duration_s, kind="stable")
     ranked = duration_s[order]
     apart = np.diff(ranked) > _ALIKE * np.maximum(ranked[1:], 1e-9)

@@ -23,8 +23,8 @@ from valve_twin.core.aging.trend import (
     RESOLUTION,
     TINY,
     Base,
+    ar1_forms,
     ar1_product,
-    ar1_products,
     base_of,
     pooled_autocorrelation,
 )
@@ -183,7 +183,8 @@ def fit_laws(
         shape = curves(kept.law, kept.number, u)
         level_weights = base.level + (shape[:, -1:] - shape @ base.level[:, None]) * change_weights
         taken = base.share(used)
-    lost = taken + fits[:, 1] * ar1_products(change_weights, change_weights, used)
+    forms = ar1_forms(level_weights, change_weights, used)
+    lost = taken + fits[:, 1] * forms[2]
     variance = (fits[:, 3] + floor) / np.maximum(n - lost, 0.5)
     return LawFit(
         start=start,
@@ -200,6 +201,7 @@ def fit_laws(
         autocorrelation=autocorrelation,
         freedom=max(n * (1.0 - used) / (1.0 + used) - 2.0 - extra, 1.0),
         line=line,
+        forms=forms,
     )
 
 

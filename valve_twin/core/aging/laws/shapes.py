@@ -32,7 +32,7 @@ import numpy as np
 from numba import njit
 
 from valve_twin.core.aging.config import Law
-from valve_twin.core.aging.trend import Line, ar1_product, ar1_products
+from valve_twin.core.aging.trend import Line, ar1_forms, ar1_product
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -91,6 +91,9 @@ class LawFit:
         Of the scatter about the best shape; degrees of freedom of Student's t [1].
     line : float
         Probability of the line [1].
+    forms : (3, K) array, optional
+        Variance of the level, its covariance with the change and the variance of that, in those
+        of a single value [1].
     """
 
     start: float
@@ -107,6 +110,7 @@ class LawFit:
     autocorrelation: float
     freedom: float
     line: float
+    forms: FloatArray | None = None
 
     @property
     def best(self) -> int:
@@ -140,10 +144,12 @@ class LawFit:
 
     def covariances(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return var(level), cov(level, change) and var(change) of every shape, (K,) each."""
-        rho, square = max(self.autocorrelation, 0.0), self.sigma**2
-        a, b = self.level_weights, self.change_weights
-        low, cross, high = (ar1_products(u, v, rho) for u, v in ((a, a), (a, b), (b, b)))
-        return square * low, square * cross, square * high
+        forms = self.forms
+        if forms is None:
+            rho = max(self.autocorrelation, 0.0)
+            forms = ar1_forms(self.level_weights, self.change_weights, rho)
+        low, cross, high = self.sigma**2 * forms
+        return low, cross, high
 
     def curve(self, places: FloatArray, shape: int) -> FloatArray:
         """Return one shape at (N,) axis positions [unit]."""

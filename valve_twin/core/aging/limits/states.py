@@ -17,13 +17,13 @@ when more values show other segments. So a monitor that was down says what one s
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 import numpy as np
 from numba import njit
 
 from valve_twin.core.aging.drift import wanted_limits
-from valve_twin.core.aging.trend import quantile
+from valve_twin.core.aging.trend import line_sums, quantile
 from valve_twin.core.aging.verdict import LimitState, TrendStatus
 
 if TYPE_CHECKING:
@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 
 SCATTER = 2.0
 """Least hysteresis [standard deviations of a single estimate], assumed."""
+
+_Part: TypeAlias = "tuple[Line, FloatArray, FloatArray]"
 
 _NAN = float("nan")
 _SIZES = np.unique(np.geomspace(4.0, 1e6, 48).round())  # samples at which Student's t is taken
@@ -159,22 +161,29 @@ def held_limits(
         return Held()
     begun = int(np.flatnonzero(np.r_[True, pieces.forced[1:]])[-1])
     sure = 1.0 - config.verdict_significance
-    known = _levels(series, pieces, lines[begun:], begun, sure, config.min_segment)
-    if known is None:
+    parts = [
+        (line, *_good(series, pieces, k)) for k, line in enumerate(lines[begun:], begun) if line
+    ]
+    if not parts:
         return Held()
+    newest = _newest(parts, config.min_segment)
+    known = None
     doubt = quantile(1e6, sure) * reference.variance**0.5
-    warning, alarm = [], []
+    held: tuple[list[Threshold], list[Threshold]] = ([], [])
     for threshold in wanted_limits(config, parameter):
         way = _way(threshold, reference.value)
         if not (way and np.isfinite(way)):
             continue
         at, band = config.warning_share(threshold), _band(threshold, lines[-1], way, config)
-        where = reference.value, doubt, way
-        if _latched(*known, *where, at, at - band, False):
-            warning.append(threshold)
-        if _latched(*known, *where, 1.0, 1.0 - band, True):
-            alarm.append(threshold)
-    return Held(tuple(warning), tuple(alarm))
+        for enter, moved in ((at, False), (1.0, True)):
+            within = enter - band
+            gone = (newest - reference.value) / way
+            if np.isfinite(gone).any() and not np.any(gone >= within):
+                continue  # neither level is past it now
+            known = known or _levels(parts, sure, config.min_segment)
+            if _latched(*known, reference.value, doubt, way, enter, within, moved):
+                held[moved].append(threshold)
+    return Held(tuple(held[0]), tuple(held[1]))
 
 
 def with_warnings(held: Held, lost: Sequence[Lost], config: AgingConfig) -> Held:
@@ -231,50 +240,58 @@ def _band(threshold: Threshold, line: Line | None, way: float, config: AgingConf
     return min(max(config.hysteresis, scatter), 0.5 * config.warning_share(threshold))
 
 
+def _good(series: Series, pieces: Pieces, k: int) -> tuple[FloatArray, FloatArray]:
+    """Return places and values of the good values of a segment, other products' offsets out."""
+    last = pieces.starts[k + 1] if k + 1 < len(pieces.starts) else len(series.values)
+    kept = pieces.starts[k] + np.flatnonzero(~pieces.outlier[pieces.starts[k] : last])
+    x, y, offsets = series.axis[kept], series.values[kept], series.offsets_at(kept)
+    if offsets is not None:
+        matrix = np.column_stack([np.ones(len(x)), x - x.mean(), offsets])
+        y = y - offsets @ np.linalg.lstsq(matrix, y, rcond=None)[0][2:]
+    return x, y
+
+
+def _newest(parts: Sequence[_Part], least: int) -> FloatArray:
+    """Return the two levels at the newest value, see `_latched`, (2,) [unit]."""
+    level = mean = _NAN
+    _, x, y = parts[-1]
+    if len(x) >= least:
+        sums = line_sums(x, y)
+        level = sums.mean + sums.slope * (x[-1] - sums.center)
+    values = np.concatenate([part[2][-least:] for part in parts[-least:]])
+    if len(values) >= least:
+        mean = float(values[-least:].mean())
+    return np.array([level, mean])
+
+
 def _levels(
-    series: Series,
-    pieces: Pieces,
-    lines: Sequence[Line | None],
-    begun: int,
-    sure: float,
-    least: int,
-) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    parts: Sequence[_Part], sure: float, least: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return what was known of the level at each of the M good values of some segments.
 
     Returns
     -------
-    sums : (M, 7) array
+    sums : (M, 6) array
         Of what lies before each value and itself: places and values about the line of its segment,
-        squares and products of them, values of the segments together; its place, its segment.
+        squares and products of them, values of the segments together; and its place.
     segments : (P, 5) array
         Values in it, its line's mean [unit], standard deviation of a mean value [unit], its
         quantile, and `least`.
     student : (P, S) array
         Quantiles of Student's t at `_SIZES`.
-    None where no segment has a line.
     """
-    parts, rows, tables = [], [], []
-    for k, line in enumerate(lines, begun):
-        if line is None:
-            continue
-        last = pieces.starts[k + 1] if k + 1 < len(pieces.starts) else len(series.values)
-        kept = pieces.starts[k] + np.flatnonzero(~pieces.outlier[pieces.starts[k] : last])
-        x, y, offsets = series.axis[kept], series.values[kept], series.offsets_at(kept)
-        if offsets is not None:
-            matrix = np.column_stack([np.ones(len(x)), x - x.mean(), offsets])
-            y = y - offsets @ np.linalg.lstsq(matrix, y, rcond=None)[0][2:]
+    rows, tables = [], []
+    for line, x, _ in parts:
         rho = max(line.autocorrelation, 0.0)
         inflated = (1.0 + rho) / (1.0 - rho)
         table = _quantiles(np.maximum(_SIZES / inflated - 2.0, 1.0), sure)
         newest = np.interp(len(x), _SIZES, table)
-        parts.append((x - line.center, y))
         rows.append([len(x), line.mean, line.sigma * inflated**0.5, newest, least])
         tables.append(table)
-    if not parts:
-        return None
-    d, y = (np.concatenate(column) for column in zip(*parts, strict=True))
+    d = np.concatenate([x - line.center for line, x, _ in parts])
     segments = np.array(rows, np.float64)
-    return _sums(d, y, segments), segments, np.stack(tables)
+    sums = _sums(d, np.concatenate([y for _, _, y in parts]), segments)
+    return sums, segments, np.stack(tables)
 
 
 def _quantiles(freedom: FloatArray, confidence: float) -> FloatArray:
@@ -286,7 +303,7 @@ def _quantiles(freedom: FloatArray, confidence: float) -> FloatArray:
 
 @njit(cache=True)
 def _sums(d: FloatArray, y: FloatArray, segments: FloatArray) -> FloatArray:
-    out = np.empty((len(d), 7))
+    out = np.empty((len(d), 6))
     i, total = 0, 0.0
     for p in range(len(segments)):
         sd, se, sdd, sde = 0.0, 0.0, 0.0, 0.0
@@ -296,7 +313,7 @@ def _sums(d: FloatArray, y: FloatArray, segments: FloatArray) -> FloatArray:
             sdd, sde = sdd + d[i] * d[i], sde + d[i] * e
             total += y[i] - y[0]
             out[i, 0], out[i, 1], out[i, 2], out[i, 3] = sd, se, sdd, sde
-            out[i, 4], out[i, 5], out[i, 6] = total, d[i], p
+            out[i, 4], out[i, 5] = total, d[i]
             i += 1
     return out
 
