@@ -14,7 +14,7 @@ import numpy as np
 from valve_twin.core.aging import TrendStatus
 from valve_twin.core.aging.verdict import Outlook, outlook
 from valve_twin.core.types import ParameterStatus, Validity
-from valve_twin.report.svg import Panel, drawing, round_ticks, thin
+from valve_twin.report.svg import Panel, drawing, extremes, round_ticks, thin
 from valve_twin.report.text import MINUS, number
 
 if TYPE_CHECKING:
@@ -23,13 +23,21 @@ if TYPE_CHECKING:
     from markupsafe import Markup
 
     from valve_twin.core.aging import Trend, TrendDetail
-    from valve_twin.core.types import Estimate, FloatArray, Maintenance, Prediction
+    from valve_twin.core.types import (
+        BoolArray,
+        Estimate,
+        FloatArray,
+        IntArray,
+        Maintenance,
+        Prediction,
+    )
 
 _BINS = 500
 """Bins of the curves of one cycle; more samples than 4 a bin are thinned."""
 
 _MAX_POINTS = 3000
-"""Estimates drawn in a chart; of more, every n-th is drawn."""
+"""Estimates up to which a chart draws every one; of more, the first, lowest, highest and last of
+each column of the picture, and every outlier, so that the picture stays the same."""
 
 _LEAST_LAW = 0.05
 """Probability of a law of aging from which it is drawn [1]."""
@@ -144,17 +152,17 @@ def plot_parameter(name: str, estimates: Sequence[Estimate], marks: Marks, axis:
         if panel.x[0] <= at <= panel.x[1]:
             panel.mark(at, "service")
             panel.text(float(panel.place(at, 0.0)[0]) + 4, panel.top + 11, "▼ service", "note")
-    step = max(1, -(-len(x) // _MAX_POINTS))
-    part = np.flatnonzero(usable)[::step]
-    if len(part) <= _MAX_BARS:
-        panel.bars(x[part], low[part], high[part], "limits")
     outlier = _outliers(cycle, marks.detail)
-    panel.dots(x[part[~outlier[part]]], value[part[~outlier[part]]], "estimate")
-    panel.crosses(x[part[outlier[part]]], value[part[outlier[part]]], "outlier")
-    panel.dots(x[bound], value[bound], "estimate")
-    panel.dots(x[bound], value[bound], "atbound")
-    refused = ~usable & ~bound
-    floor = np.full(int(refused.sum()), panel.y[0])
+    good, at_bound = (_seen(panel, x, value, m) for m in (usable & ~outlier, bound))
+    crossed = np.flatnonzero(usable & outlier)
+    if np.count_nonzero(usable) <= _MAX_BARS:
+        panel.bars(x[usable], low[usable], high[usable], "limits")
+    panel.dots(x[good], value[good], "estimate")
+    panel.crosses(x[crossed], value[crossed], "outlier")
+    panel.dots(x[at_bound], value[at_bound], "estimate")
+    panel.dots(x[at_bound], value[at_bound], "atbound")
+    refused = _seen(panel, x, np.zeros(len(x)), ~usable & ~bound)
+    floor = np.full(len(refused), panel.y[0])
     panel.bars(x[refused], floor, floor + 0.035 * (panel.y[1] - panel.y[0]), "refused")
     if not (usable | bound).any():
         middle = (panel.left + 0.5 * panel.width, panel.top + 0.5 * panel.height)
@@ -167,6 +175,15 @@ def plot_parameter(name: str, estimates: Sequence[Estimate], marks: Marks, axis:
         if panel.y[0] <= trend.warning <= panel.y[1]:
             panel.level(trend.warning, "warning")
     return drawing(480, 286, panel.parts, f"{name} over {axis}", "small")
+
+
+def _seen(panel: Panel, x: FloatArray, y: FloatArray, shown: BoolArray) -> IntArray:
+    """Return which of the shown points have to be drawn, see `_MAX_POINTS`."""
+    index = np.flatnonzero(shown)
+    if len(index) <= _MAX_POINTS:
+        return index
+    column = np.floor(panel.place(x[index], 0.0)[0]).astype(np.int64)
+    return index[extremes(column, y[index])]
 
 
 def _parameter_panel(

@@ -20,7 +20,7 @@ from valve_twin.report.text import MINUS
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from valve_twin.core.types import BoolArray, FloatArray
+    from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
 
 def round_ticks(lower: float, upper: float, count: int) -> list[float]:
@@ -295,14 +295,27 @@ def thin(x: FloatArray, y: FloatArray, bins: int) -> tuple[FloatArray, FloatArra
     n = len(x)
     if n <= 4 * bins:
         return x, y
-    keep = set()
-    for part in np.array_split(np.arange(n), bins):
-        values = y[part]
-        keep |= {int(part[0]), int(part[-1])}
-        if np.isfinite(values).any():
-            keep |= {int(part[np.nanargmin(values)]), int(part[np.nanargmax(values)])}
-    index = np.array(sorted(keep))
+    index = extremes(np.arange(n) * bins // n, y)
     return x[index], y[index]
+
+
+def extremes(column: IntArray, y: FloatArray) -> IntArray:
+    """Return which points show the first, lowest, highest and last of each column, rising.
+
+    Parameters
+    ----------
+    column : (N,) int64 array
+        Where each point is drawn, in any order.
+    y : (N,) array
+        Their heights [any unit]; one that is NaN is neither the lowest nor the highest.
+    """
+    found = []
+    order = np.argsort(column, kind="stable")
+    by_height = np.lexsort((y, column))
+    for points in (order, by_height[np.isfinite(y[by_height])]):
+        new = np.diff(column[points]) != 0
+        found += [points[np.r_[True, new]], points[np.r_[new, True]]] if len(points) else []
+    return np.unique(np.concatenate(found)) if found else np.zeros(0, np.int64)
 
 
 def polyline(px: FloatArray, py: FloatArray) -> str:

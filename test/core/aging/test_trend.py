@@ -5,8 +5,11 @@ import pytest
 from scipy import stats
 
 from valve_twin.core.aging.trend import (
+    ar1_forms,
+    ar1_leading,
     ar1_product,
     fit_line,
+    line_sums,
     pooled_autocorrelation,
     quantile,
     ratio_interval,
@@ -51,6 +54,29 @@ def test_one_pass_product_equals_the_full_matrix():
     rng = np.random.default_rng(3)
     u, v = rng.standard_normal((2, 40))
     assert ar1_product(u, v, 0.6) == pytest.approx(float(u @ ar1_matrix(40, 0.6) @ v), rel=1e-12)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.6, 0.95])
+def test_products_of_many_rows_are_those_of_the_full_matrix(rho):
+    rng = np.random.default_rng(31)
+    u, v, short = rng.standard_normal((3, 40)), rng.standard_normal((3, 40)), np.ones(4)
+    r, whole = ar1_matrix(40, rho), np.r_[short, np.zeros(36)]
+    forms = [np.diag(a @ r @ b.T) for a, b in ((u, u), (u, v), (v, v))]
+    assert ar1_forms(u, v, rho) == pytest.approx(np.array(forms), rel=1e-11)
+    assert ar1_leading(short, v, rho) == pytest.approx(v @ r @ whole, rel=1e-11)
+
+
+@pytest.mark.parametrize("n", [4, 57, 20_000])
+def test_sums_of_a_line_are_those_of_its_residuals(n):
+    rng = np.random.default_rng(n)
+    x = 1e6 + np.cumsum(rng.uniform(0.5, 2.0, n))
+    y = 3.0 + 1e-4 * x + 1e-3 * rng.standard_normal(n)
+    sums, rest = line_sums(x, y), residuals(x, y)
+    assert (sums.center, sums.mean) == pytest.approx((x.mean(), y.mean()), rel=1e-12)
+    assert sums.square == pytest.approx(np.sum((x - x.mean()) ** 2), rel=1e-9)
+    assert sums.power == pytest.approx(rest @ rest, rel=1e-9)
+    assert sums.product == pytest.approx(rest[1:] @ rest[:-1], rel=1e-9, abs=1e-9 * sums.power)
+    assert sums.most == y.max()
 
 
 def test_covariance_under_autocorrelation_is_the_exact_sandwich():

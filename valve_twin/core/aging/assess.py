@@ -32,10 +32,12 @@ from valve_twin.core.aging.limits.states import (
 from valve_twin.core.aging.products import product_numbers, same_product
 from valve_twin.core.aging.series import (
     History,
+    Part,
     Pieces,
     Series,
     cut,
-    fit_pieces,
+    fit_parts,
+    good_parts,
     in_force,
     order_history,
     series_of,
@@ -171,8 +173,7 @@ def assess(
         _assess_parameter(p, ordered, numbers, maintenance, config, valve, confidence, known)
         for p in followed
     ]
-    label = f" ({config.label})" if config.label else ""
-    trends = tuple(replace(trend, reason=trend.reason + label) for trend, _ in results)
+    trends = tuple(trend for trend, _ in results)
     diagnosis = NOTHING if config.label else diagnose(past, maintenance)
     if any(f.fault == CLOCK for f in diagnosis.findings):
         trends = tuple(
@@ -220,7 +221,8 @@ def _assess_parameter(
     )
     pieces = cut(series, maintenance, config, memory)
     series = replace(series, values=series.values - pieces.wave)
-    lines = fit_pieces(series, pieces)
+    parts = good_parts(series, pieces)
+    lines = fit_parts(parts)
     detail = TrendDetail(
         name, series.axis, series.values, series.cycle, pieces.outlier, pieces.starts, lines
     )
@@ -231,9 +233,10 @@ def _assess_parameter(
         ends = history.rows.end_ns[-config.rate_cycles :]
         trend = replace(trend, cycle_rate=axis_rate(history.axis, ends, len(ends)))
     trend, laws = _judge(
-        trend, series, pieces, lines, maintenance, config, confidence, parameter.resolution
+        trend, series, pieces, parts, lines, maintenance, config, confidence, parameter.resolution
     )
     caveats = _caveats(series, pieces, config) + describe_effects(effects) + changed
+    caveats += f" ({config.label})" if config.label else ""
     return replace(trend, reason=trend.reason + caveats), replace(detail, laws=laws)
 
 
@@ -262,6 +265,7 @@ def _judge(
     trend: Trend,
     series: Series,
     pieces: Pieces,
+    parts: Sequence[Part],
     lines: tuple[Line | None, ...],
     maintenance: Sequence[Maintenance],
     config: AgingConfig,
@@ -275,15 +279,15 @@ def _judge(
         level = _NAN if line is None else line.level(trend.axis_value)
         reason = f"{trend.samples} of {config.min_samples} estimates since {since}"
         return replace(trend, level=level, reason=reason), None
-    present = present_segment(series, pieces, line, config.laws)
+    present = present_segment(series, pieces, parts[-1], line, config.laws)
     line = present.line
     lines = (*lines[:-1], line)
     reference = find_reference(trend.parameter, series, pieces, lines, maintenance, config)
     doubt = np.hypot(WAVE_DOUBT * float(np.ptp(pieces.wave)), MOVES * series.systematic)
     reference = replace(reference, variance=reference.variance + float(doubt) ** 2)
-    trend = _with_laws(_with_line(trend, line), present.fit)
+    trend = _with_line(trend, line, present.fit)
     trend = with_drift(trend, present, reference, resolution)
-    held = held_limits(reference, pieces, series, lines, config, trend.parameter)
+    held = held_limits(reference, pieces, parts, lines, config, trend.parameter)
     lost = lost_shares(trend, pieces, series, lines, config)
     held = with_warnings(held, lost, config)
     limit = nearest_limit(
@@ -298,9 +302,12 @@ def _judge(
     trend = _with_life(trend, limit, config)
     if not _is_sure(trend, limit, begun=begun):
         trend = _without_forecast(trend)
-    trend = replace(trend, share_lost=max((x.share for x in lost), default=_NAN))
     drifting = line.p_value < config.significance
-    trend = replace(trend, status=TrendStatus.DRIFTING if drifting else TrendStatus.STEADY)
+    trend = replace(
+        trend,
+        share_lost=max((x.share for x in lost), default=_NAN),
+        status=TrendStatus.DRIFTING if drifting else TrendStatus.STEADY,
+    )
     if limit.beyond:
         trend = _beyond(trend, held=bool(held.alarm))
     trend = replace(trend, limit_state=limit_state(trend, lost, held, config))
@@ -320,12 +327,8 @@ def _beyond(trend: Trend, *, held: bool) -> Trend:
     return replace(trend, status=TrendStatus.BEYOND_THRESHOLD)
 
 
-def _with_laws(trend: Trend, fit: LawFit) -> Trend:
+def _with_line(trend: Trend, line: Line, fit: LawFit) -> Trend:
     law, probability = fit.probable()
-    return replace(trend, law=law.value, law_probability=probability, bends=fit.bends)
-
-
-def _with_line(trend: Trend, line: Line) -> Trend:
     slope, mean, single = (
         line.slope_interval(),
         line.mean_interval(trend.axis_value),
@@ -343,6 +346,9 @@ def _with_line(trend: Trend, line: Line) -> Trend:
         mean_upper_95=mean[1],
         prediction_lower_95=single[0],
         prediction_upper_95=single[1],
+        law=law.value,
+        law_probability=probability,
+        bends=fit.bends,
     )
 
 
@@ -353,11 +359,13 @@ def _with_life(trend: Trend, limit: Limit, config: AgingConfig) -> Trend:
     ahead, date_ns = parse_stop(config.next_stop)
     if date_ns:
         ahead = 1e-9 * (date_ns - trend.stamp_ns) * rate
+    stop = trend.next_stop_probability
     if limit.approach is not None and np.isfinite(ahead):
-        trend = replace(trend, next_stop_probability=limit.approach.before(ahead))
+        stop = limit.approach.before(ahead)
     date = date_after(trend.stamp_ns, life.median, rate)
     return replace(
         trend,
+        next_stop_probability=stop,
         threshold=limit.value,
         warning=limit.warning,
         unbounded=life.unbounded,

@@ -18,7 +18,7 @@ from valve_twin.core.aging.config import AgingConfig, Threshold
 from valve_twin.core.aging.laws.fit import fit_laws
 from valve_twin.core.aging.laws.shapes import LawFit, condense
 from valve_twin.core.aging.life import NEVER, Approach, Remaining
-from valve_twin.core.aging.series import Pieces, Series, first_after
+from valve_twin.core.aging.series import Part, Pieces, Series, first_after
 from valve_twin.core.aging.trend import (
     Line,
     ar1_leading,
@@ -64,7 +64,9 @@ class Present:
     var_start: float
 
 
-def present_segment(series: Series, pieces: Pieces, line: Line, laws: Sequence[str]) -> Present:
+def present_segment(
+    series: Series, pieces: Pieces, part: Part, line: Line, laws: Sequence[str]
+) -> Present:
     """Return what is known of the newest segment.
 
     Parameters
@@ -73,13 +75,14 @@ def present_segment(series: Series, pieces: Pieces, line: Line, laws: Sequence[s
         Values of one parameter.
     pieces : Pieces
         Its segments; the last has 4 good values or more.
+    part : Part
+        Those values.
     line : Line
         The line through them.
     laws : sequence of str
         Laws that are allowed; empty = all.
     """
-    kept = pieces.starts[-1] + np.flatnonzero(~pieces.outlier[pieces.starts[-1] :])
-    x, y, offsets = series.axis[kept], series.values[kept], series.offsets_at(kept)
+    x, y, offsets, sums = part
     shared = line.autocorrelation if len(pieces.starts) > 1 else None
     blocks = None
     if offsets is not None:
@@ -87,10 +90,14 @@ def present_segment(series: Series, pieces: Pieces, line: Line, laws: Sequence[s
     fit = fit_laws(*condense(x, y), laws, autocorrelation=shared, offsets=blocks)
     start, now = float(series.axis[pieces.starts[-1]]), float(series.axis[-1])
     if not fit.bends:
-        center, mean, slope = line_weights(x, offsets)
+        if offsets is None:
+            center, square, mean = sums.center, sums.square, 1.0 / len(x)
+            weights = (now - center) / square * (x - center) + mean
+        else:
+            center, level, slope = line_weights(x, offsets)
+            weights = level + (now - center) * slope
         a, b = now - line.center, start - line.center
         cross = line.var_mean + (a + b) * line.cov + a * b * line.var_slope
-        weights = mean + (now - center) * slope
         return Present(line, fit, weights, line.level(start), cross, line.level_variance(start))
     rest = y - fit.curve(x, fit.best)
     if offsets is not None:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from valve_twin.core.aging.config import AgingConfig, Axis
 from valve_twin.core.aging.cutting.memory import Memory
 from valve_twin.core.aging.trend import (
     Line,
+    LineSums,
     autocorrelation_of,
     fit_line,
     line_sums,
@@ -132,6 +133,25 @@ class Pieces:
     outlier: BoolArray
     wave: FloatArray
     period: float = float("nan")
+
+
+class Part(NamedTuple):
+    """Good values of one piece.
+
+    Attributes
+    ----------
+    x, y : (N,) arrays
+        Axis positions [axis unit] and values [unit].
+    offsets : (N, Z) array or None
+        See `Series.offsets_at`.
+    sums : LineSums
+        Of the line through them, offsets not counted.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    offsets: FloatArray | None
+    sums: LineSums
 
 
 def order_history(history: Iterable[Estimate] | Past, axis: Axis) -> History:
@@ -310,32 +330,46 @@ def cut(
     return Pieces(where, np.isin(where, sorted(events)), outlier, wave, period)
 
 
-def fit_pieces(series: Series, pieces: Pieces) -> tuple[Line | None, ...]:
-    """Fit every piece; they share one autocorrelation, the scatter being the same process.
+def good_parts(series: Series, pieces: Pieces) -> tuple[Part, ...]:
+    """Return the good values of every piece of a series.
 
     Parameters
     ----------
     series : Series
         Values of one parameter.
     pieces : Pieces
-        Its pieces; one of fewer than 4 good values has no line.
+        Its pieces.
     """
     parts = []
-    edges = [*pieces.starts, len(series.values)]
-    for first, last in itertools.pairwise(edges):
-        kept = np.arange(first, last)[~pieces.outlier[first:last]]
-        parts.append((series.axis[kept], series.values[kept], series.offsets_at(kept)))
-    sums = [line_sums(x, y) if len(x) >= _FEWEST_IN_LINE else None for x, y, _ in parts]
-    n, lines, power, product = 0, 0, 0.0, 0.0
-    for (x, y, z), of_line in zip(parts, sums, strict=True):
-        if of_line is not None:
-            left = of_line.power, of_line.product
-            if z is not None:
-                rest = residuals(x, y, z)
-                left = dot(rest, rest), dot(rest[1:], rest[:-1])
-            n, lines, power, product = n + len(x), lines + 1, power + left[0], product + left[1]
-    rho = autocorrelation_of(n, lines, power, product)
+    for first, last in itertools.pairwise([*pieces.starts.tolist(), len(series.values)]):
+        kept = first + np.flatnonzero(~pieces.outlier[first:last])
+        part = slice(first, last) if len(kept) == last - first else kept
+        x, y = series.axis[part], series.values[part]
+        parts.append(Part(x, y, series.offsets_at(kept), line_sums(x, y)))
+    return tuple(parts)
+
+
+def fit_parts(parts: Sequence[Part]) -> tuple[Line | None, ...]:
+    """Fit every part; they share one autocorrelation, the scatter being the same process.
+
+    Parameters
+    ----------
+    parts : sequence of Part
+        Good values; one of fewer than 4 has no line.
+    """
+    fitted = [part for part in parts if len(part.x) >= _FEWEST_IN_LINE]
+    power = product = 0.0
+    for part in fitted:
+        left = part.sums.power, part.sums.product
+        if part.offsets is not None:
+            rest = residuals(part.x, part.y, part.offsets)
+            left = dot(rest, rest), dot(rest[1:], rest[:-1])
+        power, product = power + left[0], product + left[1]
+    count = sum(len(part.x) for part in fitted)
+    rho = autocorrelation_of(count, len(fitted), power, product)
     return tuple(
-        fit_line(x, y, rho, offsets=z, sums=of_line) if of_line is not None else None
-        for (x, y, z), of_line in zip(parts, sums, strict=True)
+        fit_line(part.x, part.y, rho, offsets=part.offsets, sums=part.sums)
+        if len(part.x) >= _FEWEST_IN_LINE
+        else None
+        for part in parts
     )

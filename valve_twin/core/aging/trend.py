@@ -165,15 +165,7 @@ def ar1_product(u: FloatArray, v: FloatArray, rho: float) -> float:
 
 @njit(cache=True)
 def ar1_leading(u: FloatArray, v: FloatArray, rho: float) -> FloatArray:
-    """Return u' R v, see `ar1_product`, of every row of v, where u ends before they do, (K,).
-
-    Parameters
-    ----------
-    u, v : (M,) and (K, N) arrays
-        Vectors of any unit [1], N >= M.
-    rho : float
-        Autocorrelation between neighbours [1].
-    """
+    """Return u' R v, see `ar1_product`, of every row of v, where u ends before they do, (K,)."""
     out = np.empty(len(v))
     for k in range(len(v)):
         total, behind_u, behind_v = 0.0, 0.0, 0.0
@@ -191,15 +183,7 @@ def ar1_leading(u: FloatArray, v: FloatArray, rho: float) -> FloatArray:
 
 @njit(cache=True)
 def ar1_forms(u: FloatArray, v: FloatArray, rho: float) -> FloatArray:
-    """Return u' R u, u' R v and v' R v, see `ar1_product`, of every pair of rows, (3, K).
-
-    Parameters
-    ----------
-    u, v : (K, N) arrays
-        Vectors of any unit [1].
-    rho : float
-        Autocorrelation between neighbours [1].
-    """
+    """Return u' R u, u' R v and v' R v, see `ar1_product`, of every pair of rows, (3, K)."""
     out = np.zeros((3, len(u)))
     for k in range(len(u)):
         first, cross, second, behind_u, behind_v = 0.0, 0.0, 0.0, 0.0, 0.0

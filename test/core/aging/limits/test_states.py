@@ -8,6 +8,11 @@ import numpy as np
 import pytest
 
 from valve_twin.core.aging import AgingConfig, Threshold, TrendStatus, VerdictKind, assess
+from valve_twin.core.aging.drift import Reference
+from valve_twin.core.aging.limits.states import _SIZES as SIZES
+from valve_twin.core.aging.limits.states import SCATTER, held_limits
+from valve_twin.core.aging.series import Pieces, Series, fit_parts, good_parts
+from valve_twin.core.aging.trend import fit_line, quantile
 from valve_twin.core.aging.verdict import LimitState, Outlook, concern, outlook
 from valve_twin.core.types import Maintenance, Parameter
 
@@ -129,3 +134,62 @@ def test_what_a_trend_warns_of_is_the_limit_that_it_shows(levels, warning, sign,
     assert trend.limit_state is LimitState.WARNING
     assert trend.warning == pytest.approx(sign * warning, abs=0.003)
     assert trend.threshold == pytest.approx(sign * (2.0 * warning - 1.0), abs=0.003)
+
+
+@pytest.mark.parametrize("seed", range(1000, 1012))
+def test_what_is_held_is_what_one_looks_up_at_every_cycle(seed):
+    """Walks through every good value with its own line, as the definition says."""
+    random = np.random.default_rng(seed)
+    n, least, config = 40, 7, AgingConfig(default_percent=10.0)
+    values = 1.0 + 0.02 * random.standard_normal(n).cumsum() + 0.004 * random.standard_normal(n)
+    starts = np.array([0, 18]) if seed % 2 else np.array([0])
+    series = Series(np.arange(1.0, n + 1.0), values, *np.ones((4, n), np.int64))
+    pieces = Pieces(starts, np.zeros(len(starts), bool), random.random(n) < 0.05, np.zeros(n))
+    parts = good_parts(series, pieces)
+    lines = fit_parts(parts)
+    reference = Reference(1.0, "commissioning", 1e-6)
+    held = held_limits(reference, pieces, parts, lines, config, "gain")
+    sure = 1.0 - config.verdict_significance
+    off = quantile(1e6, sure) * reference.variance**0.5
+    good = np.concatenate([part.y for part in parts])
+    for way in (-0.1, 0.1):
+        states = {"warning": False, "alarm": False}
+        at = config.warning_share(Threshold("gain", 100.0 * way))
+        band = max(config.hysteresis, SCATTER * lines[-1].sigma / abs(way))
+        band, seen = min(band, 0.5 * at), 0
+        for part, line in zip(parts, lines, strict=True):
+            rho = max(line.autocorrelation, 0.0)
+            inflated = (1.0 + rho) / (1.0 - rho)
+            table = [quantile(max(s / inflated - 2.0, 1.0), sure) for s in SIZES]
+            for i in range(1, len(part.x) + 1):
+                seen += 1
+                levels, halves = [], []
+                if i >= least:
+                    own = fit_line(part.x[:i], part.y[:i], 0.0)
+                    spread = 1.0 / i + (part.x[i - 1] - own.center) ** 2 / np.sum(
+                        (part.x[:i] - own.center) ** 2
+                    )
+                    t = np.interp(i, SIZES, table)
+                    levels.append(own.level(part.x[i - 1]))
+                    halves.append(t * line.sigma * (inflated * spread) ** 0.5)
+                if seen >= least:
+                    t = np.interp(len(part.x), SIZES, table)
+                    levels.append(good[seen - least : seen].mean())
+                    halves.append(t * line.sigma * (inflated / least) ** 0.5)
+                gone = [(level - 1.0) / way for level in levels]
+                doubt = [np.hypot(half, off) / abs(way) for half in halves]
+                pairs = list(zip(gone, doubt, strict=True))
+                for name, enter in (("warning", at), ("alarm", 1.0)):
+                    moved = name == "alarm"
+                    passed = any(
+                        (g - d > 0.0 and g > enter) if moved else g - d > enter for g, d in pairs
+                    )
+                    if gone and not any(g >= enter - band for g in gone):
+                        states[name] = False
+                    elif passed:
+                        states[name] = True
+        found = {
+            "warning": any(t.value * way > 0.0 for t in held.warning),
+            "alarm": any(t.value * way > 0.0 for t in held.alarm),
+        }
+        assert found == states

@@ -17,12 +17,13 @@ when more values show other segments. So a monitor that was down says what one s
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import njit
 
 from valve_twin.core.aging.drift import wanted_limits
+from valve_twin.core.aging.series import Part
 from valve_twin.core.aging.trend import line_sums, quantile
 from valve_twin.core.aging.verdict import LimitState, TrendStatus
 
@@ -38,8 +39,6 @@ if TYPE_CHECKING:
 
 SCATTER = 2.0
 """Least hysteresis [standard deviations of a single estimate], assumed."""
-
-_Part: TypeAlias = "tuple[Line, FloatArray, FloatArray]"
 
 _NAN = float("nan")
 _SIZES = np.unique(np.geomspace(4.0, 1e6, 48).round())  # samples at which Student's t is taken
@@ -135,7 +134,7 @@ def lost_shares(
 def held_limits(
     reference: Reference,
     pieces: Pieces,
-    series: Series,
+    parts: Sequence[Part],
     lines: Sequence[Line | None],
     config: AgingConfig,
     parameter: str,
@@ -148,10 +147,10 @@ def held_limits(
         Level when new, with its doubt.
     pieces : Pieces
         The segments.
-    series : Series
-        The values.
+    parts : sequence of Part
+        The good values of each.
     lines : sequence of Line or None
-        The line of each segment.
+        The line of each.
     config : AgingConfig
         Thresholds, hysteresis, and what is beyond doubt.
     parameter : str
@@ -161,12 +160,11 @@ def held_limits(
         return Held()
     begun = int(np.flatnonzero(np.r_[True, pieces.forced[1:]])[-1])
     sure = 1.0 - config.verdict_significance
-    parts = [
-        (line, *_good(series, pieces, k)) for k, line in enumerate(lines[begun:], begun) if line
-    ]
-    if not parts:
+    known_lines = zip(lines[begun:], parts[begun:], strict=True)
+    fitted = [(line, _good(part)) for line, part in known_lines if line is not None]
+    if not fitted:
         return Held()
-    newest = _newest(parts, config.min_segment)
+    newest = _newest(fitted, config.min_segment)
     known = None
     doubt = quantile(1e6, sure) * reference.variance**0.5
     held: tuple[list[Threshold], list[Threshold]] = ([], [])
@@ -180,7 +178,7 @@ def held_limits(
             gone = (newest - reference.value) / way
             if np.isfinite(gone).any() and not np.any(gone >= within):
                 continue  # neither level is past it now
-            known = known or _levels(parts, sure, config.min_segment)
+            known = known or _levels(fitted, sure, config.min_segment)
             if _latched(*known, reference.value, doubt, way, enter, within, moved):
                 held[moved].append(threshold)
     return Held(tuple(held[0]), tuple(held[1]))
@@ -240,32 +238,30 @@ def _band(threshold: Threshold, line: Line | None, way: float, config: AgingConf
     return min(max(config.hysteresis, scatter), 0.5 * config.warning_share(threshold))
 
 
-def _good(series: Series, pieces: Pieces, k: int) -> tuple[FloatArray, FloatArray]:
-    """Return places and values of the good values of a segment, other products' offsets out."""
-    last = pieces.starts[k + 1] if k + 1 < len(pieces.starts) else len(series.values)
-    kept = pieces.starts[k] + np.flatnonzero(~pieces.outlier[pieces.starts[k] : last])
-    x, y, offsets = series.axis[kept], series.values[kept], series.offsets_at(kept)
-    if offsets is not None:
-        matrix = np.column_stack([np.ones(len(x)), x - x.mean(), offsets])
-        y = y - offsets @ np.linalg.lstsq(matrix, y, rcond=None)[0][2:]
-    return x, y
+def _good(part: Part) -> Part:
+    """Return the good values of a segment, other products' offsets taken out."""
+    if part.offsets is None:
+        return part
+    x, offsets = part.x, part.offsets
+    matrix = np.column_stack([np.ones(len(x)), x - x.mean(), offsets])
+    y = part.y - offsets @ np.linalg.lstsq(matrix, part.y, rcond=None)[0][2:]
+    return Part(x, y, None, line_sums(x, y))
 
 
-def _newest(parts: Sequence[_Part], least: int) -> FloatArray:
+def _newest(parts: Sequence[tuple[Line, Part]], least: int) -> FloatArray:
     """Return the two levels at the newest value, see `_latched`, (2,) [unit]."""
     level = mean = _NAN
-    _, x, y = parts[-1]
+    x, _, _, sums = parts[-1][1]
     if len(x) >= least:
-        sums = line_sums(x, y)
         level = sums.mean + sums.slope * (x[-1] - sums.center)
-    values = np.concatenate([part[2][-least:] for part in parts[-least:]])
+    values = np.concatenate([part.y[-least:] for _, part in parts[-least:]])
     if len(values) >= least:
         mean = float(values[-least:].mean())
     return np.array([level, mean])
 
 
 def _levels(
-    parts: Sequence[_Part], sure: float, least: int
+    parts: Sequence[tuple[Line, Part]], sure: float, least: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return what was known of the level at each of the M good values of some segments.
 
@@ -281,16 +277,16 @@ def _levels(
         Quantiles of Student's t at `_SIZES`.
     """
     rows, tables = [], []
-    for line, x, _ in parts:
+    for line, part in parts:
         rho = max(line.autocorrelation, 0.0)
         inflated = (1.0 + rho) / (1.0 - rho)
         table = _quantiles(np.maximum(_SIZES / inflated - 2.0, 1.0), sure)
-        newest = np.interp(len(x), _SIZES, table)
-        rows.append([len(x), line.mean, line.sigma * inflated**0.5, newest, least])
+        newest = np.interp(len(part.x), _SIZES, table)
+        rows.append([len(part.x), line.mean, line.sigma * inflated**0.5, newest, least])
         tables.append(table)
-    d = np.concatenate([x - line.center for line, x, _ in parts])
+    d = np.concatenate([part.x - line.center for line, part in parts])
     segments = np.array(rows, np.float64)
-    sums = _sums(d, np.concatenate([y for _, _, y in parts]), segments)
+    sums = _sums(d, np.concatenate([part.y for _, part in parts]), segments)
     return sums, segments, np.stack(tables)
 
 
