@@ -163,3 +163,20 @@ def test_a_twin_that_was_away_is_asked_again(graph, twin, monitor):
     twin.start()
     wait(graph, monitor, STORED + 1)
     assert_says_what_the_history_says(graph, twin, monitor)
+
+
+def test_a_cycle_that_is_stored_late_is_noticed(graph, twin):
+    late = twin.history.pop(4)
+    node = graph.host(AgingMonitorNode, retry_s=0.2)
+    (monitor,) = node._valves
+    graph.spin_until(lambda: monitor.assessment and monitor.cycles == STORED - 1, what="the rest")
+    graph.spin_until(twin.estimates.get_subscription_count, what="a reader")
+    twin.history.insert(4, late)
+    message = estimate_message(NS, replace(late, estimator="output_error"), {}, stored=True)
+    twin.estimates.publish(message)
+    wait(graph, monitor, STORED)
+    calls = twin.calls
+    assert_says_what_the_history_says(graph, twin, monitor)
+    twin.estimates.publish(message)  # which is known by now
+    graph.spin(0.5)
+    assert twin.calls == calls

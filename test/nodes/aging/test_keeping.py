@@ -15,8 +15,10 @@ from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.past.columns import past_of
 from valve_twin.core.types import Maintenance
 from valve_twin.core.valves.registry import get_model
-from valve_twin.nodes.aging import keeping
+from valve_twin.nodes.aging import keeping, monitored_valve
 from valve_twin.nodes.aging.node import AgingMonitorNode
+
+AGAIN = 5
 
 
 class Asked(Twin):
@@ -34,6 +36,7 @@ class Asked(Twin):
 @pytest.fixture
 def twin(graph, monkeypatch):
     monkeypatch.setattr(keeping, "WORTH", 5)
+    monkeypatch.setattr(monitored_valve, "AGAIN", AGAIN)
     return Asked(graph)
 
 
@@ -67,14 +70,14 @@ def expected(twin):
     return said(found)
 
 
-def test_it_asks_for_what_is_new_and_for_the_last_it_knows(graph, twin, tmp_path):
+def test_it_asks_for_what_is_new_and_for_the_newest_it_knows(graph, twin, tmp_path):
     node, _ = start(graph, tmp_path)
     stop(graph, node, tmp_path)
     twin.history = list(VALVE)
     twin.asked.clear()
     _, valve = start(graph, tmp_path, CYCLES)
-    assert twin.asked[0] == STORED
-    assert min(twin.asked) == STORED
+    assert twin.asked[0] == STORED - AGAIN + 1
+    assert min(twin.asked) == STORED - AGAIN + 1
     assert said(valve.assessment) == expected(twin)
 
 
@@ -92,6 +95,17 @@ def test_another_history_is_asked_for_as_a_whole(graph, twin, tmp_path):
     twin.asked.clear()
     _, valve = start(graph, tmp_path)
     graph.spin_until(lambda: 1 in twin.asked, what="a request for all")
+    graph.spin_until(lambda: said(valve.assessment) == expected(twin), what="the verdict")
+
+
+def test_a_cycle_that_was_stored_late_meanwhile_is_noticed(graph, twin, tmp_path):
+    late = twin.history.pop(STORED - 3)
+    node, _ = start(graph, tmp_path, STORED - 1)
+    stop(graph, node, tmp_path)
+    twin.history.insert(STORED - 3, late)
+    twin.asked.clear()
+    _, valve = start(graph, tmp_path)
+    assert 1 in twin.asked
     graph.spin_until(lambda: said(valve.assessment) == expected(twin), what="the verdict")
 
 

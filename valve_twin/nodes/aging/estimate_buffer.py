@@ -10,8 +10,11 @@ asked; what it answers and what was published are the same to the last bit.
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from valve_twin.core.past.state import AgingState
 from valve_twin.nodes.runtime.messages import estimate_value
@@ -23,6 +26,9 @@ if TYPE_CHECKING:
 MOST_WAITING = 1000
 """Messages kept that cannot be taken over yet; the history has what is let go of."""
 
+AGAIN = 100
+"""Newest estimates of what was stored that the history is asked for again [1]."""
+
 
 class EstimateBuffer:
     """Estimates and maintenance events of one valve, oldest first.
@@ -33,6 +39,8 @@ class EstimateBuffer:
         Estimator that feeds the trend.
     beside : str
         Another estimator whose estimates of the same cycles are needed; empty = none.
+    again : int
+        Estimates of what was stored that are asked for again, at most one page [1].
 
     Attributes
     ----------
@@ -40,9 +48,13 @@ class EstimateBuffer:
         Estimates known, by estimator.
     maintenance : dict
         Events by what makes them one: all but whether they were withdrawn.
+    late : bool
+        Whether a cycle before the last one known was stored afterwards: all is to be read anew.
     """
 
-    def __init__(self, trend: str, beside: str = "") -> None:
+    def __init__(self, trend: str, beside: str = "", again: int = AGAIN) -> None:
+        self._again, self.late = again, False
+        self._added: deque[int] = deque(maxlen=MOST_WAITING)
         self._trend, self._beside = trend, beside
         names = (trend, beside) if beside else (trend,)
         self.counts = dict.fromkeys(names, 0)
@@ -73,6 +85,7 @@ class EstimateBuffer:
         self.counts[estimator] += len(fresh)
         if fresh and estimator == self._trend:
             self._newest = fresh[-1]
+            self._added.extend(e.cycle for e in fresh)
         if fresh:
             self._last[estimator] = fresh[-1].cycle
         return bool(fresh)
@@ -109,9 +122,16 @@ class EstimateBuffer:
 
     @property
     def first_wanted(self) -> dict[str, int]:
-        """First cycle to ask for, by estimator: of what is to be proved the last one again."""
-        again = {self._trend} if self._to_prove else set()
-        return {name: last + (name not in again) for name, last in self._last.items()}
+        """First cycle to ask for, by estimator: of what is to be proved the newest again."""
+        wanted = {name: last + 1 for name, last in self._last.items()}
+        if self._to_prove:
+            wanted[self._trend] = min(self._newest_known(), default=self.last())
+        return wanted
+
+    def _newest_known(self) -> list[int]:
+        """Return the numbers of the newest estimates that feed the trend, rising."""
+        newest: list[int] = self.past.trend.cycle[-self._again :].tolist()
+        return newest
 
     def contradicts(self, estimates: list[Estimate]) -> bool:
         """Return whether the history, by its answer, is not the one that was stored.
@@ -124,10 +144,13 @@ class EstimateBuffer:
         place, self._to_prove = self._to_prove, None
         if place is None:
             return False
-        if self._newest is None and estimates:
-            self._newest = estimates[0]
-        same = [_identity(e) for e in estimates[:1]] == [place["newest"]]
-        return not same or self._events() != place["events"]
+        again = [e for e in estimates if e.cycle <= self.last()]
+        if self._newest is None and again:
+            self._newest = again[-1]
+        same = [_identity(e) for e in again[-1:]] == [place["newest"]]
+        numbers = [e.cycle for e in again if e.used_by_trend]
+        late = numbers != self._newest_known()
+        return late or not same or self._events() != place["events"]
 
     def _events(self) -> list[str]:
         """Return what tells the events up to the last cycle."""
@@ -144,6 +167,10 @@ class EstimateBuffer:
     def receive(self, message: Any) -> None:
         """Keep an Estimate until it can be taken over."""
         if message.stored and message.estimator in self._received:
+            number = int(message.cycle)
+            if message.estimator == self._trend and number <= self.last():
+                known = number in self._added or bool(np.any(self.past.trend.cycle == number))
+                self.late = self.late or not known
             _keep(self._received[message.estimator], message)
 
     def receive_cycle(self, summary: Any) -> None:

@@ -2,8 +2,8 @@
 # Copyright 2026 valve_twin maintainers
 """What a monitor knows of one valve, kept in a file for its next start.
 
-The file saves asking for the whole history and decides nothing: the twin is asked for the last
-estimate that it holds as well, and for all maintenance events. Where the answer differs from the
+The file saves asking for the whole history and decides nothing: the twin is asked for the newest
+estimates that it holds as well, and for all maintenance events. Where the answer differs from the
 file in either, all is asked for anew.
 """
 
@@ -76,6 +76,10 @@ class Keeper:
             return None
         self._kept = sum(known.place["counts"].values()) if known else 0
         return known
+
+    def outdated(self) -> None:
+        """Have the file written anew as soon as all is known again: it holds too little."""
+        self._kept = 0
 
     def due(self, buffer: EstimateBuffer, *, ends: bool = False) -> bool:
         """Return whether it is to be written: so many are new, or any where the monitor ends."""

@@ -20,7 +20,7 @@ from valve_twin.core.aging.cutting.memory import Memory
 from valve_twin.core.diagnosis.features import ESTIMATOR
 from valve_twin.core.types import Maintenance
 from valve_twin.core.valves.registry import get_model
-from valve_twin.nodes.aging.estimate_buffer import EstimateBuffer
+from valve_twin.nodes.aging.estimate_buffer import AGAIN, EstimateBuffer
 from valve_twin.nodes.runtime import messages as convert
 from valve_twin.nodes.twin.inputs import seconds_now
 from valve_twin.nodes.twin.publishers import LATCHED
@@ -103,7 +103,8 @@ class MonitoredValve:
 
     def _begin(self) -> None:
         """Begin with nothing known."""
-        self._buffer = EstimateBuffer(self._trend_estimator, ESTIMATOR if self._features else "")
+        beside = ESTIMATOR if self._features else ""
+        self._buffer = EstimateBuffer(self._trend_estimator, beside, min(AGAIN, self._page))
         self._asking = list(self._buffer.counts)
         self._memory = Memory()
 
@@ -156,7 +157,19 @@ class MonitoredValve:
 
     def _on_estimate(self, message: msg.Estimate) -> None:
         self._buffer.receive(message)
-        self._take()
+        if not self._reads_anew():
+            self._take()
+
+    def _reads_anew(self) -> bool:
+        """Return whether all is read anew, since a cycle before the last one came late."""
+        if not self._buffer.late or self._asked_s is not None:
+            return False
+        self._node.get_logger().info(f"{self.name}: a cycle was stored late: all are read anew")
+        self._keeper.outdated()
+        self._caught_up = False
+        self._begin()
+        self.ask(anew=True)
+        return True
 
     def _on_maintenance(self, message: msg.Maintenance) -> None:
         if self._buffer.note(convert.to_value(Maintenance, message)) and self._caught_up:
@@ -196,11 +209,14 @@ class MonitoredValve:
             self._again = True
             return
         self.failure = ""
+        if self._reads_anew():
+            return
         pairs = zip(answer.estimates, answer.missed_cycles, strict=True)
         fresh = [convert.estimate_value(m, int(missed)) for m, missed in pairs]
         events = [convert.to_value(Maintenance, m) for m in answer.maintenance]
         changes = [*map(self._buffer.note, events)]
         if self._asking[0] == self._trend_estimator and self._buffer.contradicts(fresh):
+            self._keeper.outdated()
             self._begin()
             self.ask(anew=True)
             return
