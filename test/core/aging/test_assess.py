@@ -26,7 +26,7 @@ from valve_twin.core.aging import (
     wave,
 )
 from valve_twin.core.aging.laws import shapes
-from valve_twin.core.aging.trend import ar1_product
+from valve_twin.core.aging.laws.ar1 import ar1_product
 from valve_twin.core.aging.verdict import LimitState
 from valve_twin.core.types import (
     EstimateStatus,

@@ -5,9 +5,6 @@ import pytest
 from scipy import stats
 
 from valve_twin.core.aging.trend import (
-    ar1_forms,
-    ar1_leading,
-    ar1_product,
     fit_line,
     line_sums,
     pooled_autocorrelation,
@@ -48,22 +45,6 @@ def test_mean_and_prediction_intervals_follow_their_closed_forms():
     assert line.prediction_interval(35.0)[1] - level == pytest.approx(
         t * np.sqrt(s2 * (1 + leverage))
     )
-
-
-def test_one_pass_product_equals_the_full_matrix():
-    rng = np.random.default_rng(3)
-    u, v = rng.standard_normal((2, 40))
-    assert ar1_product(u, v, 0.6) == pytest.approx(float(u @ ar1_matrix(40, 0.6) @ v), rel=1e-12)
-
-
-@pytest.mark.parametrize("rho", [0.0, 0.6, 0.95])
-def test_products_of_many_rows_are_those_of_the_full_matrix(rho):
-    rng = np.random.default_rng(31)
-    u, v, short = rng.standard_normal((3, 40)), rng.standard_normal((3, 40)), np.ones(4)
-    r, whole = ar1_matrix(40, rho), np.r_[short, np.zeros(36)]
-    forms = [np.diag(a @ r @ b.T) for a, b in ((u, u), (u, v), (v, v))]
-    assert ar1_forms(u, v, rho) == pytest.approx(np.array(forms), rel=1e-11)
-    assert ar1_leading(short, v, rho) == pytest.approx(v @ r @ whole, rel=1e-11)
 
 
 @pytest.mark.parametrize("n", [4, 57, 20_000])

@@ -15,19 +15,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.aging.config import AgingConfig, Threshold
+from valve_twin.core.aging.laws.ar1 import ar1_leading, ar1_product
 from valve_twin.core.aging.laws.fit import fit_laws
 from valve_twin.core.aging.laws.shapes import LawFit, condense
 from valve_twin.core.aging.life import NEVER, Approach, Remaining
 from valve_twin.core.aging.series import Part, Pieces, Series, first_after
-from valve_twin.core.aging.trend import (
-    Line,
-    ar1_leading,
-    ar1_product,
-    base_of,
-    line_weights,
-    quantile,
-    ratio_interval,
-)
+from valve_twin.core.aging.trend import Line, base_of, line_weights, quantile, ratio_interval
 from valve_twin.core.estimation.data.one_thread import dot
 
 if TYPE_CHECKING:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -243,7 +244,8 @@ def _systematic(rows: Rows, parameter: str, part: IntArray | slice) -> float:
     if not len(found):
         return 0.0
     middle = [(len(found) - 1) // 2, len(found) // 2]
-    return float(np.partition(found, sorted(set(middle)))[middle].mean()) ** 0.5
+    half: float = np.partition(found, sorted(set(middle)))[middle].mean()
+    return math.sqrt(half)
 
 
 def part_of(series: Series, kept: IntArray) -> Series:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numba import njit
 
+from valve_twin.core.aging.laws.ar1 import ar1_product
 from valve_twin.core.estimation.data.one_thread import dot
 
 if TYPE_CHECKING:
@@ -142,59 +143,6 @@ def quantile(freedom: float, confidence: float) -> float:
     from scipy.special import stdtrit  # slow to import
 
     return float(stdtrit(freedom, 0.5 + 0.5 * confidence))
-
-
-@njit(cache=True)
-def ar1_product(u: FloatArray, v: FloatArray, rho: float) -> float:
-    """Return u' R v with R[i, j] = rho^|i - j| in one pass.
-
-    Parameters
-    ----------
-    u, v : (N,) arrays
-        Vectors of any unit [1].
-    rho : float
-        Autocorrelation between neighbours [1].
-    """
-    total, behind_u, behind_v = 0.0, 0.0, 0.0
-    for i in range(len(u)):
-        total += u[i] * v[i] + rho * (u[i] * behind_v + v[i] * behind_u)
-        behind_u = u[i] + rho * behind_u
-        behind_v = v[i] + rho * behind_v
-    return total
-
-
-@njit(cache=True)
-def ar1_leading(u: FloatArray, v: FloatArray, rho: float) -> FloatArray:
-    """Return u' R v, see `ar1_product`, of every row of v, where u ends before they do, (K,)."""
-    out = np.empty(len(v))
-    for k in range(len(v)):
-        total, behind_u, behind_v = 0.0, 0.0, 0.0
-        for i in range(len(u)):
-            total += u[i] * v[k, i] + rho * (u[i] * behind_v + v[k, i] * behind_u)
-            behind_u, behind_v = u[i] + rho * behind_u, v[k, i] + rho * behind_v
-        for i in range(len(u), v.shape[1]):
-            total += rho * v[k, i] * behind_u
-            behind_u *= rho
-            if abs(behind_u) < TINY:
-                break
-        out[k] = total
-    return out
-
-
-@njit(cache=True)
-def ar1_forms(u: FloatArray, v: FloatArray, rho: float) -> FloatArray:
-    """Return u' R u, u' R v and v' R v, see `ar1_product`, of every pair of rows, (3, K)."""
-    out = np.zeros((3, len(u)))
-    for k in range(len(u)):
-        first, cross, second, behind_u, behind_v = 0.0, 0.0, 0.0, 0.0, 0.0
-        for i in range(u.shape[1]):
-            a, b = u[k, i], v[k, i]
-            first += a * a + 2.0 * rho * a * behind_u
-            cross += a * b + rho * (a * behind_v + b * behind_u)
-            second += b * b + 2.0 * rho * b * behind_v
-            behind_u, behind_v = a + rho * behind_u, b + rho * behind_v
-        out[0, k], out[1, k], out[2, k] = first, cross, second
-    return out
 
 
 def residuals(x: FloatArray, y: FloatArray, offsets: FloatArray | None = None) -> FloatArray:

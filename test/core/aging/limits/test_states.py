@@ -146,7 +146,8 @@ def test_what_is_held_is_what_one_looks_up_at_every_cycle(seed):
     series = Series(np.arange(1.0, n + 1.0), values, *np.ones((4, n), np.int64))
     pieces = Pieces(starts, np.zeros(len(starts), bool), random.random(n) < 0.05, np.zeros(n))
     parts = good_parts(series, pieces)
-    lines = fit_parts(parts)
+    lines = [line for line in fit_parts(parts) if line is not None]
+    assert len(lines) == len(parts)
     reference = Reference(1.0, "commissioning", 1e-6)
     held = held_limits(reference, pieces, parts, lines, config, "gain")
     sure = 1.0 - config.verdict_significance

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.aging.laws.ar1 import ar1_forms, ar1_product
 from valve_twin.core.aging.laws.shapes import (
     LEAST,
     TEMPER,
@@ -19,15 +20,7 @@ from valve_twin.core.aging.laws.shapes import (
     squares,
     whitened,
 )
-from valve_twin.core.aging.trend import (
-    RESOLUTION,
-    TINY,
-    Base,
-    ar1_forms,
-    ar1_product,
-    base_of,
-    pooled_autocorrelation,
-)
+from valve_twin.core.aging.trend import RESOLUTION, TINY, Base, base_of, pooled_autocorrelation
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -123,9 +123,10 @@ def reached(
     law : (K,) int64 array
         Law of each shape.
     rows : (7, K) array
-        Number, weight, gap, change, variance of the gap, covariance, variance of the change.
+        Number, weight, gap, change, variance of the gap, covariance, variance of the change [1],
+        [unit], [unit^2].
     table : (M, 3) array
-        Student's distribution.
+        Student's distribution [1].
     since, length : float
         From u = 0 to the present, and to u = 1 [axis unit].
     ahead : (N,) array

@@ -32,7 +32,8 @@ import numpy as np
 from numba import njit
 
 from valve_twin.core.aging.config import Law
-from valve_twin.core.aging.trend import Line, ar1_forms, ar1_product
+from valve_twin.core.aging.laws.ar1 import ar1_forms, ar1_product
+from valve_twin.core.aging.trend import Line
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -1,0 +1,27 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+import numpy as np
+import pytest
+
+from valve_twin.core.aging.laws.ar1 import ar1_forms, ar1_leading, ar1_product
+
+
+def ar1_matrix(n, rho):
+    i = np.arange(n)
+    return rho ** np.abs(i[:, None] - i[None, :])
+
+
+def test_one_pass_product_equals_the_full_matrix():
+    rng = np.random.default_rng(3)
+    u, v = rng.standard_normal((2, 40))
+    assert ar1_product(u, v, 0.6) == pytest.approx(float(u @ ar1_matrix(40, 0.6) @ v), rel=1e-12)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.6, 0.95])
+def test_products_of_many_rows_are_those_of_the_full_matrix(rho):
+    rng = np.random.default_rng(31)
+    u, v, short = rng.standard_normal((3, 40)), rng.standard_normal((3, 40)), np.ones(4)
+    r, whole = ar1_matrix(40, rho), np.r_[short, np.zeros(36)]
+    forms = [np.diag(a @ r @ b.T) for a, b in ((u, u), (u, v), (v, v))]
+    assert ar1_forms(u, v, rho) == pytest.approx(np.array(forms), rel=1e-11)
+    assert ar1_leading(short, v, rho) == pytest.approx(v @ r @ whole, rel=1e-11)
