@@ -28,6 +28,8 @@ from valve_twin.io.history.fleet import rank_fleet
 from valve_twin.io.history.insert import Insert
 from valve_twin.io.history.store import CycleRecord, History
 from valve_twin.io.history.tables import CYCLE, ESTIMATE, VALVE, estimate_row, to_row
+from valve_twin.report.build import history_data
+from valve_twin.report.page import render_report
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -164,6 +166,15 @@ def _ranked(cycles: int, repeats: int) -> Iterator[Ratio]:
                 first = taken
         what = f"fleet of a valve of {cycles} cycles, again"
         yield Ratio(what, "the first time", middle(again), first, 5.0)
+        with History(path, read_only=True) as history:
+            reading = median(partial(history.estimates, _VALVE), repeats)
+            page = median(partial(_report, history), repeats)
+        yield Ratio(f"report of a valve of {cycles} cycles", "reading them", page, reading, 0.5)
+
+
+def _report(history: History) -> None:
+    """Make the page of the valve from its history."""
+    render_report(history_data(history, _VALVE, _CONFIG))
 
 
 def _stored(cycles: int, repeats: int) -> Iterator[Ratio]:
