@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 
 from test.core.operation.stepping import FINE_S, make_cycle, score, step_valve
-from valve_twin.core.operation.step_metrics import METRICS, MOST_STEPS, measure_steps
+from valve_twin.core.operation.step_metrics import (
+    METRICS,
+    MOST_STEPS,
+    Metric,
+    StepMetrics,
+    measure_steps,
+    worth_telling,
+)
 
 DT, DEAD, LAG = 0.01, 0.12, 0.3
 SEEDS = range(500, 535)
@@ -157,3 +164,10 @@ def test_the_truth_of_the_simulations_is_that_of_the_closed_form():
     assert len(truth) == 4
     assert all(t["overshoot"] < 1e-3 < FINE_S + t["t63"] < t["t86"] for t in truth)
     assert cycle.period_s >= 2 * FINE_S
+
+
+def test_of_steps_that_tell_nothing_the_first_of_each_command_is_told():
+    none, some = (Metric("t63", reason="too small"),), (Metric("t63", 0.1, 0.09, 0.11),)
+    steps = [("a", none), ("b", none), ("a", some), ("a", none), ("b", none), ("a", some)]
+    found = [StepMetrics(1, n, n, c, 0.5, m) for n, (c, m) in enumerate(steps, 1)]
+    assert [s.step for s in worth_telling(found)] == [1, 2, 3, 6]

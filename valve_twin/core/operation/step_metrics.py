@@ -22,7 +22,7 @@ from valve_twin.core.operation.step_interval import interval_after
 from valve_twin.core.operation.way import LEAST_SAMPLES, LEFT_SIGMAS, end_of, smooth_way
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from valve_twin.core.types import Cycle, FloatArray
 
@@ -177,6 +177,25 @@ def measure_steps(cycle: Cycle, inputs: Sequence[str]) -> tuple[StepMetrics, ...
         name, begin_ns = inputs[step.column], int(stamp_ns[step.at])
         out.append(StepMetrics(cycle.number, number, begin_ns, name, step.size, metrics))
     return tuple(out)
+
+
+def worth_telling(found: Iterable[StepMetrics]) -> list[StepMetrics]:
+    """Return the steps that tell something, and the first of each command's that tell nothing.
+
+    Parameters
+    ----------
+    found : iterable of StepMetrics
+        Of one cycle.
+    """
+    silent: set[str] = set()
+    kept = []
+    for step in found:
+        tells = any(math.isfinite(m.value) for m in step.metrics)
+        if tells or step.command not in silent:
+            kept.append(step)
+        if not tells:
+            silent.add(step.command)
+    return kept
 
 
 def _holds(found: Sequence[Transition]) -> dict[Hold, None]:

@@ -14,9 +14,11 @@ from typing import TYPE_CHECKING
 
 from numba import njit
 
+from valve_twin.core.diagnosis.generic.features import feature_set
 from valve_twin.core.valves.kit import Law, Valve, parameter, steps
 
 if TYPE_CHECKING:
+    from valve_twin.core.diagnosis.features import FeatureSet
     from valve_twin.core.types import FloatArray
 
 
@@ -30,7 +32,13 @@ def step(x: FloatArray, u: FloatArray, p: FloatArray, period_s: float) -> None:
         x[0] = max(x[0] + period_s * p[1] * (e + p[2]), 0.0)
 
 
-VALVE = Valve(
+class Integrator(Valve):
+    """The kit's valve with the scatter of an answer that sums up every error of its speed."""
+
+    feature_set: FeatureSet = feature_set(least={"rough_rest": 0.3})
+
+
+VALVE = Integrator(
     name="integrator",
     inputs=("command",),
     output="position",

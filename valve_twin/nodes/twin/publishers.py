@@ -12,7 +12,7 @@ from valve_twin_msgs import msg
 
 from valve_twin.core.diagnosis.generic.reference import published
 from valve_twin.core.gaps import GapCounter
-from valve_twin.core.operation.step_metrics import MOST_STEPS
+from valve_twin.core.operation.step_metrics import MOST_STEPS, worth_telling
 from valve_twin.io.config.node_parameters import TwinParameters
 from valve_twin.nodes.runtime import messages as convert
 from valve_twin.nodes.twin.inputs import seconds_now
@@ -152,8 +152,8 @@ class ValvePublishers:
             self._counters.publish(convert.counters_message(self._valve, counters))
 
     def steps(self, found: Iterable[StepMetrics]) -> None:
-        """Publish what the steps of a cycle tell, one message each."""
-        for step in found:
+        """Publish what the steps of a cycle tell, one message each, and once why others do not."""
+        for step in worth_telling(found):
             self._steps.publish(convert.step_message(self._valve, step))
 
     def _publish_series(self, series: Iterable[Prediction]) -> None:
