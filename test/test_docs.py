@@ -70,3 +70,13 @@ def test_the_index_leads_to_every_page():
     )
     for folder in ("valves", "developers"):
         assert f"\n{folder}/*\n" in index
+
+
+def test_the_table_of_the_worst_caller_names_every_service():
+    text = (ROOT / "docs" / "operation.md").read_text(encoding="utf-8")
+    table = text.partition("What the worst caller")[2].partition("```")[0]
+    kinds = [path.stem for path in (ROOT / "msg_defs" / "srv").glob("*.srv")]
+    names = [re.sub(r"(?<!^)(?=[A-Z])", "_", kind).lower() for kind in kinds]
+    rows = [line for line in table.splitlines() if line.startswith("| ")]
+    known = set(re.findall(r"[`/](\w+)`", "\n".join(row.split(" | ")[0] for row in rows)))
+    assert sorted(set(names) - known) == []
