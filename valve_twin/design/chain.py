@@ -12,7 +12,7 @@ import numpy as np
 
 from valve_twin.core.quantity import assumed, check_quantities
 from valve_twin.core.valves.designed import SCALED, Designed
-from valve_twin.design.dynamics import identify
+from valve_twin.design.dynamics import branch_records, fit_branches, identify
 from valve_twin.design.field import Trapezoid, make_model, run_transient
 from valve_twin.design.map import MapGrid, compute_map
 
@@ -53,8 +53,13 @@ FIDELITIES = {
     "usual": Fidelity(COARSE),
     "twice": Fidelity(replace(COARSE, fine=2.0 * COARSE.fine), fine=1.0, skin=5e-4, step=1e-4),
     "export": Fidelity(),
+    "matched": Fidelity(MapGrid(fine=0.5, skin=1e-3)),
 }
-"""For many designs; of an evaluation; to check it, twice its elements along a line; of a file."""
+"""For many designs; of an evaluation; to check it, twice its elements along a line; of a file; map
+and eddy currents on one mesh, to look at dynamics alone."""
+
+FORMS = ("second_order", "eddies")
+"""What stands beside static curves: G_A and G_F of paper 000, or two branches of eddy currents."""
 
 
 def find_fidelity(name: str) -> Fidelity:
@@ -105,6 +110,7 @@ def compute_design(
     curves: CoenergyMap | None = None,
     fidelity: Fidelity | None = None,
     advance: Callable[[], None] = lambda: None,
+    form: str = FORMS[0],
 ) -> tuple[Designed, tuple[Dynamics, Dynamics]]:
     """Compute what a valve needs of a double-stroke solenoid.
 
@@ -118,12 +124,18 @@ def compute_design(
         How finely fields are computed, default "export" of `FIDELITIES`.
     advance : callable
         Called once a field of the map.
+    form : str
+        One of `FORMS`; with eddies two more transient fields are computed.
 
     Raises
     ------
     ValueError
-        If a restriction is broken, or the map is that of another section or ends too early.
+        If a restriction is broken, the map is that of another section or ends too early, or there
+        is no such form.
     """
+    if form not in FORMS:
+        message = f"dynamics '{form}': must be one of {', '.join(FORMS)}"
+        raise ValueError(message)
     section, of = design.section(), fidelity or FIDELITIES["export"]
     if curves is None:
         curves = compute_map(section, of.grid, advance)
@@ -134,6 +146,9 @@ def compute_design(
     time_s, currents = Trapezoid(step=of.step).record(len(section.coils))
     found = run_transient(model, time_s, currents, np.zeros(len(time_s)), "euler")
     of_current, of_force = identify(found, curves)
+    eddies: tuple[float, ...] = ()
+    if form == "eddies":
+        eddies = fit_branches(branch_records(model, of.step), curves).numbers()
     designed = Designed(
         curves=curves,
         resistance=design.winding().resistance,
@@ -142,6 +157,7 @@ def compute_design(
         current_dynamics=_numbers(of_current),
         force_dynamics=_numbers(of_force),
         around=design.valve,
+        eddies=eddies,
     )
     return designed, (of_current, of_force)
 
@@ -154,6 +170,7 @@ def evaluate(
     fidelity: Fidelity | None = None,
     computed: tuple[Designed, tuple[Dynamics, Dynamics]] | None = None,
     advance: Callable[[], None] = lambda: None,
+    form: str = FORMS[0],
 ) -> Evaluation:
     """Follow steps of a valve with a designed solenoid.
 
@@ -171,6 +188,8 @@ def evaluate(
         What `compute_design` returned of this design, where it is known already.
     advance : callable
         Called once a field of the map.
+    form : str
+        Dynamics of the simulated valve and its controller, one of `FORMS`.
 
     Raises
     ------
@@ -178,7 +197,9 @@ def evaluate(
         If the design cannot be computed or a number does not fit the valve.
     """
     of = fidelity or FIDELITIES["usual"]
-    designed, dynamics = computed or compute_design(design, fidelity=of, advance=advance)
+    designed, dynamics = computed or compute_design(
+        design, fidelity=of, advance=advance, form=form
+    )
     numbers = valve.of_design(designed)
     cases: list[dict[str, float]] = [{}]
     if robust:

@@ -15,16 +15,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.control.current_loop import PATTERNS, SUB_STEPS, mean_voltage, pattern
+from valve_twin.core.control.flux_reconstruction import (
+    error_bound,
+    reconstruct_flux,
+)
 from valve_twin.core.valves.double_solenoid.dynamics_fit import (
     excite,
     fit_current_dynamics,
     fit_force_dynamics,
     model_bench,
     trapezoid,
-)
-from valve_twin.core.valves.double_solenoid.flux_reconstruction import (
-    error_bound,
-    reconstruct_flux,
 )
 from valve_twin.core.valves.double_solenoid.plant import DoubleSolenoidPlant
 from valve_twin.core.valves.double_solenoid.plant_kernel import SAMPLE_S

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from valve_twin.cli.common import OK, add_verb, check_writable, progress_of, say
 from valve_twin.cli.design.given import add_design, read_double_stroke, refusals
 from valve_twin.cli.output import console, number, print_json, table
+from valve_twin.io.errors import ConfigError
 
 if TYPE_CHECKING:
     import argparse
@@ -30,7 +31,7 @@ _FIGURES = (
     ("loss", "loss, W", 1.0, ".3f"),
 )
 
-_REPLAYED = 0.5  # which step
+_REPLAYED = 0.5  # which step, where none is named
 
 
 def add(steps: Verbs) -> None:
@@ -44,11 +45,21 @@ def add(steps: Verbs) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--fidelity", default="usual", metavar="NAME",
-        help="fields: usual (default), search (coarse) or twice (twice the elements along a line)",
+        help="fields: usual (default), search (coarse), twice (twice the elements a line) or "
+        "matched (map and eddy currents on one mesh)",
     )  # fmt: skip
     parser.add_argument(
         "--replay", action="store_true",
         help="also the step of 50 %% once more in the moving field with eddy currents",
+    )  # fmt: skip
+    parser.add_argument(
+        "--shares", type=float, nargs="+", metavar="SHARE",
+        help="steps that --replay follows: 0.1, 0.25, 0.5 (default), 1",
+    )  # fmt: skip
+    parser.add_argument(
+        "--dynamics", default="second_order", metavar="FORM",
+        help="beside static curves: second_order (G_A and G_F, default) or eddies (two branches "
+        "of eddy currents a coil)",
     )  # fmt: skip
     parser.add_argument("--svg", metavar="FILE", help="picture to write")
     parser.add_argument("--json", action="store_true", help="one JSON object")
@@ -59,14 +70,27 @@ def _evaluate(arguments: argparse.Namespace) -> int:
     if arguments.svg:
         check_writable(arguments.svg)
     from valve_twin.core.valves.designed import find_designable
-    from valve_twin.design.chain import evaluate, find_fidelity
+    from valve_twin.design.chain import STEPS, evaluate, find_fidelity
 
+    missing = [share for share in arguments.shares or () if share not in STEPS]
+    if missing:
+        known = ", ".join(f"{share:g}" for share in STEPS)
+        msg = f"--shares {missing[0]:g}: must be one of {known}"
+        raise ConfigError(msg)
     with refusals():
         valve = find_designable(arguments.valve)
         of = find_fidelity(arguments.fidelity)
         with progress_of("computing fields", None) as advance:
-            found = evaluate(design, valve, robust=arguments.robust, fidelity=of, advance=advance)
-        again = _replayed(design, found, of) if arguments.replay else {}
+            found = evaluate(
+                design,
+                valve,
+                robust=arguments.robust,
+                fidelity=of,
+                advance=advance,
+                form=arguments.dynamics,
+            )
+        shares = (arguments.shares or [_REPLAYED]) if arguments.replay else []
+        again = {share: _replayed(design, found, of, share) for share in shares}
     if arguments.svg:
         from valve_twin.report.loop import draw_loops
 
@@ -74,7 +98,8 @@ def _evaluate(arguments: argparse.Namespace) -> int:
         say(f"{arguments.svg}: written")
     worst = {share: _worst(found, share) for share in found.loops} if arguments.robust else {}
     if arguments.json:
-        print_json(_as_json(found, worst) | {"replay": again})
+        replayed = [{"step": share, **figures} for share, figures in again.items()]
+        print_json(_as_json(found, worst) | {"replay": replayed})
         return OK
     _show({share: _figures(of) for share, of in found.loops.items()}, "Steps from the middle")
     if worst:
@@ -84,19 +109,21 @@ def _evaluate(arguments: argparse.Namespace) -> int:
         f"force margin {found.margin:.3g} N; G_A fits {of_current.fit:.1f} %, G_F "
         f"{of_force.fit:.1f} %"
     )
-    if again:
+    for share, figures in again.items():
         say(
-            f"step of {100 * _REPLAYED:g} % in the moving field: the model's force fits "
-            f"{again['fit']:.1f} %, off by {again['error']:.2g} N rms; the static curves alone "
-            f"{again['without']:.1f} %; G_F fitted to this step {again['refitted']:.1f} %"
+            f"step of {100 * share:g} % in the moving field: the model's force fits "
+            f"{figures['fit']:.1f} %, off by {figures['error']:.2g} N rms; static curves alone "
+            f"{figures['without']:.1f} %; G_F fitted to this step {figures['refitted']:.1f} %"
         )
     return OK
 
 
-def _replayed(design: DoubleStroke, found: Evaluation, of: Fidelity) -> dict[str, float]:
+def _replayed(
+    design: DoubleStroke, found: Evaluation, of: Fidelity, share: float
+) -> dict[str, float]:
     from valve_twin.design.dynamics import replay
 
-    curves, loop = found.designed.curves, found.loops[_REPLAYED]
+    curves, loop = found.designed.curves, found.loops[share]
     again = replay(design.section(), curves, loop, of.fine, of.skin)
     return {n: float(getattr(again, n)) for n in ("fit", "without", "refitted", "error")}
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from valve_twin.cli.design import (
+    dynamics,
     evaluate,
     export,
     field,
@@ -28,6 +29,7 @@ STEPS = (
     holding,
     map,
     transient,
+    dynamics,
     evaluate,
     sensitivity,
     optimise,
@@ -41,7 +43,7 @@ def add(verbs: Verbs) -> None:
     """Add the verb and its steps."""
     text = (
         "Compute a solenoid from its drawing: geometry, field, holding, map, transient, "
-        "evaluate, sensitivity, optimise, report, export."
+        "dynamics, evaluate, sensitivity, optimise, report, export."
     )
     parser = verbs.add_parser("design", help=text, description=text)
     steps = parser.add_subparsers(dest="step", required=True, metavar="STEP")

@@ -19,6 +19,12 @@ SUB_STEPS = 8
 PATTERNS = 2 * SUB_STEPS
 """Switching patterns of a control sample."""
 
+STEP_S = 1.25e-5
+"""A sub-step: an eighth of a control sample [s]; paper 000, section 2.2."""
+
+SAMPLE_S = SUB_STEPS * STEP_S
+"""A control sample [s]."""
+
 
 class CurrentGains(NamedTuple):
     """Numbers of the current controller: V/A, V/(A s) a sample, V, ohm."""

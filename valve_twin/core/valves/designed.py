@@ -66,6 +66,9 @@ class Designed:
         b1, b2, a1, a2 of G_A and G_F [s], [s^2].
     around : Surroundings
         What is not the solenoid's.
+    eddies : tuple of float
+        Gain and time of the faster and the slower branch of eddy currents, which the simulated
+        valve then has in place of G_A and G_F [A/V], [s]; empty = none.
     """
 
     curves: CoenergyMap
@@ -75,6 +78,7 @@ class Designed:
     current_dynamics: tuple[float, float, float, float]
     force_dynamics: tuple[float, float, float, float]
     around: Surroundings
+    eddies: tuple[float, ...] = ()
 
     @property
     def largest_current(self) -> float:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.prediction import fit_percent
+from valve_twin.design.dynamics.eddies import magnetising
 from valve_twin.design.dynamics.identify import fit_dynamics
 from valve_twin.design.field import make_model, run_transient
 
@@ -37,7 +38,8 @@ class Replay:
     time_s : (N,) array
         Since the step [s].
     field, lumped, static : (N,) arrays
-        Force of the moving field, of the valve's model, of the static curves alone [N].
+        Force of the moving field, of the valve's model, of the static curves alone, currents and
+        the model's force as means over two control samples [N].
     fit, without : float
         100 (1 - |field - shown| / |field - mean|) of the model and of the static curves [%].
     refitted : float
@@ -83,12 +85,15 @@ def replay(
     try:
         current, force = rows["current [A]"], rows["force [N]"]["F"]
         both, place = [current["A"], current["B"]], rows["position [mm]"]["x"]
+        linked = rows["flux linkage [mWb]"]
+        flux = 1e-3 * np.array([[linked["A"][0], linked["B"][0]]])
     except KeyError as err:
         message = f"the loop shows no {err}: a replay needs currents, force and position"
         raise ValueError(message) from err
     count = int(np.searchsorted(loop.time_s, FOLLOWED_S)) + 1
-    currents, x = np.column_stack(both)[:count], 1e-3 * place[:count]
-    time_s, lumped = loop.time_s[:count], force[:count]
+    currents, x = evened(np.column_stack(both)[:count]), 1e-3 * place[:count]
+    currents[0] = magnetising(curves, flux, currents[:1], x[:1])[0]  # at rest
+    time_s, lumped = loop.time_s[:count], evened(force[:count])
     model = make_model(section, fine, skin)
     found = run_transient(model, time_s, currents, x, "euler").force
     inside = np.clip(currents, curves.currents[0], curves.currents[-1])
@@ -103,3 +108,16 @@ def replay(
         fit_percent(found, static),
         again.fit,
     )
+
+
+def evened(values: FloatArray) -> FloatArray:
+    """Return means of each sample and the one before: a bridge's patterns alternate.
+
+    Parameters
+    ----------
+    values : (N,) or (N, C) array
+        A row a control sample [A] or [N].
+    """
+    found: FloatArray = values.copy()
+    found[1:] = 0.5 * (values[1:] + values[:-1])
+    return found

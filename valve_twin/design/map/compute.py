@@ -39,6 +39,7 @@ class MapGrid:
     currents: int = assumed(7, "1", "Currents of each coil, from 0", 4, 60)
     positions: int = assumed(9, "1", "Positions over the stroke", 4, 60)
     fine: float = assumed(0.8, "1", "Elements along a line over the usual mesh", 0.2, 6.0)
+    skin: float = assumed(1.0, "m", "Elements at surfaces, as of a transient field", 2e-5, 1.0)
 
     def __post_init__(self) -> None:
         """Refuse numbers outside their range."""
@@ -69,7 +70,7 @@ def compute_map(
     if motion is None or not motion.stroke > 0.0:
         message = "motion.stroke: a map needs an armature that moves; give a stroke above 0 [m]"
         raise ValueError(message)
-    model = make_model(section, grid.fine)
+    model = make_model(section, grid.fine, grid.skin)
     currents = np.linspace(0.0, grid.largest_current, grid.currents)
     positions = np.linspace(-motion.stroke, motion.stroke, grid.positions)
     sweep = sweep_fields(model, currents, positions, advance)

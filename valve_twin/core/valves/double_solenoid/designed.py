@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
     from valve_twin.core.valves.designed import Designed
 
+_EDDIES = ("eddies.gain_1", "eddies.time_1", "eddies.gain_2", "eddies.time_2")
 _REST, _FOLLOWED = 50, 800  # control samples before and after a step
 _SEED = 0  # of the noise of the position
 _PLACES = 33  # between middle and open port at which the force is looked at
@@ -72,6 +73,7 @@ def numbers_of(found: Designed) -> Numbers:
         "trajectory_set.small": around.small,
         "trajectory_set.sizes": around.sizes,
         "trajectory_set.horizon": around.horizon,
+        **dict(zip(_EDDIES, found.eddies, strict=False)),
     }
     return Numbers(shared, own)
 

@@ -19,13 +19,13 @@ import numpy as np
 from numba import njit
 
 from valve_twin.core.control.current_loop import SUB_STEPS
-from valve_twin.core.estimation.solvers.nonlinear import Curve, CurveFit, FitParameter, fit_curves
-from valve_twin.core.physics.solenoid_map import MapTables, coil_current, coil_flux, coil_force
-from valve_twin.core.valves.double_solenoid.flux_reconstruction import (
+from valve_twin.core.control.flux_reconstruction import (
     Reconstruction,
     reachable,
     reconstruct_flux,
 )
+from valve_twin.core.estimation.solvers.nonlinear import Curve, CurveFit, FitParameter, fit_curves
+from valve_twin.core.physics.solenoid_map import MapTables, coil_current, coil_flux, coil_force
 from valve_twin.core.valves.double_solenoid.plant_kernel import STEP_S, Second, second_order
 
 if TYPE_CHECKING:

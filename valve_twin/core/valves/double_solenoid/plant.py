@@ -48,6 +48,7 @@ from valve_twin.core.valves.double_solenoid.control.kernel import (
     run_valve,
 )
 from valve_twin.core.valves.double_solenoid.control.observer import KnownNumbers, ObserverConfig
+from valve_twin.core.valves.double_solenoid.eddies import EddyConfig
 from valve_twin.core.valves.double_solenoid.numbers import DoubleSolenoidNumbers
 from valve_twin.core.valves.double_solenoid.plant_kernel import Second, Valve, second_order
 
@@ -86,6 +87,7 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
     current_quantum: float = assumed(
         1.25e-3, "A", "Resolution of current sensors", 0.0, 1.0, ages=False
     )
+    eddies: EddyConfig = field(default_factory=EddyConfig)
     pid: PidConfig = field(default_factory=PidConfig)
     trajectory_set: TrajectorySetConfig = field(default_factory=TrajectorySetConfig)
     observer: ObserverConfig = field(default_factory=ObserverConfig)
@@ -111,7 +113,8 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
         state = np.zeros(at.STATE_SIZE)
         state[at.POSITION] = 0.5
         state[[at.PSI_A, at.PSI_B]] = _linked(m, bias)
-        state[[at.GA_1, at.GB_1, at.I_A, at.I_B, at.MEAN_A, at.MEAN_B, at.LOG_A, at.LOG_B]] = bias
+        state[[at.GF_1, at.GF_2] if self.eddies.gain_1 else [at.GA_1, at.GB_1]] = bias
+        state[[at.I_A, at.I_B, at.MEAN_A, at.MEAN_B, at.LOG_A, at.LOG_B]] = bias
         state[[at.LEVEL_A, at.LEVEL_B]] = 1.0
         return np.concatenate([state, state])
 
@@ -162,6 +165,7 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
             self,
             current=self.current_dynamics(),
             force=self.force_dynamics(),
+            eddies=self.eddies.numbers(),
             stop=self.end_stop,
             bias=self.bias_current,
             span=self.span_current,
@@ -231,6 +235,8 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
                     "12.5 us"
                 )
                 raise QuantityError(type(self).__name__, refusal)
+        if self.eddies.gain_1:
+            return  # currents that magnetise drive each other less than by one
         direct, curves = self.current_b2 / self.current_a2, self.tables()
         if isinstance(curves, CoenergyTables):
             share = coupling_of(curves)

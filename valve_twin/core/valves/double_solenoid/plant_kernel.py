@@ -6,6 +6,8 @@
     F = G_F g [F_s(i_A, x) - F_s(i_B, -x)]
     m v' = F + spring_1(x) - spring_2(x) - F_f(v)      x' = v
 
+With the next order, `Eddies`, two branches of eddy currents stand in place of G_A and G_F.
+
 The currents of the two coils depend on each other at the same instant; each takes the other's
 current of the sub-step before, both alike, so that the mirrored valve gives the mirrored bits.
 """
@@ -17,6 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from numba import njit
 
+from valve_twin.core.control import current_loop
 from valve_twin.core.control.current_loop import (
     SUB_STEPS,
     CurrentGains,
@@ -27,10 +30,12 @@ from valve_twin.core.control.current_loop import (
     positive_steps,
 )
 from valve_twin.core.physics.curves import locate, static_currents, static_force
+from valve_twin.core.valves.double_solenoid.eddies import step_branches
 
 if TYPE_CHECKING:
     from valve_twin.core.physics.curves import Curves
     from valve_twin.core.types import FloatArray
+    from valve_twin.core.valves.double_solenoid.eddies import Eddies
 
 POSITION, X, SPEED, PSI_A, PSI_B = 0, 1, 2, 3, 4
 GA_1, GA_2, GB_1, GB_2, GF_1, GF_2 = 5, 6, 7, 8, 9, 10
@@ -44,12 +49,14 @@ last sub-step, their means over the last sample [A]; mean voltages of the last s
 of the bridges [1], voltage not yet delivered and integral parts of the current controllers [V];
 output of the position controller and its integral part [1], last position read [m]; force [N]; 1
 after a value that is not finite; time [s]; what is logged: mean voltages [V] and
-currents [A] of the last logged sample; force from outside on the spool [N]."""
+currents [A] of the last logged sample; force from outside on the spool [N]. With `Eddies` the
+states of G_A and G_B are the branches of either coil, those of G_F the currents that magnetise
+[A]."""
 
-STEP_S = 1.25e-5
+STEP_S = current_loop.STEP_S
 """Step of the integration: an eighth of a control sample [s]; paper 000, section 2.2."""
 
-SAMPLE_S = SUB_STEPS * STEP_S
+SAMPLE_S = current_loop.SAMPLE_S
 
 
 class Second(NamedTuple):
@@ -69,6 +76,7 @@ class Valve(NamedTuple):
     resistance_b: float
     current: Second
     force: Second
+    eddies: Eddies
     force_gain: float
     mass: float
     preload_1: float
@@ -151,28 +159,42 @@ def step_sample(
     x, speed, psi_a, psi_b = s[X], s[SPEED], s[PSI_A], s[PSI_B]
     a1, a2, b1, b2, f1, f2 = s[GA_1], s[GA_2], s[GB_1], s[GB_2], s[GF_1], s[GF_2]
     i_a, i_b, push = s[I_A], s[I_B], s[PUSH]
-    sum_a, sum_b, force = 0.0, 0.0, 0.0
+    sum_a, sum_b, force, static = 0.0, 0.0, 0.0, 0.0
     c, g = v.current, v.force
     level_a, level_b = 1.0, 1.0
     per_mass = 1.0 / v.mass
+    eddy = v.eddies
+    linked = eddy.gain_1 > 0.0
     for k in range(steps):
         if switched:
             level_a = level_at(s[LEVEL_A], up[0], k)
             level_b = level_at(s[LEVEL_B], up[1], k)
         place = locate(m, x)
-        stat_a, stat_b = static_currents(m, (psi_a, psi_b), (i_a, i_b), place)
-        i_a = c.out_1 * a1 + c.out_2 * a2 + c.direct * stat_a
-        i_b = c.out_1 * b1 + c.out_2 * b2 + c.direct * stat_b
-        static = v.force_gain * static_force(m, i_a, i_b, place)
-        force = g.out_1 * f1 + g.out_2 * f2 + g.direct * static
+        if linked:
+            stat_a, stat_b = static_currents(m, (psi_a, psi_b), (f1, f2), place)
+            f1, f2 = stat_a, stat_b
+            i_a, i_b = stat_a + a1 + a2, stat_b + b1 + b2
+            force = v.force_gain * static_force(m, stat_a, stat_b, place)
+        else:
+            stat_a, stat_b = static_currents(m, (psi_a, psi_b), (i_a, i_b), place)
+            i_a = c.out_1 * a1 + c.out_2 * a2 + c.direct * stat_a
+            i_b = c.out_1 * b1 + c.out_2 * b2 + c.direct * stat_b
+            static = v.force_gain * static_force(m, i_a, i_b, place)
+            force = g.out_1 * f1 + g.out_2 * f2 + g.direct * static
         sum_a += i_a
         sum_b += i_b
         accel = (force + spring_force(v, x) - friction_force(v, speed) + push) * per_mass
-        psi_a += h * (volts[0] * level_a - v.resistance_a * i_a)
-        psi_b += h * (volts[1] * level_b - v.resistance_b * i_b)
-        a1, a2 = a1 + h * a2, a2 + h * (c.rate_1 * (stat_a - a1) - c.rate_2 * a2)
-        b1, b2 = b1 + h * b2, b2 + h * (c.rate_1 * (stat_b - b1) - c.rate_2 * b2)
-        f1, f2 = f1 + h * f2, f2 + h * (g.rate_1 * (static - f1) - g.rate_2 * f2)
+        induced_a = volts[0] * level_a - v.resistance_a * i_a
+        induced_b = volts[1] * level_b - v.resistance_b * i_b
+        psi_a += h * induced_a
+        psi_b += h * induced_b
+        if linked:
+            a1, a2 = step_branches(eddy, a1, a2, induced_a, h)
+            b1, b2 = step_branches(eddy, b1, b2, induced_b, h)
+        else:
+            a1, a2 = a1 + h * a2, a2 + h * (c.rate_1 * (stat_a - a1) - c.rate_2 * a2)
+            b1, b2 = b1 + h * b2, b2 + h * (c.rate_1 * (stat_b - b1) - c.rate_2 * b2)
+            f1, f2 = f1 + h * f2, f2 + h * (g.rate_1 * (static - f1) - g.rate_2 * f2)
         if stuck:
             speed = 0.0
             continue

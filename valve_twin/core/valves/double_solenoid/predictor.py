@@ -23,6 +23,7 @@ from valve_twin.core.physics.solenoid_map import (
     MapTables,
 )
 from valve_twin.core.types import Validity
+from valve_twin.core.valves.double_solenoid.eddies import Eddies
 from valve_twin.core.valves.double_solenoid.motion import SUB
 from valve_twin.core.valves.double_solenoid.plant_kernel import (
     Second,
@@ -94,9 +95,9 @@ class _Numbers(NamedTuple):
 def _valve(c: FloatArray) -> Valve:
     force = Second(c[_RATE_1], c[_RATE_2], c[_OUT_1], c[_OUT_2], c[_DIRECT])
     return Valve(
-        1.0, 1.0, force, force, c[_FORCE_GAIN], c[_MASS], c[_PRELOAD_1], c[_PRELOAD_2],
-        c[_SPRING_1], c[_SPRING_2], c[_FRICTION], c[_ALPHA], c[_BETA], c[_STOP], c[_HALF_STROKE],
-        0.0, 0.0, 0.0,
+        1.0, 1.0, force, force, Eddies(0.0, 1.0, 0.0, 1.0), c[_FORCE_GAIN], c[_MASS],
+        c[_PRELOAD_1], c[_PRELOAD_2], c[_SPRING_1], c[_SPRING_2], c[_FRICTION], c[_ALPHA],
+        c[_BETA], c[_STOP], c[_HALF_STROKE], 0.0, 0.0, 0.0,
     )  # fmt: skip
 
 

@@ -170,7 +170,8 @@ def correct(o: FloatArray, v: Valve, m: Curves, of: Observer, s: FloatArray, rea
         )
         o[at.PSI_A + j] += of.flux_share * more
         current = of.flux_share * (shown[j] - believed[j])
-        o[at.GA_1 + 2 * j] += current
+        if v.eddies.gain_1 == 0.0:
+            o[at.GA_1 + 2 * j] += current
         o[at.I_A + j] += current
         o[at.MEAN_A + j] = shown[j]
         o[at.INTEGRAL_A + j] = s[at.INTEGRAL_A + j]

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Eddy currents of a coil in two branches, the next order after G_A and G_F of paper 000.
+
+    i = i_m + e_1 + e_2      i_m = i_s(psi, i_other, x)      t_j e_j' = k_j psi' - e_j
+    F = g F_s(i_mA, i_mB, x)
+
+The force follows from the flux, through the currents that magnetise, without a filter of its own;
+the voltage that drives an eddy current is that of the coil, whatever iron and gap are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from numba import njit
+
+from valve_twin.core.quantity import assumed, check_quantities
+
+
+class Eddies(NamedTuple):
+    """Gains [A/V] and rates [1/s] of the branches for compiled functions; gain_1 = 0 = none."""
+
+    gain_1: float
+    rate_1: float
+    gain_2: float
+    rate_2: float
+
+
+@dataclass(frozen=True, slots=True)
+class EddyConfig:
+    """Numbers of the branches."""
+
+    gain_1: float = assumed(
+        0.0, "A/V", "Eddy currents, faster branch; 0 = G_A and G_F apply", 0.0, 10.0, ages=False
+    )
+    time_1: float = assumed(4e-4, "s", "Time of the faster branch", 1e-4, 1.0, ages=False)
+    gain_2: float = assumed(0.0, "A/V", "Slower branch", 0.0, 10.0, ages=False)
+    time_2: float = assumed(8e-3, "s", "Time of the slower branch", 1e-4, 1.0, ages=False)
+
+    def __post_init__(self) -> None:
+        """Refuse values outside their range."""
+        check_quantities(self)
+
+    def numbers(self) -> Eddies:
+        """Return the numbers for the compiled functions."""
+        return Eddies(float(self.gain_1), 1.0 / self.time_1, float(self.gain_2), 1.0 / self.time_2)
+
+
+@njit(cache=True, inline="always")
+def step_branches(
+    of: Eddies, fast: float, slow: float, induced: float, step_s: float
+) -> tuple[float, float]:
+    """Return the eddy currents of a coil after an explicit step [A].
+
+    Parameters
+    ----------
+    of : Eddies
+        The branches.
+    fast, slow : float
+        Their currents before [A].
+    induced : float
+        d psi/dt of the coil [V].
+    step_s : float
+        The step [s].
+    """
+    return (
+        fast + step_s * of.rate_1 * (of.gain_1 * induced - fast),
+        slow + step_s * of.rate_2 * (of.gain_2 * induced - slow),
+    )
