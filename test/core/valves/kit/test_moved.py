@@ -158,27 +158,30 @@ def test_pilots_that_open_later_than_said_stay_inside_the_gains_of_the_press_val
     assert not exact["K_in"].lower_95 <= truth["K_in"] <= exact["K_in"].upper_95
 
 
-def test_a_stop_that_may_stand_elsewhere_limits_what_the_positioner_tells():
-    """The position runs into the stop of the options: where it stands tells how fast it came."""
-    changes = {"program.targets": (0.1, 0.95, 0.9, 0.3, 1.0, 1.0, 0.4, 0.1)}
-    found, _ = estimated(
-        "positioner", changes, {"upper_stop": 0.93, "tolerances.upper_stop": 0.01}
-    )
-    assert any("upper_stop" in p.reason for p in found.values())
-    found, _ = estimated("positioner", changes, {"upper_stop": 0.93})
-    assert not any("upper_stop" in p.reason for p in found.values())
-
-
-def test_a_stop_that_stands_lower_than_said_is_inside_its_tolerance():
-    """Nothing reaches the stop of the options, but the valve's own, which stands lower."""
+def told_of_a_stop(at, **options):
+    """Return what is told of a positioner that runs into a stop."""
     changes = {"program.targets": (0.1, 0.95, 0.9, 0.3, 0.95, 0.95, 0.4, 0.1)}
     simulation = configure(get_simulation("positioner"), changes)
     *_, block = simulate_cycles(simulation, 2, 5)
     frames, model = to_frames(block), get_model("positioner")
-    frames = replace(frames, position=np.minimum(frames.position, 0.94))
-    given = complete_options(model, {"upper_stop": 0.96, "tolerances.upper_stop": 0.03})
-    done = model.estimate(Cycle(2, simulation.period_s, frames), given)
-    found = {p.name: p for p in done[0].parameters}
+    frames = replace(frames, position=np.minimum(frames.position, at))
+    done = model.estimate(Cycle(2, simulation.period_s, frames), complete_options(model, options))
+    return {p.name: p for p in done[0].parameters}
+
+
+def test_a_stop_that_may_stand_elsewhere_limits_what_the_positioner_tells():
+    """The position runs into the stop of the options: where it stands tells how fast it came."""
+    found = told_of_a_stop(0.93, upper_stop=0.93, **{"tolerances.upper_stop": 0.01})
+    assert any("upper_stop" in p.reason for p in found.values())
+    exact = told_of_a_stop(0.93, upper_stop=0.93)
+    assert not any("upper_stop" in p.reason for p in exact.values())
+    widths = [p["rate_rising"].upper_95 - p["rate_rising"].value for p in (found, exact)]
+    assert widths[0] > widths[1]
+
+
+def test_a_stop_that_stands_lower_than_said_is_inside_its_tolerance():
+    """Nothing reaches the stop of the options, but the valve's own, which stands lower."""
+    found = told_of_a_stop(0.94, upper_stop=0.96, **{"tolerances.upper_stop": 0.03})
     assert "upper_stop" in found["rate_rising"].reason
     assert found["rate_rising"].lower_95 <= 4.0 <= found["rate_rising"].upper_95
     assert found["rate_falling"].lower_95 <= 3.0 <= found["rate_falling"].upper_95

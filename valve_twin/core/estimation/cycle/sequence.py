@@ -314,7 +314,8 @@ def _with_interval(
 
     `standard_error` is the repeatability: how far one cycle scatters. The limits are the accuracy:
     scatter, and what is wrong in every cycle alike, which the model gives as the limits of a value
-    without a standard error. An estimator that gives an honest error of its own keeps it.
+    without a standard error; infinite ones stay unknown. An estimator that gives an honest error
+    of its own keeps it.
     """
     if not value.usable or np.isfinite(value.standard_error):
         return value
@@ -323,7 +324,7 @@ def _with_interval(
     lower, upper = (
         (parameter.lower, parameter.upper) if parameter is not None else (-np.inf, np.inf)
     )
-    alike = value.value - value.lower_95 if np.isfinite(value.lower_95) else 0.0
+    alike = value.upper_95 - value.value if not np.isnan(value.upper_95) else 0.0
     half = float(np.hypot(scatter.half_width_95, alike))
     return replace(
         value,

@@ -145,6 +145,17 @@ class HammersteinWienerModel(CompiledModel):
         curves = {f"curvature {c:g}": {"plant.curvature": c} for c in (-0.3, 0.0, 0.8)}
         return {**curves, **READ_OTHERWISE}
 
+    def truth(self, simulation: SimulationConfig, cycle: int) -> Mapping[str, float]:
+        """Return gain and responses, parameters as `ValveModel.truth`.
+
+        A response is that of the position as it is read: what reads it late is part of it.
+        """
+        known = dict(CompiledModel.truth(self, simulation, cycle))
+        late = simulation.measurement.delay * simulation.period_s
+        for name in ("response_rising", "response_falling"):
+            known[name] += late
+        return known
+
     def simulation(self) -> SimulationConfig:
         """Return the default simulation: a valve that is not of the model's own form."""
         return simulation_of(self.name, self.inputs, LAW, PROGRAM)

@@ -10,7 +10,7 @@ place such as a stop or a seat acts on one side of it only, so these are moved t
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import hypot, inf, isfinite, sqrt
+from math import hypot, inf, isfinite, isnan, sqrt
 from typing import TYPE_CHECKING, TypeVar, cast
 
 import numpy as np
@@ -137,7 +137,7 @@ def _around(p: ParameterValue, moved: FloatArray, names: Sequence[str]) -> Param
         return not_excited(p.name, f"{lost} moved by its tolerance gives no value")
     if not np.abs(moved).max() > _UNMOVED * abs(p.value):
         return p
-    own = max(p.value - p.lower_95, p.upper_95 - p.value) if isfinite(p.lower_95) else 0.0
+    own = 0.0 if isnan(p.lower_95) else max(p.value - p.lower_95, p.upper_95 - p.value)
     squares = np.square(NORMAL_975 * moved)
     half = hypot(own, sqrt(float(squares.sum())))
     line = limiting(squares / half**2, names)

@@ -20,6 +20,7 @@ from valve_twin.core.valves.kit.compiled import CompiledModel
 from valve_twin.core.valves.kit.intervals import block_errors
 from valve_twin.core.valves.kit.moved import with_tolerances
 from valve_twin.core.valves.kit.prediction import state_size
+from valve_twin.core.valves.positioner.check import doubted, rivals_of
 from valve_twin.core.valves.positioner.curve import (
     line_through,
     pooled,
@@ -122,7 +123,10 @@ class PositionerModel(CompiledModel):
             return (accepted_extended(self.name, cycle, found, options.interval_blocks),)
         solution = fit_free_run(prepared.record, max_lag=prepared.max_lag, limits=limits)
         errors = _errors(prepared.record, solution, limits, options.interval_blocks)
-        return (accepted(self.name, cycle, prepared, solution, limits, errors),)
+        told = accepted(self.name, cycle, prepared, solution, limits, errors)
+        rivals = rivals_of(prepared.record, solution, limits, prepared.max_lag)
+        scatters = options.interval_blocks < 2
+        return (doubted(told, rivals, prepared.noise_sigma, scatters=scatters),)
 
     def input_fault(self, cycle: Cycle, options: PositionerOptions) -> str:
         """Return why the signals cannot be those of a positioner, empty where they can.
