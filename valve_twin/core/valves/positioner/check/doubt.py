@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import hypot, inf, isfinite
+from math import inf, isfinite
 from typing import TYPE_CHECKING
 
 from valve_twin.core.valves.positioner.check.rivals import MOVED
@@ -27,8 +27,11 @@ _REMEDY = {
 }
 
 
-def doubted(estimate: Estimate, rivals: Rivals, noise: float, *, scatters: bool) -> Estimate:
+def doubted(estimate: Estimate, rivals: Rivals, noise: float) -> Estimate:
     """Return an estimate whose limits hold what other structures make of its parameters.
+
+    Its intervals come from the scatter between cycles, which no wrong structure moves: where none
+    of the structures follows the cycle there are no limits.
 
     Parameters
     ----------
@@ -38,11 +41,8 @@ def doubted(estimate: Estimate, rivals: Rivals, noise: float, *, scatters: bool)
         What other structures make of the same cycle.
     noise : float
         Position noise at rest [1]; NaN where there is no rest.
-    scatters : bool
-        The intervals come from the scatter between cycles, which no wrong structure moves: where
-        none of the structures follows the cycle there are no limits.
     """
-    lost = scatters and isfinite(noise) and rivals.left > _NOISE_MOST * max(noise, rivals.quantum)
+    lost = isfinite(noise) and rivals.left > _NOISE_MOST * max(noise, rivals.quantum)
     words = " and ".join(_REMEDY[t] for t in rivals.best.terms)
     half = dict(zip(MOVED, rivals.moved.tolist(), strict=True))
     changed = []
@@ -61,9 +61,7 @@ def doubted(estimate: Estimate, rivals: Rivals, noise: float, *, scatters: bool)
 
 
 def _wider(p: ParameterValue, moved: float, words: str) -> ParameterValue:
-    """Return a value whose limits hold its own and what the structure may have done to it."""
-    own = max(p.value - p.lower_95, p.upper_95 - p.value) if isfinite(p.upper_95) else 0.0
-    half = hypot(own, moved)
+    """Return a value with what the structure may have done to it, its scatter comes later."""
     told = bool(words) and moved > _TOLD * abs(p.value)
     reason = f"wider by {moved:.2g}: the free run follows better if {words}" if told else p.reason
-    return replace(p, reason=reason, lower_95=max(p.value - half, 0.0), upper_95=p.value + half)
+    return replace(p, reason=reason, lower_95=p.value - moved, upper_95=p.value + moved)
