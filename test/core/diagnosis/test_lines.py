@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from valve_twin.core.diagnosis.config import DetectionConfig
-from valve_twin.core.diagnosis.lines import strayed
+from valve_twin.core.diagnosis.lines import rays_of_steps, strayed
+from valve_twin.core.valves.press_cartridge import MODEL
 
 CONFIG = DetectionConfig()
 
@@ -25,3 +26,23 @@ def test_the_newest_cycles_which_are_judged_do_not_count():
     factor = strayed(ratio, CONFIG)[:, 0]
     assert np.all(factor[: 30 + CONFIG.recent] == 1.0)
     assert factor[-1] > 1.0
+
+
+def test_steps_are_whitened_without_the_levels_of_products():
+    table, rng = MODEL.signatures(), np.random.default_rng(3)
+    parts = [
+        rng.multivariate_normal(level, 9.0 * np.array(table.covariance), 200)
+        for level in (np.zeros(len(table.features)), np.full(len(table.features), 7.0))
+    ]
+    rays = rays_of_steps(parts, table, CONFIG)
+    own = np.std(rays.whitened(parts[1]), axis=0, ddof=1)
+    assert own[:11] == pytest.approx(1.0 / CONFIG.margin, rel=0.2)  # 4 sigma of a scatter of 400
+
+
+def test_a_fault_whose_features_the_cycles_do_not_show_makes_no_step():
+    table, rng = MODEL.signatures(), np.random.default_rng(4)
+    vectors = rng.multivariate_normal(np.zeros(len(table.features)), table.covariance, 30)
+    small_gas = next(k for k, s in enumerate(table.signatures) if s.fault == "aeration")
+    assert np.any(rays_of_steps([vectors], table, CONFIG).rays[small_gas])
+    vectors[:, table.features.index("delay_in")] = np.nan  # which carries most of it
+    assert not np.any(rays_of_steps([vectors], table, CONFIG).rays[small_gas])

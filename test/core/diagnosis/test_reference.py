@@ -2,6 +2,8 @@
 # Copyright 2026 valve_twin maintainers
 """A valve's own past is a reference once it is long and its first cycles are like those since."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -54,3 +56,52 @@ def test_a_fault_that_began_later_is_no_doubt_about_the_first_cycles():
     vectors = healthy(60, 3)
     vectors[40:] += change
     assert doubt(vectors) == ""
+
+
+def change_of(name, which):
+    """Return the change by a fault: of its sizes 0 = small, 1 = medium, 2 = large."""
+    return np.array([s.change for s in TABLE.signatures if s.fault == name][which])
+
+
+def early(vectors, others=()):
+    return doubt_of(np.arange(1, len(vectors) + 1), vectors, TABLE, others=list(others))
+
+
+def test_few_steady_cycles_are_a_reference_and_nine_are_not():
+    told = [early(healthy(60, seed)[:12]) for seed in range(40)]
+    assert sum(not t for t in told) >= 36
+    assert early(healthy(60, 1)[:9]).startswith("no reference yet: 9 of 20 cycles")
+
+
+@pytest.mark.parametrize("since", [3, 7])
+@pytest.mark.parametrize("name", ["leak", "stiction", "supply_drop", "sensor_offset"])
+def test_few_cycles_with_a_step_are_none(name, since):
+    withheld = 0
+    for seed in range(10):
+        vectors = healthy(60, seed)[:12]
+        vectors[since:] += change_of(name, 1)
+        withheld += early(vectors).startswith("no reference yet: 12 of 20 cycles")
+    assert withheld == 10
+
+
+def test_a_reference_once_given_is_seldom_withdrawn():
+    """A verdict that comes and goes is believed by nobody."""
+    withdrawn = 0
+    for seed in range(20):
+        vectors = healthy(60, seed)
+        given = [not early(vectors[:count]) for count in range(10, 20)]
+        withdrawn += any(a and not b for a, b in pairwise(given))
+    assert withdrawn == 0
+
+
+def test_a_further_product_needs_fewer_cycles():
+    known = healthy(60, 2)[:SETTLED]
+    vectors = healthy(60, 7)[:8] + 5.0
+    assert early(vectors).startswith("no reference yet: 8 of 20 cycles")
+    assert early(vectors, [known]) == ""
+    vectors[4:] += change_of("supply_drop", 1)
+    assert early(vectors, [known]).startswith("no reference yet: 8 of 20 cycles")
+
+
+def test_cycles_that_show_nothing_are_none():
+    assert early(np.full((12, len(TABLE.features)), np.nan)) != ""

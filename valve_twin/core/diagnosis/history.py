@@ -132,7 +132,8 @@ def search(past: Past, maintenance: Sequence[Maintenance]) -> Searched:
             ready = part.ready
         if number in lately and (anew or past.settled is None):
             kept = _measure(cycles[own], part.findings, since=max(restarts, default=0))
-            doubt = doubt or doubt_of(cycles[own][kept], steady[kept], table)
+            others = None if model.feature_set.of_any_valve else _others(vectors, product, number)
+            doubt = doubt or doubt_of(cycles[own][kept], steady[kept], table, others=others)
     stopped = settled.stopped and _holds(settled, restarts)
     if stopped:  # until maintenance
         next_ = min((c for c in restarts if c > settled.judged), default=np.inf)
@@ -164,6 +165,12 @@ def search(past: Past, maintenance: Sequence[Maintenance]) -> Searched:
 
 
 _NONE = Settled((), 0, -1)
+
+
+def _others(vectors: FloatArray, product: IntArray, number: int) -> list[FloatArray]:
+    """Return the features of the newest cycles of all other products that are known."""
+    newest = DetectionConfig().learn
+    return [vectors[product == p][-newest:] for p in sorted(set(product.tolist()) - {-1, number})]
 
 
 def _elsewhere(

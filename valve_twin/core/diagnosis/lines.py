@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,8 +15,10 @@ from valve_twin.core.estimation.data.one_thread import rows_times
 from valve_twin.core.estimation.data.robust import MAD_SCALE
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from valve_twin.core.diagnosis.config import DetectionConfig
-    from valve_twin.core.types import FloatArray, IntArray
+    from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
 _CHANCE = 1e-8
 """Chance at which the quantiles of few and of enough cycles are compared [1]."""
@@ -27,6 +29,10 @@ _TAIL, _TAIL_DEVIATIONS = 0.9, 1.645
 _ROUNDING = 1e-6
 _NEVER_JUDGED = 1e3
 """Deviation of a feature that never changed, so that its scatter is not known [1]."""
+
+_CARRIED = 0.5
+"""Share of a signature that the features which cycles show must carry, for its steps to count:
+what is left of it else is the scatter of the others [1]."""
 
 _RISE = 0.4
 """Least rise of the logarithm of the noise at rest that is a noisier sensor [1]."""
@@ -100,21 +106,65 @@ def whitened_rays(
     n = len(y)
     t = np.arange(n) - 0.5 * (n - 1)
     off = y - y.mean(axis=0) - np.outer(t, t @ y / (t @ t))
+    wider = _doubt(n - 2, config.learn - 2)
+    return _rays(off, n - 2, known, np.ptp(y, axis=0) == 0.0, table, config, wider=wider)
+
+
+def rays_of_steps(
+    parts: Sequence[FloatArray], table: SignatureTable, config: DetectionConfig
+) -> Rays:
+    """Whiten the signatures by the steps from each cycle to the next, which no level is part of.
+
+    Parameters
+    ----------
+    parts : sequence of (N, F) arrays
+        Features of the cycles of each product as they are followed [unit by feature]; NaN where
+        a cycle does not show one.
+    table : SignatureTable
+        Signatures and their correlations.
+    config : DetectionConfig
+        When to speak.
+    """
+    whole = [filled(part, config.least) for part in parts]
+    steps = np.concatenate([np.diff(y, axis=0) for y in whole]) / np.sqrt(2.0)
+    known = np.isfinite(np.concatenate(parts))
+    constant = (steps == 0.0).all(axis=0)
+    found = _rays(steps, len(steps), known, constant, table, config, wider=1.0)
+    usual = np.sqrt(np.maximum(np.diag(table.covariance), np.square(table.floor)))
+    each = table.changes() / np.maximum(usual, _ROUNDING)
+    shown = np.linalg.norm(each[:, known.any(axis=0)], axis=1)
+    lost = np.flatnonzero(shown < _CARRIED * np.linalg.norm(each, axis=1))
+    rays, changes = found.rays.copy(), found.changes.copy()
+    rays[lost], changes[lost] = 0.0, 0.0
+    return replace(found, rays=rays, changes=changes)
+
+
+def _rays(
+    off: FloatArray,
+    freedom: int,
+    known: FloatArray | BoolArray,
+    constant: BoolArray,
+    table: SignatureTable,
+    config: DetectionConfig,
+    *,
+    wider: float,
+) -> Rays:
+    """Whiten the signatures by what (N, F) cycles are off by, `wider` for their few number."""
     spread = MAD_SCALE * np.median(np.abs(off), axis=0)
     spread = np.maximum(spread, np.quantile(np.abs(off), _TAIL, axis=0) / _TAIL_DEVIATIONS)
     off = np.where(spread > 0.0, np.clip(off, -4.0 * spread, 4.0 * spread), off)
     floor = np.array(table.floor)
-    constant = (np.ptp(y, axis=0) == 0.0) & (floor < _ROUNDING)
+    constant = constant & (floor < _ROUNDING)
     floor = np.where(constant, _NEVER_JUDGED, floor)
     quiet = np.sqrt(np.diag(table.covariance))  # what sampling alone does to a feature
-    own = with_floor(off.T @ off / (n - 2), np.maximum(floor, config.quiet * quiet))
-    scale = config.margin * _doubt(n - 2, config.learn - 2) * np.sqrt(np.diag(own))
+    own = with_floor(off.T @ off / freedom, np.maximum(floor, config.quiet * quiet))
+    scale = config.margin * wider * np.sqrt(np.diag(own))
     prior = with_floor(np.array(table.covariance), floor)
     deviation = np.sqrt(np.diag(prior))
     mixed = config.trust * prior / np.outer(deviation, deviation)
     deviation = np.sqrt(np.diag(own))
-    mixed += (n - 2) * own / np.outer(deviation, deviation)
-    correlation = mixed / (config.trust + n - 2)
+    mixed += freedom * own / np.outer(deviation, deviation)
+    correlation = mixed / (config.trust + freedom)
     white = whitener(correlation * np.outer(scale, scale))
     absent = np.count_nonzero(known[: config.least], axis=0) < config.least // 2
     absent |= constant

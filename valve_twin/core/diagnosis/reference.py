@@ -11,15 +11,42 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from valve_twin.core.diagnosis.config import DetectionConfig
 from valve_twin.core.diagnosis.detection import first_alarm, whitened
+from valve_twin.core.diagnosis.lines import filled, rays_of_steps
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from valve_twin.core.diagnosis.lines import Rays
     from valve_twin.core.diagnosis.table import SignatureTable
     from valve_twin.core.types import FloatArray, IntArray
 
 _STEP = 8
 """Cycles after which the first ones are compared again: each look may err by chance."""
+
+_FEW = 10
+"""Fewest cycles that may be a reference: as many as a trend needs."""
+
+_FEW_BESIDE = 8
+"""The same where the scatter is known from other products."""
+
+_LEAST_FIRST = 2
+"""Fewest first cycles that are held against the rest."""
+
+_STEP_SHOWN = 4.5
+"""Standard deviations of a step that withholds the reference; set on strangers [1]."""
+
+_STEP_WITHDRAWS = 8.0
+"""Standard deviations of a step that withdraws it again; set on strangers [1]."""
+
+_SUDDEN = 0.7
+"""Share of a step by which the cycles on its either side must differ: aging is none [1]."""
+
+_BESIDE = 3
+"""Cycles on either side of a step that show it."""
 
 
 def doubt_of(
@@ -27,8 +54,14 @@ def doubt_of(
     vectors: FloatArray,
     table: SignatureTable,
     config: DetectionConfig | None = None,
+    *,
+    others: Sequence[FloatArray] | None = None,
 ) -> str:
     """Return why the cycles of one product are no reference, empty where they are.
+
+    Where `others` are given, fewer than `settled` cycles are enough if none of them, first or
+    last, differ from the rest by a sudden step: a change of all states that the cycles are
+    compared with would show as one.
 
     Parameters
     ----------
@@ -40,6 +73,8 @@ def doubt_of(
         Signatures of the valve's faults.
     config : DetectionConfig, optional
         When to speak.
+    others : sequence of (M, F) arrays, optional
+        Features of the cycles of all other products: from step to step they scatter alike.
 
     Returns
     -------
@@ -48,6 +83,8 @@ def doubt_of(
     """
     config = config or DetectionConfig()
     if len(cycles) < config.settled:
+        if others is not None and _is_steady(vectors, others, table, config):
+            return ""
         return (
             f"no reference yet: {len(cycles)} of {config.settled} cycles of this product, "
             "from which on a fault would show"
@@ -61,6 +98,53 @@ def doubt_of(
                 "and only a record from commissioning or a sister valve tells which are right"
             )
     return ""
+
+
+def _is_steady(
+    vectors: FloatArray,
+    others: Sequence[FloatArray],
+    table: SignatureTable,
+    config: DetectionConfig,
+) -> bool:
+    """Return whether few cycles of a product show no sudden step.
+
+    Once that is said, it takes a larger one to withdraw it: each look may err by chance.
+    """
+    known = sum(len(o) for o in others)
+    beside = [o for o in others if len(o) > 1]
+    steady = False
+    for count in range(_FEW_BESIDE if known >= config.settled else _FEW, len(vectors) + 1):
+        rays = rays_of_steps([vectors[:count], *beside], table, config)
+        step = _largest_step(rays.along(rays.whitened(filled(vectors[:count], config.least))))
+        steady = step < (_STEP_WITHDRAWS if steady else _STEP_SHOWN)
+        steady = steady and _would_show(rays, table, count)
+    return steady
+
+
+def _would_show(rays: Rays, table: SignatureTable, count: int) -> bool:
+    """Return whether large faults of at least half of the kinds would show in two cycles."""
+    length = np.linalg.norm(rays.changes, axis=1) * np.sqrt(2.0 * (count - 2) / count)
+    largest = [
+        max(length[k] for k, s in enumerate(table.signatures) if s.fault == fault)
+        for fault in table.faults
+    ]
+    return float(np.median(largest)) > _STEP_SHOWN
+
+
+def _largest_step(shown: FloatArray) -> float:
+    """Return the largest sudden step between some first of (N, S) cycles and the rest [1].
+
+    Any number of first cycles is held against the rest along every signature.
+    """
+    count, largest = len(shown), 0.0
+    total = np.cumsum(shown, axis=0)
+    for k in range(_LEAST_FIRST, count):
+        gap = (total[-1] - total[k - 1]) / (count - k) - total[k - 1] / k
+        beside = shown[k : k + _BESIDE].mean(axis=0) - shown[max(k - _BESIDE, 0) : k].mean(axis=0)
+        sudden = beside * np.sign(gap) > _SUDDEN * np.abs(gap)
+        far = np.where(sudden, np.abs(gap), 0.0).max() * np.sqrt(k * (count - k) / count)
+        largest = max(largest, float(far))
+    return largest
 
 
 def _last_unlike(vectors: FloatArray, table: SignatureTable, config: DetectionConfig) -> int:
