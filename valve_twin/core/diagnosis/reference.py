@@ -122,13 +122,13 @@ def _is_steady(
 
 
 def _would_show(rays: Rays, table: SignatureTable, count: int) -> bool:
-    """Return whether large faults of at least half of the kinds would show in two cycles."""
+    """Return whether medium faults of at least half of the kinds would show in two cycles."""
     length = np.linalg.norm(rays.changes, axis=1) * np.sqrt(2.0 * (count - 2) / count)
-    largest = [
-        max(length[k] for k, s in enumerate(table.signatures) if s.fault == fault)
+    medium = [
+        np.median([length[k] for k, s in enumerate(table.signatures) if s.fault == fault])
         for fault in table.faults
     ]
-    return float(np.median(largest)) > _STEP_SHOWN
+    return float(np.median(medium)) > _STEP_SHOWN
 
 
 def _largest_step(shown: FloatArray) -> float:
