@@ -102,7 +102,7 @@ class NodeProcess:
         self.process.kill()
         self.process.wait()
         for mark in marks:
-            if re.fullmatch(r"/dev/shm/fastrtps_[0-9a-f]{16}_el", str(mark)):
+            if re.fullmatch(r"/dev/shm/fast(rtps|dds)_[0-9a-f]{16}_el", str(mark)):
                 with suppress(OSError), mark.open("rb") as file:
                     fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                     mark.with_name(mark.name.removesuffix("_el")).unlink()

@@ -11,14 +11,19 @@ from valve_twin.nodes.recorder.dead_ports import domain_id, has_dead_port
 PORT = 7400 + 250 * 3 + 11
 
 
+@pytest.fixture(params=["fastrtps", "fastdds"], ids=["Jazzy", "Kilted"])
+def name(request):
+    return f"{request.param}_port{PORT}"
+
+
 @pytest.fixture
-def kernel(tmp_path):
+def kernel(tmp_path, name):
     """Return the memory and a process that has one port of domain 3 open."""
     memory, process = tmp_path / "shm", tmp_path / "proc" / "41"
     memory.mkdir()
     process.mkdir(parents=True)
-    (memory / f"fastrtps_port{PORT}_el").touch()
-    write_maps(process, f"/dev/shm/fastrtps_port{PORT}")
+    (memory / f"{name}_el").touch()
+    write_maps(process, f"/dev/shm/{name}")
     return memory, tmp_path / "proc"
 
 
@@ -33,9 +38,9 @@ def test_a_port_that_nobody_holds_and_somebody_has_open_is_dead(kernel):
     assert not has_dead_port(4, *kernel)
 
 
-def test_a_port_that_is_held_is_alive(kernel):
+def test_a_port_that_is_held_is_alive(kernel, name):
     memory, _ = kernel
-    with (memory / f"fastrtps_port{PORT}_el").open("rb") as held:
+    with (memory / f"{name}_el").open("rb") as held:
         fcntl.flock(held, fcntl.LOCK_EX)
         assert not has_dead_port(3, *kernel)
     assert has_dead_port(3, *kernel)
@@ -47,11 +52,11 @@ def test_a_dead_port_that_nobody_has_open_harms_nobody(kernel):
     assert not has_dead_port(3, *kernel)
 
 
-def test_memory_that_was_made_anew_under_a_writer_is_dead(kernel):
+def test_memory_that_was_made_anew_under_a_writer_is_dead(kernel, name):
     memory, processes = kernel
-    with (memory / f"fastrtps_port{PORT}_el").open("rb") as held:
+    with (memory / f"{name}_el").open("rb") as held:
         fcntl.flock(held, fcntl.LOCK_EX)
-        write_maps(processes / "41", f"/dev/shm/fastrtps_port{PORT} (deleted)")
+        write_maps(processes / "41", f"/dev/shm/{name} (deleted)")
         assert has_dead_port(3, *kernel)
 
 

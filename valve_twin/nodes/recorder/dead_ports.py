@@ -4,9 +4,9 @@
 
 Fast DDS gives a new process the port of a dead one, while a publisher may still have the dead
 one's memory open: what it publishes then comes seconds late or never, to any reader of the new
-process. The file `fastrtps_portN_el` is locked by whom the port belongs to, so a lock that can be
-had tells of the dead. Where there is such a port, a recorder listens over UDP, which has no such
-state.
+process. The file `fastrtps_portN_el` (`fastdds_portN_el` of Fast DDS 3) is locked by whom the port
+belongs to, so a lock that can be had tells of the dead. Where there is such a port, a recorder
+listens over UDP, which has no such state.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from pathlib import Path
 _FIRST_PORT, _PORTS = 7400, 250
 """First port of domain 0 and ports of a domain, as DDS counts them."""
 
-_MAPPED = re.compile(r"/fastrtps_port(\d+)( \(deleted\))?$", re.MULTILINE)
+_MAPPED = re.compile(r"/(fast(?:rtps|dds)_port(\d+))( \(deleted\))?$", re.MULTILINE)
 
 
 def domain_id() -> int:
@@ -42,13 +42,13 @@ def has_dead_port(
         Where the kernel shows shared memory and processes; nothing is found where it does not.
     """
     first = _FIRST_PORT + _PORTS * domain
-    found: set[tuple[int, bool]] = set()
+    found: set[tuple[str, int, bool]] = set()
     for path in processes.glob("[0-9]*/maps"):
         with suppress(OSError):  # it has just ended, or belongs to somebody else
             text = path.read_text(encoding="utf-8", errors="replace")
-            found |= {(int(m[1]), bool(m[2])) for m in _MAPPED.finditer(text)}
-    ports = {(port, gone) for port, gone in found if first <= port < first + _PORTS}
-    return any(gone or _is_dead(memory / f"fastrtps_port{port}_el") for port, gone in ports)
+            found |= {(m[1], int(m[2]), bool(m[3])) for m in _MAPPED.finditer(text)}
+    ports = {(name, gone) for name, port, gone in found if first <= port < first + _PORTS}
+    return any(gone or _is_dead(memory / f"{name}_el") for name, gone in ports)
 
 
 def _is_dead(lock: Path) -> bool:
