@@ -68,6 +68,16 @@ def test_a_user_s_profile_is_left_alone(monkeypatch, tmp_path, name):
     assert not dds_profile.has_fast_heartbeat()
 
 
+def test_another_middleware_keeps_the_range_that_it_was_given(monkeypatch):
+    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
+    monkeypatch.setenv(RANGE, "LOCALHOST")
+    monkeypatch.setenv("ROS_LOCALHOST_ONLY", "1")
+    dds_profile.use_fast_heartbeat(over_udp=True)
+    assert VARIABLE not in os.environ
+    assert os.environ[RANGE] == "LOCALHOST"
+    assert os.environ["ROS_LOCALHOST_ONLY"] == "1"
+
+
 @pytest.mark.parametrize(
     "variable", [(RANGE, "LOCALHOST"), ("ROS_LOCALHOST_ONLY", "1")], ids=lambda v: v[0]
 )

@@ -94,7 +94,7 @@ def use_fast_heartbeat(*, over_udp: bool = False) -> None:
     over_udp : bool
         Keep off shared memory.
     """
-    if any(os.environ.get(name) for name in _VARIABLES):
+    if any(os.environ.get(name) for name in _VARIABLES) or not _is_fast_dds():
         return
     third = is_fast_dds_3()
     number, path = tempfile.mkstemp(prefix="valve_twin_", suffix=".xml")
@@ -108,6 +108,12 @@ def use_fast_heartbeat(*, over_udp: bool = False) -> None:
     os.environ[_VARIABLES[third]] = path
     _files.append(path)
     _made.append(path)
+
+
+def _is_fast_dds() -> bool:
+    """Return whether nobody asks for another middleware: one would read the range, not the rest."""
+    wanted = os.environ.get("RMW_IMPLEMENTATION", "")
+    return not wanted or wanted.startswith("rmw_fastrtps")
 
 
 def is_fast_dds_3() -> bool:
