@@ -3,8 +3,10 @@
 """What a publisher does to a recorder that listens to it from another process."""
 
 import time
+from types import SimpleNamespace
 
 import pytest
+from rclpy.qos import QoSProfile
 from valve_twin_msgs.msg import Float64Stamped
 from valve_twin_msgs.srv import Stop
 
@@ -13,6 +15,7 @@ from test.nodes.feeding import Feeder
 from valve_twin.io.bags.read import bag_info, read_columns
 from valve_twin.io.cdr.codec import encode_stamped
 from valve_twin.io.cdr.signals import SignalSource
+from valve_twin.nodes.recorder import recorded_topic
 from valve_twin.nodes.recorder.node import BagRecorderNode
 from valve_twin.nodes.recorder.recorded_topic import RecordedTopic
 
@@ -71,3 +74,108 @@ def test_a_subscription_that_is_deaf_from_the_start_is_made_anew_and_loses_nothi
     assert len(made) == 2
     assert "heard nothing since it listens" in capfd.readouterr().err
     assert sorted(column.stamp_ns) == [10**18 + n * 10**6 for n in range(200)]
+
+
+class Desk(SimpleNamespace):
+    """A node whose subscriptions the test calls back, on a clock of its own."""
+
+    def __init__(self, monkeypatch):
+        self.now_s, self.made, self.waiting = 0.0, [], []
+        self.kept: list[int] = []
+        self.handle = SimpleNamespace(take_message=lambda *_: (self.waiting or [None]).pop(0))
+        self.get_logger = lambda: SimpleNamespace(warning=lambda *_, **__: None)
+        clock = SimpleNamespace(monotonic=lambda: self.now_s)
+        monkeypatch.setattr(recorded_topic, "time", clock)
+        self.topic = RecordedTopic(
+            self, "/valve/x", "valve_twin_msgs/msg/Float64Stamped", self.keep
+        )
+
+    def get_parameter(self, name):
+        return SimpleNamespace(value=False)
+
+    def get_publishers_info_by_topic(self, name):
+        return [SimpleNamespace(qos_profile=QoSProfile(depth=1))]
+
+    def count_publishers(self, name):
+        return 1
+
+    def create_subscription(self, kind, name, callback, profile, **_):
+        self.made.append(callback)
+        return SimpleNamespace(
+            handle=self.handle,
+            msg_type=kind,
+            CallbackType=SimpleNamespace(WithMessageInfo=2),
+        )
+
+    def destroy_subscription(self, subscription):
+        pass
+
+    def keep(self, message, topic):
+        self.kept.append(int(message.data))
+
+    def look(self, seconds=0.1):
+        self.now_s += seconds
+        self.topic.adapt()
+
+    def hear(self, reader, *numbers):
+        for number in numbers:
+            self.made[reader](*sent(number))
+
+
+def sent(number):
+    info = {
+        "publication_sequence_number": number,
+        "source_timestamp": 10**18 + number,
+        "received_timestamp": 10**18,
+    }
+    return str(number).encode(), info
+
+
+@pytest.fixture
+def desk(monkeypatch):
+    made = Desk(monkeypatch)
+    made.look()
+    return made
+
+
+@pytest.mark.parametrize("waiting", [[], [5], [5, 6, 7]])
+def test_what_a_second_reader_kept_is_recorded_at_the_end(desk, waiting):
+    """A message of 0 bytes was sent, then the recorder is stopped before the first is deaf."""
+    desk.hear(0, 1, 2, 3)
+    for _ in range(6):
+        desk.look()
+    assert len(desk.made) == 3
+    desk.hear(2, 5, 6, 7)
+    desk.waiting = [sent(number) for number in waiting]
+    desk.topic.silence()
+    assert desk.kept == [1, 2, 3, 5, 6, 7]
+
+
+def test_a_reader_that_hears_everything_late_records_nothing_twice(desk):
+    """At 10 kHz a second makes more than a second reader keeps."""
+    desk.hear(1, *range(1, 20_001))
+    desk.look()
+    desk.hear(0, *range(1, 20_011))
+    assert sorted(desk.kept) == list(range(1, 20_011))
+    assert desk.topic.lost_transport == 0
+
+
+def test_what_was_sent_before_the_second_reader_hides_no_loss(desk):
+    desk.hear(1, 100, 104)
+    assert desk.topic.lost_transport == 3
+    desk.hear(0, 97, 98, 99)
+    assert desk.topic.lost_transport == 3
+    desk.hear(0, 100, 101)
+    assert desk.topic.lost_transport == 2
+    desk.hear(0, 104, 105)
+    assert desk.topic.lost_transport == 2
+
+
+def test_who_listens_again_to_a_publisher_with_an_older_clock_counts_its_losses(desk):
+    desk.hear(1, 1000, 1001)
+    desk.look()
+    desk.topic.silence()
+    desk.topic.listen()
+    desk.hear(-1, 5, 9)
+    assert desk.topic.lost_transport == 3
+    assert desk.topic.heard

@@ -83,7 +83,7 @@ class RecordedTopic:
         self._class = message_class(kind)
         self._on_message = on_message
         self._policies = dict(policies or {})
-        self._last = self._last_sent_ns = 0
+        self._first = self._last = self._last_sent_ns = 0
         self.lost_transport = self.lost_recorder = 0
         self.publishers = 0
         self._refused = False
@@ -151,20 +151,22 @@ class RecordedTopic:
     def listen(self) -> None:
         """Subscribe, where this is not done; what was sent meanwhile was not wanted."""
         if self._subscription is None:
-            self._last = 0
+            self._first = self._last = self._last_sent_ns = 0
+            self._recent.clear()
             self._second = self._watch()
             self._subscription = self._subscribe()
 
     def silence(self) -> None:
-        """Take what has arrived, then stop listening."""
+        """Take what has arrived, also beside a subscription that may be deaf; stop listening."""
         subscription, self._subscription = self._subscription, None
         if subscription is None:
             return
-        self._second.close()
         while (
             arrived := subscription.handle.take_message(subscription.msg_type, True)
         ) is not None:
             self._take(arrived)
+        self._second.hand_over()
+        self._second.close()
         self._node.destroy_subscription(subscription)
 
     def _look(self) -> list[QoSProfile]:
@@ -238,7 +240,7 @@ class RecordedTopic:
         if key in self._recent:
             return False
         self._recent[key] = None
-        if len(self._recent) > MOST_KEPT:
+        if len(self._recent) > _DEPTH:  # so many a reader that hears late may have waiting
             self._recent.popitem(last=False)
         return True
 
@@ -255,9 +257,12 @@ class RecordedTopic:
     def _keep(self, data: bytes, info: Any) -> None:
         sequence = int(info["publication_sequence_number"])
         sent_ns = int(info["source_timestamp"])
-        if self._recent and sent_ns < self._last_sent_ns:  # it was taken for lost
-            self.lost_transport -= self.publishers <= 1 and self.lost_transport > 0
+        if self._recent and sent_ns < self._last_sent_ns:  # late: it was taken for lost
+            counted = self.publishers <= 1 and self._first < sequence < self._last
+            self.lost_transport -= counted and self.lost_transport > 0
         else:
+            if not 0 < self._first <= self._last < sequence:
+                self._first = sequence
             if self.publishers <= 1 and 0 < self._last < sequence:
                 self.lost_transport += sequence - self._last - 1
             self._last, self._last_sent_ns = sequence, sent_ns

@@ -174,6 +174,11 @@ class SecondReader:
         """The last message that is kept, as its callback got it; empty where none is."""
         return self._kept[-1] if self._kept else ()
 
+    def hand_over(self) -> None:
+        """Deliver what the second reader kept and the first has not heard."""
+        while self._kept:
+            self._deliver(*self._kept.popleft())
+
     def close(self) -> None:
         """Take the second reader down; what it kept the first has heard."""
         reader, self._reader = self._reader, None
@@ -195,8 +200,7 @@ class SecondReader:
         if now_s - self._since_s < patience_s:
             return False
         self.stands_in = True
-        while self._kept:
-            self._deliver(*self._kept.popleft())
+        self.hand_over()
         return True
 
     def _on_message(self, *arguments: Any) -> None:
