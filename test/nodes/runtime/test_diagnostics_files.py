@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import ast
 import re
+from functools import cache
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,7 @@ EXAMPLES = {
 """What stands in the names of the reports, by the expression in the source."""
 
 
+@cache
 def analyzers() -> dict[str, dict[str, Any]]:
     file = yaml.safe_load((ROOT / "config" / "diagnostics.yaml").read_text(encoding="utf-8"))
     found = file["analyzers"]["ros__parameters"]
@@ -61,7 +63,8 @@ def medkit_code(name: str) -> str:
     return re.sub(r"[^A-Z0-9]+", "_", name.upper()).strip("_")
 
 
-def reports() -> set[str]:
+@cache
+def reports() -> frozenset[str]:
     """Return the names of all reports that the sources of the nodes make, filled by examples."""
     found: set[str] = set()
     for path in sorted((ROOT / "valve_twin" / "nodes").rglob("*.py")):
@@ -70,7 +73,7 @@ def reports() -> set[str]:
                 continue
             if call.func.id == "Report":
                 found.update(spelled(call.args[0]))
-    return found
+    return frozenset(found)
 
 
 def spelled(text: ast.expr) -> set[str]:

@@ -61,7 +61,7 @@ def test_a_node_ends_within_5_s_after_thousands_of_jumps(graph, tmp_path, name, 
         if feeder is not None and k % 4 == 0:  # the data's stamps are those of either clock
             feeder.feed(1, START_NS + k // 4 % 2 * YEARS_NS)
         graph.executor.spin_once(timeout_sec=0.0)
-        time.sleep(0.002)
+        time.sleep(0.001)
     assert name != "twin" or predictions
     begin = time.monotonic()
     for publisher in clocks:  # it goes on while the node ends

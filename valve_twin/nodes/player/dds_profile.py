@@ -111,7 +111,7 @@ def use_fast_heartbeat(*, over_udp: bool = False) -> None:
 
 
 def _is_fast_dds() -> bool:
-    """Return whether nobody asks for another middleware, which would read nothing but the range."""
+    """Return whether nobody asks for another middleware, which would read the range alone."""
     wanted = os.environ.get("RMW_IMPLEMENTATION", "")
     return not wanted or wanted.startswith("rmw_fastrtps")
 
