@@ -5,7 +5,7 @@
 
 PYTHON ?= python3
 RUN := tools/run
-ROS :=
+ROS := $(VALVE_TWIN_ROS)
 export VALVE_TWIN_ROS = $(ROS)
 
 .PHONY: help setup demo test test-long lock clean
@@ -14,8 +14,8 @@ help:
 	@echo "make demo       run a simulated aging press valve with its twin, aging monitor and recorder; ends with a report"
 	@echo "                another valve: make demo VALVE=NAME; tools/run python -m valve_twin.demo --help lists the names"
 	@echo "make test       lint, types, tests, short benchmark"
-	@echo "make test-long  the statistical campaigns that make test leaves out"
 	@echo "                with the wheels of ROS 2 Kilted, in an environment beside the other: make test ROS=kilted"
+	@echo "make test-long  the statistical campaigns that make test leaves out"
 	@echo "make setup      environment, messages, package, all compiled kernels; make test calls it, make demo does what it needs of it"
 	@echo "make lock       resolve the dependencies anew into requirements*.lock"
 	@echo "make clean      remove everything that was built, the environment included"

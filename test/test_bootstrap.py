@@ -330,3 +330,35 @@ def test_the_environment_holds_what_the_lock_pins() -> None:
     active = [p for p in pins("requirements.lock") if p.marker is None or p.marker.evaluate()]
     found = {pin.name: metadata.version(pin.name) for pin in active}
     assert found == {pin.name: str(pin.specifier).removeprefix("==") for pin in active}
+
+
+@pytest.mark.parametrize(
+    ("given", "asked", "taken"),
+    [
+        ("", "", ""),
+        ("kilted", "", "kilted"),
+        ("", "kilted", "kilted"),
+        ("kilted", "jazzy", "jazzy"),
+    ],
+)
+def test_make_takes_whose_wheels_from_its_call_or_the_environment(
+    given: str, asked: str, taken: str
+) -> None:
+    if shutil.which("make") is None:
+        pytest.skip("make is not installed")
+    command = ["make", "-pn", "help"] + ([f"ROS={asked}"] if asked else [])
+    environment = {**os.environ, "VALVE_TWIN_ROS": given}
+    for name in ("MAKEFLAGS", "MAKEOVERRIDES"):  # of the make that runs the tests
+        environment.pop(name, None)
+    done = subprocess.run(
+        command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False
+    )
+    assert re.search(r"^ROS :?= ?(.*)$", done.stdout, re.MULTILINE)[1] == taken  # type: ignore[index]
+
+
+def test_a_container_is_built_from_no_built_environment() -> None:
+    ignored = (ROOT / ".gitignore").read_text(encoding="utf-8").splitlines()
+    kept_out = (ROOT / ".containerignore").read_text(encoding="utf-8").split()
+    built = [name.strip("/") for name in ignored if re.match(r"/(\.venv|build|install)", name)]
+    assert len(built) >= 3
+    assert set(built) <= set(kept_out)
