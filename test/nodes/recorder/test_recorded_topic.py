@@ -4,6 +4,7 @@
 
 import time
 from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 from rclpy.qos import QoSProfile
@@ -80,15 +81,18 @@ class Desk(SimpleNamespace):
     """A node whose subscriptions the test calls back, on a clock of its own."""
 
     def __init__(self, monkeypatch):
-        self.now_s, self.made, self.waiting = 0.0, [], []
+        self.now_s = 0.0
+        self.made: list[Any] = []
+        self.waiting: list[tuple[bytes, dict[str, int]]] = []
         self.kept: list[int] = []
-        self.handle = SimpleNamespace(take_message=lambda *_: (self.waiting or [None]).pop(0))
+        self.handle = SimpleNamespace(
+            take_message=lambda *_: self.waiting.pop(0) if self.waiting else None
+        )
         self.get_logger = lambda: SimpleNamespace(warning=lambda *_, **__: None)
         clock = SimpleNamespace(monotonic=lambda: self.now_s)
         monkeypatch.setattr(recorded_topic, "time", clock)
-        self.topic = RecordedTopic(
-            self, "/valve/x", "valve_twin_msgs/msg/Float64Stamped", self.keep
-        )
+        node, kind = cast("Any", self), "valve_twin_msgs/msg/Float64Stamped"
+        self.topic = RecordedTopic(node, "/valve/x", kind, self.keep)
 
     def get_parameter(self, name):
         return SimpleNamespace(value=False)
