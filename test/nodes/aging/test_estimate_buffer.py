@@ -21,6 +21,7 @@ from valve_twin.core.types import Maintenance as MaintenanceValue
 from valve_twin.core.valves.registry import get_model
 from valve_twin.nodes.aging.node import AgingMonitorNode
 from valve_twin.nodes.runtime.messages import estimate_message, to_message
+from valve_twin.nodes.runtime.worker import Outcome
 
 STORED, CYCLES = 12, 30
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -180,3 +181,38 @@ def test_a_cycle_that_is_stored_late_is_noticed(graph, twin):
     twin.estimates.publish(message)  # which is known by now
     graph.spin(0.5)
     assert twin.calls == calls
+
+
+def publish_late(twin, number):
+    """Publish as stored an estimate of a cycle that the monitor did not read."""
+    late = replace(VALVE[number - 1], estimator="output_error")
+    twin.estimates.publish(estimate_message(NS, late, {}, stored=True))
+
+
+def test_a_late_cycle_that_the_history_lacks_is_sought_once(graph, twin):
+    twin.history.pop(4)
+    node = graph.host(AgingMonitorNode, retry_s=0.2)
+    (monitor,) = node._valves
+    graph.spin_until(lambda: monitor.assessment and monitor.cycles == STORED - 1, what="the rest")
+    graph.spin_until(twin.estimates.get_subscription_count, what="a reader")
+    publish_late(twin, 5)
+    graph.spin_until(lambda: twin.calls == 2 and monitor.cycles == STORED - 1, what="all anew")
+    publish_late(twin, 5)  # as when it is latched and the monitor activated again
+    graph.spin(0.5)
+    assert twin.calls == 2
+
+
+def test_a_history_that_is_read_anew_is_not_assessed_before_its_end(twin, monitor):
+    known, monitor._buffer.late, monitor._busy = monitor.assessment, True, True
+    monitor._on_estimate(estimate_message(NS, VALVE[0], {}, stored=True))
+    monitor._changed = True  # the first page came
+    monitor._on_assessed(Outcome(known, "", 0.0))  # of what was known before
+    assert not monitor._busy
+
+
+def test_an_answer_to_a_question_of_before_is_not_taken(monitor):
+    known = monitor._buffer
+    monitor._begin()
+    monitor._on_answer(known, None)
+    assert monitor.cycles == 0
+    assert not monitor.failure

@@ -41,6 +41,8 @@ class EstimateBuffer:
         Another estimator whose estimates of the same cycles are needed; empty = none.
     again : int
         Estimates of what was stored that are asked for again, at most one page [1].
+    sought : set of int, optional
+        Late cycles for which all was read anew before: once is enough, stored or not.
 
     Attributes
     ----------
@@ -52,8 +54,11 @@ class EstimateBuffer:
         Whether a cycle before the last one known was stored afterwards: all is to be read anew.
     """
 
-    def __init__(self, trend: str, beside: str = "", again: int = AGAIN) -> None:
+    def __init__(
+        self, trend: str, beside: str = "", again: int = AGAIN, sought: set[int] | None = None
+    ) -> None:
         self._again, self.late = again, False
+        self._sought = set() if sought is None else sought
         self._added: deque[int] = deque(maxlen=MOST_WAITING)
         self._trend, self._beside = trend, beside
         names = (trend, beside) if beside else (trend,)
@@ -170,7 +175,9 @@ class EstimateBuffer:
             number = int(message.cycle)
             if message.estimator == self._trend and number <= self.last():
                 known = number in self._added or bool(np.any(self.past.trend.cycle == number))
-                self.late = self.late or not known
+                if not known and number not in self._sought:
+                    self._sought.add(number)
+                    self.late = True
             _keep(self._received[message.estimator], message)
 
     def receive_cycle(self, summary: Any) -> None:

@@ -68,6 +68,7 @@ class MonitoredValve:
         model = get_model(config.model)
         self._parameters, self._trend_estimator = model.parameters, model.trend_estimator
         self._features = ESTIMATOR in getattr(config.options, "estimators", ())
+        self._sought: set[int] = set()
         self._begin()
         self._asked_s: float | None = None
         self._again = True
@@ -104,7 +105,8 @@ class MonitoredValve:
     def _begin(self) -> None:
         """Begin with nothing known."""
         beside = ESTIMATOR if self._features else ""
-        self._buffer = EstimateBuffer(self._trend_estimator, beside, min(AGAIN, self._page))
+        again = min(AGAIN, self._page)
+        self._buffer = EstimateBuffer(self._trend_estimator, beside, again, self._sought)
         self._asking = list(self._buffer.counts)
         self._memory = Memory()
 
@@ -161,8 +163,11 @@ class MonitoredValve:
             self._take()
 
     def _reads_anew(self) -> bool:
-        """Return whether all is read anew, since a cycle before the last one came late."""
-        if not self._buffer.late or self._asked_s is not None:
+        """Return whether all is read anew, since a cycle before the last one came late.
+
+        What is being read is read to its end first, so that many late cycles delay no verdict.
+        """
+        if not self._buffer.late or not self._caught_up or self._asked_s is not None:
             return False
         self._node.get_logger().info(f"{self.name}: a cycle was stored late: all are read anew")
         self._keeper.outdated()
@@ -199,9 +204,12 @@ class MonitoredValve:
             first_cycle=self._buffer.first_wanted[self._asking[0]],
             limit=self._page,
         )
-        self._client.call_async(request).add_done_callback(self._on_answer)
+        answered = partial(self._on_answer, self._buffer)
+        self._client.call_async(request).add_done_callback(answered)
 
-    def _on_answer(self, future: Any) -> None:
+    def _on_answer(self, asking: EstimateBuffer, future: Any) -> None:
+        if asking is not self._buffer:
+            return  # asked long ago: what is known now began anew since
         self._asked_s = None
         answer = future.result()
         if answer is None or not answer.success:
@@ -209,8 +217,6 @@ class MonitoredValve:
             self._again = True
             return
         self.failure = ""
-        if self._reads_anew():
-            return
         pairs = zip(answer.estimates, answer.missed_cycles, strict=True)
         fresh = [convert.estimate_value(m, int(missed)) for m, missed in pairs]
         events = [convert.to_value(Maintenance, m) for m in answer.maintenance]
@@ -230,12 +236,16 @@ class MonitoredValve:
         self._caught_up = True
         self._changed = self._buffer.take() or self._changed
         self._assess()
+        self._reads_anew()
 
     # -- assessing
 
     def _assess(self) -> None:
-        """Assess the newest state off the loop; what changes meanwhile is assessed next."""
-        if self._busy or not self._changed:
+        """Assess the newest state off the loop; what changes meanwhile is assessed next.
+
+        A history that is half read is not assessed.
+        """
+        if self._busy or not self._changed or not self._caught_up:
             return
         self._busy, self._changed = True, False
         known = (
