@@ -442,6 +442,16 @@ def test_hours_come_from_the_stamps(history, scatter):
     assert hours.service_date_ns == pytest.approx(cycles.service_date_ns, abs=1e6)
 
 
+@pytest.mark.parametrize("alike", [6, 1000])
+def test_hours_where_cycles_end_at_the_same_time(alike, history, scatter):
+    estimates = history(K_in=0.02 * (1.0 + 0.01 * scatter(22, 120)))
+    ends = [e.end_ns // (alike * 30 * 10**9) * 10**9 for e in estimates]
+    estimates = [replace(e, end_ns=end) for e, end in zip(estimates, ends, strict=True)]
+    trend = trend_of(estimates, config=replace(CONFIG, axis=Axis.HOURS))
+    assert trend.samples == 120
+    assert trend.status is TrendStatus.STEADY
+
+
 def test_service_date_from_the_recent_rate(history, scatter):
     estimates = history(K_in=aging(scatter))
     t = trend_of(estimates)

@@ -35,6 +35,7 @@ _UNKNOWN = -1
 _NAN = float("nan")
 _FEWEST_OF_PRODUCT = 2
 _FEWEST_IN_LINE = 4
+_APART_NS = 1000  # of cycles that end at the same time: no two places are the same
 _LARGEST = 1e50  # fourth powers of what is used must not overflow; no parameter is as large
 
 
@@ -184,7 +185,9 @@ def order_history(history: Iterable[Estimate] | Past, axis: Axis) -> History:
     if len(unknown):
         unknown[0] = False
     if axis is Axis.HOURS:
-        place = (rows.end_ns - rows.end_ns[:1]) / 3.6e12
+        apart_ns = _APART_NS * np.arange(len(rows))
+        end_ns = np.maximum.accumulate(rows.end_ns - apart_ns) + apart_ns
+        place = (end_ns - end_ns[:1]) / 3.6e12
     else:
         place = (number[:1] - 1 + np.cumsum(np.maximum(step, 1 + np.maximum(missed, 0)))).astype(
             np.float64
