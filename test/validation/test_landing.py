@@ -41,3 +41,10 @@ def test_a_stroke_that_never_lands_fails_the_goal(monkeypatch):
     _, checks = landing._scored("none", lambda: [(landing.VALVE, rng), (valve, rng)], lambda: None)
     assert checks[0].verdict is Verdict.FAIL
     assert checks[0].obtained == pytest.approx(np.inf)
+
+
+def test_a_row_of_strokes_that_never_land_is_told():
+    strokes = [landing.open_stroke(replace(landing.VALVE, gas_force=500.0), True)[0]]
+    row = landing.row_of("opening", "open sequence", strokes)
+    assert row["landed"] == pytest.approx(0.0)
+    assert np.isnan(row["largest speed, m/s"])

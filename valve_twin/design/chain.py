@@ -189,7 +189,8 @@ def evaluate(
     advance : callable
         Called once a field of the map.
     form : str
-        Dynamics of the simulated valve and its controller, one of `FORMS`.
+        Dynamics of the simulated valve and its controller, one of `FORMS`; those of `computed`
+        where it is given.
 
     Raises
     ------

@@ -218,9 +218,10 @@ def study(
     Raises
     ------
     ValueError
-        If there is no such number.
+        If there is no such number; the gap is none, forces are told at `NEAR`.
     """
-    known = [item.name for item in describe(pole) if isinstance(item.default, float)]
+    known = [item.name for item in describe(pole)
+             if isinstance(item.default, float) and item.name != "gap"]  # fmt: skip
     for name in names:
         if name not in known:
             message = f"'{name}' is no number of the pole; {suggest(name, known)}"

@@ -115,7 +115,8 @@ def row_of(stroke: str, how: str, found: Sequence[Stroke]) -> Mapping[str, float
         Strokes.
     """
     landed = [s for s in found if np.isfinite(s.rest_s)]
-    speed = np.array([s.speed for s in landed])
+    each = np.array([(s.speed, s.contact_s, s.rest_s, s.heat) for s in landed])
+    speed, contact, rest, heat = each.T if landed else np.full((4, 1), np.nan)
     return {
         "stroke": stroke,
         "under": how,
@@ -123,10 +124,10 @@ def row_of(stroke: str, how: str, found: Sequence[Stroke]) -> Mapping[str, float
         "landed": float(len(landed)),
         "largest speed, m/s": float(speed.max()),
         "mean, m/s": float(speed.mean()),
-        "to contact, ms": 1e3 * float(np.mean([s.contact_s for s in landed])),
-        "to rest, ms": 1e3 * float(np.mean([s.rest_s for s in landed])),
-        "longest, ms": 1e3 * float(np.max([s.rest_s for s in landed])),
-        "heat, J": float(np.mean([s.heat for s in landed])),
+        "to contact, ms": 1e3 * float(contact.mean()),
+        "to rest, ms": 1e3 * float(rest.mean()),
+        "longest, ms": 1e3 * float(rest.max()),
+        "heat, J": float(heat.mean()),
     }
 
 

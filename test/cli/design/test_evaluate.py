@@ -36,6 +36,7 @@ def test_it_prints_the_steps_and_draws_them(tmp_path, capsys, monkeypatch):
         (["--fidelity", "fine"], "fidelity 'fine': must be one of search, usual, twice"),
         (["--dynamics", "third"], "dynamics 'third': must be one of second_order, eddies"),
         (["--shares", "0.3"], "--shares 0.3: must be one of 0.1, 0.25, 0.5, 1"),
+        (["--shares", "0.1"], "--shares: says which steps --replay follows"),
         (["--set", "valve.change=2"], "valve.change: value 2.0 is outside its limits"),
     ],
 )

@@ -40,7 +40,10 @@ def test_the_tables_stand_beside_the_paper(capsys):
     ("words", "said"),
     [
         (["--of", "gap_5"], "'gap_5' is no number of the pole"),
+        (["--of", "gap"], "'gap' is no number of the pole"),
+        (["--set", "gap=0.001"], "--set gap: this step takes gaps from 0.5 to 4 mm"),
         (["--set", "shoe=-1"], "shoe"),
+        (["--set", "base_width=0.0065", "--set", "cover_width=0.0006"], "base_width = 0.0065"),
         (["--set", "cover_width=0.03"], "cover_width = 0.03: must be from 0 to 0.0212 [m]"),
     ],
 )

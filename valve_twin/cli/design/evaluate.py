@@ -77,6 +77,9 @@ def _evaluate(arguments: argparse.Namespace) -> int:
         known = ", ".join(f"{share:g}" for share in STEPS)
         msg = f"--shares {missing[0]:g}: must be one of {known}"
         raise ConfigError(msg)
+    if arguments.shares and not arguments.replay:
+        msg = "--shares: says which steps --replay follows; add --replay"
+        raise ConfigError(msg)
     with refusals():
         valve = find_designable(arguments.valve)
         of = find_fidelity(arguments.fidelity)

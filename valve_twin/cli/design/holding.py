@@ -81,8 +81,11 @@ def _pole(arguments: argparse.Namespace) -> HybridPole:
     Raises
     ------
     ConfigError
-        If it is another solenoid.
+        If it is another solenoid, or the gap is set.
     """
+    if any(pair.partition("=")[0].strip() == "gap" for pair in arguments.set):
+        msg = "--set gap: this step takes gaps from 0.5 to 4 mm; design field takes a gap"
+        raise ConfigError(msg)
     design = read_given(arguments, "hybrid_pole")
     from valve_twin.design.geometry import HybridPole
 

@@ -88,6 +88,8 @@ class HybridPole:
         foot = self.yoke_height + self.gap_4 - self.gap_3
         _check("core", self.core, self.hole + 5e-4, 1.0)
         _check("magnet_height", self.magnet_height, 0.0, foot - self.shoe - 1e-4)
+        more = outer + 2.0 * _INSULATION + 1e-4 - cover[1]  # for a coil of 0.1 mm
+        _check("base_width", self.base_width, self.base_width + more, 1.0)
         _check("cover_width", self.cover_width, 0.0, cover[1] - outer - 1e-4)
         _check("armature_width", self.armature_width, outer - self.hole, 1.0)
         _check("cover_thickness", self.cover_thickness, 0.0, self.yoke_height - 5e-3)

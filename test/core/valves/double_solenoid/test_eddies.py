@@ -16,6 +16,7 @@ from valve_twin.core.valves.double_solenoid import plant_kernel as at
 from valve_twin.core.valves.double_solenoid.control.kernel import drive_open_loop
 from valve_twin.core.valves.double_solenoid.designed import plant_of
 from valve_twin.core.valves.double_solenoid.eddies import EddyConfig, step_branches
+from valve_twin.core.valves.double_solenoid.plant import DoubleSolenoidPlant
 
 BRANCHES = (0.012, 4e-4, 0.035, 8e-3)
 PLANT = plant_of(MODEL.of_design(replace(FOUND, eddies=BRANCHES)))
@@ -62,3 +63,26 @@ def test_the_loop_reaches_its_place_with_them():
 def test_a_time_that_the_step_cannot_follow_is_refused():
     with pytest.raises(ValueError, match="time_1"):
         EddyConfig(time_1=1e-6)
+
+
+def test_branches_that_the_step_cannot_follow_in_the_coil_are_refused():
+    with pytest.raises(ValueError, match=r"gain_1 = 10.0.*fastest time at 2\.6 ohm is 3\.7e-06 s"):
+        DoubleSolenoidPlant(eddies=EddyConfig(gain_1=10.0, time_1=1e-4))
+
+
+def test_a_slower_branch_alone_is_refused():
+    with pytest.raises(ValueError, match=r"gain_2 = 0\.5: needs gain_1 above 0"):
+        EddyConfig(gain_2=0.5)
+
+
+def test_coils_of_a_table_that_drive_each_other_up_are_refused_with_them_too():
+    currents, places = (0.0, 0.5, 1.0, 2.0, 4.0, 6.0), np.linspace(-9.6e-4, 9.6e-4, 5)
+    flux = np.outer(0.1 * np.tanh(np.array(currents) / 3.0), 1.0 + 200.0 * places)
+    with pytest.raises(ValueError, match=r"map_mutual = 0\.3: must be within"):
+        DoubleSolenoidPlant(
+            map_current=currents,
+            map_position=tuple(places.tolist()),
+            map_flux=tuple(flux.ravel().tolist()),
+            map_mutual=0.3,
+            eddies=EddyConfig(*BRANCHES),
+        )

@@ -11,12 +11,14 @@ the voltage that drives an eddy current is that of the coil, whatever iron and g
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
 from numba import njit
 
-from valve_twin.core.quantity import assumed, check_quantities
+from valve_twin.core.control.current_loop import SAMPLE_S
+from valve_twin.core.quantity import QuantityError, assumed, check_quantities
 
 
 class Eddies(NamedTuple):
@@ -36,12 +38,38 @@ class EddyConfig:
         0.0, "A/V", "Eddy currents, faster branch; 0 = G_A and G_F apply", 0.0, 10.0, ages=False
     )
     time_1: float = assumed(4e-4, "s", "Time of the faster branch", 1e-4, 1.0, ages=False)
-    gain_2: float = assumed(0.0, "A/V", "Slower branch", 0.0, 10.0, ages=False)
+    gain_2: float = assumed(0.0, "A/V", "Slower branch; needs gain_1", 0.0, 10.0, ages=False)
     time_2: float = assumed(8e-3, "s", "Time of the slower branch", 1e-4, 1.0, ages=False)
 
     def __post_init__(self) -> None:
-        """Refuse values outside their range."""
+        """Refuse values outside their range, and a slower branch alone."""
         check_quantities(self)
+        if self.gain_2 and not self.gain_1:
+            refusal = f"gain_2 = {self.gain_2!r}: needs gain_1 above 0 [A/V]"
+            raise QuantityError(type(self).__name__, refusal)
+
+    def check_resistance(self, resistance: float) -> None:
+        """Refuse branches that Euler at 80 kHz cannot follow in a coil.
+
+        Parameters
+        ----------
+        resistance : float
+            Of the coil: its drop at an eddy current brakes the flux that drives it [ohm].
+        """
+        one, two = (
+            (1.0 + gain * resistance) / time
+            for gain, time in ((self.gain_1, self.time_1), (self.gain_2, self.time_2))
+        )
+        both = (1.0 + (self.gain_1 + self.gain_2) * resistance) / (self.time_1 * self.time_2)
+        half = 0.5 * (one + two)
+        fastest = 1.0 / (half + math.sqrt(max(half * half - both, 0.0)))
+        if fastest < SAMPLE_S / 4.0:
+            refusal = (
+                f"gain_1 = {self.gain_1!r}, gain_2 = {self.gain_2!r}: the fastest time at "
+                f"{resistance:g} ohm is {fastest:.3g} s; must be {SAMPLE_S / 4.0:g} s or longer "
+                "for steps of 12.5 us: lower gains or longer times"
+            )
+            raise QuantityError(type(self).__name__, refusal)
 
     def numbers(self) -> Eddies:
         """Return the numbers for the compiled functions."""

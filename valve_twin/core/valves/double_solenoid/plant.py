@@ -235,11 +235,12 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
                     "12.5 us"
                 )
                 raise QuantityError(type(self).__name__, refusal)
-        if self.eddies.gain_1:
-            return  # currents that magnetise drive each other less than by one
         direct, curves = self.current_b2 / self.current_a2, self.tables()
-        if isinstance(curves, CoenergyTables):
-            share = coupling_of(curves)
+        if self.eddies.gain_1:
+            self.eddies.check_resistance(max(self.resistance_a, self.resistance_b))
+            direct = 1.0
+        if isinstance(curves, CoenergyTables):  # currents that magnetise have a common energy
+            share = 0.0 if self.eddies.gain_1 else coupling_of(curves)
             if direct * share >= 1.0:
                 refusal = (
                     f"current_b2 = {self.current_b2!r}: must be below current_a2/{share:.3g} = "

@@ -12,6 +12,7 @@ import pytest
 from valve_twin.core.simulation.plant import Drive
 from valve_twin.core.valves.hybrid_actuator.landing.strokes import (
     LandingNumbers,
+    _told,
     open_stroke,
     samples_of,
     soft_stroke,
@@ -70,3 +71,18 @@ def test_what_is_varied():
 def test_a_sampling_time_between_the_plants_steps_is_refused():
     with pytest.raises(ValueError, match=r"period = 5\.5e-05: must be a multiple of step = 1e-05"):
         soft_stroke(VALVE, DATA_SHEET, True, noise(), LandingNumbers(period=5.5e-5))
+
+
+@pytest.mark.parametrize(
+    ("contact", "end"), [((np.nan, np.nan), -1e-6), ((0.1, 2e-3), np.nan), ((0.1, 2e-3), -1e-3)]
+)
+def test_one_that_hovers_fails_or_leaves_its_seat_is_not_at_rest(contact, end):
+    place = np.array([-1.0, 0.0, 1.0, 1.0]) * VALVE.half_travel
+    place[2:] += end
+    assert np.isnan(_told(VALVE, contact, place, 1e-3, VALVE.initial_state()).rest_s)
+
+
+def test_it_rests_where_it_stays():
+    place = np.array([-1.0, 1.0, 0.9, 1.0]) * VALVE.half_travel
+    found = _told(VALVE, (0.1, 5e-4), place, 1e-3, VALVE.initial_state())
+    assert found.rest_s == pytest.approx(3e-3)

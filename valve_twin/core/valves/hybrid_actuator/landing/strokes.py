@@ -211,7 +211,10 @@ def _told(
     period: float,
     state: FloatArray,
 ) -> Stroke:
-    """Return what a stroke did; one that ends away from its seat never rests."""
-    away = int(np.flatnonzero(place < plant.half_travel - _AT_REST)[-1])
-    rest = float("nan") if away == len(place) - 1 else max(period * (away + 1), contact[1])
+    """Return what a stroke did; one that ends away from its seat, or failed, never rests."""
+    seated = place >= plant.half_travel - _AT_REST  # a place that is not finite is none
+    away = int(np.flatnonzero(~seated)[-1])
+    rest = max(period * (away + 1), contact[1]) if seated[-1] else float("nan")
+    if not np.isfinite(contact[1]):  # it hovers before the seat
+        rest = float("nan")
     return Stroke(*contact, rest, float(state[at.JOULE]))
