@@ -7,8 +7,12 @@ import subprocess
 import sys
 from dataclasses import replace
 
-from valve_twin.core.valves.registry import get_simulation
-from valve_twin.warmup import simulate_once
+import pytest
+
+from valve_twin import warmup
+from valve_twin.core.types import CycleRule
+from valve_twin.core.valves.registry import get_simulation, model_names
+from valve_twin.warmup import predict_once, simulate_once
 
 SCRIPT = """
 from valve_twin.core.simulation import SimulatedValve
@@ -37,3 +41,23 @@ def test_two_samples_compile_all_that_a_cycle_of_the_simulation_needs(tmp_path):
 
 def test_a_simulation_with_an_external_controller_is_run_as_well():
     simulate_once(replace(get_simulation("first_order"), controller="external"))
+
+
+@pytest.mark.parametrize(
+    ("words", "valves"), [([], set(model_names())), (["--demo", "double_solenoid"], None)]
+)
+def test_predictions_are_compiled_ahead_for_valves_that_can_be_simulated(
+    words, valves, monkeypatch
+):
+    predicted = set()
+    for name in ("run_once", "_estimate_wave", "_warm_up_design"):
+        monkeypatch.setattr(warmup, name, lambda *_: None)
+    monkeypatch.setattr(warmup, "predict_once", lambda name, _: predicted.add(name))
+    monkeypatch.setattr("valve_twin.core.aging.warm_up", lambda: None)
+    warmup.main(words)
+    assert predicted == (valves or {"double_solenoid"})
+
+
+@pytest.mark.parametrize("name", model_names())
+def test_every_model_predicts_two_samples_of_rest(name):
+    predict_once(name, CycleRule.WINDOW)

@@ -98,14 +98,16 @@ def _warm_up_demo(valve: str) -> None:
         case = find_case(valve or DEFAULT_MODEL)
         for rule in CycleRule:
             run_once(case.model, rule)
+        predict_once(case.model, CycleRule.WINDOW)  # the short records end before a prediction
 
 
 def _warm_up_all() -> None:
     rules = list(CycleRule)
     for name in model_names():
         model = get_model(name)
+        with suppress(ValueError):  # a user's model may want other parameters
+            predict_once(name, CycleRule.WINDOW)  # the short records end before a prediction
         if model.simulation() is None:
-            predict_once(name, CycleRule.WINDOW)
             _estimate_wave(model, {})
         else:
             for rule in rules:

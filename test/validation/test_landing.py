@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from valve_twin.core.valves.hybrid_actuator.landing.strokes import open_stroke
 from valve_twin.validation import Verdict, landing
 from valve_twin.validation.registry import get_benchmark
 
@@ -44,7 +45,7 @@ def test_a_stroke_that_never_lands_fails_the_goal(monkeypatch):
 
 
 def test_a_row_of_strokes_that_never_land_is_told():
-    strokes = [landing.open_stroke(replace(landing.VALVE, gas_force=500.0), True)[0]]
+    strokes = [open_stroke(replace(landing.VALVE, gas_force=500.0), True)[0]]
     row = landing.row_of("opening", "open sequence", strokes)
     assert row["landed"] == pytest.approx(0.0)
     assert np.isnan(row["largest speed, m/s"])
