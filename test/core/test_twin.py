@@ -122,6 +122,7 @@ def test_an_estimate_takes_effect_two_cycles_later(record):
     assert np.nanstd(np.concatenate(residuals)) < 5e-3
 
 
+@pytest.mark.no_cover
 @given(
     st.lists(st.integers(1, CYCLES * SAMPLES), max_size=25),
     st.integers(0, 12),

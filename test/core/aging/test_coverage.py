@@ -9,6 +9,7 @@ from valve_twin.core.aging.coverage import LIMIT_PERCENT, SLOPE, ar1_scatter, co
 from valve_twin.core.aging.coverage import true_remaining as remaining
 
 
+@pytest.mark.no_cover
 @pytest.mark.parametrize("samples", [60, 105])
 def test_limits_of_white_histories_hold_the_truth_as_often_as_they_claim(samples):
     found = coverage_of_life(samples, 0.0)
@@ -18,6 +19,7 @@ def test_limits_of_white_histories_hold_the_truth_as_often_as_they_claim(samples
     assert found.silent <= 0.01
 
 
+@pytest.mark.no_cover
 @pytest.mark.parametrize("samples", [60, 105])
 def test_limits_of_autocorrelated_histories_hold_the_truth(samples):
     found = coverage_of_life(samples, 0.5)

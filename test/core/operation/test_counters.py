@@ -37,6 +37,7 @@ def counted(cycles, *, normalised=True, begin=None):
     return reduce(Counters.after, [d for d in duties if d is not None], begin or Counters())
 
 
+@pytest.mark.no_cover
 @pytest.mark.parametrize("noise", [0.0, 1e-4, 1e-3])
 def test_a_million_reversals_count_to_one_and_travel_to_a_thousandth_however_cut(noise):
     """Ten parts of 100 001 movements, each cut at random: 200 cycles, most of them in motion."""

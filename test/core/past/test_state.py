@@ -241,6 +241,7 @@ SHOWN = {
 """By fault that shows without a signature: features, sound and with it."""
 
 
+@pytest.mark.no_cover
 @pytest.mark.parametrize("fault", SHOWN)
 def test_what_shows_without_a_signature_is_over_when_it_is_seen_no_more(fault):
     random = np.random.default_rng(9)
@@ -262,6 +263,7 @@ def test_what_shows_without_a_signature_is_over_when_it_is_seen_no_more(fault):
     assert len(state.past().features) < 400
 
 
+@pytest.mark.no_cover
 def test_faults_that_come_and_go_for_ever_hold_no_more_features():
     history = []
     for e in features(2500, 3):

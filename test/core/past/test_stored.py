@@ -38,6 +38,7 @@ def life():
     return found
 
 
+@pytest.mark.no_cover
 @pytest.mark.parametrize("at", [3, 300, 900, 1399])
 def test_it_goes_on_as_if_nothing_had_been(at):
     history = life()

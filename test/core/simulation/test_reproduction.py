@@ -34,6 +34,7 @@ def least_squares_poles(delay, noise, refresh):
     return np.mean(poles, axis=0)
 
 
+@pytest.mark.no_cover
 @pytest.mark.parametrize(
     ("layer", "ls3", "ls5"),
     [

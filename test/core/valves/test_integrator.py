@@ -34,6 +34,7 @@ def test_it_rests_at_its_stops():
     assert moved(0.0, 0.001, 1.0) == 0.0
 
 
+@pytest.mark.no_cover
 def test_its_aging_is_found_and_reported_from_a_simulated_bag(root, tmp_path, capsys):
     bag, page = tmp_path / "bag", tmp_path / "page.html"
     config = ["--config", str(root / "config" / "integrator.yaml")]

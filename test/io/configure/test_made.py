@@ -30,6 +30,7 @@ def test_a_bipolar_command_is_split_into_two_that_drive_the_ram(tmp_path):
     assert choice.plan.rule is CycleRule.COMMANDS
 
 
+@pytest.mark.no_cover
 def test_a_bipolar_command_that_a_spool_follows_is_not_split(tmp_path):
     command = steps(low=-90.0, high=90.0)
     command = np.where(np.arange(N) % 300 < 60, 0.0, command)
@@ -38,6 +39,7 @@ def test_a_bipolar_command_that_a_spool_follows_is_not_split(tmp_path):
     assert choice.driven is None
 
 
+@pytest.mark.no_cover
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_the_difference_of_two_pressures_answers_where_neither_does(tmp_path, way):
     rng = np.random.default_rng(3)
@@ -58,6 +60,7 @@ def test_the_difference_of_two_pressures_answers_where_neither_does(tmp_path, wa
     assert (made.name, made.unit) == (name, timed.recordings[0].columns[1].unit)
 
 
+@pytest.mark.no_cover
 def test_two_pressures_of_which_one_answers_alone_are_left_apart(tmp_path):
     command = steps()
     columns = {

@@ -62,6 +62,7 @@ def test_command_and_position_are_found_by_names_among_others(tmp_path):
     assert timed.period_s == pytest.approx(STEP_S)
 
 
+@pytest.mark.no_cover
 def test_the_same_is_found_under_names_that_say_nothing(tmp_path):
     command = steps()
     found = survey(tmp_path / "a.csv", {
@@ -74,6 +75,7 @@ def test_the_same_is_found_under_names_that_say_nothing(tmp_path):
     assert not choice.pair.named
 
 
+@pytest.mark.no_cover
 def test_an_answer_that_falls_is_mapped_upside_down(tmp_path):
     command = steps()
     found = survey(tmp_path / "a.csv", {"cmd": command, "pos": 50.0 - slew_valve(command)})
@@ -85,6 +87,7 @@ def test_an_answer_that_falls_is_mapped_upside_down(tmp_path):
     assert (mapped.min(), mapped.max()) == pytest.approx((0.0, 1.0), abs=1e-3)
 
 
+@pytest.mark.no_cover
 def test_a_copy_of_the_command_is_no_position(tmp_path):
     command = steps()
     columns = {"command": command, "position": 0.98 * command + 0.3}
@@ -102,6 +105,7 @@ def test_strokes_without_a_command_are_followed_by_their_timing(tmp_path):
     assert choice.repeat.cycle_s == pytest.approx(5.0, abs=0.005)  # a quarter of a sample
 
 
+@pytest.mark.no_cover
 @pytest.mark.parametrize("way", [1.0, -1.0])
 def test_a_motion_that_integrates_its_command_is_followed(tmp_path, way):
     opening = steps(low=-100.0, high=100.0)
@@ -123,6 +127,7 @@ def test_a_motion_that_integrates_its_command_is_followed(tmp_path, way):
     assert best.fit > max(98.0, choice.pair.arx + 5.0)
 
 
+@pytest.mark.no_cover
 def test_the_longest_lag_of_a_long_record_is_told_in_its_own_samples(tmp_path):
     """The trial is made on each fifth sample, the twin takes all."""
     lag, n = 60, 10 * N
@@ -162,6 +167,7 @@ def test_a_bad_file_among_several_is_named_and_left_out(tmp_path):
         look([tmp_path / "b.csv"], ClockChoice())
 
 
+@pytest.mark.no_cover
 def test_the_boiler_valve_is_found_among_ten_channels(shared):
     path = shared / "damadics_boiler_valve" / "boiler_valve_first_half.csv"
     _, choice = chosen(look([path], ClockChoice()))
@@ -169,6 +175,7 @@ def test_the_boiler_valve_is_found_among_ten_channels(shared):
     assert choice.trials[0].fit > choice.pair.arx + 10.0
 
 
+@pytest.mark.no_cover
 def test_the_cylinder_is_found_among_sixteen_nameless_channels(shared):
     paths = [shared / "eha_cylinder" / "exp_data_2_2.csv.gz"]
     _, choice = chosen(look(paths, ClockChoice()))

@@ -65,6 +65,7 @@ def searches(monkeypatch):
     return made
 
 
+@pytest.mark.no_cover
 @pytest.mark.parametrize(
     ("history", "config"),
     [

@@ -65,6 +65,7 @@ def lives(history, scatter):
     return found
 
 
+@pytest.mark.no_cover
 def test_the_state_never_says_other_than_verdict_and_outlook(lives):
     seen = set()
     for config, result in (told for life in lives for told in life):

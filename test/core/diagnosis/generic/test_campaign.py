@@ -42,6 +42,7 @@ def severities(committed, name):
     }
 
 
+@pytest.mark.no_cover
 @pytest.mark.parametrize("name", ["positioner", "hybrid_actuator"])
 def test_a_short_campaign_finds_and_names_medium_faults(name, committed):
     rig = model_rig(name)

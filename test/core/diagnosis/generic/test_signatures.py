@@ -32,6 +32,7 @@ def test_a_model_with_signatures_keeps_its_own():
         assert signatures_of(model) is model.signatures()
 
 
+@pytest.mark.no_cover
 @pytest.mark.parametrize("name", SHIPPED)
 def test_shipped_signatures_fit_the_features_and_hold_every_fault(name):
     table = table_of(get_model(name))

@@ -112,6 +112,7 @@ PRESS_MISTAKES = {
 }
 
 
+@pytest.mark.no_cover
 @pytest.mark.parametrize(("wrong", "says"), PRESS_MISTAKES.values(), ids=PRESS_MISTAKES)
 def test_a_wrong_mapping_of_a_press_valve_is_named(press, wrong, says):
     position, inputs = wrong(press.position, press.inputs)

@@ -22,6 +22,7 @@ def all_at_once(sign, seeds):
     return study("double_solenoid", drifts, NAMES, seeds, given=SCATTER)
 
 
+@pytest.mark.no_cover
 def test_drifts_of_all_at_once_are_told_apart():
     for of in all_at_once(1.0, range(1)).values():
         assert of.found[0] == pytest.approx(of.truth, abs=1.0)

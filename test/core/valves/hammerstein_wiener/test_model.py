@@ -64,6 +64,7 @@ def test_a_linear_valve_gets_its_order_its_lag_and_no_curve():
     assert fit.rmse == pytest.approx(0.005, rel=0.1)
 
 
+@pytest.mark.no_cover
 def test_a_dead_zone_with_saturation_gets_a_curve_of_the_command():
     u = commands(2)
     fit = chosen(u, noisy(linear(dead_zone(u)), sigma=0.002))
@@ -94,6 +95,7 @@ def test_rates_of_each_direction_are_found():
     assert found.value("response_falling") > 3.0 * found.value("response_rising")
 
 
+@pytest.mark.no_cover
 def test_the_blocks_of_the_second_cycle_are_kept_and_follow_what_is_unseen():
     memory, shown = Memory.empty(), []
     for k in range(3):
@@ -135,6 +137,7 @@ def test_a_cycle_that_shows_nothing_is_refused(u, y, told):
     assert told in estimate.reason
 
 
+@pytest.mark.no_cover
 def test_its_aging_is_found_and_reported_from_a_simulated_bag(root, tmp_path, capsys):
     bag, page = tmp_path / "bag", tmp_path / "page.html"
     config = ["--config", str(root / "config" / "hammerstein_wiener.yaml")]

@@ -37,6 +37,7 @@ def noisy_cycle(seed, hang_together, n=1600):
     return Cycle(1, PERIOD_S, frames)
 
 
+@pytest.mark.no_cover
 @pytest.mark.parametrize("hang_together", [0.0, 0.9])
 def test_the_intervals_cover_the_truth(hang_together):
     """95 % intended; of 200 intervals 0.91 leaves 2.6 binomial standard deviations."""

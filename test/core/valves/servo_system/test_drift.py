@@ -35,6 +35,7 @@ def told(changes):
     return {v.name: (v.value, v.standard_error) for v in estimate.parameters}
 
 
+@pytest.mark.no_cover
 def test_seven_drifts_at_once_are_told_by_single_cycles():
     new, old = told({}), told(DRIFTS)
     for name, drift in DRIFTS.items():

@@ -65,6 +65,7 @@ def estimate(cycle):
     return found
 
 
+@pytest.mark.no_cover
 def test_a_production_cycle_tells_every_parameter_within_its_interval(estimate):
     assert estimate.status is EstimateStatus.ACCEPTED
     truth = ServoSystemPlant()
@@ -171,6 +172,7 @@ def test_the_estimate_does_not_depend_on_what_came_before(cycle, estimate):
         assert again.value(value.name) == pytest.approx(value.value, abs=value.standard_error)
 
 
+@pytest.mark.no_cover
 def test_predicts_the_next_cycle(estimate):
     values = {v.name: v.value for v in estimate.parameters}
     coefficients = MODEL.coefficients(values, 0, 1e-3, OPTIONS)
@@ -242,6 +244,7 @@ def test_refuses_a_gap():
     assert found.reason.startswith("a gap of 100 samples")
 
 
+@pytest.mark.no_cover
 def test_refuses_a_load_that_the_options_do_not_know(cycle):
     (found,) = MODEL.estimate(cycle, replace(OPTIONS, load_inertia=0.25))
     assert found.status is EstimateStatus.REFUSED

@@ -26,6 +26,7 @@ def lost_steps(seeds):
     return replace(found["lost_steps"], truth=of_reference(100.0 * (old / new - 1.0)))
 
 
+@pytest.mark.no_cover
 @pytest.mark.parametrize("name", DRIFTS)
 def test_a_drift_is_found(name):
     of = of_one(name, DRIFTS[name], range(2))

@@ -100,6 +100,7 @@ def test_the_delay_is_that_of_average_and_sensor():
     assert found.value("flow_lag") == pytest.approx(0.05, rel=0.05)
 
 
+@pytest.mark.no_cover
 @pytest.mark.parametrize(
     ("name", "published", "change"),
     [

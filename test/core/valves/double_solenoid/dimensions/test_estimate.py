@@ -68,6 +68,7 @@ def named(estimate):
             if p.name.startswith(DRIFT) and np.isfinite(p.value)}  # fmt: skip
 
 
+@pytest.mark.no_cover
 @pytest.mark.parametrize(
     ("name", "size"),
     [("gap_b", 0.06), ("rim_a", 0.2), ("turns_a", 0.03)],
@@ -101,6 +102,7 @@ def test_more_friction_names_no_dimension(solenoid, new):
     assert found["balance"].guards[0].passed
 
 
+@pytest.mark.no_cover
 @pytest.mark.parametrize("share", [0.93, 1.05])
 def test_another_supply_names_no_dimension(solenoid, new, share):
     other = replaced(solenoid.plant, {"supply_voltage": share * solenoid.plant.supply_voltage})
@@ -141,6 +143,7 @@ def test_without_its_lists_the_estimator_says_what_to_do(solenoid):
     assert "design export --faults" in found[ESTIMATOR].reason
 
 
+@pytest.mark.no_cover
 def test_assumed_curves_of_one_coil_are_not_enough(solenoid):
     plain = {"map_current": (), "map_position": (), "map_coenergy": ()}
     options = options_for(replaced(solenoid.plant, plain), solenoid.wear)

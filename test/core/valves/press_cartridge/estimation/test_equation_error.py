@@ -138,6 +138,7 @@ def test_the_fresh_reference_plant_gives_the_reference_estimates(plant_cycles, l
     assert all(f.parameters[0].status is ParameterStatus.AT_BOUND for f in fits)
 
 
+@pytest.mark.no_cover
 def test_aging_moves_theta_2_as_in_the_reference_experiment():
     aging = AgingRule("area_in", "linear", -0.15 / 104, 429)
     layer = {"measurement": {"delay": 0, "noise": 4e-3, "refresh": 4}}

@@ -127,6 +127,7 @@ TRUE = {
 }
 
 
+@pytest.mark.no_cover
 @pytest.mark.parametrize("name", TRUE)
 def test_intervals_of_one_cycle_cover_the_truth(campaign, name):
     """At least 92 % of 300 cycles up to sigma 1e-3, 88 % at 3e-3; at most 2.5 scatters wide.

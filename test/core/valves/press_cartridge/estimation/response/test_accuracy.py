@@ -63,6 +63,7 @@ def last_estimates(request):
     return found
 
 
+@pytest.mark.no_cover
 @pytest.mark.parametrize("estimator", ["output_error", "kalman"])
 def test_limits_hold_the_truth_of_random_plants(last_estimates, estimator):
     """At least 90 % of 24 plants times three parameters, repeatability alone far fewer."""
