@@ -194,7 +194,7 @@ def check_stored(database: Path, estimates) -> None:
 
 
 def test_a_twin_killed_at_any_time_gives_the_history_of_an_undisturbed_one(graph, tmp_path):
-    kill_at_random(graph, tmp_path, kills=5, seed=11)
+    kill_at_random(graph, tmp_path, kills=3, seed=11)
 
 
 @pytest.mark.slow
