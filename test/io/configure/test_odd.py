@@ -11,7 +11,9 @@ from test.io.configure.test_survey import slew_valve, steps, survey
 from valve_twin.core.survey.choose import Pair
 from valve_twin.io.configure.channels import look
 from valve_twin.io.configure.odd import odd_files, without
+from valve_twin.io.errors import ConfigError
 from valve_twin.io.instruments.clock import ClockChoice
+from valve_twin.io.instruments.into_bag import _left_out
 
 
 def files(folder, spoil, count=4):
@@ -48,6 +50,19 @@ def test_a_file_that_follows_unlike_the_others_is_named(tmp_path, kind):
     rest = without(found, look([p for p in paths if p not in found], ClockChoice()))
     assert rest.left_out == ("run_1.csv",)
     assert str(paths[1]) in rest.refused[0]
+
+
+def test_of_two_files_of_one_name_only_the_odd_one_is_left_out(tmp_path):
+    paths = [tmp_path / f"day_{k}" / "run.csv" for k in range(4)]
+    for old, path in zip(files(tmp_path, SPOILT["upside down"]), paths, strict=True):
+        path.parent.mkdir()
+        old.rename(path)
+    found = odd(paths)
+    rest = without(found, look([p for p in paths if p not in found], ClockChoice()))
+    assert rest.left_out == ("day_1/run.csv",)
+    assert _left_out(paths, rest.left_out) == {paths[1]}
+    with pytest.raises(ConfigError, match=r"'run.csv' names .*day_0/run.csv and .*day_1/run.csv"):
+        _left_out(paths, ["run.csv"])
 
 
 def test_other_steps_and_a_slower_valve_are_not_odd(tmp_path):

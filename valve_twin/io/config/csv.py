@@ -55,7 +55,8 @@ class CsvConfig:
     )
     leave_out: tuple[str, ...] = setting(
         (),
-        "Names of files that are not imported: configure puts those unlike the others here.",
+        "Files that are not imported, by name or by the end of the path where two have one "
+        "name: configure puts those unlike the others here.",
     )
     batch: int = quantity(
         100,

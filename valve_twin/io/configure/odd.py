@@ -69,8 +69,19 @@ def without(odd: Mapping[Path, str], survey: Survey) -> Survey:
         Of the others.
     """
     told = [f"{path}: {why}" for path, why in odd.items()]
-    names = tuple(path.name for path in odd)
+    every = [*odd, *(r.path for r in survey.recordings)]
+    names = tuple(dict.fromkeys(_shortest(path, every) for path in odd))
     return replace(survey, refused=[*told, *survey.refused], left_out=names)
+
+
+def _shortest(path: Path, every: Sequence[Path]) -> str:
+    """Return the shortest end of a path, its name or more, that no other file ends with."""
+    parts = path.absolute().parts
+    others = {p.absolute().parts for p in every} - {parts}
+    for count in range(1, len(parts)):
+        if all(other[-count:] != parts[-count:] for other in others):
+            return "/".join(parts[-count:])
+    return path.absolute().as_posix()
 
 
 _Part: TypeAlias = "tuple[FloatArray, FloatArray]"

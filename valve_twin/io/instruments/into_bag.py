@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from glob import glob
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +17,7 @@ from valve_twin.io.bags.writer import BagWriter
 from valve_twin.io.cdr.codec import encode_string
 from valve_twin.io.cdr.signals import SERIES_TYPE, STAMPED_TYPE
 from valve_twin.io.config.topic_names import resolve_topic
-from valve_twin.io.errors import BagError
+from valve_twin.io.errors import BagError, ConfigError
 from valve_twin.io.instruments.clock import ClockChoice
 from valve_twin.io.instruments.derived import with_derived
 from valve_twin.io.instruments.read import SUFFIXES, kind_of, read_recording
@@ -115,11 +115,13 @@ def import_recordings(
     BagError
         If no file can be used; says why the first cannot.
     ConfigError
-        If no signal names a column, or the mapping cannot be written.
+        If no signal names a column, the mapping cannot be written, or an entry of
+        `csv.leave_out` names two files.
     """
     streams = streams_of(config)
     given = recording_files(files)
-    paths = [p for p in given if p.name not in config.csv.leave_out] or given
+    named = _left_out(given, config.csv.leave_out)
+    paths = [p for p in given if p not in named] or given
     bag: BagWriter | None = None
     done: list[ImportedFile] = []
     notices = [f"left out: {p}: csv.leave_out names it" for p in given if p not in paths]
@@ -146,6 +148,22 @@ def import_recordings(
     finally:
         if bag is not None:
             bag.close()
+
+
+def _left_out(given: Sequence[Path], names: Sequence[str]) -> set[Path]:
+    """Return the files whose paths end with one of the names; a name of two is refused."""
+    found: set[Path] = set()
+    for name in names:
+        parts = PurePath(name).parts
+        ends = [p for p in given if parts and p.absolute().parts[-len(parts) :] == parts]
+        if len({p.absolute() for p in ends}) > 1:
+            msg = (
+                f"csv.leave_out: '{name}' names {ends[0]} and {ends[1]}; "
+                "write the folder before the name"
+            )
+            raise ConfigError(msg)
+        found.update(ends)
+    return found
 
 
 def _read(path: Path, config: ValveConfig, streams: Sequence[Stream]) -> Recording:
