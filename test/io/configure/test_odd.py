@@ -63,6 +63,8 @@ def test_of_two_files_of_one_name_only_the_odd_one_is_left_out(tmp_path):
     assert _left_out(paths, rest.left_out) == {paths[1]}
     with pytest.raises(ConfigError, match=r"'run.csv' names .*day_0/run.csv and .*day_1/run.csv"):
         _left_out(paths, ["run.csv"])
+    with pytest.raises(ConfigError, match="names every file given"):
+        _left_out(paths[1:2], rest.left_out)
 
 
 def test_other_steps_and_a_slower_valve_are_not_odd(tmp_path):

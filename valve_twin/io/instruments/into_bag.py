@@ -116,12 +116,12 @@ def import_recordings(
         If no file can be used; says why the first cannot.
     ConfigError
         If no signal names a column, the mapping cannot be written, or an entry of
-        `csv.leave_out` names two files.
+        `csv.leave_out` names two files, or all that are given are left out.
     """
     streams = streams_of(config)
     given = recording_files(files)
     named = _left_out(given, config.csv.leave_out)
-    paths = [p for p in given if p not in named] or given
+    paths = [p for p in given if p not in named]
     bag: BagWriter | None = None
     done: list[ImportedFile] = []
     notices = [f"left out: {p}: csv.leave_out names it" for p in given if p not in paths]
@@ -151,7 +151,7 @@ def import_recordings(
 
 
 def _left_out(given: Sequence[Path], names: Sequence[str]) -> set[Path]:
-    """Return the files whose paths end with one of the names; a name of two is refused."""
+    """Return the files whose paths end with one of the names; one of two, or all, are refused."""
     found: set[Path] = set()
     for name in names:
         parts = PurePath(name).parts
@@ -163,6 +163,12 @@ def _left_out(given: Sequence[Path], names: Sequence[str]) -> set[Path]:
             )
             raise ConfigError(msg)
         found.update(ends)
+    if found.issuperset(given):
+        msg = (
+            f"csv.leave_out names every file given ({given[0]}); "
+            "give other files or take the entry out"
+        )
+        raise ConfigError(msg)
     return found
 
 
