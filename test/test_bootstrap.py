@@ -12,6 +12,7 @@ import re
 import shutil
 import subprocess
 import sys
+import sysconfig
 import time
 from importlib import metadata
 from pathlib import Path
@@ -149,6 +150,17 @@ def test_points_the_wheels_at_this_python(step: Callable[[str], Any], tmp_path: 
     assert headers == str(numpy_headers)
     assert other.read_text() == "set(path /opt/python)\n"
     assert patch_wheels(tmp_path) == 0
+
+
+def test_packages_are_found_by_a_python_with_another_scheme(
+    step: Callable[[str], Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    paths = {"purelib": "{base}/local/lib/python3/dist-packages"}
+    monkeypatch.setitem(sysconfig._INSTALL_SCHEMES, "posix_local", paths)  # type: ignore[attr-defined]
+    monkeypatch.setattr(sysconfig, "get_default_scheme", lambda: "posix_local")
+    found = step("prefix").site_packages(tmp_path)
+    version = f"python{sys.version_info[0]}.{sys.version_info[1]}"
+    assert found == tmp_path / "lib" / version / "site-packages"
 
 
 def copied_inputs(folder: Path) -> None:

@@ -82,6 +82,14 @@ def install_packages(distro: str) -> None:
         say(f"  {patch_wheels(VENV)} CMake files of the wheels now name this Python")
 
 
+def site_packages(prefix: Path) -> Path:
+    """Return where a virtual environment keeps its packages, also for the Python of Debian.
+
+    That one's own scheme, `posix_local`, has `local/lib/python3.x/dist-packages` instead.
+    """
+    return Path(sysconfig.get_path("purelib", "posix_prefix", {"base": str(prefix)}))
+
+
 def patch_wheels(prefix: Path) -> int:
     """Point the wheels' CMake files at this environment instead of the machine that built them.
 
@@ -95,8 +103,7 @@ def patch_wheels(prefix: Path) -> int:
     int
         Number of files changed.
     """
-    site_packages = sysconfig.get_path("purelib", vars={"base": str(prefix)})
-    here = {"include": sysconfig.get_path("include"), None: site_packages}
+    here = {"include": sysconfig.get_path("include"), None: str(site_packages(prefix))}
     changed = 0
     for path in (prefix / "share").rglob("*.cmake"):
         text = path.read_text(encoding="utf-8")

@@ -5,12 +5,10 @@
 import os
 import shlex
 import subprocess
-import sysconfig
 from collections.abc import Sequence
-from pathlib import Path
 
 from setup_steps.console import ROOT, SUFFIX, WHEELS, SetupError, run, say
-from setup_steps.prefix import PYTHON, VENV, build_environment
+from setup_steps.prefix import PYTHON, VENV, build_environment, site_packages
 
 ENVIRONMENT = VENV / "valve_twin_env.sh"
 SEARCH_PATHS = (
@@ -77,11 +75,10 @@ def write_environment(distro: str) -> None:
         remedy = f"tools/run: this environment uses ROS 2 {distro}: source it first"
         lines.append(f'[ -n "${{ROS_DISTRO:-}}" ] || {{ echo "{remedy}" >&2; exit 2; }}')
     else:
-        site_packages = Path(sysconfig.get_path("purelib", vars={"base": str(VENV)}))
         added["AMENT_PREFIX_PATH"].append(str(VENV))
         added["CMAKE_PREFIX_PATH"].append(str(VENV))
         added["LD_LIBRARY_PATH"].append(str(VENV / "lib"))
-        added["LD_LIBRARY_PATH"] += map(str, sorted(site_packages.glob("ros_*.libs")))
+        added["LD_LIBRARY_PATH"] += map(str, sorted(site_packages(VENV).glob("ros_*.libs")))
         # With the library path set here the wheels need not start the interpreter twice.
         lines += ["unset PYTHONHOME", "export _ROS_WHEELS_BOOTSTRAP_COMPLETE=1"]
         lines += [f"export VALVE_TWIN_ROS={WHEELS}"] if SUFFIX else []
