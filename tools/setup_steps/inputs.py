@@ -15,7 +15,7 @@ from setup_steps.console import ROOT, SUFFIX
 STATE = ROOT / f".venv{SUFFIX}" / "valve_twin_setup.json"
 LOCK = ROOT / "requirements.lock"
 ROS_LOCK = ROOT / f"requirements-ros{SUFFIX}.lock"
-FORMAT = "2"  # raise it when these scripts make an environment that differs from the one before
+FORMAT = "3"  # raise it when these scripts make an environment that differs from the one before
 
 
 def fingerprints(distro: str) -> dict[str, str]:
