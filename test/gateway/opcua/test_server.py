@@ -96,6 +96,8 @@ def server(path, folder):
     said = made.end()
     assert "Traceback" not in said
     assert said.count("5 wrong passwords of user anna from 127.0.0.2: refused for 30 s") == 1
+    assert 1 <= said.count("users that do not exist from 127.0.0.1: refused for 30 s") <= 2
+    assert len(said.splitlines()) <= 4
 
 
 @asynccontextmanager
@@ -241,6 +243,29 @@ def test_who_guesses_does_not_shut_out_the_owner_of_the_name_elsewhere(server, f
         loop.create_connection = connect  # type: ignore[method-assign]
         async with connected(server, folder):
             pass
+
+    asyncio.run(guess())
+
+
+def test_a_thousand_wrong_users_are_one_line_and_keep_nobody_out(server, folder):
+    async def guess() -> None:
+        await make_client_pair(folder)
+        client = Client(server.opcua)
+        client.application_uri = "urn:test:client"
+        pair = str(folder / "client.der"), str(folder / "client.pem")
+        await client.set_security(SecurityPolicyBasic256Sha256, *pair)
+        await client.connect_socket()
+        try:
+            await client.send_hello()
+            await client.open_secure_channel()
+            for number in range(1000):
+                await client.create_session()
+                with pytest.raises(ua.uaerrors.BadUserAccessDenied):
+                    await client.activate_session(username=f"user {number}", password=PASSWORD)
+            async with connected(server, folder):  # while the guesser stays
+                pass
+        finally:
+            client.disconnect_socket()
 
     asyncio.run(guess())
 

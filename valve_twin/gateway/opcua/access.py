@@ -17,6 +17,7 @@ from asyncua.common.utils import ServiceError
 from asyncua.crypto.cert_gen import setup_self_signed_certificate
 from asyncua.crypto.permission_rules import USER_TYPES, PermissionRuleset, User, UserRole
 from asyncua.crypto.security_policies import SecurityPolicyFactory, SecurityPolicyNone
+from asyncua.server.internal_session import SessionState
 from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.oid import ExtendedKeyUsageOID
@@ -118,7 +119,8 @@ def _close_ways_in(server: Server) -> None:
     """Take from asyncua what it does for whoever has not logged in.
 
     It hands a session to another channel before it asks who that is, takes entries for its list of
-    servers, and keeps every session that is made and never used.
+    servers, and keeps every session that is made and never used: where there are too many, the
+    oldest of these makes way, else whoever guesses would keep everybody else out.
     """
     inner = server.iserver
     make = inner.create_session
@@ -127,8 +129,14 @@ def _close_ways_in(server: Server) -> None:
         raise ServiceError(ua.StatusCodes.BadServiceUnsupported)
 
     def create(name: str, *arguments: Any, **named: Any) -> Any:  # noqa: ANN401  of asyncua
-        if len(inner._external_sessions) >= MOST_SESSIONS:
-            raise ServiceError(ua.StatusCodes.BadTooManySessions)
+        found = inner._external_sessions
+        if len(found) >= MOST_SESSIONS:
+            unused = (s for s in found.values() if s.state is SessionState.Created)
+            oldest = next(unused, None)
+            if oldest is None:
+                raise ServiceError(ua.StatusCodes.BadTooManySessions)
+            oldest.state = SessionState.Closed
+            inner.unregister_external_session(oldest)
         session = make(name, *arguments, **named)
         session.activate_session = partial(_activate, session.activate_session, name)
         return session
