@@ -5,6 +5,8 @@
 from __future__ import annotations
 
 import math
+import re
+import time
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
@@ -22,6 +24,7 @@ from valve_twin.nodes.opcua_source.node import OpcuaSourceNode
 from valve_twin.nodes.runtime.stamps import from_time
 
 TOPIC = f"/plc{NS}/position"
+HOUR_NS = 3600 * 10**9
 
 
 @pytest.fixture
@@ -70,6 +73,43 @@ def test_tags_are_published_with_the_stamps_of_their_source_and_masked_where_bad
     graph.spin_until(lambda: figures["masked (status not good)"] == "1", what="a count")
     assert "the server has no tag ns=1;s=renamed (BadNodeIdUnknown)" in figures["message"]
     assert "the PLC's clock is -" in figures["message"]
+
+
+def test_a_clock_that_is_an_hour_wrong_is_told_and_an_old_value_is_no_wrong_clock(graph, plc):
+    plc.write({2: [1.0]}, time.time_ns() - 2 * HOUR_NS, MS)  # has not changed since
+    figures = host(graph, plc, [f"t{tag} ns=1;s=tag{tag}" for tag in (0, 1, 2)])
+    graph.spin_until(lambda: figures["samples"] == "3", what="the values of the start")
+    assert figures["clock of the PLC ahead [s]"] == "0.000"
+    assert "clock" not in figures["message"]
+    plc.write({2: [2.0]}, time.time_ns() - HOUR_NS, MS)
+    graph.spin_until(lambda: "clock" in figures["message"], what="a word")
+    assert re.search(r"the PLC's clock is -36\d\d s from this", figures["message"])
+    plc.write({2: [3.0]}, time.time_ns() + HOUR_NS, MS)
+    ahead = re.compile(r"the PLC's clock is \+3[56]\d\d s from this machine's")
+    graph.spin_until(lambda: ahead.search(figures["message"]), what="another word")
+
+
+def test_many_missing_tags_are_one_line(graph, plc, capfd):
+    tags = ["position ns=1;s=tag0", *(f"t{number} ns=1;s=gone{number}" for number in range(40))]
+    figures = host(graph, plc, tags)
+    word = "the server has none of 40 of 41 tags, the first is ns=1;s=gone0 (BadNodeIdUnknown)"
+    graph.spin_until(lambda: word in figures["message"], what="a word")
+    assert capfd.readouterr().err.count("BadNodeIdUnknown") == 1
+
+
+def test_overflows_are_told_again_after_a_restart(graph, plc):
+    node = graph.host(OpcuaSourceNode, address=plc.address, tags=["position ns=1;s=tag0"])
+    graph.spin_until(lambda: node._subscription.figures.connected, what="the PLC")
+    for _ in range(2):
+        node._subscription.figures.overflows = 3
+        before = lost(node)
+        list(node._reports())
+        assert lost(node) == before + 3
+        assert node.trigger_deactivate() == node.trigger_activate()
+
+
+def lost(node) -> int:
+    return sum(f.events for f in node.faults.faults() if f.kind.code == "input.loss")
 
 
 def test_with_a_period_they_go_in_series_and_a_missing_one_is_counted(graph, plc):

@@ -97,6 +97,29 @@ def test_a_status_that_is_not_good_masks_the_sample(plc, client, status):
     assert [math.isnan(s.value) for s in client.samples] == [True, True, False]
 
 
+def test_a_thousand_tags_are_asked_for_in_parts(monkeypatch):
+    from asyncua.common.subscription import Subscription
+
+    asked, plc = [], Plc(free_port(), 1000)
+    create = Subscription.create_monitored_items
+
+    async def counted(self, items):
+        asked.append(len(items))
+        return await create(self, items)
+
+    monkeypatch.setattr(Subscription, "create_monitored_items", counted)
+    client = Client(plc.address, 1000)
+    try:
+        client.until(lambda: client.figures.connected and len(client.take()) >= 1000)
+        assert asked == [module.PART] * 5
+        assert {s.tag for s in client.samples} == set(range(1000))
+        plc.write({999: [1.0]}, START_NS, MS)
+        client.until(lambda: client.stamps(999))
+    finally:
+        client.subscription.close()
+        plc.kill()
+
+
 def test_a_server_that_is_killed_is_live_again_soon(monkeypatch):
     outlive(3)
 

@@ -14,7 +14,7 @@ pytest.importorskip("asyncua", reason="needs the extra gateway")
 from asyncua import ua
 
 from valve_twin.io.errors import ConfigError
-from valve_twin.nodes.opcua_source.tags import read_tags, to_sample
+from valve_twin.nodes.opcua_source.tags import MOST_TAGS, read_tags, to_sample
 
 WHEN = datetime(2026, 1, 2, 3, 4, 5, 678901, tzinfo=timezone.utc)
 
@@ -31,6 +31,14 @@ def test_a_line_is_a_topic_and_a_node_that_may_hold_spaces():
     [([], "there is none"), (["position"], "is no tag"), (["a i=1", "a i=2"], "two tags feed")],
 )
 def test_what_is_no_tag_is_named(lines, why):
+    with pytest.raises(ConfigError, match=why):
+        read_tags(lines, "/v", "", where="x")
+
+
+def test_ten_thousand_tags_are_one_line_and_a_thousand_are_taken():
+    lines = [f"tag{number} ns=3;i={number}" for number in range(10_000)]
+    assert len(read_tags(lines[:MOST_TAGS], "/v", "", where="x")) == MOST_TAGS
+    why = "^x: tags: 10000 are given, a node takes 1000 at most: leave out [^\\n]*$"
     with pytest.raises(ConfigError, match=why):
         read_tags(lines, "/v", "", where="x")
 

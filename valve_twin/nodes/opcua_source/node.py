@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 CLOCK_S = 60.0
 """Stamps further than this from this machine's clock are told, assumed [s]."""
 
+MOST_NAMED = 10
+"""Of more missing tags one line tells the number and the first [1]."""
+
 PASSWORD = "VALVE_TWIN_OPCUA_PASSWORD"
 """Environment variable with the password: parameters can be read by everybody in the domain."""
 
@@ -42,7 +45,6 @@ class OpcuaSourceNode(ValveNode):
         self._publishers: list[Any] = []
         self._grids: list[Grid] = []
         self._diagnostics: Diagnostics | None = None
-        self._off_s = 0.0
         self._told_overflows = 0
 
     def configure(self) -> None:
@@ -77,6 +79,7 @@ class OpcuaSourceNode(ValveNode):
             self.create_publisher(kind, tag.topic, sending_profile()) for tag in self._tags
         ]
         self._grids = [Grid(given.period_s) for _ in self._tags]
+        self._told_overflows = 0  # a subscription counts anew
         server = Server(
             given.address,
             given.user,
@@ -123,8 +126,6 @@ class OpcuaSourceNode(ValveNode):
                     publisher.publish(Float64Series(header=header, period=period_s, values=values))
                 else:
                     publisher.publish(Float64Stamped(header=header, value=values[0]))
-        if samples and samples[-1].stamp_ns:
-            self._off_s = (samples[-1].stamp_ns - now_ns) * 1e-9
 
     def _reports(self) -> Iterable[Report]:
         given, subscription = self._given, self._subscription
@@ -141,21 +142,33 @@ class OpcuaSourceNode(ValveNode):
             "lost (queue of the server)": figures.overflows,
             "lost (this node too slow)": figures.dropped,
             "repeated after a connection": sum(grid.repeated for grid in self._grids),
-            "clock of the PLC ahead [s]": f"{self._off_s:.3f}",
+            "clock of the PLC ahead [s]": f"{figures.ahead_s:.3f}",
         }
         gone = "" if figures.connected else f"{given.address}: {figures.trouble}"
         self.faults.look("input.silent", gone, valve=report.hardware_id, subject=given.address)
-        for number, tag in enumerate(self._tags):
-            why = figures.unknown.get(number)
-            evidence = f"{tag.topic}: the server has no tag {tag.node} ({why})" if why else ""
-            self.faults.look(
-                "input.missing", evidence, valve=report.hardware_id, subject=tag.topic
-            )
+        self._look_for_missing(dict(figures.unknown), report.hardware_id)
         new = figures.overflows - self._told_overflows
         if new > 0:
             self._told_overflows = figures.overflows
             text = f"{given.address}: a queue of the server overflowed {new} times: raise queue"
             self.faults.report("input.loss", text, valve=report.hardware_id, events=new)
-        if abs(self._off_s) > CLOCK_S:
-            report.raise_to(WARN, f"the PLC's clock is {self._off_s:+.0f} s from this machine's")
+        if abs(figures.ahead_s) > CLOCK_S:
+            text = f"the PLC's clock is {figures.ahead_s:+.0f} s from this machine's"
+            report.raise_to(WARN, text)
         return [report]
+
+    def _look_for_missing(self, unknown: dict[int, str], valve: str) -> None:
+        """Tell the tags that the server does not know, each or, where they are many, in a line."""
+        many = len(unknown) > MOST_NAMED
+        for number, tag in enumerate(self._tags):
+            why = "" if many else unknown.get(number)
+            evidence = f"{tag.topic}: the server has no tag {tag.node} ({why})" if why else ""
+            self.faults.look("input.missing", evidence, valve=valve, subject=tag.topic)
+        evidence = ""
+        if many:
+            first = min(unknown)
+            evidence = (
+                f"the server has none of {len(unknown)} of {len(self._tags)} tags, the first is "
+                f"{self._tags[first].node} ({unknown[first]})"
+            )
+        self.faults.look("input.missing", evidence, valve=valve, subject=self._given.address)

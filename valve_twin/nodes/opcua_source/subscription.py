@@ -6,7 +6,9 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import threading
+import time
 from collections import deque
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -26,6 +28,9 @@ TIMEOUT_S = 3.0
 
 AGAIN_S = 5.0
 """A tag that the server does not know is asked for again so often [s]."""
+
+PART = 200
+"""So many tags are asked for at a time: a server refuses too many in one call, assumed [1]."""
 
 MOST_WAITING = 1_000_000
 """Samples kept for the node; beyond it the oldest are lost and counted [1]."""
@@ -78,6 +83,9 @@ class Figures:
         How often the server said that its queue lost values [1].
     dropped : int
         Samples that the node did not take in time [1].
+    ahead_s : float
+        Stamp of the last good sample less our clock when it came; the first of a tag after a
+        connection says nothing, it may be as old as its value [s].
     """
 
     connected: bool = False
@@ -86,6 +94,7 @@ class Figures:
     unknown: dict[int, str] = field(default_factory=dict)
     overflows: int = 0
     dropped: int = 0
+    ahead_s: float = 0.0
 
 
 class TagSubscription:
@@ -107,6 +116,7 @@ class TagSubscription:
         self._waiting: deque[Sample] = deque()
         self._told = False
         self._numbers: dict[Any, int] = {}
+        self._heard: set[int] = set()
         self._count = 0
         self._end = self._ended = False
         self._thread = threading.Thread(target=self._run, name="opcua_source", daemon=True)
@@ -143,6 +153,10 @@ class TagSubscription:
         self._count += 1
         sample = to_sample(self._numbers[node.nodeid], item)
         self.figures.overflows += sample.lost_before
+        if sample.tag not in self._heard:
+            self._heard.add(sample.tag)
+        elif sample.stamp_ns and not math.isnan(sample.value):
+            self.figures.ahead_s = (sample.stamp_ns - time.time_ns()) * 1e-9
         if len(self._waiting) >= MOST_WAITING:
             self._waiting.popleft()
             self.figures.dropped += 1
@@ -184,6 +198,7 @@ class TagSubscription:
             await asyncio.wait_for(client.connect(), 2.0 * TIMEOUT_S)
             ids = [ua.NodeId.from_string(text) for text in self._nodes]
             self._numbers = {node: number for number, node in enumerate(ids)}
+            self._heard.clear()
             subscription = await client.create_subscription(self._server.publishing_ms, self)
             await self._add(client, subscription, range(len(ids)))
             self.figures.connected, self.figures.trouble = True, ""
@@ -226,14 +241,16 @@ class TagSubscription:
         from asyncua import ua
 
         every = ua.DataChangeFilter(Trigger=ua.DataChangeTrigger.StatusValueTimestamp)
-        nodes = [client.get_node(self._nodes[tag]) for tag in tags]
-        results = await subscription._subscribe(
-            nodes,
-            ua.AttributeIds.Value,
-            mfilter=every,
-            queuesize=self._server.queue,
-            sampling_interval=self._server.sampling_ms,
-        )
+        results: list[Any] = []
+        for first in range(0, len(tags), PART):
+            nodes = [client.get_node(self._nodes[tag]) for tag in tags[first : first + PART]]
+            results += await subscription._subscribe(
+                nodes,
+                ua.AttributeIds.Value,
+                mfilter=every,
+                queuesize=self._server.queue,
+                sampling_interval=self._server.sampling_ms,
+            )
         for tag, result in zip(tags, results, strict=True):
             if isinstance(result, ua.StatusCode):
                 self.figures.unknown[tag] = result.name

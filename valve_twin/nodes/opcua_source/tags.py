@@ -14,6 +14,9 @@ from valve_twin.io.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+MOST_TAGS = 1000
+"""Tags of a node: each is a publisher of its own [1]."""
+
 _EPOCH = datetime(1970, 1, 1)
 _TICK_NS = 1000
 
@@ -73,8 +76,14 @@ def read_tags(lines: Sequence[str], valve: str, prefix: str, *, where: str) -> t
     Raises
     ------
     ConfigError
-        If there is none, one is none of these or a topic is fed twice.
+        If there is none or too many, one is none of these or a topic is fed twice.
     """
+    if len(lines) > MOST_TAGS:
+        msg = (
+            f"{where}: tags: {len(lines)} are given, a node takes {MOST_TAGS} at most: "
+            "leave out what no twin takes, or start a node for each group of valves"
+        )
+        raise ConfigError(msg)
     found: list[Tag] = []
     for line in lines:
         topic, _, node = line.strip().partition(" ")
