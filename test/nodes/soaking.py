@@ -365,7 +365,7 @@ def plant(valves: int, rate: float, batch: int, seconds: float) -> None:
         for v in valve_names(valves)
     ]
     everyone = [p for group in publishers for p in group]
-    gate = SubscriberGate()
+    gate = SubscriberGate(node)
     while not gate.is_open(everyone, 1, time.monotonic()):
         rclpy.spin_once(node, timeout_sec=0.05)
     blocks = list(simulate_cycles(get_simulation("press_cartridge"), 60, seed=2))

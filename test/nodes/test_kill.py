@@ -72,7 +72,7 @@ class Life:
             for t in TOPICS
         ]
         self.twin = graph.start("twin", ns=ns, history_url=f"sqlite:///{database}", **REARM)
-        gate = SubscriberGate()
+        gate = SubscriberGate(self.hardware)
         graph.spin_until(
             lambda: gate.is_open(self.publishers, 1, time.monotonic()), 120.0, "the twin's inputs"
         )

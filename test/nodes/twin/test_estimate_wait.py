@@ -85,6 +85,7 @@ def test_a_replay_waits_as_long_as_it_takes(graph, tmp_path, slow):
     feeder = Feeder(graph, f"/replay{NS}")
     feeder.feed(3 * feeder.cycle_samples)
     graph.spin_until(lambda: len(twin.predictions) >= feeder.sent - 2, 120.0, "all predictions")
+    graph.spin_until(lambda: 1 in twin.estimated(), 120.0, "the first estimate")
     assert twin.estimated()[1].reproducible
     assert all(p.reproducible for p in twin.predictions)
     assert Prediction.NO_MODEL not in {p.validity for p in twin.predictions if p.cycle == 3}

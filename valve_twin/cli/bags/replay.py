@@ -54,7 +54,7 @@ _OPTIONS = (
     Option("-m --remap", "OLD:=NEW", "remap", [], "new names before the prefix is put"),
     Option("--qos-profile-overrides-path", "FILE", "qos_overrides_path", "", "YAML of policies"),
     Option("--wait-for-subscribers", "N", "wait_for_subscribers", 0,
-           "begin when every topic has so many"),
+           "begin when so many nodes subscribe to every topic"),
     Option("--allow-live", "", "allow_live", False,
            "publish also where somebody else publishes or takes commands: moves real valves"),
 )  # fmt: skip

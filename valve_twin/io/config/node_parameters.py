@@ -29,7 +29,7 @@ class LiveParameters(NodeParameters):
         text="Wait for reliable subscribers rather than overwrite what they have not taken.",
     )
     wait_for_subscribers: int = quantity(
-        0, "1", "Begin when every topic has this many subscribers.", lower=0, upper=1000
+        0, "1", "Begin when this many nodes subscribe to every topic.", lower=0, upper=1000
     )
 
 

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections import deque
+from enum import Enum, auto
 from typing import TYPE_CHECKING, Any
 
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -14,8 +15,13 @@ from valve_twin.nodes.runtime.node import RCLError
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
+    from rclpy.node import Node
+
 MATCHED_S = 0.5
 """How long subscribers must have been matched before the first sample leaves [s]."""
+
+UNMATCHED_S = 5.0
+"""The same where the graph knows of more readers than have been matched [s]."""
 
 DEPTH = 5000
 """Messages that a publisher keeps for subscribers that have not taken them [1]."""
@@ -92,18 +98,21 @@ class Outbox:
         return True
 
 
-def subscribers(publishers: Iterable[Any]) -> int:
-    """Return the least number of subscribers that the publishers have matched."""
-    return min((p.get_subscription_count() for p in publishers), default=0)
-
-
 class SubscriberGate:
     """Opens when every publisher has had enough subscribers for a while.
 
     One side of a match knows of it before the other; what is sent in between may be lost.
+    Subscribers are nodes: twin and recorder hold a second reader of a topic at times, and a
+    recorder's two are not a recorder and a twin.
+
+    Parameters
+    ----------
+    node : Node
+        Whose view of the graph tells who subscribes.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, node: Node) -> None:
+        self._node = node
         self._since_s: float | None = None
 
     def is_open(self, publishers: Iterable[Any], wanted: int, now_s: float) -> bool:
@@ -114,13 +123,38 @@ class SubscriberGate:
         publishers : iterable
             All that are to be subscribed to.
         wanted : int
-            Subscribers that each of them must have matched [1].
+            Nodes that each of them must have matched [1].
         now_s : float
             The steady clock [s].
         """
-        if subscribers(publishers) < wanted:
+        states = [self._state(publisher, wanted) for publisher in publishers]
+        if _Readers.TOO_FEW in states or not states:
             self._since_s = None
             return False
         if self._since_s is None:
             self._since_s = now_s
-        return now_s - self._since_s >= MATCHED_S
+        patience_s = UNMATCHED_S if _Readers.SOME_UNMATCHED in states else MATCHED_S
+        return now_s - self._since_s >= patience_s
+
+    def _state(self, publisher: Any, wanted: int) -> _Readers:
+        """Compare what a publisher has matched with what the graph knows."""
+        matched = publisher.get_subscription_count()
+        if matched < wanted:
+            return _Readers.TOO_FEW
+        known = self._node.get_subscriptions_info_by_topic(publisher.topic_name)
+        if len({_owner(reader) for reader in known}) < wanted:
+            return _Readers.TOO_FEW
+        return _Readers.SOME_UNMATCHED if matched < len(known) else _Readers.MATCHED
+
+
+class _Readers(Enum):
+    """How the readers of one topic stand."""
+
+    TOO_FEW = auto()
+    SOME_UNMATCHED = auto()  # about to be, or of other policies and never will be
+    MATCHED = auto()
+
+
+def _owner(reader: Any) -> tuple[str, str, bytes]:
+    """Return the node that a reader belongs to, with its participant [12 bytes of the GUID]."""
+    return reader.node_namespace, reader.node_name, bytes(reader.endpoint_gid[:12])

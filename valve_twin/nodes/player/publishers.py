@@ -52,7 +52,7 @@ class PlayerPublishers:
         self._lossless, self._clock_hz = given.lossless, given.clock_hz
         self._publisher_of: dict[str, tuple[PlayedTopic, Any]] = {}
         self._real: list[Any] = []
-        self._gate = SubscriberGate()
+        self._gate = SubscriberGate(node)
         self._acks = Acknowledgements(node, seconds_now)
         self.outbox = Outbox(self._acks.is_complete)
         for played, topic in zip(settings.topics, self._published, strict=True):

@@ -53,7 +53,7 @@ class SimulatedValveNode(ValveNode):
         self._clock_publisher: Any = None
         self._diagnostics: Diagnostics | None = None
         self._begin_s: float | None = None
-        self._gate = SubscriberGate()
+        self._gate = SubscriberGate(self)
         self._earliest_s = 0.0
         self._samples = 0
         self._given = SimulatedValveParameters()
@@ -98,7 +98,7 @@ class SimulatedValveNode(ValveNode):
             valve.open(profile, round(start * 1e9))
             for publisher in valve.publishers if lossless else ():
                 self._outbox.keep(publisher, DEPTH)
-        self._begin_s, self._samples, self._gate = None, 0, SubscriberGate()
+        self._begin_s, self._samples, self._gate = None, 0, SubscriberGate(self)
         self._earliest_s = seconds_now() + self._guard.settle_s
         self._timers_made = [
             self.create_timer(TICK_S, self._tick, clock=STEADY),

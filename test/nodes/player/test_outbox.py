@@ -1,0 +1,51 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""When a player begins: subscribers are counted by node."""
+
+from __future__ import annotations
+
+from rclpy.qos import qos_profile_sensor_data
+
+from valve_twin.nodes.player.outbox import MATCHED_S, UNMATCHED_S, SubscriberGate
+from valve_twin_msgs.msg import Float64Stamped
+
+TOPIC = "/position"
+
+
+def test_two_readers_of_one_node_are_one_subscriber(graph):
+    """A recorder's second reader does not stand for the twin that is still to come."""
+    player, recorder, twin = (graph.stranger(n) for n in ("player", "bag_recorder", "twin"))
+    publisher = player.create_publisher(Float64Stamped, TOPIC, 10)
+    for _ in range(2):
+        recorder.create_subscription(Float64Stamped, TOPIC, print, 10)
+    gate = SubscriberGate(player)
+    graph.spin_until(lambda: publisher.get_subscription_count() == 2, what="the recorder")
+    assert not gate.is_open([publisher], 1, 0.0)
+    assert gate.is_open([publisher], 1, UNMATCHED_S)
+    assert not gate.is_open([publisher], 2, 0.0)
+    assert not gate.is_open([publisher], 2, 10 * UNMATCHED_S)
+
+    twin.create_subscription(Float64Stamped, TOPIC, print, 10)
+    graph.spin_until(
+        lambda: publisher.get_subscription_count() == player.count_subscribers(TOPIC) == 3,
+        what="the twin",
+    )
+    assert not gate.is_open([publisher], 2, 100.0)
+    assert gate.is_open([publisher], 2, 100.0 + MATCHED_S)
+
+
+def test_a_reader_of_other_policies_delays_the_beginning_but_does_not_prevent_it(graph):
+    player, twin = graph.stranger("player"), graph.stranger("twin")
+    publisher = player.create_publisher(Float64Stamped, TOPIC, qos_profile_sensor_data)
+    twin.create_subscription(Float64Stamped, TOPIC, print, qos_profile_sensor_data)
+    twin.create_subscription(Float64Stamped, TOPIC, print, 10)  # reliable: never met
+    graph.spin_until(
+        lambda: (
+            publisher.get_subscription_count() == 1 and player.count_subscribers(TOPIC) == 2
+        ),
+        what="both readers",
+    )
+    gate = SubscriberGate(player)
+    assert not gate.is_open([publisher], 1, 0.0)
+    assert not gate.is_open([publisher], 1, 2 * MATCHED_S)
+    assert gate.is_open([publisher], 1, UNMATCHED_S)
