@@ -5,9 +5,9 @@
 from __future__ import annotations
 
 from rclpy.qos import qos_profile_sensor_data
+from valve_twin_msgs.msg import Float64Stamped
 
 from valve_twin.nodes.player.outbox import MATCHED_S, UNMATCHED_S, SubscriberGate
-from valve_twin_msgs.msg import Float64Stamped
 
 TOPIC = "/position"
 
@@ -40,9 +40,7 @@ def test_a_reader_of_other_policies_delays_the_beginning_but_does_not_prevent_it
     twin.create_subscription(Float64Stamped, TOPIC, print, qos_profile_sensor_data)
     twin.create_subscription(Float64Stamped, TOPIC, print, 10)  # reliable: never met
     graph.spin_until(
-        lambda: (
-            publisher.get_subscription_count() == 1 and player.count_subscribers(TOPIC) == 2
-        ),
+        lambda: publisher.get_subscription_count() == 1 and player.count_subscribers(TOPIC) == 2,
         what="both readers",
     )
     gate = SubscriberGate(player)
