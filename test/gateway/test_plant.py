@@ -7,6 +7,7 @@ from __future__ import annotations
 import sqlite3
 import threading
 import time
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import pytest
@@ -15,7 +16,7 @@ from test.gateway.test_web import store
 from valve_twin.gateway import plant as module
 from valve_twin.gateway.plant import WAITING, Plant
 from valve_twin.io.history.database import Database
-from valve_twin.io.history.fleet import describe_valve
+from valve_twin.io.history.fleet import describe_valve, ranked
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -223,3 +224,68 @@ def test_who_looks_during_a_long_first_reading_sees_what_there_is(path, monkeypa
     assert whole.whole
     assert plant.glance().rows == whole.rows
     assert WAITING not in {row.evidence for row in whole.rows}
+
+
+def test_a_first_reading_ranks_for_who_looks_and_not_for_every_valve(path, monkeypatch):
+    reached, go_on = threading.Semaphore(0), threading.Semaphore(0)
+    found, rank, sizes = Plant._state, ranked, list[int]()
+
+    def slow(plant: Plant, history, valve: str, mark):
+        reached.release()
+        assert go_on.acquire(timeout=60.0)
+        return found(plant, history, valve, mark)
+
+    def told(rows, order):
+        sizes.append(len(rows))
+        return rank(rows, order)
+
+    monkeypatch.setattr(Plant, "_state", slow)
+    monkeypatch.setattr(module, "ranked", told)
+    monkeypatch.setattr(module, "REFRESH_S", 60.0)
+    for valve in ("/c", "/d"):
+        store(path, valve, range(1, 2), 0.0)
+    plant = Plant(str(path))
+    assert plant.where == str(path)
+    assert plant.news().rows == ()
+    for looks in (0, 3, 0, 1):
+        assert reached.acquire(timeout=60.0)
+        shown = [plant.glance() for _ in range(looks)]
+        assert len({id(view) for view in shown}) == min(looks, 1)
+        assert plant.news() is module._NOTHING
+        go_on.release()
+    assert plant.view().whole
+    assert plant.news().whole
+    assert sizes == [4, 4, 4]  # for the three looks at once, the one, and the end
+
+
+def test_a_first_reading_that_goes_on_is_waited_for_however_long(path, monkeypatch):
+    found, go_on, looks = Plant._state, threading.Event(), list[float]()
+
+    def slow(plant: Plant, history, valve: str, mark):
+        assert go_on.wait(60.0)
+        return found(plant, history, valve, mark)
+
+    def now_s() -> float:  # a clock on which it is never late
+        looks.append(0.0)
+        if len(looks) > 20:
+            go_on.set()
+        return 0.0
+
+    monkeypatch.setattr(Plant, "_state", slow)
+    monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=now_s, time_ns=time.time_ns))
+    monkeypatch.setattr(module, "LATE_S", 0.01)
+    assert len(Plant(str(path)).view().rows) == 2
+    assert go_on.is_set()
+
+
+def test_a_first_glance_without_a_thread_to_be_had_reads_itself(path, monkeypatch):
+    def refuse(_: threading.Thread) -> None:
+        msg = "can't start new thread"
+        raise RuntimeError(msg)
+
+    plant = Plant(str(path))
+    with monkeypatch.context() as patched:
+        patched.setattr(threading.Thread, "start", refuse)
+        assert len(plant.glance().rows) == 2
+    assert not plant._reading.locked()
+    assert len(plant.view().rows) == 2

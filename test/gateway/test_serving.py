@@ -9,7 +9,8 @@ import io
 import socket
 import sys
 from contextlib import ExitStack, suppress
-from typing import TYPE_CHECKING
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -108,6 +109,21 @@ def test_who_is_connected_and_idle_is_let_go_and_who_waits_for_an_answer_is_not(
         with suppress(ConnectionResetError):
             seen = sum(map(len, iter(lambda: idle[3].recv(1 << 20), b"")))
         assert seen < 50_000_000  # not read until now: cut off
+
+
+def test_who_asks_now_and_then_is_not_idle_where_a_request_has_the_address_of_the_last():
+    class Answered:
+        response_complete = True
+
+    protocol: Any = object.__new__(serving._impatient())
+    protocol.transport = SimpleNamespace(get_write_buffer_size=lambda: 0)
+    seen = []
+    for _ in range(2):
+        protocol.cycle = None  # the last one goes before the next comes
+        protocol.cycle = Answered()
+        seen.append(protocol._hindered())
+    assert seen[0] != seen[1]
+    assert seen[1] == protocol._hindered()
 
 
 def test_a_user_is_added_with_a_password_that_no_list_of_processes_shows(

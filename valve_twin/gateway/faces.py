@@ -27,6 +27,8 @@ def faces(
 ) -> Iterator[FoxgloveFace | None]:
     """Open what is asked for, and close it at the end; yield the one that takes live topics.
 
+    None waits for a first reading of the history: each shows its valves once that is done.
+
     Parameters
     ----------
     plant : Plant
@@ -66,7 +68,7 @@ def _open_opcua(
     passwords = Passwords(read_users(users, "--opcua-add-user"), tell) if users else None
     folder = Path(given.opcua_pki).expanduser()
     access = Access(folder, passwords, given.opcua_anonymous)
-    face = OpcUaFace(plant.view, given.opcua, access)
+    face = OpcUaFace(plant.news, given.opcua, access)
     stack.callback(face.stop)
     tell(f"OPC UA at {face.start()}, certificates in {folder}")
 
@@ -88,11 +90,11 @@ def _open_mqtt(
     speaker: Speaker = JsonSpeaker(group)
     if given.mqtt_format != "json":
         node = checked_id("--mqtt-node", given.edge_node)
-        of = f"{broker.address} {group}/{node}, {plant.view().where}"
+        of = f"{broker.address} {group}/{node}, {plant.where}"
         backlog = Backlog(Path(given.mqtt_state).expanduser(), plant.estimates, of)
         stack.callback(backlog.close)
         speaker = SparkplugSpeaker(group, node, backlog)
-    face = MqttFace(plant.view, broker, speaker)
+    face = MqttFace(plant.news, broker, speaker)
     tell(f"MQTT to {face.start()}")
     stack.callback(face.stop)
 
@@ -102,7 +104,7 @@ def _open_foxglove(
 ) -> FoxgloveFace:
     from valve_twin.gateway.foxglove.face import FoxgloveFace
 
-    face = FoxgloveFace(plant.view, plant.estimates, given.host, given.foxglove)
+    face = FoxgloveFace(plant.news, plant.estimates, given.host, given.foxglove)
     tell(f"Foxglove at {face.start()}")
     stack.callback(face.stop)
     return face

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from valve_twin.core.aging.config import AgingConfig
 from valve_twin.gateway.page.details import Details, DetailsOf, make_details
 from valve_twin.io.errors import StoreError, ValveTwinError
+from valve_twin.io.history.database import place_of
 from valve_twin.io.history.fleet import (
     FleetOrder,
     FleetRow,
@@ -44,7 +45,8 @@ WAIT_S = 0.5
 """Who looks while the history is read waits at most so long, then sees what there was [s]."""
 
 LATE_S = 30.0
-"""A reading that takes longer, as with a database that does not answer any more, is told [s]."""
+"""A reading that gets on with no valve for longer, as with a database that does not answer any
+more, is told [s]."""
 
 WAITING = "is being assessed for the first time since the start"
 """Evidence of a valve whose turn has not come yet."""
@@ -98,8 +100,36 @@ class View:
         return row, self.trends.get(row.valve), self.nameplates.get(row.valve)
 
 
-_NOTHING = View()
+_NOTHING = View(whole=False)
 """Before the first reading."""
+
+
+class _FirstReading:
+    """What a first reading has so far; ranked for who looks, once for all since the last valve."""
+
+    def __init__(
+        self,
+        where: str,
+        marks: Mapping[str, Mark],
+        states: Mapping[str, tuple[Mark, ValveState]],
+    ) -> None:
+        self._where, self._marks, self._states = where, marks, states
+        self._ranking = threading.Lock()
+        self._ranked: tuple[int, View] = -1, _NOTHING
+
+    def view(self) -> View:
+        """Return all valves, those whose turn has not come yet without a state."""
+        with self._ranking:
+            known = dict(self._states)  # grows while it is read
+            if self._ranked[0] != len(known):
+                self._ranked = len(known), self._rank(known)
+            return self._ranked[1]
+
+    def _rank(self, known: Mapping[str, tuple[Mark, ValveState]]) -> View:
+        waiting = [FleetRow(shown_name(name), evidence=WAITING, cycle=mark.cycle)
+                   for name, mark in self._marks.items() if name not in known]  # fmt: skip
+        rows = ranked([state.row for _, state in known.values()] + waiting, FleetOrder.URGENCY)
+        return View(tuple(rows), self._where, time.time_ns(), whole=False)
 
 
 class Plant:
@@ -130,49 +160,66 @@ class Plant:
         self._history: History | None = None
         self._view = _NOTHING
         self._due_s = time.monotonic()
-        self._begun_s: float | None = None
+        self._moved_s: float | None = None
         self._states: dict[str, tuple[Mark, ValveState]] = {}
         self._courses: dict[str, tuple[float, ...]] = {}
         self._details = DetailsOf()
-        self._first, self._begun = threading.Event(), _NOTHING
+        self._first, self._begun = threading.Event(), _FirstReading("", {}, {})
+
+    @property
+    def where(self) -> str:
+        """The history, also before it is read."""
+        return place_of(self._url)
 
     def glance(self) -> View:
         """Return what there is at once: of a first reading, which takes long, what it has so far.
 
-        Faces that tell changes take `view`: a valve that is yet to be assessed is no news.
+        Faces that tell changes take `news`: a valve that is yet to be assessed is none.
         """
         if self._view is not _NOTHING:
             return self.view()
-        if self._reading.acquire(blocking=False):
-            self._begun_s = time.monotonic()
-            threading.Thread(target=self._read_once, name="history", daemon=True).start()
+        self._begin_reading()
         self._first.wait(LATE_S)
-        return self._begun if self._view is _NOTHING and self._begun.rows else self.view()
+        so_far = self._begun.view() if self._view is _NOTHING else _NOTHING
+        return so_far if so_far.rows else self.view()
+
+    def news(self) -> View:
+        """Return all valves; before the first reading is done nothing (not `whole`), at once."""
+        return self._looked(0.0 if self._view is _NOTHING else WAIT_S)
 
     def view(self) -> View:
         """Return all valves; a history that cannot be read is said, nothing is raised."""
-        wait_s = LATE_S if self._view is _NOTHING else WAIT_S
-        if time.monotonic() >= self._due_s and self._reading.acquire(timeout=wait_s):
-            self._begun_s = time.monotonic()
-            if self._view.read_ns:
-                reader = threading.Thread(target=self._read_once, name="history", daemon=True)
-                try:
-                    reader.start()
-                except RuntimeError:  # no thread is to be had: what there was is shown
-                    self._end_reading()
-                else:
-                    reader.join(WAIT_S)
-            else:
-                self._read_once()
-        begun_s = self._begun_s
-        late_s = 0.0 if begun_s is None else time.monotonic() - begun_s
+        while True:
+            found = self._looked(LATE_S if self._view is _NOTHING else WAIT_S)
+            if found is not _NOTHING or self._moved_s is None:  # else a first one that goes on
+                return self._view if found is _NOTHING else found
+
+    def _looked(self, wait_s: float) -> View:
+        self._begin_reading()
+        if self._reading.acquire(timeout=wait_s):
+            self._reading.release()
+        moved_s = self._moved_s
+        late_s = 0.0 if moved_s is None else time.monotonic() - moved_s
         if late_s < LATE_S:
             return self._view
         where = self._view.where or "the history"
         return replace(self._view, failure=f"{where}: does not answer for {late_s:.0f} s")
 
+    def _begin_reading(self) -> None:
+        """Have the history read where that is due and nobody does it."""
+        if time.monotonic() < self._due_s or not self._reading.acquire(blocking=False):
+            return
+        self._moved_s = time.monotonic()
+        try:
+            threading.Thread(target=self._read_once, name="history", daemon=True).start()
+        except RuntimeError:  # no thread is to be had
+            if self._view.read_ns:  # what there was is shown
+                self._end_reading()
+            else:  # who looks reads
+                self._read_once()
+
     def _end_reading(self) -> None:
-        self._begun_s = None
+        self._moved_s = None
         self._reading.release()
 
     def _read_once(self) -> None:
@@ -290,10 +337,12 @@ class Plant:
             history = self._opened()
             marks = history.marks()
             known: dict[str, tuple[Mark, ValveState]] = {}
+            if self._view is _NOTHING:
+                self._begun = _FirstReading(history.where, marks, known)
+                self._first.set()
             for name, mark in marks.items():
-                if self._view is _NOTHING:
-                    self._begin(history.where, marks, known)
                 known[name] = self._state(history, name, mark)
+                self._moved_s = time.monotonic()
             self._states = known
             self._courses = {n: c for n, c in self._courses.items() if n in marks}
         except ValveTwinError as err:
@@ -306,19 +355,6 @@ class Plant:
         verdicts = {s.row.valve: s.verdict for s in states if s.verdict is not None}
         now_ns, courses = time.time_ns(), dict(self._courses)
         self._view = View(rows, history.where, now_ns, "", trends, plates, verdicts, courses)
-
-    def _begin(
-        self,
-        where: str,
-        marks: Mapping[str, Mark],
-        states: Mapping[str, tuple[Mark, ValveState]],
-    ) -> None:
-        """Show what the first reading has so far."""
-        waiting = [FleetRow(shown_name(name), evidence=WAITING, cycle=mark.cycle)
-                   for name, mark in marks.items() if name not in states]  # fmt: skip
-        rows = ranked([state.row for _, state in states.values()] + waiting, FleetOrder.URGENCY)
-        self._begun = View(tuple(rows), where, time.time_ns(), whole=False)
-        self._first.set()
 
     def _opened(self) -> History:
         if self._history is not None and self._history.moved:

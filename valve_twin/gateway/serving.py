@@ -201,7 +201,7 @@ def _impatient() -> type:
             if unread:
                 return "unread", unread
             if cycle is None or cycle.response_complete:
-                return "nothing asked", id(cycle)
+                return "nothing asked", cycle  # itself: the next could get its address
             return ("half asked", len(cycle.body)) if cycle.more_body else None
 
     return Impatient

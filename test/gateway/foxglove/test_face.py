@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 LIMIT_S = 60.0
+UNKNOWN = "Unknown channel ID: "
 WORN, NEW = "/press/valve_1", "/press/new"
 _HEAD = struct.Struct("<BIQ")
 
@@ -47,7 +48,11 @@ VIEWERS: list[Viewer] = []
 
 
 class Viewer:
-    """Subscribes topics and decodes what comes by the definition that the server gives."""
+    """Subscribes topics and decodes what comes by the definition that the server gives.
+
+    foxglove-sdk 0.30 tells a client of a channel before it takes a subscription of it: who is
+    quick is refused, and asks again.
+    """
 
     def __init__(self, address: str) -> None:
         self.socket = connect(
@@ -76,6 +81,9 @@ class Viewer:
         elif said["op"] == "unadvertise":
             gone = set(said["channelIds"])
             self.channels = {t: c for t, c in self.channels.items() if c["id"] not in gone}
+        elif said["op"] == "status" and said["message"].startswith(UNKNOWN):
+            channel = int(said["message"].removeprefix(UNKNOWN))
+            self._ask({"id": 1000 + channel, "channelId": channel})
 
     def until(self, found: Callable[[], object], what: str) -> None:
         end = time.monotonic() + LIMIT_S
@@ -99,6 +107,9 @@ class Viewer:
             number = 1000 + channel["id"]
             self._of[number] = topic, decoder
             asked.append({"id": number, "channelId": channel["id"]})
+        self._ask(*asked)
+
+    def _ask(self, *asked: dict[str, int]) -> None:
         self.socket.send(json.dumps({"op": "subscribe", "subscriptions": asked}))
 
     def of(self, topic: str) -> list[Any]:

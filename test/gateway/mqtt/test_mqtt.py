@@ -66,10 +66,10 @@ class Speaker:
         return [Message("death", b"")]
 
 
-def conversation(client, speaker):
+def conversation(client, speaker, view=View):
     events: queue.Queue[face._Event] = queue.Queue()
     events.put(("answer", CONNACK_ACCEPTED))
-    told = face._Conversation(client, speaker, View, events, lambda: None)
+    told = face._Conversation(client, speaker, view, events, lambda: None)
     return told, events
 
 
@@ -89,6 +89,24 @@ def test_what_is_new_is_said_while_there_is_always_something_to_hear(monkeypatch
     monkeypatch.setattr(speaker, "heard", heard)
     assert told.run(end) == ""
     assert client.said == ["birth", "change", "change", "change", "death"]
+
+
+def test_nothing_is_born_before_the_history_was_read_for_the_first_time(monkeypatch):
+    monkeypatch.setattr(face, "PERIOD_S", 0.0)
+    client, end = Client(), threading.Event()
+    views = iter([View(whole=False), View(whole=False), View(failure="locked", whole=False)])
+    said: list[list[str]] = []
+
+    def view():
+        said.append(list(client.said))
+        found = next(views, None)
+        if found is None:
+            end.set()
+        return found or View()
+
+    told, _ = conversation(client, Speaker(), view)
+    assert told.run(end) == ""
+    assert said == [[], [], [], ["birth"]]
 
 
 def test_a_broker_that_is_left_for_an_error_of_ours_hears_of_it(monkeypatch):

@@ -129,6 +129,15 @@ def test_a_view_that_was_gone_through_is_not_gone_through_again(speaker, past):
     assert len(speaker.missed(past.view())) == 1
 
 
+def test_of_a_history_that_is_yet_to_be_read_nothing_counts_as_stored_later(tmp_path, past):
+    backlog = Backlog(tmp_path / "state", past.read, "a broker")
+    assert list(backlog.take(View(whole=False))) == []
+    assert list(backlog.take(past.view())) == []  # a new file: what is stored so far is the past
+    past.last["a"] += 1
+    assert [(v, e.cycle) for v, e, _ in backlog.take(past.view())] == [("a", 4)]
+    backlog.close()
+
+
 def test_the_marks_belong_to_one_at_a_time(tmp_path, past):
     first = Backlog(tmp_path / "state", past.read, "a broker")
     with pytest.raises(StoreError, match=r"state: another `serve` keeps its marks there"):

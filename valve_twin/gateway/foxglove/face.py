@@ -121,7 +121,7 @@ class FoxgloveFace:
         ConfigError
             If it cannot listen there.
         """
-        self._step(self._view(), set(), periodic=False)  # who asks at once finds all topics
+        self._step(self._view(), set(), periodic=False)  # who asks at once finds what there is
         try:
             self._server = foxglove.start_server(
                 name="valve_twin",

@@ -87,9 +87,9 @@ class Backlog:
         Parameters
         ----------
         view : View
-            What the history holds; of a history that cannot be read nothing is taken.
+            What the history holds; of one that cannot be read, or was not yet, nothing is taken.
         """
-        if view.failure or view is self._all_of:
+        if view.failure or not view.whole or view is self._all_of:
             return
         if self._marks is None:
             self._marks = {row.valve: row.cycle for row in view.rows}

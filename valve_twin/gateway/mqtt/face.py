@@ -197,7 +197,7 @@ class _Conversation:
         self._waiting: deque[MQTTMessageInfo] = deque()
         self._moved_s = time.monotonic()
         self._answered = self._born = False
-        self._shown = View()
+        self._shown = View(whole=False)
 
     def run(self, end: threading.Event) -> str:
         """Speak; return why it ended."""
@@ -256,6 +256,8 @@ class _Conversation:
         if len(self._waiting) > MOST_WAITING:
             return
         self._shown = self._view()
+        if not self._shown.whole and not self._shown.failure:  # yet to be read for the first time
+            return
         say = self._speaker.changed if self._born else self._speaker.born
         self._send(say(self._shown))
         self._born = True

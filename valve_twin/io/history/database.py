@@ -65,7 +65,7 @@ class Database:
         self.url = _parse_url(url)
         self.read_only = read_only
         self.file = Path(self.url.database or "") if self.is_sqlite else None
-        self.where = str(self.file) if self.file else _shown(self.url)
+        self.where = place_of(url)
         self._busy_timeout_s = busy_timeout_s
         self._identity: tuple[int, int] | None = None
         self._log = f"{self.file}-wal"
@@ -353,6 +353,24 @@ class Database:
                 return
             migrate(connection)
             seal_all(connection)
+
+
+def place_of(url: str) -> str:
+    """Return file or URL of a database, without a password.
+
+    Parameters
+    ----------
+    url : str
+        As `Database` takes it.
+
+    Raises
+    ------
+    StoreError
+        If it is none.
+    """
+    parsed = _parse_url(url)
+    sqlite = parsed.get_backend_name() == "sqlite"
+    return str(Path(parsed.database or "")) if sqlite else _shown(parsed)
 
 
 def _shown(url: sa.URL) -> str:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
+from valve_twin.io.bags.definitions import definition
 from valve_twin.io.cdr.message_types import message_class
 from valve_twin.nodes.gateway.live_feed import BEST_EFFORT, DEPTH, nothing
 from valve_twin.nodes.runtime.compat import take_waiting
@@ -51,6 +52,7 @@ class FoxgloveRelay:
         self._channels: dict[str, tuple[str, Channel]] = {}
         self._subscribed: dict[str, Any] = {}
         self._looks = 0
+        self._refused: set[tuple[str, str]] = set()
 
     def look(self) -> None:
         """Pass on what came since the last look."""
@@ -83,11 +85,27 @@ class FoxgloveRelay:
             offered = self._channels.get(topic)
             if offered is not None and offered[0] == type_name:
                 continue
+            if not self._is_known(topic, type_name):
+                continue
             if offered is not None:  # a twin that speaks in series now
                 self._close(topic)
             channel = self._face.offer(topic, type_name)
             if channel is not None:
                 self._channels[topic] = type_name, channel
+
+    def _is_known(self, topic: str, type_name: str) -> bool:
+        """Return whether a type is installed here; one that is not is told once."""
+        if (topic, type_name) in self._refused:
+            return False
+        try:
+            message_class(type_name)
+            definition(type_name)
+        except KeyError as err:
+            self._refused.add((topic, type_name))
+            text = f"{topic}: not passed on to Foxglove: {err.args[0]} is not installed here"
+            self._reader.get_logger().warning(text)
+            return False
+        return True
 
     def _close(self, topic: str) -> None:
         self._let_go(topic)
