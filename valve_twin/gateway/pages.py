@@ -18,7 +18,7 @@ from markupsafe import Markup
 
 from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.gateway.page.details import DRAWING
-from valve_twin.gateway.page.words import LANGUAGES, cell, drawn, words
+from valve_twin.gateway.page.words import LANGUAGES, cell, drawn, sentence, words
 from valve_twin.report.plots import plot_cycle
 from valve_twin.report.svg import polyline
 from valve_twin.report.tables import life_table
@@ -108,6 +108,7 @@ def _templates(language: str) -> Environment:
     made.install_gettext_translations(told)  # type: ignore[attr-defined]
     made.filters["cell"] = partial(cell, told=told)
     made.filters["drawn"] = partial(drawn, told=told)
+    made.filters["sentence"] = partial(sentence, told=told)
     made.globals["style"] = render("style.css")
     made.globals["own_style"] = Markup(made.get_template("page.css").render())
     return made

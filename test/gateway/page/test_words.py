@@ -5,21 +5,34 @@
 from __future__ import annotations
 
 import re
+import time
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from markupsafe import Markup
 
 import valve_twin.gateway
-from valve_twin.core.aging.verdict import VerdictKind
+from valve_twin.core.aging.config import AgingConfig
+from valve_twin.core.aging.verdict import Trend, TrendStatus, VerdictKind, decide
+from valve_twin.core.diagnosis.detection import UNKNOWN, Finding
+from valve_twin.core.diagnosis.history import describe_finding, partner
+from valve_twin.core.diagnosis.table import BY_NAME
+from valve_twin.core.faults.advice import BY_VERDICT, FAULT_ADVICE
 from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.core.types import Prediction, Validity
+from valve_twin.core.valves.registry import get_model, model_names
 from valve_twin.gateway.page import forms
-from valve_twin.gateway.page.words import cell, chosen, drawn, read_catalogue, words
+from valve_twin.gateway.page.words import cell, chosen, drawn, read_catalogue, sentence, words
+from valve_twin.gateway.plant import WAITING
 from valve_twin.report import plots
 from valve_twin.report.plots import plot_cycle
 from valve_twin.report.tables import STATUS_WORDS
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 TEMPLATES = Path(valve_twin.gateway.__file__).parent / "templates"
 
@@ -67,6 +80,97 @@ def test_the_words_in_the_cells_of_a_table_are_translated():
     assert cell("<b>due</b>", german) == "&lt;b&gt;due&lt;/b&gt;"
     assert cell("due", german) == "fällig"
     assert cell(made, words("en")) == made
+
+
+def trends() -> Iterator[Trend]:
+    """Yield a trend for every outlook and for every way its level is told."""
+    known = Trend(1, "/v", "K_in", "1/sample", "cycles", TrendStatus.DRIFTING, "why", 20, 1, 1.0,
+                  20.0, level=0.012, reference=0.014, drift_reference=-14.0,
+                  drift_reference_lower_95=-15.0, drift_reference_upper_95=-13.0,
+                  mean_lower_95=0.011, mean_upper_95=0.013, p_value=1e-9)  # fmt: skip
+    limited = replace(known, threshold=0.012)
+    for trend in (
+        replace(known, status=TrendStatus.NOT_ENOUGH_DATA),
+        known,
+        replace(limited, status=TrendStatus.BEYOND_THRESHOLD),
+        replace(limited, unbounded=False, remaining_low=3.0, remaining_high=9.0),
+        replace(limited, unbounded=False, bends=True, law="exponential", remaining_median=9.0),
+        replace(limited, bends=True, law="power", remaining_low=30.0),
+        replace(limited, remaining_low=0.0),
+        replace(limited, remaining_low=30.0),
+        limited,
+    ):
+        yield trend
+        yield replace(trend, axis="hours", reference_source="commissioning")
+        yield replace(trend, drift_reference=np.nan)
+        yield replace(trend, share_lost=0.9)
+
+
+def findings() -> Iterator[Finding]:
+    """Yield every fault, with and without a size, alone and with what fits as well."""
+    for name, kind in BY_NAME.items():
+        for size, deviation in ((0.3, 5.0), (0.3, np.inf), (np.nan, np.nan), (2.0, 1e9)):
+            found = Finding(name, (), kind.part, size, deviation, 9, 7)
+            yield found
+            other = partner(name)
+            yield replace(found, rivals=("leak", "delay", *([other] if other else ())))
+    yield Finding(UNKNOWN, (), "valve", np.nan, 6.0, 9, 7)
+
+
+def is_german(text: str) -> bool:
+    """Return whether nothing of a sentence stayed English."""
+    said = sentence(text, words("de"))
+    return said != text and "<span" not in said
+
+
+def test_what_a_verdict_says_is_translated_with_its_figures():
+    config, at = AgingConfig(), {"valve": "/v", "stamp_ns": 1, "cycle": 20}
+    given = replace(next(trends()), reason="3 of 10 estimates since the segment began")
+    said = [decide([t], config, **at).evidence for t in (given, *trends())]
+    said += [describe_finding(found) for found in findings()]
+    said += [decide([t], config, fault=f, **at).evidence
+             for t, f in zip(trends(), findings(), strict=False)]  # fmt: skip
+    said += [f"valve: {text}" for text in said]
+    said += [decide([], config, **at).evidence, WAITING]
+    assert len(set(said)) > 300
+    assert [text for text in said if not is_german(text)] == []
+    text = "K_in -14.0 % of new (95 %: -15.0 .. -13.0), 6 cycles left (3 .. 9)"
+    german = "K_in -14.0 % gegen neu (95 %: -15.0 .. -13.0), noch 6 Zyklen (3 .. 9)"
+    assert sentence(text, words("de")) == german
+    assert sentence(text, words("en")) == text
+
+
+def test_what_is_to_be_done_is_translated():
+    advices = [a.sentence for a in (*FAULT_ADVICE.values(), *BY_VERDICT.values()) if a.sentence]
+    assert len(advices) > 25
+    assert [text for text in advices if not is_german(text)] == []
+    leak = FAULT_ADVICE["leak"].sentence
+    german = "Sitz und Dichtungen der Kammer: spülen, dann Sitz und Dichtungen ansehen"
+    assert sentence(leak, words("de"), begins=True) == f"{german}, beim nächsten Halt"
+    assert sentence(leak, words("en"), begins=True) == "S" + leak[1:]
+
+
+def test_the_description_of_every_parameter_is_translated():
+    told = {p.description for name in model_names() for p in get_model(name).parameters}
+    assert len(told) > 150
+    german = words("de").sentences
+    missing = [text for text in told if text not in german and not is_german(text)]
+    assert missing == []
+
+
+def test_what_is_not_known_stays_english_and_says_so():
+    german = words("de")
+    assert sentence("mend the seat or <b>: now", german) == (
+        '<span lang="en">mend the seat or &lt;b&gt;: now</span>'
+    )
+    text = "the newest 5 cycles gave no estimate: the moon is full"
+    part = '<span lang="en">the moon is full</span>'
+    assert sentence(text, german) == f"die neuesten 5 Zyklen ergaben keine Schätzung: {part}"
+    hostile = "a: {0}{x} " * 2000
+    begun = time.thread_time()
+    assert "{0}{x}" in sentence(hostile, german)
+    assert "a: a" in sentence("a: " * 190, german)
+    assert time.thread_time() - begun < 1.0
 
 
 def test_every_word_that_the_plots_write_is_translated():

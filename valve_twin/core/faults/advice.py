@@ -146,7 +146,7 @@ LIMIT_STATES = {
 _WEAR = Advice(
     LIMIT_STATES[LimitState.WARNING], "PDE", "valve", "wear or dirt", "overhaul it", PLAN
 )
-_BY_KIND = {
+BY_VERDICT = {
     VerdictKind.NOT_ENOUGH_DATA: Advice(_C, part="monitoring", action="see why there is none"),
     VerdictKind.NO_REFERENCE: Advice(
         _C, part="monitoring", action="let it run, or give a record of its commissioning"
@@ -160,6 +160,7 @@ _BY_KIND = {
     VerdictKind.SENSOR: Advice(_S, "AIR", "position sensor", "", "check it", NEXT_STOP),
     VerdictKind.SUPPLY: Advice(_S, "LOO", "supply", "", "measure it under load", NEXT_STOP),
 }
+"""Advice by a verdict that names no fault."""
 
 
 def advise(verdict: Verdict, trends: Sequence[Trend] = ()) -> Advice:
@@ -178,7 +179,7 @@ def advise(verdict: Verdict, trends: Sequence[Trend] = ()) -> Advice:
     if advice is None and worn:
         advice = replace(_WEAR, cause=f"wear or dirt that changes {verdict.fault}")
     if advice is None:
-        return _BY_KIND[verdict.kind]
+        return BY_VERDICT[verdict.kind]
     if trend is not None and trend.limit_state is LimitState.ALARM:
         return replace(advice, ne107=LIMIT_STATES[trend.limit_state], urgency=NOW)
     return advice

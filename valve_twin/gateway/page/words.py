@@ -8,7 +8,7 @@ import ast
 import gettext
 import math
 import re
-from functools import cache
+from functools import cache, lru_cache
 from importlib.resources import files
 from typing import TYPE_CHECKING
 
@@ -22,19 +22,33 @@ LANGUAGES = {"en": "English", "de": "Deutsch"}
 
 COOKIE = "valve_twin_language"
 
+LONGEST = 600
+"""A longer clause stays as it is: what is stored may come from anybody [characters]."""
+
+DEEPEST = 5
+"""Templates within each other [1]."""
+
 _LINE = re.compile(r'(?:(msgid|msgstr)\s+)?(".*")')
 
 
 class Words(gettext.NullTranslations):
-    """The words of one language; what it lacks stays as it is."""
+    """The words of one language; what it lacks stays as it is.
 
-    def __init__(self, catalogue: dict[str, str]) -> None:
+    Parameters
+    ----------
+    catalogue : dict
+        Texts of pages and pictures by their original.
+    sentences : dict, optional
+        Texts of the core by their original, {} for what differs: evidence, advice, descriptions.
+    """
+
+    def __init__(self, catalogue: dict[str, str], sentences: dict[str, str] | None = None) -> None:
         super().__init__()
-        self.catalogue = catalogue
+        self.catalogue, self.sentences = catalogue, sentences or {}
 
     def gettext(self, message: str) -> str:
         """Return a text of the templates in this language."""
-        return self.catalogue.get(message) or message
+        return self.catalogue.get(message) or self.sentences.get(message) or message
 
 
 def read_catalogue(text: str) -> dict[str, str]:
@@ -89,6 +103,71 @@ def cell(text: object, told: Words) -> Markup:
     )
 
 
+def sentence(text: object, told: Words, *, begins: bool = False) -> Markup:
+    """Return what the core says, for a page: in another language, else marked as English.
+
+    Parameters
+    ----------
+    text : object
+        Clauses between semicolons, each of which is translated by its template.
+    told : Words
+        The words.
+    begins : bool
+        Whether an English one begins with a capital letter.
+    """
+    said = str(text)
+    if not said or not told.sentences:
+        return escape(said[:1].upper() + said[1:] if begins else said)
+    if said in told.sentences:
+        return escape(told.gettext(said))
+    return Markup("; ").join(_clause(part, told) for part in said.split("; "))
+
+
+@lru_cache(maxsize=1000)
+def _clause(text: str, told: Words) -> Markup:
+    patterns = _ranked(tuple(told.sentences))
+    found = _said(text, told, patterns, DEEPEST) if len(text) <= LONGEST else None
+    return _ENGLISH.format(text) if found is None else found
+
+
+def _said(
+    text: str, told: Words, patterns: Mapping[str, re.Pattern[str]], depth: int
+) -> Markup | None:
+    """Return a clause by the first template that says all of it, else by the first that fits.
+
+    What stands in it and is neither known nor a name or a figure stays English; a template that
+    has no word of its own takes no such part.
+    """
+    if text in told.sentences or text in told.catalogue:
+        return escape(told.gettext(text))
+    partly = None
+    for message, pattern in patterns.items() if depth else ():
+        found = pattern.fullmatch(text)
+        if not found:
+            continue
+        parts = [
+            _said(part, told, patterns, depth - 1)
+            or (_ENGLISH if _is_said(part) else _PLAIN).format(part)
+            for part in found.groups()
+        ]
+        whole = not any("</span>" in part for part in parts)
+        if whole or (partly is None and _WORD.search(message)):
+            said = escape(told.sentences[message]).format(*parts)
+            if whole:
+                return said
+            partly = said
+    return partly
+
+
+def _is_said(part: str) -> bool:
+    """Return whether a part is a clause of its own, and no name or figure with its unit."""
+    return len(_WORD.findall(part)) > 1
+
+
+_ENGLISH, _PLAIN = Markup('<span lang="en">{}</span>'), Markup("{}")
+_WORD = re.compile(r"(?<![\w/])(?!inf\b|nan\b)[A-Za-z_]{3,}")
+
+
 _IN_PICTURE = re.compile(r'(<text [^>]*>|aria-label=")([^<"]+)(</text>|")')
 
 
@@ -97,8 +176,15 @@ def _patterns(messages: tuple[str, ...]) -> dict[str, re.Pattern[str]]:
     return {m: re.compile("(.+?)".join(map(re.escape, m.split("{}")))) for m in messages}
 
 
+@cache
+def _ranked(messages: tuple[str, ...]) -> dict[str, re.Pattern[str]]:
+    """Return the patterns of templates, those with the longest text of their own first."""
+    open_ones = sorted((m for m in messages if "{}" in m), key=lambda m: -len(m.replace("{}", "")))
+    return _patterns(tuple(open_ones))
+
+
 def _translated(text: str, told: Words, patterns: Mapping[str, re.Pattern[str]]) -> str:
-    if text in told.catalogue:
+    if text in told.catalogue or text in told.sentences:
         return told.gettext(text)
     for message, pattern in patterns.items():
         found = pattern.fullmatch(text)
@@ -113,8 +199,12 @@ def words(language: str) -> Words:
     """Return the words of a language."""
     if language == next(iter(LANGUAGES)):
         return Words({})
-    path = files("valve_twin.gateway") / "locale" / f"{language}.po"
-    return Words(read_catalogue(path.read_text(encoding="utf-8")))
+    folder = files("valve_twin.gateway") / "locale"
+    pages, *of_core = (
+        read_catalogue((folder / f"{language}{part}.po").read_text(encoding="utf-8"))
+        for part in ("", "_sentences", "_parameters")
+    )
+    return Words(pages, {message: text for part in of_core for message, text in part.items()})
 
 
 def chosen(asked: str, kept: str, accepted: str) -> str:
