@@ -7,6 +7,7 @@ from __future__ import annotations
 import re
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,8 +19,8 @@ import valve_twin.gateway
 from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.aging.verdict import Trend, TrendStatus, VerdictKind, decide
 from valve_twin.core.diagnosis.detection import UNKNOWN, Finding
-from valve_twin.core.diagnosis.history import describe_finding, partner
-from valve_twin.core.diagnosis.table import BY_NAME
+from valve_twin.core.diagnosis.history import describe_finding
+from valve_twin.core.diagnosis.table import BY_NAME, partner
 from valve_twin.core.faults.advice import BY_VERDICT, FAULT_ADVICE
 from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.core.types import Prediction, Validity
@@ -124,14 +125,14 @@ def is_german(text: str) -> bool:
 
 
 def test_what_a_verdict_says_is_translated_with_its_figures():
-    config, at = AgingConfig(), {"valve": "/v", "stamp_ns": 1, "cycle": 20}
+    judged = partial(decide, config=AgingConfig(), valve="/v", stamp_ns=1, cycle=20)
     given = replace(next(trends()), reason="3 of 10 estimates since the segment began")
-    said = [decide([t], config, **at).evidence for t in (given, *trends())]
+    said = [judged([t]).evidence for t in (given, *trends())]
     said += [describe_finding(found) for found in findings()]
-    said += [decide([t], config, fault=f, **at).evidence
+    said += [judged([t], fault=f).evidence
              for t, f in zip(trends(), findings(), strict=False)]  # fmt: skip
     said += [f"valve: {text}" for text in said]
-    said += [decide([], config, **at).evidence, WAITING]
+    said += [judged([]).evidence, WAITING]
     assert len(set(said)) > 300
     assert [text for text in said if not is_german(text)] == []
     text = "K_in -14.0 % of new (95 %: -15.0 .. -13.0), 6 cycles left (3 .. 9)"
