@@ -304,6 +304,31 @@ def test_a_parameter_may_age_while_it_runs(slave):
     assert run(one, references, 20)[-1] < 0.05
 
 
+@both
+def test_a_press_valve_equals_the_free_run_of_its_prediction(tmp_path, version):
+    from test.core.valves.press_cartridge import test_law as press
+
+    values = tuple(ParameterValue(name, value) for name, value in press.VALUES.items())
+    estimate = made(values=values, model="press_cartridge", lag=2)
+    path = tmp_path / "press.fmu"
+    write_fmu(valve_of("db", "/press", estimate, record(), press.PERIOD_S), path, version)
+    commands, options = press.commands(), press.OPTIONS
+    columns = np.zeros(len(commands), dtype=[(n, float) for n in ("time", "v_in", "v_out")])
+    columns["time"] = press.PERIOD_S * np.arange(len(commands))
+    columns["v_in"], columns["v_out"] = commands.T
+    own = ("v_offset_in", "v_offset_out", "upper_seat", "v_ref")
+    found = fmpy.simulate_fmu(
+        str(path),
+        input=columns,
+        start_values={name: getattr(options, name) for name in own},
+        output=["spool_position"],
+        stop_time=columns["time"][-1],
+        step_size=press.PERIOD_S,
+        output_interval=press.PERIOD_S,
+    )["spool_position"]
+    np.testing.assert_allclose(found, press.free_run(press.VALUES, commands), atol=1e-9)
+
+
 def test_a_step_takes_less_than_two_microseconds(fmus, tmp_path):
     """Processor time of doStep in a loop of C, so that Python's calls do not count."""
     folder = Path(fmpy.extract(str(fmus[2]), str(tmp_path / "unzipped")))

@@ -7,6 +7,7 @@ import pytest
 from valve_twin.core.types import Estimate, EstimateStatus, ParameterStatus, ParameterValue
 from valve_twin.core.valves.kit import Valve
 from valve_twin.core.valves.positioner.model import PositionerModel
+from valve_twin.core.valves.press_cartridge.model import PressCartridgeModel
 from valve_twin.core.valves.registry import get_model, model_names
 from valve_twin.gateway.fmu.valve import law_of, stored_estimate, valve_of
 from valve_twin.io.errors import FmuError
@@ -32,7 +33,7 @@ def record(cycle=3, samples=400, lost=0):
 def test_only_a_law_is_taken_and_the_line_names_those_that_are():
     for name in model_names():
         model = get_model(name)
-        if isinstance(model, Valve | PositionerModel):
+        if isinstance(model, Valve | PositionerModel | PressCartridgeModel):
             assert law_of(name).law is model.law
             continue
         with pytest.raises(FmuError, match=rf"'{name}' has no law of.* are: .*first_order"):
@@ -125,3 +126,31 @@ def test_a_lag_of_0_becomes_one_sample_and_the_description_says_so():
     assert none.delay.start == one.delay.start == 0.05
     assert "lag 1 samples (found 0: " in none.text
     assert "found" not in one.text
+
+
+PRESS = (
+    ParameterValue("pole", 0.35, lower_95=0.3, upper_95=0.4),
+    ParameterValue("K_in", 0.021, lower_95=0.0208, upper_95=0.0212),
+    ParameterValue("v_in_mean", 0.6),
+    ParameterValue("K_out", 0.026),
+    ParameterValue("leak", float("nan"), ParameterStatus.NOT_EXCITED, "no hold"),
+    ParameterValue("delay", 2.25),
+)
+
+
+def test_a_press_valve_has_whole_samples_of_its_delay_in_the_line_and_the_rest_in_its_law():
+    estimate = made(values=PRESS, model="press_cartridge", lag=1)
+    valve = valve_of("db", "/v", estimate, record())
+    found = {q.name: q for q in valve.parameters}
+    assert valve.delay.start == pytest.approx(2 * 0.05, rel=1e-12)
+    assert found["delay_part"].start == 0.25
+    assert (found["K_in"].lower, found["K_in"].upper) == (0.0208, 0.0212)
+    assert (found["leak"].start, found["K_in_slope"].start) == (0.0, 0.0)
+    assert "no hold, as the prediction takes it" in found["leak"].text
+    assert found["upper_seat"].start == 1.0
+    assert "set the valve's own" in found["upper_seat"].text
+    assert [q.name for q in valve.inputs] == ["v_in", "v_out"]
+    short = (*PRESS[:-1], ParameterValue("delay", 0.6))
+    early = valve_of("db", "/v", made(values=short, model="press_cartridge"), record())
+    assert {q.name: q.start for q in early.parameters}["delay_part"] == 0.0
+    assert "lag 1 samples (found 0: " in early.text

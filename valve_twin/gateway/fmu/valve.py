@@ -214,8 +214,9 @@ def valve_of(
     period = period_s or _period(record)
     taken = _taken(valve, estimate, period)
     parameters = tuple(_parameter(p, estimate, taken) for p in law.parameters)
-    lag = max(estimate.lag, 1)
-    least = "" if estimate.lag else " (found 0: held inputs act one sample later at the earliest)"
+    found = _lag(valve, estimate)
+    lag = max(found, 1)
+    least = "" if found else " (found 0: held inputs act one sample later at the earliest)"
     unit = "1" if valve.normalised else ""
     inputs = tuple(Quantity(n, unit, "held over a sample", 0.0) for n in valve.inputs)
     output = Quantity(valve.output, unit, "as measured, without noise", 0.0)
@@ -276,13 +277,22 @@ def _taken(valve: Lawful, estimate: Estimate, period_s: float) -> Mapping[str, f
     values_of = getattr(valve, "law_values", None)
     if values_of is None:
         return {}
-    known = {p.name: p.value for p in estimate.parameters if isfinite(p.value)}
     try:
-        found: Mapping[str, float] = values_of(known, period_s)
+        found: Mapping[str, float] = values_of(_known(estimate), period_s)
     except ValueError as err:
         msg = f"cycle {estimate.cycle}: {err}; a valve without these options can be exported"
         raise FmuError(msg) from err
     return found
+
+
+def _lag(valve: Lawful, estimate: Estimate) -> int:
+    """Return after how many whole samples an input acts, as the prediction takes it [samples]."""
+    lag_of = getattr(valve, "law_lag", None)
+    return estimate.lag if lag_of is None else int(lag_of(_known(estimate), estimate.lag))
+
+
+def _known(estimate: Estimate) -> dict[str, float]:
+    return {p.name: p.value for p in estimate.parameters if isfinite(p.value)}
 
 
 def _parameter(

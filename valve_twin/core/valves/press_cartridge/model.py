@@ -63,6 +63,7 @@ from valve_twin.core.valves.press_cartridge.estimator_options import (
     mask_options,
     output_error_options,
 )
+from valve_twin.core.valves.press_cartridge.law import AsLaw, delay_of
 from valve_twin.core.valves.press_cartridge.parameters import PARAMETERS, PressCartridgeOptions
 from valve_twin.core.valves.press_cartridge.plant import (
     STRANGERS,
@@ -73,7 +74,6 @@ from valve_twin.core.valves.press_cartridge.predictor import (
     COEFFICIENTS,
     LAG,
     LOW_SEAT,
-    MAX_LAG,
     STATE,
     predict_block,
     set_gains,
@@ -109,7 +109,7 @@ _SHOWN = Demonstration(
 
 
 @dataclass(frozen=True, slots=True)
-class PressCartridgeModel(CompiledModel):
+class PressCartridgeModel(AsLaw, CompiledModel):
     """Implements `ValveModel` for the two-stage cartridge valve of paper 002."""
 
     name: str = "press_cartridge"
@@ -243,7 +243,7 @@ class PressCartridgeModel(CompiledModel):
             c[:8] = [values.get(name, 0.0) for name in THETA]
         else:
             set_gains(c, values, period_s, options.v_ref)
-        c[LAG] = min(max(values.get("delay", lag), 0), MAX_LAG)
+        c[LAG] = delay_of(values, lag)
         c[LOW_SEAT:] = [
             options.lower_seat,
             options.upper_seat,

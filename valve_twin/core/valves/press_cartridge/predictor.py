@@ -33,6 +33,17 @@ COEFFICIENTS = 16
 
 LEAK, LAG, LOW_SEAT, HIGH_SEAT, MARGIN, OFFSET_IN, OFFSET_OUT, DEAD_COMMAND = range(8, 16)
 
+GAINS = {
+    "pole": 0.0,
+    "K_in": np.nan,
+    "K_in_slope": 0.0,
+    "v_in_mean": 0.0,
+    "K_out": np.nan,
+    "K_out_slope": 0.0,
+    "leak": 0.0,
+}
+"""Parameters of the output error by name, with what stands for one that is not known."""
+
 STATE = 6 + 2 * MAX_LAG
 """x[n-1], x[n-2], samples since a gap, free-run x, free-run d, free run on, past commands."""
 
@@ -180,13 +191,28 @@ def set_gains(c: FloatArray, values: Mapping[str, float], period_s: float, v_ref
     v_ref : float
         Outflow command at which K_out is published [1].
     """
-    pole = values.get("pole", 0.0)
-    share = 1.0 - pole
-    slope_in, slope_out = values.get("K_in_slope", 0.0), values.get("K_out_slope", 0.0)
-    at_in = values.get("v_in_mean", 0.0)
+    p = np.array([values.get(name, unknown) for name, unknown in GAINS.items()])
+    write_gains(c, p, v_ref, period_s)
+
+
+def write_gains(c: FloatArray, p: FloatArray, v_ref: float, period_s: float) -> None:
+    """Write what `set_gains` says; `law` compiles it.
+
+    Parameters
+    ----------
+    c : (16,) array
+        See `COEFFICIENTS`; written in place.
+    p : (7,) or longer array
+        Parameters in the order of `GAINS`, in their units.
+    v_ref : float
+        Outflow command at which K_out is published [1].
+    period_s : float
+        Sampling time [s].
+    """
+    share = 1.0 - p[0]
     c[0] = -share
-    c[1] = share * (values.get("K_in", np.nan) - slope_in * at_in)
-    c[2] = -share * (values.get("K_out", np.nan) - slope_out * v_ref)
-    c[3] = share * slope_in
-    c[4] = -share * slope_out
-    c[LEAK] = share * values.get("leak", 0.0) * period_s
+    c[1] = share * (p[1] - p[2] * p[3])
+    c[2] = -share * (p[4] - p[5] * v_ref)
+    c[3] = share * p[2]
+    c[4] = -share * p[5]
+    c[LEAK] = share * p[6] * period_s
