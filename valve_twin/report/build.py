@@ -8,6 +8,7 @@ import math
 import statistics
 import time
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 from valve_twin import __version__
@@ -18,6 +19,7 @@ from valve_twin.core.quantity import describe, example
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.store import History
+from valve_twin.io.history.tiers.reading import condensates, condensed, undisturbed, whole_past
 from valve_twin.io.offline.baseline import compare_baselines
 from valve_twin.io.offline.run import join_predictions
 from valve_twin.io.offline.sources import NOT_MEASURED
@@ -255,11 +257,18 @@ def history_data(
         known = ", ".join(history.valves()) or "no valve"
         msg = f"{history.where}: knows nothing about {valve}; it holds {known}"
         raise StoreError(msg)
+    data = undisturbed(history, valve, partial(_read, history, valve, aging, model))
+    return replace(data, label=label or aging.label)
+
+
+def _read(history: History, valve: str, aging: AgingConfig, model: str) -> ReportData:
     estimates = history.estimates(valve)
     maintenance = history.maintenance(valve)
     name = model or (estimates[-1].model if estimates else "")
     parameters = get_model(name).parameters if name else ()
     cycles, events = tuple(history.cycles(valve)), tuple(history.log.events(valve))
+    past = whole_past(history, valve, estimates)
+    of = next((e.estimator for e in reversed(estimates) if e.used_by_trend), "")
     return ReportData(
         valve=valve,
         model=name,
@@ -267,12 +276,13 @@ def history_data(
         parameters=parameters,
         cycles=cycles,
         estimates=tuple(estimates),
-        assessment=assess(estimates, maintenance, aging, parameters=parameters, valve=valve),
+        assessment=assess(past, maintenance, aging, parameters=parameters, valve=valve),
         maintenance=tuple(maintenance),
         counters=history.log.counters(valve),
         events=events,
         stroke_due=stroke_due(events, cycles[-1].end_ns if cycles else 0, aging.stroke_test_days),
-        label=label or aging.label,
         version=__version__,
         written_ns=time.time_ns(),
+        condensed=condensed(history, valve),
+        condensates=tuple(condensates(history, valve, estimator=of)),
     )

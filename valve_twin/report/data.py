@@ -7,6 +7,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from valve_twin.io.history.tiers.reading import counted
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
     from valve_twin.core.operation.events import Event
     from valve_twin.core.operation.step_metrics import StepMetrics
     from valve_twin.core.operation.stroke_due import StrokeDue
+    from valve_twin.core.past.condensate import Condensate, Condensed
     from valve_twin.core.types import Cycle, Estimate, Maintenance, Parameter, Prediction
     from valve_twin.core.valves.error_budget import Budget
     from valve_twin.io.history.tables import CycleRecord
@@ -76,6 +79,10 @@ class ReportData:
         By cycle, the imported files that it comes from; empty = not imported.
     warning : str
         What the whole page has to be read with, at its head; empty = nothing.
+    condensed : Condensed or None
+        How far its cycles are condensed in the history: they are not among `cycles`.
+    condensates : tuple of Condensate
+        What the days of condensed cycles say of the parameters that are followed.
     """
 
     valve: str
@@ -103,11 +110,18 @@ class ReportData:
     provenance: str = ""
     files: Mapping[int, str] = field(default_factory=dict)
     warning: str = ""
+    condensed: Condensed | None = None
+    condensates: tuple[Condensate, ...] = ()
 
     @property
     def aging(self) -> bool:
         """Whether the cycles are a record of aging."""
         return not self.label
+
+    @property
+    def totals(self) -> Condensed:
+        """How many cycles there are, condensed ones included, and what was in them."""
+        return counted(self.condensed, self.cycles)
 
     @property
     def trend_estimates(self) -> tuple[Estimate, ...]:

@@ -15,6 +15,7 @@ from valve_twin.core.aging.verdict import Outlook, outlook
 from valve_twin.core.faults.advice import FAILURE_MODES, advise
 from valve_twin.core.types import EstimateStatus, ParameterStatus
 from valve_twin.io.errors import ValveTwinError
+from valve_twin.io.history.tiers.reading import told
 from valve_twin.report.budget import budget_section
 from valve_twin.report.faults import faults_section, operation_section, steps_section
 from valve_twin.report.plots import Marks, draws_laws, has_line, plot_cycle, plot_parameter
@@ -129,6 +130,7 @@ def render_report(data: ReportData) -> str:
         source_files=source_files(data),
         refused_parameters=refused_parameters(data),
         quality=quality(data),
+        condensed=told(data.condensed) if data.condensed else "",
         versions=sorted({c.software for c in data.cycles if c.software}),
     )
 
@@ -167,16 +169,16 @@ def _light(data: ReportData) -> Light:
 
 def _facts(data: ReportData) -> list[tuple[str, str, str]]:
     """Return what stands in large figures: name, value, remark."""
-    refused = sum(not c.accepted for c in data.cycles)
-    lost = sum(c.lost for c in data.cycles)
-    facts = [("Cycles", count(len(data.cycles)), f"{count(refused)} refused")]
+    totals = data.totals
+    refused, lost = totals.cycles - totals.accepted, totals.lost
+    facts = [("Cycles", count(totals.cycles), f"{count(refused)} refused")]
     used = [e for e in data.trend_estimates if e.status is not EstimateStatus.REFUSED]
     if used:
         fit, which = used[-1].fit_test, "test: model from the cycles before"
         if not math.isfinite(fit):
             fit, which = used[-1].fit_train, "training: model of this cycle itself"
         facts.append((f"Free-run fit, cycle {used[-1].cycle}", f"{fixed(fit, 1)} %", which))
-    samples = sum(c.samples for c in data.cycles) + lost
+    samples = totals.samples + lost
     rate = f"{fixed(100.0 * lost / samples, 2)} % of all" if samples else ""
     facts.append(("Samples lost", count(lost), rate))
     done = data.counters
@@ -205,7 +207,8 @@ def _figures(data: ReportData, pairs: dict[str, tuple[Trend, TrendDetail]]) -> l
     for name in _shown_parameters(data) if estimates else ():
         trend, detail = pairs.get(name, (None, None))
         axis = trend.axis if trend is not None else "cycle"
-        plot = plot_parameter(name, estimates, Marks(trend, detail, events), axis)
+        days = [c for c in data.condensates if c.parameter == name and c.usable]
+        plot = plot_parameter(name, estimates, Marks(trend, detail, events, days), axis)
         state = STATUS_WORDS[trend.status] if trend is not None else ""
         figures.append(Figure(name, data.parameter(name), trend, state, plot))
     return figures
@@ -233,6 +236,7 @@ def _legend_keys(
     none = "limits of single estimates: not calibrated (fewer than 10 cycles)"
     keys = [
         (True, "estimate", "one cycle"),
+        (bool(data.condensates), "condensed", "least to greatest of condensed cycles"),
         (calibrated, "limits", "95 % limits of a single estimate"),
         (not calibrated, "none", none),
         (line, "trend", "trend"),

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from markupsafe import Markup
 
     from valve_twin.core.aging import Trend, TrendDetail
+    from valve_twin.core.past.condensate import Condensate
     from valve_twin.core.types import (
         BoolArray,
         Estimate,
@@ -44,6 +45,9 @@ _LEAST_LAW = 0.05
 
 _FAR = 0.6
 """How far laws are drawn ahead of the last cycle at most, as a share of the history [1]."""
+
+_MOST_DAYS = 150
+"""Parts that condensed days are drawn in at most."""
 
 _MAX_BARS = 400
 """Estimates up to which every one's 95 % limits are drawn."""
@@ -108,11 +112,14 @@ class Marks:
         What the trend was computed from.
     maintenance : sequence of Maintenance
         Events to mark.
+    condensates : sequence of Condensate
+        Days of condensed cycles, oldest first.
     """
 
     trend: Trend | None = None
     detail: TrendDetail | None = None
     maintenance: Sequence[Maintenance] = ()
+    condensates: Sequence[Condensate] = ()
 
 
 def plot_parameter(name: str, estimates: Sequence[Estimate], marks: Marks, axis: str) -> Markup:
@@ -146,6 +153,7 @@ def plot_parameter(name: str, estimates: Sequence[Estimate], marks: Marks, axis:
     panel.axes(x_label=axis, x_ticks=6, y_ticks=5)
     if trend is not None and math.isfinite(trend.reference) and trend.reference:
         _percent_axis(panel, trend.reference)
+    _days(panel, marks)
     drawn = _bands(panel, marks) if has_line(trend) else []
     for event in marks.maintenance:
         at = float(_axis_of(np.array([float(event.cycle)]), marks.detail)[0])
@@ -177,6 +185,17 @@ def plot_parameter(name: str, estimates: Sequence[Estimate], marks: Marks, axis:
     return drawing(480, 286, panel.parts, f"{name} over {axis}", "small")
 
 
+def _days(panel: Panel, marks: Marks) -> None:
+    """Draw from the least to the greatest value of every so many days of condensed cycles."""
+    found = marks.condensates
+    step = -(-len(found) // _MOST_DAYS) or 1
+    parts = [found[k : k + step] for k in range(0, len(found), step)]
+    middle = np.array([0.5 * (days[0].cycle + days[-1].last_cycle) for days in parts], float)
+    low = np.array([min(day.minimum for day in days) for days in parts], float)
+    high = np.array([max(day.maximum for day in days) for days in parts], float)
+    panel.bars(_axis_of(middle, marks.detail), low, high, "condensed")
+
+
 def _seen(panel: Panel, x: FloatArray, y: FloatArray, shown: BoolArray) -> IntArray:
     """Return which of the shown points have to be drawn, see `_MAX_POINTS`."""
     index = np.flatnonzero(shown)
@@ -195,7 +214,9 @@ def _parameter_panel(
     marks: Marks,
 ) -> Panel:
     trend = marks.trend
+    days = [(day.minimum, day.maximum) for day in marks.condensates]
     parts = [value[shown], low[shown], high[shown]] if len(x) <= _MAX_BARS else [value[shown]]
+    parts.append(np.array(days, float).ravel())
     if trend is not None and has_line(trend):
         parts.append(np.array([trend.reference, trend.prediction_lower_95]))
         parts.append(np.array([trend.prediction_upper_95]))

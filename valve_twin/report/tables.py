@@ -254,12 +254,12 @@ def refused_parameters(data: ReportData) -> Table:
 def quality(data: ReportData) -> dict[str, object]:
     """Return what share of the samples was lost or masked and what is known of the sensor."""
     counts = [e.counts for e in data.trend_estimates]
-    samples, lost = (sum(getattr(c, k) for c in data.cycles) for k in ("samples", "lost"))
+    totals = data.totals
+    samples, lost = totals.samples, totals.lost
     fitted = sum(c.used for c in counts)
     masked = {k: sum(getattr(c, k) for c in counts) for k in ("seat", "stuck", "stale", "bad")}
     total = fitted + sum(masked.values())
-    missed = count(sum(max(c.missed_cycles, 0) for c in data.cycles))
-    unknown = sum(c.missed_cycles < 0 for c in data.cycles)
+    missed, unknown = count(totals.missed), totals.gaps
     noise = [e.noise_sigma for e in data.trend_estimates if math.isfinite(e.noise_sigma)]
     return {
         "samples": samples,
@@ -268,8 +268,7 @@ def quality(data: ReportData) -> dict[str, object]:
         "masked": {name: share(n, total) for name, n in masked.items()},
         "missed": missed + (f", and {count(unknown)} gaps of unknown length" if unknown else ""),
         "noise": float(np.median(noise)) if noise else math.nan,
-        "reproducible": f"{count(sum(c.reproducible for c in data.cycles))} of "
-        f"{count(len(data.cycles))}",
+        "reproducible": f"{count(totals.reproducible)} of {count(totals.cycles)}",
     }
 
 

@@ -19,6 +19,7 @@ from valve_twin.cli.common import (
     fail,
     positive,
     progress_of,
+    say,
     seed_number,
     share_number,
 )
@@ -97,11 +98,15 @@ def _judge(config: ValveConfig, url: str, how: BacktestConfig) -> tuple[str, Seq
     from valve_twin.core.aging.backtest import backtest
     from valve_twin.core.valves.registry import get_model
     from valve_twin.io.history.store import History
+    from valve_twin.io.history.tiers.reading import condensed, told
 
     with History(url, read_only=True) as history:
         where = history.where
         estimates = history.estimates(config.name, used_by_trend=True)
         maintenance = history.maintenance(config.name)
+        old = condensed(history, config.name)
+    if old is not None:
+        say(f"{where}: {told(old)}: only those are judged")
     with progress_of("judging", None) as advance:
         tests = backtest(
             estimates,

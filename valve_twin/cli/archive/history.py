@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""`valve-twin history`: back up, export, list, verify; events, counters, marks, views."""
+"""`valve-twin history`: back up, condense, export, verify; events, counters, marks, views."""
 
 from __future__ import annotations
 
@@ -8,7 +8,16 @@ import sys
 import time
 from typing import TYPE_CHECKING
 
-from valve_twin.cli.common import FAILED, OK, add_url, add_verb, cycle_number, fail, say
+from valve_twin.cli.common import (
+    FAILED,
+    OK,
+    add_url,
+    add_verb,
+    cycle_number,
+    fail,
+    progress_of,
+    say,
+)
 from valve_twin.cli.output import print_json
 
 if TYPE_CHECKING:
@@ -20,13 +29,14 @@ if TYPE_CHECKING:
 
 def add(verbs: Verbs) -> None:
     """Add the verb."""
-    text = "Back up, export, list or verify the history database; its events, counters and marks."
+    text = "Back up, condense, export, list, verify the history; its events, counters and marks."
     parser = add_verb(verbs, "history", text, _history)
     parser.add_argument(
         "action",
         choices=(
             "acknowledge",
             "backup",
+            "condense",
             "counters",
             "events",
             "export",
@@ -67,6 +77,27 @@ def add(verbs: Verbs) -> None:
     parser.add_argument(
         "--json", action="store_true", help="a JSON object a line (events, counters)"
     )
+    parser.add_argument(
+        "--keep-cycles",
+        type=int,
+        default=0,
+        metavar="N",
+        help="newest cycles of a valve that are kept one by one (condense)",
+    )
+    parser.add_argument(
+        "--keep-days",
+        type=float,
+        default=0.0,
+        metavar="D",
+        help="age up to which cycles are kept one by one [d] (condense)",
+    )
+    parser.add_argument(
+        "--hours-for-days",
+        type=float,
+        default=90.0,
+        metavar="D",
+        help="age up to which hours are kept beside days [d] (condense; default 90)",
+    )
 
 
 def _history(arguments: argparse.Namespace) -> int:
@@ -74,6 +105,8 @@ def _history(arguments: argparse.Namespace) -> int:
 
     if arguments.action == "views":
         return _make_views(arguments)
+    if arguments.action == "condense":
+        return _condense(arguments)
 
     with History(arguments.url, read_only=True) as history:
         if arguments.action == "backup":
@@ -88,7 +121,8 @@ def _history(arguments: argparse.Namespace) -> int:
             return FAILED if found.damaged else OK
         elif arguments.action == "list":
             for valve in history.valves():
-                sys.stdout.write(f"{valve}: last cycle {history.last_cycle(valve)}\n")
+                sys.stdout.write(f"{valve}: last cycle {history.last_cycle(valve)}")
+                sys.stdout.write(f"{_condensed_note(history, valve)}\n")
         elif arguments.action in _SHOWN:
             for valve in _chosen(history, arguments.valve):
                 _SHOWN[arguments.action](history, valve, arguments)
@@ -98,6 +132,32 @@ def _history(arguments: argparse.Namespace) -> int:
         else:
             (valve,) = _chosen(history, arguments.valve, one=True)
             return _withdraw(arguments, valve)
+    return OK
+
+
+def _condensed_note(history: History, valve: str) -> str:
+    from valve_twin.io.history.tiers.reading import condensed, told
+
+    found = condensed(history, valve)
+    return f"; {told(found)}" if found else ""
+
+
+def _condense(arguments: argparse.Namespace) -> int:
+    from valve_twin.io.errors import ConfigError
+    from valve_twin.io.history.store import History
+    from valve_twin.io.history.tiers.condense import Retention, condense
+
+    retention = Retention(arguments.keep_cycles, arguments.keep_days, arguments.hours_for_days)
+    if wrong := retention.wrong():
+        msg = f"history condense: {wrong}: --keep-cycles, --keep-days"
+        raise ConfigError(msg)
+    with History(arguments.url) as history:
+        for valve in _chosen(history, arguments.valve):
+            with progress_of(f"{valve}: cycles condensed", None) as advance:
+                condense(history, valve, retention, lambda _: advance())
+            say(
+                f"{valve}: last cycle {history.last_cycle(valve)}{_condensed_note(history, valve)}"
+            )
     return OK
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from valve_twin.io.errors import StoreError, ValveTwinError
+from valve_twin.io.history.tiers.reading import told
 from valve_twin.report.build import history_data
 from valve_twin.report.faults import MOST_EVENTS, faults_table
 from valve_twin.report.page import parameter_figures, render_report
@@ -53,6 +54,8 @@ class Details:
         What was done to it, newest first.
     failure : str
         Why the rest is not here (yet).
+    condensed : str
+        What who looks at single cycles has to know, empty where none are condensed.
     """
 
     report: str = ""
@@ -62,6 +65,7 @@ class Details:
     events: tuple[Event, ...] = ()
     maintenance: tuple[Maintenance, ...] = ()
     failure: str = ""
+    condensed: str = ""
 
 
 def make_details(
@@ -98,6 +102,7 @@ def make_details(
         counters=data.counters,
         events=tuple(reversed(shown)),
         maintenance=tuple(reversed(data.maintenance)),
+        condensed=told(data.condensed) if data.condensed else "",
     )
 
 

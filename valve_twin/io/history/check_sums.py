@@ -15,6 +15,8 @@ import sqlalchemy as sa
 
 from valve_twin.io.history.tables import (
     CHECK_SUM,
+    CONDENSATE,
+    CONDENSED,
     COUNTERS,
     CYCLE,
     ESTIMATE,
@@ -39,7 +41,7 @@ _SEPARATOR = "\x1f"
 UNSEALED = 0
 """Of a row that a twin of a version before check sums stored after the upgrade: it is believed."""
 
-SEALED = (CYCLE, ESTIMATE, MAINTENANCE, VERDICT, EVENT, COUNTERS)
+SEALED = (CYCLE, ESTIMATE, MAINTENANCE, VERDICT, EVENT, COUNTERS, CONDENSATE, CONDENSED)
 """Tables whose rows carry a check sum."""
 
 

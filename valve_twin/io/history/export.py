@@ -31,6 +31,7 @@ from valve_twin.io.history.check_sums import sound_rows
 from valve_twin.io.history.database import Database
 from valve_twin.io.history.tables import (
     CHECK_SUM,
+    CONDENSATE,
     CYCLE,
     ESTIMATE,
     MAINTENANCE,
@@ -185,6 +186,7 @@ def export_files(database: Database, folder: Path) -> list[Path]:
         "cycles.csv": partial(_write_table, CYCLE),
         "estimates.csv": _write_estimates,
         "maintenance.csv": partial(_write_table, MAINTENANCE),
+        "condensates.csv": partial(_write_table, CONDENSATE),
         "history.jsonl": _write_json_lines,
     }
     with database.read() as connection, _writing(folder):
@@ -273,7 +275,12 @@ def _write_estimates(connection: Connection, path: Path) -> None:
 
 
 def _write_json_lines(connection: Connection, path: Path) -> None:
-    kinds = {"cycle": CYCLE, "estimate": ESTIMATE, "maintenance": MAINTENANCE}
+    kinds = {
+        "cycle": CYCLE,
+        "estimate": ESTIMATE,
+        "maintenance": MAINTENANCE,
+        "condensate": CONDENSATE,
+    }
     with open(path, "w", encoding="utf-8") as file:
         for kind, table in kinds.items():
             for row in _rows(connection, table):

@@ -25,6 +25,8 @@ from valve_twin.io.history.database import Database, Trouble
 from valve_twin.io.history.insert import Insert
 from valve_twin.io.history.tables import (
     CHECK_SUM,
+    CONDENSATE,
+    CONDENSED,
     COUNTERS,
     CYCLE,
     ESTIMATE,
@@ -158,8 +160,11 @@ def _carry_valve(
     Insert(new, VALVE, skip_taken=True)(sink, [{"name": name}])
     new_id = sink.scalars(sa.select(VALVE.c.id).where(VALVE.c.name == name)).one()
     kept = {row["cycle"]: row for row in _rows(sink, CYCLE, new_id)}
+    until, condensed = _carry_condensed(source, sink, old_id, new_id)
     missing = []
     for row in _rows(source, CYCLE, old_id):
+        if row["cycle"] <= until:
+            continue
         stored = kept.get(row["cycle"])
         if stored is None:
             missing.append(row)
@@ -172,7 +177,8 @@ def _carry_valve(
             raise StoreError(msg)
     wanted = {row["cycle"] for row in missing}
     rows = {CYCLE: missing}
-    rows[ESTIMATE] = [row for row in _rows(source, ESTIMATE, old_id) if row["cycle"] in wanted]
+    rows |= condensed
+    rows[ESTIMATE] += [row for row in _rows(source, ESTIMATE, old_id) if row["cycle"] in wanted]
     for table in (MAINTENANCE, VERDICT):
         known = _rows(sink, table, new_id)
         rows[table] = [row for row in _rows(source, table, old_id) if row not in known]
@@ -185,6 +191,25 @@ def _carry_valve(
             rows_of = [sealed(table, row | {"valve_id": new_id}) for row in found]
             sink.execute(table.insert(), rows_of)
     return len(missing)
+
+
+def _carry_condensed(
+    source: Connection, sink: Connection, old_id: int, new_id: int
+) -> tuple[int, dict[sa.Table, list[dict[str, Any]]]]:
+    """Return up to which cycle the file in its place is condensed, and what it lacks of that.
+
+    Condensed cycles are missing where it holds nothing up to the last of them.
+    """
+    there = _rows(sink, CONDENSED, new_id)
+    if there:
+        return there[0]["cycle"], {ESTIMATE: []}
+    found = _rows(source, CONDENSED, old_id)
+    last = found[0]["cycle"] if found else 0
+    early = sa.select(CYCLE.c.cycle).where(CYCLE.c.valve_id == new_id, CYCLE.c.cycle <= last)
+    if not found or sink.execute(early.limit(1)).first():
+        return 0, {ESTIMATE: []}
+    kept = [row for row in _rows(source, ESTIMATE, old_id) if row["cycle"] <= last]
+    return 0, {ESTIMATE: kept, CONDENSED: found, CONDENSATE: _rows(source, CONDENSATE, old_id)}
 
 
 _MARKED = {

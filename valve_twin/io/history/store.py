@@ -30,7 +30,7 @@ from valve_twin.io.history.export import (
     export_files,
     requested_backup_path,
 )
-from valve_twin.io.history.insert import Insert, check_estimates, is_stored
+from valve_twin.io.history.insert import Insert, check_estimates, is_condensed, is_stored
 from valve_twin.io.history.log.counters import put_counters
 from valve_twin.io.history.log.events import KEPT
 from valve_twin.io.history.log.log import OperationLog
@@ -229,7 +229,7 @@ class History:
             return False
         msg = (
             f"{self.where}: cycle {record.cycle} of {valve} is already stored with other"
-            " content and a stored"
+            " content, or condensed, and a stored"
             " cycle is never changed: number the cycles on, or write to another history"
         )
         raise CycleTakenError(msg)
@@ -384,7 +384,7 @@ class History:
         return target
 
     def export(self, folder: str | Path) -> list[Path]:
-        """Write cycles.csv, estimates.csv, maintenance.csv and history.jsonl; return the files."""
+        """Write cycles, estimates, maintenance, condensates and history; return the files."""
         return export_files(self._database, Path(folder))
 
     def verify(self) -> Verification:
@@ -428,7 +428,8 @@ class History:
         """Insert a cycle where its number is free; return if it was."""
         with self._database.write() as connection:
             valve_id = self._valve_id(connection, valve)
-            new = self._insert_cycle(connection, [to_row(record, valve_id)]) == 1
+            free = not is_condensed(connection, valve_id, record.cycle)
+            new = free and self._insert_cycle(connection, [to_row(record, valve_id)]) == 1
             if new and estimates:
                 rows = [estimate_row(valve_id, i, e) for i, e in enumerate(estimates)]
                 self._insert_estimates(connection, rows)

@@ -40,6 +40,7 @@ from sqlalchemy import (
 from valve_twin.core.aging.verdict import Verdict
 from valve_twin.core.operation.counters import Counters
 from valve_twin.core.operation.events import Event
+from valve_twin.core.past.condensate import Condensate, Condensed
 from valve_twin.core.records import columns, fields, once_a_record, read_all
 from valve_twin.core.types import (
     Cycle,
@@ -58,7 +59,7 @@ if TYPE_CHECKING:
     from valve_twin.core.records import Column as RecordColumn
     from valve_twin.core.records import Field
 
-SCHEMA_VERSION = "0009"
+SCHEMA_VERSION = "0010"
 """Revision of the schema of this code: the newest file in `migrations/versions`."""
 
 SCHEMA_TABLE = "valve_twin_schema"
@@ -245,6 +246,23 @@ VERDICT = Table(
     _sum(),
 )
 EVENT = Table("event", METADATA, _id(), _valve(index=True), *_columns(Event, "id"), _sum())
+CONDENSATE = Table(
+    "condensate",
+    METADATA,
+    _id(),
+    _valve(),
+    *_columns(Condensate),
+    _sum(),
+    Index("ix_condensate", "valve_id", "estimator", "parameter", "span_s", "cycle"),
+)
+CONDENSED = Table(
+    "condensed",
+    METADATA,
+    _valve(key=True),
+    *_columns(Condensed),
+    Column("state", Text, nullable=False),
+    _sum(),
+)
 COUNTERS = Table(
     "counters",
     METADATA,

@@ -77,7 +77,7 @@ class MonitoredValve:
         self._busy = False
         self._keeper = keeper
         self.assessment: Assessment | None = None
-        self.failure = ""
+        self.failure = self._told = ""
         self.assess_s = 0.0
         self._trends: dict[str, Any] = {}
         base = self.name
@@ -217,6 +217,9 @@ class MonitoredValve:
             self._again = True
             return
         self.failure = ""
+        if answer.message and answer.message != self._told:
+            self._told = answer.message
+            self._node.get_logger().info(f"{self.name}: {self._told}")
         pairs = zip(answer.estimates, answer.missed_cycles, strict=True)
         fresh = [convert.estimate_value(m, int(missed)) for m, missed in pairs]
         events = [convert.to_value(Maintenance, m) for m in answer.maintenance]

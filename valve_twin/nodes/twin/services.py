@@ -20,6 +20,7 @@ from valve_twin.io.config.node_parameters import TwinParameters
 from valve_twin.io.history.export import BackupRules
 from valve_twin.io.history.log.events import LAST_ID, Acknowledgement
 from valve_twin.io.history.remarks import wrong_note
+from valve_twin.io.history.tiers.reading import condensed, condensed_until, told
 from valve_twin.nodes.runtime import messages as convert
 from valve_twin.nodes.runtime.services import DeferredService, Done
 from valve_twin.nodes.twin.budget_service import begin_budget
@@ -146,6 +147,9 @@ class TwinServices:
             events = valve.history.maintenance(valve.name)
             response.maintenance = [convert.to_message(e) for e in events]
             response.more = len(found) > limit
+            if first <= condensed_until(valve.history, valve.name):
+                old = condensed(valve.history, valve.name)
+                response.message = response.message or (told(old) if old else "")
             response.success = True
             return response
 

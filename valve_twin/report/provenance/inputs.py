@@ -84,12 +84,14 @@ def history_origin(data: ReportData) -> Origin:
 def history_rows(data: ReportData) -> Mapping[str, list[dict[str, object]]]:
     """Return the rows of a history on a page by kind, as they are stored."""
     counters = [] if data.counters is None else [asdict(data.counters)]
+    condensed = {} if data.condensed is None else {"condensed cycles": [to_row(data.condensed, 0)]}
     return {
         "cycles": [to_row(cycle, 0) for cycle in data.cycles],
         "estimates": [estimate_row(0, 0, estimate) for estimate in data.estimates],
         "maintenance": [to_row(event, 0) for event in data.maintenance],
         "counters": counters,
         "events": [to_row(event, 0) for event in data.events],
+        **condensed,
     }
 
 

@@ -18,8 +18,11 @@ from test.io.history.test_fleet import START_NS, STEP_NS, estimate, record
 from valve_twin.cli import main
 from valve_twin.core.aging.verdict import Verdict, VerdictKind
 from valve_twin.core.operation.counters import Counters
+from valve_twin.core.past.condensate import DAY_S, Condensate
 from valve_twin.core.types import EstimateStatus, Maintenance, ParameterStatus, ParameterValue
+from valve_twin.io.history.check_sums import sealed
 from valve_twin.io.history.store import History
+from valve_twin.io.history.tables import CONDENSATE, to_row
 from valve_twin.io.history.views.make import SCHEMA, VIEWS
 
 if TYPE_CHECKING:
@@ -28,6 +31,7 @@ if TYPE_CHECKING:
 
 VALVES = ("/press/valve_1", '/press/it\'s % "odd"')
 LAST = 12
+DAY = Condensate(DAY_S, START_NS, START_NS + STEP_NS, 1, 9, "e", "leak", 9, 0, *[math.nan] * 8)
 COUNTERS = Counters(
     LAST, START_NS, START_NS + LAST * STEP_NS, LAST, 30, 4, 10**12, 6 * 10**11, 3 * 10**11, 10**11,
     done=41.5, closed=0.0, stroke=0.5, direction=-1, begin=0.75, level=0.5,
@@ -61,6 +65,9 @@ def history(server: str) -> Iterator[History]:
                 Verdict(stamp, valve, VerdictKind.VALVE, "valve", "K_in -15 %", LAST, "K_in"),
             )
             made.add_maintenance(valve, Maintenance(stamp, LAST, "new spool", True))
+            with made.writing(valve) as (connection, valve_id):
+                row = sealed(CONDENSATE, to_row(DAY, valve_id))
+                connection.execute(CONDENSATE.insert(), row)
         yield made
 
 
@@ -122,6 +129,13 @@ def test_counters_are_those_of_the_history(database):
     )
     hours = [found[n] for n in ("hours", "hours_open", "hours_closed", "hours_near_closed")]
     assert hours == pytest.approx(COUNTERS.hours, rel=1e-12)
+
+
+def test_a_condensed_day_is_a_row(database):
+    found = rows(database, f"SELECT * FROM {SCHEMA}.condensates WHERE valve = '{VALVES[0]}'")[0]
+    assert (found["span_s"], found["cycle"], found["last_cycle"]) == (86400, 1, 9)
+    assert (found["parameter"], found["count"], found["usable"]) == ("leak", 9, 0)
+    assert found["maximum"] is None
 
 
 def test_events_and_maintenance_are_there(database, history):

@@ -12,13 +12,13 @@ from __future__ import annotations
 
 import os
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import sqlalchemy as sa
 
 from valve_twin.core.aging.cutting.memory import Memory
-from valve_twin.core.past.state import AgingState
 from valve_twin.core.past.stored import freeze
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.aging.file import Known, load, origin_of, pack, write
@@ -30,6 +30,7 @@ from valve_twin.io.history.tables import (
     of_valve,
     row_estimate,
 )
+from valve_twin.io.history.tiers.reading import begun_state, condensed_until, undisturbed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -66,6 +67,10 @@ def read_known(history: History, valve: str, model: str, config: AgingConfig) ->
     config : AgingConfig
         Rules of aging.
     """
+    return undisturbed(history, valve, partial(_read, history, valve, model, config))
+
+
+def _read(history: History, valve: str, model: str, config: AgingConfig) -> Known:
     path, events = history.snapshot_path(valve, "aging"), history.maintenance(valve)
     newest = _newest(history)
     known = None
@@ -74,9 +79,9 @@ def read_known(history: History, valve: str, model: str, config: AgingConfig) ->
             known = load(path, origin_of(valve, model), config)
     if known is not None and not _holds(history, valve, known.place):
         known = None
-    known = known or Known(AgingState(), Memory(), {"at": [0, -1], "rows": 0, "looked": 0})
+    known = known or _begin(history, valve)
     if known.place.get("events", "") != _digest(history, valve, known.place["at"][0]):
-        known = Known(AgingState(), Memory(), {"at": [0, -1], "rows": 0, "looked": 0})
+        known = _begin(history, valve)
     known.state.maintenance = events
     for row in _rows(history, valve, known.place["at"], newest):
         known.state.add(row_estimate(row))
@@ -89,6 +94,17 @@ def read_known(history: History, valve: str, model: str, config: AgingConfig) ->
     known.place["newest"] = newest
     known.place["events"] = _digest(history, valve, known.place["at"][0])
     return known
+
+
+def _begin(history: History, valve: str) -> Known:
+    """Return what is known before the first cycle that is not condensed."""
+    state, until = begun_state(history, valve), condensed_until(history, valve)
+    state.forget_features()
+    place = {"at": [until, _LAST_PLACE if until else -1], "rows": 0, "looked": 0}
+    return Known(state, Memory(), {**place, "events": _digest(history, valve, until)})
+
+
+_LAST_PLACE = 2**31 - 1  # behind the last estimate of a cycle
 
 
 def keep_known(
@@ -156,7 +172,12 @@ def _newest(history: History) -> int:
 
 
 def _holds(history: History, valve: str, place: dict[str, Any]) -> bool:
-    """Return whether the history holds the row read last, and none came later for before it."""
+    """Return whether the history holds the row read last, and none came later for before it.
+
+    What was condensed behind it cannot be read any more.
+    """
+    if place["at"][0] < condensed_until(history, valve):
+        return False
     last = sa.select(ESTIMATE.c.cycle, ESTIMATE.c.position, ESTIMATE.c[CHECK_SUM])
     found = history.select(last.where(ESTIMATE.c.id == place["id"]))
     if [[r["cycle"], r["position"], r[CHECK_SUM]] for r in found] != [

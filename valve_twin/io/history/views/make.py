@@ -86,6 +86,11 @@ VIEWS = {
         SELECT v.name AS valve, {_time("m.stamp_ns")} AS time, m.cycle, m.note, m.new_reference,
             m.withdrawn, m.withdrawn_note
         FROM maintenance m JOIN valve v ON v.id = m.valve_id""",
+    "condensates": f"""
+        SELECT v.name AS valve, {_time("c.start_ns")} AS time, c.span_s, c.cycle, c.last_cycle,
+            nullif(c.estimator, '') AS estimator, c.parameter, c.count, c.usable, c.minimum,
+            c.maximum, c.mean, c.quantile_05, c.quantile_25, c.median, c.quantile_75, c.quantile_95
+        FROM condensate c JOIN valve v ON v.id = c.valve_id""",
     "counters": f"""
         SELECT v.name AS valve, {_time("c.end_ns")} AS time, {_time("c.since_ns")} AS since,
             c.cycle, c.cycles, c.reversals + (c.direction <> 0)::int AS movements, c.reversals,
