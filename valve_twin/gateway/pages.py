@@ -300,6 +300,7 @@ def _counters(row: FleetRow) -> list[tuple[str, str]]:
 def _shown(details: Details) -> dict[str, object]:
     return {
         "failure": details.failure,
+        "condensed": details.condensed,
         "figures": details.figures,
         "faults": details.faults,
         "maintenance": [

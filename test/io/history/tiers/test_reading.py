@@ -39,7 +39,7 @@ def history(tmp_path):
 
 
 def test_what_is_read_while_cycles_are_condensed_is_read_again(history):
-    read = []
+    read: list[list[int]] = []
 
     def reading():
         first = [e.cycle for e in history.estimates(VALVE, "beside", limit=1)]
@@ -55,6 +55,7 @@ def test_what_is_read_while_cycles_are_condensed_is_read_again(history):
 def test_cycles_count_though_they_are_condensed(history):
     whole = counted(None, history.cycles(VALVE), 1200)
     done = condense(history, VALVE, KEEP)
+    assert done is not None
     rest = history.cycles(VALVE)
     assert counted(done, rest, 1200 - done.estimates) == whole
     assert counted(None, []).cycles == 0
