@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import ast
 import importlib
+import importlib.util
 import json
 import os
 import re
@@ -246,6 +247,25 @@ def test_the_demo_compiles_one_valve_and_a_whole_set_up_adds_the_rest(
     state |= bootstrap.compile_kernels(state, wanted, "", None)
     assert done == ["forget", "", "stepper_servo", None]
     assert bootstrap.compile_kernels(state, wanted, "", "servo_system") == {}
+
+
+def test_the_sources_are_translated_also_where_processes_may_not_do_it(
+    step: Callable[[str], Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
+    workspace = step("workspace")
+    (tmp_path / "valve_twin").mkdir()
+    source = tmp_path / "valve_twin" / "module.py"
+    source.write_text("VALUE = 1\n")
+    monkeypatch.setattr(
+        workspace,
+        "run",
+        lambda command, _, environment: subprocess.run(
+            command, env=environment, cwd=tmp_path, check=True
+        ),
+    )
+    workspace.translate_sources()
+    assert Path(importlib.util.cache_from_source(str(source))).is_file()
 
 
 def test_a_second_call_does_nothing_and_is_quick(step: Callable[[str], Any]) -> None:

@@ -32,6 +32,7 @@ from setup_steps.workspace import (
     colcon_build,
     compile_ahead,
     forget_kernels,
+    translate_sources,
     write_environment,
 )
 
@@ -65,6 +66,7 @@ def set_up(demo: str | None) -> tuple[str, ...]:
         install_packages(distro)
         state["packages"] = wanted["packages"]
         write_state(state)
+    translate_sources()
     # The packages are built and the kernels compiled side by side.
     with ThreadPoolExecutor() as pool:
         steps = [

@@ -20,11 +20,11 @@ from typing import Any
 import pytest
 import rclpy
 import yaml
-from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import Log
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from valve_twin.nodes.player.dds_profile import remove_profile_file, use_fast_heartbeat
 
@@ -56,6 +56,22 @@ def release_domain(domain: int) -> None:
 NS = "/press/v1"
 QUIET = {"start_type_description_service": False}
 DEEP = QoSProfile(depth=100000)
+ROSOUT = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def ready_s(pid: int) -> float:
+    """Return how long the first thread of a process was ready and no core was free so far [s].
+
+    It can be asked of a process that has ended until it is waited for; 0 where the kernel does
+    not count it.
+    """
+    path = Path(f"/proc/{pid}/schedstat")
+    return int(path.read_text().split()[1]) * 1e-9 if path.exists() else 0.0
+
+
+def has_ended(pid: int) -> bool:
+    """Whether a child has ended; it is left to be waited for."""
+    return os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
 
 
 class NodeProcess:
@@ -87,6 +103,15 @@ class NodeProcess:
         if self.process.poll() is None:
             self.process.send_signal(number)
         return self.process.wait(timeout)
+
+    def end_in_s(self, number: int = signal.SIGTERM, timeout: float = 120.0) -> tuple[int, float]:
+        """Send a signal; return the exit code and how long the end took with a core free [s]."""
+        begin_s = time.monotonic() - ready_s(self.pid)
+        self.process.send_signal(number)
+        while not has_ended(self.pid) and time.monotonic() - begin_s < timeout:
+            time.sleep(0.005)
+        took_s = time.monotonic() - ready_s(self.pid) - begin_s
+        return self.process.wait(0.0), took_s
 
     def kill(self) -> None:
         """End it at once; remove the shared memory that Fast DDS leaves of a killed process.
@@ -216,15 +241,16 @@ class Graph:
         """Wait until a node knows the test's subscribers: it has met this latest one.
 
         A subscriber can see a publisher that does not know it yet; what is published until then
-        is lost to it.
+        is lost to it. The log of a node is kept for those who come later: it comes at once.
         """
         heard: list[str] = []
+        name = node.strip("/").replace("/", ".")
 
-        def take(message: DiagnosticArray) -> None:
-            heard.extend(s.name for s in message.status if s.name.startswith(node))
+        def take(message: Log) -> None:
+            heard.extend([message.msg] if message.name == name else [])
 
-        latest = self.node.create_subscription(DiagnosticArray, "/diagnostics", take, DEEP)
-        self.spin_until(lambda: heard, 120.0, f"the diagnostics of {node}")
+        latest = self.node.create_subscription(Log, "/rosout", take, ROSOUT)
+        self.spin_until(lambda: "is active" in heard, 120.0, f"the log of {node}")
         self.node.destroy_subscription(latest)
 
     def call(self, service, name: str, /, timeout: float = 120.0, **fields):

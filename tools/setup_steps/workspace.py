@@ -152,5 +152,15 @@ def compile_ahead(distro: str, demo: str | None) -> None:
     run(command, f"compiling {what}", environment, "setup_kernels.log")
 
 
+def translate_sources() -> None:
+    """Write the bytecode of the package, which saves a node a quarter of its start.
+
+    A process that may not write beside the sources, as a service of another user, or whose
+    environment forbids it (PYTHONDONTWRITEBYTECODE), would translate 300 modules at every start.
+    """
+    command = [str(PYTHON), "-m", "compileall", "-q", "valve_twin"]
+    run(command, "translating the sources", dict(os.environ))
+
+
 def _inside(*command: str) -> list[str]:
     return [str(ROOT / "tools" / "run"), *command]

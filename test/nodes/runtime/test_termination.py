@@ -17,8 +17,9 @@ import pytest
 from ament_index_python import get_package_prefix
 from valve_twin_msgs.msg import Float64Stamped
 
-from test.nodes.conftest import NS
+from test.nodes.conftest import NS, has_ended, ready_s
 from valve_twin.io.bags.writer import BagWriter
+from valve_twin.nodes.recorder.node import BagRecorderNode
 
 NAMES = ("twin", "simulated_valve", "aging_monitor", "bag_player", "bag_recorder")
 NUMBERS = (signal.SIGTERM, signal.SIGINT)
@@ -31,12 +32,13 @@ SCRIPTS = Path(get_package_prefix("valve_twin")) / "lib" / "valve_twin"
 
 @dataclass
 class Case:
-    """One start: the signal, when it is sent, and what came of it."""
+    """One start: the signal, when it is sent, and what came of it; times with a core free."""
 
     name: str
     number: signal.Signals
     after_s: float
     log: Path
+    sent_s: float = 0.0
     code: int | None = None
     took_s: float = 0.0
 
@@ -96,14 +98,15 @@ def end_all(cases: list[Case], domain: int, folder: Path) -> None:
             running.append((case, process, time.monotonic()))
         for item in list(running):
             case, process, begin = item
-            now = time.monotonic()
-            if not case.took_s and now - begin >= case.after_s:
+            now, ready = time.monotonic(), ready_s(process.pid)
+            if not case.sent_s and now - begin >= case.after_s:
                 process.send_signal(case.number)
-                case.took_s = now
-            if process.poll() is not None:
-                case.code, case.took_s = process.returncode, time.monotonic() - case.took_s
+                case.sent_s = now - ready
+            if has_ended(process.pid):
+                case.took_s = time.monotonic() - ready_s(process.pid) - case.sent_s
+                case.code = process.wait()
                 running.remove(item)
-            elif case.took_s and now - case.took_s > 30.0 * LIMIT_S:
+            elif case.sent_s and now - ready - case.sent_s > 30.0 * LIMIT_S:
                 process.kill()
         time.sleep(0.005)
 
@@ -131,12 +134,31 @@ def run(names, per_signal: int, graph, folder: Path) -> list[Case]:
     return cases
 
 
-@pytest.mark.alone
 def test_each_signal_ends_the_executables_twenty_times_and_within_two_seconds(graph, tmp_path):
     cases = run(NAMES, 4, graph, tmp_path)
     for name in NAMES:
         took = [c.took_s for c in cases if c.name == name]
         assert statistics.median(took) < LIMIT_S, f"{name}: {took}"
+
+
+class Interrupted:
+    """Is interrupted while a class is made that has it: what Python raises then is its affair."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        raise KeyboardInterrupt
+
+
+def test_an_import_that_is_broken_off_while_it_makes_a_class_is_no_error(graph, tmp_path, capfd):
+    class Late(BagRecorderNode):
+        def configure(self) -> None:
+            type("Imported", (), {"descriptor": Interrupted()})
+
+    node = graph.host(Late, start=False, bag=str(tmp_path / "recorded"))
+    node.start()
+    assert node.state == "configuring"
+    node.stop()
+    assert node.state == "configuring"  # cleaned up
+    assert "Traceback" not in capfd.readouterr().err
 
 
 @pytest.mark.slow

@@ -169,12 +169,13 @@ class ValveNode(LifecycleNode):
     def _guarded(self, action: Callable[[], object], what: str) -> bool:
         try:
             action()
-        except ValveTwinError as err:
-            self.get_logger().error(f"cannot {what}: {err}")
         except Exception as err:
-            self.get_logger().error(
-                f"cannot {what}: {type(err).__name__}: {err}\n{traceback.format_exc()}"
-            )
+            if termination.was_broken_off(err):
+                raise KeyboardInterrupt from err
+            said = str(err)
+            if not isinstance(err, ValveTwinError):
+                said = f"{type(err).__name__}: {err}\n{traceback.format_exc()}"
+            self.get_logger().error(f"cannot {what}: {said}")
         else:
             return True
         return False

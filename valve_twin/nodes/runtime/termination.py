@@ -66,6 +66,17 @@ def breaking_off() -> Iterator[None]:
         _Stop.breakable = False
 
 
+def was_broken_off(err: BaseException | None) -> bool:
+    """Return whether an error goes back to the KeyboardInterrupt of `breaking_off`.
+
+    Python 3.11 and before makes a RuntimeError of one that is raised in `__set_name__`, which runs
+    while a class is made: an import of hundreds of dataclasses is there much of its time.
+    """
+    while err is not None and not isinstance(err, KeyboardInterrupt):
+        err = err.__cause__ or err.__context__
+    return err is not None
+
+
 def ignore() -> None:
     """Shut down undisturbed: a second Ctrl-C does no harm."""
     signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
