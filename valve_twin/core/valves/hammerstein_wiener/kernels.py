@@ -163,6 +163,8 @@ def _move(run: FloatArray, output: float, c: FloatArray) -> None:
 def free_run(c: FloatArray, u: FloatArray, first: float, out: FloatArray) -> None:
     """Run the model over a record that begins at rest.
 
+    As `advance` sample by sample, to the same bits, with the state in registers.
+
     Parameters
     ----------
     c : (SIZE,) array
@@ -176,9 +178,29 @@ def free_run(c: FloatArray, u: FloatArray, first: float, out: FloatArray) -> Non
     """
     run, lag = np.empty(RUN), int(c[LAG])
     settle(run, u[0], first, c)
+    v1, v2, q1, q2, q3, x = run[_V], run[_V + 1], run[_Q], run[_Q + 1], run[_Q + 2], run[_X]
+    b0, b1, b2 = c[B], c[B + 1], c[B + 2]
+    a1, a2, a3 = c[A], c[A + 1], c[A + 2]
+    rise, fall, rise_limit, fall_limit = c[RISE], c[FALL], c[RISE_LIMIT], c[FALL_LIMIT]
+    into, onto = c[INPUT:OUTPUT], c[OUTPUT:SIZE]
     out[0] = first
+    command, v0 = nan, nan
     for n in range(1, len(u)):
-        out[n] = advance(run, u[max(n - lag, 0)], c)
+        asked = u[max(n - lag, 0)]
+        if asked != command:  # most commands rest
+            command, v0 = asked, curve(asked, into)
+        q = (b0 * v0 - a1 * q1) + (b1 * v1 - a2 * q2)
+        q += b2 * v2 - a3 * q3
+        q = min(max(q, -_LARGEST), _LARGEST)
+        v2, v1, q3, q2, q1 = v1, v0, q2, q1, q
+        away = q - x
+        if rise == 0.0:
+            x = q
+        elif away > 0.0:
+            x += min(rise * away, rise_limit)
+        else:
+            x += max(fall * away, -fall_limit)
+        out[n] = curve(x, onto)
 
 
 @njit(cache=True)
