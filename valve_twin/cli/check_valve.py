@@ -50,6 +50,13 @@ def add(verbs: Verbs) -> None:
         default=SEED_BASE,
         help="first seed of the strangers; those of the default are never tuned on",
     )
+    parser.add_argument(
+        "--only",
+        metavar="NAME",
+        nargs="+",
+        default=[""],
+        help="strangers whose names begin so, with the seeds that they have among all",
+    )
 
 
 def _check(arguments: argparse.Namespace) -> int:
@@ -78,7 +85,12 @@ def _strangers(arguments: argparse.Namespace) -> int:
     if not arguments.json:
         sys.stdout.write("| stranger | inside | outside | withheld | worst outside |\n")
         sys.stdout.write("| --- | --- | --- | --- | --- |\n")
-    scored = score_strangers(arguments.name, drawn=arguments.seeds, seed_base=arguments.seed_base)
+    scored = score_strangers(
+        arguments.name,
+        drawn=arguments.seeds,
+        seed_base=arguments.seed_base,
+        only=tuple(arguments.only),
+    )
     for score in scored:
         if arguments.json:
             sys.stdout.write(f"{json.dumps(asdict(score))}\n")

@@ -59,7 +59,9 @@ class Score:
     wrong: str
 
 
-def score_strangers(name: str, *, drawn: int, seed_base: int = SEED_BASE) -> Iterator[Score]:
+def score_strangers(
+    name: str, *, drawn: int, seed_base: int = SEED_BASE, only: tuple[str, ...] = ("",)
+) -> Iterator[Score]:
     """Yield the scores of a valve's strangers.
 
     Parameters
@@ -70,6 +72,8 @@ def score_strangers(name: str, *, drawn: int, seed_base: int = SEED_BASE) -> Ite
         How many valves have their constants drawn.
     seed_base : int
         First seed.
+    only : tuple of str
+        Beginnings of the names of those that are scored; each keeps its seed.
 
     Raises
     ------
@@ -79,9 +83,10 @@ def score_strangers(name: str, *, drawn: int, seed_base: int = SEED_BASE) -> Ite
     model, simulation = get_model(name), get_simulation(name)
     options = complete_options(model, {})
     for i, (how, changes) in enumerate(model.strangers().items()):
-        yield _score(model, options, configure(simulation, changes), how, seed_base + i)
+        if how.startswith(only):
+            yield _score(model, options, configure(simulation, changes), how, seed_base + i)
     tolerances = getattr(options, "tolerances", None)
-    if tolerances is None:
+    if tolerances is None or not DRAWN.startswith(only):
         return
     constants, plant = tolerated(options, tolerances), simulation.plant
     if not constants.names:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numba import njit
 
 from valve_twin.core.estimation.solvers.arx import fit_arx
 from valve_twin.core.valves.hammerstein_wiener.kernels import (
@@ -36,7 +37,7 @@ from valve_twin.core.valves.hammerstein_wiener.shape import (
 )
 
 if TYPE_CHECKING:
-    from valve_twin.core.types import BoolArray, FloatArray
+    from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
 BLOCKS = ("rates", "input", "output")
 """What may be added to the linear block, by name of the option."""
@@ -96,6 +97,40 @@ class Fit:
     left_out: float = float("nan")
 
 
+@njit(cache=True)
+def _miss(z: FloatArray, shape: Shape, ranges: Ranges, u: FloatArray, y: FloatArray) -> FloatArray:
+    """Return simulated - measured over the output's range (N,), for z (P + 1,)."""
+    span = ranges.output[1] - ranges.output[0]
+    out = np.empty(len(y))
+    free_run(coefficients_of(z[:-1], shape, ranges), u, ranges.output[0] + span * z[-1], out)
+    for n in range(len(y)):
+        out[n] = (out[n] - y[n]) / span
+    return out
+
+
+@njit(cache=True)
+def _jacobian(
+    z: FloatArray,
+    shape: Shape,
+    ranges: Ranges,
+    u: FloatArray,
+    y: FloatArray,
+    upper: FloatArray,
+    rows: IntArray,
+) -> FloatArray:
+    """Return the derivatives (M, P + 1) of `_miss` at M rows, by differences below `upper`."""
+    before = _miss(z, shape, ranges, u, y)
+    found = np.empty((len(rows), len(z)))
+    for i in range(len(z)):
+        step = _DIFFERENCE if z[i] + _DIFFERENCE <= upper[i] else -_DIFFERENCE
+        moved = z.copy()
+        moved[i] += step
+        after = _miss(moved, shape, ranges, u, y)
+        for k, n in enumerate(rows):
+            found[k, i] = (after[n] - before[n]) / step
+    return found
+
+
 class _Search:
     """Least squares over the numbers of a shape and the output that the free run begins with."""
 
@@ -103,7 +138,6 @@ class _Search:
         self._data, self.shape, self._ranges = data, shape, ranges
         lower, upper = bounds_of(shape)
         self.lower, self.upper = np.append(lower, -1.0), np.append(upper, 2.0)
-        self._out = np.empty(len(data.y))
 
     def coefficients(self, z: FloatArray) -> FloatArray:
         """Return the coefficients of z (P + 1,)."""
@@ -111,10 +145,11 @@ class _Search:
 
     def miss(self, z: FloatArray) -> FloatArray:
         """Return simulated - measured over the output's range (N,)."""
-        first = self._ranges.output[0] + self._ranges.span * float(z[-1])
-        free_run(self.coefficients(z), self._data.u, first, self._out)
-        away: FloatArray = (self._out - self._data.y) / self._ranges.span
-        return away
+        return _miss(z, self.shape, self._ranges, self._data.u, self._data.y)
+
+    def jacobian(self, z: FloatArray, upper: FloatArray, used: IntArray) -> FloatArray:
+        """Return the derivatives (M, P + 1) of the miss at M used samples."""
+        return _jacobian(z, self.shape, self._ranges, self._data.u, self._data.y, upper, used)
 
     def solve(
         self, z: FloatArray, used: BoolArray, most: int, *, begun: bool = False
@@ -126,17 +161,13 @@ class _Search:
         if begun:
             lower[-1], upper[-1] = z[-1] - 1e-6, z[-1] + 1e-6
 
+        rows = np.flatnonzero(used)
+
         def miss(z: FloatArray) -> FloatArray:
-            return self.miss(z)[used]
+            return self.miss(z)[rows]
 
         def jacobian(z: FloatArray) -> FloatArray:
-            before, columns = miss(z), []
-            for i in range(len(z)):
-                step = _DIFFERENCE if z[i] + _DIFFERENCE <= upper[i] else -_DIFFERENCE
-                moved = z.copy()
-                moved[i] += step
-                columns.append((miss(moved) - before) / step)
-            return np.stack(columns, axis=1)
+            return self.jacobian(z, upper, rows)
 
         inside = np.clip(z, lower + 1e-9, upper - 1e-9)
         found = least_squares(miss, inside, jac=jacobian, bounds=(lower, upper), max_nfev=most)
@@ -204,7 +235,7 @@ def _grow(data: Data, best: Fit, blocks: tuple[str, ...], max_order: int, max_la
             found = _better(data, _seeds(best, shape), found, _HELPS * best.left_out)
         for lag in (best.shape.lag - 1, best.shape.lag + 1):
             if 0 <= lag <= max_lag:
-                moved = replace(best.shape, lag=lag)
+                moved = best.shape._replace(lag=lag)
                 found = _better(data, _seeds(best, moved), found, best.left_out)
         if found is best:
             break
@@ -215,11 +246,11 @@ def _grow(data: Data, best: Fit, blocks: tuple[str, ...], max_order: int, max_la
 def _larger(shape: Shape, blocks: tuple[str, ...], max_order: int) -> list[Shape]:
     """Return the shapes of one block more, of all blocks and of one order more."""
     fields = [_FIELDS[name] for name in blocks if not getattr(shape, _FIELDS[name])]
-    found = [replace(shape, **{f: True}) for f in fields]
+    found = [shape._replace(**{f: True}) for f in fields]
     if len(fields) > 1:
-        found.append(replace(shape, **dict.fromkeys(fields, True)))
+        found.append(shape._replace(**dict.fromkeys(fields, True)))
     if 0 < shape.order < max_order:
-        found.append(replace(shape, order=shape.order + 1))
+        found.append(shape._replace(order=shape.order + 1))
     return found
 
 

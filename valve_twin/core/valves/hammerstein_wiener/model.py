@@ -12,7 +12,7 @@ import numpy as np
 
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import ParameterValue
-from valve_twin.core.valves.hammerstein_wiener.fit import Data, Fit, choose, refit
+from valve_twin.core.valves.hammerstein_wiener.fit import BLOCKS, Data, Fit, choose, refit
 from valve_twin.core.valves.hammerstein_wiener.kernels import (
     INPUT,
     LAG,
@@ -180,9 +180,11 @@ def _known(data: Data, newest: Estimate, options: HammersteinWienerOptions) -> F
     """Fit the blocks of the newest estimate anew; None where the options allow others now."""
     c = MODEL.coefficients(MODEL.merge([newest]), newest.lag, 1.0, options)
     order = int(np.count_nonzero(c[A:B]))
-    shape = Shape(newest.lag, order, c[RISE] > 0.0, c[INPUT] > 2.0, c[OUTPUT] > 0.0)
-    added = {"rates": shape.rates, "input": shape.curved, "output": shape.bent}
-    allowed = all(name in options.blocks for name, there in added.items() if there)
+    added = bool(c[RISE] > 0.0), bool(c[INPUT] > 2.0), bool(c[OUTPUT] > 0.0)
+    shape = Shape(newest.lag, order, *added)
+    allowed = all(
+        name in options.blocks for name, there in zip(BLOCKS, added, strict=True) if there
+    )
     if not allowed or order > options.max_order or newest.lag > options.max_lag:
         return None
     return refit(data, shape, c)

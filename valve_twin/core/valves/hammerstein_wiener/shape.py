@@ -8,10 +8,10 @@ inside the unit circle whatever the search does. Its gain is 1; that of the valv
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numba import njit
 
 from valve_twin.core.valves.hammerstein_wiener.kernels import (
     FALL,
@@ -39,8 +39,7 @@ _SLOWEST = 1e-4  # lowest rate a sample [1]
 _STEEP = 3.0  # greatest logarithm of a step of the rising curve over the first
 
 
-@dataclass(frozen=True, slots=True)
-class Shape:
+class Shape(NamedTuple):
     """Which blocks there are.
 
     Attributes
@@ -90,8 +89,7 @@ class Shape:
         return ", ".join(words)
 
 
-@dataclass(frozen=True, slots=True)
-class Ranges:
+class Ranges(NamedTuple):
     """What command and output range over: lowest and highest of each [their units]."""
 
     command: tuple[float, float]
@@ -143,6 +141,22 @@ def start_of(shape: Shape, gain: float, level: float, ranges: Ranges) -> FloatAr
     return z
 
 
+@njit(cache=True)
+def feedback_of(reflections: FloatArray) -> FloatArray:
+    """Return the a (P,) of 1 + a1 q^-1 + .. by Levinson's recursion.
+
+    Parameters
+    ----------
+    reflections : (P,) array
+        Reflection coefficients [1].
+    """
+    a = reflections.copy()
+    for n in range(1, len(a)):
+        a[:n] += a[n] * a[:n][::-1].copy()
+    return a
+
+
+@njit(cache=True)
 def coefficients_of(z: FloatArray, shape: Shape, ranges: Ranges) -> FloatArray:
     """Return the (SIZE,) coefficients of the kernels.
 
@@ -156,26 +170,29 @@ def coefficients_of(z: FloatArray, shape: Shape, ranges: Ranges) -> FloatArray:
     ranges : Ranges
         Of the record.
     """
-    c = np.zeros(SIZE)
+    c, order = np.zeros(SIZE), shape.order
+    low, span = ranges.output[0], ranges.output[1] - ranges.output[0]
     c[LAG] = shape.lag
-    reflections, shares, rates, levels, steps = shape.parts
-    feedback = feedback_of(z[reflections])
-    c[A : A + shape.order] = feedback
     c[B] = 1.0
-    if shape.order:
-        gain = 1.0 + float(feedback.sum())
-        c[B : B + shape.order] = gain * np.append(1.0 - z[shares].sum(), z[shares])
+    at = order + max(order - 1, 0)  # z is laid out as `Shape.parts` says
+    if order:
+        c[A : A + order] = feedback_of(z[:order])
+        gain = 1.0 + c[A : A + order].sum()
+        c[B] = gain * (1.0 - z[order:at].sum())
+        c[B + 1 : B + order] = gain * z[order:at]
     if shape.rates:
-        c[[RISE, FALL]] = z[rates][:2]
-        c[[RISE_LIMIT, FALL_LIMIT]] = z[rates][2:] * ranges.span
-    low = ranges.output[0]
-    c[INPUT : INPUT + 3] = shape.knots, *ranges.command
-    c[INPUT + 3 : INPUT + 3 + shape.knots] = low + ranges.span * z[levels]
+        c[RISE], c[FALL] = z[at], z[at + 1]
+        c[RISE_LIMIT], c[FALL_LIMIT] = z[at + 2] * span, z[at + 3] * span
+        at += 4
+    knots = INPUT_KNOTS if shape.curved else 2
+    c[INPUT], c[INPUT + 1], c[INPUT + 2] = knots, ranges.command[0], ranges.command[1]
+    c[INPUT + 3 : INPUT + 3 + knots] = low + span * z[at : at + knots]
     if shape.bent:
-        rise = np.exp(np.append(0.0, z[steps]))
-        rising = low + ranges.span * np.append(0.0, np.cumsum(rise) / rise.sum())
-        c[OUTPUT : OUTPUT + 3] = OUTPUT_KNOTS, *ranges.output
-        c[OUTPUT + 3 : OUTPUT + 3 + OUTPUT_KNOTS] = rising
+        rise = np.ones(OUTPUT_KNOTS - 1)
+        rise[1:] = np.exp(z[at + knots : at + knots + OUTPUT_KNOTS - 2])
+        c[OUTPUT], c[OUTPUT + 1], c[OUTPUT + 2] = OUTPUT_KNOTS, low, ranges.output[1]
+        c[OUTPUT + 3] = low
+        c[OUTPUT + 4 : OUTPUT + 3 + OUTPUT_KNOTS] = low + span * (np.cumsum(rise) / rise.sum())
     return c
 
 
@@ -211,20 +228,6 @@ def numbers_of(c: FloatArray, shape: Shape, ranges: Ranges) -> FloatArray:
     lower, upper = bounds_of(shape)
     inside: FloatArray = np.clip(z, lower, upper)
     return inside
-
-
-def feedback_of(reflections: FloatArray) -> FloatArray:
-    """Return the a (P,) of 1 + a1 q^-1 + .. by Levinson's recursion.
-
-    Parameters
-    ----------
-    reflections : (P,) array
-        Reflection coefficients [1].
-    """
-    a = np.empty(0)
-    for k in reflections:
-        a = np.append(a + k * a[::-1], k)
-    return a
 
 
 def reflections_of(feedback: FloatArray) -> FloatArray:
