@@ -16,7 +16,12 @@ from pysparkplug import DataType, DData, Metric
 from test.gateway.fmu.test_valve import made
 from valve_twin.gateway.mqtt.backlog import Backlog
 from valve_twin.gateway.mqtt.broker import Broker
-from valve_twin.gateway.mqtt.sparkplug import MOST_SILENT, UNCONFIRMED_S, SparkplugSpeaker
+from valve_twin.gateway.mqtt.sparkplug import (
+    MOST_SILENT,
+    UNCONFIRMED_S,
+    SparkplugSpeaker,
+    _metrics,
+)
 from valve_twin.gateway.plant import View
 from valve_twin.io.errors import ConfigError, StoreError
 from valve_twin.io.history.fleet import FleetRow
@@ -82,6 +87,16 @@ def test_what_comes_back_of_a_valve_that_is_gone_is_no_error(speaker, past):
     speaker.changed(replace(view, rows=view.rows[1:]))
     for message in sent:
         assert speaker.heard(message.topic, message.payload) is False
+
+
+def test_every_key_has_a_metric_of_its_own(past):
+    view = past.view()
+    row = replace(view.rows[0], stroke_test="fail", stroke_test_ns=10**18)
+    names = [name for name, _ in _metrics(view, row)]
+    assert len(names) == len(set(names)) > 30
+    metrics = dict(_metrics(view, row))
+    assert metrics["stroke_test"].value == "fail"
+    assert metrics["stroke_test_time"].datatype is DataType.DATETIME
 
 
 def test_a_stamp_before_1970_spoils_nothing(past, tmp_path):

@@ -272,7 +272,7 @@ def _metrics(view: View, row: FleetRow) -> Iterator[tuple[str, Metric]]:
     parameters = plain.pop("parameters")
     for key, value in plain.items():
         if (kind := _ROW_KINDS.get(key)) is not None:
-            name = key.removesuffix("_ns")
+            name = _name(key)
             yield name, _metric(stamp, name, kind, value)
     for parameter in parameters:
         for key, value in parameter.items():
@@ -281,6 +281,12 @@ def _metrics(view: View, row: FleetRow) -> Iterator[tuple[str, Metric]]:
             yield name, _metric(stamp, name, kind, value)
     for name, kind in _cycle_kinds([p["parameter"] for p in parameters]):
         yield name, _metric(stamp, name, kind, None)
+
+
+def _name(key: str) -> str:
+    """Return the metric of a key: a time in ns is a time of its own type here."""
+    plain = key.removesuffix("_ns")
+    return f"{plain}_time" if plain != key and plain in _ROW_KINDS else plain
 
 
 def _metric(stamp: int | None, name: str, kind: DataType, value: MetricValue | None) -> Metric:
