@@ -14,6 +14,7 @@ from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numba import njit
 
 from valve_twin.core.valves.positioner import extended as law
 from valve_twin.core.valves.positioner.extended import delay_record, free_run, target_of
@@ -33,7 +34,7 @@ _LAG_SHARES = (0.1, 0.6)  # starts of the lag in units of 1 / rate [1]
 _BENDS, _LAST_BEND = 16, 0.75  # starts of the dead command, in the range of the command [1]
 _STICKING = (0.0, 0.15, 0.4)  # starts of the stiction in units of its bound [1]
 _BREAKAWAYS, _BREAKAWAY_ROUNDS = 8, 3  # starts of the stiction up to its bound, ever finer
-_DIFFERENCE = [1e-6]  # relative step of the derivatives [1]
+_DIFFERENCE, _LEAST_DIFFERENCE = 1e-6, 1.5e-8  # steps of the derivatives: relative, at 0 [1]
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,21 +89,35 @@ class _Task:
         span = upper[free] - lower[free]
         begin = np.clip(start[free], lower[free] + 1e-9 * span, upper[free] - 1e-9 * span)
 
-        record = self.record
+        record, bounds = self.record, (lower[free], upper[free])
+        rows = np.flatnonzero(record.used)
         in_force = delay_record(record.command, *lags)
         out = np.empty(len(record.position))
 
         def miss(z: FloatArray) -> FloatArray:
             p = self.expand(z)
             free_run(p, record.position, in_force, record.period_s, max(lags), record.stops, out)
-            return np.asarray((out - record.position)[record.used])
+            return np.asarray((out - record.position)[rows])
+
+        def jacobian(z: FloatArray) -> FloatArray:
+            return _derivatives(
+                self.expand(z),
+                free,
+                bounds,
+                record.position,
+                in_force,
+                record.period_s,
+                max(lags),
+                record.stops,
+                rows,
+            )
 
         found = least_squares(
             miss,
             begin,
-            bounds=(lower[free], upper[free]),
+            jac=jacobian,
+            bounds=bounds,
             x_scale=np.maximum(np.abs(begin), 1e-3),
-            diff_step=_DIFFERENCE,
             max_nfev=evaluations,
         )
         return Extended(
@@ -120,6 +135,49 @@ class _Task:
         p = self.base.copy()
         p[self.free] = z
         return p
+
+
+@njit(cache=True)
+def _derivatives(
+    p: FloatArray,
+    free: IntArray,
+    bounds: tuple[FloatArray, FloatArray],
+    position: FloatArray,
+    in_force: FloatArray,
+    period: float,
+    first: int,
+    stops: FloatArray,
+    rows: IntArray,
+) -> FloatArray:
+    """Return the derivatives (M, F) of the free run at M rows, by differences inside the bounds.
+
+    Parameters
+    ----------
+    p : (12,) array
+        Parameters.
+    free : (F,) int array
+        Which of them are moved.
+    bounds : pair of (F,) arrays
+        Lowest and highest values of those.
+    position, in_force, period, first, stops
+        As in `free_run`.
+    rows : (M,) int array
+        Samples that carry weight.
+    """
+    before, after = np.empty(len(position)), np.empty(len(position))
+    free_run(p, position, in_force, period, first, stops, before)
+    found, moved = np.empty((len(free), len(rows))), p.copy()
+    for i, k in enumerate(free):
+        step = _DIFFERENCE * p[k] if p[k] != 0.0 else _LEAST_DIFFERENCE
+        if not bounds[0][i] <= p[k] + step <= bounds[1][i]:
+            step = -step
+        moved[k] = p[k] + step
+        free_run(moved, position, in_force, period, first, stops, after)
+        for j, n in enumerate(rows):
+            off = (after[n] - position[n]) - (before[n] - position[n])
+            found[i, j] = off / (moved[k] - p[k])
+        moved[k] = p[k]
+    return found.T
 
 
 def simulate(p: FloatArray, record: Record, lags: tuple[int, int]) -> FloatArray:
