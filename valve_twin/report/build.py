@@ -23,6 +23,7 @@ from valve_twin.io.history.tiers.reading import condensates, condensed, undistur
 from valve_twin.io.offline.baseline import compare_baselines
 from valve_twin.io.offline.run import join_predictions
 from valve_twin.io.offline.sources import NOT_MEASURED
+from valve_twin.io.uncollected import uncollected
 from valve_twin.report.data import ReportData
 from valve_twin.report.page import write_report
 from valve_twin.report.provenance.inputs import bag_origin, history_origin
@@ -257,7 +258,8 @@ def history_data(
         known = ", ".join(history.valves()) or "no valve"
         msg = f"{history.where}: knows nothing about {valve}; it holds {known}"
         raise StoreError(msg)
-    data = undisturbed(history, valve, partial(_read, history, valve, aging, model))
+    with uncollected():
+        data = undisturbed(history, valve, partial(_read, history, valve, aging, model))
     return replace(data, label=label or aging.label)
 
 

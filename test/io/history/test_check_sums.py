@@ -12,7 +12,7 @@ from valve_twin.core.types import ParameterValue as Value
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.check_sums import SEALED
 from valve_twin.io.history.store import CycleRecord, History
-from valve_twin.io.history.tables import COUNTERS, EVENT, UNSUMMED
+from valve_twin.io.history.tables import CONDENSATE, CONDENSED, COUNTERS, EVENT, UNSUMMED
 
 VALVE = "/press/valve_1"
 CYCLES = 12
@@ -81,9 +81,10 @@ def test_a_changed_row_is_named_and_never_shown(text, table, file, capsys, caplo
 
 def test_the_rows_of_an_older_history_are_sealed_when_it_is_upgraded(file):
     with closing(sqlite3.connect(file)) as connection, connection:
-        for table in (COUNTERS, EVENT):  # which the older version did not have
+        later = {COUNTERS, EVENT, CONDENSATE, CONDENSED}  # which the older version did not have
+        for table in later:
             connection.execute(f"DROP TABLE {table.name}")
-        for table in set(SEALED) - {COUNTERS, EVENT}:
+        for table in set(SEALED) - later:
             connection.execute(f"ALTER TABLE {table.name} DROP COLUMN check_sum")
         for name in UNSUMMED["maintenance"]:
             connection.execute(f"ALTER TABLE maintenance DROP COLUMN {name}")

@@ -579,6 +579,7 @@ class TestCopies:
             "cycles.csv",
             "estimates.csv",
             "maintenance.csv",
+            "condensates.csv",
             "history.jsonl",
         ]
         cycles, estimates, maintenance = (
@@ -622,7 +623,7 @@ class TestPostgresql:
             assert again.last_record(VALVE) == record(2)
             assert again.maintenance(VALVE) == [Maintenance(5, 2, "seal")]
             copy = again.backup(tmp_path / "copy.db")
-            assert len(again.export(tmp_path / "out")) == 4
+            assert len(again.export(tmp_path / "out")) == 5
         with History(copy) as saved:
             assert [bits(e) for e in saved.estimates(VALVE)] == [
                 bits(e) for n in (1, 2) for e in both(n)

@@ -73,7 +73,7 @@ def row_sum(table: sa.Table, row: Mapping[str, Any]) -> int:
         unsummed = UNSUMMED.get(table.name, ())
         if unsummed and not any(row[name] for name in unsummed):
             own = [(name, put) for name, put in own if name not in unsummed]
-        text = _SEPARATOR.join(put(row[name]) for name, put in own)
+        text = _SEPARATOR.join([put(row[name]) for name, put in own])
     except (ValueError, TypeError, OverflowError):
         return -1
     return crc32(text.encode("utf-8", "surrogateescape"))
@@ -244,4 +244,4 @@ def _float_text(value: Any) -> str:  # noqa: ANN401  a number or NULL
 
 
 def _int_text(value: Any) -> str:  # noqa: ANN401  a whole number or a truth value
-    return str(int(value))
+    return repr(value) if type(value) is int else str(int(value))

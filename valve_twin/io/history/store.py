@@ -13,7 +13,7 @@ import threading
 from collections import deque
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import sqlalchemy as sa
 
@@ -409,14 +409,15 @@ class History:
         """Return the rows of a query as they are, without a look at their check sums."""
         try:
             with self._database.read() as connection:
-                found = connection.execute(query).mappings().all()
+                result = connection.execute(query)
+                names = tuple(result.keys())
+                return [dict(zip(names, row, strict=True)) for row in result]
         except (TypeError, ValueError, OverflowError) as err:
             msg = (
                 f"{self.where}: cannot be read: a value is none of its column ({err}): put the "
                 "last backup in its place"
             )
             raise DamagedValueError(msg) from err
-        return cast("Sequence[Mapping[str, Any]]", found)
 
     def _insert(
         self,

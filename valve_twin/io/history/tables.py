@@ -16,6 +16,7 @@ import math
 from dataclasses import dataclass
 from dataclasses import fields as dataclass_fields
 from enum import IntEnum
+from functools import lru_cache
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -341,9 +342,14 @@ def row_estimate(row: Mapping[str, Any]) -> Estimate:
         Estimate,
         row,
         parameters=_decode_parameters(row["parameters"]),
-        counts=MaskCounts(row["samples_used"], *json.loads(row["samples_masked"])),
+        counts=MaskCounts(row["samples_used"], *_decode_masks(row["samples_masked"])),
         **_decode_findings(row["findings"]),
     )
+
+
+@lru_cache(maxsize=1000)
+def _decode_masks(text: str) -> tuple[int, ...]:
+    return tuple(json.loads(text))
 
 
 _MASKS = attrgetter(*MaskCounts.__slots__[1:])
@@ -369,14 +375,21 @@ def _encode_parameters(parameters: Sequence[ParameterValue]) -> str:
 
 def _decode_parameters(text: str) -> tuple[ParameterValue, ...]:
     data = json.loads(text)
+    values = data["values"]
+    if any(word in text for word in _NOT_FINITE):
+        values = [[_from_json(x) for x in row] for row in values]
     return tuple(
-        ParameterValue(
-            name, _from_json(v), ParameterStatus(status), reason, *(_from_json(x) for x in rest)
-        )
+        ParameterValue(name, v, _STATUS[status], reason, *rest)
         for name, status, reason, (v, *rest) in zip(
-            data["names"], data["status"], data["reasons"], data["values"], strict=True
+            data["names"], data["status"], data["reasons"], values, strict=True
         )
     )
+
+
+_NOT_FINITE = ('"nan"', '"inf"', '"-inf"')
+"""How numbers that are none stand in a text; in one without them all are what JSON says."""
+
+_STATUS = {int(status): status for status in ParameterStatus}
 
 
 def _encode_findings(estimate: Estimate) -> str:
@@ -391,9 +404,14 @@ def _encode_findings(estimate: Estimate) -> str:
 
 
 def _decode_findings(text: str) -> dict[str, Any]:
-    data = json.loads(text) if text else {"trend": ""}
+    if not text:
+        return _NOTHING_FOUND
+    data = json.loads(text)
     found = {name: _decode_parts(field, data.get(name, ())) for name, field in _FOUND.items()}
     return {"trend_reason": data["trend"], **found}
+
+
+_NOTHING_FOUND: dict[str, Any] = {"trend_reason": "", **dict.fromkeys(_FOUND, ())}
 
 
 def _decode_parts(field: Field, rows: Sequence[Sequence[Any]]) -> tuple[object, ...]:
