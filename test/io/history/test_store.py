@@ -592,7 +592,7 @@ class TestCopies:
         assert estimates[2]["value"] == ""
         assert estimates[2]["parameter_status"] == "NOT_EXCITED"
         assert estimates[3]["standard_error"] == "inf"
-        lines = [json.loads(line) for line in files[3].read_text(encoding="utf-8").splitlines()]
+        lines = [json.loads(line) for line in files[-1].read_text(encoding="utf-8").splitlines()]
         assert [line["kind"] for line in lines] == ["cycle"] * 2 + ["estimate"] * 4 + [
             "maintenance"
         ]

@@ -58,7 +58,7 @@ engine.dispose()
 with History(folder / "h.db") as history:
     history.store(VALVE, record(2), [found])
     assert [bits(e) for e in history.estimates(VALVE)] == [bits(found)]
-    _, table, _, lines = history.export(folder)
+    _, table, *_, lines = history.export(folder)
 head, row = table.read_text(encoding="utf-8").splitlines()[:2]
 assert head.endswith(",reproducible,humidity"), head
 assert row.endswith(",0.75"), row
