@@ -13,6 +13,7 @@ export VALVE_TWIN_ROS = $(ROS)
 help:
 	@echo "make demo       run a simulated aging press valve with its twin, aging monitor and recorder; ends with a report"
 	@echo "                another valve: make demo VALVE=NAME; tools/run python -m valve_twin.demo --help lists the names"
+	@echo "                a valve of yours: make demo VALVE=NAME CONFIG=FILE, such as a file of valve-twin design export"
 	@echo "make test       lint, types, tests, short benchmark"
 	@echo "                with the wheels of ROS 2 Kilted, in an environment beside the other: make test ROS=kilted"
 	@echo "make test-long  the statistical campaigns that make test leaves out"
@@ -25,7 +26,7 @@ setup:
 
 demo:
 	@$(PYTHON) tools/bootstrap.py --demo $(VALVE)
-	@$(RUN) python -m valve_twin.demo $(if $(VALVE),--valve $(VALVE))
+	@$(RUN) python -m valve_twin.demo $(if $(VALVE),--valve $(VALVE)) $(if $(CONFIG),--config '$(CONFIG)')
 
 test: setup
 	@$(RUN) tools/check

@@ -18,6 +18,7 @@ from valve_twin.demo.cases import ROOT, case_names, find_case
 from valve_twin.demo.measured import BOILER_DATA, run_boiler
 from valve_twin.demo.processes import fresh_folder, isolate, say
 from valve_twin.demo.simulated import run_case
+from valve_twin.io.errors import ValveTwinError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -35,21 +36,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     -------
     int
         0; 1 where the demo did not reach its cycles or its trend missed the injected drift; 2
-        where there is no such valve.
+        where there is no such valve or file.
     """
     arguments = _arguments(argv)
     try:
         case = find_case(
-            arguments.valve or DEFAULT_MODEL, cycles=arguments.cycles, rate=arguments.rate
+            arguments.valve,
+            file=Path(arguments.config) if arguments.config else None,
+            cycles=arguments.cycles,
+            rate=arguments.rate,
         )
-    except ValueError as err:
+    except (ValueError, ValveTwinError) as err:
         sys.stderr.write(f"demo: {err}\n")
         return 2
     isolate()
     out = fresh_folder(Path(arguments.out))
     say(f"writing to {out}")
     ok = run_case(case, out)
-    if case.model != DEFAULT_MODEL:
+    if case.model != DEFAULT_MODEL or arguments.config:
         return 0 if ok else 1
     data = Path(arguments.data) / BOILER_DATA
     if data.is_file():
@@ -61,7 +65,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="make demo", description=__doc__)
-    parser.add_argument("--valve", default=DEFAULT_MODEL, help=f"one of {', '.join(case_names())}")
+    names = f"one of {', '.join(case_names())}"
+    parser.add_argument("--valve", default="", help=f"{names}; default {DEFAULT_MODEL}")
+    parser.add_argument("--config", default="", help="parameter file of a simulated valve to show")
     parser.add_argument("--cycles", type=int, default=0, help="production cycles to wait for")
     parser.add_argument("--rate", type=float, default=0.0, help="simulated seconds a second")
     parser.add_argument("--out", default="demo_output", help="folder for reports and bags")

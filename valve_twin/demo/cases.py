@@ -13,7 +13,7 @@ import yaml
 
 from valve_twin.core.quantity import suggest
 from valve_twin.core.types import CycleRule
-from valve_twin.core.valves.registry import get_model, model_names
+from valve_twin.core.valves.registry import DEFAULT_MODEL, get_model, model_names
 from valve_twin.io.config.valve import load_config
 from valve_twin.io.offline.simulated_bag import simulation_of
 
@@ -87,13 +87,17 @@ def case_names() -> tuple[str, ...]:
     return tuple(name for name in model_names() if _is_shown(name))
 
 
-def find_case(model: str, *, cycles: int = 0, rate: float = 0.0) -> Case:
+def find_case(
+    model: str = "", *, file: Path | None = None, cycles: int = 0, rate: float = 0.0
+) -> Case:
     """Return how a valve is shown.
 
     Parameters
     ----------
     model : str
-        Name of its model.
+        Name of its model, empty = that of the file, without a file the usual one.
+    file : Path, optional
+        Its configuration, default that of the model in `config/`.
     cycles : int
         Cycles to wait for, 0 = the valve's own number.
     rate : float
@@ -102,16 +106,23 @@ def find_case(model: str, *, cycles: int = 0, rate: float = 0.0) -> Case:
     Raises
     ------
     ValueError
-        If there is no such valve to show, or a number is outside its range.
+        If there is no such valve to show, the file lets none of the model age, or a number is
+        outside its range.
+    ValveTwinError
+        If the file cannot be read.
     """
+    model = model or (load_config(file)[0].model if file else DEFAULT_MODEL)
     names = case_names()
     if model not in names:
         message = f"VALVE = {model}: no such valve to show; {suggest(model, names)}"
         raise ValueError(message)
+    if file and not (load_config(file) and _ages(file, model)):
+        message = f"CONFIG = {file}: lets no valve of the model '{model}' age (simulation.aging)"
+        raise ValueError(message)
     if cycles < 0 or not 0.0 <= rate < math.inf:
         message = f"cycles = {cycles}, rate = {rate}: must not be negative"
         raise ValueError(message)
-    case = _case(model, cycles)
+    case = _case(model, file.resolve() if file else config_of(model), cycles)
     case = replace(case, cycles=cycles or case.cycles, rate=rate or case.rate)
     return replace(case, batch=_batch(case))
 
@@ -154,8 +165,8 @@ def injected(case: Case, simulation: SimulationConfig, numbers: Sequence[int]) -
     return [rule.factor(n) for n in numbers]
 
 
-def _case(model: str, cycles: int) -> Case:
-    file, shown = config_of(model), get_model(model).demonstration
+def _case(model: str, file: Path, cycles: int) -> Case:
+    shown = get_model(model).demonstration
     config = load_config(file)[0]
     aged = _aged(config)
     simulation = simulation_of(config)

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.valves.hybrid_actuator.landing.numbers import SENSOR_NOISE
 from valve_twin.core.valves.hybrid_actuator.landing.strokes import (
-    SENSOR_NOISE,
     open_stroke,
     samples_of,
     soft_stroke,

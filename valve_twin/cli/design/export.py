@@ -63,6 +63,7 @@ def _export(arguments: argparse.Namespace) -> int:
     Path(arguments.out).write_text(text, encoding="utf-8")
     load_config(Path(arguments.out))
     say(f"{arguments.out}: written")
+    say(f"next: make demo VALVE={valve.name} CONFIG={Path(arguments.out).resolve()}")
     fits = {name: found.fit for name, found in zip(("G_A", "G_F"), dynamics, strict=True)}
     print_json({"map": source["sha256"], "resistance": designed.resistance, "fit": fits} | apart)
     return OK

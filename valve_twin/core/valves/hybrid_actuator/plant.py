@@ -10,7 +10,7 @@ full scale.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar
 
@@ -29,6 +29,9 @@ from valve_twin.core.simulation.plant import (
 )
 from valve_twin.core.simulation.program import CycleProgram
 from valve_twin.core.valves.hybrid_actuator import plant_kernel as at
+from valve_twin.core.valves.hybrid_actuator.landing import loop
+from valve_twin.core.valves.hybrid_actuator.landing.loop import run_landing
+from valve_twin.core.valves.hybrid_actuator.landing.numbers import LandingNumbers
 from valve_twin.core.valves.hybrid_actuator.magnetics import (
     FIT,
     KERNELS,
@@ -49,6 +52,9 @@ if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
 
 INPUTS = ("opener_voltage", "closer_voltage", "opener_current", "closer_current")
+
+CONTROLS = ("sequence", "soft_landing")
+"""What drives the bridges: pulses of fixed length, or a controller of the seating speed."""
 
 SMALLEST_FIT_GAP = 1e-4
 """Smallest gap of the reading "fit" [m]; its pole lies at C2, 0.0604 mm in the paper."""
@@ -195,6 +201,13 @@ class HybridActuatorPlant(HybridActuatorNumbers, Plant):
         0.256, "A", "Resolution of the current sensors: 168.67 A/V, 1.52 mV", 0.0, 10.0, ages=False
     )
     step: float = assumed(1e-5, "s", "Step of the integration", 1e-7, 1e-4, ages=False)
+    control: str = setting(
+        CONTROLS[0],
+        "What drives the bridges: sequence (pulses of fixed length) or soft_landing (a controller "
+        "of position and currents)",
+        choices=CONTROLS,
+    )
+    landing: LandingNumbers = field(default_factory=LandingNumbers)
 
     def __post_init__(self) -> None:
         """Refuse values outside their range, and a gap at the pole of the kernel."""
@@ -205,12 +218,17 @@ class HybridActuatorPlant(HybridActuatorNumbers, Plant):
             raise ValueError(message)
 
     def ticks_per_sample(self, period_s: float) -> int:
-        """Return 1: the sequencer of the bridges runs once a sample."""
+        """Return 1: the command of the valve timing is taken once a sample."""
         self._steps(period_s)
+        if self._lands():
+            self._landing_drive(period_s, 0)
         return 1
 
     def initial_state(self) -> FloatArray:
-        """Return the state (STATE_SIZE,): seated on the closed side, no current."""
+        """Return the state: seated on the closed side, no current.
+
+        (STATE_SIZE,) under the sequence, (LANDING_SIZE,) under the controller of the landing.
+        """
         state = np.zeros(at.STATE_SIZE)
         state[at.X] = -self.half_travel
         m = self.magnetics()
@@ -218,7 +236,12 @@ class HybridActuatorPlant(HybridActuatorNumbers, Plant):
         state[at.FLUX_CLOSER] = magnet_flux(m, self.residual_gap)
         state[at.OPEN_OPENER] = state[at.OPEN_CLOSER] = 1.0
         state[at.SINCE] = _LONG_AGO
-        return state
+        if not self._lands():
+            return state
+        known = replace(self, coulomb_friction=0.0, gas_force=0.0,
+                        damping=self.landing.known_damping or self.damping)  # fmt: skip
+        supply = float(self.landing.known_supply or self.supply_voltage)
+        return loop.at_rest(state, known.armature(), m, supply)
 
     def run(self, state: FloatArray, drive: Drive, period_s: float) -> Response:
         """Run N samples, parameters as `Plant.run`.
@@ -227,6 +250,19 @@ class HybridActuatorPlant(HybridActuatorNumbers, Plant):
         positions are NaN from there on, and `failure` says when and where.
         """
         out = Response.empty(len(drive.disturbance), len(INPUTS))
+        if self._lands() and drive.commands is None:
+            armature, magnetics, supply = loop.data_sheet(state)
+            run_landing(
+                state,
+                (self.armature(), self.magnetics()),
+                (armature, magnetics),
+                self.landing.gains(supply),
+                self._landing_drive(period_s, drive.seed),
+                drive.forcing(len(INPUTS)),
+                self._sensor(),
+                out,
+            )
+            return out
         run_actuator(
             state,
             self.armature(),
@@ -235,7 +271,7 @@ class HybridActuatorPlant(HybridActuatorNumbers, Plant):
             self._bridge(),
             Clock(self._steps(period_s), float(self.step)),
             drive.forcing(len(INPUTS)),
-            CurrentSensor(float(self.current_scale), float(self.current_quantum)),
+            self._sensor(),
             out,
         )
         return out
@@ -254,6 +290,26 @@ class HybridActuatorPlant(HybridActuatorNumbers, Plant):
             f"x = {state[at.X]:g} m, speed = {state[at.SPEED]:g} m/s, flux linkages "
             f"{state[at.FLUX_OPENER]:g} and {state[at.FLUX_CLOSER]:g} Wb; take a smaller step "
             f"than {self.step:g} s",
+        )
+
+    def _lands(self) -> bool:
+        """Return whether the controller of the landing drives the bridges."""
+        return self.control == CONTROLS[1]
+
+    def _sensor(self) -> CurrentSensor:
+        return CurrentSensor(float(self.current_scale), float(self.current_quantum))
+
+    def _landing_drive(self, period_s: float, seed: int) -> loop.Drive:
+        """Return the numbers of the drive under the controller of the landing."""
+        of = self.landing
+        return loop.Drive(
+            whole_ratio(period_s, of.period, "period_s", "landing.period"),
+            whole_ratio(of.period, self.step, "landing.period", "step"),
+            float(self.step),
+            float(self.supply_voltage),
+            float(of.position_noise),
+            float(of.lasts),
+            int(seed),
         )
 
     def _bridge(self) -> Bridge:

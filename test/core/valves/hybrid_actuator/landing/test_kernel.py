@@ -12,7 +12,7 @@ from valve_twin.core.valves.hybrid_actuator.landing.kernel import (
     profile,
     weakest_current,
 )
-from valve_twin.core.valves.hybrid_actuator.landing.strokes import LandingNumbers
+from valve_twin.core.valves.hybrid_actuator.landing.numbers import LandingNumbers
 from valve_twin.core.valves.hybrid_actuator.magnetics import force
 from valve_twin.core.valves.hybrid_actuator.plant import HybridActuatorPlant
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.control.current_loop import CurrentSensor
-from valve_twin.core.quantity import assumed, check_quantities, compiled
 from valve_twin.core.valves.hybrid_actuator import plant_kernel as at
-from valve_twin.core.valves.hybrid_actuator.landing.kernel import Gains, fly, throw
+from valve_twin.core.valves.hybrid_actuator.landing.kernel import fly, throw
+from valve_twin.core.valves.hybrid_actuator.landing.numbers import LandingNumbers
 from valve_twin.core.valves.hybrid_actuator.magnetics import magnet_flux
 
 if TYPE_CHECKING:
@@ -22,45 +22,8 @@ if TYPE_CHECKING:
         HybridActuatorPlant,
     )
 
-SENSOR_NOISE = 3e-6
-"""Position sensor of paper 001 with its data acquisition, 1.52 mV at 2.0242 mm/V [m]."""
-
 _LASTS_S = 0.04  # a stroke is followed so long [s]
 _AT_REST = 20e-6  # nearer to its seat the armature rests [m]
-
-
-@dataclass(frozen=True, slots=True)
-class LandingNumbers:
-    """Settings of the controller; all ours, tuned on the grid of +-10 % with two noise seeds."""
-
-    period: float = assumed(5e-5, "s", "Sampling time: the bridge's 20 kHz", 1e-5, 2e-4)
-    seat_speed: float = assumed(0.05, "m/s", "Wanted speed at the seat", 1e-3, 1.0)
-    deceleration: float = assumed(25.0, "m/s^2", "Wanted at the seat", 0.0, 1e4)
-    growth: float = assumed(1e5, "1/s^2", "More of it a metre before the seat", 0.0, 1e8)
-    zone: float = assumed(1.4e-3, "m", "Before the seat; further out the springs' own", 1e-5, 0.1)
-    speed_gain: float = assumed(2000.0, "1/s", "Acceleration a speed that is off", 0.0, 1e5)
-    observer: float = assumed(4000.0, "1/s", "Triple pole of the observer", 10.0, 1e5)
-    most_current: float = assumed(45.0, "A", "Largest current asked for", 0.1, 1e3)
-    catch_from: float = assumed(5e-3, "m", "Distance from which the seat's coil acts", 1e-5, 0.1)
-    inverse_below: float = assumed(
-        1.5e-3, "m", "Gap below which an inverse current is worth its heat", 0.0, 0.1
-    )
-    release_until: float = assumed(
-        2e-3, "m", "Way on which the other magnet is weakened", 0.0, 0.1
-    )
-    reserve: float = assumed(
-        0.6, "m^2/s^2", "Squared speed beyond the profile's at which the release ends", 0.0, 1e2
-    )
-    near: float = assumed(20e-6, "m", "Distance that counts as seated", 1e-7, 1e-3)
-    ramp: float = assumed(2e-3, "s", "In which the inverse current then goes", 1e-5, 1.0)
-
-    def __post_init__(self) -> None:
-        """Refuse numbers outside their range."""
-        check_quantities(self)
-
-    def gains(self, supply: float) -> Gains:
-        """Return the numbers for the compiled functions; `supply` is the data sheet's [V]."""
-        return compiled(Gains, self, supply=supply)
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +92,7 @@ def soft_stroke(
         (plant.armature(), plant.magnetics(), float(plant.supply_voltage)),
         (known.armature(), known.magnetics()),
         of.gains(float(known.supply_voltage)),
-        SENSOR_NOISE * noise,
+        of.position_noise * noise,
         CurrentSensor(float(plant.current_scale), float(plant.current_quantum)),
         steps,
         opens,
