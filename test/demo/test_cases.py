@@ -11,7 +11,7 @@ import pytest
 from valve_twin.core.simulation import AgingRule
 from valve_twin.core.valves.registry import get_model, get_simulation
 from valve_twin.demo.__main__ import main
-from valve_twin.demo.cases import DRIFT, case_names, find_case, injected
+from valve_twin.demo.cases import DRIFT, case_names, config_of, find_case, injected
 
 
 def test_the_simulated_valves_with_an_aging_law_are_shown():
@@ -45,6 +45,24 @@ def test_the_truth_of_the_press_is_its_steady_gain():
     simulation = replace(get_simulation("press_cartridge"), aging=(rule,))
     new, old = injected(case, simulation, [0, 10])
     assert old / new == pytest.approx(0.9, abs=0.01)
+
+
+def test_a_file_of_the_user_s_is_shown_in_place_of_that_of_the_model(tmp_path):
+    own = tmp_path / "designed.yaml"
+    text = config_of("double_solenoid").read_text(encoding="utf-8")
+    own.write_text(text.replace("/**:", "# mine\n/**:"), encoding="utf-8")
+    case = find_case(file=own)
+    assert case == replace(find_case("double_solenoid"), file=own)
+    assert find_case("double_solenoid", file=own) == case
+
+
+def test_a_file_that_lets_no_such_valve_age_is_refused(capsys, tmp_path):
+    pilot = config_of("double_solenoid").with_name("press_cartridge.yaml")
+    assert main(["--valve", "double_solenoid", "--config", str(pilot)]) == 2
+    assert "lets no valve of the model 'double_solenoid' age" in capsys.readouterr().err
+    assert main(["--config", str(tmp_path / "none.yaml")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "none.yaml" in line
 
 
 @pytest.mark.parametrize(

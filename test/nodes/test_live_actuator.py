@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from valve_twin_msgs.msg import Estimate, Float64Series, PredictionSeries, Trend
 
 from test.nodes.conftest import make_graph
@@ -119,3 +120,32 @@ def test_the_trend_follows(run):
     last = run.trend[-1]
     assert last.parameter == "magnet_force"
     assert last.samples >= CYCLES
+
+
+def test_a_soft_landing_is_the_same_live_and_offline(root, tmp_path):
+    tree = yaml.safe_load((root / "config" / "hybrid_actuator.yaml").read_text(encoding="utf-8"))
+    tree["/**"]["ros__parameters"]["simulation"]["plant"]["control"] = "soft_landing"
+    file = tmp_path / "soft.yaml"
+    file.write_text(yaml.safe_dump(tree), encoding="utf-8")
+    (config,) = load_config(file)
+    write_simulated_bag(config, tmp_path / "bag", cycles=3, seed=1)
+    offline = [e for e in run_bag(config, tmp_path / "bag").estimates if e.used_by_trend]
+    graph = make_graph(tmp_path)
+    try:
+        estimates = graph.record(f"{NAME}/twin/estimate", Estimate)
+        given = ["--params-file", str(file)]
+        graph.start("twin", NAME, given, history_url=f"sqlite:///{tmp_path}/history.sqlite")
+        graph.be_heard(f"{NAME}/twin")
+        live = {"rate": 1.0, "stop_after_cycles": 3, "wait_for_subscribers": 1}
+        graph.start("simulated_valve", NAME, given, **live)
+        graph.spin_until(lambda: sum(e.used_by_trend for e in estimates) >= 2, 120.0, "estimates")
+    finally:
+        graph.close()
+    fed = [e for e in estimates if e.used_by_trend]
+    for here, own in zip(fed, offline, strict=False):
+        np.testing.assert_array_equal(here.values, [p.value for p in own.parameters])
+        by_name = dict(zip(here.names, here.values, strict=True))
+        assert by_name["seating_speed_open"] < 0.1
+        assert by_name["seating_speed_closed"] < 0.1
+        assert by_name["spring_rate"] == pytest.approx(18820.0, rel=0.01)
+        assert by_name["magnet_force"] == pytest.approx(128.0, rel=0.02)

@@ -29,7 +29,9 @@ def test_valve_and_twin_run_on_the_map(coarse, tmp_path, capsys, monkeypatch):
     monkeypatch.setitem(chain.FIDELITIES, "export", quick)
     path = str(tmp_path / "designed.yaml")
     assert main(["design", "export", "--map", coarse, "--out", path]) == 0
-    found = json.loads(capsys.readouterr().out)
+    told = capsys.readouterr()
+    found = json.loads(told.out)
+    assert f"next: make demo VALVE=double_solenoid CONFIG={path}" in told.err
     options = load_config(path)[0].options
     assert found["map"] in options.map_source
     assert options.resistance_a == pytest.approx(found["resistance"])

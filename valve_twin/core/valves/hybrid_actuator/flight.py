@@ -34,6 +34,9 @@ _FEWEST = 12  # fewest samples of a flight, assumed
 _MOST_STROKES = 6  # fitted of a cycle, which has two: noise may look like many
 _COULOMB_START = 1.0  # where the search of Coulomb friction starts, above the option [N]
 _SUBSTEPS = 2
+_SOFT_STEP = 0.25 * SEAT_BAND  # a sample: slower near the seat is a soft landing [1], assumed
+_TOUCH = 0.002  # nearer to where it comes to rest it may touch [1], above the noise, assumed
+_REST_AFTER, _REST_SAMPLES = 40, 40  # samples: where a soft landing has come to rest, assumed
 _STEPS_TO_SEAT = 20  # how far the fitted flight is followed to its seat, in half samples
 
 
@@ -49,12 +52,15 @@ class Stroke:
         Samples between the seats: first <= n < end.
     landed : bool
         Whether it reached the other seat.
+    fitted : int
+        Samples that are fitted: first <= n < fitted; beyond `end` only where it lands softly.
     """
 
     opening: bool
     first: int
     end: int
     landed: bool
+    fitted: int
 
 
 def find_strokes(position: FloatArray, known: BoolArray, period_s: float) -> list[Stroke]:
@@ -84,8 +90,22 @@ def find_strokes(position: FloatArray, known: BoolArray, period_s: float) -> lis
             continue  # a bounce
         landed = bool(end < len(p) and seat[end] == -side)
         last = min(int(index[end - 1]) + 1, int(index[start]) + round(_LONGEST_S / period_s))
-        found.append(Stroke(side < 0, int(index[start]), last, landed))
+        fitted = last
+        if landed and last == int(index[end - 1]) + 1:
+            fitted = last + _soft_samples(position, known, last)
+        found.append(Stroke(side < 0, int(index[start]), last, landed, fitted))
     return found
+
+
+def _soft_samples(position: FloatArray, known: BoolArray, end: int) -> int:
+    """Return how many samples a soft landing still flies inside the band of its seat."""
+    rest = slice(end + _REST_AFTER, end + _REST_AFTER + _REST_SAMPLES)
+    way, calm = position[end - 1 : rest.start], position[rest]
+    sure = known[end - 1 : rest.start].all() and known[rest].all()
+    if not sure or len(calm) < _REST_SAMPLES or abs(way[1] - way[0]) > _SOFT_STEP:
+        return 0
+    touches = np.flatnonzero(np.abs(way[1:] - np.median(calm)) < _TOUCH)
+    return int(touches[0]) if len(touches) else 0
 
 
 @njit(cache=True)
@@ -262,7 +282,7 @@ def fit_flights(
     a, solenoid : Armature, Magnetics
         What is known, and where the search of the rest starts.
     """
-    strokes = [s for s in strokes if np.count_nonzero(record.known[s.first : s.end]) >= _FEWEST]
+    strokes = [s for s in strokes if np.count_nonzero(record.known[s.first : s.fitted]) >= _FEWEST]
     strokes = strokes[:_MOST_STROKES]
     if not strokes:
         return None
@@ -359,10 +379,10 @@ class FlightProblem:
         """
         s = self.strokes[k]
         a, solenoid = self._with(p)
-        out = np.empty((s.end - s.first, 2))
+        out = np.empty((s.fitted - s.first, 2))
         first = self.shared + 2 * k
         start = (float(p[first]), float(p[first + 1]))
-        part = slice(s.first, s.end)
+        part = slice(s.first, s.fitted)
         opener, closer = self.record.opener[part], self.record.closer[part]
         fly(a, solenoid, start, opener, closer, self.record.period_s, out)
         return out
@@ -371,7 +391,7 @@ class FlightProblem:
         """Return measured minus simulated positions of all flights (M,) [m]."""
         parts = []
         for k, s in enumerate(self.strokes):
-            part = slice(s.first, s.end)
+            part = slice(s.first, s.fitted)
             off = self.record.position[part] - self.flight(p, k)[:, 0]
             parts.append(np.nan_to_num(off[self.record.known[part]], nan=1.0))
         return np.concatenate(parts)
@@ -384,16 +404,25 @@ class FlightProblem:
         a, solenoid = self._with(p)
         x, v = (float(value) for value in self.flight(p, k)[-1])
         h = self.record.period_s / _SUBSTEPS
-        # the sample after the contact knows another speed: go on as the last two samples did
-        last, slopes = [], []
-        for current in (self.record.opener, self.record.closer):
-            last.append(float(current[s.end - 1]))
-            slopes.append(float(current[s.end - 1] - current[s.end - 2]) / _SUBSTEPS)
+        opener, closer = (self._onward(i, s) for i in (self.record.opener, self.record.closer))
         for step in range(_STEPS_TO_SEAT):
-            o, c = ((i + step * d, i + (step + 1) * d) for i, d in zip(last, slopes, strict=True))
+            o, c = opener[step : step + 2], closer[step : step + 2]
             before = (x, v)
             x, v = advance(a, solenoid, x, v, o[0], o[1], c[0], c[1], h)
             if abs(x) >= a.travel:
                 share = (a.travel - abs(before[0])) / max(abs(x) - abs(before[0]), 1e-300)
                 return abs(before[1] + share * (v - before[1]))
         return float("nan")
+
+    @staticmethod
+    def _onward(current: FloatArray, s: Stroke) -> list[float]:
+        """Return a current on the way from the last sample fitted to the seat [A].
+
+        A hard contact changes it: the samples after it are not used, it goes on as the last two.
+        """
+        last, steps = s.fitted - 1, np.arange(_STEPS_TO_SEAT + 1) / _SUBSTEPS
+        if s.fitted > s.end:
+            values: FloatArray = np.interp(last + steps, np.arange(len(current)), current)
+        else:
+            values = current[last] + steps * (current[last] - current[last - 1])
+        return [float(value) for value in values]

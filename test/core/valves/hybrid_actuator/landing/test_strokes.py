@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from valve_twin.core.simulation.plant import Drive
+from valve_twin.core.valves.hybrid_actuator.landing.numbers import LandingNumbers
 from valve_twin.core.valves.hybrid_actuator.landing.strokes import (
-    LandingNumbers,
     _told,
     open_stroke,
     samples_of,
