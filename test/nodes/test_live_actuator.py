@@ -136,7 +136,7 @@ def test_a_soft_landing_is_the_same_live_and_offline(root, tmp_path):
         given = ["--params-file", str(file)]
         graph.start("twin", NAME, given, history_url=f"sqlite:///{tmp_path}/history.sqlite")
         graph.be_heard(f"{NAME}/twin")
-        live = {"rate": 1.0, "stop_after_cycles": 3, "wait_for_subscribers": 1}
+        live: dict[str, Any] = {"rate": 1.0, "stop_after_cycles": 3, "wait_for_subscribers": 1}
         graph.start("simulated_valve", NAME, given, **live)
         graph.spin_until(lambda: sum(e.used_by_trend for e in estimates) >= 2, 120.0, "estimates")
     finally:

@@ -37,6 +37,7 @@ DATA_SHEET = READ + 1
 """First place of the data sheet: fields of `Armature`, those of `Magnetics`, the supply [V]."""
 
 LANDING_SIZE = DATA_SHEET + len(Armature._fields) + len(Magnetics._fields) + 1
+"""The plant's state with all of it behind [SI]."""
 
 _LONG_AGO = 3600.0  # since the armature sat down, at rest [s]
 
@@ -72,7 +73,7 @@ def at_rest(
     Parameters
     ----------
     state : (STATE_SIZE,) array
-        Of the plant.
+        See `STATE_SIZE` of the plant [SI].
     armature, magnetics, supply : Armature, Magnetics, float
         The data sheet, supply in [V].
 
@@ -101,8 +102,8 @@ def data_sheet(state: FloatArray) -> tuple[Armature, Magnetics, float]:
     """
     numbers = [float(value) for value in state[DATA_SHEET:]]
     end = len(Armature._fields)
-    armature = Armature(*numbers[:end])._replace(blocks=bool(numbers[end - 2]))
-    magnetics = Magnetics(*numbers[end:-1])._replace(kernel=int(numbers[end]))
+    armature = Armature._make(numbers[:end])._replace(blocks=bool(numbers[end - 2]))
+    magnetics = Magnetics._make(numbers[end:-1])._replace(kernel=int(numbers[end]))
     return armature, magnetics, numbers[-1]
 
 
@@ -169,7 +170,7 @@ def run_landing(
     Parameters
     ----------
     state : (LANDING_SIZE,) array
-        State of plant and drive; written in place.
+        See `LANDING_SIZE`; written in place [SI].
     true, known : tuple
         Armature and solenoid as they are; those of the data sheet.
     g, d : Gains, Drive
