@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from valve_twin.core.diagnosis import detection
+from valve_twin.core.diagnosis.changes.jumps import BEYOND
 from valve_twin.core.diagnosis.config import DetectionConfig
 from valve_twin.core.diagnosis.detection import UNKNOWN, detect
 from valve_twin.core.diagnosis.isolability import isolability
@@ -44,6 +45,18 @@ def test_4000_healthy_cycles_of_aging_raise_no_alarm(table):
     # 8 standard deviations of a cycle over the record: what the line cannot take, it would find
     for seed in range(20):
         assert search(table, healthy(table, 200, seed, drift=0.04)).findings == ()
+
+
+def test_a_sensor_that_wanders_by_as_much_before_raises_no_alarm_and_its_fault_does(table):
+    vectors = healthy(table, 40, 0)
+    level = table.features.index("rest_level")
+    step = 3.0 * np.sqrt(table.covariance[level][level])
+    vectors[:, level] += step * np.cumsum(np.random.default_rng(100).standard_normal(40))
+    assert search(table, vectors).findings == ()
+    vectors[34:, level] += 25.0 * step
+    found = search(table, vectors).present
+    assert found is not None
+    assert (found.part, found.onset) == ("sensor", 35)
 
 
 def test_medium_faults_are_found_at_their_second_cycle_and_named(table):
@@ -126,8 +139,9 @@ def test_a_change_that_comes_slowly_is_less_often_taken_for_a_sudden_one(table, 
     leak = np.array([s for s in table.signatures if s.fault == "leak"][1].change)
     way = np.clip(np.arange(100.0) - ONSET, 0.0, None)[:, None]  # 0.4 deviations a cycle
     alarms = []
-    for abrupt in (detection._ABRUPT, -np.inf):
+    for abrupt, beyond in ((detection._ABRUPT, BEYOND), (-np.inf, -np.inf)):
         monkeypatch.setattr(detection, "_ABRUPT", abrupt)
+        monkeypatch.setattr(detection, "BEYOND", beyond)
         vectors = (healthy(table, 100, seed) + 0.4 / 12.0 * way * leak for seed in range(8))
         alarms.append(sum(bool(search(table, v).findings) for v in vectors))
     assert alarms[0] < alarms[1]

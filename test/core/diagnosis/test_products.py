@@ -54,6 +54,15 @@ def test_clocks_once_found_stay_found_when_the_delay_is_longer_than_is_searched(
     assert found.alarm == CYCLES[-1]
 
 
+def test_a_delay_that_comes_back_by_a_sample_is_no_clock_apart(table):
+    noise = 1e-3 * np.random.default_rng(5).standard_normal(40)
+    drift = 88e-6 * START_S
+    beat = drift - 0.04 * (drift >= drift[-1])  # the newest cycle is a sample earlier
+    none = np.full(40, np.nan)
+    assert clocks_apart(CYCLES, START_S, delays(table, none, drift + noise), table) is not None
+    assert clocks_apart(CYCLES, START_S, delays(table, none, beat + noise), table) is None
+
+
 def test_one_pilot_that_becomes_slower_and_a_step_are_no_clocks_apart(table):
     noise = 1e-3 * np.random.default_rng(4).standard_normal((2, 40))
     slower = delays(table, 0.01 + 5e-5 * START_S + noise[0], 0.02 + noise[1])

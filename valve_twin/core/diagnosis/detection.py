@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from valve_twin.core.diagnosis.changes.ends import first_alike, first_unlike, healed, over
+from valve_twin.core.diagnosis.changes.jumps import BESIDE, BEYOND, jumps_made
 from valve_twin.core.diagnosis.changes.match import Match, fits_an_end, match
 from valve_twin.core.diagnosis.config import DetectionConfig
 from valve_twin.core.diagnosis.lines import (
@@ -80,9 +81,6 @@ _OF_LARGEST = 0.3
 _ABRUPT = 0.5
 """Share of a change by which the cycles behind its onset must lie off those just before it, since
 what wanders away is no sudden change; and off the mean of few cycles: they are no line yet [1]."""
-
-_BESIDE = 3
-"""Cycles on either side of the onset that show it."""
 
 RIVAL = 6.0
 """Difference of twice the log likelihood below which two faults are not distinguished [1]."""
@@ -280,6 +278,7 @@ def first_alarm(
         First row that is judged.
     """
     total = np.concatenate((np.zeros((1, w.shape[1])), np.cumsum(w, axis=0)))
+    made = jumps_made(rays.along(base), config.window)
     best: tuple[int, float, int] | None = None
     for m in range(config.confirm, config.recent + 1):
         end = np.arange(config.least + m - 1, len(w))
@@ -293,7 +292,8 @@ def first_alarm(
         shown = ratio > np.sqrt(config.threshold) * strayed(ratio, config)
         shown &= judged[:, None]
         off = _ABRUPT * rays.along(mean)
-        shown &= rays.along(_jumps(w, base, end - m + 1, m)) > off
+        jump = rays.along(_jumps(w, base, end - m + 1, m))
+        shown &= (jump > off) & (jump > BEYOND * made[end - m + 1])
         young = lines.count < config.settled
         shown &= ~young[:, None] | (rays.along(mean + line - lines.level) > off)
         cycles = np.empty((m, *shown.shape))
@@ -314,9 +314,9 @@ def first_alarm(
 
 def _jumps(w: FloatArray, base: FloatArray, first: IntArray, cycles: int) -> FloatArray:
     """Return by how much the first of some cycles lie off those just before them, (K, F)."""
-    after = min(cycles, _BESIDE)
+    after = min(cycles, BESIDE)
     begun = np.stack([w[first + k] for k in range(after)]).mean(axis=0)
-    before = np.stack([base[np.maximum(first - 1 - k, 0)] for k in range(_BESIDE)]).mean(axis=0)
+    before = np.stack([base[np.maximum(first - 1 - k, 0)] for k in range(BESIDE)]).mean(axis=0)
     return np.asarray(begun - before, dtype=np.float64)
 
 

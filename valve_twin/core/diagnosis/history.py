@@ -155,7 +155,7 @@ def search(past: Past, maintenance: Sequence[Maintenance]) -> Searched:
             for f, d in zip(before, asked, strict=True)
         ]
         direct = [f for f, d in zip(before, asked, strict=True) if d]
-        new = [f for f in _direct(cycles, values, restarts) if f.alarm > settled.judged]
+        new = [f for f in _direct(cycles, values, product, restarts) if f.alarm > settled.judged]
         found, direct = found + new, direct + new
     found = [f for f in found if not _is_slip(f, past.apart)]
     doubt = doubt if anew or past.settled is None else settled.doubt
@@ -289,7 +289,9 @@ def _until_over(finding: Finding, cycles: IntArray, values: FloatArray, judged: 
     return replace(finding, end=end)
 
 
-def _direct(cycles: IntArray, values: FloatArray, restarts: Sequence[int]) -> list[Finding]:
+def _direct(
+    cycles: IntArray, values: FloatArray, product: IntArray, restarts: Sequence[int]
+) -> list[Finding]:
     """Return what shows without a signature; maintenance ends it and begins anew."""
     found: list[Finding] = []
     edges = [0, *sorted({int(np.searchsorted(cycles, c)) for c in restarts}), len(cycles)]
@@ -299,7 +301,7 @@ def _direct(cycles: IntArray, values: FloatArray, restarts: Sequence[int]) -> li
         new = [
             *bounds.beyond(part, own[:, 4], _WEAK),
             *bounds.beyond(part, own[:, 3], "sensor_offset"),
-            *noise.noisier(part, own[:, 0]),
+            *noise.noisier(part, own[:, 0], product[first:last]),
             *freezing.freezing(part, own[:, 1], own[:, 2]),
         ]
         found += [replace(f, end=over) if f.end < 0 else f for f in new]

@@ -48,6 +48,9 @@ _LOOKS = (16, 24, 36, 54, 80, 120, 180)
 _SURE = 10.0
 _LEAST_SHIFT_S = 0.01
 _LEAST_ALONE_S = 0.04
+_BACK = 0.5
+"""Share of the shift by which the newest delay may be off it: clocks do not come back [1]."""
+
 _FASTEST = 5e-3
 _OF_RATE = 0.5
 """Share of the rate that each delay, and each half of the record, must show [1]."""
@@ -206,6 +209,7 @@ class _Rate:
 def _rate(t: FloatArray, vectors: FloatArray, table: SignatureTable) -> _Rate | None:
     whole: list[_Slope] = []
     parts: list[float] = []
+    newest = 0.0
     for name in set(DELAYS) & set(table.features):
         delay = vectors[:, table.features.index(name)]
         known = np.isfinite(delay)
@@ -213,6 +217,8 @@ def _rate(t: FloatArray, vectors: FloatArray, table: SignatureTable) -> _Rate | 
             half = np.count_nonzero(known) // 2
             x, y = t[known], delay[known]
             whole.append(_slope(x, y))
+            off = y - whole[-1].value * x
+            newest = max(newest, abs(float(off[-1] - np.median(off))))
             parts += [_slope(x[:half], y[:half]).value, _slope(x[half:], y[half:]).value]
     if not whole:
         return None
@@ -221,7 +227,9 @@ def _rate(t: FloatArray, vectors: FloatArray, table: SignatureTable) -> _Rate | 
     alike = all(_OF_RATE < v / rate < 1.0 / _OF_RATE for v in values) if rate else False
     sure = min(abs(s.value) / s.error for s in whole)
     least = _LEAST_SHIFT_S if len(whole) > 1 else _LEAST_ALONE_S
-    if not (alike and sure > _SURE and least < abs(rate) * np.ptp(t) and abs(rate) < _FASTEST):
+    shift = abs(rate) * float(np.ptp(t))
+    alike &= newest < _BACK * shift  # a sample slipped: the cycles and the logger beat
+    if not (alike and sure > _SURE and least < shift and abs(rate) < _FASTEST):
         return None
     return _Rate(rate, sure)
 

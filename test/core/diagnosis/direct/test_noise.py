@@ -38,6 +38,19 @@ def test_one_wild_cycle_is_no_noisier_sensor():
     assert noisier(np.arange(1, 61), noise) == []
 
 
+def test_the_first_cycles_of_a_product_may_be_noisier_and_a_noisier_sensor_is_told_all_the_same():
+    noise, cycles = levels(60, 5), np.arange(1, 61)
+    noise[20:24] *= 3.0
+    product = np.where(cycles > 20, 1, 0)
+    assert [f.onset for f in noisier(cycles, noise)] == [21]
+    assert noisier(cycles, noise, product) == []
+    unknown = np.where(cycles > 20, -1, 0)[:23]  # before the product is known
+    assert noisier(cycles[:23], noise[:23], unknown) == []
+    noise[24:] *= 3.0
+    (found,) = noisier(cycles, noise, product)
+    assert (found.onset, found.alarm) == (21, 25)
+
+
 def test_cycles_without_rest_are_left_out():
     noise = levels(60, 3)
     noise[20:] *= 3.0

@@ -23,6 +23,9 @@ _MOST = 40
 _CONFIRM = 2
 """Newest cycles that must all be noisier."""
 
+_CONFIRM_ANEW = 5
+"""The same where they are the first of a product, which may begin with other noise than it has."""
+
 _RISE = 0.5
 """Least rise of the logarithm of the noise: two thirds as much again [1]."""
 
@@ -34,10 +37,11 @@ _HEAL = 5
 """Cycles that are less than half as much noisier after which it is over."""
 
 
-def noisier(cycles: IntArray, noise: FloatArray) -> list[Finding]:
+def noisier(cycles: IntArray, noise: FloatArray, product: IntArray | None = None) -> list[Finding]:
     """Find the times in which a sensor was noisier than before.
 
-    Noise at rest does not depend on what the valve makes, so that all products are one series.
+    Noise at rest does not depend on what the valve makes, so that all products are one series;
+    the first cycles of a product have to show it for longer.
 
     Parameters
     ----------
@@ -45,6 +49,8 @@ def noisier(cycles: IntArray, noise: FloatArray) -> list[Finding]:
         Cycle numbers, rising.
     noise : (N,) array
         Standard deviation of the position at rest [unit of the position]; NaN where unknown.
+    product : (N,) int64 array, optional
+        What each cycle makes, -1 = not known [1].
 
     Returns
     -------
@@ -53,20 +59,22 @@ def noisier(cycles: IntArray, noise: FloatArray) -> list[Finding]:
     """
     known = np.isfinite(noise) & (noise > 0.0)
     numbers, level = cycles[known], np.log(noise[known])
+    confirm = _confirms(product[known] if product is not None else np.zeros(len(level)))
     found: list[Finding] = []
     usual: list[float] = []
     row = 0
     while row < len(level):
-        newest = level[row : row + _CONFIRM]
+        newest = level[row : row + confirm[row]]
         rise, sure = _rise(np.array(usual[-_MOST:]), newest)
-        if not rise or len(newest) < _CONFIRM:
-            usual.append(float(level[row]))
+        if not rise or len(newest) < confirm[row]:
+            if confirm[row] == _CONFIRM:
+                usual.append(float(level[row]))
             row += 1
             continue
         end = _over(level, row, float(np.median(usual[-_MOST:])) + 0.5 * rise)
         stop = len(level) if end < 0 else end - _HEAL + 1
         size = float(np.exp(np.median(level[row:stop]) - np.median(usual[-_MOST:])))
-        alarm = int(numbers[row + _CONFIRM - 1])
+        alarm = int(numbers[row + confirm[row] - 1])
         last = int(numbers[end]) if end >= 0 else -1
         found.append(
             Finding("sensor_noise", (), "sensor", size, sure, int(numbers[row]), alarm, last)
@@ -96,6 +104,17 @@ def over(cycles: IntArray, noise: FloatArray, finding: Finding, judged: int) -> 
         return -1
     end = _over(level, 0, float(np.median(noisy)) - 0.5 * float(np.log(finding.severity)))
     return int(numbers[end]) if end >= 0 else -1
+
+
+def _confirms(product: IntArray | FloatArray) -> list[int]:
+    """Return by row how many cycles from it on must all be noisier."""
+    begun = {-1: len(product)}
+    confirm = []
+    for row, number in enumerate(product.tolist()):
+        first = begun.setdefault(number, row)
+        anew = _CONFIRM_ANEW - max(row - first, 0) if first else 0
+        confirm.append(max(_CONFIRM, anew))
+    return confirm
 
 
 def _rise(usual: FloatArray, newest: FloatArray) -> tuple[float, float]:
