@@ -377,24 +377,27 @@ class FlightProblem:
         k : int
             Index of the flight.
         """
+        return self._flown(p, k, self._with(p))
+
+    def _flown(self, p: FloatArray, k: int, moving: tuple[Armature, Magnetics]) -> FloatArray:
         s = self.strokes[k]
-        a, solenoid = self._with(p)
         out = np.empty((s.fitted - s.first, 2))
         first = self.shared + 2 * k
         start = (float(p[first]), float(p[first + 1]))
         part = slice(s.first, s.fitted)
         opener, closer = self.record.opener[part], self.record.closer[part]
-        fly(a, solenoid, start, opener, closer, self.record.period_s, out)
+        fly(*moving, start, opener, closer, self.record.period_s, out)
         return out
 
     def residuals(self, p: FloatArray) -> FloatArray:
         """Return measured minus simulated positions of all flights (M,) [m]."""
-        parts = []
+        parts, moving = [], self._with(p)
         for k, s in enumerate(self.strokes):
             part = slice(s.first, s.fitted)
-            off = self.record.position[part] - self.flight(p, k)[:, 0]
-            parts.append(np.nan_to_num(off[self.record.known[part]], nan=1.0))
-        return np.concatenate(parts)
+            off = self.record.position[part] - self._flown(p, k, moving)[:, 0]
+            parts.append(off[self.record.known[part]])
+        away = np.concatenate(parts)
+        return away if np.isfinite(away).all() else np.nan_to_num(away, nan=1.0)
 
     def seating(self, p: FloatArray, k: int) -> float:
         """Return the speed with which the fitted flight reaches its seat."""
