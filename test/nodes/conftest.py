@@ -20,6 +20,7 @@ from typing import Any
 import pytest
 import rclpy
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import Log
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -238,20 +239,28 @@ class Graph:
         return len(mine) == len(topics) and all(s.get_publisher_count() for s in mine)
 
     def be_heard(self, node: str) -> None:
-        """Wait until a node knows the test's subscribers: it has met this latest one.
+        """Wait until a node knows the test's subscribers: it has met these latest two.
 
         A subscriber can see a publisher that does not know it yet; what is published until then
-        is lost to it. The log of a node is kept for those who come later: it comes at once.
+        is lost to it. The log of the last 10 s is kept for who comes late: it is there at once.
         """
         heard: list[str] = []
         name = node.strip("/").replace("/", ".")
 
-        def take(message: Log) -> None:
-            heard.extend([message.msg] if message.name == name else [])
+        def read(message: Log) -> None:
+            if (message.name, message.msg) == (name, "is active"):
+                heard.append(message.msg)
 
-        latest = self.node.create_subscription(Log, "/rosout", take, ROSOUT)
-        self.spin_until(lambda: "is active" in heard, 120.0, f"the log of {node}")
-        self.node.destroy_subscription(latest)
+        def take(message: DiagnosticArray) -> None:
+            heard.extend(s.name for s in message.status if s.name.startswith(node))
+
+        latest = (
+            self.node.create_subscription(Log, "/rosout", read, ROSOUT),
+            self.node.create_subscription(DiagnosticArray, "/diagnostics", take, DEEP),
+        )
+        self.spin_until(lambda: heard, 120.0, f"log or diagnostics of {node}")
+        for subscription in latest:
+            self.node.destroy_subscription(subscription)
 
     def call(self, service, name: str, /, timeout: float = 120.0, **fields):
         """Call a service of any node and return the response."""

@@ -32,6 +32,7 @@ class Watched:
             120.0,
             "the twin's publishers",
         )
+        graph.be_heard(f"{NS}/twin")
 
     def faults(self) -> dict[tuple[str, str], Fault]:
         """All faults that were told last, by code and subject."""

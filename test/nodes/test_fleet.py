@@ -97,6 +97,7 @@ def test_fifty_valves_of_one_file_bear_the_bad_ones_among_them(graph, tmp_path, 
     topics = [f"/press/v_{n:02d}/twin/prediction" for n in (1, 50)]
     predictions = {topic: graph.record(topic, Prediction) for topic in topics}
     graph.spin_until(lambda: graph.connected(*topics), what="predictions")
+    graph.be_heard("/press/twin")
     cycle = feeders[1].cycle_samples
     for part, raising in ((cycle * CYCLES, False), (LAST, True)):
         for samples in (PORTION,) * (part // PORTION) + (part % PORTION,):

@@ -38,6 +38,7 @@ class Plant:
         self.twin = graph.start("twin", **self.parameters)
         own = [f"{NS}/twin/{name}" for name in ("estimate", "prediction", "cycle")]
         graph.spin_until(lambda: graph.connected(*own), 120.0, "the twin's publishers")
+        graph.be_heard(f"{NS}/twin")
         self.feeder = Feeder(graph, NS)
 
     def feed(self, cycles: int) -> None:

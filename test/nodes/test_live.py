@@ -84,6 +84,7 @@ def _live(graph, run: Run) -> Run:
     twin = graph.start("twin", **twin_parameters)
     own = [f"{NS}/twin/{name}" for name in ("prediction", "cycle", "estimate")]
     graph.spin_until(lambda: graph.connected(*own), 120.0, "the twin's publishers")
+    graph.be_heard(f"{NS}/twin")
     names = ("trend/K_in", "trend/K_out", "trend/leak", "verdict")
     elsewhere = [f"aging_monitor/{n}:=/always/{n.split('/')[-1]}" for n in names]
     graph.start("aging_monitor", extra=[a for e in elsewhere for a in ("-r", e)], **REARM)

@@ -40,6 +40,7 @@ def test_a_twin_estimates_the_parameters_of_an_fmu(graph, fmu):
     found = graph.record(f"{NS}/twin/estimate", Estimate)
     graph.start("twin", history_url=f"sqlite:///{graph.folder}/history.sqlite", **VALVE)
     graph.spin_until(lambda: graph.connected(f"{NS}/twin/estimate"), what="the twin")
+    graph.be_heard(f"{NS}/twin")
     graph.host(
         SimulatedValveNode,
         **VALVE,

@@ -128,6 +128,8 @@ def test_the_samples_are_those_of_single_messages(graph, parameters, tmp_path):
     graph.start("twin", ns="/single", **single)
     own = [f"{ns}/twin/prediction" for ns in (NS, "/single")]
     graph.spin_until(lambda: graph.connected(*own), 120.0, "the publishers of both")
+    for ns in (NS, "/single"):
+        graph.be_heard(f"{ns}/twin")
     feeder = Feeder(graph, NS)
     graph.spin_until(lambda: all(p.get_subscription_count() == 2 for p in feeder.publishers))
     count = 2 * feeder.cycle_samples + 200  # the first estimate is in force from cycle 3 on
