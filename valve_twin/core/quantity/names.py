@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from difflib import get_close_matches
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -28,11 +29,17 @@ def suggest(name: str, known: Iterable[str], *, shown: int = 12) -> str:
     str
         "did you mean 'x'?", "there are a, b, c" or "there are none".
     """
-    names = list(dict.fromkeys(known))
-    near = get_close_matches(name, names, n=1, cutoff=0.5)
-    if near:
-        return f"did you mean '{near[0]}'?"
+    names = tuple(dict.fromkeys(known))
+    near = _nearest(name, names)
+    if near is not None:
+        return f"did you mean '{near}'?"
     if not names:
         return "there are none"
     more = f" and {len(names) - shown} more" if len(names) > shown else ""
     return f"there are {', '.join(names[:shown])}{more}"
+
+
+@lru_cache(maxsize=1024)  # a twin asks again and again for each topic that is missing
+def _nearest(name: str, names: tuple[str, ...]) -> str | None:
+    """Return the name that is nearest, None if none is near."""
+    return next(iter(get_close_matches(name, names, n=1, cutoff=0.5)), None)

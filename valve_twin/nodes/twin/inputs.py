@@ -55,6 +55,10 @@ MOST_BYTES = 8_000_000
 DEAF_BEHIND = "its publisher sent a message of 0 bytes, behind which nothing came"
 DEAF_FROM_START = "from the start on its reliable subscription got nothing, which another one got"
 
+SUGGEST_S = 5.0
+"""How long the name that is suggested for a missing topic stands [s]: a node of 50 valves that is
+started first misses 250 topics."""
+
 FORGOTTEN_S = 60.0
 """A topic whose subscription is deaf twice within this time is taken best effort [s]."""
 
@@ -133,6 +137,7 @@ class TopicInput:
         self._last_sequence = self._stood_in = 0
         self._matched = 0
         self._since = seconds_now()
+        self._suggested_s, self._suggested = -math.inf, ""
         self._heard: float | None = None
         self._reliable = not self._is_best_effort_offered()
         self.received = self.lost = self.overrun = self.broken = self.deadlines_missed = 0
@@ -202,7 +207,7 @@ class TopicInput:
         if not publishers and self._heard is None:
             return "input.missing", (
                 f"topic '{self.topic}' (signal {names}) has no publisher: start it or correct "
-                f"{key}.topic; {suggest(self.topic, self._candidates())}"
+                f"{key}.topic; {self._suggestion()}"
             )
         if self.refused_policy and publishers and not self._matched:
             return "input.qos", (
@@ -231,6 +236,14 @@ class TopicInput:
         if self.refused_policy == "DEADLINE":
             return "deadline_s here"
         return f"qos_overrides.{self.topic}.subscription.{self.refused_policy.lower()} here"
+
+    def _suggestion(self) -> str:
+        """Return what else the topic could be; the graph is searched now and then."""
+        now_s = seconds_now()
+        if now_s >= self._suggested_s + SUGGEST_S:
+            self._suggested_s = now_s
+            self._suggested = suggest(self.topic, self._candidates())
+        return self._suggested
 
     def _candidates(self) -> Iterable[str]:
         """Return topics of the same type that somebody publishes."""
