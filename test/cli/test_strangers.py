@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""`valve-twin campaign --strangers` on two presses, and that it meets them as shipped."""
+"""`valve-twin campaign --strangers` on two presses, met as shipped, and on a valve of any kind."""
 
 import json
 
@@ -19,6 +19,18 @@ def test_it_prints_every_share_and_writes_all_figures(tmp_path, capsys):
         assert name in said
         assert figures["shares"][name][1] > 50
     assert [len(s["verdicts"]) for s in figures["strangers"]] == [44, 54]
+
+
+def test_any_valve_is_configured_from_an_earlier_record_and_then_watched(tmp_path, capsys):
+    out = tmp_path / "any.json"
+    asked = ["--strangers", "any", "--seed-base", "73004", "--count", "1", "--json", str(out)]
+    assert main(["campaign", *asked]) == 0
+    assert "judged at all: cylinder" in capsys.readouterr().out
+    (met,) = json.loads(out.read_text(encoding="utf-8"))["strangers"]
+    healthy, *troubled = met["records"]
+    assert (met["kind"], healthy["trouble"], healthy["findings"]) == ("cylinder", None, [])
+    assert all(record["cycles"] > 10 for record in met["records"])
+    assert len({record["trouble"]["name"] for record in troubled}) == 4
 
 
 def test_the_twin_that_meets_them_is_configured_as_shipped(root):

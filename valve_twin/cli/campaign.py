@@ -61,6 +61,7 @@ def _campaign(arguments: argparse.Namespace) -> int:
     if arguments.derive:
         return _derive(arguments)
     from valve_twin.core.diagnosis.campaign import run_campaign
+    from valve_twin.core.diagnosis.config import OF_ANY_VALVE
 
     try:
         rig, table, config = _chosen(arguments)
@@ -73,7 +74,8 @@ def _campaign(arguments: argparse.Namespace) -> int:
     if arguments.fault:
         config = replace(config, severities={n: config.severities[n] for n in arguments.fault})
     with progress_of("records", len(config.seeds)) as advance:
-        result = run_campaign(rig, table, config, advance=advance)
+        detection = OF_ANY_VALVE if arguments.model else None
+        result = run_campaign(rig, table, config, detection=detection, advance=advance)
     if arguments.json:
         text = json.dumps(_plain(result, config.seeds), indent=1, allow_nan=False)
         Path(arguments.json).write_text(f"{text}\n", encoding="utf-8")

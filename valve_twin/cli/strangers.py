@@ -10,6 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from valve_twin.cli.bags.any_strangers import meet_any
 from valve_twin.cli.common import OK, positive, progress_of, seed_number
 from valve_twin.cli.output import console, plain, table
 from valve_twin.core.valves.registry import get_model
@@ -25,21 +26,31 @@ if TYPE_CHECKING:
     from valve_twin.validation.strangers.watch import Setup
 
 
+PRESS, ANY = "press", "any"
+"""Families of strangers."""
+
+
 def add_strangers(parser: argparse.ArgumentParser) -> None:
     """Add the arguments."""
     parser.add_argument(
         "--strangers",
-        action="store_true",
-        help="instead show random presses of another program to the twin and score what it says",
+        nargs="?",
+        const=PRESS,
+        choices=(PRESS, ANY),
+        help="instead show random valves of another program to the twin and score what it says: "
+        "presses (default), or any, whose twins are as `configure` proposes",
     )
     parser.add_argument(
         "--seed-base",
         type=seed_number,
         metavar="N",
-        help="first seed of the strangers; default the frozen ones, on which nothing is tuned",
+        help="first seed of the strangers; default the scored ones, on which nothing is tuned",
     )
     parser.add_argument(
-        "--count", type=positive, metavar="K", help="how many strangers, default 200"
+        "--count",
+        type=positive,
+        metavar="K",
+        help="how many strangers, default 200 presses, 12 of any",
     )
 
 
@@ -59,6 +70,9 @@ def setup_of(path: str | None) -> Setup:
 
 def run_strangers(arguments: argparse.Namespace) -> int:
     """Meet the strangers, print the table and write the figures."""
+    if arguments.strangers == ANY:
+        _show(meet_any(arguments))
+        return OK
     from valve_twin.validation.strangers.campaign import (
         SCORED_BASE,
         SCORED_COUNT,

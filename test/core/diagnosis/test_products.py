@@ -34,6 +34,17 @@ def test_durations_that_differ_at_will_tell_no_product():
     assert set(found.tolist()) == {0}
 
 
+def test_durations_that_scatter_are_one_product_and_a_pause_is_none():
+    rng = np.random.default_rng(7)
+    scattered = 30.0 + 0.6 * rng.standard_normal((20, 40))
+    ranked = np.sort(scattered, axis=1)
+    by_chance = (np.diff(ranked, axis=1) > 0.01 * ranked[:, 1:]).any(axis=1)
+    assert np.mean(by_chance) > 0.4
+    for durations in scattered:
+        found = products(durations)
+        assert len(set(found.tolist()) - {-1}) == 1
+
+
 @pytest.mark.parametrize("rate", [350e-6, -280e-6])
 def test_clocks_apart_are_found_by_their_rate(table, rate):
     noise = 1e-3 * np.random.default_rng(3).standard_normal((2, 40))

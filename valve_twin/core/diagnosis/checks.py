@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.diagnosis.features import NEXT_CYCLE
 from valve_twin.core.past.columns import past_of
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from valve_twin.core.types import Estimate, Guard, Maintenance
 
 _GRAVE = ("bounds", "identifiability", "noise at rest", "excitation", "condition number",
-          "dimension")  # fmt: skip
+          "dimension", NEXT_CYCLE)  # fmt: skip
 """Beginnings of the names of checks that an estimate must pass; others only inform."""
 
 _NEWEST = 20

@@ -30,6 +30,14 @@ class DetectionConfig:
     each: float = quantity(
         2.5, "1", "Distance by which each of the `confirm` cycles must show it.", lower=0.0
     )
+    alone: float = quantity(
+        0.0,
+        "1",
+        "Chance with which a healthy cycle may be beyond what raises an alarm by itself; 0: none "
+        "does.",
+        lower=0.0,
+        upper=0.01,
+    )
     settled: int = quantity(
         20,
         "1",
@@ -85,3 +93,7 @@ class DetectionConfig:
     def __post_init__(self) -> None:
         """Refuse a number outside its range."""
         check_quantities(self)
+
+
+OF_ANY_VALVE = DetectionConfig(alone=1e-4)
+"""For features of any valve."""

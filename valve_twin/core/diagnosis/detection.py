@@ -6,7 +6,7 @@ Each cycle is compared with the line through the features of the cycles before i
 is no fault. What is left is whitened by the valve's own scatter and projected on the signatures:
 the generalised likelihood ratio of "a fault of unknown size since m cycles" over "only aging".
 An alarm needs a ratio beyond chance in a thousand years and two cycles among the last eight that
-each show it.
+each show it, or one that the valve's own past could not give (`changes.alone`).
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
+from valve_twin.core.diagnosis.changes.alone import first_alone, passed
 from valve_twin.core.diagnosis.changes.ends import first_alike, first_unlike, healed, over
 from valve_twin.core.diagnosis.changes.jumps import BESIDE, BEYOND, jumps_made
 from valve_twin.core.diagnosis.changes.match import Match, fits_an_end, match
@@ -309,6 +310,9 @@ def first_alarm(
         row, score = int(end[hits[0]]), float(np.where(shown, ratio, 0.0)[hits[0]].max())
         if best is None or (row, -score) < (best[0], -best[1]):
             best = (row, score, m)
+    alone = first_alone(w, base, rays, config, first=first)
+    if alone >= 0 and (best is None or alone < best[0]):
+        return alone, alone
     return None if best is None else (best[0], best[0] - best[2] + 1)
 
 
@@ -347,8 +351,9 @@ def _isolate(
     w, base, rays = view
     before = lines_through(base, np.array([onset - 1]), config.window)
     last = min(max(onset + config.isolate, alarm), len(w) - 1)
-    onset = min(onset, len(w) - 2)
-    rows = np.arange(onset + 1, last + 1)
+    rows = np.arange(min(onset, len(w) - 2) + 1, last + 1)
+    if alarm == onset < last and passed(w, rays, before, onset, rows):
+        rows = np.array([onset])
     line = float(before.at(np.array([rows.mean()]))[1][0])
     off = w[rows] - before.at(rows.astype(np.float64))[0]
     found = match(off, rays, table, config, line=line)

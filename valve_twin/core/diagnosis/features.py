@@ -28,6 +28,10 @@ DELAYS = ("delay_in", "delay_out")
 """Names of the features that are times from a command to the motion [s]."""
 
 
+NEXT_CYCLE = "the next cycle"
+"""Name of the check that the model of the cycles before follows a cycle better than its mean."""
+
+
 @dataclass(frozen=True, slots=True)
 class FeatureSet:
     """The features of a valve, and where the search for the signatures of its faults begins.

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from valve_twin.core.diagnosis.changes.elsewhere import Elsewhere, followed
-from valve_twin.core.diagnosis.config import DetectionConfig
+from valve_twin.core.diagnosis.config import OF_ANY_VALVE, DetectionConfig
 from valve_twin.core.diagnosis.detection import NOTHING, UNKNOWN, Diagnosis, Finding, detect
 from valve_twin.core.diagnosis.direct import bounds, freezing, noise
 from valve_twin.core.diagnosis.features import NOISE
@@ -115,13 +115,14 @@ def search(past: Past, maintenance: Sequence[Maintenance]) -> Searched:
     product = _products_of(shown)
     found: list[Finding] = []
     ready, doubt = False, ""
+    config = OF_ANY_VALVE if model.feature_set.of_any_valve else DetectionConfig()
     since = int(np.searchsorted(cycles, max(restarts, default=0)))
     anew = max(restarts, default=0) > settled.judged
     lately = [int(p) for p in product[::-1] if p >= 0][:_LATELY]
     for number in sorted(set(product.tolist()) - {-1}):
         own = product == number
         steady = without_slips(vectors[own], table)
-        part = detect(cycles[own], steady, table, restarts=restarts, judged=settled.judged)
+        part = detect(cycles[own], steady, table, config, restarts=restarts, judged=settled.judged)
         then = [
             _marked(f, _elsewhere(f, cycles, vectors, product, number, model), cycles, restarts)
             for f in part.findings

@@ -16,7 +16,7 @@ from valve_twin.core.estimation.data.robust import MAD_SCALE
 
 if TYPE_CHECKING:
     from valve_twin.core.diagnosis.table import SignatureTable
-    from valve_twin.core.types import FloatArray, IntArray
+    from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
 CLOCK = "clock"
 """Name of the finding that two clocks run apart."""
@@ -74,7 +74,9 @@ def products(duration_s: FloatArray) -> IntArray:
         return np.zeros(len(duration_s), dtype=np.int64)
     order = np.argsort(duration_s, kind="stable")
     ranked = duration_s[order]
-    apart = np.diff(ranked) > _ALIKE * np.maximum(ranked[1:], 1e-9)
+    gap = np.diff(ranked)
+    apart = gap > _ALIKE * np.maximum(ranked[1:], 1e-9)
+    apart[apart] = gap[apart] > _wider_beside(ranked, apart)
     group = np.empty(len(ranked), dtype=np.int64)
     group[order] = np.concatenate(([0], np.cumsum(apart)))
     sizes = np.bincount(group)
@@ -82,6 +84,17 @@ def products(duration_s: FloatArray) -> IntArray:
     if np.mean(group < 0) > _ODD:
         return np.zeros(len(group), dtype=np.int64)
     return group
+
+
+def _wider_beside(ranked: FloatArray, apart: BoolArray) -> FloatArray:
+    """Return by how much the cycles on the wider side of each gap differ among themselves.
+
+    Durations that scatter leave gaps by chance, which are no wider than the scatter.
+    """
+    edges = np.flatnonzero(apart)
+    first, last = np.append(0, edges + 1), np.append(edges, len(ranked) - 1)
+    width = ranked[last] - ranked[first]
+    return np.asarray(np.maximum(width[:-1], width[1:]), dtype=np.float64)
 
 
 def without_slips(vectors: FloatArray, table: SignatureTable) -> FloatArray:

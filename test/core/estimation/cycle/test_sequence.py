@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from test.core.valves.press_cartridge.generator import Truth, generate_cycle
+from valve_twin.core.diagnosis.features import NEXT_CYCLE
 from valve_twin.core.estimation.cycle.scatter import MIN_CYCLES, scatter_between_cycles
 from valve_twin.core.estimation.cycle.sequence import (
     MEMORY_CYCLES,
@@ -197,3 +198,15 @@ def test_scatter_intervals_cover_the_truth():
 
 def test_scatter_of_a_constant_is_zero():
     assert scatter_between_cycles(np.full(12, 3.0)).sigma == 0.0
+
+
+def test_a_model_that_is_worse_than_the_mean_on_the_next_cycle_is_told():
+    truth = Truth()
+    other = cycle_of(3, replace(truth, k_in=3.0 * truth.k_in))
+    history, _ = run([cycle_of(1), cycle_of(2), other])
+    trended = [next(e for e in cycle if e.used_by_trend) for cycle in history]
+    told = [[g for g in e.guards if g.name == NEXT_CYCLE] for e in trended]
+    assert told[:2] == [[], []]
+    assert trended[2].status is EstimateStatus.ACCEPTED  # on its own cycle it is right
+    assert [(g.passed, g.value) for g in told[2]] == [(False, trended[2].fit_test)]
+    assert trended[2].fit_test < 0.0

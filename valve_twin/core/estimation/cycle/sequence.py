@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
+from valve_twin.core.diagnosis.features import NEXT_CYCLE
 from valve_twin.core.diagnosis.generic.reference import estimate_features
 from valve_twin.core.estimation.cycle.comparison import compare_estimators
 from valve_twin.core.estimation.cycle.movement import MOVES, TRAVEL, count_movement
@@ -29,6 +30,7 @@ from valve_twin.core.types import (
     EstimateStatus,
     FloatArray,
     Frames,
+    Guard,
     Parameter,
     ParameterStatus,
     ParameterValue,
@@ -256,6 +258,8 @@ def _judged(
             f"(fit {fit_train:.0f} %): scales, directions, model or cycles are wrong"
         )
         estimate = _coded(_refused(estimate, Refusal(RefusalCode.MISFIT, text)))
+    elif estimate.estimator == model.trend_estimator and fit_test < 0.0:
+        estimate = replace(estimate, guards=(*estimate.guards, _next_cycle(fit_test)))
     known = {p.name: p for p in model.parameters}
     return replace(
         estimate,
@@ -268,6 +272,15 @@ def _judged(
         fit_train=fit_train,
         used_by_trend=estimate.estimator == model.trend_estimator,
     )
+
+
+def _next_cycle(fit: float) -> Guard:
+    """Return the check that the model of the cycles before does not stand: fit [%]."""
+    reason = (
+        f"the free run of the model of the cycles before misses this cycle's position by more "
+        f"than its mean does (fit {fit:.0f} %): what was accepted tells nothing of other cycles"
+    )
+    return Guard(NEXT_CYCLE, passed=False, value=fit, limit=0.0, reason=reason)
 
 
 def cycle_conditions(cycle: Cycle) -> tuple[Condition, ...]:

@@ -1,0 +1,117 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""`valve-twin campaign --strangers any`: valves of another hand, configured and then watched."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.cli.common import progress_of
+from valve_twin.cli.output import plain
+from valve_twin.core.survey.trial import Mapping01
+from valve_twin.core.valves.registry import get_model
+from valve_twin.io.config.valve import load_config
+from valve_twin.io.configure.channels import look
+from valve_twin.io.configure.proposal import yaml_text
+from valve_twin.io.configure.survey import choose
+from valve_twin.io.instruments.clock import ClockChoice
+from valve_twin.io.offline.make_twin import twin_config
+from valve_twin.validation.any_strangers.campaign import SCORED_BASE, SCORED_COUNT, meet, pooled
+from valve_twin.validation.any_strangers.record import record
+from valve_twin.validation.any_strangers.watch import Setup
+from valve_twin.validation.strangers.campaign import seeds
+
+if TYPE_CHECKING:
+    import argparse
+
+    from valve_twin.validation.any_strangers.campaign import Met
+    from valve_twin.validation.any_strangers.draw import Stranger
+    from valve_twin.validation.any_strangers.watch import Told
+    from valve_twin.validation.strangers.score import Score
+
+_SHOWN = 4
+"""Production cycles of the record that `configure` looks at, before those that are watched."""
+
+
+def configured(stranger: Stranger) -> Setup:
+    """Return what `configure` proposes for an earlier record of a stranger.
+
+    Parameters
+    ----------
+    stranger : Stranger
+        Which.
+
+    Raises
+    ------
+    BagError
+        If it proposes nothing.
+    """
+    parts = record(stranger, _SHOWN, number=1)
+    stamps = np.concatenate([p.stamp_ns for p in parts])
+    seconds = (stamps - parts[0].start_ns) * 1e-9
+    command = np.concatenate([p.command for p in parts])
+    position = np.concatenate([p.position for p in parts])
+    with TemporaryDirectory(prefix="valve_twin_") as folder:
+        path = Path(folder, "record.csv")
+        rows = np.column_stack((seconds, command, position))
+        header = "time [s],command,position"
+        np.savetxt(path, rows, "%.9g", delimiter=",", header=header, comments="")
+        survey, choice = choose(look([path], ClockChoice()))
+        written = Path(folder, "valve.yaml")
+        written.write_text(yaml_text(survey, choice, [str(path)]), encoding="utf-8")
+        config = load_config(written)[0]
+    model = get_model(config.model)
+    maps = {k: Mapping01(s.scale, s.offset) for k, s in config.signals.items()}
+    answer = maps.pop(model.output)
+    return Setup(model, twin_config(config, model), maps, answer)
+
+
+def meet_any(arguments: argparse.Namespace) -> Score:
+    """Meet strangers of the generic verdict, write the figures and return their shares.
+
+    Parameters
+    ----------
+    arguments : Namespace
+        `seed_base`, `count` and `json`.
+    """
+    base = SCORED_BASE if arguments.seed_base is None else arguments.seed_base
+    chosen = seeds(base, arguments.count or SCORED_COUNT)
+    with progress_of("strangers", len(chosen)) as advance:
+        met = list(meet(chosen, configured, advance=advance))
+    whole = pooled(met)
+    if arguments.json:
+        figures = {
+            "seeds": list(chosen),
+            "shares": whole.shares,
+            "delays": whole.delays,
+            "strangers": [_plain(m) for m in met],
+        }
+        text = json.dumps(figures, indent=1, allow_nan=False)
+        Path(arguments.json).write_text(f"{text}\n", encoding="utf-8")
+    return whole
+
+
+def _plain(met: Met) -> dict[str, object]:
+    """Return what was told of a stranger as plain data."""
+    return {
+        "seed": met.stranger.seed,
+        "kind": met.stranger.kind,
+        "model": met.model,
+        "records": [_told(t) for t in met.told],
+    }
+
+
+def _told(told: Told) -> dict[str, object]:
+    """Return what was told of a record."""
+    trouble = None if told.trouble is None else plain(asdict(told.trouble))
+    findings = [
+        {"alarm": f.alarm, "fault": f.fault, "at_once": once.fault if once else ""}
+        for f, once in zip(told.findings, told.at_once, strict=True)
+    ]
+    return {"trouble": trouble, "cycles": len(told.cycles), "findings": findings}

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""When one cycle alone is a fault: beyond what the valve's own past could give."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from valve_twin.core.diagnosis.lines import lines_through
+
+if TYPE_CHECKING:
+    from valve_twin.core.diagnosis.config import DetectionConfig
+    from valve_twin.core.diagnosis.lines import Lines, Rays
+    from valve_twin.core.types import FloatArray, IntArray
+
+_TAIL = 3.0
+"""Power by which the chance of a large deviation falls, assumed: less than that no variance is."""
+
+_LEAST_PAST = 8
+"""Fewest cycles before, each held against its own line, whose largest deviation says something."""
+
+_LASTS = 0.5
+"""Share of a change that the cycles behind must show for it to last [1]."""
+
+
+def first_alone(
+    w: FloatArray, base: FloatArray, rays: Rays, config: DetectionConfig, *, first: int
+) -> int:
+    """Return the first row that is a fault by itself, -1 = none.
+
+    Of n healthy cycles the largest deviation is passed by one more with a chance of about 1 / n;
+    a deviation x times as large has one less by x to the power of the tail.
+
+    Parameters
+    ----------
+    w, base : (N, F) arrays
+        Whitened features, and the same without outliers [standard deviations].
+    rays : Rays
+        Whitened signatures.
+    config : DetectionConfig
+        When to speak: `alone` is the chance.
+    first : int
+        First row that is judged.
+    """
+    rows = np.arange(config.least, len(w))
+    if not config.alone or len(rows) <= _LEAST_PAST:
+        return -1
+    line, variance = lines_through(base, rows - 1, config.window).at(rows.astype(np.float64))
+    off = rays.along((w[rows] - line) / np.sqrt(1.0 + variance)[:, None]).max(axis=1)
+    past = np.arange(_LEAST_PAST, len(rows))
+    largest = np.maximum.accumulate(off)[past - 1]
+    limit = largest * np.maximum(past * config.alone, 1e-12) ** (-1.0 / _TAIL)
+    beyond = off[past] > np.maximum(limit, np.sqrt(config.threshold))
+    found = rows[past][beyond & (rows[past] >= first)]
+    return int(found[0]) if len(found) else -1
+
+
+def passed(w: FloatArray, rays: Rays, before: Lines, onset: int, rows: IntArray) -> bool:
+    """Return whether the cycles behind one that raised an alarm do not show what it showed.
+
+    Parameters
+    ----------
+    w : (N, F) array
+        Whitened features [standard deviations].
+    rays : Rays
+        Whitened signatures.
+    before : Lines
+        The line before it.
+    onset : int
+        Its row.
+    rows : (K,) int array
+        Those behind it.
+    """
+    line = before.at(np.array([onset, rows.mean()], dtype=np.float64))[0]
+    alone, behind = rays.along(np.stack((w[onset], w[rows].mean(axis=0))) - line)
+    shown = int(np.argmax(alone))
+    return bool(behind[shown] < _LASTS * alone[shown])
