@@ -202,6 +202,29 @@ def test_days_count_from_the_newest_cycle_and_both_rules_keep(history):
     assert condensed_until(history, VALVE) == 575
 
 
+def test_a_stamp_from_before_the_clock_was_set_lets_nothing_young_go(history):
+    with history.writing(VALVE) as (connection, _):
+        late = sa.update(CYCLE).where(CYCLE.c.cycle == 890)
+        connection.execute(late.values(start_ns=0, end_ns=25 * 10**9))
+    done = condense(history, VALVE, Retention(days=5.0))
+    assert done is not None
+    assert done.cycle == 143
+
+
+def test_condensing_elsewhere_meanwhile_stops_it_and_nothing_said_changes(history):
+    before = said(history)
+    with History(history.where) as other:
+
+        def elsewhere(_):
+            condense(other, VALVE, Retention(cycles=400))
+
+        with pytest.raises(StoreError, match="meanwhile"):
+            condense(history, VALVE, KEEP, elsewhere)
+    assert said(history) == before
+    condense(history, VALVE, KEEP)
+    assert said(history) == before
+
+
 def test_remarks_are_never_touched(history):
     history.add_maintenance(VALVE, Maintenance(1, 100, "new seal", new_reference=True))
     history.add_verdict(VALVE, Verdict(1, VALVE, VerdictKind.OK, "ok", "fine", 150))

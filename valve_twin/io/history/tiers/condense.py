@@ -136,11 +136,12 @@ def condense(
         return done
     hours_from = newest.end_ns - round(retention.hours_for_days * _DAY_NS)
     state = begun_state(history, valve)
+    if condensed_until(history, valve) != (done.cycle if done else 0):
+        raise StoreError(_meanwhile(history, valve))
     state.maintenance = history.maintenance(valve)
     for last in _parts(history, valve, retention, newest.end_ns):
-        before, done = done, _condense_to(history, valve, last, state, hours_from)
+        done = _condense_to(history, valve, last, state, hours_from, done)
         on_part(done)
-        assert before is None or before.cycle < done.cycle
     _forget_hours(history, valve, hours_from)
     return done
 
@@ -150,8 +151,8 @@ def _parts(history: History, valve: str, retention: Retention, newest_ns: int) -
     own = of_valve(CYCLE, valve)
     last = history.last_cycle(valve) - max(retention.cycles, LEAST)
     if retention.days:
-        old = own.where(CYCLE.c.end_ns < newest_ns - round(retention.days * _DAY_NS))
-        last = min(last, _number(history, old, sa.func.max(CYCLE.c.cycle)))
+        young = own.where(CYCLE.c.end_ns >= newest_ns - round(retention.days * _DAY_NS))
+        last = min(last, _number(history, young, sa.func.min(CYCLE.c.cycle)) - 1)
     kept = own.where(CYCLE.c.cycle > last).order_by(CYCLE.c.cycle).limit(1)
     for row in history.select(kept):  # the day of the first one that is kept stays whole
         early = own.where(CYCLE.c.cycle <= last, CYCLE.c.start_ns < _midnight(row["start_ns"]))
@@ -187,10 +188,14 @@ def _number(history: History, query: sa.Select[Any], value: sa.ColumnElement[Any
 
 
 def _condense_to(
-    history: History, valve: str, last: int, state: AgingState, hours_from: int
+    history: History,
+    valve: str,
+    last: int,
+    state: AgingState,
+    hours_from: int,
+    before: Condensed | None,
 ) -> Condensed:
-    """Condense what is not yet, up to a cycle; `state` takes what their estimates say."""
-    before = condensed(history, valve)
+    """Condense what is behind `before`, up to a cycle; `state` takes what their estimates say."""
     first = before.cycle if before else 0
     new = sa.and_(CYCLE.c.cycle > first, CYCLE.c.cycle <= last)
     there = _number(history, of_valve(CYCLE, valve).where(new), sa.func.count())
@@ -218,10 +223,7 @@ def _condense_to(
         of_part = sa.and_(CYCLE.c.valve_id == valve_id, new)
         now = connection.scalar(sa.select(sa.func.count()).select_from(CYCLE).where(of_part))
         if at != first or now != there:
-            msg = (
-                f"{history.where}: cycles of {valve} were condensed or stored meanwhile: try again"
-            )
-            raise StoreError(msg)
+            raise StoreError(_meanwhile(history, valve))
         if found:
             rows = [sealed(CONDENSATE, to_row(c, valve_id)) for c in found]
             connection.execute(CONDENSATE.insert(), rows)
@@ -235,6 +237,10 @@ def _condense_to(
         numbers = [record.cycle for record in records]
         _delete(connection, CYCLE.c.cycle, numbers, CYCLE.c.valve_id == valve_id)
     return done
+
+
+def _meanwhile(history: History, valve: str) -> str:
+    return f"{history.where}: cycles of {valve} were condensed or stored meanwhile: try again"
 
 
 class _Row(NamedTuple):
