@@ -166,7 +166,7 @@ class TestWithdrawnEvents:
             before = connection.execute("SELECT check_sum FROM maintenance").fetchall()
             for name in UNSUMMED["maintenance"]:
                 connection.execute(f"ALTER TABLE maintenance DROP COLUMN {name}")
-            for table in ("counters", "event"):
+            for table in ("counters", "event", "condensate", "condensed"):
                 connection.execute(f"DROP TABLE {table}")
             connection.execute("UPDATE valve_twin_schema SET version_num = '0007'")
         with History(tmp_path / "history.sqlite") as upgraded:

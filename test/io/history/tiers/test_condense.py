@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -342,7 +343,8 @@ def test_nothing_is_lost_when_it_is_killed_at_any_moment(history, root):
             parent.stdin.flush()
             child = int(parent.stdout.readline())
             time.sleep(float(random.uniform(0.0, 0.12)))
-            os.kill(child, signal.SIGKILL)
+            with suppress(ProcessLookupError):  # it may be done by now
+                os.kill(child, signal.SIGKILL)
             killed += parent.stdout.readline().strip() == "killed"
             with History(file) as left:
                 until, done = condensed_until(left, VALVE), condensed(left, VALVE)
