@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import json
 import sqlite3
 import threading
 import time
@@ -11,10 +12,12 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 import pytest
+from starlette.requests import Request
 
 from test.gateway.test_web import store
 from valve_twin.gateway import plant as module
 from valve_twin.gateway.plant import WAITING, Plant
+from valve_twin.gateway.web import Site, _Pages
 from valve_twin.io.history.database import Database
 from valve_twin.io.history.fleet import describe_valve, ranked
 
@@ -224,6 +227,55 @@ def test_who_looks_during_a_long_first_reading_sees_what_there_is(path, monkeypa
     assert whole.whole
     assert plant.glance().rows == whole.rows
     assert WAITING not in {row.evidence for row in whole.rows}
+
+
+def test_every_page_shows_what_a_first_reading_has_and_does_not_look_whole(path, monkeypatch):
+    reached, go_on = threading.Event(), threading.Event()
+    found = Plant._state
+
+    def slow(plant: Plant, history, valve: str, mark):
+        if valve == "/b":
+            reached.set()
+            assert go_on.wait(60.0)
+        return found(plant, history, valve, mark)
+
+    monkeypatch.setattr(Plant, "_state", slow)
+    plant = Plant(str(path), nameplates={"/a": {"tag": "XV-7"}})
+    pages = _Pages(plant, Site())
+
+    def ask(name: str = "") -> Request:
+        return Request({"type": "http", "method": "GET", "path": "/", "root_path": "",
+                        "path_params": {"name": name}, "query_string": b"", "headers": [],
+                        "scheme": "http", "server": ("127.0.0.1", 1)})  # fmt: skip
+
+    try:
+        plant.glance()
+        assert reached.wait(60.0)
+        told = json.loads(bytes(pages.valves(ask()).body))
+        assert told["whole"] is False
+        of = {valve["valve"]: valve for valve in told["valves"]}
+        assert [p["parameter"] for p in of["/a"]["parameters"]] == ["K_in", "K_out", "leak"]
+        assert of["/a"]["nameplate"] == {"tag": "XV-7"}
+        assert of["/b"]["evidence"] == WAITING
+        assert json.loads(bytes(pages.one(ask("b")).body))["evidence"] == WAITING
+        metrics = bytes(pages.metrics(ask()).body).decode()
+        assert "valve_twin_history_whole 0.0" in metrics
+        assert 'valve="/a"' in metrics
+        assert 'valve="/b"' not in metrics
+        assert "<svg" in bytes(pages.valve(ask("a")).body).decode()
+        assert WAITING in bytes(pages.valve(ask("b")).body).decode()
+        assert pages.valve(ask("nobody")).status_code == 404
+        assert pages.report(ask("a")).status_code == 200
+        assert pages.health(ask()).status_code == 200
+        monkeypatch.setattr(module, "LATE_S", 0.0)
+        assert "does not answer" in plant.glance().failure  # stuck at a valve is told, too
+        monkeypatch.setattr(module, "LATE_S", 30.0)
+    finally:
+        go_on.set()
+    assert pages.report(ask("b")).status_code == 200  # waits for its turn
+    metrics = bytes(pages.metrics(ask()).body).decode()
+    assert "valve_twin_history_whole 1.0" in metrics
+    assert 'valve="/b"' in metrics
 
 
 def test_a_first_reading_ranks_for_who_looks_and_not_for_every_valve(path, monkeypatch):

@@ -107,6 +107,8 @@ _OF_PARAMETERS: tuple[tuple[str, str, Callable[[Trend], float]], ...] = (
 def exposition(view: View) -> bytes:
     """Return the metrics of all valves in the text format; what is not known is left out.
 
+    So is a valve that is yet to be assessed; `valve_twin_history_whole` is 0 then.
+
     Parameters
     ----------
     view : View
@@ -117,6 +119,13 @@ def exposition(view: View) -> bytes:
     registry = CollectorRegistry()
     up = Gauge("valve_twin_history_up", "1 where the history could be read.", registry=registry)
     up.set(not view.failure)
+    whole = Gauge(
+        "valve_twin_history_whole",
+        "1 where every valve was assessed, 0 during a first reading.",
+        registry=registry,
+    )
+    whole.set(view.whole)
+    rows = [row for row in view.rows if view.whole or row.valve in view.trends]
     states = Gauge(
         "valve_twin_ne107",
         "1 for the state of NAMUR NE 107.",
@@ -126,14 +135,14 @@ def exposition(view: View) -> bytes:
     verdicts = Gauge(
         "valve_twin_verdict", "1 for the verdict.", ["valve", "verdict"], registry=registry
     )
-    for row in view.rows:
+    for row in rows:
         for state in Ne107:
             states.labels(row.valve, state.value).set(row.ne107 == state.value)
         for kind in VerdictKind:
             verdicts.labels(row.valve, kind.text).set(row.verdict is kind)
     for name, text, labels, value in _NUMBERS:
         gauge = Gauge(name, text, ["valve", *labels], registry=registry)
-        for row in view.rows:
+        for row in rows:
             if not math.isnan(value(row)):
                 of_row = (str(getattr(row, label)) for label in labels)
                 gauge.labels(row.valve, *of_row).set(value(row))

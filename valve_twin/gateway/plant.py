@@ -112,15 +112,17 @@ class _FirstReading:
         where: str,
         marks: Mapping[str, Mark],
         states: Mapping[str, tuple[Mark, ValveState]],
+        nameplates: Mapping[str, Mapping[str, str]],
     ) -> None:
-        self._where, self._marks, self._states = where, marks, states
+        self._where, self._marks, self.states = where, marks, states
+        self._nameplates = nameplates
         self._ranking = threading.Lock()
         self._ranked: tuple[int, View] = -1, _NOTHING
 
     def view(self) -> View:
         """Return all valves, those whose turn has not come yet without a state."""
         with self._ranking:
-            known = dict(self._states)  # grows while it is read
+            known = dict(self.states)  # grows while it is read
             if self._ranked[0] != len(known):
                 self._ranked = len(known), self._rank(known)
             return self._ranked[1]
@@ -128,8 +130,22 @@ class _FirstReading:
     def _rank(self, known: Mapping[str, tuple[Mark, ValveState]]) -> View:
         waiting = [FleetRow(shown_name(name), evidence=WAITING, cycle=mark.cycle)
                    for name, mark in self._marks.items() if name not in known]  # fmt: skip
-        rows = ranked([state.row for _, state in known.values()] + waiting, FleetOrder.URGENCY)
-        return View(tuple(rows), self._where, time.time_ns(), whole=False)
+        return _shown([state for _, state in known.values()], waiting, self._where,
+                      self._nameplates)  # fmt: skip
+
+
+def _shown(
+    states: Sequence[ValveState],
+    waiting: Sequence[FleetRow],
+    where: str,
+    nameplates: Mapping[str, Mapping[str, str]],
+) -> View:
+    """Return what the faces show of a history read so far."""
+    rows = ranked([state.row for state in states] + list(waiting), FleetOrder.URGENCY)
+    trends = {state.row.valve: state.trends for state in states}
+    verdicts = {s.row.valve: s.verdict for s in states if s.verdict is not None}
+    now_ns = time.time_ns()
+    return View(tuple(rows), where, now_ns, "", trends, nameplates, verdicts, whole=False)
 
 
 class Plant:
@@ -164,7 +180,7 @@ class Plant:
         self._states: dict[str, tuple[Mark, ValveState]] = {}
         self._courses: dict[str, tuple[float, ...]] = {}
         self._details = DetailsOf()
-        self._first, self._begun = threading.Event(), _FirstReading("", {}, {})
+        self._first, self._begun = threading.Event(), _FirstReading("", {}, {}, {})
 
     @property
     def where(self) -> str:
@@ -181,7 +197,7 @@ class Plant:
         self._begin_reading()
         self._first.wait(LATE_S)
         so_far = self._begun.view() if self._view is _NOTHING else _NOTHING
-        return so_far if so_far.rows else self.view()
+        return self._or_late(so_far) if so_far.rows else self.view()
 
     def news(self) -> View:
         """Return all valves; before the first reading is done nothing (not `whole`), at once."""
@@ -198,12 +214,16 @@ class Plant:
         self._begin_reading()
         if self._reading.acquire(timeout=wait_s):
             self._reading.release()
+        return self._or_late(self._view)
+
+    def _or_late(self, view: View) -> View:
+        """Return a view, as it is or with the failure that its reading does not get on."""
         moved_s = self._moved_s
         late_s = 0.0 if moved_s is None else time.monotonic() - moved_s
         if late_s < LATE_S:
-            return self._view
-        where = self._view.where or "the history"
-        return replace(self._view, failure=f"{where}: does not answer for {late_s:.0f} s")
+            return view
+        where = view.where or "the history"
+        return replace(view, failure=f"{where}: does not answer for {late_s:.0f} s")
 
     def _begin_reading(self) -> None:
         """Have the history read where that is due and nobody does it."""
@@ -237,16 +257,21 @@ class Plant:
     def page(self, valve: str) -> str | None:
         """Return the report page of a valve; None where the history does not know it.
 
+        A valve that is yet to be assessed is waited for.
+
         Raises
         ------
         ValveTwinError
             If the history cannot be read.
         """
         found = self.details(valve, None)
+        if found is None:
+            self.view()
+            found = self.details(valve, None)
         return None if found is None else found.report
 
     def details(self, valve: str, wait_s: float | None = WAIT_S) -> Details | None:
-        """Return what else is shown of a valve; None where the history does not know it.
+        """Return what else is shown of a valve; None of one not assessed yet or not known.
 
         Parameters
         ----------
@@ -260,10 +285,10 @@ class Plant:
         ValveTwinError
             If the history cannot be read.
         """
-        view = self.view()
+        view = self.glance()
         if view.failure:
             raise StoreError(view.failure)
-        history, known = self._history, self._states.get(valve)
+        history, known = self._history, self._states.get(valve) or self._begun.states.get(valve)
         if history is None or known is None:
             return None
         plate = dict(self._nameplates.get(valve, {}))
@@ -338,7 +363,7 @@ class Plant:
             marks = history.marks()
             known: dict[str, tuple[Mark, ValveState]] = {}
             if self._view is _NOTHING:
-                self._begun = _FirstReading(history.where, marks, known)
+                self._begun = _FirstReading(history.where, marks, known, self._nameplates)
                 self._first.set()
             for name, mark in marks.items():
                 known[name] = self._state(history, name, mark)
@@ -349,12 +374,9 @@ class Plant:
             self._view = replace(self._view, failure=str(err))
             return
         states = [state for _, state in self._states.values()]
-        rows = tuple(ranked([state.row for state in states], FleetOrder.URGENCY))
-        trends = {state.row.valve: state.trends for state in states}
-        plates = self._nameplates
-        verdicts = {s.row.valve: s.verdict for s in states if s.verdict is not None}
-        now_ns, courses = time.time_ns(), dict(self._courses)
-        self._view = View(rows, history.where, now_ns, "", trends, plates, verdicts, courses)
+        found = _shown(states, [], history.where, self._nameplates)
+        self._view = replace(found, courses=dict(self._courses), whole=True)
+        self._begun = _FirstReading("", {}, {}, {})
 
     def _opened(self) -> History:
         if self._history is not None and self._history.moved:

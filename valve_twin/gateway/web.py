@@ -142,14 +142,14 @@ class _Pages:
 
     def _row(self, request: Request) -> FleetRow | None:
         name = request.path_params["name"]
-        view = self._plant.view()
+        view = self._plant.glance()
         return view.row("/" + name) or view.row(name)
 
     def _message(self, title: str, text: str, request: Request, status: int) -> Response:
         return self._html(message_page(title, text, self._visitor(request)), request, status)
 
     def _unknown(self, request: Request) -> Response:
-        failure = self._plant.view().failure
+        failure = self._plant.glance().failure
         if failure:
             return self._message("The history cannot be read", failure, request, 503)
         text = f"The history knows nothing about /{request.path_params['name']}."
@@ -176,7 +176,7 @@ class _Pages:
             details = self._plant.details(row.valve) or Details()
         except ValveTwinError as err:
             details = Details(failure=str(err))
-        view, visitor = self._plant.view(), self._visitor(request)
+        view, visitor = self._plant.glance(), self._visitor(request)
         if _has(request, valve_mark(view, row, details)) and not view.failure:
             return _nothing_new()
         said = ""
@@ -235,11 +235,12 @@ class _Pages:
     def valves(self, _: Request) -> Response:
         from starlette.responses import JSONResponse
 
-        view = self._plant.view()
+        view = self._plant.glance()
         found = {
             "history": view.where,
             "read": utc(view.read_ns),
             "failure": view.failure,
+            "whole": view.whole,
             "valves": [plain_valve(view, row) for row in view.rows],
         }
         return JSONResponse(found, headers=HEADERS)
@@ -251,17 +252,17 @@ class _Pages:
         if row is None:
             failure = {"failure": f"no valve {request.path_params['name']}"}
             return JSONResponse(failure, 404, headers=HEADERS)
-        return JSONResponse(plain_valve(self._plant.view(), row), headers=HEADERS)
+        return JSONResponse(plain_valve(self._plant.glance(), row), headers=HEADERS)
 
     def metrics(self, _: Request) -> Response:
         from starlette.responses import Response
 
-        return Response(exposition(self._plant.view()), media_type=TYPE, headers=HEADERS)
+        return Response(exposition(self._plant.glance()), media_type=TYPE, headers=HEADERS)
 
     def health(self, _: Request) -> Response:
         from starlette.responses import PlainTextResponse
 
-        failure = self._plant.view().failure
+        failure = self._plant.glance().failure
         return PlainTextResponse(failure or "ok", 503 if failure else 200, headers=HEADERS)
 
 
