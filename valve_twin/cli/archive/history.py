@@ -151,8 +151,10 @@ def _condense(arguments: argparse.Namespace) -> int:
     if wrong := retention.wrong():
         msg = f"history condense: {wrong}: --keep-cycles, --keep-days"
         raise ConfigError(msg)
+    with History(arguments.url, read_only=True) as history:  # a wrong path makes no new one
+        valves = _chosen(history, arguments.valve)
     with History(arguments.url) as history:
-        for valve in _chosen(history, arguments.valve):
+        for valve in valves:
             with progress_of(f"{valve}: cycles condensed", None) as advance:
                 condense(history, valve, retention, lambda _: advance())
             say(

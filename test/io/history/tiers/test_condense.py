@@ -212,6 +212,24 @@ def test_a_stamp_from_before_the_clock_was_set_lets_nothing_young_go(history):
     assert done.cycle == 143
 
 
+@pytest.mark.parametrize("ahead", [1, 5])
+def test_a_clock_that_ran_ahead_makes_no_cycle_older(history, ahead):
+    """Stamps of the newest cycles lie ten years ahead."""
+    with history.writing(VALVE) as (connection, _):
+        newest = sa.update(CYCLE).where(CYCLE.c.cycle > 1000 - ahead)
+        shift_ns = 3650 * 86_400 * 10**9
+        connection.execute(newest.values(end_ns=CYCLE.c.end_ns + shift_ns))
+    done = condense(history, VALVE, Retention(days=5.0))
+    assert done is not None
+    assert done.cycle == 143
+
+
+def test_cycles_of_a_clock_ahead_of_this_machine_are_young(history, monkeypatch):
+    now_ns = history.last_record(VALVE).end_ns - 5 * 86_400 * 10**9
+    monkeypatch.setattr(module.time, "time_ns", lambda: now_ns)
+    assert condense(history, VALVE, Retention(days=5.0)) is None
+
+
 def test_condensing_elsewhere_meanwhile_stops_it_and_nothing_said_changes(history):
     before = said(history)
     with History(history.where) as other:
@@ -300,6 +318,7 @@ def test_a_state_of_another_version_is_made_anew_from_what_was_kept(history):
     [
         (Retention(), "it is not said what is kept"),
         (Retention(cycles=-1), "are 0 to"),
+        (Retention(cycles=10**30), "are 0 to"),
         (Retention(days=-1.0), "are 0 to"),
         (Retention(days=float("nan")), "are 0 to"),
         (Retention(cycles=1, hours_for_days=-1.0), "days for which hours are kept"),

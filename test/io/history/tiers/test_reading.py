@@ -86,6 +86,10 @@ def test_lines_of_the_verb_say_what_is_condensed(history, capsys):
     assert main(["history", "verify", "--url", where]) == 0
     assert main(["history", "condense", "--url", where]) != 0
     assert "it is not said what is kept" in capsys.readouterr().err
+    none = Path(where).with_name("none.db")
+    assert main(["history", "condense", "--url", str(none), "--keep-cycles", "200"]) != 0
+    assert "there is no such file" in capsys.readouterr().err
+    assert not none.exists()
 
 
 def test_an_export_holds_them(history, tmp_path):

@@ -12,6 +12,7 @@ and counters are never touched.
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -56,6 +57,7 @@ A_TIME = 10_000
 
 _DAY_NS = DAY_S * 10**9
 _PAGE = 5000
+_NEWEST = 11  # cycles whose middle stamp ages count from
 _MOST_OF_A_DAY = 10 * A_TIME  # cycles of one day beyond which it is taken in parts
 
 
@@ -68,7 +70,7 @@ class Retention:
     cycles : int
         Newest cycles of a valve that are kept [1], `LEAST` at least; 0 = as days say.
     days : float
-        Age up to which cycles are kept, counted from the valve's newest one [d]; 0 = as cycles
+        Age up to which cycles are kept, counted from the valve's newest ones [d]; 0 = as cycles
         say. What either keeps is kept.
     hours_for_days : float
         Age up to which hours are kept beside days, likewise [d].
@@ -82,13 +84,16 @@ class Retention:
         """Return what is wrong with it, empty where nothing is."""
         if not (self.cycles or self.days):
             return "it is not said what is kept: give a number of cycles or of days"
-        if self.cycles < 0 or not 0.0 <= self.days <= _MOST_DAYS:
-            return f"cycles and days that are kept are 0 to {_MOST_DAYS} or more cycles"
+        if not 0 <= self.cycles <= _MOST_CYCLES:
+            return f"cycles that are kept are 0 to {_MOST_CYCLES}"
+        if not 0.0 <= self.days <= _MOST_DAYS:
+            return f"days that are kept are 0 to {_MOST_DAYS}"
         if not 0.0 <= self.hours_for_days <= _MOST_DAYS:
             return f"days for which hours are kept are 0 to {_MOST_DAYS}"
         return ""
 
 
+_MOST_CYCLES = 10**12
 _MOST_DAYS = 100_000  # 270 years: their stamps are still 64 bits wide
 
 
@@ -131,19 +136,31 @@ def condense(
             "the last backup in its place"
         )
         raise StoreError(msg)
-    newest = history.last_record(valve)
-    if newest is None:
+    newest_ns = _newest_ns(history, valve)
+    if newest_ns is None:
         return done
-    hours_from = newest.end_ns - round(retention.hours_for_days * _DAY_NS)
+    hours_from = newest_ns - round(retention.hours_for_days * _DAY_NS)
     state = begun_state(history, valve)
     if condensed_until(history, valve) != (done.cycle if done else 0):
         raise StoreError(_meanwhile(history, valve))
     state.maintenance = history.maintenance(valve)
-    for last in _parts(history, valve, retention, newest.end_ns):
+    for last in _parts(history, valve, retention, newest_ns):
         done = _condense_to(history, valve, last, state, hours_from, done)
         on_part(done)
     _forget_hours(history, valve, hours_from)
     return done
+
+
+def _newest_ns(history: History, valve: str) -> int | None:
+    """Return the time that ages count from [ns]: the middle one of the newest cycles, not ahead.
+
+    A clock that was wrong for some cycles, or is ahead of this machine's, makes nothing older.
+    """
+    ends = of_valve(CYCLE, valve).with_only_columns(CYCLE.c.end_ns)
+    found = history.select(ends.order_by(CYCLE.c.cycle.desc()).limit(_NEWEST))
+    if not found:
+        return None
+    return min(sorted(int(row["end_ns"]) for row in found)[len(found) // 2], time.time_ns())
 
 
 def _parts(history: History, valve: str, retention: Retention, newest_ns: int) -> Iterator[int]:
