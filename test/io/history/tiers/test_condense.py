@@ -226,7 +226,7 @@ def test_a_clock_that_ran_ahead_makes_no_cycle_older(history, ahead):
 
 def test_cycles_of_a_clock_ahead_of_this_machine_are_young(history, monkeypatch):
     now_ns = history.last_record(VALVE).end_ns - 5 * 86_400 * 10**9
-    monkeypatch.setattr(module.time, "time_ns", lambda: now_ns)
+    monkeypatch.setattr("time.time_ns", lambda: now_ns)
     assert condense(history, VALVE, Retention(days=5.0)) is None
 
 
