@@ -257,15 +257,12 @@ def test_the_sources_are_translated_also_where_processes_may_not_do_it(
     (tmp_path / "valve_twin").mkdir()
     source = tmp_path / "valve_twin" / "module.py"
     source.write_text("VALUE = 1\n")
-    monkeypatch.setattr(
-        workspace,
-        "run",
-        lambda command, _, environment: subprocess.run(
-            command, env=environment, cwd=tmp_path, check=True
-        ),
-    )
+    monkeypatch.setattr(workspace, "ROOT", tmp_path)
     workspace.translate_sources()
     assert Path(importlib.util.cache_from_source(str(source))).is_file()
+    source.with_name("broken.py").write_text("VALUE = \n")
+    with pytest.raises(workspace.SetupError, match=r"broken\.py"):
+        workspace.translate_sources()
 
 
 def test_a_second_call_does_nothing_and_is_quick(step: Callable[[str], Any]) -> None:

@@ -159,7 +159,9 @@ def translate_sources() -> None:
     environment forbids it (PYTHONDONTWRITEBYTECODE), would translate 300 modules at every start.
     """
     command = [str(PYTHON), "-m", "compileall", "-q", "valve_twin"]
-    run(command, "translating the sources", dict(os.environ))
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise SetupError(f"the sources cannot be translated: {(done.stdout + done.stderr).strip()}")
 
 
 def _inside(*command: str) -> list[str]:

@@ -10,7 +10,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from valve_twin.cli.bags.any_strangers import meet_any
 from valve_twin.cli.common import OK, positive, progress_of, seed_number
 from valve_twin.cli.output import console, plain, table
 from valve_twin.core.valves.registry import get_model
@@ -71,6 +70,8 @@ def setup_of(path: str | None) -> Setup:
 def run_strangers(arguments: argparse.Namespace) -> int:
     """Meet the strangers, print the table and write the figures."""
     if arguments.strangers == ANY:
+        from valve_twin.cli.bags.any_strangers import meet_any
+
         _show(meet_any(arguments))
         return OK
     from valve_twin.validation.strangers.campaign import (

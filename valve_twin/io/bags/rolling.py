@@ -198,6 +198,7 @@ class RollingFiles:
     def open_next(self) -> BagFile:
         """Begin the next file."""
         self._done = [d for d in self._done if d.path.exists()]
+        self._keep(self._rule.keep - 1)  # before: who is killed in between leaves no more
         file, made = None, self._storage
         try:
             self.path.mkdir(parents=True, exist_ok=True)
@@ -217,7 +218,6 @@ class RollingFiles:
             topic.channel_in(file)
         self.running, file.flushed_s = file, made.clock()
         self._retry_unfinished()
-        self._keep(self._rule.keep - 1)
         if self._done:
             self._save_metadata()
         return file

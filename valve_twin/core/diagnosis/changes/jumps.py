@@ -7,7 +7,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
+from numpy.lib.stride_tricks import sliding_window_view
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
@@ -42,5 +42,6 @@ def jumps_made(along: FloatArray, window: int) -> FloatArray:
     total = np.concatenate((np.zeros((1, along.shape[1])), np.cumsum(along, axis=0)))
     before, middle, after = total[last - 2 * BESIDE], total[last - BESIDE], total[last]
     jump = np.abs(after - 2.0 * middle + before) / BESIDE
-    made[last] = maximum_filter1d(jump, window, axis=0, mode="constant", origin=(window - 1) // 2)
+    begun = np.concatenate((np.zeros((window - 1, jump.shape[1])), jump))
+    made[last] = sliding_window_view(begun, window, axis=0).max(axis=-1)
     return made
