@@ -161,7 +161,9 @@ def translate_sources() -> None:
     command = [str(PYTHON), "-m", "compileall", "-q", "valve_twin"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     if done.returncode != 0:
-        raise SetupError(f"the sources cannot be translated: {(done.stdout + done.stderr).strip()}")
+        raise SetupError(
+            f"the sources cannot be translated: {(done.stdout + done.stderr).strip()}"
+        )
 
 
 def _inside(*command: str) -> list[str]:
