@@ -7,8 +7,9 @@ from __future__ import annotations
 import json
 import statistics
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from valve_twin.cli.common import OK, positive, progress_of, seed_number
 from valve_twin.cli.output import console, plain, table
@@ -18,12 +19,14 @@ from valve_twin.io.offline.make_twin import twin_config
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Sequence
+    from collections.abc import Callable, Iterator
 
-    from valve_twin.validation.strangers.campaign import Met
+    from valve_twin.validation.strangers.campaign import Met, Scored
     from valve_twin.validation.strangers.score import Score
     from valve_twin.validation.strangers.watch import Setup
 
+
+M = TypeVar("M", bound="Scored")
 
 PRESS, ANY = "press", "any"
 """Families of strangers."""
@@ -70,52 +73,60 @@ def setup_of(path: str | None) -> Setup:
 def run_strangers(arguments: argparse.Namespace) -> int:
     """Meet the strangers, print the table and write the figures."""
     if arguments.strangers == ANY:
-        from valve_twin.cli.bags.any_strangers import meet_any
+        from valve_twin.cli.bags.any_strangers import configured, described
+        from valve_twin.validation.any_strangers import campaign as any_valve
 
-        _show(meet_any(arguments))
-        return OK
-    from valve_twin.validation.strangers.campaign import (
-        SCORED_BASE,
-        SCORED_COUNT,
-        meet,
-        pooled,
-        seeds,
-    )
+        scored = any_valve.SCORED_BASE, any_valve.SCORED_COUNT
+        _campaign(arguments, scored, partial(any_valve.meet, configured=configured), described)
+    else:
+        from valve_twin.validation.strangers import campaign as press
 
-    base = SCORED_BASE if arguments.seed_base is None else arguments.seed_base
-    chosen = seeds(base, arguments.count or SCORED_COUNT)
-    setup = setup_of(arguments.config)
-    with progress_of("strangers", len(chosen)) as advance:
-        met = list(meet(chosen, setup, advance=advance))
-    whole = pooled(met)
-    if arguments.json:
-        text = json.dumps(_plain(met, whole), indent=1, allow_nan=False)
-        Path(arguments.json).write_text(f"{text}\n", encoding="utf-8")
-    _show(whole)
+        setup = setup_of(arguments.config)
+        scored = press.SCORED_BASE, press.SCORED_COUNT
+        _campaign(arguments, scored, partial(press.meet, setup=setup), _described)
     return OK
 
 
-def _plain(met: Sequence[Met], whole: Score) -> dict[str, object]:
-    """Return the outcome as plain data."""
-    return {
-        "seeds": [m.stranger.seed for m in met],
-        "shares": whole.shares,
-        "delays": whole.delays,
-        "strangers": [
-            plain(
-                {
-                    "seed": m.stranger.seed,
-                    "verdicts": m.score.words,
-                    "aging": asdict(m.stranger.aging),
-                    "logger": asdict(m.stranger.logger),
-                    "recipes": "".join(map(str, m.stranger.recipe_of)),
-                    "troubles": [asdict(t) for t in m.stranger.troubles],
-                    "shares": m.score.shares,
-                }
-            )
-            for m in met
-        ],
+def _campaign(
+    arguments: argparse.Namespace,
+    scored: tuple[int, int],
+    meet: Callable[..., Iterator[M]],
+    described: Callable[[M], dict[str, object]],
+) -> None:
+    """Meet the strangers of a family; `scored` is where its seeds begin and how many there are."""
+    from valve_twin.validation.strangers.campaign import pooled, seeds
+
+    base, count = scored
+    chosen = seeds(
+        base if arguments.seed_base is None else arguments.seed_base, arguments.count or count
+    )
+    with progress_of("strangers", len(chosen)) as advance:
+        met = list(meet(chosen, advance=advance))
+    whole = pooled(met)
+    if arguments.json:
+        figures = {
+            "seeds": list(chosen),
+            "shares": whole.shares,
+            "delays": whole.delays,
+            "strangers": [described(m) for m in met],
+        }
+        text = json.dumps(figures, indent=1, allow_nan=False)
+        Path(arguments.json).write_text(f"{text}\n", encoding="utf-8")
+    _show(whole)
+
+
+def _described(met: Met) -> dict[str, object]:
+    """Return what was told of a press as plain data."""
+    found = {
+        "seed": met.stranger.seed,
+        "verdicts": met.score.words,
+        "aging": asdict(met.stranger.aging),
+        "logger": asdict(met.stranger.logger),
+        "recipes": "".join(map(str, met.stranger.recipe_of)),
+        "troubles": [asdict(t) for t in met.stranger.troubles],
+        "shares": met.score.shares,
     }
+    return {name: plain(value) for name, value in found.items()}
 
 
 def _show(whole: Score) -> None:

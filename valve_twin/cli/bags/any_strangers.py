@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -12,7 +11,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.cli.common import progress_of
 from valve_twin.cli.output import plain
 from valve_twin.core.survey.trial import Mapping01
 from valve_twin.core.valves.registry import get_model
@@ -22,18 +20,13 @@ from valve_twin.io.configure.proposal import yaml_text
 from valve_twin.io.configure.survey import choose
 from valve_twin.io.instruments.clock import ClockChoice
 from valve_twin.io.offline.make_twin import twin_config
-from valve_twin.validation.any_strangers.campaign import SCORED_BASE, SCORED_COUNT, meet, pooled
 from valve_twin.validation.any_strangers.record import record
 from valve_twin.validation.any_strangers.watch import Setup
-from valve_twin.validation.strangers.campaign import seeds
 
 if TYPE_CHECKING:
-    import argparse
-
     from valve_twin.validation.any_strangers.campaign import Met
     from valve_twin.validation.any_strangers.draw import Stranger
     from valve_twin.validation.any_strangers.watch import Told
-    from valve_twin.validation.strangers.score import Score
 
 _SHOWN = 4
 """Production cycles of the record that `configure` looks at, before those that are watched."""
@@ -72,32 +65,7 @@ def configured(stranger: Stranger) -> Setup:
     return Setup(model, twin_config(config, model), maps, answer)
 
 
-def meet_any(arguments: argparse.Namespace) -> Score:
-    """Meet strangers of the generic verdict, write the figures and return their shares.
-
-    Parameters
-    ----------
-    arguments : Namespace
-        `seed_base`, `count` and `json`.
-    """
-    base = SCORED_BASE if arguments.seed_base is None else arguments.seed_base
-    chosen = seeds(base, arguments.count or SCORED_COUNT)
-    with progress_of("strangers", len(chosen)) as advance:
-        met = list(meet(chosen, configured, advance=advance))
-    whole = pooled(met)
-    if arguments.json:
-        figures = {
-            "seeds": list(chosen),
-            "shares": whole.shares,
-            "delays": whole.delays,
-            "strangers": [_plain(m) for m in met],
-        }
-        text = json.dumps(figures, indent=1, allow_nan=False)
-        Path(arguments.json).write_text(f"{text}\n", encoding="utf-8")
-    return whole
-
-
-def _plain(met: Met) -> dict[str, object]:
+def described(met: Met) -> dict[str, object]:
     """Return what was told of a stranger as plain data."""
     return {
         "seed": met.stranger.seed,

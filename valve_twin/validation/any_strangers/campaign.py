@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 from valve_twin.validation.any_strangers.draw import draw
 from valve_twin.validation.any_strangers.score import score
 from valve_twin.validation.any_strangers.watch import watch
-from valve_twin.validation.strangers.score import Score
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from valve_twin.validation.any_strangers.draw import Stranger
     from valve_twin.validation.any_strangers.watch import Setup, Told
+    from valve_twin.validation.strangers.score import Score
 
 SCORED_BASE = 72_000
 """First of the seeds of the first table: nothing is tuned on them."""
@@ -57,11 +57,3 @@ def meet(
         told = watch(stranger, setup)
         yield Met(stranger, setup.model.name, told, score(stranger, told))
         advance()
-
-
-def pooled(met: Sequence[Met]) -> Score:
-    """Return the score of all strangers together."""
-    whole = Score()
-    for one in met:
-        whole.add(one.score)
-    return whole

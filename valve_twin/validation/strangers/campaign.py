@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from valve_twin.validation.strangers.draw import draw
 from valve_twin.validation.strangers.score import Score, score
@@ -65,7 +65,15 @@ def meet(
         advance()
 
 
-def pooled(met: Sequence[Met]) -> Score:
+class Scored(Protocol):
+    """One stranger of any family, with its score."""
+
+    @property
+    def score(self) -> Score:
+        """Its score."""
+
+
+def pooled(met: Sequence[Scored]) -> Score:
     """Return the score of all strangers together."""
     whole = Score()
     for one in met:

@@ -30,7 +30,12 @@ from valve_twin.io.history.tables import (
     of_valve,
     row_estimate,
 )
-from valve_twin.io.history.tiers.reading import begun_state, condensed_until, undisturbed
+from valve_twin.io.history.tiers.reading import (
+    LAST_PLACE,
+    begun_state,
+    condensed_until,
+    undisturbed,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -100,11 +105,8 @@ def _begin(history: History, valve: str) -> Known:
     """Return what is known before the first cycle that is not condensed."""
     state, until = begun_state(history, valve), condensed_until(history, valve)
     state.forget_features()
-    place = {"at": [until, _LAST_PLACE if until else -1], "rows": 0, "looked": 0}
+    place = {"at": [until, LAST_PLACE if until else -1], "rows": 0, "looked": 0}
     return Known(state, Memory(), {**place, "events": _digest(history, valve, until)})
-
-
-_LAST_PLACE = 2**31 - 1  # behind the last estimate of a cycle
 
 
 def keep_known(

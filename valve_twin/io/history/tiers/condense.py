@@ -34,6 +34,7 @@ from valve_twin.io.history.tables import (
     to_row,
 )
 from valve_twin.io.history.tiers.reading import (
+    LAST_PLACE,
     begun_state,
     condensed,
     condensed_until,
@@ -281,7 +282,7 @@ def _pages(
 ) -> Iterator[Mapping[str, Any]]:
     """Yield the sound rows behind a cycle and up to another one; a damaged one stays as it is."""
     places = [table.c[name] for name in ("cycle", "position") if name in table.c]
-    at = [first, *([_LAST_PLACE] if len(places) > 1 else [])]
+    at = [first, *([LAST_PLACE] if len(places) > 1 else [])]
     while True:
         behind = sa.tuple_(*places) > sa.tuple_(*at)
         query = of_valve(table, valve).where(behind, table.c.cycle > at[0] - 1)
@@ -291,9 +292,6 @@ def _pages(
         if len(rows) < _PAGE:
             return
         at = [rows[-1][place.name] for place in places]
-
-
-_LAST_PLACE = 2**31 - 1  # behind the last estimate of a cycle
 
 
 def _values(record: CycleRecord) -> dict[str, float]:

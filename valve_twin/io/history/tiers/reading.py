@@ -29,6 +29,9 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+LAST_PLACE = 2**31 - 1
+"""Place behind the last estimate of a cycle [1]."""
+
 
 def condensed_until(history: History, valve: str) -> int:
     """Return the number of the last cycle of a valve that is condensed; 0 = none is."""
