@@ -135,3 +135,17 @@ def test_who_gets_data_faster_than_a_plant_gives_them_waits_for_what_is_sent_aga
         stamp_ns += samples * 30_000_000
     assert pace.patience_s(20 * every_s) == patience_s
     assert pace.patience_s(20 * every_s + 60.0) == PATIENCE_S
+
+
+@pytest.mark.parametrize(
+    ("rate", "patience_s"), [(1.0, PATIENCE_S), (1.5, PATIENCE_S), (5.0, RESENT_S)]
+)
+def test_what_comes_at_once_after_a_stall_of_our_own_is_no_rush(rate, patience_s):
+    """What waited is read in two parts; data that are always fast are a rush in parts, too."""
+    pace, now_s, stamp_s = Pace(), 0.0, 0.0
+    for stall_s in (0.03,) * 30 + (2.5,) + (0.03,) * 30:
+        waiting_s, now_s = rate * stall_s, now_s + stall_s
+        for part in (0.1, 0.9):
+            stamp_s, now_s = stamp_s + part * waiting_s, now_s + 1e-3
+            pace.note(round(1e9 * stamp_s), now_s)
+    assert pace.patience_s(now_s) == patience_s

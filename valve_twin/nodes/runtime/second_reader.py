@@ -44,6 +44,9 @@ may be lost, too [s]."""
 RUSH_S = 1.0
 """Data time beyond twice the time that passed which tells of a rush [s]."""
 
+STALL_S = 5.0
+"""Data time that was owed so may come at once: what waited while this process had no core [s]."""
+
 CALM_S = 30.0
 """A rush is over so long after its last sign [s]."""
 
@@ -59,7 +62,7 @@ class Pace:
 
     def __init__(self) -> None:
         self._newest_ns: int | None = None
-        self._at_s = 0.0
+        self._at_s = self._ahead_s = 0.0
         self._rush_s = -float("inf")
 
     def note(self, newest_ns: int, now_s: float) -> None:
@@ -72,10 +75,11 @@ class Pace:
         now_s : float
             The steady clock [s].
         """
-        if self._newest_ns is None:
-            self._newest_ns, self._at_s = newest_ns, now_s
-        if 1e-9 * (newest_ns - self._newest_ns) > 2.0 * (now_s - self._at_s) + RUSH_S:
-            self._rush_s = now_s
+        if self._newest_ns is not None:
+            data_s = 1e-9 * (newest_ns - self._newest_ns)
+            self._ahead_s = max(-STALL_S, self._ahead_s + data_s - 2.0 * (now_s - self._at_s))
+        if self._ahead_s > RUSH_S:
+            self._ahead_s, self._rush_s = 0.0, now_s
         self._newest_ns, self._at_s = newest_ns, now_s
 
     def is_rush(self, now_s: float) -> bool:
