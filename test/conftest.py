@@ -2,6 +2,7 @@
 # Copyright 2026 valve_twin maintainers
 """What every test shares: deterministic properties and the marker of the tests that need ROS 2."""
 
+from collections.abc import Generator
 from pathlib import Path
 
 import hypothesis
@@ -34,6 +35,19 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if marks & {"ros", "alone"} and not {item.path, *item.path.parents} & set(LIVE):
             msg = f"{item.nodeid}: tools/check does not look for tests marked ros or alone here"
             raise pytest.UsageError(msg)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup(item: pytest.Item) -> Generator[None]:
+    """Do not trace what is set up for a test that is not traced: pytest-cov stops for its call."""
+    tracing = getattr(item.config.pluginmanager.getplugin("_cov"), "cov_controller", None)
+    if tracing is None or item.get_closest_marker("no_cover") is None:
+        return (yield)
+    tracing.pause()
+    try:
+        return (yield)
+    finally:
+        tracing.resume()
 
 
 @pytest.fixture(scope="session")

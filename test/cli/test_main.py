@@ -407,26 +407,24 @@ def test_what_is_no_bag_is_told(refused, press, tmp_path):
         refused(FAILED, (path, part, "give a"), "configure", path)
 
 
-def test_what_is_intact_of_a_bag_cut_short_is_estimated_and_the_loss_told(press, tmp_path):
+def test_what_is_intact_of_a_bag_cut_short_is_estimated_and_the_loss_told(press, tmp_path, capsys):
     (whole,) = press.bag.glob("*.mcap")
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
-    command = [sys.executable, "-m", "valve_twin.cli", "estimate"]
-    lines = []
-    for bag in (whole, cut):
-        done = subprocess.run(
-            [*command, str(bag), "--config", str(press.config)],
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        lines.append([x for x in map(json.loads, done.stdout.splitlines()) if "estimator" in x])
+    capsys.readouterr()
+    assert call("estimate", whole, "--config", press.config) == OK
+    command = [sys.executable, "-m", "valve_twin.cli", "estimate", str(cut)]
+    command += ["--config", str(press.config)]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
     assert f"{cut}: byte " in done.stderr
     assert "the file ends in it" in done.stderr
     assert "lost: " in done.stderr
-    first = [x for x in lines[1] if x["cycle"] == 1]
-    assert first
-    assert first == [x for x in lines[0] if x["cycle"] == 1]
+    of_all, intact = (
+        [x for x in map(json.loads, text.splitlines()) if x.get("cycle") == 1 and "estimator" in x]
+        for text in (capsys.readouterr().out, done.stdout)
+    )
+    assert intact
+    assert intact == of_all
 
 
 def test_a_record_without_a_cycle_is_told_with_its_rule(refused, press, tmp_path):

@@ -19,6 +19,8 @@ SEEDS = 100
 CYCLE = np.arange(N)
 RAMP = -0.136 / 105 * CYCLE
 STEP = np.where(CYCLE >= N // 2, -0.05, 0.0)
+pytestmark = pytest.mark.no_cover
+
 KINDS = {
     "flat": (0.0 * RAMP, 1),
     "ramp": (RAMP, 1),
@@ -47,7 +49,6 @@ def drifting(results):
     return np.mean([r.trends[0].status >= TrendStatus.DRIFTING for r in results])
 
 
-@pytest.mark.no_cover
 @pytest.mark.parametrize("sd", [0.013, 0.0065])
 @pytest.mark.parametrize("kind", KINDS)
 def test_number_of_segments_is_right(kind, sd, history, scatter):
@@ -55,13 +56,11 @@ def test_number_of_segments_is_right(kind, sd, history, scatter):
     assert right >= 0.90  # 97-100 % in fact
 
 
-@pytest.mark.parametrize("sd", [0.013, 0.0065])
-def test_flat_history_is_seldom_called_aging(sd, history, scatter):
-    _, results = run("flat", history, scatter, sd=sd)
+def test_flat_history_is_seldom_called_aging(history, scatter):
+    _, results = run("flat", history, scatter, sd=0.0065)
     assert drifting(results) <= 0.07
 
 
-@pytest.mark.no_cover
 def test_flat_history_is_called_aging_at_the_nominal_rate(history, scatter):
     _, results = run("flat", history, scatter, sd=0.013, seeds=600)
     # nominal 5 %, binomial standard deviation 0.9 %
@@ -82,7 +81,6 @@ def test_step_is_not_called_aging(history, scatter):
     assert drifting(results) <= 0.10
 
 
-@pytest.mark.no_cover
 @pytest.mark.parametrize("rho", [0.3, 0.5])
 @pytest.mark.parametrize("kind", KINDS)
 def test_wandering_scatter_is_not_cut_into_steps(kind, rho, history, scatter):

@@ -38,12 +38,12 @@ def counted(cycles, *, normalised=True, begin=None):
 
 
 @pytest.mark.no_cover
-@pytest.mark.parametrize("noise", [0.0, 1e-4, 1e-3])
-def test_a_million_reversals_count_to_one_and_travel_to_a_thousandth_however_cut(noise):
-    """Ten parts of 100 001 movements, each cut at random: 200 cycles, most of them in motion."""
+@pytest.mark.parametrize(("noise", "parts"), [(0.0, 2), (1e-4, 10), (1e-3, 2)])
+def test_a_million_reversals_count_to_one_and_travel_to_a_thousandth_however_cut(noise, parts):
+    """Parts of 100 001 movements, each cut at random: 20 cycles, most of them in motion."""
     rng = np.random.default_rng(12)
     total, way, moves, edge = Counters(), 0.0, 0, 0.0
-    for _ in range(10):
+    for _ in range(parts):
         position, made = strokes(rng, 100_001, least=0.1, samples=40)
         # to and fro about the middle: the record goes on where the one before ended
         position = edge + position - position[0]
@@ -52,7 +52,7 @@ def test_a_million_reversals_count_to_one_and_travel_to_a_thousandth_however_cut
         cuts = np.sort(rng.choice(np.arange(20, len(seen) - 20), 20, replace=False))
         total = counted(cut(seen, cuts), begin=total)
     # two parts that meet in the same direction are one movement
-    assert total.movements == pytest.approx(moves - 9, abs=1) or total.movements == moves
+    assert total.movements in {moves, *(moves - parts + n for n in (0, 1, 2))}
     assert abs(total.reversals - (total.movements - 1)) == 0
     assert sum(total.spans) == total.reversals
     assert total.travel == pytest.approx(way, rel=1e-3)

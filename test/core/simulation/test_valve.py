@@ -92,6 +92,7 @@ def test_runs_at_least_100_times_faster_than_real_time():
     assert 255.0 / (time.process_time() - start) >= 100.0
 
 
+@pytest.mark.no_cover
 def test_single_samples_as_a_live_node_asks_for_them_keep_the_speed():
     valve = SimulatedValve(DEFAULT)
     valve.advance(30)

@@ -26,6 +26,8 @@ from asyncua import Client, ua
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 
 from test.gateway.test_web import HOSTILE, store
+from valve_twin.cli import main
+from valve_twin.gateway.opcua.access import MOST_SESSIONS
 from valve_twin.gateway.opcua.units import unit_number
 from valve_twin.gateway.opcua.valve_nodes import OF_PARAMETER, VALUES, stamp
 from valve_twin.gateway.passwords import user_line
@@ -247,7 +249,7 @@ def test_who_guesses_does_not_shut_out_the_owner_of_the_name_elsewhere(server, f
     asyncio.run(guess())
 
 
-def test_a_thousand_wrong_users_are_one_line_and_keep_nobody_out(server, folder):
+def test_more_wrong_users_than_sessions_are_one_line_and_keep_nobody_out(server, folder):
     async def guess() -> None:
         await make_client_pair(folder)
         client = Client(server.opcua)
@@ -258,7 +260,7 @@ def test_a_thousand_wrong_users_are_one_line_and_keep_nobody_out(server, folder)
         try:
             await client.send_hello()
             await client.open_secure_channel()
-            for number in range(1000):
+            for number in range(MOST_SESSIONS + 50):
                 await client.create_session()
                 with pytest.raises(ua.uaerrors.BadUserAccessDenied):
                     await client.activate_session(username=f"user {number}", password=PASSWORD)
@@ -395,7 +397,7 @@ def refusal(path, *more: str) -> tuple[int, str]:
     return done.returncode, done.stderr
 
 
-def test_what_cannot_be_served_gets_one_line(path, tmp_path):
+def test_what_cannot_be_served_gets_one_line(path, tmp_path, capsys):
     pki = ("--opcua-pki", str(tmp_path / "pki"))
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
@@ -406,11 +408,15 @@ def test_what_cannot_be_served_gets_one_line(path, tmp_path):
     assert code == 1
     assert f"cannot listen at 127.0.0.1:{port}" in said
     (tmp_path / "pki" / "key.pem").unlink()
-    code, said = refusal(path, address, "--anonymous", *pki)
-    assert code == 2
-    assert "key.pem: is missing" in said
-    code, said = refusal(path, "http://x", "--anonymous", *pki)
-    assert "'http://x' is no address" in said
+    for given, part in (
+        (address, "key.pem: is missing"),
+        ("http://x", "'http://x' is no address"),
+    ):
+        asked = ["serve", "--port", "0", "--url", f"sqlite:///{path}", "--opcua", given]
+        assert main([*asked, "--anonymous", *pki]) == 2
+        said = capsys.readouterr().err
+        assert said.count("\n") == 1
+        assert part in said
 
 
 def test_the_number_of_a_unit_is_that_of_the_standard():

@@ -34,6 +34,8 @@ CONFIG = """\
     options: {{estimators: [equation_error_qp4], output_error: false, lag: 2}}
 """
 GOOD = ("line_a/monday", "line_a/tuesday", "line_b/monday")
+BAGS = 20
+"""Of a batch that a signal ends: far more than are done until it comes."""
 KILLER = """\
 import dataclasses, os
 from valve_twin.core.valves.press_cartridge.model import PressCartridgeModel
@@ -238,7 +240,7 @@ def test_a_bag_that_kills_its_process_is_named_and_the_others_are_done(
 def test_a_signal_ends_the_batch_and_the_same_command_goes_on(archive, tmp_path, number):
     """SIGINT comes to every process of the terminal; SIGTERM to the first alone."""
     bags, out = tmp_path / "bags", tmp_path / "out"
-    for k in range(60):
+    for k in range(BAGS):
         shutil.copytree(archive.bags / GOOD[k % 3], bags / f"bag_{k:03d}")
     command = [sys.executable, "-m", "valve_twin.cli", "batch", bags, "--config", archive.config]
     command += ["--out", out, "--jobs", "1"]
@@ -263,7 +265,7 @@ def test_a_signal_ends_the_batch_and_the_same_command_goes_on(archive, tmp_path,
     assert "interrupted" in text
     assert "the same command goes on" in text
     done = len(list(out.glob("*.batch.json")))
-    assert 1 <= done < 60
+    assert 1 <= done < BAGS
     with pytest.raises(ProcessLookupError):
         _until_gone(process.pid)
     tasks = tasks_of(bags, archive.configs)

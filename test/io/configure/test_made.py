@@ -31,6 +31,7 @@ def test_a_bipolar_command_is_split_into_two_that_drive_the_ram(tmp_path):
 
 
 @pytest.mark.no_cover
+@pytest.mark.usefixtures("one_model")
 def test_a_bipolar_command_that_a_spool_follows_is_not_split(tmp_path):
     command = steps(low=-90.0, high=90.0)
     command = np.where(np.arange(N) % 300 < 60, 0.0, command)
@@ -61,6 +62,7 @@ def test_the_difference_of_two_pressures_answers_where_neither_does(tmp_path, wa
 
 
 @pytest.mark.no_cover
+@pytest.mark.usefixtures("one_model")
 def test_two_pressures_of_which_one_answers_alone_are_left_apart(tmp_path):
     command = steps()
     columns = {

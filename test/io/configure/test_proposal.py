@@ -58,6 +58,7 @@ def test_the_proposal_runs_and_finds_what_the_valve_was_made_with(tmp_path, caps
 
 
 @pytest.mark.no_cover
+@pytest.mark.usefixtures("one_model")
 def test_every_channel_lies_in_the_bag(tmp_path):
     command = steps()
     survey(tmp_path / "a.csv", {
@@ -70,6 +71,7 @@ def test_every_channel_lies_in_the_bag(tmp_path):
 
 
 @pytest.mark.no_cover
+@pytest.mark.usefixtures("one_model")
 def test_dates_of_the_file_are_kept_and_windows_begin_with_it(tmp_path):
     foreign.tdms(tmp_path / "a.tdms")
     config, found = chain(tmp_path, [tmp_path / "a.tdms"])
@@ -90,6 +92,7 @@ KINDS = {
 
 
 @pytest.mark.no_cover
+@pytest.mark.usefixtures("one_model")
 @pytest.mark.parametrize("name", KINDS)
 def test_a_file_of_each_kind_ends_in_a_verdict(tmp_path, name, capsys):
     KINDS[name](tmp_path / name)

@@ -63,6 +63,7 @@ def test_command_and_position_are_found_by_names_among_others(tmp_path):
 
 
 @pytest.mark.no_cover
+@pytest.mark.usefixtures("one_model")
 def test_the_same_is_found_under_names_that_say_nothing(tmp_path):
     command = steps()
     found = survey(tmp_path / "a.csv", {
@@ -76,6 +77,7 @@ def test_the_same_is_found_under_names_that_say_nothing(tmp_path):
 
 
 @pytest.mark.no_cover
+@pytest.mark.usefixtures("one_model")
 def test_an_answer_that_falls_is_mapped_upside_down(tmp_path):
     command = steps()
     found = survey(tmp_path / "a.csv", {"cmd": command, "pos": 50.0 - slew_valve(command)})
@@ -88,6 +90,7 @@ def test_an_answer_that_falls_is_mapped_upside_down(tmp_path):
 
 
 @pytest.mark.no_cover
+@pytest.mark.usefixtures("one_model")
 def test_a_copy_of_the_command_is_no_position(tmp_path):
     command = steps()
     columns = {"command": command, "position": 0.98 * command + 0.3}

@@ -54,11 +54,11 @@ def random_history(seed, history, scatter):
     return history(K_in=1.0 + way + noise), AgingConfig(thresholds=(LIMIT,))
 
 
-@pytest.fixture(scope="module")
-def lives(history, scatter):
-    """Return what is said of 24 random histories after each estimate."""
+@pytest.fixture(scope="module", params=[10, pytest.param(60, marks=pytest.mark.slow)])
+def lives(history, scatter, request):
+    """Return what is said of random histories after each estimate."""
     found = []
-    for seed in range(71_000, 71_024):
+    for seed in range(71_000, 71_000 + request.param):
         estimates, config = random_history(seed, history, scatter)
         ends = range(10, len(estimates) + 1)
         found.append([(config, judged(estimates[:n], config)) for n in ends])
@@ -83,6 +83,7 @@ def test_the_state_never_says_other_than_verdict_and_outlook(lives):
     assert seen == set(LimitState)
 
 
+@pytest.mark.no_cover
 def test_a_state_does_not_flap(lives):
     """A life that passes both limits changes twice, one that hovers about a limit little more.
 

@@ -47,7 +47,10 @@ def published_trend(history, parameter):
 
 
 @pytest.mark.no_cover
-def test_finds_the_drift_of_the_inflow_gain_within_a_point_and_covers_it():
+@pytest.mark.parametrize(
+    ("seeds", "least"), [(6, 5), pytest.param(20, 17, marks=pytest.mark.slow)]
+)
+def test_finds_the_drift_of_the_inflow_gain_within_a_point_and_covers_it(seeds, least):
     config = aging_experiment(noise=1e-3, delay=1)
     first, last = (cycle_truth(config, cycle).gains[0] for cycle in (1, CYCLES))
     truth = 100.0 * (last / first - 1.0)
@@ -56,25 +59,26 @@ def test_finds_the_drift_of_the_inflow_gain_within_a_point_and_covers_it():
         published_trend(
             [e for (e,) in estimates_of(config, seed, {"estimators": ["output_error"]})], "K_in"
         )
-        for seed in range(20)
+        for seed in range(seeds)
     ]
 
     # one history in a hundred is cut by mistake; of the others the drift is from first to last
     whole = [t for t in trends if t.segments == 1]
-    assert len(whole) >= 19
+    assert len(whole) >= seeds - 1
     assert np.mean([t.drift_segment for t in whole]) == pytest.approx(truth, abs=1.0)
     covered = [t.drift_segment_lower_95 <= truth <= t.drift_segment_upper_95 for t in whole]
-    assert sum(covered) >= 17
+    assert sum(covered) >= least  # of a 95 % interval: fewer in 2 to 3 % of campaigns
 
 
 @pytest.mark.no_cover
-def test_reproduces_the_paper_under_a_slow_noisy_sensor():
+@pytest.mark.parametrize("seeds", [2, pytest.param(5, marks=pytest.mark.slow)])
+def test_reproduces_the_paper_under_a_slow_noisy_sensor(seeds):
     config = aging_experiment(noise=4e-3, delay=0, refresh=4)
     # the paper takes the commands two samples back (eq. (19)); it does not search the lag
     options = {"estimators": ["output_error", "equation_error_qp4"], "lag": 2}
 
     drifts = []
-    for seed in range(5):
+    for seed in range(seeds):
         paper = [both[1] for both in estimates_of(config, seed, options)]
         assert all(abs(e.value("theta_1") + 1.0) <= 1e-3 for e in paper)
         followed = [replace(e, used_by_trend=True) for e in paper]

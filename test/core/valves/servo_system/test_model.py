@@ -245,8 +245,9 @@ def test_refuses_a_gap():
 
 
 @pytest.mark.no_cover
-def test_refuses_a_load_that_the_options_do_not_know(cycle):
-    (found,) = MODEL.estimate(cycle, replace(OPTIONS, load_inertia=0.25))
+def test_refuses_a_load_that_the_options_do_not_know():
+    short = rich(0, duration_s=3.0, period_s=1e-3)
+    (found,) = MODEL.estimate(short, replace(OPTIONS, load_inertia=0.25))
     assert found.status is EstimateStatus.REFUSED
     assert "times the noise of the signals" in found.reason or "tolerance" in found.reason
 

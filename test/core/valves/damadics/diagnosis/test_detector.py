@@ -31,7 +31,6 @@ def watched(detector):
     return found
 
 
-@pytest.mark.no_cover
 def test_nothing_is_raised_before_a_fault_nor_without_one(watched):
     for number, (alarms, named) in watched.items():
         assert not alarms.high[:ONSET].any(), number

@@ -139,11 +139,13 @@ def test_the_fresh_reference_plant_gives_the_reference_estimates(plant_cycles, l
 
 
 @pytest.mark.no_cover
-def test_aging_moves_theta_2_as_in_the_reference_experiment():
+@pytest.mark.no_cover
+@pytest.mark.parametrize("seeds", [2, pytest.param(5, marks=pytest.mark.slow)])
+def test_aging_moves_theta_2_as_in_the_reference_experiment(seeds):
     aging = AgingRule("area_in", "linear", -0.15 / 104, 429)
     layer = {"measurement": {"delay": 0, "noise": 4e-3, "refresh": 4}}
     drifts = []
-    for seed in range(5):
+    for seed in range(seeds):
         plant = replace(default_simulation(), first_cycle=429, aging=(aging,))
         theta = np.array(
             [

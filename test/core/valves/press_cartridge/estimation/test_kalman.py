@@ -109,12 +109,20 @@ def test_without_process_noise_it_is_the_output_error():
     assert ours == pytest.approx(theirs, rel=1e-9, abs=1e-15)
 
 
-@pytest.fixture(scope="module", params=[1e-3, 3e-3], ids=["sigma 1e-3", "sigma 3e-3"])
+@pytest.fixture(
+    scope="module",
+    params=[
+        *((sigma, 120) for sigma in (1e-3, 3e-3)),
+        *(pytest.param((sigma, 300), marks=pytest.mark.slow) for sigma in (1e-3, 3e-3)),
+    ],
+    ids=lambda given: f"sigma {given[0]:g}, {given[1]} cycles",
+)
 def campaign(request):
-    """Fits of 300 cycles of the model-consistent generator (equations.md 2.6)."""
-    truth = Truth(sigma=request.param)
+    """Fits of cycles of the model-consistent generator (equations.md 2.6)."""
+    sigma, cycles = request.param
+    truth = Truth(sigma=sigma)
     fits: list[GainFit] = []
-    for seed in range(300):
+    for seed in range(cycles):
         pooled = pool_ratios(np.array([f.noise_ratio for f in fits[-50:]]))
         fits.append(fit(frames_of(truth, seed), pooled=pooled))
     return truth, fits
@@ -132,6 +140,8 @@ TRUE = {
 def test_intervals_of_one_cycle_cover_the_truth(campaign, name):
     """At least 92 % of 300 cycles up to sigma 1e-3, 88 % at 3e-3; at most 2.5 scatters wide.
 
+    Of fewer cycles as many standard deviations of the binomial below 95 % as of 300.
+
     The limits hold timing and curvature, too, which no scatter shows: what is compared with the
     scatter is the standard error.
     """
@@ -139,11 +149,13 @@ def test_intervals_of_one_cycle_cover_the_truth(campaign, name):
     true = TRUE[name](truth)
     found = [p for f in fits for p in f.parameters if p.name == name]
     inside = [p.lower_95 <= true <= p.upper_95 for p in found]
-    assert np.mean(inside) >= (0.92 if truth.sigma <= 1e-3 else 0.88)
+    below = (0.03 if truth.sigma <= 1e-3 else 0.07) * np.sqrt(300.0 / len(fits))
+    assert np.mean(inside) >= 0.95 - below
     half = NORMAL_975 * np.median([p.standard_error for p in found])
     assert half <= 2.5 * np.std([p.value for p in found])
 
 
+@pytest.mark.no_cover
 def test_gains_are_unbiased(campaign):
     truth, fits = campaign
     for name, allowed in (("K_in", 0.005), ("K_out", 0.02)):
@@ -151,8 +163,9 @@ def test_gains_are_unbiased(campaign):
         assert mean == pytest.approx(TRUE[name](truth), rel=allowed)
 
 
+@pytest.mark.no_cover
 def test_the_noise_ratio_is_found(campaign):
-    """The median of 300 within 25 %: plain likelihood gave 35-45 % too little."""
+    """The median within 25 %: plain likelihood gave 35-45 % too little."""
     truth, fits = campaign
     true = (truth.process_noise / truth.sigma) ** 2
     assert np.median([f.noise_ratio for f in fits]) == pytest.approx(true, rel=0.25)

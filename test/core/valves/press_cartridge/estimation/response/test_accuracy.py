@@ -15,7 +15,8 @@ from valve_twin.core.valves.press_cartridge.estimation.response.accuracy import 
 from valve_twin.core.valves.press_cartridge.plant import PressCartridgePlant
 from valve_twin.core.valves.registry import complete_options
 
-PLANTS = 24
+SHORT, LONG = 8, 24
+"""Plants in `make test` and in `make test-long`."""
 CYCLES = 13
 
 
@@ -48,13 +49,21 @@ def simulation(seed, noise):
     return replace(given, plant=plant, measurement=measurement, scatter=())
 
 
-@pytest.fixture(scope="module", params=[1e-5, 1e-3])
+@pytest.fixture(
+    scope="module",
+    params=[
+        *((noise, SHORT) for noise in (1e-5, 1e-3)),
+        *(pytest.param((noise, LONG), marks=pytest.mark.slow) for noise in (1e-5, 1e-3)),
+    ],
+    ids=lambda given: f"{given[0]:g}-{given[1]}",
+)
 def last_estimates(request):
     """The last estimates of a short history of each plant, by estimator, and the truth."""
     options = complete_options(MODEL, {"estimators": ("output_error", "kalman")})
+    noise, plants = request.param
     found = []
-    for seed in range(PLANTS):
-        config = simulation(seed, request.param)
+    for seed in range(plants):
+        config = simulation(seed, noise)
         memory = Memory.empty()
         for number, block in enumerate(simulate_cycles(config, CYCLES, seed=seed), 1):
             cycle = Cycle(number, config.period_s, to_frames(block))
@@ -66,7 +75,7 @@ def last_estimates(request):
 @pytest.mark.no_cover
 @pytest.mark.parametrize("estimator", ["output_error", "kalman"])
 def test_limits_hold_the_truth_of_random_plants(last_estimates, estimator):
-    """At least 90 % of 24 plants times three parameters, repeatability alone far fewer."""
+    """At least 90 % of the plants times three parameters, repeatability alone far fewer."""
     inside, repeatable = [], []
     for truth, estimates in last_estimates:
         values = next(e for e in estimates if e.estimator == estimator)
@@ -74,7 +83,7 @@ def test_limits_hold_the_truth_of_random_plants(last_estimates, estimator):
             if p.name in truth and p.usable:
                 inside.append(p.lower_95 <= truth[p.name] <= p.upper_95)
                 repeatable.append(abs(p.value - truth[p.name]) <= 1.96 * p.standard_error)
-    assert len(inside) >= 2.9 * PLANTS
+    assert len(inside) >= 2.9 * len(last_estimates)
     assert np.mean(inside) >= 0.9
     assert np.mean(repeatable) < np.mean(inside)
 
