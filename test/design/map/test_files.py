@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import zipfile
+
 import numpy as np
 import pytest
 
@@ -42,3 +44,23 @@ def test_what_is_no_map_is_refused_with_its_name(tmp_path):
     np.savez(path, form=np.array(1))
     with pytest.raises(ValueError, match="is no map"):
         read_map(path)
+
+
+def test_a_map_that_unpacks_to_much_or_claims_to_is_refused(tmp_path):
+    path = tmp_path / "map.npz"
+    with (
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file,
+        file.open("form.npy", "w") as out,
+    ):
+        for _ in range(300):
+            out.write(bytes(1 << 20))
+    with pytest.raises(ValueError, match="unpacks to more than 256 MB"):
+        read_map(path)
+    with zipfile.ZipFile(path, "w") as file, file.open("form.npy", "w") as out:
+        shape = {"descr": "<f8", "fortran_order": False, "shape": (1 << 50,)}
+        np.lib.format.write_array_header_1_0(out, shape)
+    with pytest.raises(ValueError, match="is no map"):
+        read_map(path)
+    np.save(tmp_path / "map.npy", NODES)
+    with pytest.raises(ValueError, match="is no map"):
+        read_map(tmp_path / "map.npy")

@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import importlib
+import subprocess
+import sys
+import time
 
 import numpy as np
 import pytest
+import scipy.io
+import scipy.sparse
 
+from test.io.instruments import bombs
 from test.io.instruments import foreign_files as foreign
 from valve_twin.io.errors import BagError
 from valve_twin.io.instruments import table
@@ -125,3 +131,63 @@ def test_what_is_no_table_is_told(tmp_path):
             read_recording(path)
     with pytest.raises(BagError, match="cannot be read"):
         read_recording(tmp_path / "missing.csv")
+
+
+BOMBS = {
+    "doubles in a structure": ("a.mat", bombs.mat_doubles, 40_000_000, "allowed are 256"),
+    "bytes in a structure": ("a.mat", bombs.mat_bytes, 60_000_000, "allowed are 256"),
+    "cells in cells": ("a.mat", bombs.mat_cells, 100_000, "nested deeper than 32"),
+    "cells at the end of rows": ("a.xlsx", bombs.excel_cells, 700, "more than 10000000 cells"),
+    "texts": ("a.xlsx", bombs.excel_texts, 2_000_000, "more than 32 MB of texts"),
+}
+
+
+@pytest.mark.parametrize("what", BOMBS)
+def test_a_small_file_takes_neither_memory_nor_time_nor_the_process(what, tmp_path):
+    """Of these 233 kB took 11 GB, 200 kB the process, and 4 kB six GB and a minute."""
+    name, writer, count, words = BOMBS[what]
+    pytest.importorskip("openpyxl")
+    path = tmp_path / name
+    writer(path, count)
+    script = (
+        "import resource, sys, time\n"
+        "from pathlib import Path\n"
+        "from valve_twin.io.errors import BagError\n"
+        "from valve_twin.io.instruments.read import read_recording\n"
+        "begin = time.process_time()\n"
+        "try:\n    read_recording(Path(sys.argv[1]))\n"
+        "except BagError as err:\n    print(err)\n"
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time() - begin)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script, str(path)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    told, figures = done.stdout.splitlines()
+    assert words in told
+    kilobytes, cpu_s = map(float, figures.split())
+    assert kilobytes < 1_000_000
+    assert cpu_s < 10.0
+
+
+def test_a_sheet_that_claims_to_be_full_is_read_as_far_as_it_is(tmp_path):
+    """Of 4 kB it took 6 GB and more than a minute."""
+    pytest.importorskip("openpyxl")
+    path = tmp_path / "a.xlsx"
+    bombs.excel_full(path, 300)
+    begin_s = time.process_time()
+    recording = read_recording(path)
+    assert {len(column.values) for column in recording.columns} <= {300, 301}
+    assert time.process_time() - begin_s < 10.0
+
+
+def test_cells_and_structures_as_people_nest_them_are_read(tmp_path):
+    path = tmp_path / "a.mat"
+    names = np.empty(2, dtype=object)
+    names[:] = ["bar", foreign.PRESSURE]
+    inner = {"p": foreign.PRESSURE, "units": names, "sparse": scipy.sparse.eye(3)}
+    log = {"inner": inner, "setpoint": foreign.COMMAND.astype(np.int16)}
+    for packed in (False, True):
+        scipy.io.savemat(path, {"time_s": foreign.SECONDS, "log": log}, do_compression=packed)
+        found = {column.name for column in read_recording(path).columns}
+        assert found == {"log.inner.p", "log.setpoint"}

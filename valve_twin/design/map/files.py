@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import zipfile
+import zlib
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +17,20 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 _FORM = 1
+_MOST_BYTES = 256 << 20
+_TOO_LARGE = f"it unpacks to more than {_MOST_BYTES >> 20} MB"
+_BROKEN = (
+    OSError,
+    KeyError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    EOFError,
+    MemoryError,
+    RecursionError,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 
 
 def write_map(found: CoenergyMap, path: Path) -> None:
@@ -50,6 +65,8 @@ def read_map(path: Path) -> CoenergyMap:
     """
     try:
         with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            if sum(item.file_size for item in file.zip.infolist()) > _MOST_BYTES:
+                raise ValueError(_TOO_LARGE)
             held = {name: file[name] for name in file.files}
         form = int(held["form"])
         if form == _FORM:
@@ -60,7 +77,7 @@ def read_map(path: Path) -> CoenergyMap:
                 held["coefficients"],
                 json.loads(str(held["provenance"])),
             )
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as err:
+    except _BROKEN as err:
         message = f"{path}: is no map of valve-twin design map ({' '.join(str(err).split())})"
         raise ValueError(message) from err
     message = f"{path}: is a map of form {form}: this version reads form {_FORM}"

@@ -5,6 +5,8 @@
 from __future__ import annotations
 
 import math
+import struct
+import zlib
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +15,7 @@ from valve_twin.io.errors import BagError
 from valve_twin.io.instruments.cells import RawColumn, Sheet
 from valve_twin.io.instruments.table import check_count, check_size, load_package
 from valve_twin.io.instruments.units import split_name
+from valve_twin.io.limits import unpack_limit
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -23,6 +26,12 @@ if TYPE_CHECKING:
 _MOST_DEPTH = 8
 _FEWEST = 3  # values of a channel
 _ARRAYS = 64  # columns of one matrix that are channels
+_HEAD = 128  # bytes before the first element of versions 5 to 7
+_ORDERS = {b"IM": "<", b"MI": ">"}  # of bytes, by the end of that head
+_MATRIX, _PACKED = 14, 15  # kinds of elements that hold others
+_WIDTHS = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 9: 8, 12: 8, 13: 8}  # of a number [B]
+_ELEMENT = 256  # what an element takes beside its numbers, assumed [B]
+_MOST_NESTED = 32  # the reader calls itself for each cell inside a cell
 
 
 def read_mat(path: Path) -> Sheet:
@@ -44,6 +53,7 @@ def read_mat(path: Path) -> Sheet:
     try:
         claimed = sum(8 * math.prod(shape) for _, shape, _ in whosmat(path))
         check_size(path, claimed)
+        _check_content(path)
         found = loadmat(path, simplify_cells=True)
     except BagError:
         raise
@@ -52,6 +62,48 @@ def read_mat(path: Path) -> Sheet:
         raise BagError(msg) from err
     public = {k: v for k, v in found.items() if not k.startswith("__")}
     return _sheet(path, list(_vectors(public, "")), {})
+
+
+def _check_content(path: Path) -> None:
+    """Refuse what unpacks to too much below its structures and cells, whose sizes nobody claims.
+
+    Raises
+    ------
+    BagError
+        Names the limit.
+    """
+    data = path.read_bytes()
+    order = _ORDERS.get(data[_HEAD - 2 : _HEAD])
+    size, at = 0, _HEAD
+    while order and at + 8 <= len(data):
+        kind, length = struct.unpack_from(f"{order}II", data, at)
+        held, at = memoryview(data)[at : at + 8 + length], at + 8 + length
+        if kind == _PACKED:
+            held = memoryview(zlib.decompressobj().decompress(held[8:], unpack_limit() + 1))
+            check_size(path, len(held))
+        size += _size_of(path, held, order)
+        check_size(path, size)
+
+
+def _size_of(path: Path, held: memoryview, order: str) -> int:
+    """Return what elements take as doubles [B]; stops where that is more than allowed."""
+    size, limit = 0, unpack_limit()
+    inside = [(0, len(held), 0)]
+    while inside:
+        at, end, depth = inside.pop()
+        if depth > _MOST_NESTED:
+            msg = f"{path}: its cells are nested deeper than {_MOST_NESTED} levels; save them flat"
+            raise BagError(msg)
+        while at + 8 <= end and size <= limit:
+            kind, length = struct.unpack_from(f"{order}II", held, at)
+            start, behind = at + 8, at + 8 + -(-length // 8) * 8
+            if kind >> 16:  # four bytes at most stand in the tag itself
+                kind, length, behind = kind & 0xFFFF, kind >> 16, start
+            if kind == _MATRIX:
+                inside.append((start, min(start + length, end), depth + 1))
+            size += _ELEMENT + 8 * (length // _WIDTHS[kind] if kind in _WIDTHS else 0)
+            at = behind
+    return size
 
 
 def read_hdf5(path: Path) -> Sheet:

@@ -31,7 +31,21 @@ def test_it_comes_back_and_goes_on_as_if_nothing_had_been():
     assert freeze(one)[0] == freeze(other)[0]
 
 
-@pytest.mark.parametrize("wrong", ["", "?", base64.b64encode(zlib.compress(b"{}\n")).decode()])
+def packed(content):
+    return base64.b64encode(zlib.compress(content)).decode()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        "",
+        "?",
+        packed(b"{}\n"),
+        packed(b"[" * 100_000),
+        packed(b'{"arrays": []}\n' + bytes(1 << 27)),
+    ],
+    ids=["empty", "no text", "no state", "nested", "bomb"],
+)
 def test_what_cannot_be_read_is_nothing(wrong):
     assert text_state(wrong) is None
 
