@@ -15,6 +15,9 @@ from typing import TYPE_CHECKING
 import pytest
 
 from valve_twin.cli import main
+from valve_twin.cli.design import verb as design
+from valve_twin.cli.design.verb import STEPS
+from valve_twin.cli.main import VERBS
 from valve_twin.core.operation.counters import Counters
 from valve_twin.core.operation.events import Event
 from valve_twin.core.types import Maintenance
@@ -271,9 +274,15 @@ def test_report_without_a_bag_shows_the_history(stored, edited, tmp_path):
 
 
 def test_help_of_every_verb_is_printed(capsys):
-    for verb in ("simulate", "import", "configure", "estimate", "replay", "report", "history"):
-        assert call(verb, "--help") == OK
-        assert f"valve-twin {verb}" in capsys.readouterr().out
+    steps = [("design", *named(step)) for step in STEPS]
+    for verb in [named(verb) for verb in VERBS if verb is not design] + steps:
+        assert call(*verb, "--help") == OK
+        assert " ".join(("valve-twin", *verb)) in capsys.readouterr().out
+
+
+def named(module):
+    """Return the verb or step of a module."""
+    return (module.__name__.rpartition(".")[2].strip("_").replace("_", "-"),)
 
 
 # -- wrong usage

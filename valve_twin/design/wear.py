@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.physics.coenergy import CoenergyMap
 from valve_twin.core.valves.designed import Wear
 from valve_twin.design.geometry.section import Section
 from valve_twin.design.map import MapGrid, compute_map
@@ -24,6 +23,7 @@ from valve_twin.design.map import MapGrid, compute_map
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from valve_twin.core.physics.coenergy import CoenergyMap
     from valve_twin.design.geometry import DoubleStroke
     from valve_twin.design.geometry.section import Region
 
@@ -105,21 +105,53 @@ def compute_wear(
     ValueError
         If a section or a map of it is none.
     """
-    new = compute_map(design.section(), grid, advance).coefficients
-    found = []
-    for name, size in SIZES.items():
-        more = compute_map(worn(design, name, size), grid, advance)
-        less = new
-        if name in _MOVED:
-            less = compute_map(worn(design, name, _LEAST * size), grid, advance).coefficients
-        part = 1.0 - _LEAST if name in _MOVED else 1.0
-        change = (more.coefficients - less) / (part * size)
-        of = CoenergyMap(more.coils, more.currents, more.positions, change, more.provenance)
-        if name == "steel":
-            found.append(Wear(name, of))
-        else:
-            found += [Wear(f"{name}_a", of), Wear(f"{name}_b", mirrored(of))]
+    new = compute_map(design.section(), grid, advance)
+    found: list[Wear] = []
+    for name in SIZES:
+        found += both_sides(name, signature(design, name, new, grid, advance))
     return tuple(found)
+
+
+def signature(
+    design: DoubleStroke,
+    name: str,
+    new: CoenergyMap,
+    grid: MapGrid = GRID,
+    advance: Callable[[], None] = lambda: None,
+) -> CoenergyMap:
+    """Return how a dimension of side A changes the coenergy, for a size of 1.
+
+    Parameters
+    ----------
+    design : DoubleStroke
+        As new.
+    name : str
+        One of `SIZES`, which says up to which size the secant is taken.
+    new : CoenergyMap
+        Of the design, on `grid`.
+    grid : MapGrid, optional
+        Where the fields are computed.
+    advance : callable
+        Called once a field.
+
+    Raises
+    ------
+    ValueError
+        If the section or a map of it is none.
+    """
+    size, less, part = SIZES[name], new, 1.0
+    more = compute_map(worn(design, name, size), grid, advance)
+    if name in _MOVED:
+        less = compute_map(worn(design, name, _LEAST * size), grid, advance)
+        part -= _LEAST
+    return replace(more, coefficients=(more.coefficients - less.coefficients) / (part * size))
+
+
+def both_sides(name: str, change: CoenergyMap) -> list[Wear]:
+    """Return the change on side A and, but for the steel of both, its mirror image on side B."""
+    if name == "steel":
+        return [Wear(name, change)]
+    return [Wear(f"{name}_a", change), Wear(f"{name}_b", mirrored(change))]
 
 
 def mirrored(change: CoenergyMap) -> CoenergyMap:

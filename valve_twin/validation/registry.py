@@ -27,6 +27,7 @@ _MODULES = {
 _BENCHMARKS = {
     "damadics": "valve_twin.validation.damadics.benchmark",
     "landing": "valve_twin.validation.landing",
+    "solenoid": "valve_twin.validation.solenoid",
 }
 
 

@@ -9,7 +9,9 @@ import json
 import pytest
 
 from valve_twin.cli import main
+from valve_twin.core.valves.double_solenoid.parameters import doubted
 from valve_twin.design import chain
+from valve_twin.design.doubt import compute_doubts
 from valve_twin.design.geometry import DoubleStroke
 from valve_twin.design.map import MapGrid, compute_map, write_map
 from valve_twin.design.wear import compute_wear
@@ -72,6 +74,22 @@ def test_a_twin_that_names_dimensions_takes_the_file(coarse, tmp_path, capsys, m
     assert told[-1]["status"] == "ACCEPTED", told[-1]["reason"]
     assert "cycle.gap_a" in told[-1]["names"]
     assert "no reference before 8 cycles" in told[-1]["reason"]
+
+
+def test_the_twin_takes_the_doubts_of_its_map(coarse, tmp_path, monkeypatch):
+    grid = MapGrid(currents=4, positions=4, fine=0.3)
+    quick = chain.Fidelity(grid, fine=0.3, step=4e-4)
+    monkeypatch.setitem(chain.FIDELITIES, "export", quick)
+    monkeypatch.setattr(
+        compute_doubts, "__defaults__", (grid, *(compute_doubts.__defaults__ or ())[1:])
+    )
+    path = str(tmp_path / "designed.yaml")
+    assert main(["design", "export", "--doubts", "--map", coarse, "--out", path]) == 0
+    options = load_config(path)[0].options
+    assert options.map_doubt_names == ("mesh", "gap_a", "gap_b", "steel")
+    own, others = options.map_coenergy, [of.map_coenergy for of in doubted(options)]
+    assert [len(of) for of in others] == [len(own)] * 4
+    assert all(of != own for of in others)
 
 
 @pytest.mark.parametrize(

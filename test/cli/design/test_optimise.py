@@ -28,8 +28,9 @@ def bowl(arguments, work, lost, *, keep):
             if gap > 0.2:
                 yield Outcome(*known, error="it is too wide")
                 continue
-            figures = {"rise_s": 0.016 * gap, "settling_s": 0.032 * gap, "overshoot": 0.01,
-                       "error": 0.001, "loss": 1.0 + 1e-3 * task.values["valve.preload"],
+            figures = {"rise_s": 0.016 * gap, "settling_s": 0.032 * gap,
+                       "graded_s": 0.032 * gap, "overshoot": 0.01, "error": 0.001,
+                       "loss": 1.0 + 1e-3 * task.values["valve.preload"],
                        "heating": 10.0, "margin": 50.0}  # fmt: skip
             yield Outcome(*known, figures)
 

@@ -135,3 +135,14 @@ def test_a_single_coil_has_a_map_as_well():
     i = np.array([[0.3], [2.2]])
     assert found.flux(i, np.zeros(2)) == pytest.approx(0.02 * i)
     assert found.force(i, np.zeros(2)) == pytest.approx(0.01 * i[:, 0] ** 2)
+
+
+def test_on_other_nodes_it_is_the_same_where_it_is_cubic():
+    of = linear_map(0.05, -0.004, X0, 5, 6)
+    nodes = np.linspace(0.0, 2.5, 4), np.linspace(-0.8e-3, 1e-3, 5)
+    found, i, x = of.on_nodes(*nodes), np.array([[0.4, 2.1], [1.7, 0.2]]), np.array([-3e-4, 7e-4])
+    assert found.coefficients.shape == (8, 8, 10)
+    assert found.coenergy(i, x) == pytest.approx(of.coenergy(i, x))
+    assert found.force(i, x) == pytest.approx(of.force(i, x))
+    with pytest.raises(ValueError, match="beyond the map"):
+        of.on_nodes(np.linspace(0.0, 4.0, 4), nodes[1])

@@ -34,6 +34,7 @@ class StandIn:
         figures = {
             "rise_s": 3e-3 * (1.0 + (a + 0.05) ** 2 + b),
             "settling_s": 6e-3 * (1.0 + (a + 0.03) ** 2 + b),
+            "graded_s": 6e-3 * (1.0 + (a + 0.03) ** 2 + b),
             "loss": 1.0 + task.design.valve.preload / 100.0,
             "overshoot": 0.02,
             "error": 0.001,

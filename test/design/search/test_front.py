@@ -13,6 +13,7 @@ import pytest
 from valve_twin.design.search.front import (
     WORST,
     Limits,
+    agree,
     chosen_of,
     front_of,
     hypervolume,
@@ -20,12 +21,12 @@ from valve_twin.design.search.front import (
 )
 from valve_twin.design.search.tasks import Outcome
 
-REFERENCE = {"rise_s": 2.0, "settling_s": 4.0, "loss": 1.0}
+REFERENCE = {"rise_s": 2.0, "settling_s": 4.0, "graded_s": 4.0, "loss": 1.0}
 
 
 def outcome(rise, settling, loss):
-    figures = {"rise_s": rise, "settling_s": settling, "loss": loss, "overshoot": 0.01,
-               "error": 0.0, "heating": 10.0, "margin": 50.0}  # fmt: skip
+    figures = {"rise_s": rise, "settling_s": settling, "graded_s": settling, "loss": loss,
+               "overshoot": 0.01, "error": 0.0, "heating": 10.0, "margin": 50.0}  # fmt: skip
     return Outcome(f"{rise} {settling} {loss}", "search", {}, figures)
 
 
@@ -80,14 +81,33 @@ def test_the_chosen_design_is_good_in_rise_and_settling_both():
     assert chosen_of([one, two, both], REFERENCE) is both
 
 
+@pytest.mark.parametrize(
+    ("other", "alike"),
+    [
+        ({"rise_s": 3.19e-3}, True),
+        ({"rise_s": 3.21e-3}, False),  # 3 % and 0.2 ms of 3 ms
+        ({"settling_s": 9.26e-3}, True),
+        ({"settling_s": 9.30e-3}, False),
+        ({"settling_s": math.inf}, False),
+        ({"graded_s": 1.0}, True),
+        ({"overshoot": 0.0305}, False),
+    ],
+)
+def test_designs_agree_on_two_meshes_within_what_is_promised(other, alike):
+    usual = outcome(3e-3, 9e-3, 1.0)
+    usual = replace(usual, figures={**usual.figures, "overshoot": 0.02})
+    assert agree(replace(usual, figures={**usual.figures, **other}), usual) == alike
+    assert not agree(Outcome("a", "twice", error="why"), usual)
+
+
 def test_a_limit_outside_its_range_is_refused():
     with pytest.raises(ValueError, match=r"Limits.overshoot = -0.1: must be a number from 0 to 1"):
         Limits(overshoot=-0.1)
 
 
 def test_a_figure_that_is_no_number_keeps_no_limit_and_is_no_objective():
-    figures = {"rise_s": 1.0, "settling_s": 1.0, "loss": math.nan, "overshoot": 0.0,
-               "error": 0.0, "heating": 1.0, "margin": 50.0}  # fmt: skip
+    figures = {"rise_s": 1.0, "settling_s": 1.0, "graded_s": 1.0, "loss": math.nan,
+               "overshoot": 0.0, "error": 0.0, "heating": 1.0, "margin": 50.0}  # fmt: skip
     of, reference = Outcome("a", "search", {}, figures), {**figures, "loss": 1.0}
     assert not Limits().keeps(of, reference)
     assert front_of([of], Limits(), reference) == ()

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import islice
 
 import pytest
@@ -31,7 +32,7 @@ def test_it_finds_better_designs_and_its_hypervolume_never_falls(design, archive
     own, best = found.reference.figures, found.chosen.figures
     assert all(best[name] < own[name] for name in ("rise_s", "settling_s"))
     assert best["loss"] <= 1.15 * own["loss"]
-    assert all(of.fidelity == "usual" for of in (found.reference, *found.front))
+    assert all(of.fidelity == "twice" for of in (found.reference, *found.front))
     assert len(stand_in.keys) == len(set(stand_in.keys))
     assert told[-1].failed == sum(bool(of.error) for of in found.searched) > 0
     assert {of.error for of in found.searched} >= {"", "a line that says why"}
@@ -63,6 +64,39 @@ def test_the_seed_decides(design, archive, stand_in, tmp_path):
     other = Archive(tmp_path / "other.jsonl", header_of(design, ""))
     settings = Settings(population=12, generations=8, seed=4)
     assert optimise(problem, settings, other, stand_in).searched != one.searched
+
+
+def test_a_design_with_other_figures_on_twice_the_mesh_is_left_out(design, archive, stand_in):
+    """Designs of little preload settle later there by more than is promised."""
+
+    def run(tasks):
+        for of in stand_in(tasks):
+            if of.fidelity == "twice" and of.values["valve.preload"] < 12.0:
+                late = {**of.figures, "settling_s": of.figures["settling_s"] + 3e-4}
+                yield replace(of, figures=late)
+            else:
+                yield of
+
+    problem = make_problem(design, VARIED)
+    found = optimise(problem, SETTINGS, archive, run)
+    preloads = [of.values["valve.preload"] for of in found.front]
+    assert found.apart
+    assert preloads
+    assert min(preloads) >= 12.0 > max(of.values["valve.preload"] for of in found.apart)
+    kept = Settings(population=12, generations=8, seed=3, final="usual")
+    assert optimise(problem, kept, archive, run).apart == ()
+
+
+def test_where_all_figures_differ_on_twice_the_mesh_it_says_so(design, archive, stand_in):
+    def run(tasks):
+        for of in stand_in(tasks):
+            factor = 0.5 if of.fidelity == "twice" else 1.0
+            yield replace(of, figures={**of.figures, "rise_s": factor * 3e-3})
+
+    settings = Settings(population=4, generations=2)
+    varied = {"armature_radius": (7e-3, 9e-3)}
+    with pytest.raises(ValueError, match=r"none of (\d+) designs is left: \1 differ on usual and"):
+        optimise(make_problem(design, varied), settings, archive, run)
 
 
 def test_without_a_feasible_point_the_nearest_is_named(design, archive, stand_in):

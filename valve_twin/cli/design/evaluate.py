@@ -41,7 +41,7 @@ def add(steps: Verbs) -> None:
     parser.add_argument("--valve", default="", metavar="NAME", help="model, default the only one")
     parser.add_argument(
         "--robust", action="store_true",
-        help="also the worst of friction, supply and copper 10 % lower and higher",
+        help="also the worst of friction, supply and copper 10 %% lower and higher",
     )  # fmt: skip
     parser.add_argument(
         "--fidelity", default="usual", metavar="NAME",

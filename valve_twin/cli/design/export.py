@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from valve_twin.cli.common import Verbs
+    from valve_twin.core.physics.coenergy import CoenergyMap
     from valve_twin.core.valves.designed import Designable, Numbers
     from valve_twin.design.geometry import DoubleStroke
 
@@ -38,6 +39,10 @@ def add(steps: Verbs) -> None:
         "--faults", action="store_true", help="also how worn dimensions change its curves: the "
         "twin then names the one that has drifted",
     )  # fmt: skip
+    parser.add_argument(
+        "--doubts", action="store_true", help="also what mesh, steel and gaps leave in doubt of "
+        "its curves: the twin's intervals then hold it",
+    )  # fmt: skip
 
 
 def _export(arguments: argparse.Namespace) -> int:
@@ -56,6 +61,8 @@ def _export(arguments: argparse.Namespace) -> int:
             designed, dynamics = compute_design(design, curves, advance=advance)
         numbers = valve.of_design(designed)
         twin, apart = _faults(design, valve, numbers) if arguments.faults else ({}, {})
+        if arguments.doubts:
+            twin = {**twin, **_doubts(design, valve, designed.curves)}
     like = Path(arguments.like) if arguments.like else _CONFIG / f"{valve.name}.yaml"
     source = designed.curves.provenance
     title = f"{source['name']}, map {source['sha256']}: written by valve-twin design export"
@@ -67,6 +74,14 @@ def _export(arguments: argparse.Namespace) -> int:
     fits = {name: found.fit for name, found in zip(("G_A", "G_F"), dynamics, strict=True)}
     print_json({"map": source["sha256"], "resistance": designed.resistance, "fit": fits} | apart)
     return OK
+
+
+def _doubts(design: DoubleStroke, valve: Designable, curves: CoenergyMap) -> Mapping[str, object]:
+    """Return the options of a twin whose intervals hold the doubts about its map."""
+    from valve_twin.design.doubt import compute_doubts
+
+    with progress_of("computing doubts", None) as advance:
+        return valve.of_doubts(compute_doubts(design, curves, advance=advance))
 
 
 def _faults(

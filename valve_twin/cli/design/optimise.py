@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 COLUMNS = (
     ("rise_s", "rise, ms", 1e3, ".2f"),
     ("settling_s", "settling, ms", 1e3, ".2f"),
+    ("graded_s", "in 1 to 4 %, ms", 1e3, ".2f"),
     ("overshoot", "overshoot, %", 1e2, ".2f"),
     ("error", "error, %", 1e2, ".2f"),
     ("loss", "loss, W", 1.0, ".3f"),
@@ -76,7 +77,11 @@ def add(steps: Verbs) -> None:
         parser.add_argument(f"--{name}", type=int, metavar="N", help=about)
     for name, about in (
         ("fidelity", "fields of the search: search (coarse, default), usual or twice"),
-        ("final", "fields of the front: usual (default), search or twice"),
+        (
+            "final",
+            "fields of the front: twice (default; leaves out designs whose figures differ on "
+            "usual), usual or search",
+        ),
     ):
         parser.add_argument(f"--{name}", metavar="NAME", help=about)
     add_limits(parser)
@@ -186,6 +191,8 @@ def _show(found: Found, limits: Limits) -> None:
     console().print(shown)
     for name, value in found.chosen.values.items():
         say(f"{name}: {value:g}")
+    if found.apart:
+        say(f"{len(found.apart)} designs left out: their figures differ on fields half as fine")
     if not limits.keeps(found.reference, found.reference.figures):
         said = limits.said(found.reference, found.reference.figures)
         say(f"the reference itself does not keep the limits: {said}")
@@ -195,6 +202,7 @@ def _as_json(found: Found) -> dict[str, object]:
     return {
         "reference": dict(found.reference.figures),
         "front": [{"values": dict(of.values), "figures": dict(of.figures)} for of in found.front],
+        "apart": [{"values": dict(of.values), "figures": dict(of.figures)} for of in found.apart],
         "chosen": dict(found.chosen.values),
         "history": [asdict(at) for at in found.history],
     }

@@ -12,7 +12,7 @@ from two tables; then the Maxwell relation holds only as well as the tables do.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -140,6 +140,33 @@ class CoenergyMap:
             low, high = np.where(above, low, middle), np.where(above, middle, high)
         found: FloatArray = 0.5 * (low + high)
         return found
+
+    def on_nodes(self, currents: FloatArray, positions: FloatArray) -> CoenergyMap:
+        """Return the map on other nodes within its own, with its values and slopes there.
+
+        Parameters
+        ----------
+        currents, positions : (I,), (X,) arrays
+            Rising [A], [m].
+
+        Raises
+        ------
+        ValueError
+            If a node lies beyond the map; names it and the range.
+        """
+        axes = (*[currents] * len(self.coils), positions)
+        grid = np.meshgrid(*axes, indexing="ij")
+        at = np.column_stack([of.ravel() for of in grid[:-1]]), grid[-1].ravel()
+        values = np.empty(tuple(2 * len(nodes) for nodes in axes))
+        for order in np.ndindex(*[2] * len(axes)):
+            part = tuple(slice(slope, None, 2) for slope in order)
+            values[part] = self._slope(*at, order).reshape(grid[0].shape)
+        return replace(
+            self,
+            currents=currents,
+            positions=positions,
+            coefficients=spline_coefficients(values, axes),
+        )
 
     def _order(self, *axes: int) -> tuple[int, ...]:
         return tuple(axes.count(k) for k in range(len(self.coils) + 1))

@@ -150,6 +150,8 @@ class Loop:
         Signals to show together: label with unit, and by name (N,) arrays [of the label].
     rise_s, overshoot, settling_s : float
         10 to 90 % [s], beyond the step over the step [1], until it stays within 2 % [s].
+    graded_s : float
+        Mean of the times until it stays within bands from 1 to 4 % [s].
     error : float
         What is left at the end, over the step [1].
     loss : float
@@ -161,6 +163,7 @@ class Loop:
     rise_s: float
     overshoot: float
     settling_s: float
+    graded_s: float
     error: float
     loss: float
 
@@ -206,6 +209,16 @@ class Designable(Protocol):
         ----------
         wear : sequence of Wear
             What may drift.
+        """
+        ...
+
+    def of_doubts(self, doubts: Sequence[Wear]) -> Mapping[str, object]:
+        """Return the options with which the intervals of a twin hold the doubts about its map.
+
+        Parameters
+        ----------
+        doubts : sequence of Wear
+            Changes of the coenergy by a standard deviation each, on the nodes of the map.
         """
         ...
 

@@ -17,8 +17,12 @@ if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
     from valve_twin.design.search.tasks import Outcome
 
-OBJECTIVES = ("rise_s", "settling_s", "loss")
+OBJECTIVES = ("rise_s", "graded_s", "loss")
 """Figures that are to become small, each over that of the reference."""
+
+AGREE_S, AGREE, AGREE_OVERSHOOT = 2e-4, 0.03, 0.01
+"""By how much rise and settling on two meshes may differ, whichever is more, and overshoot: goals
+of ours [s], [1], [1]."""
 
 WORST = 1.25
 """Reference point of the hypervolume: every objective over that of the reference [1]."""
@@ -148,6 +152,24 @@ def front_of(
     return tuple(of for _, of in sorted(found_at.items(), key=lambda item: item[0]))
 
 
+def agree(one: Outcome, other: Outcome) -> bool:
+    """Tell whether rise, settling and overshoot of a design are alike on two meshes.
+
+    Parameters
+    ----------
+    one, other : Outcome
+        Of one design.
+    """
+    if one.error or other.error:
+        return False
+    a, b = one.figures, other.figures
+    times = all(
+        abs(a[name] - b[name]) <= max(AGREE_S, AGREE * abs(b[name])) + 1e-12
+        for name in ("rise_s", "settling_s")
+    )
+    return times and abs(a["overshoot"] - b["overshoot"]) <= AGREE_OVERSHOOT
+
+
 def hypervolume(front: Sequence[Outcome], reference: Mapping[str, float]) -> float:
     """Return the volume between a front and `WORST` in all objectives [1].
 
@@ -167,7 +189,7 @@ def hypervolume(front: Sequence[Outcome], reference: Mapping[str, float]) -> flo
 
 
 def chosen_of(front: Sequence[Outcome], reference: Mapping[str, float]) -> Outcome:
-    """Return the design whose worse of rise and settling, over the reference, is the best.
+    """Return the design whose worse of rise and graded settling, over the reference, is the best.
 
     Parameters
     ----------

@@ -163,15 +163,16 @@ def figures_of(design: DoubleStroke, found: Evaluation) -> dict[str, float]:
     Returns
     -------
     dict
-        rise_s, settling_s, loss: means over all steps [s], [W]; overshoot, error: the largest [1];
-        margin [N]; heating: of the yoke over the air [K]; resistance [ohm]; mass [kg];
-        poles and zeros of G_A and G_F [Hz].
+        rise_s, settling_s, graded_s, loss: means over all steps [s], [W]; overshoot, error: the
+        largest [1]; margin [N]; heating: of the yoke over the air [K]; resistance [ohm];
+        mass [kg]; poles and zeros of G_A and G_F [Hz].
     """
     loops = found.loops.values()
     followed = min(float(of.time_s[-1]) for of in loops)
     figures = {
         "rise_s": float(np.mean([_limited(of.rise_s, followed) for of in loops])),
         "settling_s": float(np.mean([_limited(of.settling_s, followed) for of in loops])),
+        "graded_s": float(np.mean([_limited(of.graded_s, followed) for of in loops])),
         "overshoot": max(of.overshoot for of in loops),
         "error": max(of.error for of in loops),
         "loss": float(np.mean([of.loss for of in loops])),

@@ -137,3 +137,42 @@ def test_the_twin_of_the_map_follows_and_estimates_its_valve():
     )  # fmt: skip
     off = (predicted - one.frames.position)[200:]
     assert np.sqrt(np.mean(off**2)) < 3e-4  # noise of the sensor: 1e-4
+
+
+def test_the_intervals_hold_what_the_map_is_in_doubt_about():
+    """A map that is wrong by 2 % in coenergy is one of another force: 1/1.02 of the gain."""
+    numbers = {**LISTS, "spring_1": 2e4, "spring_2": 2e4}
+    given = {f"plant.{name}": value for name, value in numbers.items()}
+    config = configure(get_simulation("double_solenoid"), given)
+    _, block = simulate_cycles(config, 2, 53)
+    one = Cycle(1, PERIOD_S, to_frames(block))
+    doubt = {"map_doubt_names": ("steel",),
+             "map_doubt": tuple((0.02 * MAP.coefficients).ravel().tolist())}  # fmt: skip
+    known, doubted = (
+        {p.name: p for p in MODEL.estimate(one, complete_options(MODEL, of))[0].parameters}
+        for of in (numbers, {**numbers, **doubt})
+    )
+    gain, sure = doubted["force_gain"], known["force_gain"]
+    assert gain.value == sure.value
+    added = np.sqrt((gain.upper_95 - gain.value) ** 2 - (sure.upper_95 - sure.value) ** 2)
+    assert added == pytest.approx(1.96 * 0.02, rel=0.1)
+    assert "steel" in gain.reason
+    assert "steel" not in sure.reason
+
+
+@pytest.mark.parametrize(
+    ("doubt", "said"),
+    [
+        ({"map_doubt_names": ("mesh",), "map_doubt": (1.0, 2.0)}, "map_doubt: 2 values; 1 doubts"),
+        ({"map_doubt": (1.0,)}, "map_doubt: 1 values; 0 doubts"),
+        ({"map_doubt_names": ("mesh",), "map_coenergy": (), "map_current": ()}, "a map of 0 need"),
+    ],
+)
+def test_doubts_that_do_not_fit_the_map_refuse_the_cycle(doubt, said):
+    config = configure(get_simulation("double_solenoid"), {})
+    (block,) = simulate_cycles(config, 1, 54)
+    numbers = {**LISTS, "spring_1": 2e4, "spring_2": 2e4, **doubt}
+    one = Cycle(1, PERIOD_S, to_frames(block))
+    (estimate,) = MODEL.estimate(one, complete_options(MODEL, numbers))
+    assert estimate.status is EstimateStatus.REFUSED
+    assert said in estimate.reason

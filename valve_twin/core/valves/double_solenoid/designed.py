@@ -18,11 +18,11 @@ from valve_twin.core.valves.double_solenoid.plant import DoubleSolenoidPlant
 from valve_twin.core.valves.double_solenoid.step_response import judge_step
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from valve_twin.core.physics.coenergy import CoenergyMap
     from valve_twin.core.types import FloatArray
-    from valve_twin.core.valves.designed import Designed
+    from valve_twin.core.valves.designed import Designed, Wear
 
 _EDDIES = ("eddies.gain_1", "eddies.time_1", "eddies.gain_2", "eddies.time_2")
 _REST, _FOLLOWED = 50, 800  # control samples before and after a step
@@ -84,6 +84,15 @@ def map_lists(curves: CoenergyMap) -> dict[str, tuple[float, ...]]:
         "map_current": tuple(curves.currents.tolist()),
         "map_position": tuple(curves.positions.tolist()),
         "map_coenergy": tuple(curves.coefficients.ravel().tolist()),
+    }
+
+
+def doubt_lists(doubts: Sequence[Wear]) -> dict[str, object]:
+    """Return doubts about a map, on its nodes, as the twin's options hold them."""
+    values = (v for of in doubts for v in of.change.coefficients.ravel().tolist())
+    return {
+        "map_doubt_names": tuple(of.name for of in doubts),
+        "map_doubt": tuple(float(f"{v:.4g}") for v in values),
     }
 
 
@@ -160,7 +169,14 @@ def _loop(plant: DoubleSolenoidPlant, copper: float, share: float, s: FloatArray
     )
     error = abs(float(place[-1]) - 1.0)
     return Loop(
-        time_s, rows, of.rise_s, of.overshoot, of.settling_s, error, copper * float(heat.mean())
+        time_s=time_s,
+        rows=rows,
+        rise_s=of.rise_s,
+        overshoot=of.overshoot,
+        settling_s=of.settling_s,
+        graded_s=of.graded_s,
+        error=error,
+        loss=copper * float(heat.mean()),
     )
 
 

@@ -26,6 +26,7 @@ from valve_twin.core.types import (
 from valve_twin.core.valves.double_solenoid.bench_fits import BENCH_FITS
 from valve_twin.core.valves.double_solenoid.coils import CoilFit, fit_resistance, flux_record
 from valve_twin.core.valves.double_solenoid.designed import (
+    doubt_lists,
     follow_step,
     map_lists,
     margin_of,
@@ -43,6 +44,7 @@ from valve_twin.core.valves.double_solenoid.parameters import (
     NAMES,
     PARAMETERS,
     DoubleSolenoidOptions,
+    doubted,
     known_valve,
 )
 from valve_twin.core.valves.double_solenoid.plant import (
@@ -132,11 +134,12 @@ class DoubleSolenoidModel(CompiledModel):
             return (_estimate(cycle, blank(NAMES, refusal), known, refused=refusal),)
         constants = tolerated(options, options.tolerances)
         aside = _aside(cycle, options, known, constants)
-        coils = _coils(cycle, (valve, record), aside, constants.names)
+        names = (*constants.names, *options.map_doubt_names)
+        coils = _coils(cycle, (valve, record), aside, names)
         variations = [(r, v.valve(), v.tables()) for v, r in aside]
         fit = fit_motion(record, valve.valve(), valve.tables(), variations)
         noise = _rest_noise(record.x)
-        values = (*coils, *_mechanical(fit, valve, noise, constants.names))
+        values = (*coils, *_mechanical(fit, valve, noise, names))
         balance = _estimate(cycle, values, known, fit=fit, valve=valve)
         if DIMENSIONS not in options.estimators:
             return (balance,)
@@ -204,6 +207,10 @@ class DoubleSolenoidModel(CompiledModel):
         chosen = {"estimators": (ESTIMATOR, FEATURES, DIMENSIONS)}
         return {**options_of(wear), **chosen}
 
+    def of_doubts(self, doubts: Sequence[Wear]) -> Mapping[str, object]:
+        """Return the options that hold doubts about the map, as `Designable.of_doubts`."""
+        return doubt_lists(doubts)
+
     def told_apart(self, numbers: Numbers, wear: Sequence[Wear]) -> Apart:
         """Return which dimensions a cycle tells apart, as `Designable.told_apart`."""
         return tell_apart(numbers, wear)
@@ -216,6 +223,8 @@ class DoubleSolenoidModel(CompiledModel):
 def _valve(options: DoubleSolenoidOptions) -> tuple[DoubleSolenoidPlant | None, str]:
     """Return the valve of the options, or why there is none."""
     try:
+        for other in doubted(options):
+            known_valve(other, {}).tables()
         return known_valve(options, {}), ""
     except QuantityError as error:
         return None, Refusal(RefusalCode.OPTIONS, error.reason)
@@ -260,7 +269,7 @@ def _record(cycle: Cycle, valve: DoubleSolenoidPlant, known: BoolArray) -> Recor
 def _aside(
     cycle: Cycle, options: DoubleSolenoidOptions, known: BoolArray, constants: Tolerated
 ) -> list[tuple[DoubleSolenoidPlant, Record]]:
-    """Return valve and record with each constant moved by its standard deviation."""
+    """Return valve and record with each constant, then the map, moved by standard deviations."""
     moved = []
     for name, sigma in zip(constants.names, constants.sigmas.tolist(), strict=True):
         value = getattr(options, name)
@@ -268,6 +277,9 @@ def _aside(
             valve = known_valve(options, {name: value * (1.0 + sigma)})
         except ValueError:  # it stands at its limit: as far the other way
             valve = known_valve(options, {name: value * (1.0 - sigma)})
+        moved.append((valve, _record(cycle, valve, known)))
+    for other in doubted(options):
+        valve = known_valve(other, {})
         moved.append((valve, _record(cycle, valve, known)))
     return moved
 

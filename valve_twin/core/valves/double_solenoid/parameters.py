@@ -4,8 +4,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.quantity import quantity, setting
@@ -90,6 +92,12 @@ class DoubleSolenoidOptions(DoubleSolenoidNumbers):
     dimension_coenergy: tuple[float, ...] = quantity(
         (), "J", "Changes for a size of 1: coefficients of splines, a dimension after the other"
     )
+    map_doubt_names: tuple[str, ...] = setting(
+        (), "What map_coenergy is in doubt about, by `design export --doubts`"
+    )
+    map_doubt: tuple[float, ...] = quantity(
+        (), "J", "Changes of map_coenergy by a standard deviation, a doubt after the other"
+    )
     tolerances: object = field(default_factory=DoubleSolenoidTolerances)
 
 
@@ -105,3 +113,23 @@ def known_valve(
     """
     names = [f.name for f in fields(DoubleSolenoidNumbers)]
     return DoubleSolenoidPlant(**{n: values.get(n, getattr(options, n)) for n in names})
+
+
+def doubted(options: DoubleSolenoidOptions) -> list[DoubleSolenoidOptions]:
+    """Return the options with each doubt about the map added to it, by a standard deviation.
+
+    Raises
+    ------
+    ValueError
+        If the lists of the doubts do not fit each other or the map.
+    """
+    own = np.array(options.map_coenergy)
+    wanted = len(options.map_doubt_names) * max(len(own), 1)
+    if len(options.map_doubt) != wanted or not np.isfinite(options.map_doubt).all():
+        message = (
+            f"map_doubt: {len(options.map_doubt)} values; {len(options.map_doubt_names)} doubts "
+            f"of a map of {len(own)} need {wanted}, all finite"
+        )
+        raise ValueError(message)
+    changes = np.array(options.map_doubt).reshape(len(options.map_doubt_names), len(own))
+    return [replace(options, map_coenergy=tuple((own + c).tolist())) for c in changes]

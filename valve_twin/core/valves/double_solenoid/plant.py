@@ -354,7 +354,7 @@ def map_tables(
     )
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=16)
 def coenergy_tables(
     current: tuple[float, ...],
     position: tuple[float, ...],

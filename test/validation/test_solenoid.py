@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Dynamics from a coarse field keep the goals as well, and static curves would not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from valve_twin.validation import Verdict, solenoid
+from valve_twin.validation.registry import get_benchmark
+
+
+def test_the_dynamics_of_a_coarse_field_are_those_that_the_paper_describes(monkeypatch):
+    monkeypatch.setattr(solenoid, "FIDELITY", "search")
+    advanced: list[int] = []
+    found = get_benchmark("solenoid").run(lambda: advanced.append(1))
+    assert len(advanced) == get_benchmark("solenoid").steps
+    assert [c.verdict for c in found.checks] == [Verdict.PASS] * 8, found.checks
+    (rows,) = found.tables.values()
+    assert [row["dynamics"] for row in rows] == ["G_A", "G_F"]
+    by = {c.quantity: c for c in found.checks}
+    fit = by["fit of G_A [%]"]
+    static = float(rows[0]["static alone, %"])
+    assert replace(fit, obtained=static).verdict is Verdict.FAIL
+    assert by["fit of G_A above static curves [points]"].obtained == pytest.approx(
+        fit.obtained - static
+    )
