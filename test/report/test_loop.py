@@ -16,7 +16,7 @@ ROWS = (
     ("current [A]", {"A": np.exp(-TIME), "B": -np.exp(-TIME)}),
     ("position [mm]", {"x": 1.0 - np.exp(-300 * TIME), "setpoint": np.ones(801)}),
 )
-LOOP = Loop(TIME, ROWS, 2e-3, 0.0, 5e-3, 0.0, 1.0)
+LOOP = Loop(TIME, ROWS, 2e-3, 0.0, 5e-3, 5e-3, 0.0, 1.0)
 
 
 def test_every_step_has_a_column_and_every_signal_its_line():

@@ -14,7 +14,7 @@ from valve_twin.validation.check import Kind, within_range
 from valve_twin.validation.registry import Benchmark, Outcome
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from valve_twin.design.dynamics import Dynamics
     from valve_twin.validation.check import Check
@@ -43,7 +43,7 @@ def run(advance: Callable[[], None]) -> Outcome:
     found = identify_switched(model, curves, bridge, replace(Trapezoid(), slope=_STEEP))
     advance()
     each = (("G_A", found.of_current), ("G_F", found.of_force))
-    rows = tuple(
+    rows: tuple[Mapping[str, float | str], ...] = tuple(
         {"dynamics": name, "fit, %": by.fit, "static alone, %": by.without,
          "slower pole, Hz": by.poles_hz[0], "faster pole, Hz": by.poles_hz[1],
          "gain at high frequency": by.fast_gain}

@@ -32,7 +32,7 @@ def loop(force, linked=(0.04, 0.04), **without):
         "position [mm]": {"x": 0.4 * PART, "setpoint": PART},
     }
     shown = tuple((k, v) for k, v in rows.items() if k not in without)
-    return Loop(TIME_S, shown, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return Loop(TIME_S, shown, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def test_without_eddy_currents_the_field_has_the_static_force():
