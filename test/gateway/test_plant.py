@@ -18,6 +18,7 @@ from test.gateway.test_web import store
 from valve_twin.gateway import plant as module
 from valve_twin.gateway.plant import WAITING, Plant
 from valve_twin.gateway.web import Site, _Pages
+from valve_twin.io.errors import StoreError
 from valve_twin.io.history.database import Database
 from valve_twin.io.history.fleet import describe_valve, ranked
 
@@ -341,3 +342,62 @@ def test_a_first_glance_without_a_thread_to_be_had_reads_itself(path, monkeypatc
         assert len(plant.glance().rows) == 2
     assert not plant._reading.locked()
     assert len(plant.view().rows) == 2
+
+
+def test_a_first_reading_that_fails_keeps_what_was_assessed(path, monkeypatch):
+    assessed, broken, later = list[str](), ["/b"], threading.Event()
+    found = Plant._state
+
+    def fails_once(plant: Plant, history: History, valve: str, mark):
+        kept = plant._states.get(valve)
+        if valve in broken:
+            broken.remove(valve)
+            msg = "history.sqlite: disk I/O error"
+            raise StoreError(msg)
+        if valve == "/b":
+            assert later.wait(60.0)
+        state = found(plant, history, valve, mark)
+        if state is not kept:
+            assessed.append(valve)
+        return state
+
+    monkeypatch.setattr(Plant, "_state", fails_once)
+    monkeypatch.setattr(module, "WAIT_S", 0.05)
+    plant = Plant(str(path))
+    failed = plant.view()
+    assert "disk I/O error" in failed.failure
+    assert {row.valve: row.evidence == WAITING for row in failed.rows} == {"/a": False, "/b": True}
+    again = plant.glance()  # begins the next reading, which has what the first one had
+    assert {row.valve: row.evidence == WAITING for row in again.rows} == {"/a": False, "/b": True}
+    assert plant.news().rows == ()  # of faces that tell changes: nothing before all are known
+    assert not plant.news().whole
+    later.set()
+    whole = plant.view()
+    assert whole.whole
+    assert not whole.failure
+    assert assessed == ["/a", "/b"]
+    assert plant.news().rows == whole.rows
+
+
+def test_a_history_that_goes_away_during_a_first_reading_leaves_what_was_assessed(
+    path, monkeypatch
+):
+    found, where = Plant._state, path.with_suffix(".away")
+
+    def moves_away(plant: Plant, history: History, valve: str, mark):
+        if valve == "/b":
+            path.rename(where)
+            msg = "history.sqlite: disk I/O error"
+            raise StoreError(msg)
+        return found(plant, history, valve, mark)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Plant, "_state", moves_away)
+        plant = Plant(str(path))
+        assert "disk I/O error" in plant.view().failure
+    gone = plant.view()
+    assert "no such file" in gone.failure
+    assert [row.valve for row in gone.rows if row.evidence != WAITING] == ["/a"]
+    where.rename(path)
+    assert plant.page("/b")  # is waited for
+    assert plant.view().whole

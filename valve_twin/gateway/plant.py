@@ -192,29 +192,36 @@ class Plant:
 
         Faces that tell changes take `news`: a valve that is yet to be assessed is none.
         """
-        if self._view is not _NOTHING:
-            return self.view()
-        self._begin_reading()
-        self._first.wait(LATE_S)
-        so_far = self._begun.view() if self._view is _NOTHING else _NOTHING
-        return self._or_late(so_far) if so_far.rows else self.view()
+        if not self._view.whole:
+            self._begin_reading()
+            self._first.wait(LATE_S)
+            so_far = self._begun.view()
+            if so_far.rows:
+                return self._or_late(so_far)
+        return self.view() if self._view is _NOTHING else self._looked(WAIT_S)[0]
 
     def news(self) -> View:
         """Return all valves; before the first reading is done nothing (not `whole`), at once."""
-        return self._looked(0.0 if self._view is _NOTHING else WAIT_S)
+        found, _ = self._looked(WAIT_S if self._view.whole else 0.0)
+        if found.whole or found is _NOTHING:
+            return found
+        return replace(_NOTHING, where=found.where, failure=found.failure)
 
     def view(self) -> View:
         """Return all valves; a history that cannot be read is said, nothing is raised."""
         while True:
-            found = self._looked(LATE_S if self._view is _NOTHING else WAIT_S)
-            if found is not _NOTHING or self._moved_s is None:  # else a first one that goes on
-                return self._view if found is _NOTHING else found
+            found, is_over = self._looked(WAIT_S if self._view.whole else LATE_S)
+            if found.whole or is_over:  # else a first one that goes on
+                return found
 
-    def _looked(self, wait_s: float) -> View:
+    def _looked(self, wait_s: float) -> tuple[View, bool]:
+        """Return what there is, and whether no reading goes on or one that does not get on."""
         self._begin_reading()
         if self._reading.acquire(timeout=wait_s):
             self._reading.release()
-        return self._or_late(self._view)
+        is_over, view = self._moved_s is None, self._view
+        found = self._or_late(view)
+        return found, is_over or found is not view
 
     def _or_late(self, view: View) -> View:
         """Return a view, as it is or with the failure that its reading does not get on."""
@@ -358,20 +365,24 @@ class Plant:
         return history.estimates(valve, None, first_cycle, limit, used_by_trend=True)
 
     def _read(self) -> None:
+        known: dict[str, tuple[Mark, ValveState]] = {}
         try:
             history = self._opened()
             marks = history.marks()
-            known: dict[str, tuple[Mark, ValveState]] = {}
-            if self._view is _NOTHING:
+            known.update((n, self._states[n]) for n in marks if n in self._states)
+            if not self._view.whole:
                 self._begun = _FirstReading(history.where, marks, known, self._nameplates)
                 self._first.set()
             for name, mark in marks.items():
                 known[name] = self._state(history, name, mark)
                 self._moved_s = time.monotonic()
-            self._states = known
+            self._states = {name: known[name] for name in marks}
             self._courses = {n: c for n, c in self._courses.items() if n in marks}
         except ValveTwinError as err:
-            self._view = replace(self._view, failure=str(err))
+            self._states = self._states | known  # what was assessed is not assessed again
+            so_far = self._begun.view()  # empty but for a first reading
+            self._view = replace(so_far if so_far.rows else self._view, failure=str(err))
+            self._begun = _FirstReading("", {}, {}, {})
             return
         states = [state for _, state in self._states.values()]
         found = _shown(states, [], history.where, self._nameplates)

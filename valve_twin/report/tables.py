@@ -12,7 +12,7 @@ import numpy as np
 from markupsafe import Markup
 
 from valve_twin.core.aging import TrendStatus
-from valve_twin.core.aging.verdict import SOON, Outlook, outlook
+from valve_twin.core.aging.verdict import SOON, Outlook, describe_limit, outlook
 from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.types import EstimateStatus, ParameterStatus
 from valve_twin.report.text import (
@@ -93,8 +93,8 @@ def _life_row(t: Trend) -> list[str]:
 def _limits(t: Trend) -> Markup | str:
     if not math.isfinite(t.threshold):
         return "none"
-    notes = [f"warning {number(t.warning, 4)}"] if math.isfinite(t.warning) else []
-    return noted(number(t.threshold, 4), ", ".join([*notes, t.limit_state.text or "in doubt"]))
+    notes = [f"warning {number(t.warning, 4)}" if math.isfinite(t.warning) else ""]
+    return noted(number(t.threshold, 4), ", ".join(filter(None, [*notes, describe_limit(t)])))
 
 
 def _remaining(t: Trend) -> str:

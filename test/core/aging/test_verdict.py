@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from valve_twin.core.aging import AgingConfig, Threshold, TrendStatus, VerdictKind, assess
-from valve_twin.core.aging.verdict import Outlook, concern, outlook
+from valve_twin.core.aging.verdict import Outlook, concern, describe_limit, outlook
 from valve_twin.core.faults.advice import NONE, NOW, advise
 from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.core.types import Parameter
@@ -90,3 +90,12 @@ def test_advice_follows_the_verdict(told):
             assert advice.urgency == NONE
         if verdict.kind is VerdictKind.VALVE:
             assert (advice.urgency == NOW) == (concern(trend, config) == 3)
+
+
+def test_the_limit_that_is_in_doubt_is_named_beside_a_life(told):
+    words = {(describe_limit(trend), outlook(trend)) for _, trend, _ in told}
+    assert ("warning in doubt", Outlook.FORECAST) in words
+    for said, ahead in words:
+        assert (said == "") == (ahead in (Outlook.UNKNOWN, Outlook.NO_LIMIT))
+        assert said != "alarm in doubt" or ahead is Outlook.REACHED
+        assert said != "warning in doubt" or ahead is not Outlook.REACHED

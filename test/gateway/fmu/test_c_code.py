@@ -7,6 +7,7 @@ import math
 import os
 import subprocess
 import sys
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from numba import njit
 
 from valve_twin.core.types import Restart
 from valve_twin.core.valves.hydraulic_actuator.kernels import free_run
-from valve_twin.core.valves.kit import Valve
+from valve_twin.core.valves.kit import Lawful
 from valve_twin.core.valves.positioner.kernels import advance
 from valve_twin.core.valves.registry import get_model, model_names
 from valve_twin.gateway.fmu.c_code import Translation
@@ -140,7 +141,7 @@ def test_rows_that_are_written_from_themselves_give_the_numbers_of_numba(tmp_pat
         np.testing.assert_array_equal(ours, theirs)
 
 
-LAWS = [m for m in map(get_model, model_names()) if isinstance(m, Valve)]
+LAWS = [m for m in map(get_model, model_names()) if isinstance(m, Lawful)]
 
 
 @pytest.mark.parametrize("valve", LAWS, ids=lambda valve: valve.name)
@@ -155,6 +156,48 @@ def test_every_law_of_the_kit_gives_the_same_numbers(valve, tmp_path):
         law.step(theirs, u, law.values, 0.05)
         run(ours, u, law.values, np.array([0.05]))
         np.testing.assert_allclose(ours, theirs, rtol=1e-15)
+
+
+class _Spring(NamedTuple):
+    rate: float
+    turns: int
+    bends: bool
+
+
+@njit
+def _spring_of(p):
+    return _Spring(p[0], int(p[1]), p[2] > 0.5)
+
+
+@njit
+def _pushed(spring, ends, x):
+    if spring.bends and x > ends[0]:
+        return ends[1], 1
+    return spring.rate * spring.turns * x, ends[1]
+
+
+@njit
+def tuples(x, p):
+    """Keep tuples in one name, with and without names of their own."""
+    spring = _spring_of(p)
+    ends = (1, 2.5)
+    for k in range(3):
+        x[k], lost = _pushed(spring, ends, x[k])
+        ends = (lost + k, x[k])
+        if ends[0] > 4.0:
+            spring = _Spring(0.5 * spring.rate, 7, False)
+    x[3] = _pushed(spring, (x[0], x[1]), x[2])[1] + spring.turns
+
+
+def test_tuples_with_and_without_names_give_the_numbers_of_numba(tmp_path):
+    run = compiled(tmp_path, tuples, (Array(4), Array(3)))
+    for first in (0.2, 0.9, 1.1, 3.0):
+        for bends in (0.0, 1.0):
+            x, p = np.array([first, 0.4, 2.0, 0.0]), np.array([1.3, 2.0, bends])
+            ours, theirs = x.copy(), x.copy()
+            tuples(theirs, p)
+            run(ours, p)
+            np.testing.assert_array_equal(ours, theirs)
 
 
 def test_kernels_that_were_not_written_for_it_have_a_translation():

@@ -5,9 +5,7 @@
 import pytest
 
 from valve_twin.core.types import Estimate, EstimateStatus, ParameterStatus, ParameterValue
-from valve_twin.core.valves.kit import Valve
-from valve_twin.core.valves.positioner.model import PositionerModel
-from valve_twin.core.valves.press_cartridge.model import PressCartridgeModel
+from valve_twin.core.valves.kit import Lawful
 from valve_twin.core.valves.registry import get_model, model_names
 from valve_twin.gateway.fmu.valve import law_of, stored_estimate, valve_of
 from valve_twin.io.errors import FmuError
@@ -33,11 +31,13 @@ def record(cycle=3, samples=400, lost=0):
 def test_only_a_law_is_taken_and_the_line_names_those_that_are():
     for name in model_names():
         model = get_model(name)
-        if isinstance(model, Valve | PositionerModel | PressCartridgeModel):
+        if isinstance(model, Lawful):
             assert law_of(name).law is model.law
             continue
         with pytest.raises(FmuError, match=rf"'{name}' has no law of.* are: .*first_order"):
             law_of(name)
+    laws = {name for name in model_names() if isinstance(get_model(name), Lawful)}
+    assert {"first_order", "positioner", "press_cartridge", "stepper_servo"} <= laws
     with pytest.raises(FmuError, match=r"'first_ordr' is unknown.*first_order"):
         law_of("first_ordr")
 

@@ -80,7 +80,8 @@ def test_the_words_in_the_cells_of_a_table_are_translated():
     assert cell(made, german) == "stetig<small>60 Schätzungen</small>"
     assert cell("<b>due</b>", german) == "&lt;b&gt;due&lt;/b&gt;"
     assert cell("due", german) == "fällig"
-    assert cell("warning 0.5, in doubt", german) == "Warnung 0.5, im Zweifel"
+    assert cell("warning 0.5, warning in doubt", german) == "Warnung 0.5, Warnung ungewiss"
+    assert cell("warning 0.5", german) == "Warnung 0.5"
     said = "46 … 57, bends (power), 12 % before the next stop"
     assert cell(said, german) == "46 … 57, biegt sich (power), 12 % vor dem nächsten Halt"
     assert cell(said.replace(", bends (power)", ""), german).endswith(

@@ -339,6 +339,18 @@ def outlook(trend: Trend) -> Outlook:
     return Outlook.OPEN if np.isfinite(trend.remaining_low) else Outlook.FAR
 
 
+def describe_limit(trend: Trend) -> str:
+    """Return where the level stands to its two limits in words, empty where nothing is known.
+
+    Where it is not known beyond doubt, the limit that is in doubt is named: a life that is told
+    beside it counts to the service limit, the doubt is about the warning limit mostly.
+    """
+    if trend.limit_state or outlook(trend) in (Outlook.UNKNOWN, Outlook.NO_LIMIT):
+        return trend.limit_state.text
+    near = LimitState.ALARM if outlook(trend) is Outlook.REACHED else LimitState.WARNING
+    return f"{near.text} in doubt"
+
+
 def describe_remaining(trend: Trend) -> str:
     """Return what remains to the threshold in words."""
     unit = "hours" if trend.axis == "hours" else "cycles"

@@ -3,7 +3,7 @@
 """C from the compiled functions of a law: the restricted Python of a step, statement by statement.
 
 Translated are arithmetic, comparisons, conditions, loops over ranges, min, max, the functions of
-`math`, rows of doubles with their parts, tuples that a function returns and calls of other
+`math`, rows of doubles with their parts, tuples of numbers, NamedTuples too, and calls of other
 compiled functions. Anything else is refused with its file and line, never guessed. A division by
 0 gives inf or NaN as C does, where the compiled Python raises.
 """
@@ -28,7 +28,10 @@ from valve_twin.gateway.fmu.c_kinds import (
     Several,
     Value,
     join,
+    literal,
+    merged,
     refuse,
+    structs,
 )
 
 if TYPE_CHECKING:
@@ -78,7 +81,8 @@ class Translation:
     def text(self) -> str:
         """Return the C: helpers, then the functions."""
         heads = "#include <math.h>\n#include <stdlib.h>\n#include <string.h>\n"
-        return "\n".join([heads, HELPERS, *self._text])
+        made = "\n".join(self._text)
+        return "\n".join([heads, HELPERS, structs(made) + made])
 
     def _new_name(self, base: str) -> str:
         stem = f"law_{base.strip('_')}"
@@ -141,30 +145,22 @@ class _Function(Expressions):
         if self._made_again is not None and self._renamed:
             why = "makes a row anew in a loop that keeps rows by another name"
             raise self.refused(self._made_again, why)
-        struct, kind = "", "void"
+        kind = "void"
         if isinstance(self.returns, Several):
-            members = " ".join(f"{k} f{i};" for i, k in enumerate(self.returns.kinds))
-            kind = self._struct
-            struct = f"typedef struct {{ {members} }} {kind};\n"
+            kind = self.returns.struct
         elif isinstance(self.returns, str):
             kind = self.returns
         head = ", ".join(_declared(self._given[a], a) for a in self._arguments) or "void"
         own = [_declared(k, n) for n, k in self.kinds.items() if n not in self._given]
         own = [f"{d} = {_zero(d)};" for d in own]
         inside = "\n".join(f"    {line}" for line in (*own, *self._rooms, *lines))
-        return f"{struct}static {kind} {self._name}({head})\n{{\n{inside}\n}}\n"
-
-    @property
-    def _struct(self) -> str:
-        return f"{self._name}_result"
+        return f"static {kind} {self._name}({head})\n{{\n{inside}\n}}\n"
 
     def call_compiled(self, node: ast.Call, function: object, values: Sequence[Value]) -> Value:
         """Return the call of another compiled function."""
         written = self._whole.add(function, [v.kind for v in values])  # type: ignore[arg-type]
         code = f"{written.name}({', '.join(v.code for v in values)})"
         kind = written.returns
-        if isinstance(kind, Several):
-            kind = Several(kind.kinds, f"{written.name}_result")
         if kind is None:
             if not self.standing_alone(node):
                 raise self.refused(node, "returns nothing")
@@ -262,11 +258,8 @@ class _Function(Expressions):
             values = [self.value(v) for v in value.elts]
             lines = []
             for i, v in enumerate(values):
-                if isinstance(v.kind, Several):
-                    continue
                 t = self.fresh("t")
-                kind = "double *" if isinstance(v.kind, Array) else f"{v.kind} "
-                lines.append(f"{kind}{t} = {v.code};")
+                lines.append(f"{_type(v.kind)}{t} = {v.code};")
                 values[i] = Value(t, v.kind)
         else:
             whole = self.value(value)
@@ -283,14 +276,15 @@ class _Function(Expressions):
 
     def _put(self, s: ast.stmt, target: ast.expr, found: Value) -> list[str]:
         if isinstance(target, ast.Name):
-            if isinstance(found.kind, Several):
-                raise self.refused(s, "a tuple is kept in one name: give each value its own")
             if isinstance(found.kind, Array):
                 self._renamed |= self._loops > 0
-            return [f"{self.bind(s, target.id, found.kind)} = {found.code};"]
+            name = self.bind(s, target.id, found.kind)
+            return [f"{name} = {self._fitted(s, found, self.kinds[target.id])};"]
         if not isinstance(target, ast.Subscript):
             raise self.refused(s, "cannot be assigned in C")
         to = self.value(target)
+        if isinstance(found.kind, Several):
+            raise self.refused(s, "puts a tuple where a number belongs")
         if not isinstance(to.kind, Array):
             if not isinstance(found.kind, str):
                 raise self.refused(s, "puts a row where a number belongs")
@@ -306,25 +300,36 @@ class _Function(Expressions):
             f"for (long long {k} = 0; {k} < {to.kind.length}; {k}++) ({to.code})[{k}] = {t};",
         ]
 
+    def _fitted(self, s: ast.stmt, found: Value, kind: Kind) -> str:
+        """Return a value as what is kept in its place: of a tuple made here, its parts."""
+        if not isinstance(kind, Several) or not isinstance(found.kind, Several):
+            return found.code
+        if found.kind.struct != kind.struct and not found.parts:
+            raise self.refused(s, "is a tuple of other kinds of numbers than elsewhere")
+        return literal(kind, found.parts) if found.parts else found.code
+
     def _return(self, s: ast.Return) -> list[str]:
         if s.value is None:
             return ["return;"]
-        if isinstance(s.value, ast.Tuple):
-            values = [self.value(v) for v in s.value.elts]
-            kinds = [v.kind for v in values if isinstance(v.kind, str)]
-            if len(kinds) != len(values):
-                raise self.refused(s, "returns a row")
-            old = self.returns.kinds if isinstance(self.returns, Several) else kinds
-            if len(old) != len(kinds) or isinstance(self.returns, str):
-                raise self.refused(s, "returns another number of values than elsewhere")
-            self.returns = Several(tuple(join(pair) for pair in zip(old, kinds, strict=True)))
-            return [f"return ({self._struct}){{{', '.join(v.code for v in values)}}};"]
         found = self.value(s.value)
+        if isinstance(found.kind, Several):
+            old = found.kind if self.returns is None else self.returns
+            kind = merged(old, found.kind) if isinstance(old, Several) else None
+            if kind is None:
+                raise self.refused(s, "returns another number of values than elsewhere")
+            self.returns = kind
+            return [f"return {self._fitted(s, found, kind)};"]
         if not isinstance(found.kind, str) or isinstance(self.returns, Several):
             raise self.refused(s, "returns a row, or a tuple here and a number there")
         before = self.returns if isinstance(self.returns, str) else found.kind
         self.returns = join([found.kind, before])
         return [f"return {found.code};"]
+
+
+def _type(kind: Kind) -> str:
+    if isinstance(kind, Array):
+        return "double *"
+    return f"{kind.struct if isinstance(kind, Several) else kind} "
 
 
 def _read(target: ast.expr) -> ast.expr:
@@ -333,8 +338,10 @@ def _read(target: ast.expr) -> ast.expr:
 
 
 def _declared(kind: Kind, name: str) -> str:
-    return f"double *v_{name}" if isinstance(kind, Array) else f"{kind} v_{name}"
+    return f"{_type(kind)}v_{name}"
 
 
 def _zero(declared: str) -> str:
+    if declared.startswith("vt_t_"):
+        return "{0}"
     return "0.0" if declared.startswith(f"{DOUBLE} v_") else "0"

@@ -23,8 +23,10 @@ from valve_twin.gateway.fmu.c_kinds import (
     Several,
     Value,
     join,
+    merged,
     number,
     refuse,
+    several,
 )
 
 if TYPE_CHECKING:
@@ -105,6 +107,8 @@ class Expressions:
         old = self.kinds.get(name, kind)
         if isinstance(old, str) and isinstance(kind, str):
             self.kinds[name] = join([old, kind])
+        elif isinstance(old, Several) and isinstance(kind, Several) and (m := merged(old, kind)):
+            self.kinds[name] = m
         elif old != kind:
             raise self.refused(node, f"{name} is a row here and something else elsewhere")
         else:
@@ -116,6 +120,8 @@ class Expressions:
         found = self.value(node)
         if not isinstance(found.kind, str):
             raise self.refused(node, "is no number: its truth is not known in C")
+        if isinstance(node, (ast.Compare, ast.BoolOp)):
+            return found.code[1:-1]  # without its parentheses, of which a compiler would warn
         return found.code if found.kind == BOOL else f"{found.code} != 0"
 
     def value(self, node: ast.expr) -> Value:  # noqa: PLR0911  one a kind of expression
@@ -125,6 +131,14 @@ class Expressions:
                 return number(given)
             case ast.Name(id=name) if name in self.kinds:
                 return Value(f"v_{name}", self.kinds[name])
+            case ast.Tuple(elts=parts):
+                return several([self.plain(part) for part in parts])
+            case ast.Attribute(value=ast.Name(id=name), attr=member) if name in self.kinds:
+                kind = self.kinds[name]
+                if not isinstance(kind, Several) or member not in kind.names:
+                    raise self.refused(node, "is no member of a NamedTuple")
+                k = kind.names.index(member)
+                return Value(f"v_{name}.f{k}", kind.kinds[k])
             case ast.Name() | ast.Attribute():
                 return self._known(node)
             case ast.BinOp():
@@ -293,6 +307,10 @@ class Expressions:
         if isinstance(found, Dispatcher):
             return self.call_compiled(node, found, [self.value(a) for a in node.args])
         values = [self.plain(a) for a in node.args]
+        if isinstance(found, type) and issubclass(found, tuple) and hasattr(found, "_fields"):
+            if len(values) != len(found._fields):
+                raise self.refused(node, f"needs {len(found._fields)} numbers")
+            return several(values, found._fields)
         codes = [v.code for v in values]
         kinds = [str(v.kind) for v in values]
         if (found is min or found is max) and len(values) > 1:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import ast
 import math
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 BOOL, LONG, DOUBLE = "int", "long long", "double"
 _ORDER = (BOOL, LONG, DOUBLE)
+_LETTERS = {BOOL: "b", LONG: "l", DOUBLE: "d"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,10 +31,15 @@ class Array:
 
 @dataclass(frozen=True, slots=True)
 class Several:
-    """What a function returns as a tuple: a struct with the members f0, f1 ..."""
+    """A tuple of numbers, with `names` where it is a NamedTuple: a struct, members f0, f1 ..."""
 
     kinds: tuple[str, ...]
-    struct: str = ""
+    names: tuple[str, ...] = ()
+
+    @property
+    def struct(self) -> str:
+        """Its type in C, which says what its members are."""
+        return "vt_t_" + "".join(_LETTERS[kind] for kind in self.kinds)
 
 
 Kind: TypeAlias = "str | Array | Several"
@@ -40,11 +47,15 @@ Kind: TypeAlias = "str | Array | Several"
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """An expression in C and its kind; `constant` where it is known now."""
+    """An expression in C and its kind.
+
+    `constant` where it is known now, `parts` where it is a tuple made here.
+    """
 
     code: str
     kind: Kind
     constant: int | float | None = None
+    parts: tuple[str, ...] = ()
 
 
 _SAME = (
@@ -92,6 +103,37 @@ def refuse(where: tuple[str, int], node: ast.AST | None, why: str) -> FmuError:
 def join(kinds: Sequence[str]) -> str:
     """Return the kind that holds values of all these kinds."""
     return max(kinds, key=_ORDER.index)
+
+
+def merged(one: Several, other: Several) -> Several | None:
+    """Return the tuple that holds either; None where there is none."""
+    if len(one.kinds) != len(other.kinds):
+        return None
+    kinds = tuple(join(pair) for pair in zip(one.kinds, other.kinds, strict=True))
+    return Several(kinds, one.names or other.names)
+
+
+def several(parts: Sequence[Value], names: tuple[str, ...] = ()) -> Value:
+    """Return a tuple of numbers that is made here."""
+    kind = Several(tuple(str(part.kind) for part in parts), names)
+    codes = tuple(part.code for part in parts)
+    return Value(literal(kind, codes), kind, None, codes)
+
+
+def literal(kind: Several, parts: Sequence[str]) -> str:
+    """Return a tuple in C."""
+    return f"({kind.struct}){{{', '.join(parts)}}}"
+
+
+def structs(text: str) -> str:
+    """Return the types of the tuples that occur in some C."""
+    kinds = {letter: kind for kind, letter in _LETTERS.items()}
+    found = sorted(set(re.findall(r"\bvt_t_([bld]+)\b", text)))
+    members = (" ".join(f"{kinds[c]} f{i};" for i, c in enumerate(letters)) for letters in found)
+    return "".join(
+        f"typedef struct {{ {inside} }} vt_t_{letters};\n"
+        for letters, inside in zip(found, members, strict=True)
+    )
 
 
 def number(value: float) -> Value:

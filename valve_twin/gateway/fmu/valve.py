@@ -9,12 +9,12 @@ import uuid
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from math import isfinite
-from typing import TYPE_CHECKING, Protocol, cast
+from typing import TYPE_CHECKING
 
 from valve_twin import __version__
 from valve_twin.core.quantity import suggest
 from valve_twin.core.types import EstimateStatus, ParameterStatus
-from valve_twin.core.valves.kit import Valve
+from valve_twin.core.valves.kit import Lawful
 from valve_twin.core.valves.registry import get_model, model_names
 from valve_twin.gateway.fmu.c_code import Translation
 from valve_twin.gateway.fmu.c_kinds import DOUBLE, Array, number
@@ -100,19 +100,6 @@ class FmuValve:
         return (*self.inputs, *ends, *self.states, self.delay)
 
 
-class Lawful(Protocol):
-    """A model whose motion is a law: a step of one sample, with parameters."""
-
-    inputs: tuple[str, ...]
-    output: str
-    normalised: bool
-    trend_estimator: str
-
-    @property
-    def law(self) -> Law:
-        """The law."""
-
-
 def law_of(model: str) -> Lawful:
     """Return a valve that has a law.
 
@@ -126,19 +113,14 @@ def law_of(model: str) -> Lawful:
     except ValueError as err:
         msg = f"model {err}"
         raise FmuError(msg) from err
-    if _has_law(found):
-        return cast("Lawful", found)
-    fit = [n for n in model_names() if _has_law(get_model(n))]
+    if isinstance(found, Lawful):
+        return found
+    fit = [n for n in model_names() if isinstance(get_model(n), Lawful)]
     msg = (
         f"model '{model}' has no law of one sample (core/valves/kit), nothing to translate "
         f"into C; those that are: {', '.join(fit)}, and every valve that a package adds by the kit"
     )
     raise FmuError(msg)
-
-
-def _has_law(model: object) -> bool:
-    """Return whether an estimate gives all numbers of the law, or the model says the others."""
-    return isinstance(model, Valve) or hasattr(model, "law_values")
 
 
 def stored_estimate(history: History, valve: str, cycle: int) -> tuple[Estimate, CycleRecord]:
@@ -214,7 +196,7 @@ def valve_of(
     period = period_s or _period(record)
     taken = _taken(valve, estimate, period)
     parameters = tuple(_parameter(p, estimate, taken) for p in law.parameters)
-    found = _lag(valve, estimate)
+    found = valve.law_lag(_known(estimate), estimate.lag, period)
     lag = max(found, 1)
     least = "" if found else " (found 0: held inputs act one sample later at the earliest)"
     unit = "1" if valve.normalised else ""
@@ -274,21 +256,11 @@ def _period(record: CycleRecord) -> float:
 
 def _taken(valve: Lawful, estimate: Estimate, period_s: float) -> Mapping[str, float]:
     """Return what the valve's prediction takes for parameters that a cycle does not show."""
-    values_of = getattr(valve, "law_values", None)
-    if values_of is None:
-        return {}
     try:
-        found: Mapping[str, float] = values_of(_known(estimate), period_s)
+        return valve.law_values(_known(estimate), period_s)
     except ValueError as err:
         msg = f"cycle {estimate.cycle}: {err}; a valve without these options can be exported"
         raise FmuError(msg) from err
-    return found
-
-
-def _lag(valve: Lawful, estimate: Estimate) -> int:
-    """Return after how many whole samples an input acts, as the prediction takes it [samples]."""
-    lag_of = getattr(valve, "law_lag", None)
-    return estimate.lag if lag_of is None else int(lag_of(_known(estimate), estimate.lag))
 
 
 def _known(estimate: Estimate) -> dict[str, float]:

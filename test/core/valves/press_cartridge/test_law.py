@@ -52,7 +52,7 @@ def test_the_law_is_the_free_run_of_the_prediction(delay):
     model = PressCartridgeModel(options=OPTIONS)
     taken = {**model.law_values(values, PERIOD_S), **values}
     p = np.array([taken[q.name] for q in LAW.parameters])
-    lag, x, found = model.law_lag(values, 0), np.zeros(LAW.states), np.zeros(len(inputs))
+    lag, x, found = model.law_lag(values, 0, PERIOD_S), np.zeros(LAW.states), np.zeros(len(inputs))
     assert lag == int(delay)
     for n in range(lag, len(inputs)):
         LAW.step(x, inputs[n - lag], p, PERIOD_S)
@@ -65,6 +65,6 @@ def test_the_law_is_the_free_run_of_the_prediction(delay):
 def test_a_delay_below_a_sample_is_one_sample_of_the_law():
     model = PressCartridgeModel()
     for delay in (0.0, 0.4):
-        assert model.law_lag({"delay": delay}, 3) == 0
+        assert model.law_lag({"delay": delay}, 3, PERIOD_S) == 0
         assert model.law_values({"delay": delay}, PERIOD_S)["delay_part"] == 0.0
-    assert model.law_lag({}, 3) == 3
+    assert model.law_lag({}, 3, PERIOD_S) == 3

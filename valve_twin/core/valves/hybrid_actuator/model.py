@@ -28,6 +28,7 @@ from valve_twin.core.valves.hybrid_actuator.flight import (
     find_strokes,
     fit_flights,
 )
+from valve_twin.core.valves.hybrid_actuator.law import AsLaw
 from valve_twin.core.valves.hybrid_actuator.parameters import (
     ESTIMATOR,
     NAMES,
@@ -76,7 +77,7 @@ _FEWEST = 50  # fewest usable samples of a cycle, assumed
 
 
 @dataclass(frozen=True, slots=True)
-class HybridActuatorModel(CompiledModel):
+class HybridActuatorModel(AsLaw, CompiledModel):
     """Implements `ValveModel` for two solenoids, their currents and one armature."""
 
     name: str = "hybrid_actuator"

@@ -30,7 +30,7 @@ STATE_SIZE = state_size(_RUN, 2)
 
 _MASS, _SPRING, _DAMPING, _TRAVEL, _RESIDUAL_GAP, _RESTITUTION, _GAS_FORCE, _GAS_LENGTH = range(8)
 _KERNEL, _BETA, _KAPPA, _SATURATION_FLUX, _C1, _C2, _C3 = range(8, 15)
-_MAGNET_FORCE, _MAGNET_LENGTH, _COUPLING, _CURRENT_SCALE, _PERIOD, _COULOMB = range(15, 21)
+_MAGNET_FORCE, _MAGNET_LENGTH, _COUPLING, _COULOMB, CURRENT_SCALE, _PERIOD = range(15, 21)
 N_COEFFICIENTS = 21
 
 _SUBSTEPS = 4
@@ -51,7 +51,7 @@ def coefficients(
         Full scale of the current signals [A] and sampling time [s].
     """
     moving = (a.mass, a.spring, a.damping, a.travel, a.residual_gap, a.restitution)
-    gas, last = (a.gas_force, a.gas_length), (current_scale, period_s, a.coulomb)
+    gas, last = (a.gas_force, a.gas_length), (a.coulomb, current_scale, period_s)
     return np.array([*moving, *gas, *solenoid, *last])
 
 
@@ -63,7 +63,7 @@ def _seated(a: Armature, m: Magnetics, x: float, v: float, i_o: float, i_c: floa
 
 
 @njit(cache=True)
-def _move(
+def move(
     a: Armature,
     m: Magnetics,
     x: float,
@@ -72,7 +72,19 @@ def _move(
     then: tuple[float, float],
     period: float,
 ) -> tuple[float, float]:
-    """Return position and speed a sample later, seats included; currents are straight lines."""
+    """Return position and speed a sample later, seats included; currents are straight lines.
+
+    Parameters
+    ----------
+    a, m : Armature, Magnetics
+        The model in force.
+    x, v : float
+        Position, 0 = middle [m], and speed [m/s].
+    now, then : tuple of float
+        Currents in opener and closer at the beginning and the end [A].
+    period : float
+        Sampling time [s].
+    """
     h = period / _SUBSTEPS
     for k in range(_SUBSTEPS):
         s, e = k / _SUBSTEPS, (k + 1) / _SUBSTEPS
@@ -99,16 +111,26 @@ class _Numbers(NamedTuple):
 
 
 @njit(cache=True)
-def _numbers(c: FloatArray) -> _Numbers:
-    armature = Armature(
+def armature_of(c: FloatArray) -> Armature:
+    """Return the moving parts of coefficients (N_COEFFICIENTS,)."""
+    return Armature(
         c[_MASS], c[_SPRING], c[_DAMPING], c[_TRAVEL], c[_RESIDUAL_GAP], c[_RESTITUTION],
         c[_GAS_FORCE], c[_GAS_LENGTH], 1.0, 1.0, True, c[_COULOMB],
     )  # fmt: skip
-    solenoid = Magnetics(
+
+
+@njit(cache=True)
+def solenoid_of(c: FloatArray) -> Magnetics:
+    """Return either solenoid of coefficients (N_COEFFICIENTS,)."""
+    return Magnetics(
         int(c[_KERNEL]), c[_BETA], c[_KAPPA], c[_SATURATION_FLUX], c[_C1], c[_C2], c[_C3],
         c[_MAGNET_FORCE], c[_MAGNET_LENGTH], c[_COUPLING],
     )  # fmt: skip
-    return _Numbers(armature, solenoid, c[_CURRENT_SCALE], c[_PERIOD])
+
+
+@njit(cache=True)
+def _numbers(c: FloatArray) -> _Numbers:
+    return _Numbers(armature_of(c), solenoid_of(c), c[CURRENT_SCALE], c[_PERIOD])
 
 
 @per_sample
@@ -124,13 +146,28 @@ def _advance(
         return Validity.STARTING
     seated = _seated(a, coils, followed[_X], followed[_V], now[0], now[1])
     for run in (followed, free):
-        run[_X], run[_V] = _move(a, coils, run[_X], run[_V], now, then, m.period_s)
+        run[_X], run[_V] = move(a, coils, run[_X], run[_V], now, then, m.period_s)
     return Validity.AT_SEAT if seated else Validity.VALID
+
+
+@njit(cache=True)
+def begun(position: float, travel: float) -> float:
+    """Return where a run from a position [1] begins [m]: near a seat, on it."""
+    x = (2.0 * position - 1.0) * travel
+    if abs(x) > 0.98 * travel:
+        return travel if x > 0.0 else -travel
+    return x
+
+
+@njit(cache=True)
+def shown_position(x: float, travel: float) -> float:
+    """Return the position that is measured [1] of one in [m]."""
+    return 0.5 * (x / travel + 1.0)
 
 
 @per_sample
 def _shown(m: _Numbers, value: float) -> float:
-    return float(0.5 * (value / m.armature.travel + 1.0))
+    return float(shown_position(value, m.armature.travel))
 
 
 @per_sample
@@ -141,9 +178,7 @@ def _follow(
     travel = m.armature.travel
     x = (2.0 * position - 1.0) * travel
     if code == Validity.STARTING:
-        followed[_X], followed[_V] = min(max(x, -travel), travel), 0.0
-        if abs(x) > 0.98 * travel:
-            followed[_X] = travel if x > 0.0 else -travel
+        followed[_X], followed[_V] = begun(position, travel), 0.0
         return code
     off = x - followed[_X]
     resting = abs(followed[_X]) >= travel and followed[_V] == 0.0

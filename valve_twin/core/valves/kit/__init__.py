@@ -6,8 +6,8 @@ A new valve is one file: a compiled `step`, its `parameter`s and a program of co
 `core/valves/first_order.py` and docs/developers/add_a_valve.md.
 """
 
-from valve_twin.core.valves.kit.law import Law, LawParameter, parameter
+from valve_twin.core.valves.kit.law import Law, Lawful, LawParameter, parameter
 from valve_twin.core.valves.kit.plant import Program, steps
 from valve_twin.core.valves.kit.valve import Valve
 
-__all__ = ["Law", "LawParameter", "Program", "Valve", "parameter", "steps"]
+__all__ = ["Law", "LawParameter", "Lawful", "Program", "Valve", "parameter", "steps"]

@@ -16,7 +16,7 @@ from valve_twin.core.valves.kit.bind import bind
 from valve_twin.core.valves.kit.prediction import predictor
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping, Sequence
 
     from valve_twin.core.types import FloatArray
     from valve_twin.core.valves.kit.bind import Loop
@@ -76,6 +76,22 @@ def parameter(
         )
         raise ValueError(message)
     return LawParameter(Parameter(name, unit, text, lower, upper, trend), float(value))
+
+
+def published(
+    known: Sequence[Parameter], name: str, value: float, *, lower: float, upper: float
+) -> LawParameter:
+    """Declare a parameter of a law that an estimate gives, as it is published.
+
+    Parameters
+    ----------
+    known : sequence of Parameter
+        What the model publishes.
+    name, value, lower, upper : str, float, float, float
+        As of `parameter`.
+    """
+    (found,) = (p for p in known if p.name == name)
+    return parameter(name, value, found.unit, found.description, lower=lower, upper=upper)
 
 
 @dataclass(frozen=True)
@@ -143,3 +159,55 @@ class Law:
             step=self.step,
             rest=rest,
         )
+
+
+class Lawful:
+    """A model whose motion is a law of one sample: what runs the law alone has to know of it.
+
+    Attributes
+    ----------
+    inputs, output, normalised, trend_estimator : tuple of str, str, bool, str
+        As of `ValveModel`.
+    law : Law
+        The law; its parameters are those of the trend's estimator, or `law_values` gives them.
+    """
+
+    __slots__ = ()
+    inputs: tuple[str, ...]
+    output: str
+    normalised: bool
+    trend_estimator: str
+    law: Law
+
+    def law_lag(self, values: Mapping[str, float], lag: int, period_s: float) -> int:
+        """Return after how many whole samples an input acts, as the prediction takes it.
+
+        Parameters
+        ----------
+        values : mapping
+            Known parameters by name [unit of each].
+        lag : int
+            What the scan found [samples].
+        period_s : float
+            Sampling time [s].
+        """
+        del values, period_s
+        return lag
+
+    def law_values(self, values: Mapping[str, float], period_s: float) -> Mapping[str, float]:
+        """Return what the prediction takes for parameters of the law that a cycle does not show.
+
+        Parameters
+        ----------
+        values : mapping
+            Known ones by name [unit of each].
+        period_s : float
+            Sampling time [s].
+
+        Raises
+        ------
+        ValueError
+            If the law does not hold for them.
+        """
+        del values, period_s
+        return {}

@@ -15,6 +15,7 @@ from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import Estimate, EstimateStatus, ParameterStatus, ParameterValue
 from valve_twin.core.valves.kit.compiled import CompiledModel
 from valve_twin.core.valves.kit.fit import fit_free_run
+from valve_twin.core.valves.kit.law import Law, Lawful
 from valve_twin.core.valves.kit.loops import MAX_LAG, memory_size
 from valve_twin.core.valves.kit.outcome import (
     Evidence,
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
     from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.types import Cycle, FloatArray, Parameter
     from valve_twin.core.valves.kit.fit import Fit
-    from valve_twin.core.valves.kit.law import Law
     from valve_twin.core.valves.kit.plant import Program
     from valve_twin.core.valves.kit.record import Record
 
@@ -56,7 +56,7 @@ class LawOptions:
 
 
 @dataclass(frozen=True)
-class Valve(CompiledModel):
+class Valve(Lawful, CompiledModel):
     """A valve from a law of motion and a program of commands.
 
     Attributes

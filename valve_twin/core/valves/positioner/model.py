@@ -18,6 +18,7 @@ from valve_twin.core.estimation.cycle.plausibility import (
 )
 from valve_twin.core.valves.kit.compiled import CompiledModel
 from valve_twin.core.valves.kit.intervals import block_errors
+from valve_twin.core.valves.kit.law import Law, Lawful
 from valve_twin.core.valves.kit.moved import with_tolerances
 from valve_twin.core.valves.kit.prediction import state_size
 from valve_twin.core.valves.positioner.check import doubted, rivals_of
@@ -56,7 +57,6 @@ if TYPE_CHECKING:
         FloatArray,
         Parameter,
     )
-    from valve_twin.core.valves.kit.law import Law
     from valve_twin.core.valves.positioner.fit import Record, Solution
     from valve_twin.core.valves.positioner.record import Prepared
     from valve_twin.core.valves.positioner.structure import Structure
@@ -66,7 +66,7 @@ N_PLAIN = 9
 
 
 @dataclass(frozen=True, slots=True)
-class PositionerModel(CompiledModel):
+class PositionerModel(Lawful, CompiledModel):
     """Implements `ValveModel` for one command and one position."""
 
     name: str = "positioner"

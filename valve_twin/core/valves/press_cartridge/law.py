@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numba import njit
 
-from valve_twin.core.valves.kit.law import Law, parameter
+from valve_twin.core.valves.kit.law import Law, Lawful, parameter, published
 from valve_twin.core.valves.press_cartridge.parameters import PARAMETERS
 from valve_twin.core.valves.press_cartridge.predictor import (
     COEFFICIENTS,
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from valve_twin.core.types import FloatArray
-    from valve_twin.core.valves.kit.law import LawParameter
     from valve_twin.core.valves.press_cartridge.parameters import PressCartridgeOptions
 
 _gains = njit(cache=True)(write_gains)
@@ -53,19 +52,13 @@ def step(x: FloatArray, u: FloatArray, p: FloatArray, period_s: float) -> None:
     x[2], x[3] = v_in, v_out
 
 
-def _published(name: str, value: float, lower: float, upper: float) -> LawParameter:
-    """Return a parameter of the law that an estimate gives."""
-    (known,) = (p for p in PARAMETERS if p.name == name)
-    return parameter(name, value, known.unit, known.description, lower=lower, upper=upper)
-
-
 LAW = Law(
     step=step,
     states=4,
     parameters=(
         *(
-            _published(name, *value_and_bounds)
-            for name, value_and_bounds in zip(
+            published(PARAMETERS, name, value, lower=lower, upper=upper)
+            for name, (value, lower, upper) in zip(
                 GAINS,
                 (
                     (0.5, 0.0, 1.0),
@@ -104,35 +97,20 @@ def delay_of(values: Mapping[str, float], lag: float) -> float:
     return min(max(values.get("delay", lag), 0.0), MAX_LAG)
 
 
-class AsLaw:
+class AsLaw(Lawful):
     """What of the model makes it one by a law."""
 
     __slots__ = ()
     options: PressCartridgeOptions
     law = LAW
 
-    def law_lag(self, values: Mapping[str, float], lag: int) -> int:
-        """Return the whole samples of the delay that the law runs behind.
-
-        Parameters
-        ----------
-        values : mapping
-            Known parameters by name [unit of each].
-        lag : int
-            What the scan found, where the delay is not known [samples].
-        """
+    def law_lag(self, values: Mapping[str, float], lag: int, period_s: float) -> int:
+        """Return the whole samples of the delay, as `Lawful.law_lag`."""
+        del period_s
         return int(delay_of(values, lag))
 
     def law_values(self, values: Mapping[str, float], period_s: float) -> Mapping[str, float]:
-        """Return what the prediction takes for the parameters of the law.
-
-        Parameters
-        ----------
-        values : mapping
-            Known ones by name [unit of each].
-        period_s : float
-            Sampling time [s].
-        """
+        """Return the delay's rest, seats and offsets, as `Lawful.law_values`."""
         delay, options = delay_of(values, 0), self.options
         return {
             **{name: value for name, value in GAINS.items() if np.isfinite(value)},

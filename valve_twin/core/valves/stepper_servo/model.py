@@ -22,6 +22,7 @@ from valve_twin.core.valves.kit.compiled import CompiledModel
 from valve_twin.core.valves.kit.moved import with_tolerances
 from valve_twin.core.valves.kit.outcome import Evidence, conclude, refuse, unexcited, withheld
 from valve_twin.core.valves.stepper_servo.fit import end_offset
+from valve_twin.core.valves.stepper_servo.law import AsLaw, delay_of
 from valve_twin.core.valves.stepper_servo.outcome import Settings, mechanics, wiener
 from valve_twin.core.valves.stepper_servo.parameters import (
     FITS,
@@ -82,7 +83,7 @@ twice to four times how they scatter in 200 cycles in which the backlash grows (
 
 
 @dataclass(frozen=True, slots=True)
-class StepperServoModel(CompiledModel):
+class StepperServoModel(AsLaw, CompiledModel):
     """Implements `ValveModel` for the stepper-driven servo-valve of paper 004."""
 
     name: str = "stepper_servo"
@@ -178,10 +179,9 @@ class StepperServoModel(CompiledModel):
             c[1:11] = project_stable(theta, structure)
             c[13] = values.get("offset", 0.0)
             return c
-        delay = values.get("delay", 0.0) / period_s
         c[1] = values.get("backlash", np.nan)
         c[2] = values.get("offset", np.nan)
-        c[3] = min(max(delay, 0.0), MAX_LAG)
+        c[3] = delay_of(values, period_s)
         return c
 
     def strangers(self) -> Mapping[str, Mapping[str, object]]:
