@@ -5,7 +5,7 @@
 No wheel carries the nodeset, so the types are built here with the names and numbers of the
 standard: a client that knows DI finds DeviceSet, DeviceType, DeviceHealth and ParameterSet where
 they belong. The rest of DI is not there (`IsNamespaceSubset` says so): no topology, no locks, no
-transfer, no software update and no alarms, which would need methods.
+transfer, no software update, and of the alarms (`alarms`) no methods.
 """
 
 from __future__ import annotations
@@ -32,6 +32,15 @@ HEALTH = {
 }
 """DeviceHealthEnumeration by the state of NE 107."""
 
+ALARMS = {
+    Ne107.FAILURE: ("FailureAlarmType", 15292),
+    Ne107.CHECK_FUNCTION: ("CheckFunctionAlarmType", 15441),
+    Ne107.OUT_OF_SPECIFICATION: ("OffSpecAlarmType", 15590),
+    Ne107.MAINTENANCE_REQUIRED: ("MaintenanceRequiredAlarmType", 15739),
+}
+"""Types of alarms by the state of NE 107, with their numbers in DI."""
+
+_HEALTH_ALARM = 15143
 _HEALTH_NAMES = ("NORMAL", "FAILURE", "CHECK_FUNCTION", "OFF_SPEC", "MAINTENANCE_REQUIRED")
 
 _TOPOLOGY_ELEMENT, _DEVICE, _FUNCTIONAL_GROUP, _COMPONENT = 1001, 1002, 1005, 15063
@@ -127,6 +136,11 @@ class DeviceModel:
             ua.QualifiedName("EnumStrings"),
             ua.Variant(texts, ua.VariantType.LocalizedText),
         )
+        kind = ua.NodeId(Ids.InstrumentDiagnosticAlarmType)
+        name = self.name("DeviceHealthDiagnosticAlarmType")
+        alarm = build.add_type(kind, self.node(_HEALTH_ALARM), name)
+        for text, number in ALARMS.values():
+            build.add_type(alarm, self.node(number), self.name(text))
         build.add_object(ua.NodeId(Ids.ObjectsFolder), self.device_set, self.name("DeviceSet"))
         self._add_metadata(build)
 

@@ -18,6 +18,7 @@ from valve_twin import __version__
 from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.gateway.opcua import devices
 from valve_twin.gateway.opcua.access import APPLICATION
+from valve_twin.gateway.opcua.alarms import tell_health
 from valve_twin.gateway.opcua.nodes import Builder, Ids
 from valve_twin.gateway.opcua.valve_nodes import ValveNodes, stamp
 from valve_twin.gateway.plain import plain_valve
@@ -253,8 +254,11 @@ class OpcUaFace:
         now = plain["verdict"], plain["ne107"]
         before = self._said.get(valve)
         self._said[valve] = now
-        if before in {None, now}:
+        if before is None or before == now:
             return
+        text = f"{valve}: {plain['verdict']} ({plain['ne107']}): {plain['evidence']}"
+        states = Ne107(before[1]), Ne107(plain["ne107"])
+        await tell_health(server, self._valves[valve][0], *states, text)
         device = self._valves[valve][0].device
         generator = await server.get_event_generator(self._event, emitting_node=device)
         event = generator.event
@@ -262,7 +266,6 @@ class OpcUaFace:
         for name, key in _EVENT_FIELDS.items():
             setattr(event, name, plain[key])
         event.Cycle = plain["cycle"]
-        text = f"{valve}: {plain['verdict']} ({plain['ne107']}): {plain['evidence']}"
         await generator.trigger(message=text)
 
     def _let_go(self, server: Server) -> None:

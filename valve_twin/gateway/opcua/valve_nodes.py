@@ -53,6 +53,14 @@ VALUES = {
     "HoursOpen": ("hours_open", _V.Double, "Time open [h]"),
     "HoursClosed": ("hours_closed", _V.Double, "Time closed [h]"),
     "HoursNearClosed": ("hours_near_closed", _V.Double, "Open by less than a tenth [h]"),
+    "StrokeTest": ("stroke_test", _V.String, "Last stroke test: pass or fail, empty = none"),
+    "StrokeTestTime": ("stroke_test_ns", _V.DateTime, "When it began"),
+    "StrokeTestDaysSince": ("stroke_days_since", _V.Double, "Days since it [d]"),
+    "StrokeTestDaysUntil": (
+        "stroke_days_until",
+        _V.Double,
+        "Days until the next one, below 0 = overdue [d]",
+    ),
     "OpenEvents": ("open_events", _V.Int64, "Entries of the event log nobody acknowledged"),
 }
 """Key in the JSON, type and text of the variables of a device, by name."""

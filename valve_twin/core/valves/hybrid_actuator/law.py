@@ -40,7 +40,19 @@ _NAMES = ("mass", "spring_rate", "damping", "half_travel", "residual_gap", "rest
 
 @njit(cache=True)
 def step(x: FloatArray, u: FloatArray, p: FloatArray, period_s: float) -> None:
-    """Advance the state x (5,) under inputs u (4,) [1] at its end, as `Law` says."""
+    """Advance the state, as `Law.step`.
+
+    Parameters
+    ----------
+    x : (5,) array
+        Position as measured [1], position [m], speed [m/s] and last currents [A], in place.
+    u : (4,) array
+        Voltages and currents of opener and closer at the end of the sample [1].
+    p : (20,) array
+        In the order of `LAW.parameters`.
+    period_s : float
+        Sampling time [s].
+    """
     a = armature_of(p)
     m = solenoid_of(p)
     now = (x[3], x[4])
@@ -52,7 +64,13 @@ def step(x: FloatArray, u: FloatArray, p: FloatArray, period_s: float) -> None:
 
 @njit(cache=True)
 def rest(x: FloatArray, u: FloatArray, p: FloatArray) -> None:
-    """Let the armature stand where it is, under the present currents."""
+    """Let the armature stand where it is, under the present currents, as `Law.rest`.
+
+    Parameters
+    ----------
+    x, u, p : (5,), (4,), (20,) arrays
+        As of `step`.
+    """
     a = armature_of(p)
     x[1], x[2] = begun(x[0], a.travel), 0.0
     x[3], x[4] = u[2] * p[CURRENT_SCALE], u[3] * p[CURRENT_SCALE]
@@ -88,12 +106,35 @@ class AsLaw(Lawful):
     law = LAW
 
     def law_lag(self, values: Mapping[str, float], lag: int, period_s: float) -> int:
-        """Return 0: the currents of a sample move the armature up to it."""
+        """Return 0: the currents of a sample move the armature up to it.
+
+        Parameters
+        ----------
+        values : mapping
+            Known parameters by name [unit of each].
+        lag : int
+            What the scan found [samples].
+        period_s : float
+            Sampling time [s].
+        """
         del values, lag, period_s
         return 0
 
     def law_values(self, values: Mapping[str, float], period_s: float) -> Mapping[str, float]:
-        """Return the data sheet and what is not estimated, as `Lawful.law_values`."""
+        """Return the data sheet and what is not estimated, as `Lawful.law_values`.
+
+        Parameters
+        ----------
+        values : mapping
+            Known ones by name [unit of each].
+        period_s : float
+            Sampling time [s].
+
+        Raises
+        ------
+        ValueError
+            If these numbers cannot be used together.
+        """
         options = self.options
         if refusal := refusal_of(options):
             raise ValueError(refusal)

@@ -105,12 +105,30 @@ class AsLaw(Lawful):
     law = LAW
 
     def law_lag(self, values: Mapping[str, float], lag: int, period_s: float) -> int:
-        """Return the whole samples of the delay, as `Lawful.law_lag`."""
+        """Return the whole samples of the delay, as `Lawful.law_lag`.
+
+        Parameters
+        ----------
+        values : mapping
+            Known parameters by name [unit of each].
+        lag : int
+            What the scan found [samples].
+        period_s : float
+            Sampling time [s].
+        """
         del period_s
         return int(delay_of(values, lag))
 
     def law_values(self, values: Mapping[str, float], period_s: float) -> Mapping[str, float]:
-        """Return the delay's rest, seats and offsets, as `Lawful.law_values`."""
+        """Return the delay's rest, seats and offsets, as `Lawful.law_values`.
+
+        Parameters
+        ----------
+        values : mapping
+            Known ones by name [unit of each].
+        period_s : float
+            Sampling time [s].
+        """
         delay, options = delay_of(values, 0), self.options
         return {
             **{name: value for name, value in GAINS.items() if np.isfinite(value)},

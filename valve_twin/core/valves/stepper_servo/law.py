@@ -25,7 +25,19 @@ if TYPE_CHECKING:
 
 @njit(cache=True)
 def step(x: FloatArray, u: FloatArray, p: FloatArray, period_s: float) -> None:
-    """Advance the state x (2,) [1] under held inputs u (2,) [1], as `Law` says."""
+    """Advance the state, as `Law.step`.
+
+    Parameters
+    ----------
+    x : (2,) array
+        Position and last motor position, written in place [1].
+    u : (2,) array
+        Counted motor position and flow, held [1].
+    p : (3,) array
+        In the order of `LAW.parameters`.
+    period_s : float
+        Sampling time [s].
+    """
     motor = u[0] + p[2] * (x[1] - u[0])
     x[0] = play_step(x[0], motor, p[0], p[1])
     x[1] = u[0]
@@ -33,7 +45,13 @@ def step(x: FloatArray, u: FloatArray, p: FloatArray, period_s: float) -> None:
 
 @njit(cache=True)
 def rest(x: FloatArray, u: FloatArray, p: FloatArray) -> None:
-    """Let the motor have stood where it is."""
+    """Let the motor have stood where it is, as `Law.rest`.
+
+    Parameters
+    ----------
+    x, u, p : (2,), (2,), (3,) arrays
+        As of `step`.
+    """
     x[1] = u[0]
 
 
@@ -69,11 +87,29 @@ class AsLaw(Lawful):
     law = LAW
 
     def law_lag(self, values: Mapping[str, float], lag: int, period_s: float) -> int:
-        """Return the whole samples of the delay, as `Lawful.law_lag`."""
+        """Return the whole samples of the delay, as `Lawful.law_lag`.
+
+        Parameters
+        ----------
+        values : mapping
+            Known parameters by name [unit of each].
+        lag : int
+            What the scan found [samples].
+        period_s : float
+            Sampling time [s].
+        """
         del lag
         return int(delay_of(values, period_s))
 
     def law_values(self, values: Mapping[str, float], period_s: float) -> Mapping[str, float]:
-        """Return the delay's rest, as `Lawful.law_values`."""
+        """Return the delay's rest, as `Lawful.law_values`.
+
+        Parameters
+        ----------
+        values : mapping
+            Known ones by name [unit of each].
+        period_s : float
+            Sampling time [s].
+        """
         delay = delay_of(values, period_s)
         return {"delay_part": delay % 1.0 if delay >= 1.0 else 0.0}
