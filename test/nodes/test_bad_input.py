@@ -6,7 +6,10 @@ from pathlib import Path
 
 import pytest
 import yaml
+from rcl_interfaces.msg import Parameter, ParameterValue
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 
+from test.nodes.conftest import NS
 from valve_twin.nodes.aging.node import AgingMonitorNode
 from valve_twin.nodes.player.node import BagPlayerNode
 from valve_twin.nodes.simulator.node import SimulatedValveNode
@@ -175,3 +178,23 @@ def test_a_parameter_of_the_structure_is_refused_while_configured(graph, history
     result = node.set_parameters([Parameter("period_s", Parameter.Type.DOUBLE, 0.05)])[0]
     assert not result.successful
     assert "clean up the node" in result.reason
+
+
+def test_a_value_of_no_type_is_answered_and_told_once(graph, tmp_path):
+    """A stranger can call as often as he likes; each call left a trace of 25 lines, unanswered."""
+    process = graph.start("bag_recorder", bag=str(tmp_path / "bag"))
+    value = ParameterValue(type=255)
+    for kind, name in (
+        (SetParameters, "set_parameters"),
+        (SetParametersAtomically, "set_parameters_atomically"),
+    ):
+        for _ in range(3):
+            answer = graph.call(
+                kind, f"{NS}/bag_recorder/{name}", parameters=[Parameter(name="x", value=value)]
+            )
+            result = answer.results[0] if kind is SetParameters else answer.result
+            assert not result.successful
+            assert "type 255" in result.reason
+    process.end()
+    assert "Traceback" not in process.log
+    assert process.log.count("parameter refused") == 1

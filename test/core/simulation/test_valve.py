@@ -287,7 +287,8 @@ def test_stuck_and_leak_fault_act_on_the_spindle_until_cleared():
         ("leek", 0.0, 0.0, "fault.kind = 'leek': must be one of leak, stuck, sensor_freeze"),
         ("leak", -1.0, 0.0, r"fault.severity = -1.0 for leak: must be from 0 to 1"),
         ("lost_samples", 2.0, 0.0, r"fault.severity = 2.0 for lost_samples"),
-        ("stuck", 0.0, -1.0, r"fault.duration = -1.0: must be a time from 0 on"),
+        ("stuck", 0.0, -1.0, r"fault.duration = -1.0: must be a time from 0 to 1e9"),
+        ("stuck", 0.0, 1e308, r"fault.duration = 1e\+308: must be a time from 0 to 1e9"),
     ],
 )
 def test_refuses_impossible_faults(kind, severity, duration, text):

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray
 
 NS = 1_000_000_000
+_LONGEST_S = 1e9  # a fault that lasts longer lasts until it is cleared [s]
 
 
 class _Stream(IntEnum):
@@ -138,8 +139,8 @@ class SimulatedValve:
         ValueError
             If the kind is unknown or a value outside its range.
         """
-        if not 0.0 <= duration_s < np.inf:
-            message = f"fault.duration = {duration_s!r}: must be a time from 0 on [s]"
+        if not 0.0 <= duration_s <= _LONGEST_S:
+            message = f"fault.duration = {duration_s!r}: must be a time from 0 to 1e9 [s]"
             raise ValueError(message)
         count = max(round(duration_s / self.config.period_s), 1) if duration_s > 0.0 else 0
         taken = (*COMMON_KINDS, *self.config.plant.fault_kinds)

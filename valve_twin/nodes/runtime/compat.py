@@ -135,6 +135,37 @@ def answer_refused_transitions(node: LifecycleNode, tell: Callable[[str], None])
     service.callback = change_state
 
 
+def answer_unknown_types(node: Node, tell: Callable[[str], None]) -> None:
+    """Answer who sets a parameter to a value of a type that there is not; `tell` gets the reason.
+
+    rclpy raises `ValueError` in its own callback and does not answer, so that each such call of a
+    stranger leaves a trace in the log and a client that waits; no issue is known. Goes when
+    `Parameter.from_parameter_msg` is guarded there.
+    """
+    results = import_module("rcl_interfaces.msg").SetParametersResult
+    known = {kind.value for kind in import_module("rclpy.parameter").Parameter.Type}
+
+    def guarded(inner: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+        def answer(request: Any, response: Any) -> Any:
+            wrong = [p for p in request.parameters if p.value.type not in known]
+            if not wrong:
+                return inner(request, response)
+            reason = f"a value of type {wrong[0].value.type}, which is no type of a parameter"
+            tell(reason)
+            refused = results(successful=False, reason=reason)
+            if hasattr(response, "results"):
+                response.results = [refused] * len(request.parameters)
+            else:
+                response.result = refused
+            return response
+
+        return answer
+
+    for service in node.services:
+        if service.srv_name.endswith(("/set_parameters", "/set_parameters_atomically")):
+            service.callback = guarded(service.callback)
+
+
 def without_place(error: Exception) -> str:
     """Return what rcl says of an error, without the file and line of its source that follow.
 

@@ -43,6 +43,9 @@ SPIN_S = 0.1
 """Longest wait of the loop: a signal is noticed within it [s]."""
 
 
+TOLD_AGAIN_S = 30.0
+"""What a stranger can have told as often as he likes is told so seldom [s]."""
+
 FAREWELL_S = 0.5
 """Longest time that the middleware gets to say goodbye [s]."""
 
@@ -67,6 +70,7 @@ class ValveNode(LifecycleNode):
         self.recess: Future | None = None
         self._inbox: deque[Callable[[], None]] = deque()
         compat.answer_refused_transitions(self, self._tell_refused)
+        compat.answer_unknown_types(self, self._tell_unknown_type)
 
     # -- to be implemented
 
@@ -179,6 +183,11 @@ class ValveNode(LifecycleNode):
         else:
             return True
         return False
+
+    def _tell_unknown_type(self, reason: str) -> None:
+        self.get_logger().warning(
+            f"parameter refused: {reason}", throttle_duration_sec=TOLD_AGAIN_S
+        )
 
     def _tell_refused(self, reason: str) -> None:
         self.get_logger().warning(f"transition refused in state '{self.state}': {reason}")
