@@ -122,3 +122,12 @@ def test_a_history_without_features_has_the_verdict_of_its_trends(healthy):
     said = assess(history, (), AgingConfig(), parameters=MODEL.parameters)
     assert said.verdict.kind is VerdictKind.OK
     assert not said.diagnosis.ready
+
+
+def test_ok_waits_for_one_more_cycle_where_the_newest_departs(healthy):
+    first = assess_fault(healthy, "coil_resistance", 0.1, cycles=1).verdict
+    assert (first.kind, first.fault) == (VerdictKind.NOT_ENOUGH_DATA, "")
+    assert first.waits
+    assert first.evidence.startswith(f"not yet judged: cycle {BEFORE + 1} lies ")
+    later = assess_fault(healthy, "coil_resistance", 0.1, cycles=3).verdict
+    assert (later.kind, later.waits) == (VerdictKind.VALVE, False)

@@ -9,7 +9,7 @@ from contextlib import closing
 
 import pytest
 
-from valve_twin.core.aging.verdict import Verdict, VerdictKind
+from valve_twin.core.aging.verdict import Verdict, VerdictKind, held_back
 from valve_twin.core.types import Maintenance
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.store import History
@@ -43,6 +43,16 @@ def test_the_same_verdict_is_kept_once(history):
     assert history.add_verdict(VALVE, verdict(12))
     assert not history.add_verdict(VALVE, verdict(13, evidence="largest drift: K_in +0.2 %"))
     assert [v.cycle for v in history.verdicts(VALVE)] == [12]
+
+
+def test_a_verdict_that_waits_for_a_cycle_is_no_news(history):
+    history.add_verdict(VALVE, verdict(12))
+    waiting = held_back(verdict(13), 4.2)
+    assert waiting.kind is VerdictKind.NOT_ENOUGH_DATA
+    assert not history.add_verdict(VALVE, waiting)
+    assert not history.add_verdict(VALVE, verdict(14))
+    assert history.add_verdict(VALVE, verdict(15, VerdictKind.VALVE, fault="leak"))
+    assert [v.cycle for v in history.verdicts(VALVE)] == [12, 15]
 
 
 def test_another_fault_under_the_same_word_is_news(history):

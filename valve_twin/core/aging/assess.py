@@ -50,6 +50,7 @@ from valve_twin.core.aging.verdict import (
     concern,
     decide,
     describe_remaining,
+    held_back,
 )
 from valve_twin.core.diagnosis.checks import begun_anew, failed_checks
 from valve_twin.core.diagnosis.detection import NOTHING, Diagnosis
@@ -192,6 +193,7 @@ def assess(
         failed=failed_checks(past, begun_anew(maintenance)),
         since=_first_compared(ordered, maintenance),
     )
+    verdict = held_back(verdict, diagnosis.departs)
     return Assessment(trends, verdict, tuple(detail for _, detail in results), diagnosis)
 
 

@@ -20,7 +20,8 @@ Else nothing is named, in four words:
 recording unusable  the newest cycles were all refused for what the signals are
 not enough data     the newest cycles were refused for another reason, or none gave an estimate,
                     or a label says that the cycles' order is no aging, or a parameter seems to be
-                    beyond its threshold, but not beyond doubt
+                    beyond its threshold, but not beyond doubt, or the newest cycle departs from
+                those before it, and one more is to tell why
 no reference        there are too few cycles to compare with, or the first ones differ from those
                     since, so that only another reference can tell which of them are right
 ok                  nothing has changed against the reference that the evidence names: without a
@@ -32,7 +33,7 @@ A significant but small drift is reported in the trend and does not raise the ve
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
 from typing import TYPE_CHECKING, Annotated
 
@@ -187,6 +188,33 @@ class Verdict:
     evidence: str
     cycle: int
     fault: str = ""
+
+    @property
+    def waits(self) -> bool:
+        """Whether it is held back until one more cycle came: no news for a log."""
+        return self.evidence.startswith(_WAITS)
+
+
+_WAITS = "not yet judged: "
+
+
+def held_back(verdict: Verdict, departs: float) -> Verdict:
+    """Return a verdict, no "ok" where the newest cycle departs from those before it.
+
+    Parameters
+    ----------
+    verdict : Verdict
+        By all else.
+    departs : float
+        How far it lies off them, 0 = it does not [standard deviations].
+    """
+    if verdict.kind is not VerdictKind.OK or not departs:
+        return verdict
+    far = f"{departs:.1f}" if departs < 100.0 else "over 100"
+    why = f"{_WAITS}cycle {verdict.cycle} lies {far} standard deviations off those before it, "
+    evidence = f"{why}and one more tells whether that is a fault; {verdict.evidence}"
+    kind = VerdictKind.NOT_ENOUGH_DATA
+    return replace(verdict, kind=kind, text=kind.text, evidence=evidence)
 
 
 def way_to_threshold(trend: Trend) -> float:

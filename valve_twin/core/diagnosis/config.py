@@ -38,6 +38,13 @@ class DetectionConfig:
         lower=0.0,
         upper=0.01,
     )
+    departs: float = quantity(
+        4.0,
+        "1",
+        "Distance from the line before at which the newest cycle is not ok before one more came; "
+        "0: no matter how far.",
+        lower=0.0,
+    )
     settled: int = quantity(
         20,
         "1",
@@ -95,5 +102,5 @@ class DetectionConfig:
         check_quantities(self)
 
 
-OF_ANY_VALVE = DetectionConfig(alone=1e-4)
+OF_ANY_VALVE = DetectionConfig(alone=1e-4, departs=0.0)
 """For features of any valve."""

@@ -17,8 +17,14 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from valve_twin.core.diagnosis.changes.alone import first_alone, passed
-from valve_twin.core.diagnosis.changes.ends import first_alike, first_unlike, healed, over
+from valve_twin.core.diagnosis.changes.alone import departs, first_alone, passed
+from valve_twin.core.diagnosis.changes.ends import (
+    first_alike,
+    first_unlike,
+    healed,
+    jumped_back,
+    over,
+)
 from valve_twin.core.diagnosis.changes.jumps import BESIDE, BEYOND, jumps_made
 from valve_twin.core.diagnosis.changes.match import Match, fits_an_end, match
 from valve_twin.core.diagnosis.config import DetectionConfig
@@ -104,12 +110,16 @@ class Diagnosis:
         Whether there are enough cycles since start or maintenance to name a fault.
     doubt : str
         Why the cycles have nothing to be compared with; empty where they have.
+    departs : float
+        How far the newest cycle lies off those before it where one more is to tell whether that
+        is a fault, else 0 [standard deviations].
     """
 
     findings: tuple[Finding, ...]
     cycles: int
     ready: bool
     doubt: str = ""
+    departs: float = 0.0
 
     @property
     def present(self) -> Finding | None:
@@ -155,18 +165,18 @@ def detect(
     config = config or DetectionConfig()
     edges = [0, *sorted({int(np.searchsorted(cycles, c)) for c in restarts}), len(cycles)]
     findings: list[Finding] = []
-    ready = False
+    ready, far = False, 0.0
     for first, last in pairwise(edges):
         if last > first:
             part = slice(first, last)
             start = int(np.searchsorted(cycles[part], judged, side="right"))
-            found, ready = _search(cycles[part], vectors[part], table, config, start)
+            found, ready, far = _search(cycles[part], vectors[part], table, config, start)
             ready = ready or start > 0
             maintained = int(cycles[last]) if last < len(cycles) else -1
             findings += [
                 f if f.end >= 0 or maintained < 0 else replace(f, end=maintained) for f in found
             ]
-    return Diagnosis(tuple(findings), len(cycles), ready)
+    return Diagnosis(tuple(findings), len(cycles), ready, departs=far)
 
 
 def _search(
@@ -175,8 +185,8 @@ def _search(
     table: SignatureTable,
     config: DetectionConfig,
     start: int,
-) -> tuple[list[Finding], bool]:
-    """Return the faults between two maintenance events, and whether one could be found now.
+) -> tuple[list[Finding], bool, float]:
+    """Return the faults between two maintenance events, whether one could be found, `departs`.
 
     Nothing is sought in the first `start` rows. Cycles with a fault that is over are left out:
     those before it stay the measure.
@@ -185,7 +195,7 @@ def _search(
     while len(cycles) >= config.least + config.confirm:
         seen = _first_seen(vectors, table, config, start)
         if seen is None:
-            return findings, len(cycles) > start
+            return findings, len(cycles) > start, _departs(vectors, table, config)
         view, alarm = seen
         at = alarm[0]
         onset = _onset(*view, config, *alarm)
@@ -206,10 +216,10 @@ def _search(
         last = None if end < 0 else end - config.heal + 1
         findings.append(_gross(found, vectors, slice(onset, last), repeats, table))
         if last is None:
-            return findings, True
+            return findings, True, 0.0
         kept = np.r_[0:onset, max(last, onset + 1) : len(cycles)]
         cycles, vectors, start = cycles[kept], vectors[kept], onset
-    return findings, False
+    return findings, False, 0.0
 
 
 View: TypeAlias = "tuple[FloatArray, FloatArray, Rays]"
@@ -237,6 +247,12 @@ def _first_seen(
     view = whitened(vectors, config.learn, len(vectors), table, config)
     alarm = first_alarm(*view, config, first=max(settled - 1, start))
     return None if alarm is None else (view, alarm)
+
+
+def _departs(vectors: FloatArray, table: SignatureTable, config: DetectionConfig) -> float:
+    """Return how far the newest cycle departs, see `Diagnosis`."""
+    known = min(config.learn, max(len(vectors) - config.recent, config.least))
+    return departs(*whitened(vectors, known, len(vectors), table, config), config)
 
 
 def whitened(
@@ -358,7 +374,11 @@ def _isolate(
     off = w[rows] - before.at(rows.astype(np.float64))[0]
     found = match(off, rays, table, config, line=line)
     ended = match(-off, rays, table, config, line=line)
-    return found, ended, healed(w, rays.rays[found.ray], before, config, alarm)
+    ends = (
+        healed(w, rays.rays[found.ray], before, config, alarm),
+        jumped_back(w, onset, alarm, config),
+    )
+    return found, ended, min((end for end in ends if end >= 0), default=-1)
 
 
 def _ended(

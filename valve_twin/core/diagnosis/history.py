@@ -114,7 +114,7 @@ def search(past: Past, maintenance: Sequence[Maintenance]) -> Searched:
     settled = past.settled or _NONE
     product = _products_of(shown)
     found: list[Finding] = []
-    ready, doubt = False, ""
+    ready, doubt, far = False, "", 0.0
     config = OF_ANY_VALVE if model.feature_set.of_any_valve else DetectionConfig()
     since = int(np.searchsorted(cycles, max(restarts, default=0)))
     anew = max(restarts, default=0) > settled.judged
@@ -130,7 +130,7 @@ def search(past: Past, maintenance: Sequence[Maintenance]) -> Searched:
         found += [f for f, _ in then]
         doubt = doubt or next((why for _, why in then if why), "")
         if number == product[-1]:
-            ready = part.ready
+            ready, far = part.ready, part.departs
         if number in lately and (anew or past.settled is None):
             kept = _measure(cycles[own], part.findings, since=max(restarts, default=0))
             others = None if model.feature_set.of_any_valve else _others(vectors, product, number)
@@ -161,7 +161,7 @@ def search(past: Past, maintenance: Sequence[Maintenance]) -> Searched:
     found = [f for f in found if not _is_slip(f, past.apart)]
     doubt = doubt if anew or past.settled is None else settled.doubt
     looked_at = settled.cycles + len(cycles)
-    diagnosis = Diagnosis((*before, *found), looked_at, ready, doubt)
+    diagnosis = Diagnosis((*before, *found), looked_at, ready, doubt, far)
     return Searched(diagnosis, stopped, tuple(f for f in direct if f in diagnosis.findings))
 
 

@@ -133,6 +133,7 @@ _MOST_NAMED = 10
 def add_verdict(connection: Connection, valve_id: int, verdict: Verdict, kept: int = KEPT) -> bool:
     """Store a verdict if it says something new; return whether it does.
 
+    One that waits for the next cycle says nothing yet.
     The same word is new where it is a fault and another one is named. A verdict on an earlier
     cycle than the last stored one is old: a monitor that catches up repeats what was said.
 
@@ -147,6 +148,8 @@ def add_verdict(connection: Connection, valve_id: int, verdict: Verdict, kept: i
     kept : int
         Entries of the event log that may be there [1].
     """
+    if verdict.waits:
+        return False
     query = sa.select(VERDICT).where(VERDICT.c.valve_id == valve_id)
     last = connection.execute(query.order_by(VERDICT.c.id.desc()).limit(1)).mappings().first()
     if last is not None and not _is_new(verdict, dict(last)):

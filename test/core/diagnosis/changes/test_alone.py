@@ -5,10 +5,12 @@
 import numpy as np
 import pytest
 
+from valve_twin.core.diagnosis.changes.alone import departs
 from valve_twin.core.diagnosis.config import OF_ANY_VALVE, DetectionConfig
-from valve_twin.core.diagnosis.detection import detect
+from valve_twin.core.diagnosis.detection import detect, whitened
 from valve_twin.core.diagnosis.generic.signatures import signatures_of
 from valve_twin.core.diagnosis.table import FACTORS, with_floor
+from valve_twin.core.valves.press_cartridge import MODEL
 from valve_twin.core.valves.registry import get_model
 
 ONSET = 60
@@ -69,3 +71,37 @@ def test_a_wild_cycle_keeps_its_name_and_is_over_when_the_next_are_as_before(gen
     assert [[f.alarm for f in found] for found in known] == [[ONSET + 1]] * 3
     assert {f.fault for found in known for f in found} == {signature.fault}
     assert known[-1][0].end >= 0
+
+
+def newest_departs(table, vectors, config):
+    known = min(config.learn, len(vectors) - config.recent)
+    return departs(*whitened(vectors, known, len(vectors), table, config), config) > 0.0
+
+
+@pytest.mark.parametrize("fault", ["leak", "coil_resistance", "sensor_offset"])
+def test_the_first_cycle_of_a_medium_fault_departs(fault):
+    table, config = MODEL.signatures(), DetectionConfig()
+    medium = [s for s in table.signatures if s.fault == fault][1]
+    found = 0
+    for seed in range(20):
+        vectors = healthy(table, ONSET + 1, 200 + seed)
+        vectors[ONSET] += np.array(medium.change)
+        found += newest_departs(table, vectors, config)
+    assert found >= 18
+    assert searched(table, vectors, config).departs > 4.0
+
+
+def test_healthy_cycles_do_not_depart():
+    table = MODEL.signatures()
+    config = DetectionConfig()
+    departing = 0
+    for seed in range(4):
+        vectors = healthy(table, 150, 300 + seed)
+        departing += sum(newest_departs(table, vectors[:n], config) for n in range(30, 151))
+    assert departing <= 4  # 0.8 % of 484
+
+
+def test_a_valve_that_is_told_one_cycle_alone_waits_for_none(generic):
+    vectors = healthy(generic, ONSET + 1, 0)
+    vectors[ONSET] += np.array(large(generic)[0].change)
+    assert searched(generic, vectors).departs == 0.0

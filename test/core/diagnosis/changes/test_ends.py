@@ -5,7 +5,7 @@
 import numpy as np
 import pytest
 
-from valve_twin.core.diagnosis.changes.ends import first_alike, first_unlike, healed
+from valve_twin.core.diagnosis.changes.ends import first_alike, first_unlike, healed, jumped_back
 from valve_twin.core.diagnosis.config import DetectionConfig
 from valve_twin.core.diagnosis.detection import detect
 from valve_twin.core.diagnosis.lines import lines_through
@@ -67,3 +67,40 @@ def test_a_dead_band_of_the_seventh_to_the_sixteenth_cycle_is_over_behind_it():
         rows[6:16] += change
         alarms += detect(np.arange(1, 25), rows, table).present is not None
     assert alarms == 0
+
+
+def aging_with(first, last, *, size, seed, between=1.0):
+    """Return 60 whitened cycles that age, off by `size` between two rows."""
+    rng = np.random.default_rng([8, seed])
+    w = rng.standard_normal((60, FEATURES)) + np.linspace(0.0, 12.0, 60)[:, None]
+    w[first:last, :4] += 0.5 * size * rng.uniform(between, 1.0, (last - first, 1))
+    return w
+
+
+@pytest.mark.parametrize("size", [-10.0, 30.0])
+def test_a_fault_is_over_where_the_valve_jumps_back_though_it_has_aged(size):
+    config = DetectionConfig()
+    ends = []
+    for seed in range(20):
+        w = aging_with(18, 26, size=size, seed=seed)
+        before = lines_through(w, np.array([17]), config.window)
+        ray = np.sign(size) * np.eye(FEATURES)[:4].sum(axis=0) / 2.0
+        assert healed(w[:40], ray, before, config, 19) == -1  # not where it began
+        ends.append(jumped_back(w, 18, 19, config))
+    assert sum(end in {30, 31} for end in ends) >= 19
+
+
+@pytest.mark.parametrize("between", [1.0, 0.0])
+def test_a_lasting_fault_is_not_over_also_where_it_comes_and_goes(between):
+    config = DetectionConfig()
+    for seed in range(40):
+        w = aging_with(18, 60, size=12.0, seed=seed, between=between)
+        assert jumped_back(w, 18, 19, config) == -1
+
+
+def test_another_fault_behind_a_fault_is_no_end_of_it():
+    config = DetectionConfig()
+    for seed in range(20):
+        w = aging_with(18, 60, size=12.0, seed=seed)
+        w[30:, 5:9] -= 8.0
+        assert jumped_back(w, 18, 19, config) == -1

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""When one cycle alone is a fault: beyond what the valve's own past could give."""
+"""What one cycle alone says: a fault beyond what the past could give, or that one more is due."""
 
 from __future__ import annotations
 
@@ -47,14 +47,38 @@ def first_alone(
     rows = np.arange(config.least, len(w))
     if not config.alone or len(rows) <= _LEAST_PAST:
         return -1
-    line, variance = lines_through(base, rows - 1, config.window).at(rows.astype(np.float64))
-    off = rays.along((w[rows] - line) / np.sqrt(1.0 + variance)[:, None]).max(axis=1)
+    off = _off(w, base, rays, config, rows)
     past = np.arange(_LEAST_PAST, len(rows))
     largest = np.maximum.accumulate(off)[past - 1]
     limit = largest * np.maximum(past * config.alone, 1e-12) ** (-1.0 / _TAIL)
     beyond = off[past] > np.maximum(limit, np.sqrt(config.threshold))
     found = rows[past][beyond & (rows[past] >= first)]
     return int(found[0]) if len(found) else -1
+
+
+def departs(w: FloatArray, base: FloatArray, rays: Rays, config: DetectionConfig) -> float:
+    """Return how far the newest cycle lies off those before it, 0 = not so far that it counts.
+
+    Parameters
+    ----------
+    w, base : (N, F) arrays
+        Whitened features, and the same without outliers [standard deviations].
+    rays : Rays
+        Whitened signatures.
+    config : DetectionConfig
+        When to speak: `departs` is the least.
+    """
+    far = float(_off(w, base, rays, config, np.array([len(w) - 1]))[0])
+    return far if config.departs and far > config.departs else 0.0
+
+
+def _off(
+    w: FloatArray, base: FloatArray, rays: Rays, config: DetectionConfig, rows: IntArray
+) -> FloatArray:
+    """Return how far each of some rows lies off the line before it, along any signature."""
+    line, variance = lines_through(base, rows - 1, config.window).at(rows.astype(np.float64))
+    along = rays.along((w[rows] - line) / np.sqrt(1.0 + variance)[:, None])
+    return np.asarray(along.max(axis=1), dtype=np.float64)
 
 
 def passed(w: FloatArray, rays: Rays, before: Lines, onset: int, rows: IntArray) -> bool:

@@ -70,6 +70,39 @@ def healed(
     return int(rows[hits[0] + config.heal - 1]) if len(hits) else -1
 
 
+def jumped_back(w: FloatArray, onset: int, alarm: int, config: DetectionConfig) -> int:
+    """Return the first row at which `heal` cycles have jumped back by what a change was, or -1.
+
+    Aging goes on beside a fault: its end is a jump back, though not to where it began.
+
+    Parameters
+    ----------
+    w : (N, F) array
+        Whitened features [standard deviations].
+    onset, alarm : int
+        First row of the change, and that of its alarm.
+    config : DetectionConfig
+        How many cycles, and for how long a fault may end so.
+    """
+    last = min(alarm + config.extrapolate, len(w) - config.heal)
+    before = w[max(onset - _LAST, 0) : onset].mean(axis=0)
+    for row in range(max(alarm, onset + _LEAST_SINCE) + 1, last + 1):
+        between = w[onset + 1 : row] - before
+        since = between[:_LAST]
+        way = since.mean(axis=0)
+        far = float(np.linalg.norm(way))
+        if far < _FAR or np.mean(between @ way > 0.5 * far**2) < _BETWEEN:
+            continue
+        each = w[row : row + config.heal] - w[row - _LAST : row].mean(axis=0)
+        along = each @ way / far**2  # -1 = back by as much
+        left = each.mean(axis=0) + way
+        chance = w.shape[1] * (2.0 / _LAST + 1.0 / len(since) + 1.0 / config.heal)
+        like = float(left @ left) < (_BESIDE * far) ** 2 + 2.0 * chance
+        if like and along.max() < -0.5 and along.mean() < _NEAR - 1.0:
+            return row + config.heal - 1
+    return -1
+
+
 def over(stale: BoolArray, alarm: int, config: DetectionConfig) -> int:
     """Return the first row after the alarm that ends `heal` rows without, or -1.
 
