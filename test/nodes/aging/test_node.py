@@ -91,6 +91,8 @@ def test_it_waits_for_a_twin_and_says_for_which(graph, history, capfd):
             f"{missing}: start the twin" in status.message
         )
 
+    graph.spin_until(lambda: diagnostics, what="the first diagnostics")
+    assert missing not in diagnostics[0].status[0].message, "the twin may be starting"
     graph.spin_until(is_told, what="the diagnostics of the missing twin")
     log: list[str] = []
 

@@ -251,6 +251,7 @@ _NODES = (
         _STALE,
         "The aging monitor does not reach the twin of a valve.",
         "Start the twin of this valve, in the same ROS_DOMAIN_ID.",
+        confirm_s=10.0,  # both may be started at once
     ),
     FaultKind(
         "assessment.failed",
