@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from valve_twin.core.diagnosis.features import FeatureSet
-from valve_twin.core.past.columns import feature_vectors, past_of
+from valve_twin.core.diagnosis.features import ESTIMATOR, FeatureSet
+from valve_twin.core.diagnosis.generic.motion import Motion
+from valve_twin.core.past.columns import Table, feature_vectors, past_of
 from valve_twin.core.past.state import AgingState
 from valve_twin.core.refusal import RefusalCode
 from valve_twin.core.types import (
@@ -107,3 +108,23 @@ def test_features_of_many_cycles_are_those_of_each():
     assert not len(past.trend)
     each = np.array([kind.vector(e.parameters) for e in history])
     assert np.array_equal(feature_vectors(past.features, kind), each, equal_nan=True)
+
+
+def test_a_motion_takes_no_columns_and_lasts_as_long_as_its_row():
+    motion = Motion(0.1, 1e-3, 0.0, (0.0, 9.0, 19.0), (0.0, 0.2, 1.0))
+    table = Table()
+    for cycle in range(1, 81):
+        own = motion.values() if cycle in {3, 70} else ()
+        shown = (ParameterValue("a", float(cycle)), *own)
+        table.add(estimate(cycle, *shown, estimator=ESTIMATOR))
+    numbers = tuple(p.value for p in motion.values())
+    assert table.rows().motions == {2: numbers, 69: numbers}
+    assert set(table.rows().parameters) == {"a"}
+    assert table.rows().value("a").tolist() == [float(c) for c in range(1, 81)]
+    table.keep(np.arange(40, 80))
+    arrays: list[np.ndarray] = []
+    head = table.freeze(arrays)
+    assert Table.thaw(head, arrays).rows().motions == {69: numbers}
+    arrays = []
+    older = {k: v for k, v in table.freeze(arrays).items() if k != "motions"}
+    assert Table.thaw(older, arrays).rows().motions == {}

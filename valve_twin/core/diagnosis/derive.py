@@ -86,8 +86,8 @@ class Bench(Protocol[V]):
     """What a campaign needs: valves that take faults, and the features of their cycles."""
 
     @property
-    def simulation(self) -> SimulationConfig:
-        """Return the valve."""
+    def cycle_samples(self) -> int:
+        """Return the number of samples of a cycle."""
         ...
 
     @property
@@ -134,6 +134,11 @@ class Rig:
     def feature_set(self) -> FeatureSet:
         """Return which features, and how they are followed."""
         return self.model.feature_set
+
+    @property
+    def cycle_samples(self) -> int:
+        """Return the number of samples of a cycle."""
+        return self.simulation.cycle_samples
 
     def start(self, seed: int) -> SimulatedValve:
         """Return a new valve."""
@@ -194,7 +199,7 @@ def derive(
     followed = rig.feature_set
     floor = np.full(len(followed.names), 1e-9)
     for name in followed.shares:
-        floor[followed.names.index(name)] = 1.0 / rig.simulation.cycle_samples
+        floor[followed.names.index(name)] = 1.0 / rig.cycle_samples
     for name, least in followed.least.items():
         floor[followed.names.index(name)] = least
     white = whitener(with_floor(covariance, floor))

@@ -18,6 +18,9 @@ ESTIMATOR = "features"
 """Name under which the features of a cycle are stored and published."""
 
 
+MOTION = "motion."
+"""With what the names of the numbers begin that the valve's own motion is stored as."""
+
 NOISE = "rest_noise"
 """Name of the feature that is the noise of the position at rest."""
 

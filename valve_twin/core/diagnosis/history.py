@@ -15,8 +15,9 @@ from valve_twin.core.diagnosis.config import OF_ANY_VALVE, DetectionConfig
 from valve_twin.core.diagnosis.detection import NOTHING, UNKNOWN, Diagnosis, Finding, detect
 from valve_twin.core.diagnosis.direct import bounds, freezing, noise
 from valve_twin.core.diagnosis.features import NOISE
+from valve_twin.core.diagnosis.generic.motion import motion_from
 from valve_twin.core.diagnosis.generic.reference import has_reference
-from valve_twin.core.diagnosis.generic.signatures import signatures_of
+from valve_twin.core.diagnosis.generic.signatures import own_table, signatures_of
 from valve_twin.core.diagnosis.products import CLOCK, clocks_apart, products, without_slips
 from valve_twin.core.diagnosis.reference import doubt_of
 from valve_twin.core.diagnosis.refused import still
@@ -26,6 +27,7 @@ from valve_twin.core.past.columns import Settled, feature_vectors, past_of
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
+    from valve_twin.core.diagnosis.table import SignatureTable
     from valve_twin.core.past.columns import Past, Rows
     from valve_twin.core.types import Estimate, FloatArray, IntArray, Maintenance
     from valve_twin.core.valves.interface import ValveModel
@@ -108,6 +110,8 @@ def search(past: Past, maintenance: Sequence[Maintenance]) -> Searched:
         shown = shown.take(np.flatnonzero(has_reference(shown)))
         if not len(shown):
             return Searched(NOTHING)
+        if model.signatures() is None:
+            table = _table_of(model, shown) or table
     cycles = shown.cycle
     vectors = feature_vectors(shown, model.feature_set)
     restarts = [m.cycle for m in maintenance]
@@ -163,6 +167,14 @@ def search(past: Past, maintenance: Sequence[Maintenance]) -> Searched:
     looked_at = settled.cycles + len(cycles)
     diagnosis = Diagnosis((*before, *found), looked_at, ready, doubt, far)
     return Searched(diagnosis, stopped, tuple(f for f in direct if f in diagnosis.findings))
+
+
+def _table_of(model: ValveModel, shown: Rows) -> SignatureTable | None:
+    """Return the signatures from the first motion that features hold; None = they hold none."""
+    held = (shown.motions[k] for k in shown.key.tolist() if k in shown.motions)
+    first = next(held, None)
+    own = own_table(model.name, motion_from(first)) if first else None
+    return own if own is not None and own.faults else None
 
 
 _NONE = Settled((), 0, -1)

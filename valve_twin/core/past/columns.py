@@ -9,7 +9,7 @@ that a `Rows` that was taken stays as it is while more come.
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass, field
+from dataclasses import astuple, dataclass, field, replace
 from math import isfinite
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from valve_twin.core.diagnosis.features import ESTIMATOR
+from valve_twin.core.diagnosis.generic.motion import numbers_of
 from valve_twin.core.estimation.data.robust import NORMAL_975
 from valve_twin.core.refusal import RefusalCode
 from valve_twin.core.types import EstimateStatus, Guard, ParameterStatus
@@ -85,6 +86,8 @@ class Rows:
         Keys of the rows in `reasons` and `failed`.
     models : tuple of str
         Names of the models, in the order of their first estimates.
+    motions : mapping
+        Numbers of the valve's own motion, of the few rows that hold it, by their key.
     """
 
     cycle: IntArray
@@ -100,6 +103,7 @@ class Rows:
     failed: Mapping[int, tuple[Guard, ...]]
     key: IntArray
     models: tuple[str, ...] = ()
+    motions: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
 
     def __len__(self) -> int:
         """Return the number of rows."""
@@ -155,6 +159,7 @@ class Rows:
             failed=self.failed,
             key=self.key[part],
             models=self.models,
+            motions=self.motions,
         )
 
     def at(self, cycle: IntArray, end_ns: IntArray) -> IntArray:
@@ -238,6 +243,7 @@ class Table:
     _columns: dict[tuple[str, str], NDArray[Any]] = field(default_factory=dict)
     _reasons: dict[int, str] = field(default_factory=dict)
     _failed: dict[int, tuple[Guard, ...]] = field(default_factory=dict)
+    _motions: dict[int, tuple[float, ...]] = field(default_factory=dict)
     _models: dict[str, None] = field(default_factory=dict)
     _known: dict[tuple[str, ...], list[_Writing]] = field(default_factory=dict)
 
@@ -253,6 +259,10 @@ class Table:
         for key, read in _FIXED.items():
             self._columns[key][row] = read(estimate)
         self._columns["int", "key"][row] = self.added
+        if numbers := numbers_of(estimate):  # few rows hold them: no columns
+            self._motions[self.added] = numbers
+            named = estimate.parameters[: -len(numbers)]
+            estimate = replace(estimate, parameters=named)
         for p, (value, status, spread) in self._places(estimate):
             value[row], status[row], spread[row] = p.value, p.status, _spread(p)
         for c in reversed(estimate.conditions):
@@ -277,6 +287,7 @@ class Table:
         keys = set(self._columns["int", "key"][: self._size].tolist())
         self._reasons = {k: v for k, v in self._reasons.items() if k in keys}
         self._failed = {k: v for k, v in self._failed.items() if k in keys}
+        self._motions = {k: v for k, v in self._motions.items() if k in keys}
 
     def rows(self) -> Rows:
         """Return the rows that are there now; they stay as they are when more come."""
@@ -301,6 +312,7 @@ class Table:
             failed=self._failed,
             key=of["int", "key"],
             models=tuple(self._models),
+            motions=self._motions,
         )
 
     def freeze(self, arrays: list[NDArray[Any]]) -> dict[str, Any]:
@@ -313,6 +325,7 @@ class Table:
             "reasons": list(self._reasons.items()),
             "failed": [[key, list(map(astuple, found))] for key, found in self._failed.items()],
             "models": list(self._models),
+            "motions": list(self._motions.items()),
         }
 
     @classmethod
@@ -332,6 +345,7 @@ class Table:
         table._reasons = {int(key): reason for key, reason in head["reasons"]}
         table._failed = {int(k): tuple(Guard(*g) for g in found) for k, found in head["failed"]}
         table._models = dict.fromkeys(head["models"])
+        table._motions = {int(key): tuple(found) for key, found in head.get("motions", ())}
         if size:
             table._columns, table._size = columns, size
             table.keep(np.arange(size))  # with room to grow

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from valve_twin.core.diagnosis.features import MOTION
 from valve_twin.core.types import EstimateStatus
 
 if TYPE_CHECKING:
@@ -159,7 +160,11 @@ class Condenser:
     def add_estimate(self, estimate: Estimate) -> None:
         """Take the values of an estimate; those that a trend may not use only count."""
         given = estimate.status is not EstimateStatus.REFUSED
-        values = {p.name: p.value if given and p.usable else np.nan for p in estimate.parameters}
+        values = {
+            p.name: p.value if given and p.usable else np.nan
+            for p in estimate.parameters
+            if not p.name.startswith(MOTION)
+        }
         own = estimate.cycle, estimate.start_ns, estimate.end_ns
         self.add(*own, estimate.estimator, values)
 

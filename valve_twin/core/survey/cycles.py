@@ -24,6 +24,7 @@ _AT_REST = 0.1  # share of the record that a command must rest for a rule on it,
 _LEAST_CYCLES = 2
 _LEVELS, _ON_LEVELS = 12, 0.95  # a switched command is on so few levels for that share, assumed
 _SWITCHED = 0.2  # share of its range above which it is on, assumed
+_NEAR_END = 0.1  # share of its range that an answer lies from where it sets off, assumed
 _SHORTEST = 0.5  # of the shortest interval found: the least length that is proposed
 _WINDOW_S = 300.0  # fixed window, assumed
 _LEAST_WINDOWS = 3
@@ -133,6 +134,42 @@ def switched_cycles(command: Signal, period_s: float) -> CyclePlan | None:
     }
     reason = f"the command is switched on: {_found(opened)}"
     return CyclePlan(CycleRule.REFERENCE, reason, values, len(opened))
+
+
+def strokes_from_rest(command: Signal, answer: Signal) -> CyclePlan | None:
+    """Cut where a command leaves its rest in mid-range and the answer its lower end; None = not.
+
+    So does that of a cylinder: each move begins with a rise, and a cycle with one from the end.
+
+    Parameters
+    ----------
+    command, answer : Signal
+        Mapped to 0..1, the answer integrates the command.
+    """
+    rest, high = float(np.median(command.values)), float(command.values.max())
+    level, low_again = rest + _SWITCHED * (high - rest), rest + 0.5 * _SWITCHED * (high - rest)
+    opened = command.stamp_ns[_rises(command.values, level, low_again)]
+    if float(command.values.min()) > rest - _SWITCHED * (high - rest):
+        return None  # it never drives back
+    at = np.maximum(np.searchsorted(answer.stamp_ns, opened, side="right") - 1, 0)
+    low, span = float(answer.values.min()), float(np.ptp(answer.values))
+    starts = np.flatnonzero(answer.values[at] < low + _NEAR_END * span)
+    if len(starts) < _LEAST_CYCLES:
+        return None
+    inner = np.arange(starts[0], len(opened))
+    since = opened[starts[np.searchsorted(starts, inner, side="right") - 1]]
+    longest_s = float((opened[inner] - since).max()) / 1e9
+    begun = opened[starts].tolist()
+    shortest_s = float(np.diff(begun).min()) / 1e9
+    if longest_s > shortest_s:
+        return None
+    values: dict[str, float | str] = {
+        "reference_level": level,
+        "reference_hysteresis": level - low_again,
+        "min_cycle_s": max(0.5 * (longest_s + shortest_s), _SHORTEST * shortest_s),
+    }
+    reason = f"the command drives the answer off its lower end: {_found(begun)}"
+    return CyclePlan(CycleRule.REFERENCE, reason, values, len(begun))
 
 
 def _windows(command: Signal, period_s: float) -> CyclePlan:

@@ -11,7 +11,12 @@ import numpy as np
 
 from valve_twin.core.quantity import suggest
 from valve_twin.core.survey.choose import Halves, Pair, choose_pairs, find_integrated, halve
-from valve_twin.core.survey.cycles import CyclePlan, plan_cycles, switched_cycles
+from valve_twin.core.survey.cycles import (
+    CyclePlan,
+    plan_cycles,
+    strokes_from_rest,
+    switched_cycles,
+)
 from valve_twin.core.survey.pairs import Signal
 from valve_twin.core.survey.record import Proposal, propose
 from valve_twin.core.survey.repeats import Repeat, find_repeat
@@ -190,10 +195,7 @@ def _followed(survey: Survey, pairs: list[Pair], copies: dict[str, str]) -> tupl
         baseline = try_baseline(halves, timed.period_s, pair.lag, maps=maps)
         if baseline is not None and not trials[0].fit > 0.0 and baseline.fit > 0.0:
             trials = [baseline, *trials]
-        first = survey.signals[pair.command]
-        mapped = Signal("command", first.stamp_ns, trials[0].command.of(first.values))
-        plan = _even(plan_cycles([mapped], timed.period_s, has_counter=False), timed, mapped)
-        plan = _doubted(survey, plan)
+        plan = _doubted(survey, _cut(timed, pair, trials[0]))
         others = [p for p in pairs if p is not pair]
         made = Choice(plan, pair, trials, halves, others=others, copies=copies)
         found = timed, replace(made, baseline=baseline)
@@ -203,6 +205,18 @@ def _followed(survey: Survey, pairs: list[Pair], copies: dict[str, str]) -> tupl
             break
     assert best is not None  # there is a pair
     return best
+
+
+def _cut(survey: Survey, pair: Pair, trial: Trial) -> CyclePlan:
+    """Return how cycles of a command and its answer are cut, both as the model sees them."""
+    first, last = survey.signals[pair.command], survey.signals[pair.answer]
+    command = Signal("command", first.stamp_ns, trial.command.of(first.values))
+    if get_model(trial.model).proposed_for == "integrated":
+        answer = Signal("answer", last.stamp_ns, trial.answer.of(last.values))
+        strokes = strokes_from_rest(command, answer)
+        if strokes is not None:
+            return strokes
+    return _even(plan_cycles([command], survey.period_s, has_counter=False), survey, command)
 
 
 def _even(plan: CyclePlan, survey: Survey, command: Signal) -> CyclePlan:

@@ -10,6 +10,7 @@ import pytest
 from valve_twin.core.aging import AgingConfig, assess
 from valve_twin.core.diagnosis.features import ESTIMATOR
 from valve_twin.core.diagnosis.generic.features import NAMES
+from valve_twin.core.diagnosis.generic.motion import numbers_of
 from valve_twin.core.diagnosis.generic.reference import (
     REFERENCE_CYCLES,
     has_reference,
@@ -112,6 +113,12 @@ def test_a_cycle_with_missing_samples_shows_nothing(faulty):
     done, _ = estimate_cycle(MODEL, OPTIONS, cycle, faulty[1])
     (shown,) = features(done)
     assert not np.isfinite([shown.value(n) for n in NAMES]).any()
+
+
+def test_the_motion_travels_with_the_first_features_that_have_a_reference(faulty):
+    with_motion = [e.cycle for e in features(faulty[0]) if numbers_of(e)]
+    assert with_motion == [REFERENCE_CYCLES + 1]
+    assert len(past_of(faulty[0]).features.motions) == 1
 
 
 def test_all_that_is_published_has_a_unit(faulty):

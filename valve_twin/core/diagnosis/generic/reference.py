@@ -22,6 +22,7 @@ from valve_twin.core.diagnosis.generic.features import (
     Record,
     cycle_features,
 )
+from valve_twin.core.diagnosis.generic.motion import PARAMETERS, motion_of, numbers_of
 from valve_twin.core.gaps import gap_ns
 from valve_twin.core.prediction import restart_marks, run_model
 from valve_twin.core.types import (
@@ -67,7 +68,7 @@ def published(model: ValveModel) -> tuple[Parameter, ...]:
         return model.parameters
     deviation = Parameter(DEVIATION, "1", "feature: rms off the model, share of the span", 0.0)
     kept = (replace(p, name=f"{_PREFIX}{p.name}", trend=False) for p in model.parameters)
-    return (*model.parameters, *FEATURES, deviation, *kept)
+    return (*model.parameters, *FEATURES, deviation, *kept, *PARAMETERS)
 
 
 def has_reference(features: Rows) -> BoolArray:
@@ -144,6 +145,9 @@ def estimate_features(
         reason += f"; no reference model before {REFERENCE_CYCLES} accepted cycles"
     else:
         values += [ParameterValue(f"{_PREFIX}{n}", v) for n, v in reference.values.items()]
+        if shown and not any(map(numbers_of, earlier)):
+            motion = motion_of(_record(model, known, cycle), values)
+            values += motion.values() if motion else []
     return Estimate(
         model=model.name,
         estimator=ESTIMATOR,

@@ -25,6 +25,7 @@ from valve_twin.core.types import Cycle, ParameterValue
 
 if TYPE_CHECKING:
     from valve_twin.core.diagnosis.features import FeatureSet
+    from valve_twin.core.diagnosis.generic.motion import Motion
     from valve_twin.core.simulation.aging_laws import AgingRule
     from valve_twin.core.simulation.block import SimulationBlock
     from valve_twin.core.simulation.config import SimulationConfig
@@ -118,6 +119,11 @@ class ModelRig:
         """Return which features, and how they are followed."""
         return self.model.feature_set
 
+    @property
+    def cycle_samples(self) -> int:
+        """Return the number of samples of a cycle."""
+        return self.simulation.cycle_samples
+
     def start(self, seed: int) -> FaultyValve:
         """Return a valve whose first cycles gave the model that it is held against."""
         valve = FaultyValve(self.simulation, seed)
@@ -162,6 +168,11 @@ class IdealRig:
     simulation: SimulationConfig
     feature_set: FeatureSet
 
+    @property
+    def cycle_samples(self) -> int:
+        """Return the number of samples of a cycle."""
+        return self.simulation.cycle_samples
+
     def start(self, seed: int) -> FaultyValve:
         """Return a valve behind its first cycle."""
         valve = FaultyValve(self.simulation, seed)
@@ -176,5 +187,62 @@ class IdealRig:
             none = np.zeros((len(block), 0))
             record = Record(block.position, motion, self.simulation.period_s, none)
             found = cycle_features(record)
+            rows.append(self.feature_set.vector(ParameterValue(n, v) for n, v in found.items()))
+        return np.array(rows)
+
+
+@dataclass(slots=True)
+class MovedValve:
+    """A valve that makes the same motion in each cycle; only its faults and chances differ."""
+
+    seed: int
+    cycle: int = 0
+    fault: str = ""
+    size: float = 0.0
+
+    def set_fault(self, kind: str, severity: float) -> None:
+        """Begin with a fault of `FAULTS` in the cycle that comes next."""
+        self.fault, self.size = kind, severity
+
+
+@dataclass(frozen=True, slots=True)
+class MotionRig:
+    """A motion that was made, held against itself.
+
+    Attributes
+    ----------
+    motion : Motion
+        The valve's own.
+    positions : (N,) array
+        What it gives at each sample over the span [1].
+    feature_set : FeatureSet
+        Which features, and how they are followed.
+    """
+
+    motion: Motion
+    positions: FloatArray
+    feature_set: FeatureSet
+
+    @property
+    def cycle_samples(self) -> int:
+        """Return the number of samples of a cycle."""
+        return len(self.positions)
+
+    def start(self, seed: int) -> MovedValve:
+        """Return a valve before its first cycle."""
+        return MovedValve(seed)
+
+    def run(self, valve: MovedValve, cycles: int) -> FloatArray:
+        """Run a valve on and return the features of its next cycles, (cycles, F)."""
+        rows, none = [], np.zeros((len(self.positions), 0))
+        own, period_s, step = self.positions, self.motion.period_s, self.motion.step
+        for _ in range(cycles):
+            valve.cycle += 1
+            chance = np.random.default_rng([valve.seed, valve.cycle])
+            noise = self.motion.sigma * chance.standard_normal(len(own))
+            sensed = Sensed(own, noise, period_s, source(valve.seed, valve.cycle))
+            y = FAULTS[valve.fault](sensed, valve.size) if valve.fault else own + noise
+            y = step * np.round(y / step) if step else y
+            found = cycle_features(Record(y, own, period_s, none))
             rows.append(self.feature_set.vector(ParameterValue(n, v) for n, v in found.items()))
         return np.array(rows)

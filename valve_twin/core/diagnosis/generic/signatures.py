@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Signatures of the faults of any valve, from the motion of its own simulation.
+"""Signatures of the faults of any valve, from its own motion or that of its simulation.
 
 A few cycles are simulated and their motion changed by each fault, as `derive` does it with a
 plant that knows its faults. A valve without a simulation is given a made-up motion.
@@ -9,27 +9,34 @@ plant that knows its faults. A valve without a simulation is given a made-up mot
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.diagnosis.derive import Effort, derive
+from valve_twin.core.diagnosis.derive import Bench, Effort, V, derive
 from valve_twin.core.diagnosis.features import UNFOLLOWED
 from valve_twin.core.diagnosis.generic.faults import FIRST_SIZES, LARGEST, SET_SIZES
 from valve_twin.core.diagnosis.generic.made_up import made_up
-from valve_twin.core.diagnosis.generic.rig import IdealRig
+from valve_twin.core.diagnosis.generic.rig import IdealRig, MotionRig
 from valve_twin.core.diagnosis.table import FACTORS, Signature, SignatureTable
 
 if TYPE_CHECKING:
     from valve_twin.core.diagnosis.features import FeatureSet
+    from valve_twin.core.diagnosis.generic.motion import Motion
     from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.valves.interface import ValveModel
 
 _EFFORT = Effort(seeds=(900, 901), healthy=30, faulty=3)
 _CHANCE_EFFORT = Effort(seeds=(900, 901), healthy=30, faulty=16)
 LOST = "command_loss"
+_OWN_EFFORT = Effort(seeds=(900, 901), healthy=20, faulty=2)
+_OWN_CHANCE_EFFORT = Effort(seeds=(900, 901), healthy=20, faulty=8)
+_KEPT = 128
+"""Motions whose signatures a process keeps."""
+
 _BY_CHANCE = (LOST, "sensor_freeze", "sticking")
 """Faults that come and go by chance: more cycles tell how they scatter."""
 
@@ -83,10 +90,34 @@ def derive_table(simulation: SimulationConfig, followed: FeatureSet) -> Signatur
         Its features.
     """
     followed = replace(followed, first_sizes=FIRST_SIZES, largest=LARGEST)
-    rig = IdealRig(replace(simulation, aging=(), scatter=()), followed)
+    still = replace(simulation, aging=(), scatter=())
+    return _derived_on(IdealRig(still, followed), _EFFORT, _CHANCE_EFFORT)
+
+
+@lru_cache(maxsize=_KEPT)
+def own_table(name: str, motion: Motion) -> SignatureTable:
+    """Return the signatures of the faults of any valve from the motion of a valve itself.
+
+    Parameters
+    ----------
+    name : str
+        Name of its model.
+    motion : Motion
+        What it does in a cycle.
+    """
+    from valve_twin.core.valves.registry import get_model  # which knows every model
+
+    followed = get_model(name).feature_set
+    followed = replace(followed, first_sizes=FIRST_SIZES, largest=LARGEST)
+    rig = MotionRig(motion, motion.positions(), followed)
+    return _derived_on(rig, _OWN_EFFORT, _OWN_CHANCE_EFFORT)
+
+
+def _derived_on(rig: Bench[V], effort: Effort, by_chance_effort: Effort) -> SignatureTable:
+    followed = rig.feature_set
     steady = tuple(n for n in FIRST_SIZES if n not in _BY_CHANCE)
-    table = derive(rig, steady, effort=_EFFORT)
-    by_chance = derive(rig, _BY_CHANCE, small=SET_SIZES, effort=_CHANCE_EFFORT).signatures
+    table = derive(rig, steady, effort=effort)
+    by_chance = derive(rig, _BY_CHANCE, small=SET_SIZES, effort=by_chance_effort).signatures
     scattered = tuple(_alone(s, followed) if s.fault == LOST else s for s in by_chance)
     found = (*table.signatures, *scattered, *_saturation(followed))
     seen = {s.fault for s in found if np.any(s.change)}

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Where the cycles of a cylinder begin: its command rests in mid-range, its answer stays."""
+
+import numpy as np
+import pytest
+
+from valve_twin.core.survey.cycles import strokes_from_rest
+from valve_twin.core.survey.pairs import Signal
+from valve_twin.core.types import CycleRule
+
+STEP_S, REST = 0.1, 0.5
+
+
+def cylinder(programmes):
+    """Return command and position: moves of (opening, seconds) with rests of 3 s behind each."""
+    command = [np.full(20, REST)]
+    for programme in programmes:
+        for opening, seconds in programme:
+            command += [np.full(round(seconds / STEP_S), REST + opening), np.full(30, REST)]
+    u = np.concatenate(command)
+    position = np.cumsum(np.append(0.0, 0.2 * STEP_S * (u - REST)))[:-1]
+    stamps = np.rint(np.arange(len(u)) * STEP_S * 1e9).astype(np.int64)
+    return Signal("command", stamps, u), Signal("answer", stamps, position)
+
+
+MOVES = ((0.4, 4.0), (0.3, 4.0), (-0.3, 3.0), (0.2, 2.0), (-0.5, 4.6))
+
+
+def test_a_cycle_begins_where_the_answer_leaves_its_end_and_not_with_each_move():
+    plan = strokes_from_rest(*cylinder([MOVES] * 4))
+    assert plan is not None
+    assert plan.rule is CycleRule.REFERENCE
+    assert plan.count == 4
+    assert REST < float(plan.values["reference_level"]) < REST + 0.2
+    rises_s = (0.0, 7.0, 20.0)  # of the moves up of a programme
+    whole_s = sum(s + 3.0 for _, s in MOVES)
+    assert rises_s[-1] < float(plan.values["min_cycle_s"]) < whole_s
+
+
+@pytest.mark.parametrize(
+    "programmes",
+    [
+        [MOVES],  # once only
+        [[(0.4, 4.0), (-0.4, 4.0)], [*MOVES[:-1], *MOVES[:4], (-0.5, 9.2)]] * 2,  # short, long
+    ],
+)
+def test_cycles_that_no_least_length_tells_apart_are_not_cut_so(programmes):
+    assert strokes_from_rest(*cylinder(programmes)) is None
+
+
+def test_a_command_that_never_drives_back_is_none_of_a_cylinder():
+    command, answer = cylinder([[(0.4, 4.0), (0.3, 4.0)]] * 3)
+    assert strokes_from_rest(command, answer) is None
