@@ -34,6 +34,7 @@ def add(verbs: Verbs) -> None:
     parser.add_argument(
         "--budget", action="store_true", help="with the error budget of the simulated valve"
     )
+    parser.add_argument("--language", default="en", choices=["en", "de"], help="of the page")
 
 
 def _report(arguments: argparse.Namespace) -> int:
@@ -57,8 +58,11 @@ def _report(arguments: argparse.Namespace) -> int:
             arguments.out,
             arguments.label,
             budget=budget,
+            language=arguments.language,
         )
     else:
-        report_history(config, arguments.out, arguments.label, budget=budget)
+        report_history(
+            config, arguments.out, arguments.label, budget=budget, language=arguments.language
+        )
     say(f"{arguments.out}: written")
     return OK

@@ -18,7 +18,7 @@ from markupsafe import Markup
 
 from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.gateway.page.details import DRAWING
-from valve_twin.gateway.page.words import LANGUAGES, cell, drawn, sentence, words
+from valve_twin.report.language.words import LANGUAGES, cell, drawn, sentence, words
 from valve_twin.report.plots import plot_cycle
 from valve_twin.report.svg import polyline
 from valve_twin.report.tables import life_table

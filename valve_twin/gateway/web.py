@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from valve_twin.gateway.metrics import TYPE, exposition
-from valve_twin.gateway.page import forms, words
+from valve_twin.gateway.page import forms
 from valve_twin.gateway.page.answers import HEADERS, MARK, visitor_of
 from valve_twin.gateway.page.samples import NoSamplesError, Samples
 from valve_twin.gateway.pages import (
@@ -29,6 +29,7 @@ from valve_twin.gateway.pages import (
 )
 from valve_twin.gateway.plain import plain_valve
 from valve_twin.io.errors import ValveTwinError
+from valve_twin.report.language import words
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

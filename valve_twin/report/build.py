@@ -107,6 +107,7 @@ def report_bag(
     label: str = "",
     *,
     budget: Budget | None = None,
+    language: str = "en",
 ) -> Path:
     """Write the page of an estimated bag, with its provenance.
 
@@ -116,6 +117,8 @@ def report_bag(
         As of `bag_data`.
     out : path
         Page to write.
+    language : str
+        Its code.
 
     Returns
     -------
@@ -123,6 +126,7 @@ def report_bag(
         The page.
     """
     data = bag_data(config, bag, record, assessment, label, budget=budget)
+    data = replace(data, language=language)
     return _write(config, data, bag_origin(config, bag), label, out)
 
 
@@ -153,7 +157,12 @@ def baseline_note(record: Record) -> tuple[str, ...]:
 
 
 def report_history(
-    config: ValveConfig, out: str | Path, label: str = "", *, budget: Budget | None = None
+    config: ValveConfig,
+    out: str | Path,
+    label: str = "",
+    *,
+    budget: Budget | None = None,
+    language: str = "en",
 ) -> Path:
     """Write the page of what the history holds about a valve; it keeps no samples.
 
@@ -165,6 +174,8 @@ def report_history(
         Page to write.
     label, budget
         As of `bag_data`.
+    language : str
+        Its code.
 
     Returns
     -------
@@ -177,6 +188,7 @@ def report_history(
         If the history cannot be read or does not know the valve.
     """
     data = configured_history_data(config, label, budget=budget)
+    data = replace(data, language=language)
     return _write(config, data, history_origin(data), label, out)
 
 

@@ -83,6 +83,8 @@ class ReportData:
         How far its cycles are condensed in the history: they are not among `cycles`.
     condensates : tuple of Condensate
         What the days of condensed cycles say of the parameters that are followed.
+    language : str
+        Code of the language of the page.
     """
 
     valve: str
@@ -112,6 +114,7 @@ class ReportData:
     warning: str = ""
     condensed: Condensed | None = None
     condensates: tuple[Condensate, ...] = ()
+    language: str = "en"
 
     @property
     def aging(self) -> bool:

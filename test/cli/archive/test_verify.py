@@ -92,6 +92,16 @@ def test_a_page_of_a_history_is_equal(made, verify):
     assert verify(made.history, "--url", made.url)[0] == OK
 
 
+def test_a_german_page_is_equal_and_says_what_the_english_one_says(made, tmp_path, verify):
+    page = tmp_path / "german.html"
+    assert call("report", "--config", made.config, "--out", page, "--language", "de") == OK
+    text = page.read_text(encoding="utf-8")
+    for part in ('<html lang="de">', "Ventilbericht", "Datenqualität"):
+        assert part in text
+    assert "Data quality" not in text
+    assert verify(page)[0] == OK
+
+
 def test_a_page_with_a_budget_is_equal_and_one_without_is_not(made, tmp_path, verify):
     page = tmp_path / "budget.html"
     arguments = ("--config", made.config, "--out", page, "--budget")

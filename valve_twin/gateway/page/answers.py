@@ -6,9 +6,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from valve_twin.gateway.page import words
 from valve_twin.gateway.page.accounts import COOKIE
 from valve_twin.gateway.pages import Visitor
+from valve_twin.report.language import words
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

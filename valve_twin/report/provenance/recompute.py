@@ -7,6 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from valve_twin.report.language.words import language_of
 from valve_twin.report.page import render_report
 from valve_twin.report.provenance.compare import (
     input_differences,
@@ -73,6 +74,7 @@ def compare_report(
         source=then.origin.where,
         written_ns=then.written_ns,
         provenance=report.carried,
+        language=language_of(report.html),
     )
     pages = page_differences(report.html, render_report(same))
     return Comparison([*inputs, *keys, *pages], version_differences(then))

@@ -26,9 +26,18 @@ from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.core.types import Prediction, Validity
 from valve_twin.core.valves.registry import get_model, model_names
 from valve_twin.gateway.page import forms
-from valve_twin.gateway.page.words import cell, chosen, drawn, read_catalogue, sentence, words
 from valve_twin.gateway.plant import WAITING
 from valve_twin.report import plots
+from valve_twin.report.language.words import (
+    cell,
+    chosen,
+    drawn,
+    language_of,
+    read_catalogue,
+    sentence,
+    whole_page,
+    words,
+)
 from valve_twin.report.plots import plot_cycle
 from valve_twin.report.tables import STATUS_WORDS
 
@@ -77,15 +86,15 @@ def test_the_words_inside_a_picture_are_translated():
 def test_the_words_in_the_cells_of_a_table_are_translated():
     german = words("de")
     made = Markup("steady<small>60 estimates</small>")
-    assert cell(made, german) == "stetig<small>60 Schätzungen</small>"
+    assert cell(made, german) == "stabil<small>60 Schätzungen</small>"
     assert cell("<b>due</b>", german) == "&lt;b&gt;due&lt;/b&gt;"
     assert cell("due", german) == "fällig"
     assert cell("warning 0.5, warning in doubt", german) == "Warnung 0.5, Warnung ungewiss"
     assert cell("warning 0.5", german) == "Warnung 0.5"
     said = "46 … 57, bends (power), 12 % before the next stop"
-    assert cell(said, german) == "46 … 57, biegt sich (power), 12 % vor dem nächsten Halt"
+    assert cell(said, german) == "46 … 57, biegt sich (power), 12 % vor dem nächsten Stillstand"
     assert cell(said.replace(", bends (power)", ""), german).endswith(
-        "57, 12 % vor dem nächsten Halt"
+        "57, 12 % vor dem nächsten Stillstand"
     )
     assert cell(said.partition(", 12")[0], german) == "46 … 57, biegt sich (power)"
     assert cell(made, words("en")) == made
@@ -154,8 +163,8 @@ def test_what_is_to_be_done_is_translated():
     assert len(advices) > 25
     assert [text for text in advices if not is_german(text)] == []
     leak = FAULT_ADVICE["leak"].sentence
-    german = "Sitz und Dichtungen der Kammer: spülen, dann Sitz und Dichtungen ansehen"
-    assert sentence(leak, words("de"), begins=True) == f"{german}, beim nächsten Halt"
+    german = "Sitz und Dichtungen der Kammer: spülen, dann Sitz und Dichtungen prüfen"
+    assert sentence(leak, words("de"), begins=True) == f"{german}, beim nächsten Stillstand"
     assert sentence(leak, words("en"), begins=True) == "S" + leak[1:]
 
 
@@ -211,3 +220,27 @@ def test_a_catalogue_is_read_with_lines_that_go_on():
 )
 def test_the_language_is_the_one_asked_for(asked, kept, accepted, language):
     assert chosen(asked, kept, accepted) == language
+
+
+def test_a_whole_report_is_translated_and_says_so():
+    page = (
+        '<!DOCTYPE html><html lang="en"><title>Valve report /a</title><style>b{x:1}</style>'
+        "<b>The valve needs attention</b><p>: no significant slope in 46 estimates (p = 0.7)</p>"
+        "<p>NE 107: out of specification; PDE parameter deviation (ISO 14224)</p>"
+        "<p>Pilot stage: clean it or renew it.</p><td>spring &lt;renewed&gt; by Anna</td>"
+        '<svg aria-label="K_in over cycle">'
+        '<text x="1">time since the start of the cycle [s]</text>'
+    )
+    found = whole_page(Markup(page), "de")
+    for part in (
+        '<html lang="de">',
+        "<title>Ventilbericht /a</title><style>b{x:1}</style>",
+        "<b>Am Ventil ist etwas zu tun</b>",
+        "<p>: keine signifikante Steigung in 46 Schätzungen (p = 0.7)</p>",
+        "<p>NE 107: außerhalb der Spezifikation; PDE Parameterabweichung (ISO 14224)</p>",
+        "<td>spring &lt;renewed&gt; by Anna</td>",
+        '<text x="1">Zeit seit Beginn des Zyklus [s]</text>',
+    ):
+        assert part in found
+    assert whole_page(page, "en") == page
+    assert (language_of(page), language_of(found), language_of("")) == ("en", "de", "en")

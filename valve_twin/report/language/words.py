@@ -123,6 +123,68 @@ def sentence(text: object, told: Words, *, begins: bool = False) -> Markup:
     return Markup("; ").join(_clause(part, told) for part in said.split("; "))
 
 
+def whole_page(page: str, language: str) -> str:
+    """Return a page (HTML) in another language; what is not known stays as it is.
+
+    Parameters
+    ----------
+    page : str
+        The page in the language of the templates.
+    language : str
+        Code of the other one.
+    """
+    told = words(language, "_report")
+    if not told.catalogue:
+        return page
+    page = str(page)  # markup would escape what it is given
+    page = page.replace(f'lang="{next(iter(LANGUAGES))}"', f'lang="{language}"', 1)
+    parts = re.split("(<style>.*?</style>|<[^>]*>)", drawn(page, told), flags=re.DOTALL)
+    return "".join(part if part.startswith("<") else _told_part(part, told) for part in parts)
+
+
+def language_of(page: str) -> str:
+    """Return the code of the language of a page."""
+    found = re.search(r'<html lang="([a-z]+)"', page[:1000])
+    return found.group(1) if found and found.group(1) in LANGUAGES else next(iter(LANGUAGES))
+
+
+def _told_part(part: str, told: Words) -> str:
+    """Return the text between two tags in another language, with the space around it."""
+    text = " ".join(Markup(part).unescape().split())
+    if not _WORD.search(text):
+        return part
+    begin = ": " if text.startswith(": ") else ""
+    text = text.removeprefix(begin)
+    found = _told_text(text, told)
+    if found is None and text.endswith("."):  # a clause that was made a sentence
+        found = _told_text(text[0].lower() + text[1:-1], told)
+        found = found if found is None else Markup("{}{}.").format(found[:1].upper(), found[1:])
+    if found is None:
+        return part
+    before, after = (" " if end.isspace() else "" for end in (part[0], part[-1]))
+    return f"{before if not begin else ''}{begin}{found}{after}"
+
+
+def _told_text(text: str, told: Words) -> Markup | None:
+    """Return a text in another language; None where nothing of it is known."""
+    if text in told.catalogue or text in told.sentences:
+        return escape(told.gettext(text))
+    ranked, short = _ranked(tuple(told.sentences)), len(text) <= LONGEST
+    clauses = text.split("; ")
+    found = [_said(c, told, ranked, DEEPEST) if short else None for c in clauses]
+    known = [said for said in found if said is not None]
+    if len(known) == len(found) and not any("</span>" in said for said in known):
+        return Markup("; ").join(known)
+    patterns = _patterns(tuple(m for m in told.catalogue if "{}" in m))
+    other = _translated(text, told, patterns)
+    if other != text:
+        return escape(other)
+    if not known:
+        return None
+    pairs = zip(clauses, found, strict=True)
+    return Markup("; ").join(escape(c) if said is None else said for c, said in pairs)
+
+
 @lru_cache(maxsize=1000)
 def _clause(text: str, told: Words) -> Markup:
     patterns = _ranked(tuple(told.sentences))
@@ -195,14 +257,14 @@ def _translated(text: str, told: Words, patterns: Mapping[str, re.Pattern[str]])
 
 
 @cache
-def words(language: str) -> Words:
-    """Return the words of a language."""
+def words(language: str, *more: str) -> Words:
+    """Return the words of a language, with those of more files (`_report`)."""
     if language == next(iter(LANGUAGES)):
         return Words({})
-    folder = files("valve_twin.gateway") / "locale"
+    folder = files("valve_twin.report.language") / "locale"
     pages, *of_core = (
         read_catalogue((folder / f"{language}{part}.po").read_text(encoding="utf-8"))
-        for part in ("", "_sentences", "_parameters")
+        for part in ("", "_sentences", "_parameters", *more)
     )
     return Words(pages, {message: text for part in of_core for message, text in part.items()})
 
