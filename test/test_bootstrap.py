@@ -237,15 +237,14 @@ def test_the_demo_compiles_one_valve_and_a_whole_set_up_adds_the_rest(
     bootstrap = importlib.import_module("bootstrap")
     monkeypatch.delitem(sys.modules, "bootstrap")
     done: list[str | None] = []
-    monkeypatch.setattr(bootstrap, "forget_kernels", lambda: done.append("forget"))
     monkeypatch.setattr(bootstrap, "compile_ahead", lambda _, demo: done.append(demo))
     state, wanted = {"kernels": "old"}, {"kernels": "new"}
     state |= bootstrap.compile_kernels(state, wanted, "", "")
-    assert done == ["forget", ""]
+    assert done == [""]
     assert bootstrap.compile_kernels(state, wanted, "", "") == {}
     state |= bootstrap.compile_kernels(state, wanted, "", "stepper_servo")
     state |= bootstrap.compile_kernels(state, wanted, "", None)
-    assert done == ["forget", "", "stepper_servo", None]
+    assert done == ["", "stepper_servo", None]
     assert bootstrap.compile_kernels(state, wanted, "", "servo_system") == {}
 
 

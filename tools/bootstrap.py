@@ -31,7 +31,6 @@ from setup_steps.workspace import (
     check_imports,
     colcon_build,
     compile_ahead,
-    forget_kernels,
     translate_sources,
     write_environment,
 )
@@ -97,13 +96,11 @@ def build_packages(state: dict[str, str], wanted: dict[str, str], distro: str) -
 def compile_kernels(
     state: dict[str, str], wanted: dict[str, str], distro: str, demo: str | None
 ) -> dict[str, str]:
-    """Compile all kernels, or those of a demo; what has the same sources stays compiled."""
+    """Compile all kernels, or those of a demo, whose sources are not those of their cache."""
     step = "kernels" if demo is None else f"kernels of demo {demo}"
     compiled = {name for name, value in state.items() if value == wanted["kernels"]}
     if compiled & {"kernels", step}:
         return {}
-    if not compiled:
-        forget_kernels()
     compile_ahead(distro, demo)
     return {step: wanted["kernels"]}
 

@@ -41,7 +41,7 @@ def fingerprints(distro: str) -> dict[str, str]:
     names = [str(path.relative_to(ROOT)) for path in sorted(installed)]
     described = ("setup.py", "setup.cfg", "package.xml", "colcon_defaults.yaml")
     compiled = ("valve_twin/core", "valve_twin/io/cdr", "valve_twin/design/field")
-    kernels = [*_tree(*compiled, pattern="*.py"), *ROOT.glob("valve_twin/warmup.py")]
+    kernels = [*_tree(*compiled, pattern="*.py"), *ROOT.glob("valve_twin/[kw]*.py")]
     return {
         "interpreter": interpreter,
         "packages": _fingerprint(ros, [LOCK]),

@@ -117,12 +117,6 @@ def check_imports(distro: str) -> None:
     run(command, "the import check", build_environment(distro))
 
 
-def forget_kernels() -> None:
-    """Remove what was compiled from other sources: numba looks at a kernel's own file only."""
-    for cached in (ROOT / "valve_twin").rglob("__pycache__/*.nb[ci]"):
-        cached.unlink(missing_ok=True)
-
-
 def compile_ahead(distro: str, demo: str | None) -> None:
     """Compile the numerical kernels into their cache, so that no node compiles while it runs.
 

@@ -15,10 +15,10 @@ from dataclasses import astuple, dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.state import AlignerState, TrackState
 from valve_twin.core.types import CONDITIONS, BoolArray, FloatArray, Frames, IntArray
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

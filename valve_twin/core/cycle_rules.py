@@ -9,7 +9,8 @@ from statistics import median
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
+
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

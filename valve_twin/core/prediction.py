@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.gaps import gap_ns
 from valve_twin.core.types import Restart, Validity
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, ByteArray, FloatArray, Frames, IntArray

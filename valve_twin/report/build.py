@@ -151,7 +151,7 @@ def trivial_note(record: Record) -> tuple[str, ...]:
 
 
 def baseline_note(record: Record) -> tuple[str, ...]:
-    """Say what ARX and a line through the commands reach beside our model."""
+    """Say what ARX and a line through the inputs reach beside our model."""
     compared = compare_baselines(record)
     return () if compared is None else (compared.text,)
 

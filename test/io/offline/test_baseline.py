@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""A model beside ARX and a line through the commands."""
+"""A model beside ARX and a line through the inputs."""
 
 import json
 import math
@@ -35,10 +35,12 @@ def estimate(number, fit):
     )  # fmt: skip
 
 
-def record(fits):
+def record(fits, driven=(0, 1)):
+    driven = list(driven)
     return SimpleNamespace(
         newest=[cycle(n, n) for n in range(1, len(fits) + 1)],
         estimates=[estimate(n + 1, fit) for n, fit in enumerate(fits)],
+        driven=driven,
     )
 
 
@@ -51,6 +53,13 @@ def test_arx_of_the_cycle_before_follows_a_linear_valve_of_two_commands():
     assert found.worse
     assert "free run, test" in found.text
     assert "do not rely" in found.text
+
+
+def test_a_baseline_sees_what_the_free_run_of_the_model_sees():
+    one = compare_baselines(record([math.nan, 90.0, 80.0], driven=[1]))
+    assert one is not None
+    assert one.arx < 90.0
+    assert compare_baselines(record([math.nan, 90.0], driven=[])) is None
 
 
 def test_a_model_that_follows_better_is_not_doubted():

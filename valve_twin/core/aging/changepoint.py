@@ -21,10 +21,10 @@ import itertools
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.aging.trend import MAX_AUTOCORRELATION, RESOLUTION, TINY, line_sums
 from valve_twin.core.estimation.data.robust import robust_sigma
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray, IntArray

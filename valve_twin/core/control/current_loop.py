@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from numba import njit
+from valve_twin.kernels import njit
 
 SUB_STEPS = 8
 """Sub-steps of a control sample; paper 000, section 2.2."""

@@ -16,10 +16,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.control.current_loop import PATTERNS, SAMPLE_S, STEP_S, SUB_STEPS, pattern
 from valve_twin.core.prediction import fit_percent
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray, IntArray

@@ -17,9 +17,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from numba import njit
-
 from valve_twin.core.quantity import assumed, check_quantities, compiled
+from valve_twin.kernels import njit
 
 HORIZON = 32
 """Control samples that a candidate is predicted where nothing else is said, assumed."""

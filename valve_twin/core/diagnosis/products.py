@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.diagnosis.detection import Finding
 from valve_twin.core.diagnosis.features import DELAYS
 from valve_twin.core.estimation.data.robust import MAD_SCALE
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.diagnosis.table import SignatureTable

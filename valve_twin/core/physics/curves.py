@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypeAlias
 
-from numba import njit
 from numba.extending import overload
 
 from valve_twin.core.physics.coenergy_tables import CoenergyTables, cell, flux_in, trilinear
@@ -24,6 +23,7 @@ from valve_twin.core.physics.solenoid_map import (
     current_at,
     force_at,
 )
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from math import pi, sqrt
 
-from numba import njit
+from valve_twin.kernels import njit
 
 ATMOSPHERE = 1.013e5
 """Pressure at which the share of air is meant [Pa]."""

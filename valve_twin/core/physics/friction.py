@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from math import exp, tanh
 
-from numba import njit
+from valve_twin.kernels import njit
 
 
 @njit(cache=True)

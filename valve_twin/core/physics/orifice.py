@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
+from valve_twin.kernels import njit
 
 LINEAR_PRESSURE = 5e3
 """Pressure drop below which the flow is taken as linear, so that its slope stays finite [Pa]."""

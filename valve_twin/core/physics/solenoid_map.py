@@ -18,7 +18,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit
+
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
@@ -33,7 +34,6 @@ FLUX_NODES, CURRENT_NODES = 97, 97
 POSITION_NODES = 65
 
 _NEWTON_STEPS = 60
-_HALVINGS = 40
 
 
 class MapTables(NamedTuple):
@@ -191,7 +191,7 @@ def coil_force(m: MapTables, current: float, x: float) -> float:
 
 @njit(cache=True)
 def coil_flux(m: MapTables, current: float, other: float, x: float) -> float:
-    """Return psi with i_s(psi, other, x) = current, by halving [Wb].
+    """Return psi with i_s(psi, other, x) = current [Wb].
 
     Parameters
     ----------
@@ -202,16 +202,19 @@ def coil_flux(m: MapTables, current: float, other: float, x: float) -> float:
     x : float
         Position, positive towards this coil [m].
     """
-    reach = 2.0 * (m.current.shape[0] - 1) / m.per_flux
-    low, high = 0.0, reach
+    k, t = column_at(m, x)
     wanted = abs(current)
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        if coil_current(m, middle, 0.0, x) < wanted:
+    low, high = 0, m.current.shape[0] - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if _bilinear(m.current, float(middle), k, t) < wanted:
             low = middle
         else:
             high = middle
-    flux = 0.5 * (low + high)
+    before = _bilinear(m.current, float(low), k, t)
+    rise = _bilinear(m.current, float(high), k, t) - before
+    share = (wanted - before) / rise if rise > 0.0 else 0.5
+    flux = (low + share) / m.per_flux
     return float((flux if current >= 0.0 else -flux) + m.mutual * other)
 
 

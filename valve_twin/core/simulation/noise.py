@@ -7,7 +7,8 @@ from __future__ import annotations
 from math import cos, log, pi, sqrt
 
 import numpy as np
-from numba import njit
+
+from valve_twin.kernels import njit
 
 
 @njit(cache=True)

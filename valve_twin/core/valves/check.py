@@ -13,13 +13,13 @@ from math import exp, isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.simulation import simulate_cycles, to_frames
 from valve_twin.core.types import Cycle, EstimateStatus, Frames, Restart, Validity
 from valve_twin.core.valves.registry import complete_options, get_model
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -89,6 +89,7 @@ def check_valve(name: str, clock: Callable[[], float], *, seeds: int = SEEDS) ->
     yield from _codes(subject)
     yield _not_a_number(subject)
     yield _causal(subject)
+    yield _driven(subject)
     yield _refuses(subject)
     yield _recovers(subject, seeds)
     yield _fast(subject, clock)
@@ -178,11 +179,13 @@ def _run(
     *,
     cuts: Sequence[int] = (),
     position: FloatArray | None = None,
+    inputs: FloatArray | None = None,
 ) -> _Run:
     frames = subject.cycle.frames
     measured = frames.position if position is None else position
     n = len(restart)
-    inputs = np.nan_to_num(frames.inputs, nan=0.0, posinf=0.0, neginf=0.0)
+    given = frames.inputs if inputs is None else inputs
+    commands = np.nan_to_num(given, nan=0.0, posinf=0.0, neginf=0.0)
     run = _Run(
         np.full(n, np.nan),
         np.full(n, np.nan),
@@ -195,7 +198,7 @@ def _run(
             run.state,
             subject.coefficients,
             np.ascontiguousarray(measured[part]),
-            np.ascontiguousarray(inputs[part]),
+            np.ascontiguousarray(commands[part]),
             restart[part],
             run.predicted[part],
             run.simulated[part],
@@ -288,6 +291,24 @@ def _causal(subject: _Subject) -> Finding:
     same = before.predicted[: b + 1].tobytes() == after.predicted[: b + 1].tobytes()
     text = "only what was measured before" if same else "predicted[n] depends on position[n]"
     return Finding("one-step prediction", passed=same, text=text)
+
+
+def _driven(subject: _Subject) -> Finding:
+    """Check that the free run sees the inputs that `driven_by` names, and no other."""
+    model, restart = subject.model, _restart(subject, {})
+    unknown = [name for name in model.driven_by if name not in model.inputs]
+    if unknown:
+        text = f"driven_by names {', '.join(unknown)}: no such input"
+        return Finding("free run", passed=False, text=text)
+    others = [i for i, name in enumerate(model.inputs) if name not in model.driven_by]
+    if not model.driven_by or not others:
+        return Finding("free run", passed=True, text="driven by all inputs")
+    changed = subject.cycle.frames.inputs.copy()
+    changed[:, others] = np.roll(changed[:, others], len(changed) // 3, axis=0) + 0.1
+    free = [_run(subject, restart, inputs=u).simulated for u in (None, changed)]
+    same = free[0].tobytes() == free[1].tobytes()
+    text = f"driven by {', '.join(model.driven_by)}" + ("" if same else " and by another input")
+    return Finding("free run", passed=same, text=text)
 
 
 def _bad_cycles(subject: _Subject) -> dict[str, Cycle]:

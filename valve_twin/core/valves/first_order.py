@@ -10,9 +10,8 @@ from __future__ import annotations
 from math import exp
 from typing import TYPE_CHECKING
 
-from numba import njit
-
 from valve_twin.core.valves.kit import Law, Valve, parameter, steps
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray

@@ -12,10 +12,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from numba import njit
-
 from valve_twin.core.diagnosis.generic.features import feature_set
 from valve_twin.core.valves.kit import Law, Valve, parameter, steps
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.diagnosis.features import FeatureSet

@@ -143,6 +143,9 @@ class ValveModel(Protocol):
         Signal names of the commands, in the column order of `Frames.inputs`.
     output : str
         Signal name of the position.
+    driven_by : tuple of str
+        Inputs that the free run is computed from, what a model without physics may see, too;
+        empty = all. A setpoint beside the currents that its controller makes is not among them.
     parameters : tuple of Parameter
         Every parameter that an estimator of this model may publish.
     options : frozen dataclass
@@ -173,6 +176,7 @@ class ValveModel(Protocol):
     parameters: tuple[Parameter, ...]
     options: Options
     trend_estimator: str
+    driven_by: tuple[str, ...] = ()
     normalised: bool = False
     variants: tuple[Mapping[str, object], ...] = ()
     budget_estimator: str = ""

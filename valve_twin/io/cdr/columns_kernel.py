@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from llvmlite import ir
-from numba import njit
 from numba.extending import intrinsic
 
 from valve_twin.io.cdr.layout import Number, Walk
 from valve_twin.io.cdr.signals import LONGEST_BATCH_S
 from valve_twin.io.mcap.format import Op
 from valve_twin.io.mcap.index_check import ENTRY_SIZE, INDEX_HEAD, Flaw
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numba import njit
 
 from valve_twin.io.errors import BagError
 from valve_twin.io.limits import too_large
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from valve_twin.io.offline.run import Record
 
 ERROR = "free run, test"
-"""Which error is compared: from the commands alone, over a cycle that the model does not know."""
+"""Which error is compared: from the model's inputs alone, over a cycle that it does not know."""
 
 _DELAYS = (0, 1, 2, 4, 8)  # tried [samples]
 _MOST = 2000  # samples of a cycle; a longer one is thinned
@@ -42,7 +42,8 @@ class Baselines:
     cycles : int
         Cycles compared, each by models of the cycle before.
     model, arx, line : float
-        The valve's own model, ARX, a line through the commands; NaN = none.
+        The valve's own model, ARX, a line through the inputs; NaN = none. All of them see the
+        inputs that the model's free run is computed from, and no other.
     """
 
     cycles: int
@@ -62,7 +63,7 @@ class Baselines:
         told = (
             f"Fit of the {ERROR} (each cycle by models of the one before, median of "
             f"{self.cycles}): this model {_percent(self.model)}, ARX {_percent(self.arx)}, a line "
-            f"through the commands {_percent(self.line)}."
+            f"through the inputs {_percent(self.line)}."
         )
         if self.worse:
             told += (
@@ -104,9 +105,9 @@ def compare_baselines(record: Record) -> Baselines | None:
     }
     rows = []
     for before, cycle in pairwise(record.newest):
-        if cycle.number not in own or not cycle.frames.inputs.shape[1]:
+        if cycle.number not in own or not record.driven:
             continue
-        fits = _fits(before, cycle)
+        fits = _fits(before, cycle, record.driven)
         if fits is not None:
             rows.append((own[cycle.number], *fits))
     if not rows:
@@ -119,9 +120,9 @@ def _median(values: tuple[float, ...]) -> float:
     return statistics.median(known) if known else math.nan
 
 
-def _fits(before: Cycle, cycle: Cycle) -> tuple[float, float] | None:
+def _fits(before: Cycle, cycle: Cycle, driven: list[int]) -> tuple[float, float] | None:
     """Return the fits of ARX and of a line of one cycle on the next [%]."""
-    (u, y), (unseen_u, unseen_y) = _columns(before), _columns(cycle)
+    (u, y), (unseen_u, unseen_y) = _columns(before, driven), _columns(cycle, driven)
     if min(len(y), len(unseen_y)) < _LEAST:
         return None
     every = -(-max(len(y), len(unseen_y)) // _MOST)
@@ -133,9 +134,9 @@ def _fits(before: Cycle, cycle: Cycle) -> tuple[float, float] | None:
     return arx, line_fit(u, y, unseen_u, unseen_y)
 
 
-def _columns(cycle: Cycle) -> tuple[FloatArray, FloatArray]:
-    """Return commands (N, M) and position (N,) of the longest stretch without a gap."""
+def _columns(cycle: Cycle, driven: list[int]) -> tuple[FloatArray, FloatArray]:
+    """Return what the free run sees (N, M) and the position (N,), longest part without a gap."""
     if not len(cycle.frames):
-        return np.empty((0, 1)), np.empty(0)
+        return np.empty((0, len(driven))), np.empty(0)
     part, known = longest_whole(cycle.frames, cycle.period_s)
-    return held(part.inputs, known), held(part.position, known)
+    return held(part.inputs[:, driven], known), held(part.position, known)

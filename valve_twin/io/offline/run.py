@@ -66,6 +66,8 @@ class Record:
         How far the clocks of the signals run apart.
     normalised : bool
         Whether positions are shares of the stroke.
+    driven : list of int
+        Columns of the inputs that the model's free run is computed from.
     counters : Counters
         What the valve did.
     files : dict
@@ -81,6 +83,7 @@ class Record:
     paused: int = 0
     offsets: list[ClockOffset] = field(default_factory=list)
     normalised: bool = False
+    driven: list[int] = field(default_factory=list)
     counters: Counters = field(default_factory=Counters)
     files: dict[int, str] = field(default_factory=dict)
     _running: dict[int, list[Prediction]] = field(default_factory=dict)
@@ -274,7 +277,9 @@ def run_bag(
     """
     twin = make_twin(config)
     twin.predicts = predict
-    record = Record(normalised=get_model(config.model).normalised)
+    model = get_model(config.model)
+    driven = [model.inputs.index(name) for name in model.driven_by or model.inputs]
+    record = Record(normalised=model.normalised, driven=driven)
     clocks = SignalClocks(get_model(config.model).output, config.hold_back_s, looks=1)
     events = estimate_bag(
         config, bag, close_last=close_last, twin=twin, freeze_after=freeze_after, clocks=clocks

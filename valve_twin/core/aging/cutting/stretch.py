@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.aging.changepoint import (
     best_lines,
@@ -26,6 +25,7 @@ from valve_twin.core.aging.changepoint import (
 from valve_twin.core.aging.joining import Joined, join
 from valve_twin.core.aging.trend import RESOLUTION, TINY, Line, fit_line
 from valve_twin.core.estimation.data.one_thread import dot
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.aging.config import AgingConfig

@@ -29,11 +29,11 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.aging.config import Law
 from valve_twin.core.aging.laws.ar1 import ar1_forms, ar1_product
 from valve_twin.core.aging.trend import Line
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -20,12 +20,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.aging.drift import wanted_limits
 from valve_twin.core.aging.series import Part
 from valve_twin.core.aging.trend import line_sums, quantile
 from valve_twin.core.aging.verdict import LimitState, TrendStatus
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

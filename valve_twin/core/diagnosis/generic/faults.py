@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.diagnosis.generic.moves import find_moves
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -12,9 +12,9 @@ from statistics import NormalDist
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.estimation.data.robust import difference_sigma
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray

@@ -16,7 +16,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.estimation.solvers.small_dense import (
     factorise,
@@ -25,6 +24,7 @@ from valve_twin.core.estimation.solvers.small_dense import (
     solve_lower,
     solve_upper,
 )
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray, IntArray

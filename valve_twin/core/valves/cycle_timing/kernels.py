@@ -17,9 +17,8 @@ from __future__ import annotations
 from math import exp, isnan, nan
 from typing import TYPE_CHECKING
 
-from numba import njit
-
 from valve_twin.core.types import Restart, Validity
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import ByteArray, FloatArray

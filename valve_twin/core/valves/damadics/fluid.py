@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from math import exp, pi, sqrt
 
-from numba import njit
+from valve_twin.kernels import njit
 
 KV_MAX = 120.0
 """Flow coefficient of the open valve [m3/h]."""

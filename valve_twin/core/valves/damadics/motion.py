@@ -13,7 +13,6 @@ from math import asin, pi, sqrt
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.valves.damadics.fluid import (
     bypass_flow,
@@ -23,6 +22,7 @@ from valve_twin.core.valves.damadics.fluid import (
     valve_flow,
     vapour_pressure,
 )
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.control.current_loop import SUB_STEPS
 from valve_twin.core.control.flux_reconstruction import (
@@ -27,6 +26,7 @@ from valve_twin.core.control.flux_reconstruction import (
 from valve_twin.core.estimation.solvers.nonlinear import Curve, CurveFit, FitParameter, fit_curves
 from valve_twin.core.physics.solenoid_map import MapTables, coil_current, coil_flux, coil_force
 from valve_twin.core.valves.double_solenoid.plant_kernel import STEP_S, Second, second_order
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray

@@ -15,10 +15,9 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from numba import njit
-
 from valve_twin.core.control.current_loop import SAMPLE_S
 from valve_twin.core.quantity import QuantityError, assumed, check_quantities
+from valve_twin.kernels import njit
 
 
 class Eddies(NamedTuple):

@@ -95,6 +95,7 @@ class DoubleSolenoidModel(CompiledModel):
     name: str = "double_solenoid"
     inputs: tuple[str, ...] = INPUTS
     output: str = "position"
+    driven_by: tuple[str, ...] = INPUTS[3:]  # the currents
     parameters: tuple[Parameter, ...] = PARAMETERS
     options: DoubleSolenoidOptions = field(default_factory=DoubleSolenoidOptions)
     kernel = predict_block
@@ -133,9 +134,10 @@ class DoubleSolenoidModel(CompiledModel):
         if refusal:
             return (_estimate(cycle, blank(NAMES, refusal), known, refused=refusal),)
         constants = tolerated(options, options.tolerances)
-        aside = _aside(cycle, options, known, constants)
+        here = valve, record
+        aside = _aside(cycle, options, here, constants)
         names = (*constants.names, *options.map_doubt_names)
-        coils = _coils(cycle, (valve, record), aside, names)
+        coils = _coils(cycle, here, aside, names)
         variations = [(r, v.valve(), v.tables()) for v, r in aside]
         fit = fit_motion(record, valve.valve(), valve.tables(), variations)
         noise = _rest_noise(record.x)
@@ -267,20 +269,22 @@ def _record(cycle: Cycle, valve: DoubleSolenoidPlant, known: BoolArray) -> Recor
 
 
 def _aside(
-    cycle: Cycle, options: DoubleSolenoidOptions, known: BoolArray, constants: Tolerated
+    cycle: Cycle,
+    options: DoubleSolenoidOptions,
+    here: tuple[DoubleSolenoidPlant, Record],
+    constants: Tolerated,
 ) -> list[tuple[DoubleSolenoidPlant, Record]]:
     """Return valve and record with each constant, then the map, moved by standard deviations."""
-    moved = []
+    moved, (ours, record) = [], here
     for name, sigma in zip(constants.names, constants.sigmas.tolist(), strict=True):
         value = getattr(options, name)
         try:
             valve = known_valve(options, {name: value * (1.0 + sigma)})
         except ValueError:  # it stands at its limit: as far the other way
             valve = known_valve(options, {name: value * (1.0 - sigma)})
-        moved.append((valve, _record(cycle, valve, known)))
-    for other in doubted(options):
-        valve = known_valve(other, {})
-        moved.append((valve, _record(cycle, valve, known)))
+        scaled = (valve.half_stroke, valve.current_scale) != (ours.half_stroke, ours.current_scale)
+        moved.append((valve, _record(cycle, valve, record.known) if scaled else record))
+    moved += [(known_valve(other, {}), record) for other in doubted(options)]
     return moved
 
 
@@ -304,10 +308,22 @@ def _coils(
             status = ParameterStatus.REFUSED if fit.refused else ParameterStatus.NOT_EXCITED
             values += blank((name,), fit.reason, status)
             continue
-        others = [_coil(cycle, *one, part, column).resistance for one in aside]
+        others = [
+            _coil(cycle, *one, part, column).resistance if _shows(one, here) else fit.resistance
+            for one in aside
+        ]
         moved = np.nan_to_num(np.array(others) - fit.resistance, nan=fit.resistance)
         values.append(Doubt(moved, names).around(name, fit.resistance))
     return values
+
+
+def _shows(
+    one: tuple[DoubleSolenoidPlant, Record], here: tuple[DoubleSolenoidPlant, Record]
+) -> bool:
+    """Whether what is aside changes anything that a resistance is found from."""
+    (valve, record), (ours, measured) = one, here
+    same = valve.tables() is ours.tables() and valve.supply_voltage == ours.supply_voltage
+    return not (same and record is measured)
 
 
 def _coil(

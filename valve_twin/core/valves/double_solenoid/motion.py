@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.estimation.solvers.least_squares import column_condition, damped_step
 from valve_twin.core.physics.curves import force_of
@@ -26,6 +25,7 @@ from valve_twin.core.valves.double_solenoid.plant_kernel import (
     friction_force,
     spring_force,
 )
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

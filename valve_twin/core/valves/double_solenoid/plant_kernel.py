@@ -17,8 +17,6 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-from numba import njit
-
 from valve_twin.core.control import current_loop
 from valve_twin.core.control.current_loop import (
     SUB_STEPS,
@@ -31,6 +29,7 @@ from valve_twin.core.control.current_loop import (
 )
 from valve_twin.core.physics.curves import locate, static_currents, static_force
 from valve_twin.core.valves.double_solenoid.eddies import step_branches
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.physics.curves import Curves

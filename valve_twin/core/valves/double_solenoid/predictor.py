@@ -12,7 +12,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.physics.coenergy_tables import FORCE_NODES, PLACE_NODES, CoenergyTables
 from valve_twin.core.physics.curves import force_of
@@ -33,6 +32,7 @@ from valve_twin.core.valves.double_solenoid.plant_kernel import (
 )
 from valve_twin.core.valves.kit.bind import per_sample
 from valve_twin.core.valves.kit.prediction import predictor, state_size
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.physics.curves import Curves

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.estimation.solvers.arx import fit_arx
 from valve_twin.core.valves.hammerstein_wiener.kernels import (
@@ -35,6 +34,7 @@ from valve_twin.core.valves.hammerstein_wiener.shape import (
     numbers_of,
     start_of,
 )
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray, IntArray

@@ -18,9 +18,9 @@ from math import nan
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.types import Restart, Validity
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import ByteArray, FloatArray

@@ -11,11 +11,10 @@ from dataclasses import replace
 from math import exp
 from typing import TYPE_CHECKING
 
-from numba import njit
-
 from valve_twin.core.simulation.measurement import MeasurementConfig
 from valve_twin.core.valves.kit.law import Law, parameter
 from valve_twin.core.valves.kit.plant import steps
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray

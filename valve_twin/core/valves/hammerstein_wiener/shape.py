@@ -11,7 +11,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.valves.hammerstein_wiener.kernels import (
     FALL,
@@ -26,6 +25,7 @@ from valve_twin.core.valves.hammerstein_wiener.kernels import (
     B,
     curve,
 )
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray

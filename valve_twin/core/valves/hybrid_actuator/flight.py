@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.estimation.solvers.least_squares import column_condition
 from valve_twin.core.valves.hybrid_actuator.plant_kernel import Armature, net_force, rubbing
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from scipy.optimize import OptimizeResult

@@ -28,7 +28,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from numba import njit
+from valve_twin.kernels import njit
 
 LINEAR, REGULAR, FIT = 0, 1, 2
 KERNELS = ("linear", "saturating", "saturating_fit")

@@ -83,6 +83,7 @@ class HybridActuatorModel(AsLaw, CompiledModel):
     name: str = "hybrid_actuator"
     inputs: tuple[str, ...] = INPUTS
     output: str = "position"
+    driven_by: tuple[str, ...] = INPUTS[2:]  # the currents
     parameters: tuple[Parameter, ...] = PARAMETERS
     options: HybridActuatorOptions = field(default_factory=HybridActuatorOptions)
     kernel = predict_block

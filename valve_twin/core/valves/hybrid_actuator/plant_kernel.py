@@ -14,8 +14,6 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-from numba import njit
-
 from valve_twin.core.control.current_loop import CurrentSensor, shown_current
 from valve_twin.core.valves.hybrid_actuator.magnetics import (
     Magnetics,
@@ -24,6 +22,7 @@ from valve_twin.core.valves.hybrid_actuator.magnetics import (
     force,
     magnet_flux,
 )
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.simulation.plant import Forcing, Response

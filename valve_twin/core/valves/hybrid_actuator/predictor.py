@@ -11,7 +11,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.types import Validity
 from valve_twin.core.valves.hybrid_actuator.flight import advance
@@ -19,6 +18,7 @@ from valve_twin.core.valves.hybrid_actuator.magnetics import Magnetics
 from valve_twin.core.valves.hybrid_actuator.plant_kernel import Armature, net_force
 from valve_twin.core.valves.kit.bind import per_sample
 from valve_twin.core.valves.kit.prediction import predictor, state_size
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray

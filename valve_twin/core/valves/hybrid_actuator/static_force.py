@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.estimation.solvers.nonlinear import (
     Curve,
@@ -28,6 +27,7 @@ from valve_twin.core.valves.hybrid_actuator.magnetics import (
     Magnetics,
     coil_force,
 )
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -24,11 +24,11 @@ from math import exp
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.types import FloatArray, Validity
 from valve_twin.core.valves.kit.bind import per_sample
 from valve_twin.core.valves.kit.prediction import predictor, state_size
+from valve_twin.kernels import njit
 
 N_PARAMETERS = 9
 """In the order of `PARAMETERS`; the sampling time follows them in the coefficients."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 from types import FunctionType
 from typing import TYPE_CHECKING, Any
 
-from numba import njit
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from collections.abc import Callable

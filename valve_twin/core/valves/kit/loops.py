@@ -12,10 +12,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.types import FloatArray, Validity
 from valve_twin.core.valves.kit.bind import per_sample
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.simulation.plant import Forcing, Response

@@ -12,10 +12,9 @@ from __future__ import annotations
 from math import nan
 from typing import TYPE_CHECKING
 
-from numba import njit
-
 from valve_twin.core.types import Restart, Validity
 from valve_twin.core.valves.kit.bind import bind, per_sample
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -24,13 +24,13 @@ from math import cos, cosh, exp, sin, sinh, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.types import FloatArray, Validity
 from valve_twin.core.valves.kit.bind import per_sample
 from valve_twin.core.valves.kit.loops import push
 from valve_twin.core.valves.kit.prediction import predictor
 from valve_twin.core.valves.positioner.kernels import RUNS, motion
+from valve_twin.kernels import njit
 
 N_EXTENDED = 12
 """The 5 of the plain law, then lag [s], stiction, backlash, dead_command, static_gain, rest_level

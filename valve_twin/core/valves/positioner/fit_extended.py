@@ -14,11 +14,11 @@ from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.valves.positioner import extended as law
 from valve_twin.core.valves.positioner.extended import delay_record, free_run, target_of
 from valve_twin.core.valves.positioner.fit import shown_speeds, starting_values, thin
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.estimation.solvers.least_squares import Limits

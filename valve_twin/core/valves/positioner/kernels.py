@@ -23,12 +23,12 @@ from math import exp
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.types import Validity
 from valve_twin.core.valves.kit.bind import per_sample
 from valve_twin.core.valves.kit.loops import push, pushed
 from valve_twin.core.valves.kit.prediction import predictor
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray

@@ -6,11 +6,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from numba import njit
-
 from valve_twin.core.valves.kit.law import Law, parameter
 from valve_twin.core.valves.positioner.kernels import advance
 from valve_twin.core.valves.positioner.parameters import CURVE, SECOND_ORDER
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray

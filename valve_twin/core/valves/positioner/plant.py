@@ -9,7 +9,6 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.quantity import assumed, check_quantities
 from valve_twin.core.simulation.config import SimulationConfig
@@ -25,6 +24,7 @@ from valve_twin.core.valves.positioner.extended import (
     transition,
 )
 from valve_twin.core.valves.positioner.kernels import advance
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -12,11 +12,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.simulation.plant import Drive
 from valve_twin.core.valves.interface import Approximation
 from valve_twin.core.valves.press_cartridge.rigid_kernel import run_rigid
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

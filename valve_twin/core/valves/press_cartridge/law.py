@@ -11,7 +11,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.valves.kit.law import Law, Lawful, parameter, published
 from valve_twin.core.valves.press_cartridge.parameters import PARAMETERS
@@ -24,6 +23,7 @@ from valve_twin.core.valves.press_cartridge.predictor import (
     write_gains,
 )
 from valve_twin.core.valves.press_cartridge.predictor import step as ahead_of
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

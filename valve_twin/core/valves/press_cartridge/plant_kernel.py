@@ -6,10 +6,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from numba import njit
-
 from valve_twin.core.control.plc import PlcSettings, plc_step
 from valve_twin.core.physics.orifice import root_slope, signed_root
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.simulation.plant import Forcing, Response

@@ -15,13 +15,13 @@ from math import cos, sin, sqrt, tanh
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.physics import hysteresis
 from valve_twin.core.physics.fluid import compressibility, smooth_root
 from valve_twin.core.physics.friction import stop, stribeck
 from valve_twin.core.valves.servo_system import numbers as n
 from valve_twin.core.valves.servo_system.areas import ORIFICES, areas
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.estimation.solvers.least_squares import (
     column_condition,
@@ -31,6 +30,7 @@ from valve_twin.core.valves.servo_system.numbers import derive
 from valve_twin.core.valves.servo_system.parameters import INDEX, NAMES
 from valve_twin.core.valves.servo_system.plant_kernel import Sensors, scaled
 from valve_twin.core.valves.servo_system.record import SIGNALS
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray

@@ -12,12 +12,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.physics import hysteresis, rodas
 from valve_twin.core.valves.servo_system import dynamics as dyn
 from valve_twin.core.valves.servo_system import numbers as num
 from valve_twin.core.valves.servo_system.dynamics import evaluate
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray, IntArray

@@ -9,11 +9,11 @@ from math import ceil
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.physics import hysteresis
 from valve_twin.core.valves.servo_system.dynamics import motor
 from valve_twin.core.valves.servo_system.numbers import BV, KV, MV, REACH
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray

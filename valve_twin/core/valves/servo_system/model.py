@@ -75,6 +75,7 @@ class ServoSystemModel(CompiledModel):
     name: str = "servo_system"
     inputs: tuple[str, ...] = INPUTS
     output: str = "piston_position"
+    driven_by: tuple[str, ...] = INPUTS[:1]  # what is wanted: the loop is the model's own
     parameters: tuple[Parameter, ...] = (*PARAMETERS, *CONSTANTS)
     options: ServoSystemOptions = field(default_factory=ServoSystemOptions)
     kernel = predict_block

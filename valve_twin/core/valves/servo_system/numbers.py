@@ -12,11 +12,10 @@ from dataclasses import dataclass, fields
 from math import pi
 from typing import TYPE_CHECKING
 
-from numba import njit
-
 from valve_twin.core.physics.fluid import fittings, laminar
 from valve_twin.core.physics.hysteresis import mean_reach
 from valve_twin.core.quantity import assumed
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray

@@ -8,13 +8,13 @@ from math import cos, nan, sin, sqrt
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.physics.hysteresis import PLAYS
 from valve_twin.core.simulation.noise import normal_at
 from valve_twin.core.valves.servo_system import dynamics as dyn
 from valve_twin.core.valves.servo_system import numbers as num
 from valve_twin.core.valves.servo_system.integrate import FIRST_STEP, advance
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.simulation.plant import Forcing, Response

@@ -12,7 +12,6 @@ from math import nan
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.physics.hysteresis import PLAYS
 from valve_twin.core.types import FloatArray, Validity
@@ -21,6 +20,7 @@ from valve_twin.core.valves.kit.prediction import predictor, state_size
 from valve_twin.core.valves.servo_system import dynamics as dyn
 from valve_twin.core.valves.servo_system import numbers as num
 from valve_twin.core.valves.servo_system.integrate import FIRST_STEP, advance, rest
+from valve_twin.kernels import njit
 
 N_COEFFICIENTS = num.COUNT + 1
 """Numbers of the loop, and the sampling time [s]."""

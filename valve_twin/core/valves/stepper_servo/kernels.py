@@ -16,9 +16,9 @@ from math import exp, nan
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.valves.stepper_servo.plant_kernel import flow_opening, play
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray

@@ -89,6 +89,7 @@ class StepperServoModel(AsLaw, CompiledModel):
     name: str = "stepper_servo"
     inputs: tuple[str, ...] = ("motor_position", "flow")
     output: str = "spool_position"
+    driven_by: tuple[str, ...] = ("motor_position",)
     parameters: tuple[Parameter, ...] = PARAMETERS
     options: StepperServoOptions = field(default_factory=StepperServoOptions)
     kernel = predict_block

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.valves.damadics.diagnosis.statistics import (
     FREE_SCALE,
@@ -26,6 +25,7 @@ from valve_twin.core.valves.damadics.diagnosis.statistics import (
     residuals,
     statistics,
 )
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray

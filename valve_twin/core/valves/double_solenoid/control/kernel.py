@@ -7,8 +7,6 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-from numba import njit
-
 from valve_twin.core.control.current_loop import (
     SUB_STEPS,
     CurrentGains,
@@ -30,6 +28,7 @@ from valve_twin.core.valves.double_solenoid.plant_kernel import (
     control_sample,
     predict_sample,
 )
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.physics.curves import Curves

@@ -15,14 +15,13 @@ import math
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, NamedTuple
 
-from numba import njit
-
 from valve_twin.core.control.current_loop import rounded
 from valve_twin.core.control.trajectory_set import MODEL_STEPS
 from valve_twin.core.physics.curves import linked_flux
 from valve_twin.core.quantity import assumed, check_quantities, compiled
 from valve_twin.core.simulation.noise import normal_at
 from valve_twin.core.valves.double_solenoid import plant_kernel as at
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.physics.curves import Curves

@@ -20,7 +20,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.valves.double_solenoid.coils import flux_record
 from valve_twin.core.valves.double_solenoid.dimensions.published import COMPANIONS
@@ -32,6 +31,7 @@ from valve_twin.core.valves.double_solenoid.motion import (
     usable_windows,
 )
 from valve_twin.core.valves.double_solenoid.plant_kernel import Second
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.physics.curves import Curves

@@ -22,7 +22,6 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.control.current_loop import CurrentSensor, shown_current
 from valve_twin.core.valves.hybrid_actuator.magnetics import (
@@ -41,6 +40,7 @@ from valve_twin.core.valves.hybrid_actuator.plant_kernel import (
     solenoid_currents,
     step,
 )
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray

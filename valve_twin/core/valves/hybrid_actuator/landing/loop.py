@@ -12,7 +12,6 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.control.current_loop import CurrentSensor, shown_current
 from valve_twin.core.simulation.noise import normal_at
@@ -21,6 +20,7 @@ from valve_twin.core.valves.hybrid_actuator.landing import kernel
 from valve_twin.core.valves.hybrid_actuator.landing.kernel import Gains, control
 from valve_twin.core.valves.hybrid_actuator.magnetics import Magnetics, force
 from valve_twin.core.valves.hybrid_actuator.plant_kernel import Armature, solenoid_currents, step
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.simulation.plant import Forcing, Response

@@ -15,7 +15,6 @@ from math import ceil, floor
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.estimation.solvers.least_squares import minimise
 from valve_twin.core.valves.positioner import extended as law
@@ -31,6 +30,7 @@ from valve_twin.core.valves.positioner.extended import (
 )
 from valve_twin.core.valves.positioner.fit import shown_speeds, thin
 from valve_twin.core.valves.positioner.kernels import N_PARAMETERS
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.estimation.solvers.least_squares import Limits

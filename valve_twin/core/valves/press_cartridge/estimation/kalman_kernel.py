@@ -17,7 +17,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.estimation.solvers.line_search import (
     BEST,
@@ -33,6 +32,7 @@ from valve_twin.core.valves.press_cartridge.estimation.output_error_kernel impor
     Stretch,
     solve_positive,
 )
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.valves.press_cartridge.estimation.constraints import (
     Inequalities,
@@ -30,6 +29,7 @@ from valve_twin.core.valves.press_cartridge.estimation.regression import (
     gram,
     mean_square_error,
 )
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.estimation.data.masks import Masks

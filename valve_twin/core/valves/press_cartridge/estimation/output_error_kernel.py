@@ -18,7 +18,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.estimation.solvers.line_search import (
     BEST,
@@ -27,6 +26,7 @@ from valve_twin.core.estimation.solvers.line_search import (
     line_start,
     line_update,
 )
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray, IntArray

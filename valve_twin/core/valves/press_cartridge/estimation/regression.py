@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba import njit
 
 from valve_twin.core.estimation.data.kernels import mark_rows
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.estimation.data.masks import Masks
