@@ -19,7 +19,7 @@ import os
 import re
 import sys
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from numba import njit
 from numba.core.caching import CacheImpl
@@ -97,8 +97,10 @@ class _Stamped:
 
 def _register() -> None:
     """Put a stamped locator of each kind before numba's own."""
-    kinds: list[type] = list(CacheImpl._locator_classes)
-    ours = [type(k.__name__, (_Stamped, k), {}) for k in kinds if issubclass(k, _SourceFile)]
+    kinds: Any = CacheImpl._locator_classes
+    ours: list[Any] = [
+        type(k.__name__, (_Stamped, k), {}) for k in kinds if issubclass(k, _SourceFile)
+    ]
     CacheImpl._locator_classes = [*ours, *kinds]
 
 

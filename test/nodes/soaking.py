@@ -45,6 +45,7 @@ HELD = 52
 """Cycles of every valve in the history at the start: what a twin remembers is then full."""
 
 NS = "/plant"
+_KEPT = 12  # messages of diagnostics: other nodes of the graph publish them, too
 
 
 def valve_names(count: int) -> list[str]:
@@ -154,9 +155,10 @@ class Soak:
         folder: Path = Path(),
         *,
         left_s: float = 300.0,
+        look: Callable[[float], object] = lambda _: None,
         over: Callable[[], object] = lambda: None,
     ) -> Result:
-        """Let the plant run and watch the twin; call `over` when it has ended."""
+        """Let the plant run and watch the twin; call `look` meanwhile, `over` at its end."""
         arguments = [str(x) for x in (self.valves, self.rate, self.batch, seconds)]
         self.plant = self._start("plant", arguments, folder / "plant.log")
         series: dict[str, list[tuple[float, float]]] = {"rss": [], "worker": [], "blocks": []}
@@ -164,7 +166,7 @@ class Soak:
         waiting = on_disk = 0
         while self.plant.poll() is None:
             self.graph.spin(every_s)
-            del self.diagnostics[:-3]
+            del self.diagnostics[:-_KEPT]
             figures = self.figures()
             waiting = max(waiting, sum(int(f["estimations pending"]) for f in figures))
             on_disk = max(on_disk, sum(int(f["cycles waiting on disk"]) for f in figures))
@@ -172,6 +174,7 @@ class Soak:
             if self.twin.poll() is not None:
                 raise AssertionError(self.log.read_text()[-3000:])
             now = time.monotonic() - begin
+            look(now)
             series["rss"].append((now, rss_mb(self.twin.pid)))
             series["worker"] += [(now, rss_mb(p)) for p in children(self.twin.pid)[:1]]
             os.kill(self.twin.pid, signal.SIGUSR1)
@@ -256,7 +259,7 @@ class Soak:
         end = time.monotonic() + left_s
         while not done() and time.monotonic() < end:
             self.graph.spin(0.2)
-            del self.diagnostics[:-3]
+            del self.diagnostics[:-_KEPT]
 
     def figures(self) -> list[dict[str, str]]:
         """Return the newest figures of every valve."""

@@ -9,13 +9,18 @@ import json
 import os
 import signal
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
 from scipy.stats import theilslopes
 
 from test.nodes import slow_press
 from test.nodes.soaking import CYCLE, PERIOD_S, Result, Soak, children, rss_mb
 from valve_twin.io.history.store import History
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 VALVES = 50
 BATCH = 33
@@ -30,6 +35,14 @@ FLAT = 1.05
 
 GOAL_MB = 1.0
 """Growth of the memory in 10 min that is allowed [MB]."""
+
+SAID = 12
+"""Messages of diagnostics that are kept."""
+
+BATCHED = 100
+"""Samples a message at 10 kHz, of the configuration."""
+
+CONFIG = Path(__file__).resolve().parents[2] / "config"
 
 RESULT = Path(__file__).resolve().parents[2] / "docs" / "campaigns" / "soak.json"
 
@@ -148,9 +161,100 @@ def test_half_an_hour_at_twice_what_is_estimated_stays_within_the_budget(
             assert numbers == list(range(1, len(numbers) + 1))
 
 
-def write(found: Result, warm_s: float, path: Path = RESULT) -> dict[str, float]:
+class FastPair:
+    """A valve at 10 kHz as `ros2 run` starts it: simulated in real time, with its twin."""
+
+    NS = "/manifold/valve_1"
+    CONFIG = CONFIG / "double_solenoid.yaml"
+
+    def __init__(self, graph, folder: Path) -> None:
+        self.graph, self.database = graph, folder / "fast.sqlite"
+        given = ["--params-file", str(self.CONFIG)]
+        url = f"sqlite:///{self.database}"
+        self.twin = graph.start("twin", self.NS, given, history_url=url)
+        self.plant = graph.start("simulated_valve", self.NS, given, wait_for_subscribers=1)
+        self.said = graph.record("/diagnostics", DiagnosticArray)
+        self.seen: dict[str, list[tuple[float, float]]] = {"twin": [], "worker": [], "plant": []}
+
+    def look(self, now: float) -> None:
+        """Write down the memory of the three processes [MB]."""
+        self.seen["twin"].append((now, rss_mb(self.twin.pid)))
+        self.seen["plant"].append((now, rss_mb(self.plant.pid)))
+        self.seen["worker"] += [(now, rss_mb(p)) for p in children(self.twin.pid)[:1]]
+        del self.said[:-SAID]
+
+    def figures(self) -> dict[str, str]:
+        """Return the newest figures of the twin."""
+        statuses = (s for m in self.said for s in m.status if s.hardware_id == self.NS)
+        return {v.key: v.value for s in statuses for v in s.values}
+
+    def is_quiet(self, received: int) -> bool:
+        """Return whether all that was received is predicted and all closed cycles are stored."""
+        found = self.figures()
+        waiting = ("estimations pending", "cycles unsaved")
+        return int(found["samples predicted"]) == received and not any(
+            int(found[w]) for w in waiting
+        )
+
+    def end(self) -> dict[str, int]:
+        """End the plant, let the twin finish, end it; what it told of the whole run."""
+        assert self.plant.end() == 0
+        keys = [k for k in self.figures() if "/lost" in k]
+        self.graph.spin_until(lambda: self.is_quiet(self._received(keys)), 120.0, "a quiet twin")
+        found = self.figures()
+        assert self.twin.end() == 0
+        with History(self.database, read_only=True) as history:
+            numbers = [c.cycle for c in history.cycles(self.NS)]
+            estimated = sum(1 for _ in history.estimates(self.NS))
+        return {
+            "messages lost": sum(int(found[k].split("/")[1]) for k in keys),
+            "samples received": self._received(keys),
+            "samples predicted": int(found["samples predicted"]),
+            "cycles": int(found["cycle"]),
+            "cycles stored": len(numbers),
+            "cycle numbers left out": int(numbers != list(range(1, len(numbers) + 1))),
+            "estimates": estimated,
+            "waits cut off": int(found["waits cut off"]),
+        }
+
+    def _received(self, keys: list[str]) -> int:
+        return BATCHED * min(int(self.figures()[k].split("/")[0]) for k in keys)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(7200)
+def test_an_hour_of_fifty_valves_at_33_hz_and_one_at_10_khz(graph, tmp_path):
+    """In real time, a message a sample, as a plant does; nothing is lost, memory stays flat."""
+    seconds = float(os.environ.get("HOUR_S", "3600"))
+    made = Soak(graph, tmp_path, valves=VALVES, rate=1.0, batch=1)
+    fast = FastPair(graph, tmp_path)
+    try:
+        found = made.run(seconds, 2.0, tmp_path, look=fast.look)
+        told = fast.end()
+        assert made.end() == 0
+    finally:
+        made.end()
+    warm_s = min(600.0, 0.5 * seconds)
+    warm = {name: [mb for t, mb in points if t >= warm_s] for name, points in fast.seen.items()}
+    warm["twin of fifty"] = [mb for t, mb in found.rss_mb if t >= warm_s]
+    warm["its worker"] = [mb for t, mb in found.worker_mb if t >= warm_s]
+    memory = {name: [round(f(mb), 1) for f in (min, max)] for name, mb in warm.items()}
+    more = {"one at 10 kHz": told, "least, most MB after warm-up": memory}
+    write(found, warm_s, RESULT.with_name("hour.json"), more)
+    assert found.lost == found.pending == told["messages lost"] == 0
+    assert found.predicted == found.sent
+    assert found.stored >= found.expected
+    assert told["samples predicted"] == told["samples received"]
+    assert told["cycles"] - 1 <= told["cycles stored"] <= told["cycles"]
+    assert told["cycle numbers left out"] == 0
+    assert all(most < FLAT * least for least, most in memory.values()), memory
+
+
+def write(
+    found: Result, warm_s: float, path: Path = RESULT, more: Mapping[str, object] | None = None
+) -> dict[str, float]:
     """Write the result where it is quoted; return the slopes in 10 min."""
-    content = dataclasses.asdict(found) | {"warm_up_s": warm_s}
+    content = dataclasses.asdict(found) | {"warm_up_s": warm_s} | dict(more or {})
     slopes = {}
     for name in ("rss_mb", "worker_mb", "blocks"):
         points = content.pop(name)
