@@ -115,6 +115,33 @@ def test_a_publisher_of_an_incompatible_quality_is_named(graph, history):
     graph.spin_until(lambda: diagnostics and wanted in newest(diagnostics).message, what=wanted)
 
 
+def test_no_reader_has_an_event_that_may_be_queued_when_it_is_made_anew(graph, history):
+    """Under the events executor it would end the process: docs/developers/upstream.md."""
+    node = graph.host(TwinNode, **history)
+    topic = node._valves[0].inputs.topics[0]
+    beside = topic._listen_beside(print)
+    assert not topic._subscription.event_handlers
+    assert not beside.event_handlers
+    node.destroy_subscription(beside)
+
+
+def test_another_publisher_counts_for_itself(graph, history):
+    """What the first had sent is no loss of the second, and the other way round."""
+    node = graph.host(TwinNode, **history)
+    topic = next(t for t in node._valves[0].inputs.topics if t.topic.endswith("position"))
+    for count in (8, 3):
+        publisher = graph.node.create_publisher(Float64Stamped, topic.topic, 10)
+        graph.spin_until(lambda p=publisher: p.get_subscription_count() == 1, what="its reader")
+        before = topic.received
+        for i in range(count):
+            publisher.publish(Float64Stamped(value=0.1 * i))
+            graph.spin(0.05)
+        graph.spin_until(lambda b=before, n=count: topic.received == b + n, what="its messages")
+        graph.node.destroy_publisher(publisher)
+        graph.spin_until(lambda: topic._subscription.get_publisher_count() == 0, what="its end")
+    assert topic.lost == 0
+
+
 def test_what_a_refused_publisher_sends_is_not_taken_past_the_refusal(graph, history):
     """It offers no deadline: a second reader, put there after a second, would hear it."""
     node = graph.host(TwinNode, deadline_s=0.5, **history)
@@ -341,7 +368,7 @@ def test_an_input_that_hears_nothing_from_the_start_on_is_made_anew(graph, histo
     found = graph.record(f"{NS}/twin/prediction", Prediction)
     topic = next(t for t in node._valves[0].inputs.topics if t.topic.endswith("position"))
     feeder = Feeder(graph, NS)
-    node.destroy_subscription(topic._subscription)  # deaf, and nobody tells the input
+    topic._subscription._callback = lambda *_: None  # deaf, and nobody tells the input
     begin = time.monotonic()
     while not found:
         at_pace(graph, feeder, 0.1)

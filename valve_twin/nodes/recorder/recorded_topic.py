@@ -223,7 +223,14 @@ class RecordedTopic:
 
         profile = QoSProfile(depth=_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         return take_with_info(
-            self._node.create_subscription(self._class, self.name, take, profile, raw=True)
+            self._node.create_subscription(
+                self._class,
+                self.name,
+                take,
+                profile,
+                event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+                raw=True,
+            )
         )
 
     def _stand_in(self, *arguments: Any) -> None:

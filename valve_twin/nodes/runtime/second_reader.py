@@ -22,6 +22,8 @@ from __future__ import annotations
 from collections import deque
 from typing import TYPE_CHECKING, Any
 
+from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -55,6 +57,31 @@ SMOOTHING = 0.1
 
 MOST_KEPT = 10_000
 """Messages of the second reader that are kept until it is clear that the first is deaf [1]."""
+
+
+_POLICIES = {
+    "durability": "DURABILITY",
+    "deadline": "DEADLINE",
+    "liveliness": "LIVELINESS",
+    "liveliness_lease_duration": "LIVELINESS",
+    "reliability": "RELIABILITY",
+}
+
+
+def refused_policy(offered: QoSProfile, asked: QoSProfile) -> str:
+    """Return the policy in which a publisher offers less than is asked for, empty if in none.
+
+    Parameters
+    ----------
+    offered, asked : QoSProfile
+        Of the publisher and of the subscription, which hears nothing of it then.
+    """
+    refused = ""
+    for name, policy in _POLICIES.items():
+        pair = [QoSProfile(depth=1, **{name: getattr(qos, name)}) for qos in (offered, asked)]
+        if qos_check_compatible(*pair)[0] == QoSCompatibility.ERROR:
+            refused = policy
+    return refused
 
 
 class Pace:

@@ -17,7 +17,6 @@ from rclpy.qos import (
     QoSPolicyKind,
     QoSProfile,
     ReliabilityPolicy,
-    qos_policy_name_from_kind,
 )
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
@@ -34,7 +33,7 @@ from valve_twin.nodes.runtime.compat import (
 )
 from valve_twin.nodes.runtime.node import RCLError
 from valve_twin.nodes.runtime.safety import is_replayed, node_name
-from valve_twin.nodes.runtime.second_reader import Pace, SecondReader
+from valve_twin.nodes.runtime.second_reader import Pace, SecondReader, refused_policy
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -58,6 +57,9 @@ DEAF_FROM_START = "from the start on its reliable subscription got nothing, whic
 SUGGEST_S = 5.0
 """How long the name that is suggested for a missing topic stands [s]: a node of 50 valves that is
 started first misses 250 topics."""
+
+MEET_S = 1.0
+"""How often a topic that has a publisher is looked at for more of them [s]."""
 
 FORGOTTEN_S = 60.0
 """A topic whose subscription is deaf twice within this time is taken best effort [s]."""
@@ -135,7 +137,8 @@ class TopicInput:
         self._raw = all(e.is_raw_readable for e in self._extractors)
         self._class = message_class(self.type)
         self._last_sequence = self._stood_in = 0
-        self._matched = 0
+        self._matched = self._met = 0
+        self._met_s = -math.inf
         self._since = seconds_now()
         self._suggested_s, self._suggested = -math.inf, ""
         self._heard: float | None = None
@@ -156,11 +159,13 @@ class TopicInput:
         self._node.destroy_subscription(self._subscription)
 
     def look(self) -> None:
-        """Listen anew where this subscription is deaf; the second time as best effort.
+        """Meet the publishers; listen anew where this subscription is deaf.
 
-        A best-effort reader is not made deaf by what makes a reliable one deaf. A replay sends no
-        message of 0 bytes, but may pause, and waits for all that it has sent.
+        The second time as best effort: such a reader is not made deaf by what makes a reliable one
+        deaf. A replay sends no message of 0 bytes, but may pause, and waits for all that it has
+        sent.
         """
+        self._meet()
         if self._lossless:
             return
         now_s, beside = seconds_now(), self._second
@@ -178,8 +183,47 @@ class TopicInput:
         self.deaf_why = DEAF_FROM_START if unheard else DEAF_BEHIND
         self._reliable = now_s - self._deaf_s > FORGOTTEN_S
         self._deaf_s = now_s
+        self._listen_anew()
+
+    def _listen_anew(self) -> None:
         self._node.destroy_subscription(self._subscription)
+        self._matched = self._met = 0
         self._subscription = self._subscribe()
+
+    def _meet(self) -> None:
+        """Note the publishers; take best effort, or say what is refused, where one offers less.
+
+        Events of the reader would tell, too; but one that is queued while its reader is destroyed
+        ends the process under the events executor (ros2/rclpy#1644).
+        """
+        self._note_matched()
+        now_s = seconds_now()
+        if self._matched and now_s < self._met_s + MEET_S:
+            return
+        self._met_s = now_s
+        self.refused_policy = ""
+        if self._node.count_publishers(self.topic) <= self._matched:
+            return
+        asked = self._subscription.qos_profile
+        offers = self._node.get_publishers_info_by_topic(self.topic)
+        for offer in offers:
+            self.refused_policy = refused_policy(offer.qos_profile, asked) or self.refused_policy
+        if self.refused_policy == "RELIABILITY" and self._reliable:
+            self._reliable, self.refused_policy = False, ""
+            self._second.close()
+            self.drain()
+            self._node.get_logger().info(
+                f"topic '{self.topic}' is offered best effort: taken so, losses are counted"
+            )
+            self._last_sequence = 0
+            self._listen_anew()
+
+    def _note_matched(self) -> None:
+        """Begin the numbering anew with another publisher, which counts for itself."""
+        before, self._matched = self._matched, self._subscription.get_publisher_count()
+        self._met += max(self._matched - before, 0)
+        if self._matched > before and self._met > 1:
+            self._last_sequence = self._stood_in = 0
 
     def _note_pace(self, arguments: tuple[Any, ...], now_s: float) -> None:
         """Note how far a message that the second reader keeps runs ahead."""
@@ -284,9 +328,8 @@ class TopicInput:
             self._on_message,
             profile,
             event_callbacks=SubscriptionEventCallbacks(
-                incompatible_qos=self._on_incompatible,
                 deadline=self._on_deadline if config.deadline_s > 0.0 else None,
-                matched=self._on_matched,
+                use_default_callbacks=False,
             ),
             qos_overriding_options=self._overridable(),
             raw=True,
@@ -296,8 +339,10 @@ class TopicInput:
         profile = QoSProfile(
             depth=self._config.depth or BESIDE, reliability=ReliabilityPolicy.BEST_EFFORT
         )
+        quiet = SubscriptionEventCallbacks(use_default_callbacks=False)
+        create = self._node.create_subscription
         return take_with_info(
-            self._node.create_subscription(self._class, self.topic, callback, profile, raw=True)
+            create(self._class, self.topic, callback, profile, event_callbacks=quiet, raw=True)
         )
 
     def _overridable(self) -> QoSOverridingOptions:
@@ -370,6 +415,7 @@ class TopicInput:
 
     def _count(self, arrivals: list[_Arrival]) -> None:
         """Count the gaps in the publisher's numbering; only of one publisher are they losses."""
+        self._note_matched()
         self._heard = seconds_now()
         self.received += len(arrivals)
         last = self._last_sequence
@@ -383,31 +429,6 @@ class TopicInput:
                 if time.time_ns() - int(info["received_timestamp"]) > OVERRUN_S * 1e9:
                     self.overrun += sequence - last - 1
             last = sequence
-
-    def _on_matched(self, event: Any) -> None:
-        """Begin the numbering anew: another publisher counts for itself.
-
-        The match of the first one may be told after its first messages: it numbers on.
-        """
-        self.drain()
-        self._matched = int(event.current_count)
-        if int(event.total_count) > 1:
-            self._last_sequence = self._stood_in = 0
-
-    def _on_incompatible(self, event: Any) -> None:
-        policy = qos_policy_name_from_kind(event.last_policy_kind)
-        if event.last_policy_kind == QoSPolicyKind.RELIABILITY and self._reliable:
-            self._reliable = False
-            self._second.close()
-            self.drain()
-            self._node.get_logger().info(
-                f"topic '{self.topic}' is offered best effort: taken so, losses are counted"
-            )
-            self._node.destroy_subscription(self._subscription)
-            self._last_sequence = 0
-            self._subscription = self._subscribe()
-            return
-        self.refused_policy = policy
 
     def _on_deadline(self, event: Any) -> None:
         self.deadlines_missed = int(event.total_count)
