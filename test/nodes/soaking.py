@@ -170,7 +170,7 @@ class Soak:
             figures = self.figures()
             waiting = max(waiting, sum(int(f["estimations pending"]) for f in figures))
             on_disk = max(on_disk, sum(int(f["cycles waiting on disk"]) for f in figures))
-            longest = max(longest, *(float(f["worst latency [ms]"]) for f in figures))
+            longest = max([longest, *(float(f["worst latency [ms]"]) for f in figures)])
             if self.twin.poll() is not None:
                 raise AssertionError(self.log.read_text()[-3000:])
             now = time.monotonic() - begin
