@@ -10,8 +10,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from numba import njit
-
 from valve_twin.core.quantity import describe
 from valve_twin.core.valves.hybrid_actuator.parameters import HybridActuatorOptions, refusal_of
 from valve_twin.core.valves.hybrid_actuator.predictor import (
@@ -24,6 +22,7 @@ from valve_twin.core.valves.hybrid_actuator.predictor import (
     solenoid_of,
 )
 from valve_twin.core.valves.kit.law import Law, Lawful, parameter
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -10,12 +10,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from numba import njit
-
 from valve_twin.core.valves.kit.law import Law, Lawful, parameter, published
 from valve_twin.core.valves.stepper_servo.kernels import play_step
 from valve_twin.core.valves.stepper_servo.parameters import PARAMETERS
 from valve_twin.core.valves.stepper_servo.predictor import MAX_LAG
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
