@@ -8,13 +8,15 @@ import signal
 import time
 
 import pytest
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
-from valve_twin_msgs.msg import Prediction
+from valve_twin_msgs.msg import Faults, Prediction
 
 from test.nodes.conftest import NS
 from test.nodes.feeding import START_NS, Feeder
 from valve_twin.nodes.runtime.stamps import to_time
 
+LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 S = 10**9
 END_S = 5.0
 JUMPS = 2000
@@ -70,3 +72,23 @@ def test_a_node_ends_within_5_s_after_thousands_of_jumps(graph, tmp_path, name, 
     took_s = time.monotonic() - begin
     assert took_s < END_S, f"{took_s:.1f} s\n{node.log[-2000:]}"
     assert "Traceback" not in node.log
+
+
+def test_a_fleet_without_its_plant_says_so_in_a_few_lines_and_publishes_it_together(
+    graph, tmp_path
+):
+    """Sixty missing topics: each had a line, and a message that held all before it."""
+    valves = [f"valve_{i:02d}" for i in range(20)]
+    faults = graph.record(f"{NS}/twin/faults", Faults, LATCHED)
+    url = f"sqlite:///{tmp_path}/h.sqlite"
+    twin = graph.start("twin", valves=valves, model="press_cartridge", history_url=url)
+
+    def missing():
+        return [f for f in faults[-1].faults if f.code == "input.missing"] if faults else []
+
+    graph.spin_until(lambda: len(missing()) == 60, 120.0, "all missing topics")
+    told = [line for line in twin.log.splitlines() if "[input.missing]" in line]
+    assert len(told) == 4, told
+    assert "57 more of [input.missing]: " in told[-1]
+    assert len(faults) < 10
+    assert twin.end() == 0

@@ -9,6 +9,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -19,10 +20,15 @@ from valve_twin.core.faults.lifetime import Fault, FaultBook, Moment, Severity, 
 from valve_twin.core.faults.ne107 import NODE_FAULTS
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rclpy.node import Node
 
 SHARED_S = 0.005
 """What is filed within this time has one stamp [s]."""
+
+MOST_TOLD = 3
+"""Lines of one code at a time; a line counts those beyond [1]."""
 
 _LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL
@@ -41,10 +47,14 @@ class FaultReporter:
     ----------
     node : Node
         The node.
+    later : callable
+        Runs an action after the callback that runs now: what many valves report together is told
+        and published together.
     """
 
-    def __init__(self, node: Node) -> None:
-        self._node = node
+    def __init__(self, node: Node, later: Callable[[Callable[[], None]], None]) -> None:
+        self._node, self._later = node, later
+        self._changes: list[Fault] = []
         self._book = FaultBook(FAULT_KINDS)
         self._moment = Moment(-1.0, 0)
         self._published_events = 0
@@ -68,7 +78,10 @@ class FaultReporter:
             How many events [1].
         """
         self._book.report(code, evidence, self._now(), unit=valve, subject=subject, events=events)
-        self._tell()
+        changes = self._book.changes()
+        if changes and not self._changes:
+            self._later(self.tell)
+        self._changes += changes
 
     def passed(self, code: str, *, valve: str = "", subject: str = "") -> None:
         """Say that a condition was looked at and is absent.
@@ -102,7 +115,8 @@ class FaultReporter:
     def step(self) -> None:
         """Let time pass; called once a second."""
         self._book.step(self._now())
-        self._tell()
+        self._changes += self._book.changes()
+        self.tell()
         if self._events() != self._published_events:
             self._publish()
 
@@ -117,11 +131,23 @@ class FaultReporter:
             self._moment = Moment(steady_s, self._node.get_clock().now().nanoseconds)
         return self._moment
 
-    def _tell(self) -> None:
-        """Log and publish what was confirmed or healed."""
-        changes = self._book.changes()
+    def tell(self) -> None:
+        """Log and publish what was confirmed or healed since the last time."""
+        changes, self._changes = self._changes, []
+        told: Counter[tuple[str, bool]] = Counter()
         for fault in changes:
-            self._log(fault)
+            kind = fault.kind.code, fault.is_active
+            told[kind] += 1
+            if told[kind] <= MOST_TOLD:
+                self._log(fault)
+        logger = self._node.get_logger()
+        for (code, active), count in told.items():
+            if count <= MOST_TOLD:
+                continue
+            if active:
+                logger.warning(f"{count - MOST_TOLD} more of [{code}]: ~/faults has them all")
+            else:
+                logger.info(f"{count - MOST_TOLD} more of {code} are healed")
         if changes:
             self._publish()
 

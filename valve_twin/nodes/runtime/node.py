@@ -63,7 +63,7 @@ class ValveNode(LifecycleNode):
 
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
-        self.faults = FaultReporter(self)
+        self.faults = FaultReporter(self, self.later)
         self.parameters = Parameters(self, is_idle=self._is_idle)
         self.parameters.declare(NODE_PARAMETERS[name])
         self.exit_code: int | None = None
@@ -149,6 +149,7 @@ class ValveNode(LifecycleNode):
 
     def stop(self) -> None:
         """End in good order, whatever the state, also in the middle of a configuration."""
+        self.faults.tell()
         if self.state == "finalized":
             return  # it was shut down by its service
         if self.state == "configuring":
