@@ -10,7 +10,7 @@ from valve_twin.cli import main
 def test_a_line_a_check_and_an_exit_code(capsys):
     assert main(["check-valve", "first_order", "--seeds", "2"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == 11
+    assert len(lines) == 12
     assert all(line.startswith("pass") for line in lines)
 
 
