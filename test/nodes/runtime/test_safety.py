@@ -88,7 +88,14 @@ def test_a_valve_that_comes_later_stops_the_simulation(graph, capfd):
         Float64Stamped, f"{NS}{COMMAND}", lambda _: None, 10
     )
     graph.spin_until(lambda: node.state == "inactive", what="the simulation to stop")
-    assert "stopped: topic" in capfd.readouterr().err
+    told = ""
+
+    def is_told():
+        nonlocal told
+        told += capfd.readouterr().err
+        return "stopped: topic" in told
+
+    graph.spin_until(is_told, what="the word of it")
 
 
 def test_nothing_leaves_before_the_graph_is_known(graph):

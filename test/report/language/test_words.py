@@ -244,3 +244,8 @@ def test_a_whole_report_is_translated_and_says_so():
         assert part in found
     assert whole_page(page, "en") == page
     assert (language_of(page), language_of(found), language_of("")) == ("en", "de", "en")
+
+
+def test_what_a_user_wrote_is_not_told_in_another_language():
+    page = '<h1 translate="no">cycle</h1><td>good</td><td translate="no">good</td>'
+    assert whole_page(page, "de") == page.replace("<td>good", "<td>gut")

@@ -123,6 +123,14 @@ def sentence(text: object, told: Words, *, begins: bool = False) -> Markup:
     return Markup("; ").join(_clause(part, told) for part in said.split("; "))
 
 
+_NOT_OURS = re.compile(
+    r"(<style>.*?</style>|<script.*?</script>|"
+    r'<(?:h1|td|span) translate="no">.*?</(?:h1|td|span)>|<[^>]*>)',
+    re.DOTALL,
+)
+"""Tags, and what is not to be told in another language: names and notes of users."""
+
+
 def whole_page(page: str, language: str) -> str:
     """Return a page (HTML) in another language; what is not known stays as it is.
 
@@ -138,7 +146,7 @@ def whole_page(page: str, language: str) -> str:
         return page
     page = str(page)  # markup would escape what it is given
     page = page.replace(f'lang="{next(iter(LANGUAGES))}"', f'lang="{language}"', 1)
-    parts = re.split("(<style>.*?</style>|<[^>]*>)", drawn(page, told), flags=re.DOTALL)
+    parts = _NOT_OURS.split(drawn(page, told))
     return "".join(part if part.startswith("<") else _told_part(part, told) for part in parts)
 
 
