@@ -125,7 +125,7 @@ def sentence(text: object, told: Words, *, begins: bool = False) -> Markup:
 
 _NOT_OURS = re.compile(
     r"(<style>.*?</style>|<script.*?</script>|"
-    r'<(?:h1|td|span) translate="no">.*?</(?:h1|td|span)>|<[^>]*>)',
+    r'<(?:h1|td) translate="no">.*?</(?:h1|td)>|<[^>]*>)',
     re.DOTALL,
 )
 """Tags, and what is not to be told in another language: names and notes of users."""
