@@ -15,6 +15,7 @@ what a function was compiled from, see docs/developers/upstream.md.
 from __future__ import annotations
 
 import hashlib
+import importlib.util
 import os
 import re
 import sys
@@ -43,8 +44,9 @@ def _read(path: str, _mtime_ns: int, _size: int) -> tuple[bytes, tuple[str, ...]
         source = file.read()
     named = []
     for base, names, plain in _IMPORT.findall(source):
-        named += [b.strip() for b in plain.split(b",")] if plain else [base]
-        named += [base + b"." + name for name in _NAME.findall(names)] if base else []
+        named += [b.split()[0] for b in plain.split(b",") if b.strip()] if plain else [base]
+        inside = base if base.endswith(b".") else base + b"."
+        named += [inside + name for name in _NAME.findall(names)] if base else []
     return hashlib.sha256(source).digest(), tuple(n.decode() for n in named)
 
 
@@ -56,17 +58,23 @@ def _source(path: str) -> tuple[bytes, tuple[str, ...]]:
 def _behind(path: str, module: str) -> Iterator[bytes]:
     """Yield the digests of a source and of all of its own package and of ours behind it."""
     ours = {__name__.partition(".")[0], module.partition(".")[0]}
-    seen, waiting = {module}, [path]
+    seen, waiting = {module}, [(path, module)]
     while waiting:
-        digest, imports = _source(waiting.pop())
+        importing, importer = waiting.pop()
+        digest, imports = _source(importing)
         yield digest
-        for name in imports:
+        package = getattr(sys.modules.get(importer), "__package__", None)
+        for given in imports:
+            try:
+                name = importlib.util.resolve_name(given, package)
+            except ImportError:  # a line of a text that looks like an import
+                continue
             if name in seen or name.partition(".")[0] not in ours:
                 continue
             seen.add(name)
             file = getattr(sys.modules.get(name), "__file__", None)
             if file and file.endswith(".py"):
-                waiting.append(file)
+                waiting.append((file, name))
 
 
 class _Stamped:

@@ -149,13 +149,11 @@ class ValveNode(LifecycleNode):
 
     def stop(self) -> None:
         """End in good order, whatever the state, also in the middle of a configuration."""
-        self.faults.tell()
-        if self.state == "finalized":
-            return  # it was shut down by its service
         if self.state == "configuring":
             self._guarded(self.cleanup, "clean up")
-        else:
+        elif self.state != "finalized":  # else it was shut down by its service
             self._guarded(self.trigger_shutdown, "shut down")
+        self._guarded(self.faults.tell, "tell the last faults")
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
         """Set all or none; a refusal says why and is filed as a fault, too."""

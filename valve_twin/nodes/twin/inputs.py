@@ -206,7 +206,7 @@ class TopicInput:
             return
         asked = self._subscription.qos_profile
         offers = self._node.get_publishers_info_by_topic(self.topic)
-        for offer in offers:
+        for offer in (o for o in offers if o.topic_type == self.type):
             self.refused_policy = refused_policy(offer.qos_profile, asked) or self.refused_policy
         if self.refused_policy == "RELIABILITY" and self._reliable:
             self._reliable, self.refused_policy = False, ""
@@ -219,10 +219,10 @@ class TopicInput:
             self._listen_anew()
 
     def _note_matched(self) -> None:
-        """Begin the numbering anew with another publisher, which counts for itself."""
+        """Begin the numbering anew where a publisher came or went: each counts for itself."""
         before, self._matched = self._matched, self._subscription.get_publisher_count()
         self._met += max(self._matched - before, 0)
-        if self._matched > before and self._met > 1:
+        if self._matched != before and self._met > 1:
             self._last_sequence = self._stood_in = 0
 
     def _note_pace(self, arguments: tuple[Any, ...], now_s: float) -> None:
