@@ -98,6 +98,24 @@ def test_what_changed_behind_a_kernel_is_compiled_anew(package, module, text, wa
     assert moved_in_a_new_program(package) == (wanted, False)
 
 
+@pytest.mark.parametrize(
+    "form",
+    [
+        "import {name}.numbers as numbers",
+        "import math, {name}.numbers as numbers",
+        "from . import numbers",
+        "from . import (\n    numbers as numbers,\n)",
+    ],
+)
+def test_every_form_of_an_import_is_seen(package, form):
+    text = (package / "outer.py").read_text()
+    old = f"from {package.name} import numbers"
+    (package / "outer.py").write_text(text.replace(old, form.format(name=package.name)))
+    assert moved_in_a_new_program(package) == (2.5, True)
+    (package / "numbers.py").write_text("OFFSET = 0.25\n")
+    assert moved_in_a_new_program(package) == (2.25, True)
+
+
 def test_what_a_kernel_does_not_import_and_a_new_date_do_not_matter(package):
     moved_in_a_new_program(package)
     (package / "other.py").write_text("NOTHING = 2\n")

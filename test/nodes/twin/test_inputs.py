@@ -142,6 +142,43 @@ def test_another_publisher_counts_for_itself(graph, history):
     assert topic.lost == 0
 
 
+def test_a_publisher_that_leaves_is_no_loss_of_the_one_that_stays(graph, history):
+    node = graph.host(TwinNode, **history)
+    topic = next(t for t in node._valves[0].inputs.topics if t.topic.endswith("position"))
+    stays = graph.node.create_publisher(Float64Stamped, topic.topic, 1000)
+    graph.spin_until(lambda: stays.get_subscription_count() == 1, what="its reader")
+    for i in range(50):
+        stays.publish(Float64Stamped(value=0.1 * i))
+    graph.spin_until(lambda: topic.received == 50, what="its messages")
+    leaves = graph.node.create_publisher(Float64Stamped, topic.topic, 10)
+
+    def both():
+        return topic._matched == 2 and leaves.get_subscription_count() == 1
+
+    graph.spin_until(both, what="both")
+    leaves.publish(Float64Stamped(value=0.1))
+    graph.spin_until(lambda: topic.received == 51, what="the message of the other")
+    graph.node.destroy_publisher(leaves)
+    graph.spin_until(lambda: topic._matched == 1, what="one")
+    for i in range(5):
+        stays.publish(Float64Stamped(value=0.1 * i))
+    graph.spin_until(lambda: topic.received == 56, what="the rest")
+    assert topic.lost == 0
+
+
+def test_what_is_offered_of_another_type_makes_no_reader_best_effort(graph, history, capfd):
+    node = graph.host(TwinNode, **history)
+    topic = next(t for t in node._valves[0].inputs.topics if t.topic.endswith("position"))
+    graph.node.create_publisher(Float64Stamped, topic.topic, 10)
+    graph.spin_until(lambda: topic._matched == 1, what="its publisher")
+    qos = QoSProfile(depth=5, reliability=ReliabilityPolicy.BEST_EFFORT)
+    graph.stranger("plc").create_publisher(Float64, topic.topic, qos)
+    graph.spin_until(lambda: graph.node.count_publishers(topic.topic) == 2, what="the other")
+    graph.spin(2.5)  # it is looked for every second
+    assert topic._reliable
+    assert "taken so" not in capfd.readouterr().err
+
+
 def test_what_a_refused_publisher_sends_is_not_taken_past_the_refusal(graph, history):
     """It offers no deadline: a second reader, put there after a second, would hear it."""
     node = graph.host(TwinNode, deadline_s=0.5, **history)
