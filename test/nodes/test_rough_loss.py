@@ -66,9 +66,9 @@ def _run(graph, folder: Path) -> Run:
     feeder = Feeder(graph, CLEAN)
     graph.spin_until(
         lambda: all(
-            len(graph.node.get_publishers_info_by_topic(f"{LOSSY}/{t}")) == 1
-            and len(graph.node.get_subscriptions_info_by_topic(f"{LOSSY}/{t}")) == 1
-            and len(graph.node.get_subscriptions_info_by_topic(f"{CLEAN}/{t}")) == 2
+            _readers(graph, f"{CLEAN}/{t}") == {"relay", "twin"}
+            and _readers(graph, f"{LOSSY}/{t}") == {"twin"}
+            and len(graph.node.get_publishers_info_by_topic(f"{LOSSY}/{t}")) == 1
             for t in TOPICS
         ),
         120.0,
@@ -105,6 +105,11 @@ def _run(graph, folder: Path) -> Run:
             for v in s.values
         },
     )
+
+
+def _readers(graph, topic: str) -> set[str]:
+    """Return who listens; a twin that hears nothing for seconds listens twice."""
+    return {s.node_name for s in graph.node.get_subscriptions_info_by_topic(topic)}
 
 
 def _relay(graph, folder: Path) -> NodeProcess:

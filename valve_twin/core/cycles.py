@@ -121,6 +121,7 @@ class Segmenter:
         self._missed_before = -1 if resumed else 0
         self._resume = resume
         self._first_ns: int | None = None
+        self._begin_ns: int | None = None
         self._step_ns = round(gap_ns(period_s))
         self._inside = self._goes_on = False
         self._ordinal = 0
@@ -161,6 +162,7 @@ class Segmenter:
             lengths=tuple(self._lengths),
             resume=self._resume,
             first_ns=self._first_ns,
+            begin_ns=self._begin_ns,
             inside=self._inside,
             goes_on=self._goes_on,
         )
@@ -176,7 +178,8 @@ class Segmenter:
         self._counted_before, self._ordinal = state.counted_before, state.ordinal
         self._lengths = deque(state.lengths, maxlen=_USUAL_CYCLES)
         set_overdue(self._limits_ns, self._lengths, self._period_s)
-        self._resume, self._first_ns = state.resume, state.first_ns
+        self._resume = state.resume
+        self._first_ns, self._begin_ns = state.first_ns, state.begin_ns
         self._inside, self._goes_on = state.inside, state.goes_on
 
     def reset(self) -> None:
@@ -184,13 +187,14 @@ class Segmenter:
         self._forget()
         self._missed_before = -1
         self._first_ns = 0 if self._first_ns is None else self._first_ns
+        self._begin_ns = None
         self._inside = self._goes_on = False
 
     def begin_anew(self, last_cycle: int, resume: Resume | None) -> None:
         """Drop the running cycle and begin as after a restart; see the class."""
         self._forget()
         self._last_number, self._missed_before = last_cycle, -1 if last_cycle else 0
-        self._resume, self._first_ns = resume, None
+        self._resume, self._first_ns, self._begin_ns = resume, None, None
         self._inside = self._goes_on = False
 
     def number_from(self, last_cycle: int) -> None:
@@ -224,6 +228,8 @@ class Segmenter:
         list of Part or Cycle
             In stream order; a `Cycle` follows its last part.
         """
+        if self._begin_ns is None:
+            self._begin_ns = int(frames.stamp_ns[0])
         if self._resume is not None:
             stored = self._skip_stored(frames)
             if stored:

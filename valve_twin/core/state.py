@@ -168,8 +168,8 @@ class SegmenterState:
         Samples of the last closed cycles.
     resume : Resume or None
         What is known of the cycles before a restart, until one opens.
-    first_ns : int or None
-        First stamp of the stream [ns].
+    first_ns, begin_ns : int or None
+        First stamp of the stream [ns]; the second counts anew where the clock is set back.
     inside, goes_on : bool
         Whether the stream is inside the last stored cycle, or follows it without a gap.
     """
@@ -188,6 +188,7 @@ class SegmenterState:
     lengths: tuple[int, ...]
     resume: Resume | None
     first_ns: int | None
+    begin_ns: int | None
     inside: bool
     goes_on: bool
 

@@ -368,3 +368,31 @@ def test_waiting_cycles_outlive_a_second_stop_before_any_sample(data, undisturbe
     third.push(data, 3 * SAMPLES + 100, len(data[0]))
     assert kept(third) == undisturbed[1]
     third.die()
+
+
+@pytest.mark.parametrize("until", [300, SAMPLES + 100, 3 * SAMPLES + 100])
+def test_a_stream_given_again_from_before_its_first_cycle_keeps_its_numbers(data, tmp_path, until):
+    """Nothing is stored when it dies, so that all is given again, the samples before cycle 1 too.
+
+    Twice: the second time dies with less than the first had seen.
+    """
+    stamps, columns = data
+    lead, period_ns = 60, int(stamps[1] - stamps[0])
+    before = stamps[0] - period_ns * np.arange(lead, 0, -1)
+    longer = {n: np.concatenate([np.full(lead, c[0]), c]) for n, c in columns.items()}
+    longer["cycle_counter"][:lead] = np.nan
+    again = np.concatenate([before, stamps]), longer
+    told: dict[int, int] = {}
+    for end in (lead + until, lead + until // 2, len(stamps)):
+        life = Life(tmp_path / "h.db")
+        assert life.restart.last_cycle == 0
+        life.push(again, 0, end, estimates=end == len(stamps))
+        for cycle in life.cycles:
+            assert told.setdefault(cycle.start_ns, cycle.number) == cycle.number
+        if not life.restart.is_open:
+            life.save()
+        life.die()
+    assert sorted(told.values()) == list(range(1, len(told) + 1))
+    last = Life(tmp_path / "h.db")
+    assert [c.cycle for c in kept(last)[0]] == sorted(told.values())
+    last.die()

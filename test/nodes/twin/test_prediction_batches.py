@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from valve_twin_msgs.msg import CycleSummary, Prediction, PredictionSeries
 from test.nodes.conftest import NS
 from test.nodes.feeding import REARM, START_NS, Feeder
 from valve_twin.core.types import Prediction as Block
+from valve_twin.nodes.player.outbox import SubscriberGate
 from valve_twin.nodes.runtime.stamps import from_time
 from valve_twin.nodes.twin.node import TwinNode
 from valve_twin.nodes.twin.prediction_batches import PredictionBatches, mean_period_s
@@ -131,7 +133,10 @@ def test_the_samples_are_those_of_single_messages(graph, parameters, tmp_path):
     for ns in (NS, "/single"):
         graph.be_heard(f"{ns}/twin")
     feeder = Feeder(graph, NS)
-    graph.spin_until(lambda: all(p.get_subscription_count() == 2 for p in feeder.publishers))
+    gate = SubscriberGate(graph.node)
+    graph.spin_until(
+        lambda: gate.is_open(feeder.publishers, 2, time.monotonic()), 120.0, "both twins' inputs"
+    )
     count = 2 * feeder.cycle_samples + 200  # the first estimate is in force from cycle 3 on
     feeder.feed(count)
     graph.spin_until(lambda: len(singles) >= count, what="single predictions")

@@ -171,14 +171,12 @@ class Restart:
     def _open(self, state: TwinState) -> None:
         """Wait for the samples that tell whether the stream goes on."""
         waiting = [cycle for _, cycle in state.jobs if cycle is not None]
-        running = state.segmenter.frames
-        since_ns = state.aligner.tracks[POSITION].last_ns or 0
         if self.last_cycle and self._resume is not None:
             since_ns = self._resume.start_ns
-        elif waiting:
-            since_ns = waiting[0].start_ns
-        elif running is not None:
-            since_ns = int(running.stamp_ns[0])
+        elif state.segmenter.begin_ns is not None:
+            since_ns = state.segmenter.begin_ns
+        else:
+            since_ns = state.aligner.tracks[POSITION].last_ns or 0
         closed_ns = waiting[-1].start_ns if waiting else since_ns
         self._closed = waiting[-1] if waiting else None
         self._rejoin = Rejoin(
