@@ -1,26 +1,50 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Memory goes back to the system once after the start or a backlog, not during it."""
+"""Memory goes back to the system after the start or a backlog and every minute, not during one."""
 
 from __future__ import annotations
 
-from valve_twin.nodes.runtime.memory_trim import BEHIND_S, PAUSE_S, MemoryTrimmer
+import os
+from pathlib import Path
+
+from valve_twin.nodes.runtime.memory_trim import BEHIND_S, EVERY_S, PAUSE_S, MemoryTrimmer
 
 
 def _trimmer(most: int) -> tuple[MemoryTrimmer, list[int]]:
     """Return a trimmer that has given back what the start left, and what it does from now on."""
     done: list[int] = []
     trimmer = MemoryTrimmer(most, lambda: done.append(1))
-    trimmer.look(0, 0.0, -2.0 * PAUSE_S)
+    trimmer.look(0, 0.0, -PAUSE_S)
     assert done.pop()
     return trimmer, done
 
 
-def test_nothing_is_given_back_without_a_backlog():
+def _rss_b() -> int:
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+def test_without_a_backlog_memory_is_given_back_every_minute():
     trimmer, done = _trimmer(5)
-    for now in range(100):
+    for now in range(round(EVERY_S - PAUSE_S)):
         trimmer.look(5, BEHIND_S, float(now))
     assert not done
+    for now in range(round(EVERY_S - PAUSE_S), round(3 * EVERY_S - PAUSE_S)):
+        trimmer.look(5, BEHIND_S, float(now))
+    assert len(done) == 2
+
+
+def test_what_a_short_stall_leaves_in_the_heap_goes_back_within_a_minute():
+    trimmer = MemoryTrimmer(5)
+    trimmer.look(0, 0.0, 0.0)
+    before = _rss_b()
+    held = [(bytearray(50_000), bytearray(1_000)) for _ in range(1000)]
+    kept = [small for _, small in held]  # between the others: they hold the heap
+    del held
+    left = _rss_b() - before
+    assert left > 30e6
+    trimmer.look(0, 0.0, EVERY_S)
+    assert _rss_b() - before < 0.2 * left
+    assert len(kept) == 1000
 
 
 def test_a_start_into_a_backlog_waits_for_its_end():
