@@ -298,6 +298,50 @@ def test_it_adapts_to_a_publisher_that_offers_less(graph, tmp_path):
     assert offered == {"reliable", "best_effort"}
 
 
+def test_readers_that_are_made_anew_have_no_events_that_could_be_queued(graph, tmp_path):
+    """One that is queued while its reader is destroyed ends the process (ros2/rclpy#1644)."""
+    graph.node.create_publisher(String, "/x", 10)
+    recorder = graph.host(BagRecorderNode, bag=str(tmp_path / "bag"), topics=["/x"])
+    meet(graph, recorder, ["/x"])
+    first = recorder._topics["/x"]._subscription
+    graph.stranger("weak").create_publisher(String, "/x", BEST_EFFORT)
+    graph.spin_until(lambda: recorder._topics["/x"]._subscription is not first, what="the second")
+    assert not first.event_handlers
+    assert not recorder._topics["/x"]._subscription.event_handlers
+
+
+def test_who_offers_less_than_a_file_asks_for_is_named_once_for_each_publisher(
+    graph, tmp_path, capfd
+):
+    path = tmp_path / "qos.yaml"
+    path.write_text(yaml.safe_dump({"/x": {"reliability": "reliable"}}))
+    given = {"topics": ["/x"], "qos_profile_overrides_path": str(path)}
+    strong = graph.node.create_publisher(String, "/x", 10)
+    recorder = graph.host(BagRecorderNode, bag=str(tmp_path / "bag"), **given)
+    meet(graph, recorder, ["/x"])
+    said = "/x: a publisher offers less than is asked for (RELIABILITY) and is not recorded"
+    for i in range(2):
+        graph.stranger(f"weak_{i}").create_publisher(String, "/x", BEST_EFFORT)
+        graph.spin_until(lambda: recorder._topics["/x"]._told, what="the line")
+        graph.spin(2.5)  # it is looked for every second
+        assert capfd.readouterr().err.count(said) == 1
+    strong.publish(String(data="strong"))
+    graph.spin_until(lambda: written(recorder, "/x") == 1, what="the strong one")
+    finish(recorder)
+
+
+def test_what_is_offered_of_another_type_makes_no_reader_best_effort(graph, tmp_path):
+    graph.node.create_publisher(String, "/x", 10)
+    recorder = graph.host(BagRecorderNode, bag=str(tmp_path / "bag"), topics=["/x"])
+    meet(graph, recorder, ["/x"])
+    topic = recorder._topics["/x"]
+    graph.stranger("plc").create_publisher(Float64Stamped, "/x", BEST_EFFORT)
+    graph.spin_until(lambda: topic.publishers == 2, what="the other")
+    graph.spin(1.5)  # it is looked for every second
+    assert topic._profile.reliability == ReliabilityPolicy.RELIABLE
+    finish(recorder)
+
+
 def test_policies_of_a_file_win_over_what_is_offered(graph, tmp_path):
     path = tmp_path / "qos.yaml"
     path.write_text(yaml.safe_dump({"/x": {"reliability": "best_effort", "depth": 7}}))

@@ -98,7 +98,8 @@ class Desk(SimpleNamespace):
         return SimpleNamespace(value=False)
 
     def get_publishers_info_by_topic(self, name):
-        return [SimpleNamespace(qos_profile=QoSProfile(depth=1))]
+        kind = "valve_twin_msgs/msg/Float64Stamped"
+        return [SimpleNamespace(qos_profile=QoSProfile(depth=1), topic_type=kind)]
 
     def count_publishers(self, name):
         return 1
@@ -108,6 +109,7 @@ class Desk(SimpleNamespace):
         return SimpleNamespace(
             handle=self.handle,
             msg_type=kind,
+            get_publisher_count=lambda: 1,
             CallbackType=SimpleNamespace(WithMessageInfo=2),
         )
 

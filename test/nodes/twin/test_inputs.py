@@ -179,17 +179,29 @@ def test_what_is_offered_of_another_type_makes_no_reader_best_effort(graph, hist
     assert "taken so" not in capfd.readouterr().err
 
 
-def test_what_a_refused_publisher_sends_is_not_taken_past_the_refusal(graph, history):
-    """It offers no deadline: a second reader, put there after a second, would hear it."""
+def test_what_a_refused_publisher_sends_is_not_taken_past_the_refusal(graph, history, monkeypatch):
+    """It offers no deadline: a second reader, put there after a second, would hear it.
+
+    What it offers is asked for every second then, not at each of the 25 looks.
+    """
     node = graph.host(TwinNode, deadline_s=0.5, **history)
     publisher = graph.node.create_publisher(Float64Stamped, f"{NS}/spool_position", 10)
     topic = next(t for t in node._valves[0].inputs.topics if t.topic.endswith("position"))
     graph.spin_until(lambda: topic.refused_policy, what="the refusal")
+    looks: list[str] = []
+    ask = node.count_publishers
+
+    def count(name: str) -> int:
+        looks.append(name)
+        return int(ask(name))
+
+    monkeypatch.setattr(node, "count_publishers", count)
     for _ in range(25):
         publisher.publish(Float64Stamped(value=0.1))
         graph.spin(0.1)
     assert (topic.received, topic.deaf) == (0, 0)
     assert topic.problem()[0] == "input.qos"
+    assert looks.count(topic.topic) < 10
 
 
 def test_an_input_that_falls_silent_is_stale(graph, history):

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import OrderedDict
 from typing import TYPE_CHECKING, Any
@@ -17,7 +18,12 @@ from valve_twin.io.cdr.message_types import message_class
 from valve_twin.io.recording.ring_buffer import RecordedMessage
 from valve_twin.nodes.runtime.compat import message_and_info, take_with_info
 from valve_twin.nodes.runtime.safety import is_free
-from valve_twin.nodes.runtime.second_reader import MOST_KEPT, RESENT_S, SecondReader
+from valve_twin.nodes.runtime.second_reader import (
+    MOST_KEPT,
+    RESENT_S,
+    SecondReader,
+    refused_policy,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -35,6 +41,9 @@ FORGET_S = 30.0
 
 DEAF_BEHIND = "a publisher sent a message of 0 bytes, behind which nothing came"
 DEAF_FROM_START = "heard nothing since it listens, while another subscription heard"
+
+MEET_S = 1.0
+"""How often a publisher that this subscription does not meet is asked for what it offers [s]."""
 
 DEAF_TOLD_S = 30.0
 """A line about deafness is not repeated earlier [s]."""
@@ -86,7 +95,8 @@ class RecordedTopic:
         self._first = self._last = self._last_sent_ns = 0
         self.lost_transport = self.lost_recorder = 0
         self.publishers = 0
-        self._refused = False
+        self._refused = self._told = False
+        self._met_s = -math.inf
         self._simulated = bool(node.get_parameter("use_sim_time").value)
         fields = self._class.get_fields_and_field_types()
         self.stamped = next(iter(fields.values()), "") == "std_msgs/Header"
@@ -120,10 +130,15 @@ class RecordedTopic:
                 f"{self.name}: {cause}: subscribed anew",
                 throttle_duration_sec=DEAF_TOLD_S,
             )
-        if self._node.count_publishers(self.name) == self.publishers and not self._refused:
+        count = self._node.count_publishers(self.name)
+        changed = count != self.publishers
+        if not (changed or self._has_unmet(count)):
             return False
         before = self.offered
         profiles = self._look()
+        refused = [p for p in profiles if refused_policy(p, self._profile)]
+        self._refused = bool(refused)
+        self._told &= self._refused and not changed
         wanted = _matching(profiles, self._policies) if profiles else self._profile
         weaker = (
             wanted.reliability != self._profile.reliability
@@ -140,12 +155,14 @@ class RecordedTopic:
                 f"{self.name}: subscribed anew as {wanted.reliability.name.lower()}, "
                 f"{wanted.durability.name.lower()}, which all its publishers offer"
             )
-        elif self._refused:
+            self._refused = False
+        elif self._refused and not self._told:
+            self._told = True
             self._node.get_logger().warning(
-                f"{self.name}: a publisher offers less than is asked for and is not recorded; "
+                f"{self.name}: a publisher offers less than is asked for "
+                f"({refused_policy(refused[0], self._profile)}) and is not recorded; "
                 "correct the file of qos_profile_overrides_path"
             )
-        self._refused = False
         return self.offered != before
 
     def listen(self) -> None:
@@ -171,13 +188,26 @@ class RecordedTopic:
 
     def _look(self) -> list[QoSProfile]:
         """Note the publishers and what they offer."""
-        profiles = [p.qos_profile for p in self._node.get_publishers_info_by_topic(self.name)]
-        self.publishers = len(profiles)
+        found = self._node.get_publishers_info_by_topic(self.name)
+        self.publishers = len(found)
+        profiles = [p.qos_profile for p in found if p.topic_type == self.kind]
         if profiles:
             self.offered = tuple(dict.fromkeys(_offered(p) for p in profiles))
         elif not hasattr(self, "offered"):
             self.offered = (OfferedQos(),)
         return profiles
+
+    def _has_unmet(self, count: int) -> bool:
+        """Return, now and then, whether this subscription misses one of so many publishers.
+
+        An event of the reader would tell, too; but one that is queued while its reader is
+        destroyed ends the process under the events executor (ros2/rclpy#1644).
+        """
+        now_s = time.monotonic()
+        if self._subscription is None or now_s < self._met_s + MEET_S:
+            return False
+        self._met_s = now_s
+        return bool(count > self._subscription.get_publisher_count())
 
     def _subscribe(self) -> Any:
         subscription = self._node.create_subscription(
@@ -186,9 +216,7 @@ class RecordedTopic:
             self._take,
             self._profile,
             raw=True,
-            event_callbacks=SubscriptionEventCallbacks(
-                incompatible_qos=self._on_refused, use_default_callbacks=False
-            ),
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         )
         return take_with_info(subscription)
 
@@ -203,7 +231,8 @@ class RecordedTopic:
         if self._subscription is None or not reliable:
             return ""
         now_s, unheard = time.monotonic(), self._second.never_heard
-        if self.publishers and not (self._refused or is_free(self.name)):
+        met = not self._refused or self._subscription.get_publisher_count()
+        if self.publishers and met and not is_free(self.name):
             self._second.expect(now_s)  # a simulated valve or a player may wait: it counts readers
         if self._second.is_open:
             self._beside_s = now_s
@@ -250,10 +279,6 @@ class RecordedTopic:
         if len(self._recent) > _DEPTH:  # so many a reader that hears late may have waiting
             self._recent.popitem(last=False)
         return True
-
-    def _on_refused(self, event: Any) -> None:
-        del event
-        self._refused = True
 
     def _take(self, *arguments: Any) -> None:
         data, info = message_and_info(arguments)

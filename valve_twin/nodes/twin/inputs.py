@@ -59,7 +59,7 @@ SUGGEST_S = 5.0
 started first misses 250 topics."""
 
 MEET_S = 1.0
-"""How often a topic that has a publisher is looked at for more of them [s]."""
+"""How often a topic that has a publisher, heard or refused, is looked at for more of them [s]."""
 
 FORGOTTEN_S = 60.0
 """A topic whose subscription is deaf twice within this time is taken best effort [s]."""
@@ -198,7 +198,7 @@ class TopicInput:
         """
         self._note_matched()
         now_s = seconds_now()
-        if self._matched and now_s < self._met_s + MEET_S:
+        if (self._matched or self.refused_policy) and now_s < self._met_s + MEET_S:
             return
         self._met_s = now_s
         self.refused_policy = ""
