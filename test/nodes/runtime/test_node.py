@@ -14,6 +14,7 @@ from valve_twin_msgs.msg import Faults, Prediction
 
 from test.nodes.conftest import NS
 from test.nodes.feeding import START_NS, Feeder
+from valve_twin.nodes.aging.node import AgingMonitorNode
 from valve_twin.nodes.runtime.stamps import to_time
 
 LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -92,3 +93,14 @@ def test_a_fleet_without_its_plant_says_so_in_a_few_lines_and_publishes_it_toget
     assert "57 more of [input.missing]: " in told[-1]
     assert len(faults) < 10
     assert twin.end() == 0
+
+
+@pytest.mark.parametrize("given", [None, False, True])
+def test_a_node_answers_no_questions_about_message_types_unless_it_is_told_to(graph, given):
+    """A stranger's 3 MB in one make rcl write up to 12 MB of log."""
+    more = [] if given is None else ["-p", f"start_type_description_service:={given}"]
+    arguments = ["--ros-args", "-r", f"__ns:={NS}", *more]
+    node = AgingMonitorNode(context=graph.context, cli_args=arguments, use_global_arguments=False)
+    graph.hosted.append(node)
+    services = [service.srv_name for service in node.services]
+    assert any(name.endswith("get_type_description") for name in services) == bool(given)

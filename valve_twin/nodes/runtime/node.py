@@ -43,6 +43,9 @@ SPIN_S = 0.1
 """Longest wait of the loop: a signal is noticed within it [s]."""
 
 
+TYPE_DESCRIPTIONS = "start_type_description_service"
+"""Parameter of rclpy for a service that tells message types."""
+
 TOLD_AGAIN_S = 30.0
 """What a stranger can have told as often as he likes is told so seldom [s]."""
 
@@ -154,6 +157,16 @@ class ValveNode(LifecycleNode):
         elif self.state != "finalized":  # else it was shut down by its service
             self._guarded(self.trigger_shutdown, "shut down")
         self._guarded(self.faults.tell, "tell the last faults")
+
+    def declare_parameter(self, name: str, *arguments: Any, **options: Any) -> Parameter:
+        """Declare a parameter; rclpy's service of type descriptions is off unless it is given.
+
+        No part of ROS 2 as it is used asks for it, and rcl logs the whole of a question that it
+        cannot answer: a stranger's 3 MB make up to 12 MB of log a call.
+        """
+        if name == TYPE_DESCRIPTIONS:
+            arguments = (False, *arguments[1:])
+        return super().declare_parameter(name, *arguments, **options)
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
         """Set all or none; a refusal says why and is filed as a fault, too."""
