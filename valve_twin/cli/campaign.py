@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ from valve_twin.io.config.campaign import load_campaign, write_severities
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Callable
 
     from rich.console import Console
 
@@ -64,7 +66,7 @@ def _campaign(arguments: argparse.Namespace) -> int:
     from valve_twin.core.diagnosis.config import OF_ANY_VALVE
 
     try:
-        rig, table, config = _chosen(arguments)
+        rig, table, config, own = _chosen(arguments)
     except ValueError as err:
         return fail(f"campaign: {err}", USAGE)
     for name in arguments.fault or ():
@@ -75,7 +77,7 @@ def _campaign(arguments: argparse.Namespace) -> int:
         config = replace(config, severities={n: config.severities[n] for n in arguments.fault})
     with progress_of("records", len(config.seeds)) as advance:
         detection = OF_ANY_VALVE if arguments.model else None
-        result = run_campaign(rig, table, config, detection=detection, advance=advance)
+        result = run_campaign(rig, table, config, detection=detection, own=own, advance=advance)
     if arguments.json:
         text = json.dumps(_plain(result, config.seeds), indent=1, allow_nan=False)
         Path(arguments.json).write_text(f"{text}\n", encoding="utf-8")
@@ -85,16 +87,18 @@ def _campaign(arguments: argparse.Namespace) -> int:
 
 def _chosen(
     arguments: argparse.Namespace,
-) -> tuple[AgingBench[Any], SignatureTable, CampaignConfig]:
-    """Return valve and model, its signatures, and what is simulated."""
+) -> tuple[
+    AgingBench[Any], SignatureTable, CampaignConfig, Callable[[Any], SignatureTable] | None
+]:
+    """Return valve and model, signatures, what is simulated, and what gives a valve its own."""
     first = arguments.first
     seeds = tuple(range(first, first + arguments.seeds)) if arguments.seeds else ()
     if arguments.config:
         campaign = load_campaign(arguments.config)
         config = campaign.config
         config = replace(config, seeds=seeds) if seeds else config
-        return campaign.rig, campaign.rig.model.signatures(), config
-    from valve_twin.core.diagnosis.generic.campaign import campaign_of, model_rig
+        return campaign.rig, campaign.rig.model.signatures(), config, None
+    from valve_twin.core.diagnosis.generic.campaign import campaign_of, model_rig, own_signatures
     from valve_twin.core.diagnosis.generic.faults import FAULTS
     from valve_twin.core.diagnosis.generic.signatures import signatures_of
 
@@ -103,7 +107,7 @@ def _chosen(
     assert table is not None
     with progress_of("sizes", len(FAULTS)) as advance:
         config = campaign_of(rig, seeds or tuple(range(first, first + 20)), advance=advance)
-    return rig, table, config
+    return rig, table, config, partial(own_signatures, rig)
 
 
 def _derive(arguments: argparse.Namespace) -> int:
@@ -115,7 +119,7 @@ def _derive(arguments: argparse.Namespace) -> int:
         from valve_twin.core.diagnosis.generic.signatures import derive_table
 
         rig_of_any = model_rig(arguments.model)
-        table = derive_table(rig_of_any.simulation, rig_of_any.model.feature_set)
+        table = derive_table(rig_of_any.model)
         Path(arguments.derive).write_text(table_source(table), encoding="utf-8")
         return OK
     rig = load_campaign(arguments.config).rig

@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""More is asked of a change where the cycles before strayed from their lines."""
+"""What cycles are compared with, and how a change is fitted."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from valve_twin.core.diagnosis.config import DetectionConfig
-from valve_twin.core.diagnosis.lines import rays_of_steps, strayed
+from valve_twin.core.diagnosis.lines import fit_change, rays_of_steps, strayed, whitened_rays
 from valve_twin.core.valves.press_cartridge import MODEL
 
 CONFIG = DetectionConfig()
@@ -46,3 +48,19 @@ def test_a_fault_whose_features_the_cycles_do_not_show_makes_no_step():
     assert np.any(rays_of_steps([vectors], table, CONFIG).rays[small_gas])
     vectors[:, table.features.index("delay_in")] = np.nan  # which carries most of it
     assert not np.any(rays_of_steps([vectors], table, CONFIG).rays[small_gas])
+
+
+def test_a_fault_that_shows_more_or_less_from_cycle_to_cycle_stays_that_fault():
+    table = MODEL.signatures()
+    none = (0.0,) * len(table.features)
+    flat = replace(table, signatures=tuple(replace(s, scatter=none) for s in table.signatures))
+    rng = np.random.default_rng(5)
+    healthy = rng.multivariate_normal(none, np.array(table.covariance), 60)
+    rays = whitened_rays(healthy, np.isfinite(healthy), flat, CONFIG)
+    index = next(k for k, s in enumerate(flat.signatures) if s.fault == "leak") + 2
+    shown = np.array([0.6, 0.8, 1.0, 1.2, 1.4])[:, None] * rays.changes[index]
+    limits = flat.range(index)
+    steady = fit_change(shown, rays, index, 0.0, limits, unlike=0.0)
+    varied = fit_change(shown, rays, index, 0.0, limits, unlike=0.0, varies=0.25)
+    assert varied[1] == pytest.approx(1.0) == steady[1]  # the mean is what it was
+    assert varied[0] > steady[0]

@@ -135,6 +135,7 @@ def run_campaign(
     config: CampaignConfig,
     *,
     detection: DetectionConfig | None = None,
+    own: Callable[[V], SignatureTable] | None = None,
     advance: Callable[[], None] = lambda: None,
 ) -> CampaignResult:
     """Simulate every record and look at it as the aging monitor does.
@@ -149,6 +150,8 @@ def run_campaign(
         What is simulated.
     detection : DetectionConfig, optional
         When a change is a fault.
+    own : callable, optional
+        Returns the signatures of a valve before it has a fault; none = `table` for all.
     advance : callable
         Called after each seed.
 
@@ -162,16 +165,17 @@ def run_campaign(
     alarms: list[tuple[int, str, int]] = []
     for seed in config.seeds:
         valve = aged.start(seed)
+        shapes = own(valve) if own else table
         before = aged.run(valve, config.onset - 1)
         rest = aged.run(deepcopy(valve), config.cycles - config.onset + 1)
-        healthy = _look(np.concatenate((before, rest)), table, detection)
+        healthy = _look(np.concatenate((before, rest)), shapes, detection)
         alarms += [(seed, f.fault, f.alarm) for f in healthy.findings]
         for fault, sizes in config.severities.items():
             for size, severity in zip(SIZES, sizes, strict=True):
                 if size in config.sizes:
                     sign = -1.0 if BY_NAME[fault].two_sided and seed % 2 else 1.0
                     case = Case(fault, size, seed, sign * severity, 0)
-                    cases.append(_run(aged, valve, before, case, table, config, detection))
+                    cases.append(_run(aged, valve, before, case, shapes, config, detection))
         advance()
     found = isolability(table, detection)
     result = CampaignResult(tuple(cases), len(config.seeds) * config.cycles, tuple(alarms), found)

@@ -93,6 +93,12 @@ class DetectionConfig:
         "Share of a change by which a valve may differ from the signature of the simulated one.",
         lower=0.0,
     )
+    varies: float = quantity(
+        0.0,
+        "1",
+        "Share of a change by which the same fault shows more or less from cycle to cycle.",
+        lower=0.0,
+    )
     excess: float = quantity(
         3.0, "1", "chi-square over its expectation above which it is unknown.", lower=0.0
     )
@@ -102,5 +108,5 @@ class DetectionConfig:
         check_quantities(self)
 
 
-OF_ANY_VALVE = DetectionConfig(alone=1e-4, departs=0.0)
+OF_ANY_VALVE = DetectionConfig(alone=1e-4, departs=0.0, varies=0.25)
 """For features of any valve."""

@@ -64,11 +64,15 @@ class Diagnosable(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """How much is simulated: seeds, healthy cycles a seed, cycles with a fault a seed."""
+    """How much is simulated: seeds, healthy cycles a seed, cycles with a fault a seed.
+
+    `factors` are the sizes over the small one; those beyond the greatest of a fault are left out.
+    """
 
     seeds: tuple[int, ...] = field(default=tuple(range(900, 908)))
     healthy: int = 40
     faulty: int = 5
+    factors: tuple[float, ...] = FACTORS
 
 
 class Faulty(Protocol):
@@ -210,13 +214,20 @@ def derive(
         start = set_sizes.get(name) or _small(rig, pairs, white, name)
         signs = (1.0, -1.0) if BY_NAME[name].two_sided else (1.0,)
         for sign in signs:
-            for factor in FACTORS:
-                size = sign * min(start * factor, followed.largest.get(name, math.inf))
-                change, scatter = _change(rig, pairs, name, size)
-                signatures.append(Signature(name, size, _short(change, 4), _short(scatter, 2)))
+            for size in _sizes(start, effort.factors, followed.largest.get(name, math.inf)):
+                change, scatter = _change(rig, pairs, name, sign * size)
+                signatures.append(
+                    Signature(name, sign * size, _short(change, 4), _short(scatter, 2))
+                )
         advance()
     rows = tuple(_short(row, 5) for row in covariance)
     return SignatureTable(followed.names, rows, tuple(floor.tolist()), tuple(signatures))
+
+
+def _sizes(small: float, factors: tuple[float, ...], most: float) -> list[float]:
+    """Return the sizes of a fault: the usual ones up to the greatest, more only below it."""
+    usual = [min(small * factor, most) for factor in factors if factor in FACTORS]
+    return [*usual, *(s for f in factors if f not in FACTORS and (s := small * f) <= most)]
 
 
 def _short(values: FloatArray, digits: int) -> tuple[float, ...]:

@@ -272,8 +272,9 @@ def whitened(
         When to speak.
     """
     y = filled(vectors[:end], config.least)
-    y -= y[:known].mean(axis=0)
-    rays = whitened_rays(y[:known], np.isfinite(vectors[:end]), table, config)
+    level = y[:known].mean(axis=0)
+    y -= level
+    rays = whitened_rays(y[:known], np.isfinite(vectors[:end]), table, config, level=level)
     w = rays.whitened(y)
     return w, without_outliers(w, config), rays
 

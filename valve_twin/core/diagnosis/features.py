@@ -61,6 +61,9 @@ class FeatureSet:
         those not named tell nothing of another product.
     of_any_valve : bool
         Whether features that every valve has (`generic`) are among them.
+    by_model : bool
+        Whether their signatures are what the model sees of its simulated valve, not changes of
+        the valve's own motion: those of a free run that depends on the position it begins at.
     """
 
     names: tuple[str, ...] = ()
@@ -71,6 +74,7 @@ class FeatureSet:
     least: Mapping[str, float] = field(default_factory=dict, hash=False)
     across: Mapping[str, float] = field(default_factory=dict, hash=False)
     of_any_valve: bool = False
+    by_model: bool = False
 
     def vector(self, values: Iterable[ParameterValue]) -> FloatArray:
         """Return the features as they are followed, (F,) in the order of `names`.

@@ -110,7 +110,7 @@ def search(past: Past, maintenance: Sequence[Maintenance]) -> Searched:
         shown = shown.take(np.flatnonzero(has_reference(shown)))
         if not len(shown):
             return Searched(NOTHING)
-        if model.signatures() is None:
+        if model.signatures() is None and not model.feature_set.by_model:
             table = _table_of(model, shown) or table
     cycles = shown.cycle
     vectors = feature_vectors(shown, model.feature_set)

@@ -73,7 +73,7 @@ def isolability(table: SignatureTable, config: DetectionConfig | None = None) ->
     size = len(table.faults)
     distance = np.zeros((size, size))
     for a, first in enumerate(table.faults):
-        medium = rows[first][_MEDIUM :: len(FACTORS)]
+        medium = _medium(table, rows[first])
         for b, second in enumerate(table.faults):
             if a != b:
                 distance[a, b] = min(
@@ -82,6 +82,13 @@ def isolability(table: SignatureTable, config: DetectionConfig | None = None) ->
                     for j in rows[second]
                 )
     return Isolability(table.faults, distance, _classes(table.faults, distance))
+
+
+def _medium(table: SignatureTable, rows: list[int]) -> list[int]:
+    """Return the signatures of medium size among those of a fault, one of each sign."""
+    signs = (1.0, -1.0)
+    own = ([i for i in rows if table.signatures[i].severity * sign > 0.0] for sign in signs)
+    return [same[_MEDIUM] for same in own if same]
 
 
 def _distance(
@@ -101,7 +108,8 @@ def _distance(
     first, second = own + spread, own + other_spread
     mean = 0.5 * (first + second)
     solved = np.linalg.solve(mean, other)
-    size = min(max(float(solved @ change) / float(solved @ other), limits[0]), limits[1])
+    size = float(solved @ change) / max(float(solved @ other), 1e-300)
+    size = min(max(size, limits[0]), limits[1])
     left = change - size * other
     apart = _cycles_that_count(config) * float(left @ np.linalg.solve(mean, left))
     logs = [float(np.linalg.slogdet(c)[1]) for c in (mean, first, second)]

@@ -86,7 +86,12 @@ def filled(vectors: FloatArray, least: int) -> FloatArray:
 
 
 def whitened_rays(
-    y: FloatArray, known: FloatArray, table: SignatureTable, config: DetectionConfig
+    y: FloatArray,
+    known: FloatArray,
+    table: SignatureTable,
+    config: DetectionConfig,
+    *,
+    level: FloatArray | None = None,
 ) -> Rays:
     """Whiten the signatures by the scatter of the first cycles about their line.
 
@@ -102,12 +107,19 @@ def whitened_rays(
         Signatures and their correlations.
     config : DetectionConfig
         When to speak.
+    level : (F,) array, optional
+        What was subtracted from y [unit by feature].
     """
     n = len(y)
     t = np.arange(n) - 0.5 * (n - 1)
     off = y - y.mean(axis=0) - np.outer(t, t @ y / (t @ t))
     wider = _doubt(n - 2, config.learn - 2)
-    return _rays(off, n - 2, known, np.ptp(y, axis=0) == 0.0, table, config, wider=wider)
+    changes, scatters = table.changes(), table.scatters()
+    if level is not None:
+        changes, scatters = table.on_levels(level)
+    constant = np.ptp(y, axis=0) == 0.0
+    shapes = (changes, scatters)
+    return _rays(off, n - 2, known, constant, table, config, wider=wider, shapes=shapes)
 
 
 def rays_of_steps(
@@ -129,7 +141,8 @@ def rays_of_steps(
     steps = np.concatenate([np.diff(y, axis=0) for y in whole]) / np.sqrt(2.0)
     known = np.isfinite(np.concatenate(parts))
     constant = (steps == 0.0).all(axis=0)
-    found = _rays(steps, len(steps), known, constant, table, config, wider=1.0)
+    shapes = (table.changes(), table.scatters())
+    found = _rays(steps, len(steps), known, constant, table, config, wider=1.0, shapes=shapes)
     usual = np.sqrt(np.maximum(np.diag(table.covariance), np.square(table.floor)))
     each = table.changes() / np.maximum(usual, _ROUNDING)
     shown = np.linalg.norm(each[:, known.any(axis=0)], axis=1)
@@ -148,8 +161,12 @@ def _rays(
     config: DetectionConfig,
     *,
     wider: float,
+    shapes: tuple[FloatArray, FloatArray],
 ) -> Rays:
-    """Whiten the signatures by what (N, F) cycles are off by, `wider` for their few number."""
+    """Whiten the signatures by what (N, F) cycles are off by, `wider` for their few number.
+
+    `shapes` are their changes and scatters (S, F).
+    """
     spread = MAD_SCALE * np.median(np.abs(off), axis=0)
     spread = np.maximum(spread, np.quantile(np.abs(off), _TAIL, axis=0) / _TAIL_DEVIATIONS)
     off = np.where(spread > 0.0, np.clip(off, -4.0 * spread, 4.0 * spread), off)
@@ -168,9 +185,9 @@ def _rays(
     white = whitener(correlation * np.outer(scale, scale))
     absent = np.count_nonzero(known[: config.least], axis=0) < config.least // 2
     absent |= constant
-    changes = np.where(absent, 0.0, table.changes()) @ white.T
+    changes = np.where(absent, 0.0, shapes[0]) @ white.T
     length = np.maximum(np.linalg.norm(changes, axis=1), 1e-12)
-    root = white[None] * np.where(absent, 0.0, table.scatters())[:, None, :]
+    root = white[None] * np.where(absent, 0.0, shapes[1])[:, None, :]
     rays = changes / length[:, None]
     if NOISE in table.features and not absent[table.features.index(NOISE)]:
         louder = white[:, table.features.index(NOISE)]
@@ -186,6 +203,7 @@ def fit_change(
     limits: tuple[float, float],
     *,
     unlike: float,
+    varies: float = 0.0,
 ) -> tuple[float, float, float]:
     """Fit a signature to what some cycles show.
 
@@ -207,6 +225,8 @@ def fit_change(
         Least and greatest size [size of the signature].
     unlike : float
         Variance of each feature's mean by which the valve is unlike the simulated one [1].
+    varies : float
+        Share of the change by which the fault shows more or less from cycle to cycle [1].
 
     Returns
     -------
@@ -222,10 +242,11 @@ def fit_change(
     size = float(solved @ mean) / max(float(solved @ change), 1e-300)
     size = min(max(size, limits[0]), limits[1])
     left, about = mean - size * change, off - mean
-    within = float(np.sum(about * np.linalg.solve(covariance, about.T).T))
+    each = covariance + np.outer(change, change) * (varies * size) ** 2  # the mean has its size
+    within = float(np.sum(about * np.linalg.solve(each, about.T).T))
     chi2 = within + count * float(left @ np.linalg.solve(covariance, left))
     value = -within - float(left @ np.linalg.solve(own, left)) - float(np.linalg.slogdet(own)[1])
-    value -= (count - 1) * float(np.linalg.slogdet(covariance)[1])
+    value -= (count - 1) * float(np.linalg.slogdet(each)[1])
     return value, size, chi2
 
 

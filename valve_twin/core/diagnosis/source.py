@@ -32,7 +32,10 @@ def table_source(table: SignatureTable) -> str:
             f"            {_numbers(s.change)},",
             f"            {_numbers(s.scatter)}),",
         ]
-    return f"{_HEAD}# fmt: off\n" + "\n".join([*lines, "    ),", ")", ""])
+    lines.append("    ),")
+    if table.levels:
+        lines.append(f"    levels={table.levels!r},")
+    return f"{_HEAD}# fmt: off\n" + "\n".join([*lines, ")", ""])
 
 
 def _numbers(values: Sequence[float]) -> str:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.diagnosis.features import NOISE
+
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray
 
@@ -48,6 +50,9 @@ class FaultType:
     most: float = np.inf
 
 
+_SLOWEST = 4.0
+"""Greatest share by which a move may take longer, assumed: it would not end in a cycle [1]."""
+
 FAULT_TYPES = (
     FaultType("leak", "valve", "leak of the chamber", "1/s"),
     FaultType("stiction", "valve", "sticking pilot"),
@@ -58,9 +63,9 @@ FAULT_TYPES = (
     FaultType("lost_motion", "valve", "lost motion (play), share of the travel", most=1.0),
     FaultType("sticking", "valve", "sticking when it sets off, share of the travel", most=1.0),
     FaultType("delay", "valve", "grown delay", "s"),
-    FaultType("slow", "valve", "slower motion both ways"),
-    FaultType("slow_up", "valve", "slower motion up"),
-    FaultType("slow_down", "valve", "slower motion down"),
+    FaultType("slow", "valve", "slower motion both ways", most=_SLOWEST),
+    FaultType("slow_up", "valve", "slower motion up", most=_SLOWEST),
+    FaultType("slow_down", "valve", "slower motion down", most=_SLOWEST),
     FaultType("end_stop_upper", "valve", "lowered upper end, share of the travel", most=1.0),
     FaultType("end_stop_lower", "valve", "raised lower end, share of the travel", most=1.0),
     FaultType("oscillation", "valve", "oscillating position, share of the travel", most=1.0),
@@ -129,12 +134,16 @@ class SignatureTable:
         (F,) least standard deviation of each feature: one sample more or less, or rounding.
     signatures : tuple of Signature
         Of each fault, size by size, small first.
+    levels : tuple of (str, float)
+        Features that are roots of sums of squares, and their logarithm on that healthy valve: a
+        fault adds squares, so that it changes the logarithm of a greater one less.
     """
 
     features: tuple[str, ...]
     covariance: tuple[tuple[float, ...], ...]
     floor: tuple[float, ...]
     signatures: tuple[Signature, ...]
+    levels: tuple[tuple[str, float], ...] = ()
 
     @property
     def faults(self) -> tuple[str, ...]:
@@ -157,6 +166,22 @@ class SignatureTable:
     def scatters(self) -> FloatArray:
         """Return the scatter of all signatures, (S, F)."""
         return np.array([s.scatter for s in self.signatures])
+
+    def on_levels(self, own: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return changes and scatters (S, F) of a valve whose features are at levels (F,)."""
+        changes, scatters = self.changes(), self.scatters()
+        if not self.levels:
+            return changes, scatters
+        level = np.array([dict(self.levels).get(n, np.nan) for n in self.features])
+        more = np.exp(2.0 * (level - own))  # square of the table's over the own
+        summed = np.isfinite(more) & (changes > 0.0)
+        if NOISE in self.features:  # which a noisier sensor multiplies
+            louder = [s.fault == "sensor_noise" for s in self.signatures]
+            summed[louder, self.features.index(NOISE)] = False
+        added = np.where(summed, more * np.expm1(2.0 * changes), 0.0)
+        share = more * np.exp(2.0 * changes) / (1.0 + added)
+        found = np.where(summed, 0.5 * np.log1p(added), changes)
+        return found, np.where(summed, share * scatters, scatters)
 
 
 def whitener(covariance: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ from valve_twin.core.diagnosis.changes.alone import departs
 from valve_twin.core.diagnosis.config import OF_ANY_VALVE, DetectionConfig
 from valve_twin.core.diagnosis.detection import detect, whitened
 from valve_twin.core.diagnosis.generic.signatures import signatures_of
-from valve_twin.core.diagnosis.table import FACTORS, with_floor
+from valve_twin.core.diagnosis.table import FACTORS, Signature, with_floor
 from valve_twin.core.valves.press_cartridge import MODEL
 from valve_twin.core.valves.registry import get_model
 
@@ -28,7 +28,8 @@ def healthy(table, cycles, seed, freedom=0):
     noise = rng.standard_normal((cycles, len(covariance)))
     if freedom:
         noise *= np.sqrt((freedom - 2) / rng.chisquare(freedom, (cycles, 1)))
-    return noise @ np.linalg.cholesky(covariance).T
+    level = np.array([dict(table.levels).get(name, 0.0) for name in table.features])
+    return level + noise @ np.linalg.cholesky(covariance).T
 
 
 def searched(table, vectors, config=OF_ANY_VALVE):
@@ -36,8 +37,11 @@ def searched(table, vectors, config=OF_ANY_VALVE):
 
 
 def large(table):
-    """Return the signatures of large faults: the largest of each."""
-    found = [s for i, s in enumerate(table.signatures) if i % len(FACTORS) == 2]
+    """Return the signatures of large faults: the third size of each."""
+    sizes: dict[tuple[str, bool], list[Signature]] = {}
+    for s in table.signatures:
+        sizes.setdefault((s.fault, s.severity > 0.0), []).append(s)
+    found = [same[len(FACTORS) - 1] for same in sizes.values()]
     return [s for s in found if np.any(s.change)]
 
 

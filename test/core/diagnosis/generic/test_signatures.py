@@ -11,7 +11,7 @@ from valve_twin.core.diagnosis.generic.faults import FAULTS
 from valve_twin.core.diagnosis.generic.features import FEATURE_SET
 from valve_twin.core.diagnosis.generic.signatures import derive_table, signatures_of
 from valve_twin.core.diagnosis.isolability import isolability
-from valve_twin.core.valves.registry import get_model, get_simulation, model_names
+from valve_twin.core.valves.registry import get_model, model_names
 
 
 def table_of(model):
@@ -58,7 +58,7 @@ def test_a_valve_without_a_simulation_has_them_from_a_made_up_motion():
 @pytest.mark.parametrize("name", SHIPPED)
 def test_shipped_signatures_are_what_is_derived(name):
     model = get_model(name)
-    again = derive_table(get_simulation(name), model.feature_set)
+    again = derive_table(model)
     shipped = table_of(model)
     assert again.faults == shipped.faults
     scale = np.sqrt(np.diag(np.array(shipped.covariance))) + np.array(shipped.floor)

@@ -61,7 +61,7 @@ def match(
     """
     unlike = config.unlike**2 * float(np.sum(off.mean(axis=0) ** 2)) / off.shape[1]
     fits = [
-        fit_change(off, rays, k, line, table.range(k), unlike=unlike)
+        fit_change(off, rays, k, line, table.range(k), unlike=unlike, varies=config.varies)
         for k in range(len(table.signatures))
     ]
     best: dict[str, float] = {}

@@ -4,23 +4,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from copy import deepcopy
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from valve_twin.core.diagnosis.campaign import CampaignConfig
 from valve_twin.core.diagnosis.derive import Effort, derive
-from valve_twin.core.diagnosis.generic.faults import FIRST_SIZES, LARGEST, SET_SIZES
+from valve_twin.core.diagnosis.generic.faults import SET_SIZES
+from valve_twin.core.diagnosis.generic.motion import motion_of
+from valve_twin.core.diagnosis.generic.reference import features_against, record_of
 from valve_twin.core.diagnosis.generic.rig import ModelRig
-from valve_twin.core.diagnosis.generic.signatures import signatures_of
+from valve_twin.core.diagnosis.generic.signatures import SizingRig, own_table, signatures_of
 from valve_twin.core.diagnosis.table import SIZES
 from valve_twin.core.simulation.aging_laws import AgingRule
+from valve_twin.core.simulation.block import to_frames
 from valve_twin.core.simulation.config import Scatter
+from valve_twin.core.types import Cycle
 from valve_twin.core.valves.registry import get_model, get_simulation
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from valve_twin.core.diagnosis.features import FeatureSet
+    from valve_twin.core.diagnosis.generic.rig import FaultyValve
+    from valve_twin.core.diagnosis.table import SignatureTable
     from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.valves.interface import ValveModel
 
@@ -29,16 +35,6 @@ _AGES = 5e-4
 """Relative change of the first parameter that is followed and ages, a cycle [1]."""
 _SCATTERS = 0.01
 """Relative standard deviation of that parameter from cycle to cycle [1]."""
-
-
-@dataclass(frozen=True, slots=True)
-class _SizingRig(ModelRig):
-    """The rig with where the search for the sizes of faults begins."""
-
-    @property
-    def feature_set(self) -> FeatureSet:
-        """Return which features, and how they are followed."""
-        return replace(self.model.feature_set, first_sizes=FIRST_SIZES, largest=LARGEST)
 
 
 def model_rig(name: str) -> ModelRig:
@@ -70,6 +66,30 @@ def _ages(model: ValveModel, simulation: SimulationConfig) -> str:
     return next((p.name for p in model.parameters if p.trend and p.name in numbers), "")
 
 
+def own_signatures(rig: ModelRig, valve: FaultyValve) -> SignatureTable:
+    """Return the signatures that a twin of a valve derives from its next cycle.
+
+    Parameters
+    ----------
+    rig : ModelRig
+        Valve and model.
+    valve : FaultyValve
+        That has a reference; it stays where it is.
+    """
+    model, reference = rig.model, valve.reference
+    shared = signatures_of(model)
+    assert shared is not None
+    assert reference is not None
+    if model.feature_set.by_model:
+        return shared
+    block, _ = deepcopy(valve).next_cycle()
+    cycle = Cycle(valve.cycle, rig.simulation.period_s, to_frames(block))
+    known = model.coefficients(reference.values, reference.lag, cycle.period_s, rig.options)
+    shown = features_against(model, rig.options, reference, cycle)
+    motion = motion_of(record_of(model, known, cycle), shown)
+    return own_table(model.name, motion) if motion else shared
+
+
 def campaign_of(
     rig: ModelRig, seeds: tuple[int, ...], *, advance: Callable[[], None] = lambda: None
 ) -> CampaignConfig:
@@ -84,7 +104,7 @@ def campaign_of(
     advance : callable
         Called after each fault.
     """
-    sizing = _SizingRig(rig.model, rig.options, rig.simulation)
+    sizing = SizingRig(rig.model, rig.options, rig.simulation)
     table = derive(
         sizing,
         small=SET_SIZES,

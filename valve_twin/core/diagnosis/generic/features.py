@@ -50,6 +50,9 @@ FEATURES = (
 
 NAMES = tuple(p.name for p in FEATURES)
 RELATIVE = frozenset((NOISE, "gain_up", "gain_down", "rough_rest", "rough_move"))
+ROOTS = (NOISE, "rough_rest", "rough_move")
+"""Features that are roots of sums of squares."""
+
 SHARES = ("repeats", UNFOLLOWED, "saturated")
 
 DEVIATION = "deviation"
@@ -83,6 +86,8 @@ def feature_set(
     exclude: tuple[str, ...] = (),
     extra: FeatureSet | None = None,
     least: Mapping[str, float] | None = None,
+    *,
+    by_model: bool = False,
 ) -> FeatureSet:
     """Return which features a valve is followed by.
 
@@ -94,6 +99,8 @@ def feature_set(
         Those of its own, which its `features` returns.
     least : mapping of str to float, optional
         Least standard deviation of a feature between cycles, by name [unit of the feature].
+    by_model : bool
+        Whether signatures are what the model sees of its simulated valve.
     """
     extra = extra or FeatureSet()
     names = tuple(n for n in NAMES if n not in exclude)
@@ -105,6 +112,7 @@ def feature_set(
         extra.largest,
         least=least or {},
         of_any_valve=True,
+        by_model=by_model,
     )
 
 

@@ -146,7 +146,7 @@ def estimate_features(
     else:
         values += [ParameterValue(f"{_PREFIX}{n}", v) for n, v in reference.values.items()]
         if shown and not any(map(numbers_of, earlier)):
-            motion = motion_of(_record(model, known, cycle), values)
+            motion = motion_of(record_of(model, known, cycle), values)
             values += motion.values() if motion else []
     return Estimate(
         model=model.name,
@@ -185,12 +185,22 @@ def features_against(
         coefficients = model.coefficients(reference.values, reference.lag, cycle.period_s, options)
         coefficients = coefficients if np.isfinite(coefficients).all() else None
     followed = model.feature_set.names
-    found = cycle_features(_record(model, coefficients, cycle))
+    found = cycle_features(record_of(model, coefficients, cycle))
     return [_value(n, v) for n, v in found.items() if n in followed or n == DEVIATION]
 
 
-def _record(model: ValveModel, coefficients: FloatArray | None, cycle: Cycle) -> Record:
-    """Return measured position and free run of a cycle."""
+def record_of(model: ValveModel, coefficients: FloatArray | None, cycle: Cycle) -> Record:
+    """Return measured position and free run of a cycle.
+
+    Parameters
+    ----------
+    model : ValveModel
+        The valve's model.
+    coefficients : (P,) array or None
+        Of the reference model [unit of each]; None = there is none.
+    cycle : Cycle
+        With at least one sample.
+    """
     frames = cycle.frames
     run = run_model(
         model,

@@ -93,7 +93,9 @@ class FaultyValve:
             self._valve.config.period_s,
             source(self._seed, self._at),
         )
-        return span * FAULTS[self._fault](sensed, self._size)[len(past) :]
+        shown = span * FAULTS[self._fault](sensed, self._size)[len(past) :]
+        step = self._valve.config.measurement.quantum
+        return step * np.round(shown / step) if step > 0.0 else shown
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ plant that knows its faults. A valve without a simulation is given a made-up mot
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib import import_module
 from importlib.util import find_spec
@@ -19,21 +19,27 @@ import numpy as np
 from valve_twin.core.diagnosis.derive import Bench, Effort, V, derive
 from valve_twin.core.diagnosis.features import UNFOLLOWED
 from valve_twin.core.diagnosis.generic.faults import FIRST_SIZES, LARGEST, SET_SIZES
+from valve_twin.core.diagnosis.generic.features import ROOTS
 from valve_twin.core.diagnosis.generic.made_up import made_up
-from valve_twin.core.diagnosis.generic.rig import IdealRig, MotionRig
+from valve_twin.core.diagnosis.generic.rig import IdealRig, ModelRig, MotionRig
 from valve_twin.core.diagnosis.table import FACTORS, Signature, SignatureTable
 
 if TYPE_CHECKING:
     from valve_twin.core.diagnosis.features import FeatureSet
     from valve_twin.core.diagnosis.generic.motion import Motion
-    from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.valves.interface import ValveModel
 
-_EFFORT = Effort(seeds=(900, 901), healthy=30, faulty=3)
-_CHANCE_EFFORT = Effort(seeds=(900, 901), healthy=30, faulty=16)
+_SIZES = (*FACTORS, 30.0, 100.0, 300.0)
+"""Sizes of faults over the small one: where a model errs, what is medium there is large here."""
+
+_EFFORT = Effort(seeds=(900, 901), healthy=30, faulty=3, factors=_SIZES)
+_CHANCE_EFFORT = Effort(seeds=(900, 901), healthy=30, faulty=16, factors=_SIZES)
 LOST = "command_loss"
-_OWN_EFFORT = Effort(seeds=(900, 901), healthy=20, faulty=2)
-_OWN_CHANCE_EFFORT = Effort(seeds=(900, 901), healthy=20, faulty=8)
+_OWN_EFFORT = Effort(seeds=(900, 901), healthy=20, faulty=2, factors=_SIZES)
+_OWN_CHANCE_EFFORT = Effort(seeds=(900, 901), healthy=20, faulty=8, factors=_SIZES)
+_HEALTHY = 8
+"""Cycles whose mean is the level of a feature."""
+
 _KEPT = 128
 """Motions whose signatures a process keeps."""
 
@@ -62,8 +68,7 @@ def signatures_of(model: ValveModel) -> SignatureTable | None:
     if shipped is not None and shipped.features == followed.names:
         return shipped
     if (model.name, followed.names) not in _derived:
-        table = derive_table(model.simulation() or made_up(), followed)
-        _derived[model.name, followed.names] = table
+        _derived[model.name, followed.names] = derive_table(model)
     return _derived[model.name, followed.names]
 
 
@@ -79,18 +84,29 @@ def _shipped(module: str) -> SignatureTable | None:
     return table
 
 
-def derive_table(simulation: SimulationConfig, followed: FeatureSet) -> SignatureTable:
+@dataclass(frozen=True, slots=True)
+class SizingRig(ModelRig):
+    """A simulated valve and its model, with where the search for the sizes of faults begins."""
+
+    @property
+    def feature_set(self) -> FeatureSet:
+        """Return which features, and how they are followed."""
+        return replace(self.model.feature_set, first_sizes=FIRST_SIZES, largest=LARGEST)
+
+
+def derive_table(model: ValveModel) -> SignatureTable:
     """Return the signatures of the faults of any valve from a simulated motion.
 
     Parameters
     ----------
-    simulation : SimulationConfig
-        A valve that does not age.
-    followed : FeatureSet
-        Its features.
+    model : ValveModel
+        The valve's model; without a simulation the motion is made up.
     """
-    followed = replace(followed, first_sizes=FIRST_SIZES, largest=LARGEST)
-    still = replace(simulation, aging=(), scatter=())
+    still = replace(model.simulation() or made_up(), aging=(), scatter=())
+    if model.feature_set.by_model:
+        rig = SizingRig(model, model.options, still)
+        return _derived_on(rig, _EFFORT, _CHANCE_EFFORT)
+    followed = replace(model.feature_set, first_sizes=FIRST_SIZES, largest=LARGEST)
     return _derived_on(IdealRig(still, followed), _EFFORT, _CHANCE_EFFORT)
 
 
@@ -119,9 +135,37 @@ def _derived_on(rig: Bench[V], effort: Effort, by_chance_effort: Effort) -> Sign
     table = derive(rig, steady, effort=effort)
     by_chance = derive(rig, _BY_CHANCE, small=SET_SIZES, effort=by_chance_effort).signatures
     scattered = tuple(_alone(s, followed) if s.fault == LOST else s for s in by_chance)
-    found = (*table.signatures, *scattered, *_saturation(followed))
+    found = (*_following(table.signatures, followed), *scattered, *_saturation(followed))
     seen = {s.fault for s in found if np.any(s.change)}
-    return replace(table, signatures=tuple(s for s in found if s.fault in seen))
+    kept = tuple(s for s in found if s.fault in seen)
+    return replace(table, signatures=kept, levels=_levels(rig, effort.seeds[0]))
+
+
+def _levels(rig: Bench[V], seed: int) -> tuple[tuple[str, float], ...]:
+    """Return the levels of the features that are roots of sums of squares."""
+    valve = rig.start(seed)
+    rows = rig.run(valve, _HEALTHY)
+    names = rig.feature_set.names
+    shown = {n: rows[:, names.index(n)] for n in ROOTS if n in names}
+    known = {n: row[np.isfinite(row)] for n, row in shown.items()}
+    return tuple((n, float(f"{row.mean():.4g}")) for n, row in known.items() if len(row))
+
+
+def _following(signatures: tuple[Signature, ...], followed: FeatureSet) -> tuple[Signature, ...]:
+    """Return signatures without the greatest sizes at which moves end where they should not.
+
+    Such a cycle shows nothing else, and is that of a lost command.
+    """
+    kept: list[Signature] = []
+    unfollowed = followed.names.index(UNFOLLOWED)
+    for s in signatures:
+        own = [k for k in kept if k.fault == s.fault and k.severity * s.severity > 0.0]
+        lost = len(own) >= len(FACTORS) and any(
+            before and not now for before, now in zip(own[-1].change, s.change, strict=True)
+        )
+        if not lost and not (len(own) >= len(FACTORS) and s.change[unfollowed]):
+            kept.append(s)
+    return tuple(kept)
 
 
 def _alone(signature: Signature, followed: FeatureSet) -> Signature:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
+from valve_twin.core.diagnosis.generic.features import feature_set
 from valve_twin.core.estimation.data.robust import difference_sigma
 from valve_twin.core.physics.coenergy import linear_map
 from valve_twin.core.physics.coenergy_tables import CoenergyTables
@@ -69,6 +70,7 @@ from valve_twin.core.valves.kit.tolerances import Doubt, Tolerated, tolerated
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from valve_twin.core.diagnosis.features import FeatureSet
     from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.types import BoolArray, Cycle, FloatArray, Parameter
     from valve_twin.core.valves.bench_fit import BenchFit
@@ -87,6 +89,11 @@ _MAX_NOISE = 0.02  # of half the stroke: more is no sensor's noise [1], assumed
 _MISFIT_FLOOR = 1e-3
 """Residual that counts as none, of half the stroke [1]: ripple of the currents, assumed."""
 
+_FEATURE_SET = feature_set(
+    exclude=("gain_up", "gain_down"),  # near an end the free run drifts away by itself
+    by_model=True,
+)
+
 
 @dataclass(frozen=True, slots=True)
 class DoubleSolenoidModel(CompiledModel):
@@ -104,6 +111,7 @@ class DoubleSolenoidModel(CompiledModel):
     reach_s = 0.02
     trend_estimator: str = ESTIMATOR
     normalised: bool = True
+    feature_set: FeatureSet = _FEATURE_SET
 
     def estimate(
         self, cycle: Cycle, options: DoubleSolenoidOptions, earlier: Sequence[Estimate] = ()
