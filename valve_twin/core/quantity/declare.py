@@ -54,7 +54,8 @@ class Descriptor:
     read_only : bool
         True where it takes effect only at configure.
     local : bool
-        Whether only who starts the node sets it: what names a place or lifts a rule of safety.
+        Whether only who starts the node sets it: what names a place, lifts a rule of safety
+        or lets go of data.
     words : type of Enum, optional
         Where the field holds members of it rather than their texts.
     note : str
@@ -162,6 +163,7 @@ def quantity(
     *,
     assumed: bool = False,
     ages: bool = True,
+    local: bool = False,
 ) -> T:
     """Declare a dataclass field that holds a number, or a tuple of numbers.
 
@@ -179,11 +181,16 @@ def quantity(
         Whether no source gives the value.
     ages : bool
         Whether the number of a plant may age or scatter; False for those of the computation.
+    local : bool
+        As of `Descriptor`.
     """
     kinds = {float: Kind.FLOAT, int: Kind.INT, tuple: Kind.FLOATS}
     kind = kinds[type(default)]
     ages = ages and kind is Kind.FLOAT
-    meta = Descriptor("", kind, default, unit, text, lower, upper, (), assumed, ages)
+    meta = Descriptor(
+        "", kind, default, unit, text, lower, upper,
+        assumed=assumed, ages=ages, local=local,
+    )  # fmt: skip
     return field(default=default, metadata={KEY: meta})
 
 

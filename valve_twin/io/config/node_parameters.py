@@ -140,6 +140,23 @@ class TwinParameters(NodeParameters):
         10,
         10**6,
     )
+    keep_cycles: int = quantity(
+        0,
+        "1",
+        "Newest cycles of a valve, 1000 at least, that are kept one by one; once a day older ones"
+        " are condensed to hours and days. Both 0 = all are kept.", 0, 10**9, local=True,
+    )  # fmt: skip
+    keep_days: float = quantity(
+        0.0,
+        "d",
+        "Age up to which cycles are kept, likewise; either rule keeps.",
+        0,
+        1e5,
+        local=True,
+    )
+    keep_hours_for_days: float = quantity(
+        90.0, "d", "Age up to which hours are kept beside days.", 0, 1e5, local=True
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from valve_twin.io.history.spool import MemoryBudget
     from valve_twin.nodes.runtime.node import ValveNode
     from valve_twin.nodes.runtime.worker import Outcome, WorkerProcess
-    from valve_twin.nodes.twin.history_writer import HistoryWriter
+    from valve_twin.nodes.twin.history.writer import HistoryWriter
 
 
 JUMP_TOLD_S = 10.0

@@ -24,7 +24,8 @@ from valve_twin.nodes.runtime.second_reader import LOOK_S
 from valve_twin.nodes.runtime.worker import WorkerProcess
 from valve_twin.nodes.twin.estimation_job import warm_up, warm_up_prediction
 from valve_twin.nodes.twin.faults import TwinFaults
-from valve_twin.nodes.twin.history_writer import HistoryWriter
+from valve_twin.nodes.twin.history.retention import HistoryKeeper, retention_of
+from valve_twin.nodes.twin.history.writer import HistoryWriter
 from valve_twin.nodes.twin.inputs import InputConfig, by_topic, seconds_now
 from valve_twin.nodes.twin.live_valve import LiveValve
 from valve_twin.nodes.twin.services import TwinServices
@@ -63,6 +64,7 @@ class TwinNode(ValveNode):
         self._valve_services: list[TwinServices] = []
         self._history_writers: dict[str, HistoryWriter] = {}
         self._worker: WorkerProcess | None = None
+        self._keeper: HistoryKeeper | None = None
         self._diagnostics: Diagnostics | None = None
         self._jump: Any = None
         self._listening: Any = None
@@ -81,6 +83,7 @@ class TwinNode(ValveNode):
         configs = read_valves(self, self._left_out)
         signals = {c.name: by_topic(self, c.signals.values()) for c in configs}
         given = self.parameters.read(TwinParameters)
+        rule = retention_of(given)
         for url in dict.fromkeys(c.history_url for c in configs):
             self._history_writers[url] = HistoryWriter(
                 self,
@@ -113,6 +116,10 @@ class TwinNode(ValveNode):
                 f"{valve.name}: {config.model}, cycles go on from {valve.last_cycle}, "
                 f"history {valve.history.where}"
             )
+        of_history = {
+            url: [c.name for c in configs if c.history_url == url] for url in self._history_writers
+        }
+        self._keeper = HistoryKeeper(self, of_history, rule, given.busy_timeout_s)
         self._memory_trimmer = MemoryTrimmer(len(self._valves))
         self._diagnostics = Diagnostics(self, self._reports)
         each_s = max(SAVE_S / max(len(self._valves), 1), MOST_OFTEN_S)
@@ -167,6 +174,8 @@ class TwinNode(ValveNode):
 
     def cleanup(self) -> None:
         """Write what waits, then let go of everything."""
+        if self._keeper is not None:
+            self._keeper.close()
         end_s = seconds_now() + FLUSH_S
         writers = self._history_writers.values()
         unsaved = 0
@@ -191,7 +200,7 @@ class TwinNode(ValveNode):
             self._diagnostics.destroy()
         self._valves, self._valve_services, self._history_writers = [], [], {}
         self._awake.clear()
-        self._worker = self._diagnostics = self._save_timer = None
+        self._worker = self._keeper = self._diagnostics = self._save_timer = None
         self._faults = {}
 
     def _save_last(self, writer: HistoryWriter) -> None:

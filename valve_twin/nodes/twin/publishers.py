@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from valve_twin.core.valves.interface import ValveModel
     from valve_twin.io.config.valve import ValveConfig
     from valve_twin.nodes.runtime.node import ValveNode
-    from valve_twin.nodes.twin.history_writer import QueuedCycle
+    from valve_twin.nodes.twin.history.writer import QueuedCycle
 
 LONGEST_GATHER_S = 0.25
 """Where predictions are collected, inputs are worked on this often at least: one round costs

@@ -56,11 +56,11 @@ def lived(cycles, first=1):
         yield [refused if n % 50 == 0 else own, beside]
 
 
-def store(history, cycles, first=1):
+def store(history, cycles, first=1, valve=VALVE):
     """Store many cycles in one transaction."""
     insert_cycle = Insert(history._database, CYCLE)
     insert_estimates = Insert(history._database, ESTIMATE)
-    with history.writing(VALVE) as (connection, valve_id):
+    with history.writing(valve) as (connection, valve_id):
         for estimates in lived(cycles, first):
             e = estimates[0]
             record = CycleRecord(e.cycle, e.start_ns, e.end_ns, 800, lost=e.cycle % 2)

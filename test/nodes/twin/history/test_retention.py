@@ -1,0 +1,107 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""A twin condenses the old cycles of its histories by itself, and stores meanwhile."""
+
+import pytest
+from valve_twin_msgs.msg import Estimate
+
+from test.io.history.tiers.test_condense import store
+from test.nodes.conftest import NS
+from test.nodes.feeding import REARM, Feeder
+from valve_twin.core.aging.config import AgingConfig
+from valve_twin.io.config.node_parameters import TwinParameters
+from valve_twin.io.errors import ConfigError, StoreError
+from valve_twin.io.history.fleet import describe_valve
+from valve_twin.io.history.store import History
+from valve_twin.io.history.tiers.condense import LEAST, Retention, condense
+from valve_twin.io.history.tiers.reading import condensed, condensed_until
+from valve_twin.nodes.twin.history import retention as module
+from valve_twin.nodes.twin.history.retention import condense_all, retention_of
+from valve_twin.nodes.twin.node import TwinNode
+
+CYCLES = LEAST + 600
+"""Of 144 a day: four whole days are older than the thousand that are always kept."""
+
+
+@pytest.fixture
+def database(tmp_path):
+    path = tmp_path / "history.sqlite"
+    with History(path) as history:
+        store(history, CYCLES, valve=NS)
+    return path
+
+
+def test_nothing_is_let_go_of_unless_it_is_asked_for():
+    assert retention_of(TwinParameters()) is None
+    given = TwinParameters(keep_days=30.0, keep_hours_for_days=7.0)
+    assert retention_of(given) == Retention(0, 30.0, 7.0)
+    assert retention_of(TwinParameters(keep_cycles=5000)) == Retention(5000, 0.0, 90.0)
+
+
+def test_parameters_that_do_not_go_together_are_told_by_their_names():
+    with pytest.raises(ConfigError, match="keep_cycles, keep_days"):
+        retention_of(TwinParameters(keep_days=-1.0))
+
+
+def test_each_valve_of_which_something_was_condensed_gives_a_line_once(database):
+    def ask():
+        return condense_all(f"sqlite:///{database}", [NS, "/young"], Retention(cycles=1), 5.0)
+
+    (line,) = ask()
+    assert line.startswith(f"{NS}: cycles 1 to 575 are condensed to hours and days")
+    assert ask() == []
+
+
+def test_a_valve_that_cannot_be_condensed_is_told_and_the_others_go_on(database, monkeypatch):
+    with History(database) as history:
+        store(history, CYCLES, valve="/other")
+        until = condensed_until(history, NS)
+
+    why = "is locked"
+
+    def refuse(history, valve, rule):
+        if valve == "/other":
+            raise StoreError(why)
+        return condense(history, valve, rule)
+
+    monkeypatch.setattr(module, "condense", refuse)
+    first, second = condense_all(f"sqlite:///{database}", ["/other", NS], Retention(cycles=1), 5.0)
+    assert first == "/other: old cycles are not condensed: is locked"
+    assert "are condensed" in second
+    with History(database, read_only=True) as history:
+        assert until == condensed_until(history, "/other") == 0
+        assert condensed_until(history, NS) == 575
+
+
+def test_a_twin_condenses_by_itself_and_stores_meanwhile(graph, database, monkeypatch, capfd):
+    monkeypatch.setattr(module, "FIRST_S", 0.2)
+    with History(database, read_only=True) as history:
+        before = describe_valve(history, NS, AgingConfig())
+    estimates = graph.record(f"{NS}/twin/estimate", Estimate)
+    url = f"sqlite:///{database}"
+    node = graph.host(TwinNode, history_url=url, keep_cycles=1, **REARM)
+    keeper = node._keeper
+    with History(database, read_only=True) as history:
+        graph.spin_until(lambda: condensed(history, NS), 60.0, "condensed cycles")
+        assert describe_valve(history, NS, AgingConfig()).trends == before.trends
+        feeder = Feeder(graph, NS)
+        for _ in range(4):
+            feeder.feed(feeder.cycle_samples)
+            graph.spin(0.05)
+        graph.spin_until(
+            lambda: any(e.stored and e.cycle > CYCLES for e in estimates), 120.0, "a cycle"
+        )
+        graph.spin_until(lambda: keeper._worker is None, 30.0, "the end of the process")
+        assert condensed_until(history, NS) == 575
+        assert history.last_cycle(NS) > CYCLES
+    assert "cycles 1 to 575 are condensed" in capfd.readouterr().err
+
+
+def test_a_twin_that_is_told_nothing_keeps_all(graph, database, monkeypatch):
+    monkeypatch.setattr(module, "FIRST_S", 0.0)
+    node = graph.host(TwinNode, history_url=f"sqlite:///{database}", **REARM)
+    graph.spin(0.5)
+    assert node._keeper._timer is None
+    assert node._keeper._worker is None
+    with History(database, read_only=True) as history:
+        assert condensed_until(history, NS) == 0
