@@ -172,7 +172,7 @@ def figures_of(design: DoubleStroke, found: Evaluation) -> dict[str, float]:
     figures = {
         "rise_s": float(np.mean([_limited(of.rise_s, followed) for of in loops])),
         "settling_s": float(np.mean([_limited(of.settling_s, followed) for of in loops])),
-        "graded_s": float(np.mean([_limited(of.graded_s, followed) for of in loops])),
+        "graded_s": float(np.mean([of.graded_s for of in loops])),
         "overshoot": max(of.overshoot for of in loops),
         "error": max(of.error for of in loops),
         "loss": float(np.mean([of.loss for of in loops])),
