@@ -292,17 +292,56 @@ def test_more_wrong_users_than_sessions_are_one_line_and_keep_nobody_out(server,
     asyncio.run(guess())
 
 
+class Events:
+    """What came of a subscription to events."""
+
+    def __init__(self) -> None:
+        self.seen: list[Any] = []
+
+    def event_notification(self, event) -> None:
+        self.seen.append(event)
+
+
+def test_the_alarm_of_a_valve_that_comes_begins_and_that_of_one_that_goes_ends(tmp_path):
+    path = tmp_path / "history.sqlite"
+    store(path, "/v", range(1, 11), 0.0)
+    server = Server(path, tmp_path / "pki", "--anonymous")
+
+    async def follow():
+        async with Client(server.opcua) as client:
+            own, di = [await client.get_namespace_index(uri) for uri in (VALVES, DI)]
+            alarms = Events()
+            following = await client.create_subscription(100, alarms)
+            await following.subscribe_alarms_and_conditions(
+                client.nodes.server, ua.NodeId(15143, di)
+            )
+            await asyncio.to_thread(store, path, "/worn", range(1, 61), -0.0045)
+            await until(lambda: [a for a in alarms.seen if a.SourceName == "/worn"])
+            state = await client.get_node(ua.NodeId("/worn#State", own)).read_value()
+            assert state != "good"
+            with sqlite3.connect(path) as raw:
+                ((number,),) = raw.execute("SELECT id FROM valve WHERE name = '/worn'")
+                for table in ("estimate", "cycle", "verdict", "counters"):
+                    raw.execute(f"DELETE FROM {table} WHERE valve_id = ?", [number])
+                raw.execute("DELETE FROM valve WHERE id = ?", [number])
+            await until(lambda: len([a for a in alarms.seen if a.SourceName == "/worn"]) > 1)
+            begins, ends = [a for a in alarms.seen if a.SourceName == "/worn"]
+            types = {s.value: ua.NodeId(n, di) for s, (_, n) in ALARMS.items()}
+            assert begins.EventType == ends.EventType == types[state]
+            assert [getattr(a, "ActiveState/Id") for a in (begins, ends)] == [True, False]
+            assert [a.Retain for a in (begins, ends)] == [True, False]
+            assert begins.NodeId == ends.NodeId
+
+    try:
+        asyncio.run(follow())
+    finally:
+        server.end()
+
+
 def test_a_verdict_that_changes_is_an_event_and_a_lost_history_a_status(tmp_path):
     path = tmp_path / "history.sqlite"
     store(path, "/v", range(1, 41), 0.0)
     server = Server(path, tmp_path / "pki", "--anonymous")
-
-    class Events:
-        def __init__(self) -> None:
-            self.seen: list[object] = []
-
-        def event_notification(self, event) -> None:
-            self.seen.append(event)
 
     async def follow():
         async with Client(server.opcua) as client:

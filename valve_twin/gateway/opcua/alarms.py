@@ -2,12 +2,14 @@
 # Copyright 2026 valve_twin maintainers
 """Alarms of DI for the health of a device: events of conditions that go active and inactive.
 
+An alarm of a valve that is shown for the first time begins then, one of a valve that is gone ends.
 There are no methods: an alarm cannot be acknowledged here (the pages do), a client that comes
 later reads `DeviceHealth` instead of asking for a refresh.
 """
 
 from __future__ import annotations
 
+from copy import copy
 from typing import TYPE_CHECKING
 
 from asyncua import ua
@@ -16,6 +18,7 @@ from valve_twin.gateway.opcua.devices import ALARMS
 
 if TYPE_CHECKING:
     from asyncua import Server
+    from asyncua.server.event_generator import EventGenerator
 
     from valve_twin.core.faults.ne107 import Ne107
     from valve_twin.gateway.opcua.valve_nodes import ValveNodes
@@ -61,4 +64,23 @@ async def tell_health(
         }
         for field, value in values.items():
             setattr(generator.event, field, value)
-        await generator.trigger(message=text if begins else f"{valve.valve}: {state.value} ended")
+        message = text if begins else f"{valve.valve}: {state.value} ended"
+        await send(server, generator, message)
+
+
+async def send(server: Server, generator: EventGenerator, message: str) -> None:
+    """Send an event to who listens at its device, and to who listens at the server for all.
+
+    Parameters
+    ----------
+    server : Server
+        Who sends.
+    generator : EventGenerator
+        Of the device, with the event in it.
+    message : str
+        Its text.
+    """
+    await generator.trigger(message=message)
+    event = copy(generator.event)
+    event.emitting_node = server.nodes.server.nodeid
+    await server.iserver.subscription_service.trigger_event(event)

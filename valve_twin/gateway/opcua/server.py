@@ -18,7 +18,7 @@ from valve_twin import __version__
 from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.gateway.opcua import devices
 from valve_twin.gateway.opcua.access import APPLICATION
-from valve_twin.gateway.opcua.alarms import tell_health
+from valve_twin.gateway.opcua.alarms import send, tell_health
 from valve_twin.gateway.opcua.nodes import Builder, Ids
 from valve_twin.gateway.opcua.valve_nodes import ValveNodes, stamp
 from valve_twin.gateway.plain import plain_valve
@@ -202,6 +202,8 @@ class OpcUaFace:
         ):
             await self._show(server, self._history(name), value, _GOOD, None)
         rows = {row.valve: plain_valve(view, row) for row in view.rows}
+        for valve in [v for v in self._said if v not in rows]:
+            await self._end_alarm(server, valve)
         for valve in [
             v
             for v, (_, layout) in self._valves.items()
@@ -254,11 +256,13 @@ class OpcUaFace:
         now = plain["verdict"], plain["ne107"]
         before = self._said.get(valve)
         self._said[valve] = now
-        if before is None or before == now:
+        if before == now:
             return
         text = f"{valve}: {plain['verdict']} ({plain['ne107']}): {plain['evidence']}"
-        states = Ne107(before[1]), Ne107(plain["ne107"])
+        states = Ne107(before[1]) if before else Ne107.GOOD, Ne107(plain["ne107"])
         await tell_health(server, self._valves[valve][0], *states, text)
+        if before is None:
+            return
         device = self._valves[valve][0].device
         generator = await server.get_event_generator(self._event, emitting_node=device)
         event = generator.event
@@ -266,7 +270,12 @@ class OpcUaFace:
         for name, key in _EVENT_FIELDS.items():
             setattr(event, name, plain[key])
         event.Cycle = plain["cycle"]
-        await generator.trigger(message=text)
+        await send(server, generator, text)
+
+    async def _end_alarm(self, server: Server, valve: str) -> None:
+        """End the alarm of a valve that is gone, while there is a node to end it of."""
+        _, state = self._said.pop(valve)
+        await tell_health(server, self._valves[valve][0], Ne107(state), Ne107.GOOD, "")
 
     def _let_go(self, server: Server) -> None:
         for client in list(server.bserver.clients):
