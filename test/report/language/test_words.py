@@ -17,7 +17,7 @@ from markupsafe import Markup
 
 import valve_twin.gateway
 from valve_twin.core.aging.config import AgingConfig
-from valve_twin.core.aging.verdict import Trend, TrendStatus, VerdictKind, decide
+from valve_twin.core.aging.verdict import Trend, TrendStatus, VerdictKind, decide, held_back
 from valve_twin.core.diagnosis.detection import UNKNOWN, Finding
 from valve_twin.core.diagnosis.history import describe_finding
 from valve_twin.core.diagnosis.table import BY_NAME, partner
@@ -150,6 +150,9 @@ def test_what_a_verdict_says_is_translated_with_its_figures():
              for t, f in zip(trends(), findings(), strict=False)]  # fmt: skip
     said += [f"valve: {text}" for text in said]
     said += [judged([]).evidence, WAITING]
+    fine = replace(given, status=TrendStatus.STEADY, threshold=0.02)
+    said += [held_back(judged([fine]), off).evidence for off in (5.2, 1e3)]
+    assert all(text.startswith("not yet judged") for text in said[-2:])
     assert len(set(said)) > 300
     assert [text for text in said if not is_german(text)] == []
     text = "K_in -14.0 % of new (95 %: -15.0 .. -13.0), 6 cycles left (3 .. 9)"
