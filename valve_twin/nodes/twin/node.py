@@ -24,7 +24,7 @@ from valve_twin.nodes.runtime.second_reader import LOOK_S
 from valve_twin.nodes.runtime.worker import WorkerProcess
 from valve_twin.nodes.twin.estimation_job import warm_up, warm_up_prediction
 from valve_twin.nodes.twin.faults import TwinFaults
-from valve_twin.nodes.twin.history.retention import HistoryKeeper, retention_of
+from valve_twin.nodes.twin.history.upkeep import HistoryKeeper, retention_of
 from valve_twin.nodes.twin.history.writer import HistoryWriter
 from valve_twin.nodes.twin.inputs import InputConfig, by_topic, seconds_now
 from valve_twin.nodes.twin.live_valve import LiveValve
@@ -116,10 +116,7 @@ class TwinNode(ValveNode):
                 f"{valve.name}: {config.model}, cycles go on from {valve.last_cycle}, "
                 f"history {valve.history.where}"
             )
-        of_history = {
-            url: [c.name for c in configs if c.history_url == url] for url in self._history_writers
-        }
-        self._keeper = HistoryKeeper(self, of_history, rule, given.busy_timeout_s)
+        self._keeper = HistoryKeeper(self, self._valves, rule, given.busy_timeout_s)
         self._memory_trimmer = MemoryTrimmer(len(self._valves))
         self._diagnostics = Diagnostics(self, self._reports)
         each_s = max(SAVE_S / max(len(self._valves), 1), MOST_OFTEN_S)

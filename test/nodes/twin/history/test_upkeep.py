@@ -11,13 +11,17 @@ from test.nodes.feeding import REARM, Feeder
 from valve_twin.core.aging.config import AgingConfig
 from valve_twin.io.config.node_parameters import TwinParameters
 from valve_twin.io.errors import ConfigError, StoreError
+from valve_twin.io.history.aging.file import load, origin_of
+from valve_twin.io.history.aging.reading import WORTH
 from valve_twin.io.history.fleet import describe_valve
 from valve_twin.io.history.store import History
 from valve_twin.io.history.tiers.condense import LEAST, Retention, condense
 from valve_twin.io.history.tiers.reading import condensed, condensed_until
-from valve_twin.nodes.twin.history import retention as module
-from valve_twin.nodes.twin.history.retention import condense_all, retention_of
+from valve_twin.nodes.twin.history import upkeep as module
+from valve_twin.nodes.twin.history.upkeep import Upkeep, keep_up, retention_of
 from valve_twin.nodes.twin.node import TwinNode
+
+KEPT = Retention(cycles=1)
 
 CYCLES = LEAST + 600
 """Of 144 a day: four whole days are older than the thousand that are always kept."""
@@ -29,6 +33,10 @@ def database(tmp_path):
     with History(path) as history:
         store(history, CYCLES, valve=NS)
     return path
+
+
+def upkeep(database, *valves, aging=None, rule=KEPT):
+    return Upkeep(f"sqlite:///{database}", valves, (aging,) * len(valves), rule, 5.0)
 
 
 def test_nothing_is_let_go_of_unless_it_is_asked_for():
@@ -45,7 +53,7 @@ def test_parameters_that_do_not_go_together_are_told_by_their_names():
 
 def test_each_valve_of_which_something_was_condensed_gives_a_line_once(database):
     def ask():
-        return condense_all(f"sqlite:///{database}", [NS, "/young"], Retention(cycles=1), 5.0)
+        return keep_up(upkeep(database, NS, "/young"))
 
     (line,) = ask()
     assert line.startswith(f"{NS}: cycles 1 to 575 are condensed to hours and days")
@@ -65,8 +73,8 @@ def test_a_valve_that_cannot_be_condensed_is_told_and_the_others_go_on(database,
         return condense(history, valve, rule)
 
     monkeypatch.setattr(module, "condense", refuse)
-    first, second = condense_all(f"sqlite:///{database}", ["/other", NS], Retention(cycles=1), 5.0)
-    assert first == "/other: old cycles are not condensed: is locked"
+    first, second = keep_up(upkeep(database, "/other", NS))
+    assert first == "/other: its history is not kept up: is locked"
     assert "are condensed" in second
     with History(database, read_only=True) as history:
         assert until == condensed_until(history, "/other") == 0
@@ -100,8 +108,28 @@ def test_a_twin_condenses_by_itself_and_stores_meanwhile(graph, database, monkey
 def test_a_twin_that_is_told_nothing_keeps_all(graph, database, monkeypatch):
     monkeypatch.setattr(module, "FIRST_S", 0.0)
     node = graph.host(TwinNode, history_url=f"sqlite:///{database}", **REARM)
-    graph.spin(0.5)
-    assert node._keeper._timer is None
-    assert node._keeper._worker is None
+    timer = node._keeper._timer
+    graph.spin_until(lambda: node._keeper._timer not in (None, timer), 30.0, "another day")
+    assert node._keeper._worker is None  # nothing to do, no process
     with History(database, read_only=True) as history:
         assert condensed_until(history, NS) == 0
+
+
+def test_a_long_history_is_read_so_that_who_asks_next_reads_little(graph, tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "FIRST_S", 0.2)
+    database, aging = tmp_path / "history.sqlite", AgingConfig()
+    with History(database) as history:
+        store(history, WORTH + 200, valve=NS)
+        kept = history.snapshot_path(NS, "aging")
+    assert kept is not None
+    node = graph.host(TwinNode, history_url=f"sqlite:///{database}", **REARM)
+    graph.spin_until(kept.exists, 120.0, "what was read")
+    graph.spin_until(lambda: node._keeper._worker is None, 30.0, "the end of the process")
+    with History(database, read_only=True) as history:
+        assert condensed_until(history, NS) == 0  # no rule, so nothing is let go of
+        known = load(kept, origin_of(NS, "press_cartridge"), aging)
+        assert known is not None
+        assert known.place["at"][0] == WORTH + 200
+        said = describe_valve(history, NS, aging)
+        kept.unlink()
+        assert repr(describe_valve(history, NS, aging)) == repr(said)
