@@ -5,13 +5,9 @@
 import itertools
 import random
 import signal
-import threading
 import time
-from functools import partial
 
 import pytest
-import rclpy
-from rclpy.experimental import EventsExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from valve_twin_msgs.msg import Faults, Prediction
@@ -19,9 +15,7 @@ from valve_twin_msgs.msg import Faults, Prediction
 from test.nodes.conftest import NS
 from test.nodes.feeding import START_NS, Feeder
 from valve_twin.nodes.aging.node import AgingMonitorNode
-from valve_twin.nodes.runtime import node as runtime_node
 from valve_twin.nodes.runtime.stamps import to_time
-from valve_twin.nodes.twin.node import TwinNode
 
 LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 S = 10**9
@@ -110,39 +104,3 @@ def test_a_node_answers_no_questions_about_message_types_unless_it_is_told_to(gr
     graph.hosted.append(node)
     services = [service.srv_name for service in node.services]
     assert any(name.endswith("get_type_description") for name in services) == bool(given)
-
-
-def test_what_is_posted_or_due_is_done_inside_one_call_of_the_executor(graph, monkeypatch):
-    """Each call keeps 33 bytes for good: 18 a second were 51 MB a day."""
-    arguments = ["--ros-args", "-r", f"__ns:={NS}", "-p", "autostart:=false"]
-    node = TwinNode(context=graph.context, cli_args=arguments, use_global_arguments=False)
-    graph.hosted.append(node)
-    executor = EventsExecutor(context=graph.context)
-    executor.add_node(node)
-    monkeypatch.setattr(rclpy, "ok", lambda: True)
-    calls: list[int] = []
-    worked: list[int] = []
-    posted: list[int] = []
-    turn = runtime_node._spin
-
-    def counted(*arguments) -> None:
-        calls.append(1)
-        turn(*arguments)
-
-    monkeypatch.setattr(runtime_node, "_spin", counted)
-    monkeypatch.setattr(node, "work", lambda: worked.append(1))
-
-    def post() -> None:
-        for i in range(20):
-            node.post(partial(posted.append, i))
-            time.sleep(0.05)
-        node.post(lambda: setattr(node, "exit_code", 0))
-
-    other = threading.Thread(target=post)
-    other.start()
-    runtime_node.spin(node, executor)
-    other.join()
-    executor.remove_node(node)
-    assert posted == list(range(20))
-    assert len(worked) > len(posted)
-    assert len(calls) == 1

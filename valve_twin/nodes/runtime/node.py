@@ -43,13 +43,6 @@ SPIN_S = 0.1
 """Longest wait of the loop: a signal is noticed within it [s]."""
 
 
-RECESS_S = 10.0
-"""Longest call of the events executor where callbacks work by themselves: every such call keeps 33
-bytes for good, see docs/developers/upstream.md [s]."""
-
-BEAT_S = 0.02
-"""How often such a node looks meanwhile whether something is due or its end was asked for [s]."""
-
 TYPE_DESCRIPTIONS = "start_type_description_service"
 """Parameter of rclpy for a service that tells message types."""
 
@@ -229,18 +222,9 @@ class ValveNode(LifecycleNode):
             executor.create_task(self._guarded, action, "work")
 
     def _break_off(self) -> None:
-        """Wake the loop, or work here where the loop is to sleep on."""
-        if self.recess is not None:
-            self.beat()
-
-    def beat(self) -> None:
-        """Do what is due inside a long call of the executor; end that where the node ends."""
-        assert self.recess is not None
-        if is_over(self):
-            if not self.recess.done():
-                self.recess.set_result(None)
-        else:
-            self.drain()
+        """Wake the loop."""
+        if self.recess is not None and not self.recess.done():
+            self.recess.set_result(None)
 
     def drain(self) -> None:
         """Run what other threads posted, then what the node has to do between callbacks."""
@@ -265,21 +249,11 @@ def make_executor(kind: str) -> Executor:
     return EventsExecutor() if kind == "events" else SingleThreadedExecutor()
 
 
-def is_over(node: ValveNode) -> bool:
-    """Return whether the loop of a node has to end."""
-    return not rclpy.ok() or termination.stop_requested() or node.exit_code is not None
-
-
 def spin(node: ValveNode, executor: Executor) -> None:
     """Drive the node until a signal or the end of the context; no callback error ends it."""
-    sleeps = node.works_in_callbacks and not isinstance(executor, SingleThreadedExecutor)
-    if sleeps and not is_over(node):
-        node.drain()  # the start takes long and is broken off by a signal: not in a callback
-        node.recess = Future()
-        node.create_timer(BEAT_S, node.beat, clock=STEADY)
-    while not is_over(node):
+    while rclpy.ok() and not termination.stop_requested() and node.exit_code is None:
         try:
-            _spin(node, executor)
+            _spin(node, executor, min(node.due_s(), SPIN_S))
         except (ExternalShutdownException, ROSInterruptException, KeyboardInterrupt):
             return
         except Exception as err:
@@ -289,16 +263,16 @@ def spin(node: ValveNode, executor: Executor) -> None:
         node.drain()
 
 
-def _spin(node: ValveNode, executor: Executor) -> None:
-    """Run one callback; where they work by themselves, all that come for a long time.
+def _spin(node: ValveNode, executor: Executor, wait_s: float) -> None:
+    """Run one callback; where they work by themselves, all that come until something is due.
 
     Every return of the events executor costs as much as a message.
     """
-    if node.recess is None:
-        executor.spin_once(timeout_sec=min(node.due_s(), SPIN_S))
+    if not node.works_in_callbacks or isinstance(executor, SingleThreadedExecutor):
+        executor.spin_once(timeout_sec=wait_s)
         return
     node.recess = Future()
-    executor.spin_until_future_complete(node.recess, timeout_sec=RECESS_S)
+    executor.spin_until_future_complete(node.recess, timeout_sec=wait_s)
 
 
 def _collect_garbage() -> None:
