@@ -135,7 +135,7 @@ def test_the_rate_is_kept(graph, bag):
         found.append((from_time(message.header.stamp), info["source_timestamp"]))
 
     graph.node.create_subscription(Float64Stamped, f"/replay{TOPICS[0]}", take, 1000)
-    graph.host(BagPlayerNode, bag=bag, rate=2.0, topics=TOPICS[:1])
+    graph.host(BagPlayerNode, bag=bag, rate=2.0, topics=TOPICS[:1], wait_for_subscribers=1)
     graph.spin_until(lambda: len(found) == 100, what="100 messages")
     data, wall = np.diff(np.array(found)[::11], axis=0).T  # nine stretches
     assert np.median(data / wall) == pytest.approx(2.0, rel=0.1)
@@ -143,7 +143,7 @@ def test_the_rate_is_kept(graph, bag):
 
 def test_playing_pauses_and_goes_on(graph, bag):
     found = listen(graph)
-    graph.host(BagPlayerNode, bag=bag, start_paused=True)
+    graph.host(BagPlayerNode, bag=bag, start_paused=True, wait_for_subscribers=1)
     base = f"{NS}/bag_player"
     assert graph.call(IsPaused, f"{base}/is_paused").paused
     graph.spin(0.3)
@@ -207,6 +207,8 @@ def test_the_command_replays_and_ends(graph, bag):
         "0",
         "--prefix",
         "/replay_again",
+        "--wait-for-subscribers",
+        "1",
     ]
     environment = {**os.environ, "ROS_DOMAIN_ID": str(graph.domain)}
     process = subprocess.Popen(command, env=environment)

@@ -17,6 +17,7 @@ from valve_twin.nodes.runtime.stamps import from_time
 
 START_NS = 1_600_000_000_000_000_000
 TOPIC = "/press/v1/spool_position"
+ATTENDED = ("--wait-for-subscribers", "1")
 
 
 @pytest.fixture
@@ -37,7 +38,7 @@ def replay(graph, *arguments):
 
 def test_every_message_comes_back_and_the_command_ends(graph, bag):
     found = graph.record(f"/replay{TOPIC}", Float64Stamped)
-    process = replay(graph, bag, "--rate", "0")
+    process = replay(graph, bag, "--rate", "0", *ATTENDED)
     graph.spin_until(lambda: process.poll() is not None, 40.0, "end of the replay")
     _, told = process.communicate()
     assert process.returncode == 0, told
@@ -59,7 +60,7 @@ def test_the_options_of_ros2_bag_play_are_understood(graph, bag):
     process = replay(
         graph,
         *(bag, "-r", "0", "--clock", "-e", "spool", "-x", "command", "-d", "0.1"),
-        *("-m", f"{TOPIC}:=/other", "--wait-for-all-acked", "2000"),
+        *("-m", f"{TOPIC}:=/other", "--wait-for-all-acked", "2000", *ATTENDED),
         *("--start-offset", "3", "--playback-until-nsec", str(START_NS + 110 * 30_000_000)),
     )
     graph.spin_until(lambda: process.poll() is not None, 40.0, "end of the replay")
@@ -82,7 +83,7 @@ def test_a_wrong_option_is_told_in_one_line(graph, bag, wrong):
 
 def test_a_player_that_loops_ends_on_a_signal(graph, bag):
     found = graph.record(f"/replay{TOPIC}", Float64Stamped)
-    process = replay(graph, bag, "--rate", "0", "--loop")
+    process = replay(graph, bag, "--rate", "0", "--loop", *ATTENDED)
     graph.spin_until(lambda: len(found) > 400, 40.0, "the third round")
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=120)

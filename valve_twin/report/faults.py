@@ -9,7 +9,7 @@ from collections import Counter
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from valve_twin.core.diagnosis.detection import UNKNOWN
+from valve_twin.core.diagnosis.changes.finding import UNKNOWN
 from valve_twin.core.diagnosis.table import BY_NAME
 from valve_twin.core.operation.step_metrics import METRICS
 from valve_twin.report.tables import MAX_ROWS, Table

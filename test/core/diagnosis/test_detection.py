@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from valve_twin.core.diagnosis import detection
+from valve_twin.core.diagnosis.changes.finding import UNKNOWN
 from valve_twin.core.diagnosis.changes.jumps import BEYOND
 from valve_twin.core.diagnosis.config import DetectionConfig
-from valve_twin.core.diagnosis.detection import UNKNOWN, detect
+from valve_twin.core.diagnosis.detection import detect
 from valve_twin.core.diagnosis.isolability import isolability
 from valve_twin.core.diagnosis.table import FACTORS, SIZES, whitener, with_floor
 
@@ -298,3 +299,16 @@ def test_whatever_comes_nothing_raises(table, histories):
         vectors[random.random(vectors.shape) < 0.05] = np.nan
         diagnosis = search(table, vectors)
         assert all(f.onset <= f.alarm for f in diagnosis.findings)
+
+
+def test_a_cycle_that_shows_nothing_neither_confirms_nor_ends_a_fault(table):
+    leak = next(s for s in medium(table) if s.fault == "leak")
+    vectors = healthy(table, ONSET + 12, 4)
+    wild = vectors.copy()
+    wild[ONSET] += 2.0 * np.array(leak.change)
+    wild[ONSET + 1] = np.nan
+    assert search(table, wild[: ONSET + 2]).findings == ()
+    lasts = with_fault(table, vectors, leak)
+    lasts[ONSET + 6] = vectors[ONSET + 6]  # one cycle without it, then nothing
+    lasts[ONSET + 7 :] = np.nan
+    assert search(table, lasts).present is not None

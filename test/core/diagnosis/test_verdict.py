@@ -3,7 +3,9 @@
 """The verdict of a stored history names the part that has the fault, its size and its onset."""
 
 from copy import deepcopy
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from valve_twin.core.aging import AgingConfig, VerdictKind, assess
@@ -131,3 +133,17 @@ def test_ok_waits_for_one_more_cycle_where_the_newest_departs(healthy):
     assert first.evidence.startswith(f"not yet judged: cycle {BEFORE + 1} lies ")
     later = assess_fault(healthy, "coil_resistance", 0.1, cycles=3).verdict
     assert (later.kind, later.waits) == (VerdictKind.VALVE, False)
+
+
+def test_what_is_not_yet_judged_is_told_of_the_cycle_that_departs(healthy):
+    start, history, memory = healthy
+    valve = deepcopy(start)
+    valve.set_fault("coil_resistance", 0.1)
+    history, memory = run_on(valve, 1, history, memory)
+    frames = to_frames(valve.advance(850))
+    lost = replace(frames, valid=np.arange(len(frames)) % 8 != 0)
+    refused, _ = estimate_cycle(MODEL, OPTIONS, Cycle(valve.cycle, 0.03, lost), memory)
+    history = [*history, *(row_estimate(estimate_row(1, 0, e)) for e in refused)]
+    said = assess(history, (), AgingConfig(), parameters=MODEL.parameters).verdict
+    assert said.cycle == BEFORE + 2
+    assert said.evidence.startswith(f"not yet judged: cycle {BEFORE + 1} lies ")

@@ -11,7 +11,7 @@ from valve_twin.core.aging.assess import assess
 from valve_twin.core.aging.config import AgingConfig, Axis
 from valve_twin.core.aging.series import order_history
 from valve_twin.core.aging.verdict import TrendStatus
-from valve_twin.core.diagnosis.detection import Diagnosis, Finding
+from valve_twin.core.diagnosis.changes.finding import Diagnosis, Finding
 from valve_twin.core.diagnosis.direct.bounds import OFF_SEAT, WEAK_SMALL
 from valve_twin.core.diagnosis.direct.freezing import DUE, MISSED
 from valve_twin.core.diagnosis.features import DELAYS

@@ -153,7 +153,7 @@ def test_a_recorded_clock_gives_way_to_the_published_one(graph, tmp_path):
     assert listener.times == [at(i) for i in range(20)]
     player.trigger_shutdown()
     recorded = graph.record("/replay/clock", Clock)
-    graph.host(BagPlayerNode, bag=str(path), clock=False, rate=0.0)
+    graph.host(BagPlayerNode, bag=str(path), clock=False, rate=0.0, wait_for_subscribers=1)
     graph.spin_until(lambda: len(recorded) == 20, what="the recorded clock")
     assert [from_time(c.clock) for c in recorded] == [7 * S + i for i in range(20)]
 

@@ -2,7 +2,7 @@
 # Copyright 2026 valve_twin maintainers
 """What counts as found, as right and as a false alarm."""
 
-from valve_twin.core.diagnosis.detection import Finding
+from valve_twin.core.diagnosis.changes.finding import Finding
 from valve_twin.validation.any_strangers.draw import draw
 from valve_twin.validation.any_strangers.score import JUDGED_FROM, score
 from valve_twin.validation.any_strangers.troubles import Trouble

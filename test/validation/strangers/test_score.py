@@ -8,7 +8,7 @@ import pytest
 
 from valve_twin.core.aging.assess import Assessment
 from valve_twin.core.aging.verdict import Trend, TrendStatus, Verdict, VerdictKind
-from valve_twin.core.diagnosis.detection import Diagnosis, Finding
+from valve_twin.core.diagnosis.changes.finding import Diagnosis, Finding
 from valve_twin.core.types import Estimate, EstimateStatus, ParameterValue
 from valve_twin.validation.strangers.draw import draw
 from valve_twin.validation.strangers.record import aged, gain

@@ -52,8 +52,8 @@ from valve_twin.core.aging.verdict import (
     describe_remaining,
     held_back,
 )
+from valve_twin.core.diagnosis.changes.finding import NOTHING, Diagnosis
 from valve_twin.core.diagnosis.checks import begun_anew, failed_checks
-from valve_twin.core.diagnosis.detection import NOTHING, Diagnosis
 from valve_twin.core.diagnosis.history import diagnose
 from valve_twin.core.diagnosis.products import CLOCK
 from valve_twin.core.diagnosis.refused import refused_lately
@@ -193,7 +193,7 @@ def assess(
         failed=failed_checks(past, begun_anew(maintenance)),
         since=_first_compared(ordered, maintenance),
     )
-    verdict = held_back(verdict, diagnosis.departs)
+    verdict = held_back(verdict, diagnosis.departs, cycle=diagnosis.newest)
     return Assessment(trends, verdict, tuple(detail for _, detail in results), diagnosis)
 
 

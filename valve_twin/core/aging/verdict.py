@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from valve_twin.core.aging.config import AgingConfig
-    from valve_twin.core.diagnosis.detection import Finding
+    from valve_twin.core.diagnosis.changes.finding import Finding
     from valve_twin.core.diagnosis.refused import Stale
 
 
@@ -198,7 +198,7 @@ class Verdict:
 _WAITS = "not yet judged: "
 
 
-def held_back(verdict: Verdict, departs: float) -> Verdict:
+def held_back(verdict: Verdict, departs: float, *, cycle: int = 0) -> Verdict:
     """Return a verdict, no "ok" where the newest cycle departs from those before it.
 
     Parameters
@@ -207,12 +207,16 @@ def held_back(verdict: Verdict, departs: float) -> Verdict:
         By all else.
     departs : float
         How far it lies off them, 0 = it does not [standard deviations].
+    cycle : int
+        Its number, 0 = that of the verdict: newer ones may have shown nothing.
     """
     if verdict.kind is not VerdictKind.OK or not departs:
         return verdict
     far = f"{departs:.1f}" if departs < 100.0 else "over 100"
-    why = f"{_WAITS}cycle {verdict.cycle} lies {far} standard deviations off those before it, "
-    evidence = f"{why}and one more tells whether that is a fault; {verdict.evidence}"
+    newest = f"{_WAITS}cycle {cycle or verdict.cycle} lies {far} standard deviations off"
+    evidence = (
+        f"{newest} those before it, and one more tells whether that is a fault; {verdict.evidence}"
+    )
     kind = VerdictKind.NOT_ENOUGH_DATA
     return replace(verdict, kind=kind, text=kind.text, evidence=evidence)
 

@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.diagnosis.detection import Diagnosis, detect
+from valve_twin.core.diagnosis.detection import detect
 from valve_twin.core.diagnosis.isolability import Isolability, isolability
 from valve_twin.core.diagnosis.table import BY_NAME, SIZES
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from valve_twin.core.diagnosis.changes.finding import Diagnosis
     from valve_twin.core.diagnosis.config import DetectionConfig
     from valve_twin.core.diagnosis.derive import AgingBench, Bench, V
     from valve_twin.core.diagnosis.table import SignatureTable

@@ -11,7 +11,7 @@ each show it, or one that the valve's own past could not give (`changes.alone`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -25,6 +25,7 @@ from valve_twin.core.diagnosis.changes.ends import (
     jumped_back,
     over,
 )
+from valve_twin.core.diagnosis.changes.finding import UNKNOWN, Diagnosis, Finding
 from valve_twin.core.diagnosis.changes.jumps import BESIDE, BEYOND, jumps_made
 from valve_twin.core.diagnosis.changes.match import Match, fits_an_end, match
 from valve_twin.core.diagnosis.config import DetectionConfig
@@ -46,42 +47,6 @@ if TYPE_CHECKING:
 
     from valve_twin.core.types import FloatArray, IntArray
 
-UNKNOWN = "unknown"
-"""Name of a change that is like no fault of the table."""
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """A fault that was found.
-
-    Attributes
-    ----------
-    fault : str
-        Its name, `UNKNOWN` for a change like no signature.
-    rivals : tuple of str
-        Faults that fit as well: twice the log likelihood less by under `RIVAL`.
-    part : str
-        valve, command, sensor or supply.
-    severity : float
-        Its size [unit of the fault]; NaN where unknown.
-    deviation : float
-        The change in standard deviations of one cycle [1].
-    onset, alarm : int
-        Numbers of the first cycle that has it and of the cycle that raised the alarm.
-    end : int
-        Number of the cycle at which it was seen to be over; -1 = it lasts.
-    """
-
-    fault: str
-    rivals: tuple[str, ...]
-    part: str
-    severity: float
-    deviation: float
-    onset: int
-    alarm: int
-    end: int = -1
-
-
 _OF_LARGEST = 0.3
 """Share of the largest deviation that another cycle must show: one wild cycle is no fault [1]."""
 
@@ -94,41 +59,6 @@ RIVAL = 6.0
 
 PAIR_RIVAL = 2.0
 """The same beside a pair that no data tell apart, of which both are named [1]."""
-
-
-@dataclass(frozen=True, slots=True)
-class Diagnosis:
-    """What the features of a valve say.
-
-    Attributes
-    ----------
-    findings : tuple of Finding
-        Every fault that was found, oldest first.
-    cycles : int
-        Cycles looked at.
-    ready : bool
-        Whether there are enough cycles since start or maintenance to name a fault.
-    doubt : str
-        Why the cycles have nothing to be compared with; empty where they have.
-    departs : float
-        How far the newest cycle lies off those before it where one more is to tell whether that
-        is a fault, else 0 [standard deviations].
-    """
-
-    findings: tuple[Finding, ...]
-    cycles: int
-    ready: bool
-    doubt: str = ""
-    departs: float = 0.0
-
-    @property
-    def present(self) -> Finding | None:
-        """The fault that lasts, None = none."""
-        return next((f for f in reversed(self.findings) if f.end < 0), None)
-
-
-NOTHING = Diagnosis((), 0, ready=False)
-"""What is known of a valve without features."""
 
 
 def detect(
@@ -163,6 +93,8 @@ def detect(
         Faults, oldest first.
     """
     config = config or DetectionConfig()
+    looked_at, told = len(cycles), np.isfinite(vectors).any(axis=1)
+    cycles, vectors = cycles[told], vectors[told]  # what shows nothing confirms nothing
     edges = [0, *sorted({int(np.searchsorted(cycles, c)) for c in restarts}), len(cycles)]
     findings: list[Finding] = []
     ready, far = False, 0.0
@@ -176,7 +108,8 @@ def detect(
             findings += [
                 f if f.end >= 0 or maintained < 0 else replace(f, end=maintained) for f in found
             ]
-    return Diagnosis(tuple(findings), len(cycles), ready, departs=far)
+    newest = int(cycles[-1]) if len(cycles) else 0
+    return Diagnosis(tuple(findings), looked_at, ready, departs=far, newest=newest)
 
 
 def _search(

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from valve_twin.core.diagnosis.changes.elsewhere import Elsewhere, followed
+from valve_twin.core.diagnosis.changes.finding import NOTHING, UNKNOWN, Diagnosis, Finding
 from valve_twin.core.diagnosis.config import OF_ANY_VALVE, DetectionConfig
-from valve_twin.core.diagnosis.detection import NOTHING, UNKNOWN, Diagnosis, Finding, detect
+from valve_twin.core.diagnosis.detection import detect
 from valve_twin.core.diagnosis.direct import bounds, freezing, noise
 from valve_twin.core.diagnosis.features import NOISE
 from valve_twin.core.diagnosis.generic.motion import motion_from
@@ -118,7 +119,7 @@ def search(past: Past, maintenance: Sequence[Maintenance]) -> Searched:
     settled = past.settled or _NONE
     product = _products_of(shown)
     found: list[Finding] = []
-    ready, doubt, far = False, "", 0.0
+    ready, doubt, far, newest = False, "", 0.0, 0
     config = OF_ANY_VALVE if model.feature_set.of_any_valve else DetectionConfig()
     since = int(np.searchsorted(cycles, max(restarts, default=0)))
     anew = max(restarts, default=0) > settled.judged
@@ -134,7 +135,7 @@ def search(past: Past, maintenance: Sequence[Maintenance]) -> Searched:
         found += [f for f, _ in then]
         doubt = doubt or next((why for _, why in then if why), "")
         if number == product[-1]:
-            ready, far = part.ready, part.departs
+            ready, far, newest = part.ready, part.departs, part.newest
         if number in lately and (anew or past.settled is None):
             kept = _measure(cycles[own], part.findings, since=max(restarts, default=0))
             others = None if model.feature_set.of_any_valve else _others(vectors, product, number)
@@ -165,7 +166,7 @@ def search(past: Past, maintenance: Sequence[Maintenance]) -> Searched:
     found = [f for f in found if not _is_slip(f, past.apart)]
     doubt = doubt if anew or past.settled is None else settled.doubt
     looked_at = settled.cycles + len(cycles)
-    diagnosis = Diagnosis((*before, *found), looked_at, ready, doubt, far)
+    diagnosis = Diagnosis((*before, *found), looked_at, ready, doubt, far, newest)
     return Searched(diagnosis, stopped, tuple(f for f in direct if f in diagnosis.findings))
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.diagnosis.detection import Finding
+from valve_twin.core.diagnosis.changes.finding import Finding
 from valve_twin.core.diagnosis.features import DELAYS
 from valve_twin.core.estimation.data.robust import MAD_SCALE
 from valve_twin.kernels import njit

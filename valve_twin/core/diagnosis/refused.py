@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.diagnosis.detection import Finding
+from valve_twin.core.diagnosis.changes.finding import Finding
 from valve_twin.core.diagnosis.features import NOISE
 from valve_twin.core.past.columns import past_of
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from valve_twin.core.aging.verdict import LimitState, VerdictKind
-from valve_twin.core.diagnosis.detection import UNKNOWN
+from valve_twin.core.diagnosis.changes.finding import UNKNOWN
 from valve_twin.core.faults.ne107 import Ne107
 
 if TYPE_CHECKING:

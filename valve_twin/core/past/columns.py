@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from valve_twin.core.diagnosis.detection import Finding
+    from valve_twin.core.diagnosis.changes.finding import Finding
     from valve_twin.core.diagnosis.features import FeatureSet
     from valve_twin.core.types import (
         BoolArray,

@@ -24,8 +24,8 @@ JUMP_S = 1.0
 """How long what was sent before a jump may take to arrive before the jump is published [s]."""
 
 MEET_S = 5.0
-"""How much longer a subscriber that is in sight but not matched yet is waited for [s]; on a busy
-machine the one was seen to come seconds after the other, and some never match."""
+"""How much longer a subscriber that is in sight but not matched yet, or any at all, is waited for
+[s]; on a busy machine the one was seen to come seconds after the other, and some never match."""
 
 
 class Phase(Enum):
@@ -184,13 +184,19 @@ class Playback:
     def _is_released(self, publishers: PlayerPublishers) -> bool:
         """Begin when the graph is settled and enough subscribers are there."""
         now, wanted = seconds_now(), self._settings.given.wait_for_subscribers
-        attended = publishers.has_subscribers(wanted)
-        met = publishers.has_matched_all() or now > self._latest_s + MEET_S
-        given_up = not wanted and now > self._latest_s and met
-        if now < self._earliest_s or not (attended or given_up):
+        patient = now <= self._latest_s + MEET_S
+        heard, met = publishers.are_heard(), publishers.has_matched_all()
+        given_up = not wanted and now > self._latest_s and not (patient and not heard)
+        enough = publishers.has_subscribers(wanted) or given_up
+        if now < self._earliest_s or not enough or (patient and not met):
             return False
         publishers.check()
         publishers.find_subscribers()
+        if not heard and not self._played:
+            self._say(
+                "nobody in sight subscribes to what is played; wait_for_subscribers: 1 waits for "
+                "one (replay --wait-for-subscribers 1)"
+            )
         return True
 
     def _jump(self, publishers: PlayerPublishers) -> None:

@@ -104,11 +104,16 @@ class PlayerPublishers:
         """Return whether every topic has had so many subscribers for a while; at least one."""
         return self._gate.is_open(self._publishers, max(wanted, 1), seconds_now())
 
+    def are_heard(self) -> bool:
+        """Return whether anybody subscribes to any of them."""
+        return any(p.get_subscription_count() for p in self._publishers)
+
     def has_matched_all(self) -> bool:
-        """Return whether every subscriber that the graph knows of has been matched."""
+        """Return whether every subscriber that the graph knows of, of the clock too, has been."""
         return all(
             p.get_subscription_count() >= self._node.count_subscribers(p.topic_name)
-            for p in self._publishers
+            for p in (*self._publishers, self._clock)
+            if p is not None
         )
 
     def find_subscribers(self) -> None:

@@ -17,7 +17,7 @@ from valve_twin.validation.any_strangers.watch import first_with
 from valve_twin.validation.strangers.score import Score
 
 if TYPE_CHECKING:
-    from valve_twin.core.diagnosis.detection import Finding
+    from valve_twin.core.diagnosis.changes.finding import Finding
     from valve_twin.validation.any_strangers.draw import Stranger
     from valve_twin.validation.any_strangers.watch import Told
 

@@ -20,7 +20,7 @@ from valve_twin.validation.any_strangers.troubles import AFTER
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from valve_twin.core.diagnosis.detection import Finding
+    from valve_twin.core.diagnosis.changes.finding import Finding
     from valve_twin.core.survey.trial import Mapping01
     from valve_twin.core.twin import TwinConfig
     from valve_twin.core.types import Estimate

@@ -104,3 +104,29 @@ def test_another_fault_behind_a_fault_is_no_end_of_it():
         w = aging_with(18, 60, size=12.0, seed=seed)
         w[30:, 5:9] -= 8.0
         assert jumped_back(w, 18, 19, config) == -1
+
+
+def test_one_wild_cycle_within_a_lasting_fault_is_no_end_of_it():
+    table = MODEL.signatures()
+    change = np.array([s for s in table.signatures if s.fault == "leak"][1].change)
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        rows = rng.multivariate_normal(np.zeros(len(change)), table.covariance, 84)
+        rows[60:] += change
+        rows[75] += 3.0 * change
+        (found,) = detect(np.arange(1, len(rows) + 1), rows, table).findings
+        assert (found.onset, found.end) == (61, -1)
+
+
+def test_a_fault_that_ends_beside_aging_is_over_in_a_history():
+    table = MODEL.signatures()
+    change = np.array([s for s in table.signatures if s.fault == "leak"][2].change)
+    aged = np.sqrt(np.diag(table.covariance))
+    ends = []
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        rows = rng.multivariate_normal(np.zeros(len(change)), table.covariance, 60)
+        rows += np.linspace(0.0, 20.0, 60)[:, None] * aged
+        rows[24:34] += change
+        ends += [f.end for f in detect(np.arange(1, 61), rows, table).findings if f.onset == 25]
+    assert ends == [39, 39, 39]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from valve_twin.core.diagnosis.generic.faults import FAULTS
-from valve_twin.core.diagnosis.generic.features import FEATURE_SET
+from valve_twin.core.diagnosis.generic.features import FEATURE_SET, feature_set
 from valve_twin.core.diagnosis.generic.signatures import derive_table, signatures_of
 from valve_twin.core.diagnosis.isolability import isolability
 from valve_twin.core.valves.registry import get_model, model_names
@@ -52,6 +52,16 @@ def test_a_valve_without_a_simulation_has_them_from_a_made_up_motion():
     apart = found.distance[~np.eye(len(found.faults), dtype=bool)]
     assert np.median(apart) > 10.0
     assert sum(len(c) > 1 for c in found.classes) <= 1
+
+
+def test_a_model_may_leave_out_which_moves_were_not_followed():
+    followed = feature_set(("unfollowed",))
+    model = SimpleNamespace(
+        name="elsewhere", feature_set=followed, signatures=lambda: None, simulation=lambda: None
+    )
+    table = table_of(model)
+    assert table.features == followed.names
+    assert {"slow", "sensor_offset", "lost_motion"} <= set(table.faults)
 
 
 @pytest.mark.slow

@@ -93,12 +93,14 @@ def jumped_back(w: FloatArray, onset: int, alarm: int, config: DetectionConfig) 
         far = float(np.linalg.norm(way))
         if far < _FAR or np.mean(between @ way > 0.5 * far**2) < _BETWEEN:
             continue
-        each = w[row : row + config.heal] - w[row - _LAST : row].mean(axis=0)
+        lately = w[row - _LAST : row]
+        each = w[row : row + config.heal] - lately.mean(axis=0)
         along = each @ way / far**2  # -1 = back by as much
+        wild = (lately.mean(axis=0) - np.median(lately, axis=0)) @ way / far**2  # one is no end
         left = each.mean(axis=0) + way
         chance = w.shape[1] * (2.0 / _LAST + 1.0 / len(since) + 1.0 / config.heal)
         like = float(left @ left) < (_BESIDE * far) ** 2 + 2.0 * chance
-        if like and along.max() < -0.5 and along.mean() < _NEAR - 1.0:
+        if like and along.max() + max(wild, 0.0) < -0.5 and along.mean() < _NEAR - 1.0:
             return row + config.heal - 1
     return -1
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.diagnosis.detection import Finding
+from valve_twin.core.diagnosis.changes.finding import Finding
 from valve_twin.core.diagnosis.table import BY_NAME, partner
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.diagnosis.detection import Finding
+from valve_twin.core.diagnosis.changes.finding import Finding
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray, IntArray

@@ -157,13 +157,14 @@ def _following(signatures: tuple[Signature, ...], followed: FeatureSet) -> tuple
     Such a cycle shows nothing else, and is that of a lost command.
     """
     kept: list[Signature] = []
-    unfollowed = followed.names.index(UNFOLLOWED)
+    unfollowed = followed.names.index(UNFOLLOWED) if UNFOLLOWED in followed.names else -1
     for s in signatures:
         own = [k for k in kept if k.fault == s.fault and k.severity * s.severity > 0.0]
         lost = len(own) >= len(FACTORS) and any(
             before and not now for before, now in zip(own[-1].change, s.change, strict=True)
         )
-        if not lost and not (len(own) >= len(FACTORS) and s.change[unfollowed]):
+        missed = unfollowed >= 0 and s.change[unfollowed]
+        if not lost and not (len(own) >= len(FACTORS) and missed):
             kept.append(s)
     return tuple(kept)
 

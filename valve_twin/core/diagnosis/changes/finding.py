@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""A fault that was found, and all that the features of a valve say."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+UNKNOWN = "unknown"
+"""Name of a change that is like no fault of the table."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A fault that was found.
+
+    Attributes
+    ----------
+    fault : str
+        Its name, `UNKNOWN` for a change like no signature.
+    rivals : tuple of str
+        Faults that fit as well: twice the log likelihood less by under `RIVAL`.
+    part : str
+        valve, command, sensor or supply.
+    severity : float
+        Its size [unit of the fault]; NaN where unknown.
+    deviation : float
+        The change in standard deviations of one cycle [1].
+    onset, alarm : int
+        Numbers of the first cycle that has it and of the cycle that raised the alarm.
+    end : int
+        Number of the cycle at which it was seen to be over; -1 = it lasts.
+    """
+
+    fault: str
+    rivals: tuple[str, ...]
+    part: str
+    severity: float
+    deviation: float
+    onset: int
+    alarm: int
+    end: int = -1
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """What the features of a valve say.
+
+    Attributes
+    ----------
+    findings : tuple of Finding
+        Every fault that was found, oldest first.
+    cycles : int
+        Cycles looked at.
+    ready : bool
+        Whether there are enough cycles since start or maintenance to name a fault.
+    doubt : str
+        Why the cycles have nothing to be compared with; empty where they have.
+    departs : float
+        How far the newest cycle lies off those before it where one more is to tell whether that
+        is a fault, else 0 [standard deviations].
+    newest : int
+        Number of that cycle, 0 = none showed anything.
+    """
+
+    findings: tuple[Finding, ...]
+    cycles: int
+    ready: bool
+    doubt: str = ""
+    departs: float = 0.0
+    newest: int = 0
+
+    @property
+    def present(self) -> Finding | None:
+        """The fault that lasts, None = none."""
+        return next((f for f in reversed(self.findings) if f.end < 0), None)
+
+
+NOTHING = Diagnosis((), 0, ready=False)
+"""What is known of a valve without features."""
