@@ -143,7 +143,7 @@ def test_the_rate_is_kept(graph, bag):
 
 def test_playing_pauses_and_goes_on(graph, bag):
     found = listen(graph)
-    graph.host(BagPlayerNode, bag=bag, start_paused=True, wait_for_subscribers=1)
+    player = graph.host(BagPlayerNode, bag=bag, start_paused=True, wait_for_subscribers=1)
     base = f"{NS}/bag_player"
     assert graph.call(IsPaused, f"{base}/is_paused").paused
     graph.spin(0.3)
@@ -151,10 +151,10 @@ def test_playing_pauses_and_goes_on(graph, bag):
     graph.call(Resume, f"{base}/resume")
     graph.spin_until(lambda: len(found) > 10, what="messages")
     graph.call(Pause, f"{base}/pause")
-    graph.spin(0.2)
-    seen = len(found)
+    played = player.playback.played
+    graph.spin_until(lambda: len(found) == played, what="what was played")
     graph.spin(0.3)
-    assert len(found) == seen < 300
+    assert len(found) == player.playback.played == played < 300
     assert graph.call(SetRate, f"{base}/set_rate", rate=50.0).success
     assert graph.call(GetRate, f"{base}/get_rate").rate == 50.0
     assert not graph.call(SetRate, f"{base}/set_rate", rate=-1.0).success

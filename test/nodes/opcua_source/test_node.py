@@ -140,8 +140,11 @@ def test_cycles_of_a_plc_are_estimated_and_stored_by_a_twin(graph, plc, tmp_path
     stored = graph.record(f"{NS}/twin/cycle", msg_cycle())
     graph.start("twin", topic_prefix="/plc", history_url=url, period_s=simulation.period_s, **twin)
     topics = [f"/plc{NS}/{topic}" for topic in signals.values()]
-    graph.spin_until(lambda: all(graph.node.count_subscribers(t) for t in topics), what="the twin")
-    graph.spin(2.0)
+    mine = [p for p in graph.hosted[-1].publishers if p.topic_name in topics]
+    graph.spin_until(
+        lambda: len(mine) == 3 and all(p.get_subscription_count() for p in mine), what="the twin"
+    )
+    graph.be_heard(f"{NS}/twin")
     columns = {0: block.inputs[:, 0], 1: block.inputs[:, 1], 2: block.position}
     period_ns = round(simulation.period_s * 1e9)
     plc.begin({k: list(v) for k, v in columns.items()}, START_NS, period_ns, pace=1500.0)

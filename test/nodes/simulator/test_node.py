@@ -112,6 +112,7 @@ def test_it_stops_after_the_cycles_asked_for(graph):
     cycles = graph.record(f"/sim{NS}/cycle", Float64Stamped)
     node = graph.host(SimulatedValveNode, stop_after_cycles=1, **FAST)
     graph.spin_until(lambda: node._outbox.sent >= 5 * 850, what="one cycle")
+    graph.spin_until(lambda: cycles, what="its number")
     graph.spin(0.3)
     assert set(values(cycles)) == {1.0}
     assert node._outbox.sent == 5 * 850

@@ -189,6 +189,7 @@ def test_what_a_refused_publisher_sends_is_not_taken_past_the_refusal(graph, his
     topic = next(t for t in node._valves[0].inputs.topics if t.topic.endswith("position"))
     graph.spin_until(lambda: topic.refused_policy, what="the refusal")
     looks: list[str] = []
+    began = time.monotonic()
     ask = node.count_publishers
 
     def count(name: str) -> int:
@@ -201,7 +202,8 @@ def test_what_a_refused_publisher_sends_is_not_taken_past_the_refusal(graph, his
         graph.spin(0.1)
     assert (topic.received, topic.deaf) == (0, 0)
     assert topic.problem()[0] == "input.qos"
-    assert looks.count(topic.topic) < 10
+    elapsed = time.monotonic() - began
+    assert looks.count(topic.topic) < 5 + 2 * elapsed
 
 
 def test_an_input_that_falls_silent_is_stale(graph, history):
@@ -255,16 +257,17 @@ def test_a_batch_comes_back_as_a_batch(graph, history):
 
 
 def test_nothing_is_processed_before_the_first_clock(graph, history):
-    graph.host(TwinNode, use_sim_time=True, **history)
+    node = graph.host(TwinNode, use_sim_time=True, **history)
+    topics = node._valves[0].inputs.topics
     found = graph.record(f"{NS}/twin/prediction", Prediction)
     clock = graph.node.create_publisher(Clock, "/clock", 10)
     feeder = Feeder(graph, NS)
     graph.spin_until(clock.get_subscription_count)
     feeder.feed(10)
-    graph.spin(0.5)
+    graph.spin_until(lambda: all(t.received == 10 for t in topics), what="all inputs")
     assert not found
     clock.publish(Clock(clock=to_time(START_NS)))
-    graph.spin(0.3)
+    graph.spin_until(lambda: node.get_clock().now().nanoseconds, what="the clock")
     feeder.feed(10)
     graph.spin_until(lambda: len(found) == 10, what="the samples after the clock")
 

@@ -64,7 +64,7 @@ class Playback:
         self._publishers: PlayerPublishers | None = None
         self._earliest_s = self._latest_s = self._jumped_s = 0.0
         self._bursts: list[tuple[int, Callable[[int], None], int]] = []
-        self._played = self._round_began = 0
+        self.played = self._round_began = 0
         self.phase = Phase.CLOSED
         self.is_paused = settings.given.start_paused
 
@@ -160,13 +160,13 @@ class Playback:
         if self.is_paused or self.rate == 0.0:
             self._time.jump(message.log_ns, seconds_now())
         publishers.put(message)
-        self._played += 1
+        self.played += 1
         return publishers.send(strict=self.rate == 0.0)
 
     def _reach_end(self) -> None:
-        self._say(f"end of the bag: {self._played} messages played")
-        if self._settings.given.loop and self._played > self._round_began:
-            self._round_began = self._played
+        self._say(f"end of the bag: {self.played} messages played")
+        if self._settings.given.loop and self.played > self._round_began:
+            self._round_began = self.played
             self._reel.go(self._settings.part)
             self._wait()
         else:
@@ -192,7 +192,7 @@ class Playback:
             return False
         publishers.check()
         publishers.find_subscribers()
-        if not heard and not self._played:
+        if not heard and not self.played:
             self._say(
                 "nobody in sight subscribes to what is played; wait_for_subscribers: 1 waits for "
                 "one (replay --wait-for-subscribers 1)"
@@ -285,7 +285,7 @@ class Playback:
         except BagError as err:
             self._say(f"not played: {err}")
             return False
-        self._played = self._round_began = 0
+        self.played = self._round_began = 0
         self.is_paused = False
         self._go(part)
         return True
