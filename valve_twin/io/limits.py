@@ -7,6 +7,9 @@ from __future__ import annotations
 import gzip
 import io
 import os
+import sys
+from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import yaml
@@ -22,12 +25,18 @@ _MEGABYTE = 1 << 20
 _MODEST = 64 * _MEGABYTE
 _MOST_RATIO = 1000
 _FORMULA = frozenset("=+-@")
+_TIMES_UNPACKED = 4  # memory to read what unpacks to so much: raw, as numbers, and a copy of those
 _MAX_DEPTH = 32
 _MAX_ALIASES = 100
 _MAX_NODES = 1_000_000
 _MAX_TEXT = 16 * _MEGABYTE
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
+TOO_MUCH = (
+    f"takes far more memory than a file may unpack to; if that is right set {VARIABLE}, "
+    f"{_DEFAULT_MB} by default"
+)
+"""Of a file whose reader met `bounded_memory`."""
 
 CONSTRUCTORS_MEET = (
     ValueError,
@@ -71,6 +80,34 @@ def too_large(size: int, packed: int) -> str:
     if size > _MODEST and size > _MOST_RATIO * packed:
         return f"unpacks {packed} bytes to {size / _MEGABYTE:.0f} MB, which no measurement does"
     return ""
+
+
+@contextmanager
+def bounded_memory() -> Iterator[None]:
+    """Read by another's code: where it wants far more than may be unpacked it gets none.
+
+    What a file claims can be a lie that only its reader meets. On Linux; elsewhere nothing holds.
+
+    Raises
+    ------
+    MemoryError
+        By the code inside, or what it makes of that.
+    """
+    if sys.platform != "linux":
+        yield
+        return
+    import resource
+
+    soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    status = Path("/proc/self/status").read_text(encoding="ascii")
+    own = next(int(row.split()[1]) for row in status.splitlines() if row.startswith("VmData:"))
+    most = own * 1024 + _TIMES_UNPACKED * unpack_limit()
+    limits = [limit for limit in (soft, hard, most) if limit != resource.RLIM_INFINITY]
+    resource.setrlimit(resource.RLIMIT_DATA, (min(limits), hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
 
 
 def unpack_gzip(data: bytes) -> bytes:

@@ -38,6 +38,14 @@ def test_a_model_that_lacks_members_is_refused_by_their_names(monkeypatch):
         get_model("mine")
 
 
+def test_a_model_that_is_driven_by_no_input_of_its_own_is_refused(monkeypatch):
+    whole = dict.fromkeys(MEMBERS) | {"inputs": ("command",), "driven_by": ("voltage",)}
+    entry = SimpleNamespace(name="driven", load=lambda: SimpleNamespace(**whole))
+    monkeypatch.setattr(registry, "entry_points", lambda group: [entry])
+    with pytest.raises(ValueError, match="driven_by names voltage, its inputs are command"):
+        get_model("driven")
+
+
 def test_a_valve_of_another_package_is_found_behind_ours(monkeypatch):
     model = get_model("first_order")
     entry = SimpleNamespace(name="a_user_s", load=lambda: model)

@@ -8,6 +8,9 @@ import struct
 import zipfile
 import zlib
 
+import numpy as np
+import pytest
+
 BYTES, DOUBLES = 1, 9  # how the numbers of a MAT file are stored
 DOUBLE, CELL, STRUCTURE = 6, 1, 2  # what a MAT matrix is
 _SHEET = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
@@ -119,3 +122,57 @@ def excel_full(path, count: int) -> None:
     """Write a table in a sheet that claims to be full, with one more value in the last row."""
     last = '<row r="1048576"><c r="A1048576"><v>99999</v></c></row>'
     _workbook(path, _rows(count) + last, "XFD1048576")
+
+
+def mdf_block(path, count: int) -> None:
+    """Write channels whose packed block claims few bytes and holds so many."""
+    asammdf = pytest.importorskip("asammdf")
+    seconds = 0.01 * np.arange(1000)
+    with asammdf.MDF(version="4.10") as file:
+        file.append([asammdf.Signal(np.sin(seconds), seconds, name="p")])
+        file.save(path, compression=1, overwrite=True)
+    whole = path.read_bytes()
+    at = whole.index(b"##DZ")
+    form = "<4sIQQ2sBBIQQ"
+    head = list(struct.unpack_from(form, whole, at))
+    packer = zlib.compressobj(6)
+    packed = b"".join(packer.compress(bytes(1 << 20)) for _ in range(count >> 20)) + packer.flush()
+    head[2], head[9] = struct.calcsize(form) + len(packed), len(packed)
+    whole += bytes(-len(whole) % 8)
+    moved = whole.replace(struct.pack("<Q", at), struct.pack("<Q", len(whole)))
+    path.write_bytes(moved + struct.pack(form, *head) + packed)
+
+
+def _varint(number: int, width: int = 0) -> bytes:
+    """Return a number as Thrift writes it, or longer than it would."""
+    rest, parts = number << 1, bytearray()
+    while rest >> 7 or len(parts) + 1 < width:
+        parts.append(rest & 0x7F | 0x80)
+        rest >>= 7
+    return bytes([*parts, rest])
+
+
+def parquet_pages(path, count: int) -> None:
+    """Write so many rows in one page, of which the footer tells a thousand."""
+    parquet = pytest.importorskip("pyarrow.parquet")
+    arrow = pytest.importorskip("pyarrow")
+    names = ("time_s", "command", "position")
+    parquet.write_table(
+        arrow.table({name: np.zeros(count) for name in names}),
+        path,
+        compression="zstd",
+        use_dictionary=False,
+        row_group_size=count,
+        data_page_size=1 << 30,
+        write_statistics=False,
+    )
+    group = parquet.ParquetFile(path).metadata.row_group(0)
+    lies = {count: 1000, group.total_byte_size: 24_000}
+    lies |= {group.column(n).total_uncompressed_size: 8000 for n in range(len(names))}
+    whole = path.read_bytes()
+    (length,) = struct.unpack("<I", whole[-8:-4])
+    footer = whole[-8 - length : -8]
+    for told, lie in lies.items():
+        assert _varint(told) in footer
+        footer = footer.replace(_varint(told), _varint(lie, len(_varint(told))))
+    path.write_bytes(whole[: -8 - length] + footer + whole[-8:])

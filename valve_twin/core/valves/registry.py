@@ -51,7 +51,7 @@ def get_model(name: str) -> ValveModel:
     ------
     ValueError
         If there is no such model, the message names the nearest one; if what is registered cannot
-        be loaded; or if it lacks a member of `ValveModel`.
+        be loaded; or if it lacks a member of `ValveModel` or is driven by what is no input.
     """
     entry = _entry(name)
     if entry is not None:
@@ -126,4 +126,12 @@ def _checked(model: object, name: str) -> ValveModel:
             "inherit from valve_twin.core.valves.interface.ValveModel"
         )
         raise ValueError(msg)
-    return model  # type: ignore[return-value]
+    whole = cast("ValveModel", model)
+    unknown = [n for n in whole.driven_by or () if n not in whole.inputs]
+    if unknown:
+        msg = (
+            f"'{name}' is no valve model: driven_by names {', '.join(unknown)}, its inputs are "
+            f"{', '.join(whole.inputs)}"
+        )
+        raise ValueError(msg)
+    return whole

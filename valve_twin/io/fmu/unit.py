@@ -21,15 +21,13 @@ from typing import TYPE_CHECKING, Any
 
 from valve_twin.core.quantity import suggest
 from valve_twin.io.errors import ConfigError
+from valve_twin.io.limits import TOO_MUCH, bounded_memory, too_large
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
 KEY = "simulation.fmu"
 _REAL = ("Real", "Float64")
-
-MOST_UNPACKED = 4 << 30
-"""An FMU that unpacks to more is refused, assumed [B]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,13 +70,18 @@ class Unit:
         try:
             with zipfile.ZipFile(self.path) as packed:
                 size = sum(one.file_size for one in packed.infolist())
-            if size > MOST_UNPACKED:
-                raise ValueError(f"it unpacks to {size} B, {MOST_UNPACKED} are the most")  # noqa: TRY301, EM102
-            told = fmpy.read_model_description(self.path, validate=False)
+            problem = too_large(size, Path(path).stat().st_size)
+            if not problem:
+                with bounded_memory():
+                    told = fmpy.read_model_description(self.path, validate=False)
+        except MemoryError as err:
+            raise self._refused(TOO_MUCH) from err
         except Exception as err:
             why = " ".join(str(err).split()) or type(err).__name__
             why = f"is no FMU that can be read ({why})"
             raise self._refused(why) from err
+        if problem:
+            raise self._refused(problem)
         self._version = told.fmiVersion.partition(".")[0]
         if self._version not in {"2", "3"}:
             why = f"is of FMI {told.fmiVersion}; give one of FMI 2.0 or 3.0"

@@ -39,14 +39,13 @@ def read_parquet(path: Path) -> Sheet:
         fields = [f for f in file.schema_arrow if _kind(f)]
         check_size(path, 8 * file.metadata.num_rows * max(1, len(fields)))
         check_count(path, len(fields))
-        table = file.read(columns=[f.name for f in fields])
-        columns = [_column(f, table.column(i)) for i, f in enumerate(fields)]
+        columns = [_column(f, file.read([f.name], use_threads=False).column(0)) for f in fields]
     except BagError:
         raise
     except Exception as err:  # whatever a broken file makes the reader raise
         msg = f"{path}: is no whole Parquet file ({type(err).__name__}: {err}); write it anew"
         raise BagError(msg) from err
-    return Sheet(path, np.arange(1, table.num_rows + 1), columns, (), [], named=True)
+    return Sheet(path, np.arange(1, file.metadata.num_rows + 1), columns, (), [], named=True)
 
 
 def _kind(field: Any) -> str:  # noqa: ANN401  pyarrow has no types

@@ -4,11 +4,13 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 from valve_twin.io.errors import BagError
 from valve_twin.io.instruments.clock import ClockChoice, with_clock
 from valve_twin.io.instruments.derived import resampled
+from valve_twin.io.limits import TOO_MUCH, bounded_memory
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -33,6 +35,7 @@ _BEGINS = {
     b"SQLite format 3": "sqlite",
     b"MATLAB 5.0": "mat",
 }
+_PACKED = frozenset(_BEGINS.values())
 _OLD_EXCEL = b"\xd0\xcf\x11\xe0"
 _MAT_HDF5 = b"MATLAB 7.3"
 
@@ -92,7 +95,14 @@ def read_recording(path: Path, choice: ClockChoice | None = None) -> Recording:
     """
     choice = choice or ClockChoice()
     kind = kind_of(path)
-    found = _native(path, kind, choice) or with_clock(_sheet(path, kind), choice)
+    try:
+        with bounded_memory() if kind in _PACKED else nullcontext():
+            found = _native(path, kind, choice) or with_clock(_sheet(path, kind), choice)
+    except (BagError, MemoryError) as err:
+        if not isinstance(err.__cause__ or err, MemoryError):
+            raise
+        msg = f"{path}: {TOO_MUCH}"
+        raise BagError(msg) from err
     if not found.columns:
         msg = f"{path}: holds no channel of numbers beside the time"
         raise BagError(msg)
