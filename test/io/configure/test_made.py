@@ -30,6 +30,35 @@ def test_a_bipolar_command_is_split_into_two_that_drive_the_ram(tmp_path):
     assert choice.plan.rule is CycleRule.COMMANDS
 
 
+def cylinder(seed, dead=0.6):
+    """Return strokes of a bipolar command, each of its own size, and what integrates it late."""
+    rng = np.random.default_rng(seed)
+    up, down = rng.uniform(5.0, 9.0, (2, N // 300))
+    ways = [np.sin(np.pi * np.arange(n) / n) ** 0.5 for n in (80, 90)]
+    stroke = [np.zeros(20), ways[0], np.zeros(60), ways[1], np.zeros(50)]
+    sizes = np.repeat(np.stack((up, down), axis=1).ravel(), (160, 140) * (N // 300))
+    command = (
+        np.tile(np.concatenate(stroke) * np.repeat([1.0, -1.0], [160, 140]), N // 300) * sizes
+    )
+    late = np.concatenate((np.zeros(3), command[:-3]))
+    speed = 6.0 * (late - dead).clip(min=0.0) + 5.0 * (late + dead).clip(max=0.0)
+    for k in range(1, N):  # the pilot's lag
+        speed[k] = speed[k - 1] + 0.4 * (speed[k] - speed[k - 1])
+    return command, STEP_S * np.cumsum(speed) + rng.normal(0.0, 0.02, N)
+
+
+@pytest.mark.no_cover
+def test_a_cylinder_whose_command_rests_at_zero_is_no_press(tmp_path):
+    """Its two sides drive it as those of the press valve do, whose law knows no dead band."""
+    command, ram = cylinder(5)
+    found = survey(tmp_path / "a.csv", {"valve_cmd_V": command, "ram_mm": ram})
+    _, choice = chosen(found)
+    fits = {t.model: t.fit for t in choice.trials}
+    assert choice.driven is None
+    assert choice.trials[0].model == "integrator"
+    assert fits["integrator"] > 95.0 > fits["press_cartridge"] + 3.0
+
+
 @pytest.mark.no_cover
 @pytest.mark.usefixtures("one_model")
 def test_a_bipolar_command_that_a_spool_follows_is_not_split(tmp_path):

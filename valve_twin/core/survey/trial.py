@@ -169,6 +169,26 @@ def try_baseline(
     return tried
 
 
+def try_sides(model: ValveModel, halves: Halves, period_s: float, answer: Mapping01) -> Trial:
+    """Return what a model of two one-sided commands makes of the two sides of one, at 0 at rest.
+
+    Parameters
+    ----------
+    model : ValveModel
+        That model.
+    halves : Halves
+        Command and answer.
+    period_s : float
+        Of the answer in the record [s].
+    answer : Mapping01
+        Answer to 0..1.
+    """
+    largest = float(np.abs(halves.u).max()) or 1.0
+    return _try(
+        model, {}, halves, period_s * halves.every, (Mapping01(1.0 / largest, 0.0), answer)
+    )
+
+
 def _accepts(model: ValveModel, kind: str) -> bool:
     return not kind or model.normalised or kind.endswith(model.output)
 
@@ -227,9 +247,9 @@ def _try(
     maps: tuple[Mapping01, Mapping01],
 ) -> Trial:
     command, answer = maps
-    train = _frames(command.of(halves.u), answer.of(halves.y), 0, step_s)
+    train = _frames(model, command.of(halves.u), answer.of(halves.y), 0, step_s)
     unseen = _frames(
-        command.of(halves.unseen_u), answer.of(halves.unseen_y), len(halves.u), step_s
+        model, command.of(halves.unseen_u), answer.of(halves.unseen_y), len(halves.u), step_s
     )
     given = dict(options)  # a thinned part has coarser steps
     if isinstance(reach := given.get("max_delay_s"), float):
@@ -251,9 +271,13 @@ def _try(
     return Trial(model.name, dict(options), fit, str(reason), command, answer, simulated)
 
 
-def _frames(command: FloatArray, answer: FloatArray, first: int, step_s: float) -> Frames:
+def _frames(
+    model: ValveModel, command: FloatArray, answer: FloatArray, first: int, step_s: float
+) -> Frames:
+    sides = (command,) if len(model.inputs) == 1 else (command.clip(min=0), (-command).clip(min=0))
+    inputs = np.column_stack(sides)
     n = len(answer)
     nothing = np.full(n, np.nan)
     stamps = np.rint((first + np.arange(n)) * step_s * 1e9).astype(np.int64)
     valid = np.isfinite(answer) & np.isfinite(command)
-    return Frames(stamps, answer, command[:, None], nothing, nothing, valid)
+    return Frames(stamps, answer, inputs, nothing, nothing, valid)

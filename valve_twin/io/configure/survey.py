@@ -20,7 +20,7 @@ from valve_twin.core.survey.cycles import (
 from valve_twin.core.survey.pairs import Signal
 from valve_twin.core.survey.record import Proposal, propose
 from valve_twin.core.survey.repeats import Repeat, find_repeat
-from valve_twin.core.survey.trial import Mapping01, Trial, try_baseline, try_models
+from valve_twin.core.survey.trial import Mapping01, Trial, try_baseline, try_models, try_sides
 from valve_twin.core.types import CycleRule
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.configure.channels import Survey, unit_of
@@ -112,7 +112,11 @@ def choose(survey: Survey, *, position: str = "") -> tuple[Survey, Choice]:
     pairs, copies = choose_pairs(signals, roles, position=position)
     driven = _driven(survey, pairs, position)
     if driven is None and pairs and pairs[0].named:
-        survey, driven = split_command(survey, pairs[0]) or (survey, None)
+        split, driven = split_command(survey, pairs[0]) or (survey, None)
+        better = None if driven is None else _integrated(survey, pairs[0], driven, copies)
+        if better is not None:
+            return better
+        survey = split
     if driven is not None:
         answer = driven.roles[0].source
         plan = _doubted(survey, driven.cycles)
@@ -181,6 +185,24 @@ def _driven(survey: Survey, pairs: Sequence[Pair], position: str) -> Proposal | 
     if all(said) or (all(unsaid) and not (pairs and pairs[0].arx > _SURE)):
         return proposal if not roles.get(answer) or "position" in roles[answer] else None
     return None
+
+
+def _integrated(
+    survey: Survey, pair: Pair, driven: Proposal, copies: dict[str, str]
+) -> tuple[Survey, Choice] | None:
+    """Return one command that the answer integrates where that fits better than its two sides."""
+    signals = {k: survey.signals[k] for k in (pair.command, pair.answer)}
+    whole = find_integrated(signals, survey.roles, position=pair.answer, nameless=True)
+    if whole is None:
+        return None
+    timed, choice = _followed(survey, [whole], copies)
+    if choice.halves is None or get_model(choice.trials[0].model).proposed_for != "integrated":
+        return None
+    model, answer = get_model(driven.model), _maps(survey, whole)[1]
+    sides = try_sides(model, choice.halves, timed.period_s, answer)
+    if not choice.trials[0].fit > np.nan_to_num(sides.fit):
+        return None
+    return timed, replace(choice, trials=[*choice.trials, sides])
 
 
 def _followed(survey: Survey, pairs: list[Pair], copies: dict[str, str]) -> tuple[Survey, Choice]:
