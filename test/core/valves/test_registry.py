@@ -54,8 +54,12 @@ def test_a_valve_of_another_package_is_found_behind_ours(monkeypatch):
     assert get_model("a_user_s") is model
 
 
-@pytest.mark.parametrize("value", ["valve_twin.nowhere:VALVE", "valve_twin.core:NOTHING"])
-def test_a_valve_that_is_registered_and_not_there_gives_a_line(monkeypatch, value):
+@pytest.mark.parametrize(
+    "value", ["valve_twin.nowhere:VALVE", "valve_twin.core:NOTHING", "raises_in_two_lines:VALVE"]
+)
+def test_a_valve_that_is_registered_and_not_there_gives_a_line(monkeypatch, tmp_path, value):
+    (tmp_path / "raises_in_two_lines.py").write_text("raise ValueError('of\\ntheirs')")
+    monkeypatch.syspath_prepend(str(tmp_path))
     entry = EntryPoint("my_gone_valve", value, registry.ENTRY_POINT_GROUP)
     monkeypatch.setattr(registry, "entry_points", lambda group: [entry])
     with pytest.raises(ValueError, match=f"'{value}', which cannot be loaded: ") as caught:

@@ -4,10 +4,12 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import socket
 import sys
 from contextlib import ExitStack, suppress
+from functools import partial
 from getpass import getpass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,9 +17,11 @@ from typing import TYPE_CHECKING
 from valve_twin.cli.archive.fleet import aging_rules, nameplates
 from valve_twin.cli.common import OK, USAGE, add_url, add_verb, fail, say
 from valve_twin.io.errors import ConfigError
+from valve_twin.io.uncollected import uncollected
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Callable
 
     from valve_twin.cli.common import Verbs
     from valve_twin.gateway.web import Site
@@ -134,6 +138,19 @@ def _serve(arguments: argparse.Namespace) -> int:
         name = getattr(arguments, option.replace("users", "add_user"))
         if name:
             return _add_user(f"--{option.replace('_', '-')}", getattr(arguments, option), name)
+    with ExitStack() as stack:
+        with uncollected():
+            run = _opened(arguments, stack)
+            gc.freeze()  # what a start makes stays
+        if isinstance(run, int):
+            return run
+        with suppress(KeyboardInterrupt):  # the usual end
+            run()
+    return OK
+
+
+def _opened(arguments: argparse.Namespace, stack: ExitStack) -> Callable[[], None] | int:
+    """Open all that is asked for; return what serves until Ctrl-C, or the exit code."""
     try:
         import prometheus_client  # noqa: F401
         import starlette  # noqa: F401
@@ -163,18 +180,14 @@ def _serve(arguments: argparse.Namespace) -> int:
     if view.failure:
         return fail(view.failure)
     try:
-        listening = serving.listen(place)
+        listening = stack.enter_context(serving.listen(place))
     except ConfigError as err:
         return fail(f"serve: {err}")
-    with ExitStack() as stack:
-        stack.enter_context(listening)
-        stack.enter_context(faces(plant, _wanted(arguments), say))
-        where = serving.address(place, listening)
-        say(f"{view.where}: {len(view.rows)} valves at {where} (Ctrl-C ends it)")
-        server = serving.make_server(application(plant, site), place)
-        with suppress(KeyboardInterrupt):  # the usual end
-            server.run(sockets=[listening])
-    return OK
+    stack.enter_context(faces(plant, _wanted(arguments), say))
+    where = serving.address(place, listening)
+    say(f"{view.where}: {len(view.rows)} valves at {where} (Ctrl-C ends it)")
+    server = serving.make_server(application(plant, site), place)
+    return partial(server.run, sockets=[listening])
 
 
 def _site(arguments: argparse.Namespace, *, secure: bool) -> Site:

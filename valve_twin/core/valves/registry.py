@@ -57,8 +57,9 @@ def get_model(name: str) -> ValveModel:
     if entry is not None:
         try:
             model = entry.load()
-        except (ImportError, AttributeError) as err:
-            msg = f"'{name}' is registered as '{entry.value}', which cannot be loaded: {err}"
+        except Exception as err:  # a package of somebody else's
+            why = " ".join(f"{type(err).__name__}: {err}".split())
+            msg = f"'{name}' is registered as '{entry.value}', which cannot be loaded: {why}"
             raise ValueError(msg) from err
         return _checked(model, name)
     names = model_names()

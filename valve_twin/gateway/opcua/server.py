@@ -23,6 +23,7 @@ from valve_twin.gateway.opcua.nodes import Builder, Ids
 from valve_twin.gateway.opcua.valve_nodes import ValveNodes, stamp
 from valve_twin.gateway.plain import plain_valve
 from valve_twin.io.errors import ConfigError, ValveTwinError
+from valve_twin.io.uncollected import uncollected
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -143,7 +144,8 @@ class OpcUaFace:
 
     async def _made(self) -> Server:
         server = Server()
-        await server.init()
+        with uncollected():
+            await server.init()  # 6000 nodes
         host = f"[{self._host}]" if ":" in self._host else self._host
         server.set_endpoint(f"opc.tcp://{host}:{self._port}")
         server.socket_address = (self._host, self._port)

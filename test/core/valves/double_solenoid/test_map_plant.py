@@ -39,6 +39,7 @@ LISTS = {
     "map_position": tuple(POSITIONS.tolist()),
     "map_coenergy": tuple(MAP.coefficients.ravel().tolist()),
 }
+NO_MAP = {"map_coenergy": (), "map_current": (), "map_position": ()}
 PLANT = replaced(DoubleSolenoidPlant(spring_1=2e4, spring_2=2e4), LISTS)
 AT_ONCE = second_order(0.55e-3, 0.045e-6, 0.55e-3, 0.045e-6)
 
@@ -163,9 +164,14 @@ def test_the_intervals_hold_what_the_map_is_in_doubt_about():
 @pytest.mark.parametrize(
     ("doubt", "said"),
     [
-        ({"map_doubt_names": ("mesh",), "map_doubt": (1.0, 2.0)}, "map_doubt: 2 values; 1 doubts"),
-        ({"map_doubt": (1.0,)}, "map_doubt: 1 values; 0 doubts"),
-        ({"map_doubt_names": ("mesh",), "map_coenergy": (), "map_current": ()}, "a map of 0 need"),
+        ({"map_doubt_names": ("mesh",), "map_doubt": (1.0, 2.0)}, "map_doubt: 2 values, 1 doubts"),
+        ({"map_doubt": (1.0,)}, "map_doubt: 1 values, 0 doubts"),
+        (
+            {"map_doubt_names": ("mesh",), "map_doubt": (float("nan"),) * MAP.coefficients.size},
+            "map_doubt: a value is not finite",
+        ),
+        ({"map_doubt_names": ("mesh",), "map_doubt": (1.0,), **NO_MAP}, "there is no map_coener"),
+        ({"map_doubt_names": ("mesh",), **NO_MAP}, "there is no map_coenergy to be in doubt"),
     ],
 )
 def test_doubts_that_do_not_fit_the_map_refuse_the_cycle(doubt, said):

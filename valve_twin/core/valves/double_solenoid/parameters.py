@@ -123,13 +123,16 @@ def doubted(options: DoubleSolenoidOptions) -> list[DoubleSolenoidOptions]:
     ValueError
         If the lists of the doubts do not fit each other or the map.
     """
-    own = np.array(options.map_coenergy)
-    wanted = len(options.map_doubt_names) * max(len(own), 1)
-    if len(options.map_doubt) != wanted or not np.isfinite(options.map_doubt).all():
-        message = (
-            f"map_doubt: {len(options.map_doubt)} values; {len(options.map_doubt_names)} doubts "
-            f"of a map of {len(own)} need {wanted}, all finite"
-        )
-        raise ValueError(message)
-    changes = np.array(options.map_doubt).reshape(len(options.map_doubt_names), len(own))
+    own, names = np.array(options.map_coenergy), options.map_doubt_names
+    found, wanted = len(options.map_doubt), len(names) * len(own)
+    message = ""
+    if names and not len(own):
+        message = "map_doubt_names: there is no map_coenergy to be in doubt about"
+    elif found != wanted:
+        message = f"map_doubt: {found} values, {len(names)} doubts of {len(own)} need {wanted}"
+    elif not np.isfinite(options.map_doubt).all():
+        message = "map_doubt: a value is not finite"
+    if message:
+        raise ValueError(f"{message}; copy what `design export --doubts` writes")  # noqa: EM102
+    changes = np.array(options.map_doubt).reshape(len(names), len(own))
     return [replace(options, map_coenergy=tuple((own + c).tolist())) for c in changes]
