@@ -173,6 +173,7 @@ def msg_cycle():
         ({"tags": ["position"]}, "is no tag"),
         ({"tags": ["position tag0"]}, "is no node id"),
         ({"tags": ["position i=1"], "address": "http://plc"}, "is none: write opc.tcp://"),
+        ({"tags": ["position i=1"], "pki": "/nowhere"}, "/nowhere/certificate.der: No such file"),
     ],
 )
 def test_a_wrong_parameter_is_one_line(graph, capfd, more, why):

@@ -14,6 +14,7 @@ import pytest
 
 pytest.importorskip("asyncua", reason="needs the extra gateway")
 
+from test.gateway.opcua.test_access import write_pair
 from test.nodes.opcua_source.plc import Plc
 from valve_twin.nodes.opcua_source import subscription as module
 from valve_twin.nodes.opcua_source.subscription import Server, TagSubscription
@@ -169,6 +170,18 @@ def test_a_server_that_hangs_is_noticed_and_a_renamed_tag_is_told(plc, monkeypat
         client.until(lambda: client.figures.connected)
     finally:
         client.subscription.close()
+
+
+def test_a_server_without_the_encryption_asked_for_says_what_to_set(plc, tmp_path):
+    write_pair(tmp_path)
+    subscription = TagSubscription(
+        Server(plc.address, folder=str(tmp_path)), ["i=1"], lambda: None
+    )
+    end_s = time.monotonic() + 60.0
+    while "set pki, or leave it out" not in subscription.figures.trouble:
+        assert time.monotonic() < end_s, subscription.figures
+        time.sleep(0.02)
+    subscription.close()
 
 
 def test_nobody_there_is_a_word_and_no_end():

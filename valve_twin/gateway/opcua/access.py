@@ -19,7 +19,7 @@ from asyncua.crypto.permission_rules import USER_TYPES, PermissionRuleset, User,
 from asyncua.crypto.security_policies import SecurityPolicyFactory, SecurityPolicyNone
 from asyncua.server.internal_session import SessionState
 from cryptography import x509
-from cryptography.hazmat.primitives.serialization import Encoding
+from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from valve_twin.io.errors import ConfigError
@@ -233,25 +233,39 @@ async def _load_own(server: Server, folder: Path) -> None:
         if not any(there):
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             await _make_own(certificate, key)
-        await server.load_certificate(certificate)
-        await server.load_private_key(key)
     except OSError as err:
         msg = f"{err.filename or folder}: {err.strerror or err}: check the access rights"
+        raise ConfigError(msg) from err
+    check_pair(folder)
+    await server.load_certificate(certificate)
+    await server.load_private_key(key)
+
+
+def check_pair(folder: Path) -> None:
+    """Refuse a certificate.der that does not hold today, or a key.pem that does not fit it.
+
+    Raises
+    ------
+    ConfigError
+        One line that names the file.
+    """
+    certificate, key = folder / "certificate.der", folder / "key.pem"
+    try:
+        own = x509.load_der_x509_certificate(certificate.read_bytes())
+        fits = own.public_key() == load_pem_private_key(key.read_bytes(), None).public_key()
+    except OSError as err:
+        msg = f"{err.filename or folder}: {err.strerror or err}: put it there, readable"
         raise ConfigError(msg) from err
     except (ValueError, TypeError) as err:
         msg = f"{certificate}, {key}: no certificate (DER) with its key (PEM): {_line(err)}"
         raise ConfigError(msg) from err
-    own: Any = server.iserver.certificate
     if not is_in_date(own):
         msg = (
             f"{certificate}: holds from {own.not_valid_before_utc:%Y-%m-%d} to "
             f"{own.not_valid_after_utc:%Y-%m-%d}: put a new one there, or remove it and its key"
         )
         raise ConfigError(msg)
-    if (
-        own.public_key().public_numbers()
-        != server.iserver.private_key.public_key().public_numbers()
-    ):
+    if not fits:
         msg = f"{certificate}: does not belong to {key}: put the right pair there"
         raise ConfigError(msg)
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import os
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from std_msgs.msg import Header
@@ -66,6 +67,10 @@ class OpcuaSourceNode(ValveNode):
         if not given.address.startswith("opc.tcp://"):
             msg = f"{where}: address: '{given.address}' is none: write opc.tcp://HOST:4840"
             raise ConfigError(msg)
+        if given.pki:
+            from valve_twin.gateway.opcua.access import check_pair
+
+            check_pair(Path(given.pki).expanduser())
         self._guard = Guard(self, prefix=given.publish_prefix, allow_live=given.allow_live)
         self._diagnostics = Diagnostics(self, self._reports)
 

@@ -272,4 +272,6 @@ async def _secure(client: Any, folder: Path) -> None:
 
 def _line(err: Exception) -> str:
     text = (str(err).strip().splitlines() or [""])[0]
+    if text.startswith("No matching endpoints"):
+        return f"{text}: the server takes none of this policy: set pki, or leave it out"
     return f"{type(err).__name__}: {text}" if text else type(err).__name__

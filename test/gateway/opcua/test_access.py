@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Certificates that nobody would take are one line that names the file."""
+
+from __future__ import annotations
+
+from datetime import datetime, timedelta, timezone
+
+import pytest
+
+pytest.importorskip("asyncua", reason="needs the extra gateway")
+
+from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.hashes import SHA256
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
+
+from valve_twin.gateway.opcua.access import check_pair
+from valve_twin.io.errors import ConfigError
+
+DAY = timedelta(days=1)
+
+
+def write_pair(folder, begin_days: int = -9, end_days: int = 9):
+    """Write a certificate that holds for these days from today on, and its key."""
+    key, name, now = (
+        ec.generate_private_key(ec.SECP256R1()),
+        x509.Name([]),
+        datetime.now(timezone.utc),
+    )
+    made = x509.CertificateBuilder(name, name, key.public_key(), 7)
+    made = made.not_valid_before(now + begin_days * DAY).not_valid_after(now + end_days * DAY)
+    (folder / "certificate.der").write_bytes(made.sign(key, SHA256()).public_bytes(Encoding.DER))
+    form = Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()
+    (folder / "key.pem").write_bytes(key.private_bytes(*form))
+
+
+def test_a_pair_that_holds_today_is_taken(tmp_path):
+    write_pair(tmp_path)
+    check_pair(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda folder: (folder / "certificate.der").unlink(), "certificate.der: No such file"),
+        (lambda folder: (folder / "key.pem").unlink(), "key.pem: No such file"),
+        (lambda folder: (folder / "certificate.der").write_bytes(b"x"), "no certificate .DER."),
+        (lambda folder: (folder / "key.pem").write_bytes(b"x"), "no certificate .DER. with its"),
+        (lambda folder: write_pair(folder, -9, -2), "holds from .* put a new one there"),
+        (lambda folder: write_pair(folder, 2, 9), "holds from .* put a new one there"),
+    ],
+)
+def test_a_pair_that_nobody_would_take_is_one_line(tmp_path, spoil, said):
+    write_pair(tmp_path)
+    spoil(tmp_path)
+    with pytest.raises(ConfigError, match=said) as caught:
+        check_pair(tmp_path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_key_of_another_certificate_is_refused(tmp_path):
+    write_pair(tmp_path)
+    key = (tmp_path / "key.pem").read_bytes()
+    write_pair(tmp_path)
+    (tmp_path / "key.pem").write_bytes(key)
+    with pytest.raises(ConfigError, match=r"certificate.der: does not belong to .*key.pem"):
+        check_pair(tmp_path)
