@@ -20,6 +20,7 @@ import time
 import urllib.request
 from contextlib import asynccontextmanager, suppress
 from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -35,7 +36,7 @@ from valve_twin.core.operation.stroke_due import stroke_event
 from valve_twin.core.operation.stroke_test import StrokeTest, StrokeVerdict
 from valve_twin.gateway.opcua.access import MOST_SESSIONS, Access
 from valve_twin.gateway.opcua.devices import ALARMS
-from valve_twin.gateway.opcua.server import OpcUaFace
+from valve_twin.gateway.opcua.server import MOST_UNREAD, OpcUaFace
 from valve_twin.gateway.opcua.units import unit_number
 from valve_twin.gateway.opcua.valve_nodes import OF_PARAMETER, VALUES, stamp
 from valve_twin.gateway.passwords import user_line
@@ -427,6 +428,29 @@ def test_a_server_that_is_killed_shows_all_that_was_stored_to_a_client_that_stay
     said = f"{median_s:.1f} s, at most {most_s:.1f} s of {kills}, {ratio:.1f} imports of asyncua"
     print(f"\nlive again: {said}")  # noqa: T201
     assert ratio < 11.0, said
+
+
+def test_a_client_that_never_reads_is_let_go_and_one_that_reads_slowly_stays(tmp_path, caplog):
+    plant = Plant(f"sqlite:///{tmp_path}/none.sqlite")
+    access = Access(tmp_path, None, anonymous=True)
+    face = OpcUaFace(plant.view, "opc.tcp://127.0.0.1:0", access)
+
+    async def left(unread: int) -> bool:
+        ours, theirs = socket.socketpair()
+        with theirs:
+            _, writer = await asyncio.open_connection(sock=ours)
+            writer.write(bytes(unread))
+            client = SimpleNamespace(transport=writer.transport, peer_name=f"{unread} unread")
+            face._let_go(SimpleNamespace(bserver=SimpleNamespace(clients=[client])))
+            gone = writer.transport.is_closing()
+            writer.transport.abort()
+        return gone
+
+    assert asyncio.run(left(2 * MOST_UNREAD))
+    assert not asyncio.run(left(MOST_UNREAD // 2))
+    assert [r.getMessage() for r in caplog.records if "let go" in r.getMessage()] == [
+        f"OPC UA: {2 * MOST_UNREAD} unread does not read: let go"
+    ]
 
 
 def test_no_look_for_garbage_holds_up_the_making_of_the_nodes(tmp_path):
