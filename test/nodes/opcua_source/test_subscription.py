@@ -126,6 +126,7 @@ def test_a_server_that_is_killed_is_live_again_soon(monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(3600)
 def test_a_server_that_is_killed_a_hundred_times_is_live_again_soon():
     outlive(100)
 
