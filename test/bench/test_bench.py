@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from valve_twin.bench import Ratio, describe, require_equal, run, run_benchmarks, run_gate
+from valve_twin.bench.measure import Scale
 from valve_twin.bench.models import estimation
 
 LINE = re.compile(
@@ -77,6 +78,32 @@ def test_the_gate_only_prints_what_was_never_committed(monkeypatch):
 def test_the_committed_ratio_stands_beside_the_measured_one():
     ratio = Ratio("ours", "theirs", 1.0, 30.0, goal=20.0)
     assert "30 x theirs (goal 20 x, committed 31.5 x; " in describe(ratio, 31.5)
+
+
+def test_what_a_busy_machine_left_unmeasured_is_said_and_fails_the_gate_alone(monkeypatch):
+    live = pytest.importorskip("valve_twin.bench.nodes.live")
+
+    def fleet(*_, gathered_s=0.0, **__):
+        if not gathered_s:
+            msg = "of 99 predictions of a valve 97 came"
+            raise TimeoutError(msg)
+        yield Ratio("", "a bare subscriber", 1.0, 1.0, 1.0)
+
+    for part in ("_start", "_one_valve", "_batches"):
+        monkeypatch.setattr(live, part, lambda *_: iter([]))
+    monkeypatch.setattr(live, "_fleet", fleet)
+    first, second, third = live.compare(Scale(quick=True, repeats=1))
+    name = "50 valves at 33 Hz, single samples"
+    line = f"{name}: not measured: of 99 predictions of a valve 97 came"
+    assert describe(first) == line
+    assert (second.name, second.value) == ("50 valves at 33 Hz, predictions a message a second", 1)
+    assert third.unmeasured
+    monkeypatch.setattr(run, "AREAS", {"one": lambda _: iter([first, second])})
+    lines: list[str] = []
+    run_benchmarks(quick=True, write=lines.append)
+    assert f"{line}\n" in lines
+    assert not run_gate(quick=True, write=lines.append)
+    assert f"{name}: never measured: LOST\n" in lines
 
 
 def test_no_ratio_is_given_of_results_that_differ():

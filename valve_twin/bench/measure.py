@@ -37,7 +37,8 @@ class Scale:
 class Ratio:
     """One comparison: how many times less time ours takes, and its goal; higher is better.
 
-    A goal below 1 allows an overhead over a peer that does less.
+    A goal below 1 allows an overhead over a peer that does less. `unmeasured` says why there is no
+    figure on a machine that is too busy for one.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Ratio:
     ours_s: float
     peer_s: float
     goal: float
+    unmeasured: str = ""
 
     @property
     def value(self) -> float:
@@ -54,6 +56,8 @@ class Ratio:
 
 def describe(ratio: Ratio, committed: float | None = None) -> str:
     """Return a comparison as one line, beside the ratio measured when it was committed."""
+    if ratio.unmeasured:
+        return f"{ratio.name}: not measured: {ratio.unmeasured}"
     before = "" if committed is None else f", committed {committed:.3g} x"
     reached = "reached" if ratio.value >= ratio.goal else "not reached"
     return (

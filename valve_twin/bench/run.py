@@ -103,7 +103,11 @@ def run_gate(*, quick: bool, write: Callable[[str], object], areas: Sequence[str
     for number in range(RUNS):
         write(f"run {number + 1} of {RUNS}\n")
         for ratio in _comparisons(scale, areas):
-            measured.setdefault(ratio.name, []).append(ratio.value)
+            found = measured.setdefault(ratio.name, [])
+            if ratio.unmeasured:
+                write(f"{describe(ratio)}\n")
+            else:
+                found.append(ratio.value)
     lost = [_verdict(name, found, committed.get(name), write) for name, found in measured.items()]
     write(f"{sum(lost)} of {len(lost)} ratios lost\n")
     return not any(lost)
@@ -119,12 +123,15 @@ def _verdict(
     name : str
         Of the comparison.
     found : sequence of float
-        Ratios of the runs [1].
+        Ratios of the runs in which it was measured [1].
     committed : float or None
         The committed ratio [1]; None = never committed.
     write : callable
         Takes the text.
     """
+    if not found:
+        write(f"{name}: never measured: LOST\n")
+        return True
     middle, low, high = statistics.median(found), min(found), max(found)
     lost = committed is not None and middle < KEPT * committed and high < committed
     beside = "nothing committed" if committed is None else f"committed {committed:.3g} x"

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from valve_twin.nodes.runtime.second_reader import (
+    CALM_S,
     LOOK_S,
     MOST_KEPT,
     PATIENCE_S,
@@ -135,6 +136,27 @@ def test_who_gets_data_faster_than_a_plant_gives_them_waits_for_what_is_sent_aga
         stamp_ns += samples * 30_000_000
     assert pace.patience_s(20 * every_s) == patience_s
     assert pace.patience_s(20 * every_s + 60.0) == PATIENCE_S
+
+
+def test_who_is_behind_waits_longer_where_several_hear_nothing(bench):
+    pace, now_s = Pace(), 0.0
+    for late_s in (0.0, 0.5, 0.0):
+        now_s += LOOK_S + late_s
+        pace.look(now_s)
+    assert pace.patience_s(now_s, alone=False) == PATIENCE_S
+    pace.look(now_s + LOOK_S + 1.0)
+    assert pace.patience_s(now_s + 1.2) == PATIENCE_S
+    assert pace.patience_s(now_s + 1.2, alone=False) == CALM_S
+    assert pace.patience_s(now_s + 60.0, alone=False) == PATIENCE_S
+    other = Bench()
+    for one in (bench, other):
+        one.run(2.0, first=LOOK_S)
+        assert one.reader.is_alone
+    bench.run(QUIET_S + 2.0 * LOOK_S, second=LOOK_S)
+    assert bench.reader.is_alone
+    assert not other.reader.is_alone
+    bench.run(LOOK_S, first=LOOK_S)
+    assert other.reader.is_alone
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ anew a second later within 0.2 s.
 from __future__ import annotations
 
 from collections import deque
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 
@@ -49,8 +49,13 @@ RUSH_S = 1.0
 STALL_S = 5.0
 """Data time that was owed so may come at once: what waited while this process had no core [s]."""
 
+LATE_S = 0.75
+"""A look that comes so much late tells that this process is behind: what came meanwhile may have
+found no room on the way [s]."""
+
 CALM_S = 30.0
-"""A rush is over so long after its last sign [s]."""
+"""A rush is over so long after its last sign. So long, too, a process that was behind waits where
+several of its readers hear nothing: some of 150 were sent after 16 s what they lacked [s]."""
 
 SMOOTHING = 0.1
 """Weight of the last pause in the usual one [1]."""
@@ -85,10 +90,15 @@ def refused_policy(offered: QoSProfile, asked: QoSProfile) -> str:
 
 
 class Pace:
-    """Whether data come faster than a plant gives them: then losses on the way are usual."""
+    """Whether data come faster than a plant gives or than this process takes them.
+
+    Then losses on the way are usual: a reliable reader hears late what is sent again, and one that
+    is made anew never does.
+    """
 
     def __init__(self) -> None:
         self._newest_ns: int | None = None
+        self._looked_s, self._behind_s = float("inf"), -float("inf")
         self._at_s = self._ahead_s = 0.0
         self._rush_s = -float("inf")
 
@@ -109,12 +119,28 @@ class Pace:
             self._ahead_s, self._rush_s = 0.0, now_s
         self._newest_ns, self._at_s = newest_ns, now_s
 
+    def look(self, now_s: float) -> None:
+        """Note a look, which is due every `LOOK_S` [s]."""
+        if now_s - self._looked_s > LOOK_S + LATE_S:
+            self._behind_s = now_s
+        self._looked_s = now_s
+
     def is_rush(self, now_s: float) -> bool:
         """Return whether they did a short while ago [s]."""
         return now_s - self._rush_s < CALM_S
 
-    def patience_s(self, now_s: float) -> float:
-        """Return how long a reader that hears nothing is waited for [s]."""
+    def patience_s(self, now_s: float, *, alone: bool = True) -> float:
+        """Return how long a reader that hears nothing is waited for [s].
+
+        Parameters
+        ----------
+        now_s : float
+            The steady clock [s].
+        alone : bool
+            Whether it is the only one of this process: a message of 0 bytes concerns one.
+        """
+        if not alone and now_s - self._behind_s < CALM_S:
+            return CALM_S
         return RESENT_S if self.is_rush(now_s) else PATIENCE_S
 
 
@@ -139,6 +165,8 @@ class SecondReader:
     stands_in : bool
         Whether the second reader delivers in place of the first.
     """
+
+    _doubted: ClassVar[set[int]] = set()  # those of this process whose second hears something
 
     def __init__(
         self,
@@ -172,6 +200,11 @@ class SecondReader:
         """Note that a publisher is there, so that something is to be heard [s]."""
         if self._expected_s is None:
             self._expected_s = now_s
+
+    @property
+    def is_alone(self) -> bool:
+        """Whether no other reader of this process hears nothing where its second does."""
+        return not self._doubted - {id(self)}
 
     def look(self, now_s: float, patience_s: float = PATIENCE_S) -> bool:
         """Look after the silence.
@@ -214,6 +247,7 @@ class SecondReader:
         """Take the second reader down; what it kept the first has heard."""
         reader, self._reader = self._reader, None
         self._since_s, self.stands_in = None, False
+        self._doubted.discard(id(self))
         self._kept.clear()
         if reader is not None:
             self._destroy(reader)
@@ -228,9 +262,11 @@ class SecondReader:
             return False
         if self._since_s is None:
             self._since_s = now_s
+            self._doubted.add(id(self))
         if now_s - self._since_s < patience_s:
             return False
         self.stands_in = True
+        self._doubted.discard(id(self))
         self.hand_over()
         return True
 

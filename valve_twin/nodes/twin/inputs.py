@@ -112,7 +112,6 @@ class TopicInput:
         Gets every block of samples and when the middleware received it [ns].
     now_ns : callable
         Receive time on the node's clock, for messages without a stamp; 0 = not known yet [ns].
-
     """
 
     def __init__(
@@ -147,8 +146,7 @@ class TopicInput:
         self.deaf, self.deaf_why = 0, ""
         self._deaf_s = -math.inf
         self.refused_policy = ""
-        simulated = bool(node.get_parameter("use_sim_time").value)
-        self._lossless = simulated or is_replayed(self.topic)
+        self._lossless = is_replayed(self.topic) or bool(node.get_parameter("use_sim_time").value)
         self._pace = Pace()
         self._second = SecondReader(self._listen_beside, node.destroy_subscription, self._stand_in)
         self._subscription = self._subscribe()
@@ -169,6 +167,7 @@ class TopicInput:
         if self._lossless:
             return
         now_s, beside = seconds_now(), self._second
+        self._pace.look(now_s)
         unheard = beside.never_heard
         expected = unheard and not self.refused_policy
         there = self._matched or (expected and self._node.count_publishers(self.topic))
@@ -177,7 +176,8 @@ class TopicInput:
         beside.expect(now_s)
         if beside.newest:
             self._note_pace(beside.newest, now_s)
-        if not beside.look(now_s, self._pace.patience_s(now_s)):
+        alone = unheard or beside.is_alone
+        if not beside.look(now_s, self._pace.patience_s(now_s, alone=alone)):
             return
         self.deaf += 1
         self.deaf_why = DEAF_FROM_START if unheard else DEAF_BEHIND
