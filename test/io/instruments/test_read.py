@@ -183,6 +183,24 @@ def test_a_sheet_that_claims_to_be_full_is_read_as_far_as_it_is(tmp_path):
     assert time.process_time() - begin_s < 10.0
 
 
+def test_groups_that_hold_each_other_are_looked_at_once_and_other_files_are_not(tmp_path):
+    """Twelve groups with links to each other took more than a day."""
+    h5py = pytest.importorskip("h5py")
+    path, other = tmp_path / "a.h5", tmp_path / "other.h5"
+    with h5py.File(other, "w") as file:
+        file["secret"] = foreign.PRESSURE
+    with h5py.File(path, "w") as file:
+        file["setpoint"], file["p_bar"] = foreign.COMMAND, foreign.PRESSURE
+        groups = [file.create_group(f"g{k}") for k in range(12)]
+        for group in groups:
+            for k, target in enumerate(groups):
+                group[f"link{k}"] = target
+        layout = h5py.VirtualLayout(shape=(len(foreign.PRESSURE),), dtype="f8")
+        layout[:] = h5py.VirtualSource(str(other), "secret", shape=(len(foreign.PRESSURE),))
+        file.create_virtual_dataset("virtual", layout)
+    assert {column.name for column in read_recording(path).columns} == {"setpoint", "p_bar"}
+
+
 def test_cells_and_structures_as_people_nest_them_are_read(tmp_path):
     path = tmp_path / "a.mat"
     names = np.empty(2, dtype=object)

@@ -113,7 +113,7 @@ def read_hdf5(path: Path) -> Sheet:
     arrays: list[tuple[str, FloatArray]] = []
     try:
         with h5py.File(path, "r") as file:
-            found = list(_datasets(file, "", h5py))
+            found = list(_datasets(file, "", h5py, set()))
             check_size(path, sum(int(d.size) * 8 for _, d in found))
             for name, dataset in found:
                 arrays += _split(name, np.asarray(dataset[()]).T)
@@ -127,17 +127,31 @@ def read_hdf5(path: Path) -> Sheet:
     return _sheet(path, arrays, units)
 
 
-def _datasets(group: Any, prefix: str, h5py: Any, depth: int = 0) -> Iterator[tuple[str, Any]]:  # noqa: ANN401
-    """Yield datasets of real numbers below a group; links to elsewhere are not followed."""
+def _datasets(
+    group: Any,  # noqa: ANN401  h5py has no types
+    prefix: str,
+    h5py: Any,  # noqa: ANN401
+    seen: set[int],
+    depth: int = 0,
+) -> Iterator[tuple[str, Any]]:
+    """Yield datasets of real numbers below a group, each once; none that lie in other files."""
     if depth > _MOST_DEPTH:
         return
     for name in group:
         if name.startswith("#") or not isinstance(group.get(name, getlink=True), h5py.HardLink):
             continue
         item = group[name]
+        address = int(h5py.h5o.get_info(item.id).addr)
+        if address in seen:
+            continue
+        seen.add(address)
         if isinstance(item, h5py.Group):
-            yield from _datasets(item, f"{prefix}{name}.", h5py, depth + 1)
-        elif item.dtype.kind in "fiub" and item.size >= _FEWEST and not item.external:
+            yield from _datasets(item, f"{prefix}{name}.", h5py, seen, depth + 1)
+        elif (
+            item.dtype.kind in "fiub"
+            and item.size >= _FEWEST
+            and not (item.external or item.is_virtual)
+        ):
             yield f"{prefix}{name}", item
 
 
