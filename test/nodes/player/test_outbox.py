@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 from rclpy.qos import qos_profile_sensor_data
 from valve_twin_msgs.msg import Float64Stamped
 
@@ -32,6 +34,28 @@ def test_two_readers_of_one_node_are_one_subscriber(graph):
     )
     assert not gate.is_open([publisher], 2, 100.0)
     assert gate.is_open([publisher], 2, 100.0 + MATCHED_S)
+
+
+def test_a_reader_whose_node_is_not_known_yet_is_no_further_subscriber():
+    def reader(name: str, participant: int):
+        gid = [participant] * 12 + [7, 7, 7, 7]
+        return SimpleNamespace(node_name=name, node_namespace="/press", endpoint_gid=gid)
+
+    known = [reader("bag_recorder", 1), reader("_NODE_NAME_UNKNOWN_", 1)]
+    player = SimpleNamespace(get_subscriptions_info_by_topic=lambda topic: known)
+    publisher = SimpleNamespace(get_subscription_count=lambda: len(known), topic_name=TOPIC)
+
+    def opens(wanted: int) -> bool:
+        gate = SubscriberGate(player)  # type: ignore[arg-type]
+        return gate.is_open([publisher], wanted, 0.0) or gate.is_open([publisher], wanted, 100.0)
+
+    assert opens(1)
+    assert not opens(2)
+    known.append(reader("_NODE_NAME_UNKNOWN_", 2))  # of a program without nodes, too
+    assert opens(2)
+    known[1:] = [reader("twin", 1)]  # two nodes of one process
+    assert opens(2)
+    assert not opens(3)
 
 
 def test_a_reader_of_other_policies_delays_the_beginning_but_does_not_prevent_it(graph):

@@ -23,6 +23,9 @@ MATCHED_S = 0.5
 UNMATCHED_S = 5.0
 """The same where the graph knows of more readers than have been matched [s]."""
 
+_UNKNOWN = "_NODE_NAME_UNKNOWN_"
+"""What the middleware calls a node that it does not know yet."""
+
 DEPTH = 5000
 """Messages that a publisher keeps for subscribers that have not taken them [1]."""
 
@@ -142,7 +145,7 @@ class SubscriberGate:
         if matched < wanted:
             return _Readers.TOO_FEW
         known = self._node.get_subscriptions_info_by_topic(publisher.topic_name)
-        if len({_owner(reader) for reader in known}) < wanted:
+        if _nodes(known) < wanted:
             return _Readers.TOO_FEW
         return _Readers.SOME_UNMATCHED if matched < len(known) else _Readers.MATCHED
 
@@ -155,6 +158,15 @@ class _Readers(Enum):
     MATCHED = auto()
 
 
-def _owner(reader: Any) -> tuple[str, str, bytes]:
-    """Return the node that a reader belongs to, with its participant [12 bytes of the GUID]."""
-    return reader.node_namespace, reader.node_name, bytes(reader.endpoint_gid[:12])
+def _nodes(readers: Iterable[Any]) -> int:
+    """Return how many nodes readers belong to [1].
+
+    A reader can be known before its node is: it counts where no other one of its participant (12
+    bytes of the GUID) does.
+    """
+    owners: dict[bytes, set[tuple[str, str]]] = {}
+    for reader in readers:
+        named = owners.setdefault(bytes(reader.endpoint_gid[:12]), set())
+        if reader.node_name != _UNKNOWN:
+            named.add((reader.node_namespace, reader.node_name))
+    return sum(max(len(named), 1) for named in owners.values())
