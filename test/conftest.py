@@ -12,6 +12,8 @@ ROOT = Path(__file__).resolve().parent.parent
 NODES = ROOT / "test" / "nodes"
 LIVE = (NODES, *(ROOT / "test" / name for name in ("demo", "bench", "test_packaging.py")))
 """Where tools/check looks for tests marked `ros` or `alone`."""
+LENGTHY = tuple(NODES / f"{name}.py" for name in ("test_soak", "test_kill", "gateway/test_node"))
+"""Modules of minutes and few tests: begun first, for behind them the last process works alone."""
 
 hypothesis.settings.register_profile(
     "deterministic",
@@ -35,6 +37,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if marks & {"ros", "alone"} and not {item.path, *item.path.parents} & set(LIVE):
             msg = f"{item.nodeid}: tools/check does not look for tests marked ros or alone here"
             raise pytest.UsageError(msg)
+    items.sort(key=lambda item: item.path not in LENGTHY)
 
 
 @pytest.hookimpl(wrapper=True)

@@ -232,6 +232,9 @@ def test_a_twin_goes_on_inside_a_cycle_with_the_bits_of_an_undisturbed_one(graph
     data.publish(life.publishers, 0, until)
     predicted(NS, until - 5)
     wait_for_cycle(life, 2)
+    graph.spin_until(
+        lambda: [m.cycle for m in summaries] == [1, 2], what="the word of both cycles"
+    )
     if death == "kill":
         snapshot = tmp_path / "killed.sqlite-twin.press.v1"
         graph.spin_until(lambda: holds(snapshot, 2, data.stamps[until - 1]), 120.0, "a snapshot")

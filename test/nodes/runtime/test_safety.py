@@ -195,9 +195,13 @@ def test_a_valve_of_the_player_s_own_name_is_still_another(graph, bag, capfd):
     valve = Node("bag_player", context=context, namespace=NS, start_parameter_services=False)
     graph.strangers.append(valve)
     valve.create_subscription(Float64Stamped, REAL, lambda _: None, 10)
+
+    def known() -> bool:
+        takers = node.get_subscriptions_info_by_topic(REAL)
+        return [t.node_name for t in takers] == ["bag_player"]
+
     graph.spin_until(
-        lambda: node.count_subscribers(REAL) and node.get_node_names().count("bag_player") == 2,
-        what="the valve",
+        lambda: known() and node.get_node_names().count("bag_player") == 2, what="the valve"
     )
     node.start()
     assert node.state == "inactive"

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections import deque
 from typing import TYPE_CHECKING, Any, ClassVar
+from weakref import WeakSet
 
 from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 
@@ -166,7 +167,7 @@ class SecondReader:
         Whether the second reader delivers in place of the first.
     """
 
-    _doubted: ClassVar[set[int]] = set()  # those of this process whose second hears something
+    _doubted: ClassVar[WeakSet[SecondReader]] = WeakSet()  # whose second hears something
 
     def __init__(
         self,
@@ -204,7 +205,7 @@ class SecondReader:
     @property
     def is_alone(self) -> bool:
         """Whether no other reader of this process hears nothing where its second does."""
-        return not self._doubted - {id(self)}
+        return not any(other is not self for other in self._doubted)
 
     def look(self, now_s: float, patience_s: float = PATIENCE_S) -> bool:
         """Look after the silence.
@@ -247,7 +248,7 @@ class SecondReader:
         """Take the second reader down; what it kept the first has heard."""
         reader, self._reader = self._reader, None
         self._since_s, self.stands_in = None, False
-        self._doubted.discard(id(self))
+        self._doubted.discard(self)
         self._kept.clear()
         if reader is not None:
             self._destroy(reader)
@@ -262,11 +263,11 @@ class SecondReader:
             return False
         if self._since_s is None:
             self._since_s = now_s
-            self._doubted.add(id(self))
+            self._doubted.add(self)
         if now_s - self._since_s < patience_s:
             return False
         self.stands_in = True
-        self._doubted.discard(id(self))
+        self._doubted.discard(self)
         self.hand_over()
         return True
 
