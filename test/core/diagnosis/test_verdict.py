@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from valve_twin.core.aging import AgingConfig, VerdictKind, assess
+from valve_twin.core.aging.config import Commissioning
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.simulation import SimulatedValve, to_frames
 from valve_twin.core.types import Cycle, Maintenance
@@ -54,6 +55,38 @@ def test_a_healthy_valve_is_ok(healthy):
     assert not said.verdict.fault
     assert said.diagnosis.ready
     assert said.diagnosis.present is None
+
+
+def commissioned(history, known=7):
+    """Return rules with a record of every followed parameter, of the first cycles."""
+    first = [e for e in history if e.used_by_trend][:known]
+    records = [
+        Commissioning(p.name, float(np.mean([e.value(p.name) for e in first])))
+        for p in MODEL.parameters
+        if p.trend
+    ]
+    return AgingConfig(commissioning=tuple(records))
+
+
+def test_with_a_record_of_every_parameter_a_healthy_valve_is_ok_as_when_new(healthy):
+    rules = commissioned(healthy[1], BEFORE)
+    said = assess(healthy[1], (), rules, parameters=MODEL.parameters)
+    assert {t.reference_source for t in said.trends} == {"commissioning"}
+    assert said.verdict.kind is VerdictKind.OK
+    assert "no claim" not in said.verdict.evidence
+
+
+@pytest.mark.parametrize(("kind", "severity"), [("coil_resistance", 0.1), ("leak", 3e-4)])
+def test_a_record_of_the_parameters_is_none_of_the_features(kind, severity):
+    """A fault since cycle 8 is not "ok" while nothing can show it."""
+    valve = SimulatedValve(MODEL.simulation(), 5)
+    history, memory = run_on(valve, 7, [], Memory.empty())
+    rules = commissioned(history)
+    valve.set_fault(kind, severity)
+    for _ in range(8, 20):
+        history, memory = run_on(valve, 1, history, memory)
+        said = assess(history, (), rules, parameters=MODEL.parameters)
+        assert said.verdict.kind is not VerdictKind.OK, said.verdict.evidence
 
 
 @pytest.mark.parametrize(

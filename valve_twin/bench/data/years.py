@@ -6,7 +6,9 @@ from __future__ import annotations
 
 import tempfile
 import time
+from dataclasses import replace
 from functools import partial
+from itertools import zip_longest
 from pathlib import Path
 from statistics import median as middle
 from typing import TYPE_CHECKING
@@ -18,10 +20,12 @@ from valve_twin.bench.measure import Ratio, median
 from valve_twin.core.aging import AgingConfig, assess
 from valve_twin.core.aging.cutting.ahead import look_ahead
 from valve_twin.core.aging.cutting.memory import Memory
+from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.past.columns import past_of
 from valve_twin.core.past.state import AgingState
 from valve_twin.core.past.stored import freeze
 from valve_twin.core.types import Estimate, EstimateStatus, Parameter, ParameterValue
+from valve_twin.core.valves.press_cartridge import MODEL
 from valve_twin.io.history.aging.file import load, origin_of, pack, write
 from valve_twin.io.history.database import Database
 from valve_twin.io.history.fleet import rank_fleet
@@ -32,15 +36,18 @@ from valve_twin.report.build import history_data
 from valve_twin.report.page import render_report
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from valve_twin.bench.measure import Scale
+    from valve_twin.core.diagnosis.table import SignatureTable
     from valve_twin.core.past.columns import Past
+    from valve_twin.core.types import FloatArray
 
 _NAMES = ("gain_in", "gain_out", "leak")
 _PARAMETERS = tuple(Parameter(name, "1", "", trend=True) for name in _NAMES)
 _PERIOD_NS = 30 * 10**9
 _YOUNG = 1000  # cycles that a history with little in it holds
+_FEATURED = 10_000  # cycles whose features are not all kept: up to 4096 are
 _PAGE = 100
 _VALVE = "/v"
 _IN_A_ROW = 70  # verdicts: some searches ahead of a long trend are among them
@@ -84,6 +91,43 @@ def life(cycles: int, first: int = 1) -> Iterator[Estimate]:
         )
 
 
+def features(
+    cycles: int, first: int = 1, *, wrong: FloatArray | float = 0.0
+) -> Iterator[Estimate]:
+    """Yield what a press valve shows beside `life`, scattering as the table of its faults says.
+
+    Parameters
+    ----------
+    cycles : int
+        How many [1].
+    first : int
+        Number of the first cycle [1].
+    wrong : (F,) array or float
+        By how much they are changed [as followed].
+    """
+    table, kind = _table(), MODEL.feature_set
+    random = np.random.default_rng(first)
+    rows = random.multivariate_normal(np.zeros(len(kind.names)), table.covariance, cycles) + wrong
+    relative = np.isin(kind.names, sorted(kind.relative))
+    values = np.where(relative, np.exp(rows), rows).tolist()
+    for estimate, row in zip(life(cycles, first), values, strict=True):
+        parameters = map(ParameterValue, kind.names, row)
+        yield replace(
+            estimate,
+            estimator=FEATURES,
+            parameters=tuple(parameters),
+            status=EstimateStatus.PARTIAL,
+            used_by_trend=False,
+        )
+
+
+def _table() -> SignatureTable:
+    """Return the table of the faults of a press valve."""
+    table = MODEL.signatures()
+    assert table is not None
+    return table
+
+
 def _verdicts(cycles: int, repeats: int) -> Iterator[Ratio]:
     """Compare a verdict on what is kept with one on every estimate, and the two ways to keep."""
     begin = time.process_time()
@@ -107,6 +151,7 @@ def _verdicts(cycles: int, repeats: int) -> Iterator[Ratio]:
     yield Ratio(longest_of, "one on every estimate", longest, peer, 3.0)
     late = f"verdict after cycle {cycles} against an early one"
     yield Ratio(late, f"one after cycle {_YOUNG}", ours, early, 0.3)
+    yield from _with_features()
     begun = median(partial(_begin_again, state, memory), repeats)
     yield Ratio("state stored and read, first verdict", longest_of, begun, longest, 0.3)
     loop = median(partial(sum, range(1_000_000)), repeats) * cycles / 1e6
@@ -114,19 +159,39 @@ def _verdicts(cycles: int, repeats: int) -> Iterator[Ratio]:
     yield Ratio(f"catching up on {cycles} cycles", "a sum over as many", adding, loop, goal)
 
 
+def _with_features() -> Iterator[Ratio]:
+    """Compare verdicts that rest on features as well, of as many as are kept, with early ones."""
+    taken = []
+    for cycles in (_YOUNG, _FEATURED):
+        state = AgingState()
+        for estimates in zip(life(cycles), features(cycles), strict=True):
+            for estimate in estimates:
+                state.add(estimate)
+        taken.append(_goes_on(state, Memory(), cycles, features)[0])
+    what = f"verdict with features after cycle {_FEATURED}"
+    yield Ratio(what, f"one after cycle {_YOUNG}", taken[1], taken[0], 0.3)
+
+
 def _assess(past: Past, memory: Memory | None = None) -> None:
     assess(past, (), _CONFIG, parameters=_PARAMETERS, memory=memory)
 
 
-def _goes_on(state: AgingState, memory: Memory, cycles: int) -> tuple[float, float]:
+def _goes_on(
+    state: AgingState,
+    memory: Memory,
+    cycles: int,
+    beside: Callable[[int, int], Iterator[Estimate]] = lambda *_: iter(()),
+) -> tuple[float, float]:
     """Return what the verdicts of the next cycles take, their median and the longest [s].
 
     What is searched ahead is searched between them, as a monitor does.
     """
     taken = []
     _assess(state.past(), memory)
-    for estimate in life(_IN_A_ROW, cycles + 1):
-        state.add(estimate)
+    shown = zip_longest(life(_IN_A_ROW, cycles + 1), beside(_IN_A_ROW, cycles + 1))
+    for estimates in shown:
+        for estimate in filter(None, estimates):
+            state.add(estimate)
         past = state.past()
         begin = time.process_time()
         _assess(past, memory)

@@ -313,7 +313,7 @@ def decide(
         evidence = f"no reference yet: {why}" if why else "no parameter is followed"
     elif worst[0]:
         kind, evidence, named = VerdictKind.VALVE, describe(worst[2]), worst[2].parameter
-    elif doubt and not _all_commissioned(judged):
+    elif doubt:
         kind, evidence = VerdictKind.NO_REFERENCE, doubt
     elif beyond := [t for t in judged if t.status is TrendStatus.BEYOND_THRESHOLD]:
         kind = VerdictKind.NOT_ENOUGH_DATA

@@ -27,10 +27,12 @@ from valve_twin.core.diagnosis.changes.ends import (
 )
 from valve_twin.core.diagnosis.changes.finding import UNKNOWN, Diagnosis, Finding
 from valve_twin.core.diagnosis.changes.jumps import BESIDE, BEYOND, jumps_made
+from valve_twin.core.diagnosis.changes.kept import kept
 from valve_twin.core.diagnosis.changes.match import Match, fits_an_end, match
 from valve_twin.core.diagnosis.config import DetectionConfig
 from valve_twin.core.diagnosis.lines import (
     Rays,
+    Sums,
     filled,
     follows_nothing,
     lines_through,
@@ -45,7 +47,7 @@ from valve_twin.core.diagnosis.table import BY_NAME, SignatureTable, partner
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from valve_twin.core.types import FloatArray, IntArray
+    from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
 _OF_LARGEST = 0.3
 """Share of the largest deviation that another cycle must show: one wild cycle is no fault [1]."""
@@ -126,10 +128,9 @@ def _search(
     """
     findings: list[Finding] = []
     while len(cycles) >= config.least + config.confirm:
-        seen = _first_seen(vectors, table, config, start)
-        if seen is None:
-            return findings, len(cycles) > start, _departs(vectors, table, config)
-        view, alarm = seen
+        view, alarm = _first_seen(vectors, table, config, start)
+        if alarm is None:
+            return findings, len(cycles) > start, departs(*view, config)
         at = alarm[0]
         onset = _onset(*view, config, *alarm)
         finding, back, end = _isolate(view, table, config, onset, at)
@@ -138,8 +139,8 @@ def _search(
             part, fit = ended
             seen_at = int(cycles[at])
             findings.append(_finding(fit, int(cycles[part.start]), seen_at, seen_at))
-            kept = np.r_[0 : part.start, part.stop : len(cycles)]
-            cycles, vectors, start = cycles[kept], vectors[kept], min(start, part.start)
+            rest = np.r_[0 : part.start, part.stop : len(cycles)]
+            cycles, vectors, start = cycles[rest], vectors[rest], min(start, part.start)
             continue
         repeats = more_repeats(vectors, onset, table)[onset : at + 1]
         if (repeats > 0.5).any():
@@ -150,8 +151,8 @@ def _search(
         findings.append(_gross(found, vectors, slice(onset, last), repeats, table))
         if last is None:
             return findings, True, 0.0
-        kept = np.r_[0:onset, max(last, onset + 1) : len(cycles)]
-        cycles, vectors, start = cycles[kept], vectors[kept], onset
+        rest = np.r_[0:onset, max(last, onset + 1) : len(cycles)]
+        cycles, vectors, start = cycles[rest], vectors[rest], onset
     return findings, False, 0.0
 
 
@@ -161,31 +162,37 @@ View: TypeAlias = "tuple[FloatArray, FloatArray, Rays]"
 
 def _first_seen(
     vectors: FloatArray, table: SignatureTable, config: DetectionConfig, start: int
-) -> tuple[View, tuple[int, int]] | None:
+) -> tuple[View, tuple[int, int] | None]:
     """Return what the first alarm from row `start` on was raised in, and its rows; None = none.
 
     Each cycle is judged by the scatter of cycles known by then: what comes later is never taken
     for the valve's own, so that an alarm once raised is raised in every longer history.
     """
-    settled = config.learn + config.recent
+    count, settled = len(vectors), config.learn + config.recent
     least = max(config.least + config.confirm, start + 1)
-    for end in range(least, min(len(vectors), settled - 1) + 1):
-        known = min(config.learn, max(end - config.recent, config.least))
-        view = whitened(vectors, known, end, table, config)
-        alarm = first_alarm(*view, config, first=end - 1)
+    for end in range(least, min(count, settled - 1) + 1):
+        alarm = _early_alarm(vectors[:end], table, config)
         if alarm is not None:
-            return whitened(vectors, known, len(vectors), table, config), alarm
-    if len(vectors) < settled:
-        return None
-    view = whitened(vectors, config.learn, len(vectors), table, config)
-    alarm = first_alarm(*view, config, first=max(settled - 1, start))
-    return None if alarm is None else (view, alarm)
+            return whitened(vectors, _known_by(end, config), count, table, config), alarm
+    view = whitened(vectors, _known_by(count, config), count, table, config)
+    if count < settled:
+        return view, None
+    return view, first_alarm(*view, config, first=max(settled - 1, start))
 
 
-def _departs(vectors: FloatArray, table: SignatureTable, config: DetectionConfig) -> float:
-    """Return how far the newest cycle departs, see `Diagnosis`."""
-    known = min(config.learn, max(len(vectors) - config.recent, config.least))
-    return departs(*whitened(vectors, known, len(vectors), table, config), config)
+@kept
+def _early_alarm(
+    vectors: FloatArray, table: SignatureTable, config: DetectionConfig
+) -> tuple[int, int] | None:
+    """Return the alarm that the last of few cycles raises, see `first_alarm`."""
+    count = len(vectors)
+    view = whitened(vectors, _known_by(count, config), count, table, config)
+    return first_alarm(*view, config, first=count - 1)
+
+
+def _known_by(count: int, config: DetectionConfig) -> int:
+    """Return how many of the first cycles say how a valve scatters where there are so many."""
+    return min(config.learn, max(count - config.recent, config.least))
 
 
 def whitened(
@@ -229,41 +236,79 @@ def first_alarm(
         First row that is judged.
     """
     total = np.concatenate((np.zeros((1, w.shape[1])), np.cumsum(w, axis=0)))
-    made = jumps_made(rays.along(base), config.window)
+    past = Sums.of(base)
     best: tuple[int, float, int] | None = None
     for m in range(config.confirm, config.recent + 1):
         end = np.arange(config.least + m - 1, len(w))
         judged = end >= first
         if not judged.any():
             continue
-        lines = lines_through(base, end - m, config.window)
+        lines = past.lines(end - m, config.window)
         line, variance = lines.at(end.astype(np.float64) - 0.5 * (m - 1))
         mean = (total[end + 1] - total[end + 1 - m]) / m - line
         ratio = rays.along(mean / np.sqrt(1.0 / m + variance)[:, None])
-        shown = ratio > np.sqrt(config.threshold) * strayed(ratio, config)
-        shown &= judged[:, None]
-        off = _ABRUPT * rays.along(mean)
-        jump = rays.along(_jumps(w, base, end - m + 1, m))
-        shown &= (jump > off) & (jump > BEYOND * made[end - m + 1])
-        young = lines.count < config.settled
-        shown &= ~young[:, None] | (rays.along(mean + line - lines.level) > off)
-        cycles = np.empty((m, *shown.shape))
-        for back in range(m):
-            line, variance = lines.at((end - back).astype(np.float64))
-            each = (w[end - back] - line) / np.sqrt(1.0 + variance)[:, None]
-            cycles[back] = rays.along(each)
-        least = np.maximum(config.each, _OF_LARGEST * cycles.max(axis=0))
-        shown &= np.count_nonzero(cycles > least, axis=0) >= config.confirm
+        least = np.sqrt(config.threshold)
+        if not (ratio > least).any():  # as in nearly all histories of a sound valve
+            continue
+        shown = ratio > least * strayed(ratio, config)
+        far = np.flatnonzero(shown.any(axis=1) & judged)
+        if not len(far):
+            continue
+        shown = shown[far] & _lasts((w, base, rays), config, end[far], m, mean[far], line[far])
         hits = np.flatnonzero(shown.any(axis=1))
         if not len(hits):
             continue
-        row, score = int(end[hits[0]]), float(np.where(shown, ratio, 0.0)[hits[0]].max())
+        score = float(np.where(shown, ratio[far], 0.0)[hits[0]].max())
+        row = int(end[far[hits[0]]])
         if best is None or (row, -score) < (best[0], -best[1]):
             best = (row, score, m)
     alone = first_alone(w, base, rays, config, first=first)
     if alone >= 0 and (best is None or alone < best[0]):
         return alone, alone
     return None if best is None else (best[0], best[0] - best[2] + 1)
+
+
+def _lasts(
+    view: View,
+    config: DetectionConfig,
+    end: IntArray,
+    m: int,
+    mean: FloatArray,
+    line: FloatArray,
+) -> BoolArray:
+    """Return along which signatures a change is sudden and shown by more than one cycle, (K, S).
+
+    Parameters
+    ----------
+    view : View
+        See `whitened`.
+    config : DetectionConfig
+        When to speak.
+    end : (K,) int array
+        Last rows of the changes.
+    m : int
+        Cycles that show each [1].
+    mean, line : (K, F) arrays
+        By how much they lie off the line before them in the mean, and that line there [standard
+        deviations].
+    """
+    w, base, rays = view
+    begun = end - m + 1
+    off = _ABRUPT * rays.along(mean)
+    made = jumps_made(rays.along(base), config.window)[begun]
+    jump = rays.along(_jumps(w, base, begun, m))
+    shown = (jump > off) & (jump > BEYOND * made)
+    lines = lines_through(base, end - m, config.window)
+    young = lines.count < config.settled
+    shown &= ~young[:, None] | (rays.along(mean + line - lines.level) > off)
+    cycles = np.empty((m, *shown.shape))
+    for back in range(m):
+        before, variance = lines.at((end - back).astype(np.float64))
+        each = (w[end - back] - before) / np.sqrt(1.0 + variance)[:, None]
+        cycles[back] = rays.along(each)
+    least = np.maximum(config.each, _OF_LARGEST * cycles.max(axis=0))
+    shown &= np.count_nonzero(cycles > least, axis=0) >= config.confirm
+    return np.asarray(shown, dtype=np.bool_)
 
 
 def _jumps(w: FloatArray, base: FloatArray, first: IntArray, cycles: int) -> FloatArray:

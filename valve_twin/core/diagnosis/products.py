@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.diagnosis.changes.finding import Finding
+from valve_twin.core.diagnosis.changes.kept import kept
 from valve_twin.core.diagnosis.features import DELAYS
 from valve_twin.core.estimation.data.robust import MAD_SCALE
 from valve_twin.kernels import njit
@@ -203,7 +204,9 @@ def clocks_apart(
     count = len(cycles)
     looks = [slice(max(count - _NEWEST, 0), count)]
     looks += [slice(0, end) for end in _LOOKS if begins and end < count]
-    rates = (_rate(start_s[k], vectors[k], table) for k in looks)
+    shown = [table.features.index(name) for name in DELAYS if name in table.features]
+    delays, rate_of = vectors[:, shown], (_rate, *[_early_rate] * len(looks[1:]))
+    rates = (find(start_s[k], delays[k]) for find, k in zip(rate_of, looks, strict=True))
     for seen, rate in zip(looks, rates, strict=True):
         if rate is not None:
             first, last = int(cycles[seen.start]), int(cycles[-1])
@@ -219,12 +222,11 @@ class _Rate:
     sure: float
 
 
-def _rate(t: FloatArray, vectors: FloatArray, table: SignatureTable) -> _Rate | None:
+def _rate(t: FloatArray, delays: FloatArray) -> _Rate | None:
     whole: list[_Slope] = []
     parts: list[float] = []
     newest = 0.0
-    for name in set(DELAYS) & set(table.features):
-        delay = vectors[:, table.features.index(name)]
+    for delay in delays.T:
         known = np.isfinite(delay)
         if np.count_nonzero(known) >= _LEAST_CYCLES and np.ptp(t[known]) > 0.0:
             half = np.count_nonzero(known) // 2
@@ -245,6 +247,9 @@ def _rate(t: FloatArray, vectors: FloatArray, table: SignatureTable) -> _Rate | 
     if not (alike and sure > _SURE and least < shift and abs(rate) < _FASTEST):
         return None
     return _Rate(rate, sure)
+
+
+_early_rate = kept(_rate)
 
 
 def _slope(t: FloatArray, y: FloatArray) -> _Slope:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.diagnosis.changes.kept import kept
 from valve_twin.core.diagnosis.config import DetectionConfig
 from valve_twin.core.diagnosis.detection import first_alarm, whitened
 from valve_twin.core.diagnosis.lines import filled, rays_of_steps
@@ -95,7 +96,7 @@ def doubt_of(
         if last:
             return (
                 f"no reference: cycles {cycles[0]} to {cycles[last - 1]} differ from those since, "
-                "and only a record from commissioning or a sister valve tells which are right"
+                "and nothing tells which are right: look at the valve, then mark maintenance"
             )
     return ""
 
@@ -147,6 +148,7 @@ def _largest_step(shown: FloatArray) -> float:
     return largest
 
 
+@kept
 def _last_unlike(vectors: FloatArray, table: SignatureTable, config: DetectionConfig) -> int:
     """Return how many of the first cycles lie off the line through those that follow, 0 = none."""
     known = min(config.learn, max(len(vectors) - config.recent, config.least))

@@ -149,7 +149,7 @@ _WEAR = Advice(
 BY_VERDICT = {
     VerdictKind.NOT_ENOUGH_DATA: Advice(_C, part="monitoring", action="see why there is none"),
     VerdictKind.NO_REFERENCE: Advice(
-        _C, part="monitoring", action="let it run, or give a record of its commissioning"
+        _C, part="monitoring", action="let it run, and look at it where its first cycles differ"
     ),
     VerdictKind.RECORDING_UNUSABLE: Advice(
         _F, "AIR", "signals", "too few bits, clocks apart, wrong unit or limits", "mend them", NOW

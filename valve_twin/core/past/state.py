@@ -116,11 +116,6 @@ class AgingState:
         state._trend, state._features = (Table.thaw(t, arrays) for t in head["tables"])
         return state
 
-    def forget_features(self) -> None:
-        """Know the trend alone, as one that never got an estimate that does not feed it."""
-        self._features, self._settled, self._taken = Table(), None, None
-        self._look_at, self._apart = 2 * self._recent_features, {}
-
     def cycles(self) -> tuple[set[int], set[int]]:
         """Return the cycles whose estimates for the trend, and whose features, are still held."""
         trend, features = self._trend.rows(), self._features.rows()

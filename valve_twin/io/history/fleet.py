@@ -24,7 +24,12 @@ from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.core.operation.stroke_due import stroke_due
 from valve_twin.core.types import EstimateStatus
 from valve_twin.core.valves.registry import get_model
-from valve_twin.io.history.aging.reading import keep_known, read_known, trend_model
+from valve_twin.io.history.aging.reading import (
+    is_worth_keeping,
+    keep_known,
+    read_known,
+    trend_model,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -258,8 +263,9 @@ def describe_valve(history: History, valve: str, config: AgingConfig) -> ValveSt
     past, events = known.state.past(), known.state.maintenance
     named, memory = model.parameters, known.memory
     found = assess(past, events, config, parameters=named, valve=valve, memory=memory)
-    look_ahead(past, events, config, parameters=named, memory=memory)
-    keep_known(history, valve, name, config, known)
+    if is_worth_keeping(history, valve, known):
+        look_ahead(past, events, config, parameters=named, memory=memory)
+        keep_known(history, valve, name, config, known)
     row = _assessed(replace(stored, model=name), found, past.trend, config)
     return ValveState(row, found.trends, found.verdict)
 

@@ -4,12 +4,16 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import sqlalchemy as sa
 
-from valve_twin.bench.data.years import life
+from valve_twin.bench.data.years import features, life
+from valve_twin.core.aging import assess
 from valve_twin.core.aging.config import AgingConfig
-from valve_twin.core.types import Maintenance
+from valve_twin.core.refusal import RefusalCode
+from valve_twin.core.types import EstimateStatus, Maintenance
+from valve_twin.core.valves.press_cartridge import MODEL
 from valve_twin.io.history.aging import reading
 from valve_twin.io.history.fleet import describe_valve
 from valve_twin.io.history.store import CycleRecord, History
@@ -51,6 +55,83 @@ def read(monkeypatch):
 
     monkeypatch.setattr(reading, "row_estimate", counted)
     return cycles
+
+
+@pytest.fixture(scope="module")
+def sudden():
+    """Return estimates and features of a press that leaks from cycle 121 on."""
+    signature = next(s for s in MODEL.signatures().signatures if s.fault == "leak")
+    shown = [*features(120), *features(30, 121, wrong=np.array(signature.change))]
+    return list(zip(life(150), shown, strict=True))
+
+
+def store_all(path, lived):
+    with History(path) as history:
+        for estimates in lived:
+            e = estimates[0]
+            history.store(VALVE, CycleRecord(e.cycle, e.start_ns, e.end_ns, 800), estimates)
+
+
+def monitored(lived, events=()):
+    """Return the verdict of one that gets the estimates as they come."""
+    every = [e for estimates in lived for e in estimates]
+    return assess(every, events, CONFIG, parameters=MODEL.parameters, valve=VALVE).verdict
+
+
+def verdict_of(path):
+    with History(path, read_only=True) as history:
+        return describe_valve(history, VALVE, CONFIG).verdict
+
+
+def test_a_sudden_fault_is_told_as_by_the_monitor(tmp_path, sudden):
+    path = tmp_path / "h.db"
+    words = []
+    for first, last in ((0, 120), (120, 121), (121, 124), (124, 135), (135, 150)):
+        store_all(path, sudden[first:last])
+        verdict = verdict_of(path)
+        assert verdict == monitored(sudden[:last])
+        words.append((verdict.kind.text, verdict.fault))
+    (kept,) = path.parent.glob("h.db-aging*")
+    kept.unlink()
+    assert verdict_of(path) == verdict
+    assert words[0] == ("ok", "")
+    assert words[2:] == [("valve", "leak")] * 3
+
+
+def test_a_mark_ends_a_sudden_fault_also_where_it_was_read_before(tmp_path, sudden):
+    path = tmp_path / "h.db"
+    store_all(path, sudden)
+    assert verdict_of(path).fault == "leak"
+    event = Maintenance(stamp_ns=1, cycle=130, note="new seal", new_reference=True)
+    with History(path) as history:
+        history.add_maintenance(VALVE, event)
+    verdict = verdict_of(path)
+    assert verdict == monitored(sudden, (event,))
+    assert not verdict.fault
+
+
+def test_a_cycle_refused_by_another_estimator_counts_as_for_the_monitor(tmp_path, sudden):
+    path = tmp_path / "h.db"
+    refused = [
+        (
+            e,
+            f,
+            replace(
+                e,
+                estimator="whitened",
+                used_by_trend=False,
+                status=EstimateStatus.REFUSED,
+                parameters=(),
+                reason="the position does not belong to the commands",
+                reason_code=RefusalCode.IMPLAUSIBLE.value,
+            ),
+        )
+        for e, f in sudden[:60]
+    ]
+    store_all(path, refused)
+    with History(path, read_only=True) as history:
+        known = reading.read_known(history, VALVE, "press_cartridge", CONFIG)
+    assert known.state.past().apart == tuple(range(1, 61))
 
 
 def said(path):

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import sqlalchemy as sa
 
-from valve_twin.bench.data.years import life
+from valve_twin.bench.data.years import features, life
 from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.aging.verdict import Verdict, VerdictKind
 from valve_twin.core.past.condensate import DAY_S, HOUR_S, OF_CYCLES
@@ -47,13 +47,16 @@ KEEP = Retention(cycles=200)
 
 
 def lived(cycles, first=1):
-    """Yield a life of long cycles: estimates for the trend, and others beside them."""
-    for n, e in enumerate(life(cycles, first), first):
+    """Yield a life of long cycles: estimates for the trend, features, and others beside them."""
+    for n, (e, f) in enumerate(
+        zip(life(cycles, first), features(cycles, first), strict=True), first
+    ):
         start_ns = n * PERIOD_NS
         own = replace(e, start_ns=start_ns, end_ns=start_ns + 25 * 10**9)
         refused = replace(own, status=EstimateStatus.REFUSED, reason="no motion", parameters=())
         beside = replace(own, estimator="beside", used_by_trend=False)
-        yield [refused if n % 50 == 0 else own, beside]
+        shown = replace(f, start_ns=own.start_ns, end_ns=own.end_ns)
+        yield [refused if n % 50 == 0 else own, beside, shown]
 
 
 def store(history, cycles, first=1, valve=VALVE):
@@ -152,8 +155,8 @@ def test_what_the_trend_holds_stays_to_the_last_bit(history, monkeypatch):
     kept = {(e.cycle, e.estimator): repr(e) for e in history.estimates(VALVE)}
     assert kept == {key: before[key] for key in kept}
     old = [key for key in kept if key[0] <= 719]
-    assert {name for _, name in old} == {"output_error"}
-    assert 64 <= len(old) < 400
+    assert {name for _, name in old} == {"output_error", "features"}
+    assert 64 <= sum(name == "output_error" for _, name in old) < 400
     assert [c.cycle for c in history.cycles(VALVE)] == list(range(720, 1001))
 
 
@@ -179,7 +182,7 @@ def test_hours_and_days_say_what_the_cycles_said(history):
     done = condensed(history, VALVE)
     assert done is not None
     assert (done.first_cycle, done.cycles, done.lost, done.samples) == (1, 719, 360, 719 * 800)
-    assert done.estimates == 2 * 719
+    assert done.estimates == 3 * 719
 
 
 def test_old_hours_go_and_their_days_stay(history):

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from valve_twin.core.aging.assess import assess
 from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.aging.wave import find_waves
+from valve_twin.core.diagnosis.direct.noise import noisier
 from valve_twin.core.diagnosis.products import take_out_slips
 from valve_twin.core.types import Estimate, EstimateStatus, Parameter, ParameterValue
 
@@ -46,8 +48,9 @@ def look_ahead(
         Takes what is found.
     """
     if memory.due:
+        of_trends = replace(history, features=history.features.take(np.arange(0)))
         with memory.ahead():
-            assess(history, maintenance, config, parameters=parameters, memory=memory)
+            assess(of_trends, maintenance, config, parameters=parameters, memory=memory)
 
 
 def warm_up() -> None:
@@ -72,3 +75,4 @@ def warm_up() -> None:
     places = np.linspace(0.0, 1.0, len(cycles))
     find_waves(places, np.sin(20.0 * places), places)
     take_out_slips(np.zeros((len(cycles), 2)))
+    noisier(cycles, np.ones(len(cycles)))

@@ -44,6 +44,8 @@ def beyond(cycles: IntArray, excess: FloatArray, fault: str) -> list[Finding]:
     known = np.isfinite(excess)
     numbers, value = cycles[known], excess[known]
     found: list[Finding] = []
+    if not value.any():
+        return found
     since, run = -1, 0
     for row, shown in enumerate(value != 0.0):
         run = run + 1 if shown == (since < 0) else 0

@@ -46,12 +46,13 @@ def freezing(cycles: IntArray, missed: FloatArray, due: FloatArray) -> list[Find
     """
     lost, owed = np.nan_to_num(missed), np.nan_to_num(due)
     found: list[Finding] = []
-    row = 0
+    some = np.append(np.flatnonzero(lost), len(cycles))  # rows that may be the alarm
+    row = int(some[0])
     while row < len(cycles):
         since = max(row - _RECENT + 1, 0 if not found else _row_of(cycles, found[-1].end))
         recent = slice(since, row + 1)
         if lost[recent].sum() < _LEAST or not lost[row]:
-            row += 1
+            row = int(some[np.searchsorted(some, row + 1)])
             continue
         onset = since + int(np.flatnonzero(lost[recent])[0])
         share = lost[onset : row + 1].sum() / max(owed[onset : row + 1].sum(), 1.0)

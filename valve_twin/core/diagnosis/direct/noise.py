@@ -10,6 +10,7 @@ import numpy as np
 
 from valve_twin.core.diagnosis.changes.finding import Finding
 from valve_twin.core.estimation.data.robust import robust_sigma
+from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
     from valve_twin.core.types import FloatArray, IntArray
@@ -59,28 +60,57 @@ def noisier(cycles: IntArray, noise: FloatArray, product: IntArray | None = None
     """
     known = np.isfinite(noise) & (noise > 0.0)
     numbers, level = cycles[known], np.log(noise[known])
-    confirm = _confirms(product[known] if product is not None else np.zeros(len(level)))
+    confirm = _confirms(product[known] if product is not None else np.zeros(len(level), np.int64))
     found: list[Finding] = []
-    usual: list[float] = []
-    row = 0
-    while row < len(level):
-        newest = level[row : row + confirm[row]]
-        rise, sure = _rise(np.array(usual[-_MOST:]), newest)
+    usual, count, row = np.empty(len(level)), 0, 0
+    while True:
+        row, count = skip_quiet(level, confirm, usual, count, row)
+        if row == len(level):
+            return found
+        newest, before = level[row : row + confirm[row]], usual[max(count - _MOST, 0) : count]
+        rise, sure = _rise(before, newest)
         if not rise or len(newest) < confirm[row]:
             if confirm[row] == _CONFIRM:
-                usual.append(float(level[row]))
+                usual[count], count = level[row], count + 1
             row += 1
             continue
-        end = _over(level, row, float(np.median(usual[-_MOST:])) + 0.5 * rise)
+        end = _over(level, row, float(np.median(before)) + 0.5 * rise)
         stop = len(level) if end < 0 else end - _HEAL + 1
-        size = float(np.exp(np.median(level[row:stop]) - np.median(usual[-_MOST:])))
+        size = float(np.exp(np.median(level[row:stop]) - np.median(before)))
         alarm = int(numbers[row + confirm[row] - 1])
         last = int(numbers[end]) if end >= 0 else -1
         found.append(
             Finding("sensor_noise", (), "sensor", size, sure, int(numbers[row]), alarm, last)
         )
         row = stop
-    return found
+
+
+@njit(cache=True)
+def skip_quiet(
+    level: FloatArray, confirm: IntArray, usual: FloatArray, count: int, row: int
+) -> tuple[int, int]:
+    """Return the first row from `row` on that is louder than all that is usual, N = none.
+
+    Parameters
+    ----------
+    level : (N,) array
+        Logarithm of the noise [1].
+    confirm : (N,) int64 array
+        How many cycles from each on must all be noisier [1].
+    usual : (N,) array
+        Gets the levels that are usual, behind the first `count` [1].
+    count, row : int
+        Levels known by the first row that is looked at [1]. Returned are the row and the number
+        known by then.
+    """
+    for k in range(row, len(level)):
+        before = usual[max(count - _MOST, 0) : count]
+        if count >= _LEAST and level[k] > before.max():
+            return k, count
+        if confirm[k] == _CONFIRM:
+            usual[count] = level[k]
+            count += 1
+    return len(level), count
 
 
 def over(cycles: IntArray, noise: FloatArray, finding: Finding, judged: int) -> int:
@@ -106,14 +136,14 @@ def over(cycles: IntArray, noise: FloatArray, finding: Finding, judged: int) -> 
     return int(numbers[end]) if end >= 0 else -1
 
 
-def _confirms(product: IntArray | FloatArray) -> list[int]:
-    """Return by row how many cycles from it on must all be noisier."""
-    begun = {-1: len(product)}
-    confirm = []
-    for row, number in enumerate(product.tolist()):
-        first = begun.setdefault(number, row)
-        anew = _CONFIRM_ANEW - max(row - first, 0) if first else 0
-        confirm.append(max(_CONFIRM, anew))
+def _confirms(product: IntArray) -> IntArray:
+    """Return by row how many cycles from it on must all be noisier, (N,)."""
+    confirm = np.full(len(product), _CONFIRM)
+    confirm[product < 0] = _CONFIRM_ANEW
+    for number, first in zip(*np.unique(product, return_index=True), strict=True):
+        if first and number >= 0:
+            own = np.flatnonzero(product == number)[: _CONFIRM_ANEW - _CONFIRM]
+            confirm[own] = np.maximum(_CONFIRM_ANEW - (own - first), _CONFIRM)
     return confirm
 
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from valve_twin.core.past.state import AgingState
 
 _MAGIC = b"valve_twin aging "
-_LAYOUT = 1
+_LAYOUT = 2
 
 
 @dataclass(slots=True)

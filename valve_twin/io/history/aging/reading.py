@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Read what the trend of a valve is made of, of a long history only what came since.
+"""Read what a verdict on a valve rests on, of a long history only what came since.
 
 What was read is kept beside a SQLite history, also one that is open for reading only, by the
 user that the history belongs to: nobody else leaves files there. It is used only where the history
@@ -19,7 +19,9 @@ from typing import TYPE_CHECKING, Any
 import sqlalchemy as sa
 
 from valve_twin.core.aging.cutting.memory import Memory
+from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.past.stored import freeze
+from valve_twin.core.refusal import RefusalCode
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.aging.file import Known, load, origin_of, pack, write
 from valve_twin.io.history.tables import (
@@ -61,7 +63,7 @@ def trend_model(history: History, valve: str) -> str:
 
 
 def read_known(history: History, valve: str, model: str, config: AgingConfig) -> Known:
-    """Return what the trend of a valve is made of.
+    """Return what a verdict on a valve rests on: estimates of the trend, and features.
 
     Parameters
     ----------
@@ -104,15 +106,33 @@ def _read(history: History, valve: str, model: str, config: AgingConfig) -> Know
 def _begin(history: History, valve: str) -> Known:
     """Return what is known before the first cycle that is not condensed."""
     state, until = begun_state(history, valve), condensed_until(history, valve)
-    state.forget_features()
     place = {"at": [until, LAST_PLACE if until else -1], "rows": 0, "looked": 0}
     return Known(state, Memory(), {**place, "events": _digest(history, valve, until)})
+
+
+def is_worth_keeping(history: History, valve: str, known: Known) -> bool:
+    """Return whether what was read is to be kept: enough of it is new, and there is a place.
+
+    Parameters
+    ----------
+    history : History
+        Where it was read.
+    valve : str
+        Name of the valve.
+    known : Known
+        What was read.
+    """
+    place = known.place
+    if place["rows"] < WORTH or history.snapshot_path(valve, "aging") is None:
+        return False
+    new = place["rows"] - place.get("kept", 0)
+    return (new >= _NEW or place["newest"] - place["looked"] >= 100 * _NEW) and _is_own(history)
 
 
 def keep_known(
     history: History, valve: str, model: str, config: AgingConfig, known: Known
 ) -> None:
-    """Keep what was read where that is worth it and there is a place.
+    """Keep what was read, if the folder takes it.
 
     Parameters
     ----------
@@ -126,15 +146,12 @@ def keep_known(
         What was read.
     """
     path, place = history.snapshot_path(valve, "aging"), known.place
+    assert path is not None
     newest = place.pop("newest")
-    new = place["rows"] - place.get("kept", 0)
-    if path is None or place["rows"] < WORTH or not _is_own(history):
-        return
-    if new >= _NEW or newest - place["looked"] >= 100 * _NEW:
-        known.place = {**place, "kept": place["rows"], "looked": newest}
-        origin = origin_of(valve, model)
-        with suppress(OSError):  # a folder that takes nothing: it is read anew
-            write(path, pack(freeze(known.state), known.memory, known.place, origin, config))
+    known.place = {**place, "kept": place["rows"], "looked": newest}
+    origin = origin_of(valve, model)
+    with suppress(OSError):  # a folder that takes nothing: it is read anew
+        write(path, pack(freeze(known.state), known.memory, known.place, origin, config))
 
 
 def _is_own(history: History) -> bool:
@@ -146,7 +163,12 @@ def _is_own(history: History) -> bool:
 
 
 def _rows(history: History, valve: str, at: list[int], newest: int) -> Iterator[Mapping[str, Any]]:
-    """Yield the rows that feed the trend behind a cycle and position, in their order."""
+    """Yield the rows that a verdict rests on behind a cycle and position, in their order."""
+    judged = sa.or_(
+        ESTIMATE.c.used_by_trend == sa.true(),
+        ESTIMATE.c.estimator == FEATURES,
+        ESTIMATE.c.reason_code == RefusalCode.IMPLAUSIBLE,
+    )
     while True:
         cycle, position = at
         behind = sa.or_(
@@ -154,7 +176,7 @@ def _rows(history: History, valve: str, at: list[int], newest: int) -> Iterator[
             sa.and_(ESTIMATE.c.cycle == cycle, ESTIMATE.c.position > position),
         )
         query = of_valve(ESTIMATE, valve).where(
-            ESTIMATE.c.used_by_trend == sa.true(),
+            judged,
             ESTIMATE.c.cycle >= cycle,
             behind,
             ESTIMATE.c.id + 0 <= newest,  # what comes meanwhile is new the next time
