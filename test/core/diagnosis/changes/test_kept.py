@@ -46,6 +46,13 @@ def test_values_that_are_none_are_the_same_again():
     assert len(calls) == 1
 
 
+def test_whole_numbers_and_arrays_of_nothing_are_taken_as_they_are():
+    total, calls = counted()
+    assert total(np.arange(3), 2.0) == 6.0
+    assert total(np.zeros((4, 0)), 2.0) == 0.0
+    assert calls == [((3,), 2.0), ((4, 0), 2.0)]
+
+
 def test_what_changes_later_does_not_change_what_is_kept():
     total, calls = counted()
     values = np.arange(3.0)

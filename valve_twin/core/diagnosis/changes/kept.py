@@ -40,7 +40,7 @@ def kept(find: Callable[P, T]) -> Callable[P, T]:
     @wraps(find)
     def look(*args: P.args, **_: P.kwargs) -> T:
         shapes = tuple(x.shape if isinstance(x, np.ndarray) else None for x in args)
-        plain = (x.tobytes() if isinstance(x, np.ndarray) else x for x in args)
+        plain = (np.float64(x).tobytes() if isinstance(x, np.ndarray) else x for x in args)
         return found(tuple(plain), shapes)
 
     return look
