@@ -228,6 +228,28 @@ def test_an_fmu_that_cannot_be_unpacked_is_one_line(fmus, tmp_path, monkeypatch,
     assert str(path) in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("name", "refused"), [("../beside.txt", ""), ("../../above.txt", ""), ("/here.txt", "Illegal")]
+)
+def test_no_name_in_an_fmu_leads_out_of_its_folder(fmus, tmp_path, monkeypatch, name, refused):
+    places = tmp_path / "places"
+    places.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(places))
+    path = tmp_path / "v.fmu"
+    shutil.copy(fmus / "v2.fmu", path)
+    inside = name if name.startswith("..") else f"{tmp_path}{name}"
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr(inside, "not here")
+    if refused:
+        with pytest.raises(ConfigError, match=refused) as caught:
+            simulation_for("first_order", {"fmu.file": str(path)})
+        assert "\n" not in str(caught.value)
+    else:
+        assert simulation_for("first_order", {"fmu.file": str(path)}) is not None
+    outside = [p for p in tmp_path.rglob("*.txt") if "valve_twin_fmu_" not in str(p)]
+    assert not outside
+
+
 def broken(fmus, folder, version, after, change):
     """Return an FMU whose C was changed behind a line, compiled anew."""
     with zipfile.ZipFile(fmus / f"v{version}.fmu") as archive:
