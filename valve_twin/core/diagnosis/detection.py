@@ -173,8 +173,8 @@ def _first_seen(
     for end in range(least, min(count, settled - 1) + 1):
         alarm = _early_alarm(vectors[:end], table, config)
         if alarm is not None:
-            return whitened(vectors, _known_by(end, config), count, table, config), alarm
-    view = whitened(vectors, _known_by(count, config), count, table, config)
+            return whitened(vectors, known_by(end, config), count, table, config), alarm
+    view = whitened(vectors, known_by(count, config), count, table, config)
     if count < settled:
         return view, None
     return view, first_alarm(*view, config, first=max(settled - 1, start))
@@ -186,12 +186,20 @@ def _early_alarm(
 ) -> tuple[int, int] | None:
     """Return the alarm that the last of few cycles raises, see `first_alarm`."""
     count = len(vectors)
-    view = whitened(vectors, _known_by(count, config), count, table, config)
+    view = whitened(vectors, known_by(count, config), count, table, config)
     return first_alarm(*view, config, first=count - 1)
 
 
-def _known_by(count: int, config: DetectionConfig) -> int:
-    """Return how many of the first cycles say how a valve scatters where there are so many."""
+def known_by(count: int, config: DetectionConfig) -> int:
+    """Return how many of the first cycles say how a valve scatters.
+
+    Parameters
+    ----------
+    count : int
+        Cycles that are there [1].
+    config : DetectionConfig
+        When to speak.
+    """
     return min(config.learn, max(count - config.recent, config.least))
 
 

@@ -205,8 +205,8 @@ def clocks_apart(
     looks = [slice(max(count - _NEWEST, 0), count)]
     looks += [slice(0, end) for end in _LOOKS if begins and end < count]
     shown = [table.features.index(name) for name in DELAYS if name in table.features]
-    delays, rate_of = vectors[:, shown], (_rate, *[_early_rate] * len(looks[1:]))
-    rates = (find(start_s[k], delays[k]) for find, k in zip(rate_of, looks, strict=True))
+    delays, newest = vectors[:, shown], looks[0]
+    rates = ((_rate if k is newest else _early_rate)(start_s[k], delays[k]) for k in looks)
     for seen, rate in zip(looks, rates, strict=True):
         if rate is not None:
             first, last = int(cycles[seen.start]), int(cycles[-1])

@@ -15,7 +15,7 @@ import numpy as np
 
 from valve_twin.core.diagnosis.changes.kept import kept
 from valve_twin.core.diagnosis.config import DetectionConfig
-from valve_twin.core.diagnosis.detection import first_alarm, whitened
+from valve_twin.core.diagnosis.detection import first_alarm, known_by, whitened
 from valve_twin.core.diagnosis.lines import filled, rays_of_steps
 
 if TYPE_CHECKING:
@@ -151,8 +151,7 @@ def _largest_step(shown: FloatArray) -> float:
 @kept
 def _last_unlike(vectors: FloatArray, table: SignatureTable, config: DetectionConfig) -> int:
     """Return how many of the first cycles lie off the line through those that follow, 0 = none."""
-    known = min(config.learn, max(len(vectors) - config.recent, config.least))
     back = vectors[::-1].copy()
-    view = whitened(back, known, len(back), table, config)
+    view = whitened(back, known_by(len(back), config), len(back), table, config)
     alarm = first_alarm(*view, config, first=len(back) - config.recent)
     return len(back) - alarm[1] if alarm is not None else 0

@@ -38,7 +38,9 @@ def kept(find: Callable[P, T]) -> Callable[P, T]:
         return find(*whole)  # type: ignore[call-arg, arg-type]
 
     @wraps(find)
-    def look(*args: P.args, **_: P.kwargs) -> T:
+    def look(*args: P.args, **named: P.kwargs) -> T:
+        if named:
+            return find(*args, **named)  # never without what was given
         shapes = tuple(x.shape if isinstance(x, np.ndarray) else None for x in args)
         plain = (np.float64(x).tobytes() if isinstance(x, np.ndarray) else x for x in args)
         return found(tuple(plain), shapes)
