@@ -4,6 +4,9 @@
 
 from __future__ import annotations
 
+import os
+import random
+
 import pytest
 from ezdxf.filemanagement import new
 
@@ -56,3 +59,32 @@ def test_other_entities_units_and_files_are_refused(tmp_path):
     new("R2010").saveas(tmp_path / "empty.dxf")
     with pytest.raises(ValueError, match="holds no closed LWPOLYLINE"):
         read_dxf(tmp_path / "empty.dxf")
+
+
+def test_what_is_no_file_or_too_large_for_outlines_is_refused_unread(tmp_path):
+    (tmp_path / "large.dxf").write_bytes(b"")
+    os.truncate(tmp_path / "large.dxf", 11 << 20)
+    with pytest.raises(ValueError, match="has 11 MB, read are at most 10: keep the outlines"):
+        read_dxf(tmp_path / "large.dxf")
+    with pytest.raises(ValueError, match="is no file"):
+        read_dxf(tmp_path)
+    with pytest.raises(ValueError, match="No such file"):
+        read_dxf(tmp_path / "missing.dxf")
+
+
+def test_a_broken_drawing_gets_one_line_whatever_is_broken(tmp_path):
+    path, rng = tmp_path / "d.dxf", random.Random(1)
+    write_dxf(DoubleStroke().section(), path)
+    lines = path.read_bytes().split(b"\n")
+    drawn = next(i for i, line in enumerate(lines) if line.strip() == b"ENTITIES")
+    said = []
+    for k in range(150):
+        broken, at = list(lines), rng.randrange(drawn if k % 2 else 0, len(lines))
+        broken[at : at + 1] = rng.choice(([], [b"-1"], [b"1e999"], [b"nan"], [b"\xff\x00"]))
+        path.write_bytes(b"\n".join(broken))
+        try:
+            read_dxf(path)
+        except ValueError as err:
+            said.append(str(err))
+    assert len(said) > 20
+    assert [text for text in said if not text.startswith(f"{path}: ") or "\n" in text] == []

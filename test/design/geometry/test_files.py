@@ -69,6 +69,7 @@ def test_regions_come_from_the_layers_of_a_drawing(tmp_path):
         ("[1, 2]", "holds no 'key: value' lines"),
         ("kind: [", "cannot be read"),
         ("kind: " + 5000 * "[", "line 1: nested deeper than 8 levels"),
+        ("kind: section  # " + (1 << 18) * "x", "longer than 256 kB, which no design is"),
         ("a: &x [1]\nkind: *x", "line 2: \\*x repeats a value; write it out"),
         ("kind: 2001-99-99", "cannot be read"),
         (

@@ -31,6 +31,7 @@ _NUMBERED: dict[str, type[DoubleStroke | HybridPole]] = {
 
 _MM = 1e-3
 _DEEPEST = 8  # levels of a design's YAML
+_LONGEST = 1 << 18  # characters of one; the longest of ours has 3000
 _BOX = ("radius", "low", "high")
 
 
@@ -98,8 +99,9 @@ def write_design(design: DoubleStroke | HybridPole, path: Path) -> None:
 
 def _read_yaml(path: Path) -> dict[str, object]:
     try:
-        text = path.read_text(encoding="utf-8")
-        _check_depth(text)
+        with path.open(encoding="utf-8") as file:
+            text = file.read(_LONGEST + 1)
+        _check_plain(text)
         found = yaml.safe_load(text)
     except (OSError, ValueError, yaml.YAMLError) as err:
         message = f"{path}: cannot be read ({' '.join(str(err).split())})"
@@ -110,8 +112,11 @@ def _read_yaml(path: Path) -> dict[str, object]:
     return {str(key): value for key, value in found.items()}
 
 
-def _check_depth(text: str) -> None:
+def _check_plain(text: str) -> None:
     """Refuse what no design holds, before a parser calls itself as deep as the text says."""
+    if len(text) > _LONGEST:
+        message = f"longer than {_LONGEST >> 10} kB, which no design is; give outlines as dxf"
+        raise ValueError(message)
     depth = 0
     for event in yaml.parse(text, Loader=yaml.SafeLoader):
         depth += isinstance(event, yaml.CollectionStartEvent)
