@@ -176,3 +176,20 @@ def parquet_pages(path, count: int) -> None:
         assert _varint(told) in footer
         footer = footer.replace(_varint(told), _varint(lie, len(_varint(told))))
     path.write_bytes(whole[: -8 - length] + footer + whole[-8:])
+
+
+def tdms_segments(path, count: int) -> None:
+    """Write empty segments behind one of 2000 channels."""
+
+    def text(of: str) -> bytes:
+        return struct.pack("<I", len(of)) + of.encode()
+
+    def segment(contents: int, metadata: bytes, data: bytes) -> bytes:
+        on = len(metadata) + len(data)
+        return b"TDSm" + struct.pack("<IIQQ", contents, 4713, on, len(metadata)) + metadata + data
+
+    channels = 2000
+    index = struct.pack("<IIIQI", 20, 10, 1, 1, 0)  # a double each, no property
+    metadata = b"".join(text(f"/'g'/'c{k}'") + index for k in range(channels))
+    first = segment(2 | 4 | 8, struct.pack("<I", channels) + metadata, bytes(8 * channels))
+    path.write_bytes(first + count * segment(8, b"", b""))

@@ -16,6 +16,7 @@ from test.io.instruments import bombs
 from test.io.instruments import foreign_files as foreign
 from valve_twin.io.errors import BagError
 from valve_twin.io.instruments import table
+from valve_twin.io.instruments.clock import ClockChoice
 from valve_twin.io.instruments.read import kind_of, read_recording
 
 # name of the file, who writes it, columns of command and pressure, unit, whether it has a date
@@ -110,6 +111,36 @@ def test_a_damaged_file_is_one_line_or_sound_columns(written, kind):
             assert str(path) in said
 
 
+def test_what_a_reader_of_others_says_is_a_notice_and_not_printed(written, capfd):
+    """A broken name went to the terminal as kilobytes of bytes, a cut file was read unnoticed."""
+    path = written("tdms")
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(len(whole) * 0.9)])
+    cut = read_recording(path)
+    path.write_bytes(whole.replace(b"unit_string", b"\xfcnit_string", 1))
+    renamed = read_recording(path)
+    assert any("less data than expected" in text for text in cut.notices)
+    assert any("Error decoding string" in text for text in renamed.notices)
+    for text in (*cut.notices, *renamed.notices):
+        assert text.startswith(f"{path}: ")
+        assert "\n" not in text
+        assert len(text) < 600
+    assert capfd.readouterr() == ("", "")
+
+
+def test_channels_of_a_tdms_file_that_are_not_taken_are_named(tmp_path):
+    nptdms = pytest.importorskip("nptdms")
+    path = tmp_path / "a.tdms"
+    for wave, why in (({"wf_increment": 0.01}, "has no times of a wave"), ({}, "is of another")):
+        with nptdms.TdmsWriter(path) as writer:
+            for name, count, own in (("p", 300, wave), ("q", 300, wave), ("few", 30, {})):
+                values = np.arange(float(count))
+                writer.write_segment([nptdms.ChannelObject("log", name, values, properties=own)])
+        found = read_recording(path, ClockChoice(period_s=0.01))
+        assert [c.name for c in found.columns] == ["p", "q"]
+        assert any("'few' with 30 values is left out: it " + why in n for n in found.notices)
+
+
 @pytest.mark.parametrize("kind", ["excel", "mat", "hdf5", "tdms", "mdf", "parquet", "text"])
 def test_a_file_that_unpacks_to_more_than_allowed_is_refused(written, monkeypatch, kind):
     path = written(kind)
@@ -140,6 +171,7 @@ BOMBS = {
     "cells at the end of rows": ("a.xlsx", bombs.excel_cells, 700, "more than 10000000 cells"),
     "texts": ("a.xlsx", bombs.excel_texts, 2_000_000, "more than 32 MB of texts"),
     "a packed block": ("a.mf4", bombs.mdf_block, 3 << 30, "takes far more memory"),
+    "segments": ("a.tdms", bombs.tdms_segments, 36_000, "too many segments for 2000 channels"),
     "a page": ("a.parquet", bombs.parquet_pages, 150_000_000, "takes far more memory"),
 }
 

@@ -4,7 +4,10 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
+import logging
+import warnings
+from contextlib import contextmanager, nullcontext
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from valve_twin.io.errors import BagError
@@ -13,6 +16,7 @@ from valve_twin.io.instruments.derived import resampled
 from valve_twin.io.limits import TOO_MUCH, bounded_memory
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
     from valve_twin.io.instruments.cells import Sheet
@@ -36,6 +40,8 @@ _BEGINS = {
     b"MATLAB 5.0": "mat",
 }
 _PACKED = frozenset(_BEGINS.values())
+_LOGGING = ("nptdms", "asammdf")  # packages that tell by a logger what they make of a file
+_LONGEST = 400  # characters of a line that quotes them
 _OLD_EXCEL = b"\xd0\xcf\x11\xe0"
 _MAT_HDF5 = b"MATLAB 7.3"
 
@@ -96,17 +102,45 @@ def read_recording(path: Path, choice: ClockChoice | None = None) -> Recording:
     choice = choice or ClockChoice()
     kind = kind_of(path)
     try:
-        with bounded_memory() if kind in _PACKED else nullcontext():
+        with what_is_said() as said, bounded_memory() if kind in _PACKED else nullcontext():
             found = _native(path, kind, choice) or with_clock(_sheet(path, kind), choice)
     except (BagError, MemoryError) as err:
-        if not isinstance(err.__cause__ or err, MemoryError):
-            raise
-        msg = f"{path}: {TOO_MUCH}"
+        memory = isinstance(err.__cause__ or err, MemoryError)
+        msg = f"{path}: {TOO_MUCH}" if memory else _one_line(str(err))
         raise BagError(msg) from err
+    if said:
+        told = (f"{path}: {text}" for text in dict.fromkeys(said))
+        found = replace(found, notices=(*found.notices, *told))
     if not found.columns:
         msg = f"{path}: holds no channel of numbers beside the time"
         raise BagError(msg)
     return resampled(found, choice.resample_s) if choice.resample_s else found
+
+
+@contextmanager
+def what_is_said() -> Iterator[list[str]]:
+    """Collect what readers of others tell by loggers and warnings, a line each, none printed."""
+    said: list[str] = []
+    listener = logging.Handler(logging.WARNING)
+    listener.emit = lambda record: said.append(_one_line(record.getMessage()))  # type: ignore[method-assign]
+    names = [n for n in logging.root.manager.loggerDict if n.partition(".")[0] in _LOGGING]
+    loggers = [logging.getLogger(name) for name in {*_LOGGING, *names}]
+    before = [(logger, logger.handlers, logger.propagate) for logger in loggers]
+    for logger in loggers:
+        logger.handlers, logger.propagate = [listener], False
+    try:
+        with warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("default")
+            yield said
+        said += [_one_line(str(one.message)) for one in warned]
+    finally:
+        for logger, handlers, propagate in before:
+            logger.handlers, logger.propagate = handlers, propagate
+
+
+def _one_line(text: str) -> str:
+    line = " ".join(text.split())
+    return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 4]} ..."
 
 
 def _native(path: Path, kind: str, choice: ClockChoice) -> Recording | None:

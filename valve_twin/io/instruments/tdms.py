@@ -4,6 +4,9 @@
 
 from __future__ import annotations
 
+import re
+import struct
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +20,11 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from valve_twin.io.instruments.clock import ClockChoice
+
+_LEAD_IN = struct.Struct("<4sIIQQ")  # tag, contents, version, bytes to the next one, of metadata
+_HAS_METADATA, _NEW_LIST = 2, 4  # bits of the contents
+_OBJECT = re.compile(rb"/'(?:[^']|'')*'(?:/'(?:[^']|'')*')?")  # a path in metadata
+_MOST_PLACES = 20_000_000  # objects of all segments, each of which npTDMS looks at in Python
 
 
 def read_tdms(path: Path, choice: ClockChoice) -> Recording:
@@ -36,6 +44,7 @@ def read_tdms(path: Path, choice: ClockChoice) -> Recording:
     """
     nptdms = load_package("nptdms", path)
     try:
+        _check_segments(path)
         with path.open("rb") as raw, nptdms.TdmsFile.open(raw) as file:
             channels = [c for g in file.groups() for c in g.channels() if len(c) > 1]
             check_size(path, 8 * sum(len(c) for c in channels))
@@ -43,8 +52,14 @@ def read_tdms(path: Path, choice: ClockChoice) -> Recording:
             read = [(c, np.asarray(c[:])) for c in numeric]
             waves = [(c, v) for c, v in read if c.properties.get("wf_increment")]
             if waves:
-                return _waveforms(path, waves)
-            sheet = Sheet(path, np.arange(0, dtype=np.int64), _table(read), (), [], named=True)
+                found = _waveforms(path, waves)
+                timed = {c.path for c, _ in waves}
+                return replace(
+                    found, notices=_left_out(path, read, timed, "has no times of a waveform")
+                )
+            columns, taken = _table(read)
+            other = _left_out(path, read, taken, "is of another length")
+            sheet = Sheet(path, np.arange(0, dtype=np.int64), columns, (), [*other], named=True)
     except BagError:
         raise
     except Exception as err:  # whatever a broken file makes the reader raise
@@ -54,7 +69,41 @@ def read_tdms(path: Path, choice: ClockChoice) -> Recording:
         msg = f"{path}: holds no channel of numbers"
         raise BagError(msg)
     rows = np.arange(1, len(sheet.columns[0].values) + 1, dtype=np.int64)
-    return with_clock(Sheet(path, rows, sheet.columns, (), [], named=True), choice)
+    return with_clock(replace(sheet, lines=rows), choice)
+
+
+def _check_segments(path: Path) -> None:
+    """Refuse a file whose segments, which may be empty, take longer to look at than their data."""
+    at, places, listed = 0, 0, set[bytes]()
+    size = path.stat().st_size
+    with path.open("rb") as raw:
+        while len(head := raw.read(_LEAD_IN.size)) == _LEAD_IN.size:
+            tag, contents, _, bytes_on, metadata = _LEAD_IN.unpack(head)
+            if not tag.startswith(b"TDS"):
+                return
+            if contents & _HAS_METADATA:
+                found = set(_OBJECT.findall(raw.read(min(metadata, bytes_on))))
+                listed = found if contents & _NEW_LIST else listed | found
+            places += len(listed)
+            if places > _MOST_PLACES:
+                msg = (
+                    f"{path}: holds too many segments for {len(listed)} channels: defragment it "
+                    "(TDMS Defragment of LabVIEW) or export it anew"
+                )
+                raise BagError(msg)
+            at = min(at + _LEAD_IN.size + bytes_on, size)  # of the last one it may be unknown
+            raw.seek(at)
+
+
+def _left_out(
+    path: Path, read: list[tuple[Any, Any]], taken: set[str], why: str
+) -> tuple[str, ...]:
+    """Return a notice for each channel of numbers that is not taken."""
+    return tuple(
+        f"{path}: channel '{c.name}' with {len(v)} values is left out: it {why}"
+        for c, v in read
+        if c.path not in taken
+    )
 
 
 def _waveforms(path: Path, waves: list[tuple[Any, Any]]) -> Recording:
@@ -72,18 +121,20 @@ def _waveforms(path: Path, waves: list[tuple[Any, Any]]) -> Recording:
                      start_ns=first)  # fmt: skip
 
 
-def _table(read: list[tuple[Any, Any]]) -> list[RawColumn]:
+def _table(read: list[tuple[Any, Any]]) -> tuple[list[RawColumn], set[str]]:
+    """Return the channels of the length that most values have, and their paths in the file."""
     lengths = [len(v) for _, v in read]
     count = max(set(lengths), key=lambda n: lengths.count(n) * n) if lengths else 0
-    columns = []
+    columns, taken = [], set()
     for channel, values in read:
         if len(values) != count:
             continue
+        taken.add(channel.path)
         dated = values.dtype.kind == "M"
         numbers = values.astype("datetime64[ns]").astype(np.int64) * 1e-9 if dated else values
         unit = "s" if dated else _unit(channel)
         columns.append(RawColumn(channel.name, unit, numbers.astype(np.float64), dated, dated))
-    return columns
+    return columns, taken
 
 
 def _unit(channel: Any) -> str:  # noqa: ANN401  npTDMS has no types
