@@ -7,19 +7,21 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from valve_twin.io.errors import BagError
-from valve_twin.io.instruments.dates import is_date, read_dates
+from valve_twin.io.instruments.dates import as_cells, is_date, read_dates
 from valve_twin.io.instruments.table import MOST_COLUMNS, unique_name
 from valve_twin.io.instruments.units import known_unit, split_name
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
+
+    from numpy.typing import NDArray
 
     from valve_twin.core.types import FloatArray, IntArray
 
@@ -78,6 +80,66 @@ class Sheet:
     named: bool
 
 
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """What a table looks like.
+
+    Attributes
+    ----------
+    width : int
+        Cells of a row.
+    numeric : tuple of int
+        Which of them hold numbers or dates, rising.
+    names, units : tuple of str
+        Of these, the names each once; a unit is empty where there is none.
+    dated : frozenset of int
+        Which cells hold dates.
+    named : bool
+        Whether the file names its columns.
+    preamble : tuple of str
+        Lines above, their cells joined by blanks.
+    """
+
+    width: int
+    numeric: tuple[int, ...]
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    dated: frozenset[int]
+    named: bool
+    preamble: tuple[str, ...]
+
+
+@dataclass(slots=True)
+class Told:
+    """What was left out: what is said of the first, before and behind their number, by kind."""
+
+    first: dict[str, tuple[str, str]] = field(default_factory=dict)
+    count: Counter[str] = field(default_factory=Counter)
+
+    def add(self, kind: str, text: tuple[str, str], count: int = 1) -> None:
+        """Count some of a kind, and keep what is said of the first."""
+        self.first.setdefault(kind, text)
+        self.count[kind] += count
+
+    def join(self, later: Told) -> None:
+        """Add what was told of rows behind these."""
+        for kind, text in later.first.items():
+            self.add(kind, text, later.count[kind])
+
+    def lines(self) -> list[str]:
+        """Return one line a kind."""
+        return [f"{a}{self.count[kind]}{b}" for kind, (a, b) in self.first.items()]
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Rows of a table: their lines, values (N,) or dates as texts (N,) by cell, what was told."""
+
+    lines: IntArray
+    columns: dict[int, NDArray[Any]]
+    told: Told
+
+
 def find_table(path: Path, rows: Rows) -> Sheet:
     """Return the table that rows of cells hold.
 
@@ -93,23 +155,127 @@ def find_table(path: Path, rows: Rows) -> Sheet:
     BagError
         If there is no table of numbers, or commas can be read in two ways.
     """
-    width, numeric = _shape(path, rows)
-    first = _first_row(rows, width, numeric)
-    data = [r for r in rows[first:] if len(r[1]) in {width, width - 1}]
-    notices = _left_out(path, rows[first:], width)
-    kept = [r for r in data if _fits(r[1], numeric)]
-    if len(kept) < len(data):
-        bad = next(r for r in data if not _fits(r[1], numeric))
-        text = next(c for i, c in enumerate(bad[1]) if i in numeric and not _is_value(c))
-        notices.append(
-            f"{path}:{bad[0]}: '{text[:40]}' stands where numbers stand; "
-            f"{len(data) - len(kept)} such rows are left out"
-        )
-    names, units, top = _header(rows, first, width)
-    columns, told = _columns(path, kept, numeric, (names, units))
-    preamble = tuple(" ".join(c for c in cells if c.strip()) for _, cells in rows[:top])
-    lines = np.array([number for number, _ in kept], dtype=np.int64)
-    return Sheet(path, lines, columns, preamble, notices + told, bool(any(names)))
+    layout, first = find_layout(path, rows, rows)
+    data = rows[first:]
+    return assemble(path, layout, [read_rows(path, layout, data, comma=has_comma(layout, data))])
+
+
+def find_layout(path: Path, head: Rows, some: Rows) -> tuple[Layout, int]:
+    """Return what a table looks like and the first of its rows.
+
+    Parameters
+    ----------
+    path : path
+        The file, for messages.
+    head, some : sequence of (int, sequence of str)
+        The first rows of the file, with all above the table, and rows from all over it.
+
+    Raises
+    ------
+    BagError
+        If there is no table of numbers.
+    """
+    width, numeric = _shape(path, some)
+    first = _first_row(head, width, numeric)
+    names, units, top = _header(head, first, width)
+    preamble = tuple(" ".join(c for c in cells if c.strip()) for _, cells in head[:top])
+    taken: list[str] = []
+    for i in numeric:
+        taken.append(unique_name(names[i] or str(i), taken))
+    sized = tuple(units[i] or split_name(names[i])[1] for i in numeric)
+    fit = (c for _, c in head[first:] if len(c) in {width, width - 1} and _fits(c, numeric))
+    row = next(fit, ())
+    dated = frozenset(i for i in numeric if i < len(row) and is_date(row[i]))
+    found = Layout(width, numeric, tuple(taken), sized, dated, any(names), preamble)
+    return found, first
+
+
+def has_comma(layout: Layout, rows: Rows) -> bool:
+    """Return whether some number shows beyond doubt that commas stand before decimals."""
+    widths = {layout.width, layout.width - 1}
+    fit = [c for _, c in rows if len(c) in widths and _fits(c, layout.numeric)]
+    texts = ([c[i].strip() for c in fit if i < len(c)] for i in layout.numeric)
+    return any(map(_is_decimal_comma, texts))
+
+
+def read_rows(path: Path, layout: Layout, rows: Rows, *, comma: bool) -> Block:
+    """Return what some rows hold; what does not fit is left out and told.
+
+    Parameters
+    ----------
+    path : path
+        The file, for messages.
+    layout : Layout
+        What its table looks like.
+    rows : sequence of (int, sequence of str)
+        Line numbers and cells.
+    comma : bool
+        Whether commas stand before decimals.
+
+    Raises
+    ------
+    BagError
+        If commas can be read in two ways.
+    """
+    told, kept, width = Told(), [], layout.width
+    for row in rows:
+        line, cells = row
+        if len(cells) not in {width, width - 1}:
+            begin = f"{path}:{line}: the row has {len(cells)} cells, the others have {width}; "
+            told.add("odd", (begin, " such rows are left out"))
+        elif not _fits(cells, layout.numeric):
+            text = next(c for i, c in enumerate(cells) if i in layout.numeric and not _is_value(c))
+            begin = f"{path}:{line}: '{text[:40]}' stands where numbers stand; "
+            told.add("unfit", (begin, " such rows are left out"))
+        else:
+            kept.append(row)
+    lines = np.array([line for line, _ in kept], dtype=np.int64)
+    columns: dict[int, NDArray[Any]] = {}
+    for i, name in zip(layout.numeric, layout.names, strict=True):
+        texts = [c[i].strip() if i < len(c) else "" for _, c in kept]
+        if i in layout.dated:
+            columns[i] = as_cells(texts)
+            continue
+        columns[i], bad = _numbers(path, lines, name, texts, comma=comma)
+        if bad:
+            begin = (
+                f"{path}:{lines[bad[0]]}: column '{name}': '{texts[bad[0]][:40]}' is no number "
+                "and is left out ("
+            )
+            told.add(name, (begin, " such cells); correct it or leave the cell empty"), len(bad))
+    return Block(lines, columns, told)
+
+
+def assemble(path: Path, layout: Layout, blocks: Sequence[Block]) -> Sheet:
+    """Return the table that blocks of rows make.
+
+    Parameters
+    ----------
+    path : path
+        The file, for messages.
+    layout : Layout
+        What its table looks like.
+    blocks : sequence of Block
+        Its rows, in their order.
+
+    Raises
+    ------
+    BagError
+        Names the first cell of a column of dates that is none.
+    """
+    lines = np.concatenate([b.lines for b in blocks])
+    told = Told()
+    for block in blocks:
+        told.join(block.told)
+    columns: list[RawColumn] = []
+    for i, name, unit in zip(layout.numeric, layout.names, layout.units, strict=True):
+        whole = np.concatenate([b.columns[i] for b in blocks])
+        if i in layout.dated:
+            values, zoned = read_dates(path, lines, name, whole)
+            columns.append(RawColumn(name, "s", values, dated=True, zoned=zoned))
+        else:
+            columns.append(RawColumn(name, unit, whole))
+    return Sheet(path, lines, columns, layout.preamble, told.lines(), layout.named)
 
 
 def _spread(rows: Rows) -> Rows:
@@ -117,7 +283,7 @@ def _spread(rows: Rows) -> Rows:
     return rows[::step]
 
 
-def _shape(path: Path, rows: Rows) -> tuple[int, frozenset[int]]:
+def _shape(path: Path, rows: Rows) -> tuple[int, tuple[int, ...]]:
     """Return how many cells a row of data has, and which of them hold values."""
     widths: Counter[int] = Counter()
     for _, cells in _spread(rows):
@@ -141,36 +307,26 @@ def _shape(path: Path, rows: Rows) -> tuple[int, frozenset[int]]:
     if not numeric:
         msg = f"{path}: no column holds numbers; export the channels with a row a sample"
         raise BagError(msg)
-    return width, frozenset(numeric)
+    return width, tuple(sorted(numeric))
 
 
-def _fits(cells: Sequence[str], numeric: frozenset[int]) -> bool:
+def _fits(cells: Sequence[str], numeric: Sequence[int]) -> bool:
     """Whether a row may be data: half of the columns of numbers hold one."""
     here = [cells[i] for i in numeric if i < len(cells)]
     filled = [c for c in here if c.strip()]
     return bool(filled) and 2 * sum(map(_is_value, filled)) > len(filled)
 
 
-def _first_row(rows: Rows, width: int, numeric: frozenset[int]) -> int:
+def _first_row(rows: Rows, width: int, numeric: Sequence[int]) -> int:
     for at, (_, cells) in enumerate(rows):
         if len(cells) == width and _whole(cells, numeric):
             return at
     return 0
 
 
-def _whole(cells: Sequence[str], numeric: frozenset[int]) -> bool:
+def _whole(cells: Sequence[str], numeric: Sequence[int]) -> bool:
     here = [cells[i].strip() for i in numeric]
     return any(map(_is_value, filter(None, here))) and all(not c or _is_value(c) for c in here)
-
-
-def _left_out(path: Path, rows: Rows, width: int) -> list[str]:
-    odd = [(n, len(c)) for n, c in rows if len(c) not in {width, width - 1}]
-    if not odd:
-        return []
-    return [
-        f"{path}:{odd[0][0]}: the row has {odd[0][1]} cells, the others have {width}; "
-        f"{len(odd)} such rows are left out"
-    ]
 
 
 def _header(rows: Rows, first: int, width: int) -> tuple[list[str], list[str], int]:
@@ -192,29 +348,6 @@ def _header(rows: Rows, first: int, width: int) -> tuple[list[str], list[str], i
     return names, units, top
 
 
-def _columns(
-    path: Path, rows: Rows, numeric: frozenset[int], header: tuple[list[str], list[str]]
-) -> tuple[list[RawColumn], list[str]]:
-    names, units = header
-    columns: list[RawColumn] = []
-    notices: list[str] = []
-    taken: set[str] = set()
-    texts = {i: [c[i].strip() if i < len(c) else "" for _, c in rows] for i in sorted(numeric)}
-    comma = any(_is_decimal_comma(cells) for cells in texts.values())
-    for i, cells in texts.items():
-        unit = units[i] or split_name(names[i])[1]
-        name = unique_name(names[i] or str(i), taken)
-        taken.add(name)
-        if any(is_date(c) for c in cells[:1]):
-            values, zoned = read_dates(path, [n for n, _ in rows], name, cells)
-            columns.append(RawColumn(name, "s", values, dated=True, zoned=zoned))
-            continue
-        values, told = _numbers(path, rows, name, cells, comma=comma)
-        columns.append(RawColumn(name, unit, values))
-        notices += told
-    return columns, notices
-
-
 def _is_value(cell: str) -> bool:
     text = cell.strip()
     if _LOOSE.fullmatch(text) or text.lower() in _NO_VALUE:
@@ -231,16 +364,18 @@ def _is_decimal_comma(cells: Sequence[str]) -> bool:
 
 
 def _numbers(
-    path: Path, rows: Rows, name: str, cells: Sequence[str], *, comma: bool
-) -> tuple[FloatArray, list[str]]:
-    """Return the numbers of a column; what is none is left out and told."""
+    path: Path, lines: IntArray, name: str, cells: Sequence[str], *, comma: bool
+) -> tuple[FloatArray, list[int]]:
+    """Return the numbers of a column, and which cells hold something else."""
     if not any("_" in c or "," in c for c in cells):
         try:
-            return np.array([c or "nan" for c in cells]).astype(np.float64), []
+            values = np.array([c or "nan" for c in cells]).astype(np.float64)
         except ValueError:
             pass
+        else:
+            return without_infinite(values), []
     if not comma:
-        _refuse_doubt(path, rows, name, cells)
+        _refuse_doubt(path, lines, name, cells)
     values = np.full(len(cells), math.nan)
     bad: list[int] = []
     for at, cell in enumerate(cells):
@@ -249,13 +384,13 @@ def _numbers(
             values[at] = float(text.lower().replace("d", "e"))
         elif cell and cell.lower() not in _NO_VALUE:
             bad.append(at)
-    if not bad:
-        return values, []
-    line, cell = rows[bad[0]][0], cells[bad[0]]
-    return values, [
-        f"{path}:{line}: column '{name}': '{cell[:40]}' is no number and is left out "
-        f"({len(bad)} such cells); correct it or leave the cell empty"
-    ]
+    return without_infinite(values), bad
+
+
+def without_infinite(values: FloatArray) -> FloatArray:
+    """Return values (N,) where what was over the range is NaN; what is given is changed."""
+    values[np.isinf(values)] = math.nan
+    return values
 
 
 def _plain(cell: str, *, comma: bool) -> str:
@@ -265,12 +400,12 @@ def _plain(cell: str, *, comma: bool) -> str:
     return text.replace(".", "").replace(",", ".") if "," in text else text
 
 
-def _refuse_doubt(path: Path, rows: Rows, name: str, cells: Sequence[str]) -> None:
+def _refuse_doubt(path: Path, lines: IntArray, name: str, cells: Sequence[str]) -> None:
     """Refuse commas before three digits where nothing in the file says what they are."""
     for at, cell in enumerate(cells):
         if "," in cell and cell.count(",") == 1 and "." not in cell:
             msg = (
-                f"{path}:{rows[at][0]}: column '{name}': '{cell}': the comma may stand before "
+                f"{path}:{lines[at]}: column '{name}': '{cell}': the comma may stand before "
                 "decimals or between thousands; export with a decimal point and nothing between "
                 "thousands"
             )

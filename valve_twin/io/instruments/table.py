@@ -211,10 +211,10 @@ def wild_row(seconds: FloatArray, keep: BoolArray) -> str:
     """
     bad, count = int(np.argmin(keep)), int(np.count_nonzero(~keep))
     before, behind = seconds[:bad][keep[:bad]], seconds[bad:][keep[bad:]]
-    where = [f"behind {before[-1]:.12g}"] if len(before) else []
-    where += [f"before {behind[0]:.12g}"] if len(behind) else []
+    where = [f"behind {before[-1]:.15g}"] if len(before) else []
+    where += [f"before {behind[0]:.15g}"] if len(behind) else []
     rows = "1 such row is" if count == 1 else f"{count} such rows are"
-    return f"{seconds[bad]:.12g} stands {' and '.join(where)}; {rows} left out"
+    return f"{seconds[bad]:.15g} stands {' and '.join(where)}; {rows} left out"
 
 
 @njit(cache=True)
