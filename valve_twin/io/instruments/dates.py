@@ -32,7 +32,8 @@ _CLOCK = re.compile(
     re.ASCII,
 )
 _DAY_S = 86_400.0
-_LONGEST = 64  # characters of a date with all that may stand in it
+LONGEST = 64
+"""Characters of a date with all that may stand in it; others are none."""
 
 
 def is_date(cell: str) -> bool:
@@ -137,7 +138,7 @@ def _forms(cells: NDArray[np.bytes_]) -> Iterator[_Form]:
 
 def as_cells(texts: Iterable[str]) -> NDArray[np.bytes_]:
     """Return texts as `read_dates` takes them; of what is too long for a date the beginning."""
-    return np.array([text[:_LONGEST].encode() for text in texts], dtype=np.bytes_)
+    return np.array([text[:LONGEST].encode() for text in texts], dtype=np.bytes_)
 
 
 def _text(cell: bytes) -> str:

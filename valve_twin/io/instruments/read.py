@@ -164,13 +164,14 @@ def _native(path: Path, kind: str, choice: ClockChoice) -> Recording | None:
 
 
 def _sheet(path: Path, kind: str) -> Sheet:
-    from valve_twin.io.instruments import excel, mat, parquet, text
+    from valve_twin.io.instruments import excel, mat, parquet
+    from valve_twin.io.instruments.text.table import read_text_table
 
     readers = {
         "excel": excel.read_excel,
         "hdf5": mat.read_hdf5,
         "mat": mat.read_mat,
         "parquet": parquet.read_parquet,
-        "text": text.read_text_table,
+        "text": read_text_table,
     }
     return readers[kind](path)

@@ -5,24 +5,32 @@
 from __future__ import annotations
 
 import csv
-import zlib
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from valve_twin.io.errors import BagError
-from valve_twin.io.instruments.cells import RawColumn, Sheet, find_table
-from valve_twin.io.instruments.table import check_size
-from valve_twin.io.limits import unpack_gzip
+from valve_twin.io.instruments.cells import (
+    RawColumn,
+    Sheet,
+    assemble,
+    find_layout,
+    find_table,
+    has_comma,
+    read_rows,
+)
+from valve_twin.io.instruments.text.blocks import plain_body, read_fast
+from valve_twin.io.instruments.text.encoding import decode, unpacked
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+LARGE = 1 << 20
+"""Files of more bytes are read block by block."""
+
 _MARKS = ("\t", ";", "|", ",", " ")
 _PROBE = 60  # lines by which the separator is found
-_ENCODINGS = ["cp1252", "cp1251", "cp1250", "cp850", "cp932", "gb18030", "euc_kr"]
-_LETTERS = 65_536  # bytes by which the encoding is found
 _CYCLE_COLUMNS = 100  # a nameless row of so many values is one cycle
 _MOST_CYCLES = 0.5  # rows of such a file to its columns at most, or it is a table
 
@@ -41,56 +49,53 @@ def read_text_table(path: Path) -> Sheet:
     BagError
         One line with file, line, column and value.
     """
-    text = decode(path, _unpacked(path))
-    lines = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip()]
+    data = unpacked(path)
+    sheet = _in_blocks(path, data) if len(data) > LARGE else None
+    return _cycles_below_each_other(sheet or _as_a_whole(path, data))
+
+
+def _as_a_whole(path: Path, data: bytes) -> Sheet:
+    lines = _filled(decode(path, data), 1)
     if not lines:
         msg = f"{path}: is empty; give a file with rows"
         raise BagError(msg)
     mark = _separator([line for _, line in lines])
-    sheet = find_table(path, [(n, _cells(line, mark)) for n, line in lines])
-    return _cycles_below_each_other(sheet)
+    return find_table(path, [(n, _cells(line, mark)) for n, line in lines])
 
 
-def _unpacked(path: Path) -> bytes:
-    try:
-        check_size(path, path.stat().st_size)
-        data = path.read_bytes()
-        return unpack_gzip(data) if data.startswith(b"\x1f\x8b") else data
-    except FileNotFoundError:
-        msg = f"{path}: there is no such file"
-        raise BagError(msg) from None
-    except (OSError, EOFError, zlib.error) as err:
-        msg = f"{path}: cannot be read ({err}); give a whole file, plain or gzip"
-        raise BagError(msg) from err
+def _in_blocks(path: Path, data: bytes) -> Sheet | None:
+    """Return the table of a large file as `_as_a_whole` would, block by block.
 
-
-def decode(path: Path, data: bytes) -> str:
-    """Return bytes as text: by byte-order mark, UTF-8, UTF-16 without mark, else the likeliest.
-
-    Raises
-    ------
-    BagError
-        If it is no text.
+    What it looks like is found from its first lines and some from all over it. None = that is not
+    enough: the table begins later, or its commas may mean what only other rows show.
     """
-    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-        return data.decode("utf-16", errors="replace").lstrip("\ufeff")
-    even, odd = data[:4096:2].count(0), data[1:4096:2].count(0)
-    if even + odd:
-        half = len(data[:4096]) // 4
-        if max(even, odd) < half or min(even, odd) > 0:
-            msg = f"{path}: is no text and of no kind that is read"
-            raise BagError(msg)
-        return data.decode("utf-16-le" if odd > even else "utf-16-be", errors="replace")
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        pass
-    try:
-        from charset_normalizer import from_bytes
-    except ImportError:
-        return data.decode("cp1252", errors="replace")
-    best = from_bytes(data[:_LETTERS], cp_isolation=_ENCODINGS).best()
-    return data.decode(best.encoding if best else "cp1252", errors="replace")
+    body = plain_body(data)
+    if body is None:
+        return None
+    head = _filled(decode(path, data[: body.start]), 1)
+    some = [line for _, line in _filled("\n".join(body.some()), 1)]
+    mark = _separator([line for _, line in head] + some)
+    above = [(n, _cells(line, mark)) for n, line in head]
+    probe = [(0, _cells(line, mark)) for line in some]
+    layout, first = find_layout(path, above, probe)
+    comma = has_comma(layout, above[first:] + probe)
+    if len(above[first][1]) != layout.width or not body.reads_commas(
+        mark, layout, probe, comma=comma
+    ):
+        return None
+    blocks = [read_rows(path, layout, above[first:], comma=comma)]
+    for line, block in body.blocks():
+        found = read_fast(block, mark, layout, line, comma=comma)
+        if found is None:
+            rows = [(n, _cells(text, mark)) for n, text in _filled(block.decode("ascii"), line)]
+            found = read_rows(path, layout, rows, comma=comma)
+        blocks.append(found)
+    return assemble(path, layout, blocks)
+
+
+def _filled(text: str, first: int) -> list[tuple[int, str]]:
+    """Return the lines that are not empty with their numbers, of which the first is given."""
+    return [(n, line) for n, line in enumerate(text.splitlines(), first) if line.strip()]
 
 
 def _separator(lines: Sequence[str]) -> str:

@@ -1,0 +1,67 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The bytes of a text file, plain or packed, and their encoding."""
+
+from __future__ import annotations
+
+import zlib
+from typing import TYPE_CHECKING
+
+from valve_twin.io.errors import BagError
+from valve_twin.io.instruments.table import check_size
+from valve_twin.io.limits import unpack_gzip
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+_ENCODINGS = ["cp1252", "cp1251", "cp1250", "cp850", "cp932", "gb18030", "euc_kr"]
+_LETTERS = 65_536  # bytes by which the encoding is found
+
+
+def unpacked(path: Path) -> bytes:
+    """Return what a file holds, unpacked where it is gzip.
+
+    Raises
+    ------
+    BagError
+        If it cannot be read, or is larger than allowed.
+    """
+    try:
+        check_size(path, path.stat().st_size)
+        data = path.read_bytes()
+        return unpack_gzip(data) if data.startswith(b"\x1f\x8b") else data
+    except FileNotFoundError:
+        msg = f"{path}: there is no such file"
+        raise BagError(msg) from None
+    except (OSError, EOFError, zlib.error) as err:
+        msg = f"{path}: cannot be read ({err}); give a whole file, plain or gzip"
+        raise BagError(msg) from err
+
+
+def decode(path: Path, data: bytes) -> str:
+    """Return bytes as text: by byte-order mark, UTF-8, UTF-16 without mark, else the likeliest.
+
+    Raises
+    ------
+    BagError
+        If it is no text.
+    """
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return data.decode("utf-16", errors="replace").lstrip("\ufeff")
+    even, odd = data[:4096:2].count(0), data[1:4096:2].count(0)
+    if even + odd:
+        half = len(data[:4096]) // 4
+        if max(even, odd) < half or min(even, odd) > 0:
+            msg = f"{path}: is no text and of no kind that is read"
+            raise BagError(msg)
+        return data.decode("utf-16-le" if odd > even else "utf-16-be", errors="replace")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        pass
+    try:
+        from charset_normalizer import from_bytes
+    except ImportError:
+        return data.decode("cp1252", errors="replace")
+    best = from_bytes(data[:_LETTERS], cp_isolation=_ENCODINGS).best()
+    return data.decode(best.encoding if best else "cp1252", errors="replace")
