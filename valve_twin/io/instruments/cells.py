@@ -109,15 +109,31 @@ class Layout:
     preamble: tuple[str, ...]
 
 
+_ODD, _UNFIT = -2, -1  # kinds of rows that are left out
+
+
 @dataclass(slots=True)
 class Told:
-    """What was left out: what is said of the first, before and behind their number, by kind."""
+    """What was left out, by kind: a kind of rows, or the column in which a cell was.
 
-    first: dict[str, tuple[str, str]] = field(default_factory=dict)
-    count: Counter[str] = field(default_factory=Counter)
+    `first` is what is said of the first, before and behind their number.
+    """
 
-    def add(self, kind: str, text: tuple[str, str], count: int = 1) -> None:
-        """Count some of a kind, and keep what is said of the first."""
+    first: dict[int, tuple[str, str]] = field(default_factory=dict)
+    count: Counter[int] = field(default_factory=Counter)
+
+    def add(self, kind: int, text: tuple[str, str], count: int = 1) -> None:
+        """Count some of a kind, and keep what is said of the first.
+
+        Parameters
+        ----------
+        kind : int
+            A kind of rows, or a column.
+        text : (str, str)
+            What is said before and behind the number.
+        count : int
+            How many there are.
+        """
         self.first.setdefault(kind, text)
         self.count[kind] += count
 
@@ -128,7 +144,7 @@ class Told:
 
     def lines(self) -> list[str]:
         """Return one line a kind."""
-        return [f"{a}{self.count[kind]}{b}" for kind, (a, b) in self.first.items()]
+        return [f"{a}{self.count[kind]}{b}" for kind, (a, b) in sorted(self.first.items())]
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,11 +238,11 @@ def read_rows(path: Path, layout: Layout, rows: Rows, *, comma: bool) -> Block:
         line, cells = row
         if len(cells) not in {width, width - 1}:
             begin = f"{path}:{line}: the row has {len(cells)} cells, the others have {width}; "
-            told.add("odd", (begin, " such rows are left out"))
+            told.add(_ODD, (begin, " such rows are left out"))
         elif not _fits(cells, layout.numeric):
             text = next(c for i, c in enumerate(cells) if i in layout.numeric and not _is_value(c))
             begin = f"{path}:{line}: '{text[:40]}' stands where numbers stand; "
-            told.add("unfit", (begin, " such rows are left out"))
+            told.add(_UNFIT, (begin, " such rows are left out"))
         else:
             kept.append(row)
     lines = np.array([line for line, _ in kept], dtype=np.int64)
@@ -242,7 +258,7 @@ def read_rows(path: Path, layout: Layout, rows: Rows, *, comma: bool) -> Block:
                 f"{path}:{lines[bad[0]]}: column '{name}': '{texts[bad[0]][:40]}' is no number "
                 "and is left out ("
             )
-            told.add(name, (begin, " such cells); correct it or leave the cell empty"), len(bad))
+            told.add(i, (begin, " such cells); correct it or leave the cell empty"), len(bad))
     return Block(lines, columns, told)
 
 

@@ -38,8 +38,17 @@ def unpacked(path: Path) -> bytes:
         raise BagError(msg) from err
 
 
-def decode(path: Path, data: bytes) -> str:
+def decode(path: Path, data: bytes, whole: bytes = b"") -> str:
     """Return bytes as text: by byte-order mark, UTF-8, UTF-16 without mark, else the likeliest.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for messages.
+    data : bytes
+        What of it is decoded.
+    whole : bytes
+        All that it holds, if that is more.
 
     Raises
     ------
@@ -63,5 +72,5 @@ def decode(path: Path, data: bytes) -> str:
         from charset_normalizer import from_bytes
     except ImportError:
         return data.decode("cp1252", errors="replace")
-    best = from_bytes(data[:_LETTERS], cp_isolation=_ENCODINGS).best()
+    best = from_bytes((whole or data)[:_LETTERS], cp_isolation=_ENCODINGS).best()
     return data.decode(best.encoding if best else "cp1252", errors="replace")

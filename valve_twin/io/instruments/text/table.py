@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import csv
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -49,8 +50,10 @@ def read_text_table(path: Path) -> Sheet:
     BagError
         One line with file, line, column and value.
     """
-    data = unpacked(path)
-    sheet = _in_blocks(path, data) if len(data) > LARGE else None
+    data, sheet = unpacked(path), None
+    if len(data) > LARGE:
+        with suppress(BagError):  # the whole decides, and tells the line
+            sheet = _in_blocks(path, data)
     return _cycles_below_each_other(sheet or _as_a_whole(path, data))
 
 
@@ -72,7 +75,7 @@ def _in_blocks(path: Path, data: bytes) -> Sheet | None:
     body = plain_body(data)
     if body is None:
         return None
-    head = _filled(decode(path, data[: body.start]), 1)
+    head = _filled(decode(path, data[: body.start], data), 1)
     some = [line for _, line in _filled("\n".join(body.some()), 1)]
     mark = _separator([line for _, line in head] + some)
     above = [(n, _cells(line, mark)) for n, line in head]
