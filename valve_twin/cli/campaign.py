@@ -63,7 +63,7 @@ def _campaign(arguments: argparse.Namespace) -> int:
     if arguments.derive:
         return _derive(arguments)
     from valve_twin.core.diagnosis.campaign import run_campaign
-    from valve_twin.core.diagnosis.config import OF_ANY_VALVE
+    from valve_twin.core.diagnosis.config import detection_of
 
     try:
         rig, table, config, own = _chosen(arguments)
@@ -76,7 +76,7 @@ def _campaign(arguments: argparse.Namespace) -> int:
     if arguments.fault:
         config = replace(config, severities={n: config.severities[n] for n in arguments.fault})
     with progress_of("records", len(config.seeds)) as advance:
-        detection = OF_ANY_VALVE if arguments.model else None
+        detection = detection_of(rig.feature_set) if arguments.model else None
         result = run_campaign(rig, table, config, detection=detection, own=own, advance=advance)
     if arguments.json:
         text = json.dumps(_plain(result, config.seeds), indent=1, allow_nan=False)

@@ -60,6 +60,27 @@ def test_ok_names_no_limit_that_is_or_may_be_reached(told):
         assert not trend.service_date_known or trend.remaining_low >= 1.0
 
 
+def test_ok_names_each_parameter_of_which_it_says_nothing(history, scatter):
+    """It was said with a leak of -218 .. +291 % and for parameters that have no estimates."""
+    n, names = 30, ("K_in", "leak", "lag")
+    config = AgingConfig(thresholds=tuple(Threshold(name, 20.0) for name in names))
+    estimates = history(
+        K_in=1.0 + np.linspace(0.0, 0.06, n) + 1e-3 * scatter(4, n, 0.0),
+        leak=1.0 + 0.3 * scatter(9, n, 0.0),
+        lag=np.where(np.arange(n) < 5, 1.0, np.nan),
+    )
+    parameters = [Parameter(name, "1", "", trend=True) for name in names]
+    alone = assess(estimates, (), config, parameters=parameters[:1]).verdict
+    found = assess(estimates, (), config, parameters=parameters)
+    assert alone.kind is found.verdict.kind is VerdictKind.OK
+    assert not any(text in alone.evidence for text in ("nothing is said", "within the doubt: "))
+    leak = found.trends[1]
+    told = f"{leak.drift_reference_lower_95:+.1f} .. {leak.drift_reference_upper_95:+.1f} of +20 %"
+    assert leak.drift_reference_upper_95 > 20.0
+    assert f"; a limit of leak is within the doubt: {told}" in found.verdict.evidence
+    assert "; nothing is said of lag: 5 of 10 estimates since" in found.verdict.evidence
+
+
 def test_nothing_is_said_to_last_for_no_time(told):
     for _, trend, verdict in told:
         assert "not before 0" not in verdict.evidence

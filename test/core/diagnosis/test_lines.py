@@ -41,6 +41,22 @@ def test_steps_are_whitened_without_the_levels_of_products():
     assert own[:11] == pytest.approx(1.0 / CONFIG.margin, rel=0.2)  # 4 sigma of a scatter of 400
 
 
+def test_scatter_that_is_no_noise_may_have_correlations_of_its_own():
+    """A valve's parameters scatter: by the correlations of noise a sound cycle lay 350 off."""
+    base, rng = MODEL.signatures(), np.random.default_rng(11)
+    count = len(base.features)
+    alike = 1e-4 * (0.999 * np.ones((count, count)) + 0.001 * np.eye(count))  # noise moves all
+    table = replace(base, covariance=tuple(map(tuple, alike)), floor=(1e-9,) * count)
+    cycles = 0.3 * rng.standard_normal((400, count))  # and the valve each by itself
+    worst = []
+    for apart in (0.0, 1.0):
+        config = replace(CONFIG, apart=apart)
+        rays = whitened_rays(cycles[:20], np.isfinite(cycles[:20]), table, config)
+        worst.append(np.quantile(np.abs(rays.whitened(cycles[20:])).max(axis=1), 0.95))
+    assert worst[1] < 4.0
+    assert worst[0] > 3.0 * worst[1]
+
+
 def test_a_fault_whose_features_the_cycles_do_not_show_makes_no_step():
     table, rng = MODEL.signatures(), np.random.default_rng(4)
     vectors = rng.multivariate_normal(np.zeros(len(table.features)), table.covariance, 30)

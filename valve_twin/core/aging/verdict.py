@@ -321,9 +321,24 @@ def decide(
     else:
         kind = VerdictKind.OK
         own_only = "" if _all_commissioned(judged) else _OWN_ONLY.format(since)
-        evidence = f"{own_only}largest drift: {describe(max(judged, key=_share))}"
+        largest = max(judged, key=_share)
+        evidence = f"{own_only}largest drift: {describe(largest)}"
+        others = (_unsaid(t) for t in trends if t is not largest)
+        evidence += "".join(f"; {text}" for text in others if text)
     evidence += f"; {failed}" if failed else ""
     return Verdict(stamp_ns, valve, kind, kind.text, evidence, cycle, named)
+
+
+def _unsaid(trend: Trend) -> str:
+    """Return why "ok" says nothing of a parameter, or not that it is within its limit, or ""."""
+    if trend.status is TrendStatus.NOT_ENOUGH_DATA:
+        return f"nothing is said of {trend.parameter}: {trend.reason.partition(';')[0]}"
+    low, high = trend.drift_reference_lower_95, trend.drift_reference_upper_95
+    way = 100.0 * (trend.threshold / trend.reference - 1.0) if trend.reference else np.nan
+    if not (way and max(low / way, high / way) >= 1.0):
+        return ""
+    reach = f"{low:+.1f} .. {high:+.1f} of {way:+.3g} %"
+    return f"a limit of {trend.parameter} is within the doubt: {reach}"
 
 
 def _all_commissioned(trends: Sequence[Trend]) -> bool:

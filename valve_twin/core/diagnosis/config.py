@@ -4,9 +4,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from valve_twin.core.quantity import check_quantities, quantity
+
+if TYPE_CHECKING:
+    from valve_twin.core.diagnosis.features import FeatureSet
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +73,14 @@ class DetectionConfig:
         lower=0.0,
     )
     trust: float = quantity(60.0, "1", "Cycles that the table's correlations count as.", lower=0.0)
+    apart: float = quantity(
+        0.0,
+        "1",
+        "Share of the scatter beyond the table's that has correlations of its own: 0 = those of "
+        "the table hold for all of it, 1 = for what is noise alone.",
+        lower=0.0,
+        upper=1.0,
+    )
     margin: float = quantity(
         1.1, "1", "Factor on the own standard deviations: they come from few cycles.", lower=1.0
     )
@@ -110,3 +122,19 @@ class DetectionConfig:
 
 OF_ANY_VALVE = DetectionConfig(alone=1e-4, departs=0.0, varies=0.25)
 """For features of any valve."""
+
+BY_A_MODEL = replace(OF_ANY_VALVE, apart=1.0)
+"""For those whose signatures are what the model sees: cycles scatter by what it does not know."""
+
+
+def detection_of(features: FeatureSet) -> DetectionConfig:
+    """Return when to speak of the features of a valve.
+
+    Parameters
+    ----------
+    features : FeatureSet
+        Which they are.
+    """
+    if not features.of_any_valve:
+        return DetectionConfig()
+    return BY_A_MODEL if features.by_model else OF_ANY_VALVE

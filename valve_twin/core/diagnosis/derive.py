@@ -22,6 +22,7 @@ from valve_twin.core.diagnosis.table import (
     FACTORS,
     Signature,
     SignatureTable,
+    held_correlations,
     whitener,
     with_floor,
 )
@@ -170,6 +171,7 @@ def derive(
     *,
     small: Mapping[str, float] | None = None,
     correlations: SignatureTable | None = None,
+    apart: float = 0.0,
     effort: Effort | None = None,
     advance: Callable[[], None] = lambda: None,
 ) -> SignatureTable:
@@ -185,6 +187,8 @@ def derive(
         Small sizes that are set and not searched, by fault [unit of the fault].
     correlations : SignatureTable, optional
         Table whose correlations count beside the scatter of each feature; none = its own.
+    apart : float
+        Share of the scatter beyond that of the table which they do not count for [1].
     effort : Effort, optional
         How much is simulated.
     advance : callable
@@ -199,7 +203,7 @@ def derive(
     starts = [_started(rig, seed) for seed in effort.seeds]
     covariance = _scatter(rig, starts, effort.healthy)
     if correlations is not None:
-        covariance = _correlated(np.sqrt(np.diag(covariance)), correlations)
+        covariance = _correlated(np.sqrt(np.diag(covariance)), correlations, apart)
     followed = rig.feature_set
     floor = np.full(len(followed.names), 1e-9)
     for name in followed.shares:
@@ -247,11 +251,12 @@ def _scatter(rig: Bench[V], starts: list[V], cycles: int) -> FloatArray:
     return np.asarray(off.T @ off / (len(off) - len(runs)))
 
 
-def _correlated(deviation: FloatArray, table: SignatureTable) -> FloatArray:
+def _correlated(deviation: FloatArray, table: SignatureTable, apart: float) -> FloatArray:
     """Return the (F, F) covariance of features of these deviations with a table's correlations."""
     known = with_floor(np.array(table.covariance), np.maximum(np.array(table.floor), 1e-9))
     own = np.sqrt(np.diag(known))
-    return np.asarray(known / np.outer(own, own) * np.outer(deviation, deviation))
+    held = held_correlations(own, np.maximum(deviation, 1e-9), apart)
+    return np.asarray(held * known / np.outer(own, own) * np.outer(deviation, deviation))
 
 
 def _mean(run: FloatArray) -> FloatArray:

@@ -12,7 +12,7 @@ import numpy as np
 
 from valve_twin.core.diagnosis.changes.elsewhere import Elsewhere, followed
 from valve_twin.core.diagnosis.changes.finding import NOTHING, UNKNOWN, Diagnosis, Finding
-from valve_twin.core.diagnosis.config import OF_ANY_VALVE, DetectionConfig
+from valve_twin.core.diagnosis.config import DetectionConfig, detection_of
 from valve_twin.core.diagnosis.detection import detect
 from valve_twin.core.diagnosis.direct import bounds, freezing, noise
 from valve_twin.core.diagnosis.features import NOISE
@@ -120,7 +120,7 @@ def search(past: Past, maintenance: Sequence[Maintenance]) -> Searched:
     product = _products_of(shown)
     found: list[Finding] = []
     ready, doubt, far, newest = False, "", 0.0, 0
-    config = OF_ANY_VALVE if model.feature_set.of_any_valve else DetectionConfig()
+    config = detection_of(model.feature_set)
     since = int(np.searchsorted(cycles, max(restarts, default=0)))
     anew = max(restarts, default=0) > settled.judged
     lately = [int(p) for p in product[::-1] if p >= 0][:_LATELY]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.diagnosis.features import NOISE, UNFOLLOWED
-from valve_twin.core.diagnosis.table import SignatureTable, whitener, with_floor
+from valve_twin.core.diagnosis.table import SignatureTable, held_correlations, whitener, with_floor
 from valve_twin.core.estimation.data.one_thread import rows_times
 from valve_twin.core.estimation.data.robust import MAD_SCALE
 
@@ -178,7 +178,8 @@ def _rays(
     scale = config.margin * wider * np.sqrt(np.diag(own))
     prior = with_floor(np.array(table.covariance), floor)
     deviation = np.sqrt(np.diag(prior))
-    mixed = config.trust * prior / np.outer(deviation, deviation)
+    held = held_correlations(deviation, np.sqrt(np.diag(own)), config.apart)
+    mixed = config.trust * held * prior / np.outer(deviation, deviation)
     deviation = np.sqrt(np.diag(own))
     mixed += freedom * own / np.outer(deviation, deviation)
     correlation = mixed / (config.trust + freedom)

@@ -189,6 +189,22 @@ def whitener(covariance: FloatArray) -> FloatArray:
     return np.linalg.inv(np.linalg.cholesky(covariance))
 
 
+def held_correlations(noise: FloatArray, own: FloatArray, apart: float) -> FloatArray:
+    """Return by how much correlations of noise hold for cycles that scatter by more, (F, F) [1].
+
+    Parameters
+    ----------
+    noise, own : (F,) arrays
+        Standard deviations of the features by noise alone, and between cycles [same unit].
+    apart : float
+        Share of the scatter beyond noise that has correlations of its own [1].
+    """
+    share = np.minimum(noise / own, 1.0)
+    held = 1.0 - apart * (1.0 - np.outer(share, share))
+    np.fill_diagonal(held, 1.0)
+    return np.asarray(held)
+
+
 def with_floor(covariance: FloatArray, floor: FloatArray) -> FloatArray:
     """Return a covariance whose standard deviations are at least `floor` (F,)."""
     missing = np.maximum(floor**2 - np.diag(covariance), 0.0)

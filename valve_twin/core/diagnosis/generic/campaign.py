@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from valve_twin.core.diagnosis.campaign import CampaignConfig
+from valve_twin.core.diagnosis.config import detection_of
 from valve_twin.core.diagnosis.derive import Effort, derive
 from valve_twin.core.diagnosis.generic.faults import SET_SIZES
 from valve_twin.core.diagnosis.generic.motion import motion_of
@@ -35,6 +36,8 @@ _AGES = 5e-4
 """Relative change of the first parameter that is followed and ages, a cycle [1]."""
 _SCATTERS = 0.01
 """Relative standard deviation of that parameter from cycle to cycle [1]."""
+_ALL_SCATTER = 0.003
+"""The same of every parameter that is followed, where signatures are by the model [1]."""
 
 
 def model_rig(name: str) -> ModelRig:
@@ -55,15 +58,17 @@ def model_rig(name: str) -> ModelRig:
         msg = f"model '{name}' has features of its own: give --config FILE"
         raise ValueError(msg)
     simulation = get_simulation(name)
-    if ages := _ages(model, simulation):
-        simulation = replace(simulation, scatter=(Scatter(ages, _SCATTERS),))
-    return ModelRig(model, model.options, simulation)
+    followed = _followed(model, simulation)
+    scatter = [Scatter(ages, _SCATTERS) for ages in followed[:1]]
+    if model.feature_set.by_model:  # what it does not know of a cycle moves all that it sees
+        scatter = [Scatter(each, _ALL_SCATTER) for each in followed]
+    return ModelRig(model, model.options, replace(simulation, scatter=tuple(scatter)))
 
 
-def _ages(model: ValveModel, simulation: SimulationConfig) -> str:
-    """Return the first parameter that is followed and that the plant has, empty = none."""
+def _followed(model: ValveModel, simulation: SimulationConfig) -> list[str]:
+    """Return the parameters that are followed and that the plant has."""
     numbers = {name for name, _ in simulation.plant_numbers(1)}
-    return next((p.name for p in model.parameters if p.trend and p.name in numbers), "")
+    return [p.name for p in model.parameters if p.trend and p.name in numbers]
 
 
 def own_signatures(rig: ModelRig, valve: FaultyValve) -> SignatureTable:
@@ -109,6 +114,7 @@ def campaign_of(
         sizing,
         small=SET_SIZES,
         correlations=signatures_of(rig.model),  # as the detection counts them
+        apart=detection_of(rig.feature_set).apart,
         effort=_SIZING,
         advance=advance,
     )
@@ -118,6 +124,6 @@ def campaign_of(
             : len(SIZES)
         ]
         severities[name] = (small, medium, large)
-    ages = _ages(rig.model, rig.simulation)
-    rules = (AgingRule(ages, "linear", _AGES),) if ages else ()
+    ages = _followed(rig.model, rig.simulation)[:1]
+    rules = tuple(AgingRule(name, "linear", _AGES) for name in ages)
     return CampaignConfig(severities, seeds=seeds, after=7, aging=rules, sizes=SIZES[1:])

@@ -78,6 +78,11 @@ _EDGE = 0.25
 _START = 0.15
 """Share of a move that is its start, assumed [1]."""
 
+_LEAST = {"saturated": 5e-3, "rough_rest": 0.1, "rough_move": 0.1}
+"""Least standard deviations of features between cycles, a fault of small size is four of these.
+As a valve ages its controller is at its end for a sample more from some cycle on, and its steps of
+rounding fall otherwise: no fault [unit of the feature; roughness is a logarithm]."""
+
 _MOST_GAPS = 0.01
 """Share of samples that may be missing: what is lost on the way is no fault of the valve."""
 
@@ -110,7 +115,7 @@ def feature_set(
         (*(n for n in SHARES if n in names), *extra.shares),
         extra.first_sizes,
         extra.largest,
-        least=least or {},
+        least={n: x for n, x in _LEAST.items() if n in names} | {**(least or {})},
         of_any_valve=True,
         by_model=by_model,
     )
