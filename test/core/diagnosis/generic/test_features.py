@@ -106,5 +106,9 @@ def test_a_valve_excludes_adds_and_bounds():
     assert mine.names == (*(n for n in NAMES if n != "saturated"), "heat")
     assert "saturated" not in mine.shares
     assert "heat" in mine.relative
-    assert mine.least == {"level_zero": 1e-3}
+    usual = feature_set().least
+    assert set(usual) == {"saturated", "rough_rest", "rough_move"}
+    kept = {n: usual[n] for n in ("rough_rest", "rough_move")}
+    assert mine.least == {**kept, "level_zero": 1e-3}
+    assert feature_set(least={"rough_rest": 0.4}).least["rough_rest"] == 0.4
     assert mine.of_any_valve
