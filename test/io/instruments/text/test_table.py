@@ -58,6 +58,26 @@ def test_the_encoding_is_found(tmp_path, encoding):
     assert [c.unit for c in found.columns] == ["%", "°C"]
 
 
+WRITTEN = {
+    "cp1252": ("Kühlöl", "Größe", "Ventilöffnung", "Durée", "Presión [°C]", "Weg [µm]", "m³/h"),
+    "cp850": ("Öffnung", "Kühlöl [°C]", "Weg [µm]", "Größe"),
+    "cp1250": ("Położenie", "Ciśnienie"),
+    "cp1251": ("Положение", "Давление"),
+    "gb18030": ("时间", "温度PV", "压力 [s]"),
+    "euc_kr": ("시간", "위치"),
+    "cp932": ("時間", "位置 [mm]"),
+}
+
+
+@pytest.mark.parametrize("encoding", WRITTEN)
+def test_what_is_written_in_a_country_is_read(tmp_path, encoding):
+    """ "°C" was read as one Chinese character, so that the unit was lost, and so was "Kühlöl"."""
+    pytest.importorskip("charset_normalizer")
+    for name in WRITTEN[encoding]:
+        text = f"t_s;{name}\n" + rows(lambda i: f"{0.1 * i:.1f};{i % 7}")
+        assert [c.name for c in recorded(tmp_path / "a.csv", text, encoding).columns] == [name]
+
+
 PREAMBLE = """Instrument;DAQ-9000;rev 3
 Operator;M. Müller
 Sample rate [Hz];200

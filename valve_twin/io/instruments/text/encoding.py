@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 import zlib
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,16 @@ if TYPE_CHECKING:
 
 _ENCODINGS = ["cp1252", "cp1251", "cp1250", "cp850", "cp932", "gb18030", "euc_kr"]
 _LETTERS = 65_536  # bytes by which the encoding is found
+_WESTERN = ("cp1252", "cp850", "cp1250")
+_HIGH = re.compile(rb"([A-Za-z]?)([\x80-\xff]+)(?=([A-Za-z]?))")
+_NOT_WESTERN = re.compile(
+    "[^\x00-\x7f\xa0-\xffŒœŠšŽžŸ€–—‘’“”…‰ĄąĆćĘęŁłŃńŚśŹźŻżČčĎďĚěŇňŘřŤťŮůŐőŰű˝]"  # not written there
+    "|[A-Za-zÀ-ÿ][¡-¿×÷“”]+[a-zß-ÿ]"  # a sign inside a word
+    "|œ[^uid]"  # which no word of French has
+    "|(?<![A-Za-zÀ-ÿ])(?:ø[CFK]|æ[mslAVgF])(?![A-Za-zÀ-ÿ])"  # degree and micro of DOS
+)
+_CYRILLIC = re.compile("[А-ЯЁ]?[а-яё]{2,}|[А-ЯЁ]{3,}")
+_IDEOGRAPH = re.compile("[\u4e00-\u9fff]")
 
 
 def unpacked(path: Path) -> bytes:
@@ -68,9 +79,31 @@ def decode(path: Path, data: bytes, whole: bytes = b"") -> str:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
         pass
+    return data.decode(_likeliest((whole or data)[:_LETTERS]), errors="replace")
+
+
+def _likeliest(sample: bytes) -> str:
+    """Return the encoding of bytes that are no UTF.
+
+    A few letters with accents and signs of units among ASCII are Western: what counts how often
+    characters follow each other takes a degree sign and its C for one of Chinese.
+    """
+    runs = _HIGH.findall(sample)
+    if all(len(high) <= 2 for _, high, _ in runs) and any(
+        len(high) == 1 or (before and behind) for before, high, behind in runs
+    ):
+        for name in _WESTERN:
+            text = sample.decode(name, errors="replace")
+            if not _NOT_WESTERN.search(text):
+                return name
+    if all(_CYRILLIC.fullmatch(high.decode("cp1251", errors="replace")) for _, high, _ in runs):
+        return "cp1251"
     try:
         from charset_normalizer import from_bytes
     except ImportError:
-        return data.decode("cp1252", errors="replace")
-    best = from_bytes((whole or data)[:_LETTERS], cp_isolation=_ENCODINGS).best()
-    return data.decode(best.encoding if best else "cp1252", errors="replace")
+        return "cp1252"
+    best = from_bytes(sample, cp_isolation=_ENCODINGS).best()
+    name = best.encoding if best else "cp1252"
+    if name == "euc_kr" and _IDEOGRAPH.search(sample.decode(name, errors="replace")):
+        return "gb18030"  # which Korean is no more written with
+    return name
