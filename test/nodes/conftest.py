@@ -151,6 +151,7 @@ class Graph:
         self._others: list[SingleThreadedExecutor] = []
         self.processes: list[NodeProcess] = []
         self._count = itertools.count()
+        self._records: list[tuple[str, list[Any]]] = []
 
     def start(
         self, name: str, ns: str = NS, extra=(), *, alone: bool = False, **parameters
@@ -205,12 +206,24 @@ class Graph:
                 return value
             if time.monotonic() > end:
                 logs = "\n".join(p.log[-2000:] for p in self.processes)
-                pytest.fail(f"not within {timeout} s: {what or condition}\n{logs}")
+                heard = self._still_heard()
+                pytest.fail(f"not within {timeout} s: {what or condition}\n{heard}\n{logs}")
             self.executor.spin_once(timeout_sec=0.02)
             for executor in self._others:
                 executor.spin_once(timeout_sec=0.0)
             for node in self.hosted:
                 node.drain()
+
+    def _still_heard(self) -> str:
+        """Say of each topic that is recorded how much was heard, and in the next 2 s."""
+        before = [len(found) for _, found in self._records]
+        end = time.monotonic() + 2.0
+        while time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=0.02)
+        return "\n".join(
+            f"{topic}: {count} messages, then {len(found) - count} in 2 s"
+            for (topic, found), count in zip(self._records, before, strict=True)
+        )
 
     def spin(self, seconds: float) -> None:
         """Run callbacks for a time; only to see that something does not happen."""
@@ -221,6 +234,7 @@ class Graph:
         """Return a list that fills with the messages of a topic."""
         found: list[Any] = []
         self.node.create_subscription(kind, topic, found.append, qos)
+        self._records.append((topic, found))
         return found
 
     def record_with_info(self, topic: str, kind) -> list[Any]:
@@ -231,6 +245,7 @@ class Graph:
             found.append((message, info))
 
         self.node.create_subscription(kind, topic, take, DEEP)  # type: ignore[arg-type]
+        self._records.append((topic, found))
         return found
 
     def connected(self, *topics: str) -> bool:
