@@ -120,6 +120,15 @@ def test_numpy_reads_what_is_whole(monkeypatch, tmp_path):
     assert sheet.columns[2].values[4:7].tolist() == [4.5, 5.5, 6.5]
 
 
+def test_empty_lines_at_the_end_say_nothing(monkeypatch, tmp_path):
+    """A block of them alone made numpy warn, which is a notice."""
+    monkeypatch.setattr(blocks, "BLOCK", 2000)
+    data = ("t_s,x\n" + "".join(f"{k},{k % 5}\n" for k in range(600)) + 5000 * "\n").encode()
+    found = outcome(table._in_blocks, tmp_path / "a.csv", data)
+    assert found is not None
+    assert found == outcome(table._as_a_whole, tmp_path / "a.csv", data)
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="memory of a process is counted otherwise")
 def test_a_large_table_takes_a_few_times_its_size(tmp_path):
     """It took 26 times as much: 145 MB of CSV took 2.6 GB."""

@@ -124,6 +124,8 @@ def read_fast(block: bytes, mark: str, layout: Layout, line: int, *, comma: bool
     for i in layout.numeric:
         kinds[i] = (str(i), f"S{LONGEST}" if i in layout.dated else "f8")
     text = (block.replace(b",", b".") if comma else block).decode("ascii")
+    if text.isspace():  # of which numpy warns
+        return None
     try:
         found = np.loadtxt(
             io.StringIO(text),
