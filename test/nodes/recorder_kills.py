@@ -13,6 +13,7 @@ import os
 import random
 import shutil
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -250,7 +251,7 @@ def read_cut(bag: Path) -> dict[str, list[int]]:
     found: dict[str, list[int]] = {}
     for path in bag.glob("*.mcap"):
         names: dict[int, str] = {}
-        with path.open("rb") as stream, suppress(McapError, EOFError):
+        with path.open("rb") as stream, suppress(McapError, EOFError, struct.error):
             for record in StreamReader(stream, validate_crcs=True).records:
                 if isinstance(record, Channel):
                     names[record.id] = record.topic
