@@ -269,6 +269,7 @@ def test_work_is_marked_with_the_twin_and_with_the_history_where_none_runs(
     graph.start("twin", history_url=url)
     client = node._marker._clients[NS, next(iter(node._marker._clients))[1]]
     graph.spin_until(client.service_is_ready, what="the twin")
+    graph.be_heard(f"{NS}/twin")  # or its answer may find nobody
     assert "maintenance noted from cycle" in mark("spring")
     with History(url, read_only=True) as stored:
         notes = [m.note for m in stored.maintenance(NS)]
