@@ -51,6 +51,7 @@ from valve_twin.core.aging.verdict import (
     decide,
     describe_remaining,
     held_back,
+    way_percent,
 )
 from valve_twin.core.diagnosis.changes.finding import NOTHING, Diagnosis
 from valve_twin.core.diagnosis.checks import begun_anew, failed_checks
@@ -388,7 +389,7 @@ def _is_sure(trend: Trend, limit: Limit, *, begun: bool) -> bool:
     side of the reference.
     """
     low, high = trend.drift_reference_lower_95, trend.drift_reference_upper_95
-    way = 100.0 * (limit.value / trend.reference - 1.0) if trend.reference else _NAN
+    way = way_percent(limit.value, trend.reference)
     if limit.beyond and not low <= way <= high:
         return True
     farthest = high if limit.value > trend.reference else -low

@@ -226,11 +226,25 @@ def way_to_threshold(trend: Trend) -> float:
 
     NaN where it is unknown; negative where the drift leads away or is not significant.
     """
-    way = 100.0 * (trend.threshold / trend.reference - 1.0) if trend.reference else np.nan
-    ends = (
-        (trend.drift_reference_lower_95 / way, trend.drift_reference_upper_95 / way) if way else ()
-    )
-    return float(min(ends, default=np.nan))
+    return min(_covered(trend), default=np.nan)
+
+
+def way_percent(limit: float, reference: float) -> float:
+    """Return how far a limit lies from a reference [%], NaN where that is 0.
+
+    Parameters
+    ----------
+    limit, reference : float
+        Values of a parameter [its unit].
+    """
+    return 100.0 * (limit / reference - 1.0) if reference else np.nan
+
+
+def _covered(trend: Trend) -> tuple[float, ...]:
+    """Return both ends of the drift's interval as shares of the way to the threshold [1]."""
+    way = way_percent(trend.threshold, trend.reference)
+    ends = (trend.drift_reference_lower_95, trend.drift_reference_upper_95)
+    return tuple(float(end / way) for end in ends) if way else ()
 
 
 SOON = 1.0
@@ -333,10 +347,10 @@ def _unsaid(trend: Trend) -> str:
     """Return why "ok" says nothing of a parameter, or not that it is within its limit, or ""."""
     if trend.status is TrendStatus.NOT_ENOUGH_DATA:
         return f"nothing is said of {trend.parameter}: {trend.reason.partition(';')[0]}"
-    low, high = trend.drift_reference_lower_95, trend.drift_reference_upper_95
-    way = 100.0 * (trend.threshold / trend.reference - 1.0) if trend.reference else np.nan
-    if not (way and max(low / way, high / way) >= 1.0):
+    if not max(_covered(trend), default=np.nan) >= 1.0:  # nor where it is not known
         return ""
+    low, high = trend.drift_reference_lower_95, trend.drift_reference_upper_95
+    way = way_percent(trend.threshold, trend.reference)
     reach = f"{low:+.1f} .. {high:+.1f} of {way:+.3g} %"
     return f"a limit of {trend.parameter} is within the doubt: {reach}"
 
@@ -348,8 +362,8 @@ def _all_commissioned(trends: Sequence[Trend]) -> bool:
 
 def _share(trend: Trend) -> float:
     """Order trends by how much of the way to the threshold they have gone."""
-    way = trend.threshold / trend.reference - 1.0 if trend.reference else np.nan
-    share = trend.drift_reference / (100.0 * way) if way else np.nan
+    way = way_percent(trend.threshold, trend.reference)
+    share = trend.drift_reference / way if way else np.nan
     return float(share) if np.isfinite(share) else -1.0
 
 

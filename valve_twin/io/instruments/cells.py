@@ -209,7 +209,8 @@ def find_layout(path: Path, head: Rows, some: Rows) -> tuple[Layout, int]:
 def has_comma(layout: Layout, rows: Rows) -> bool:
     """Return whether some number shows beyond doubt that commas stand before decimals."""
     widths = {layout.width, layout.width - 1}
-    fit = [c for _, c in rows if len(c) in widths and _fits(c, layout.numeric)]
+    some = (c for _, c in rows if len(c) in widths and any("," in cell for cell in c))
+    fit = [c for c in some if _fits(c, layout.numeric)]
     texts = ([c[i].strip() for c in fit if i < len(c)] for i in layout.numeric)
     return any(map(_is_decimal_comma, texts))
 

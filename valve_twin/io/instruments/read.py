@@ -102,7 +102,7 @@ def read_recording(path: Path, choice: ClockChoice | None = None) -> Recording:
     choice = choice or ClockChoice()
     kind = kind_of(path)
     try:
-        with what_is_said() as said, bounded_memory() if kind in _PACKED else nullcontext():
+        with _what_is_said() as said, bounded_memory() if kind in _PACKED else nullcontext():
             found = _native(path, kind, choice) or with_clock(_sheet(path, kind), choice)
     except (BagError, MemoryError) as err:
         memory = isinstance(err.__cause__ or err, MemoryError)
@@ -117,12 +117,23 @@ def read_recording(path: Path, choice: ClockChoice | None = None) -> Recording:
     return resampled(found, choice.resample_s) if choice.resample_s else found
 
 
+class _Listener(logging.Handler):
+    """Keeps what is logged, a line each."""
+
+    def __init__(self, said: list[str]) -> None:
+        super().__init__(logging.WARNING)
+        self._said = said
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Keep a record."""
+        self._said.append(_one_line(record.getMessage()))
+
+
 @contextmanager
-def what_is_said() -> Iterator[list[str]]:
+def _what_is_said() -> Iterator[list[str]]:
     """Collect what readers of others tell by loggers and warnings, a line each, none printed."""
     said: list[str] = []
-    listener = logging.Handler(logging.WARNING)
-    listener.emit = lambda record: said.append(_one_line(record.getMessage()))  # type: ignore[method-assign]
+    listener = _Listener(said)
     names = [n for n in logging.root.manager.loggerDict if n.partition(".")[0] in _LOGGING]
     loggers = [logging.getLogger(name) for name in {*_LOGGING, *names}]
     before = [(logger, logger.handlers, logger.propagate) for logger in loggers]

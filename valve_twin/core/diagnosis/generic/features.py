@@ -115,7 +115,7 @@ def feature_set(
         (*(n for n in SHARES if n in names), *extra.shares),
         extra.first_sizes,
         extra.largest,
-        least={n: x for n, x in _LEAST.items() if n in names} | {**(least or {})},
+        least={n: x for n, x in _LEAST.items() if n in names} | dict(least or {}),
         of_any_valve=True,
         by_model=by_model,
     )

@@ -137,7 +137,7 @@ def read_fast(block: bytes, mark: str, layout: Layout, line: int, *, comma: bool
         )
     except ValueError:
         return None
-    if len(found) != len(block.splitlines()):
+    if len(found) != block.count(b"\n") + (not block.endswith(b"\n")):
         return None
     columns: dict[int, NDArray[Any]] = {}
     for i in layout.numeric:
