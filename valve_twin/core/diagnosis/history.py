@@ -12,7 +12,7 @@ import numpy as np
 
 from valve_twin.core.diagnosis.changes.elsewhere import Elsewhere, followed
 from valve_twin.core.diagnosis.changes.finding import NOTHING, UNKNOWN, Diagnosis, Finding
-from valve_twin.core.diagnosis.config import DetectionConfig, detection_of
+from valve_twin.core.diagnosis.config import detection_of
 from valve_twin.core.diagnosis.detection import detect
 from valve_twin.core.diagnosis.direct import bounds, freezing, noise
 from valve_twin.core.diagnosis.features import NOISE
@@ -28,6 +28,7 @@ from valve_twin.core.past.columns import Settled, feature_vectors, past_of
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
+    from valve_twin.core.diagnosis.config import DetectionConfig
     from valve_twin.core.diagnosis.table import SignatureTable
     from valve_twin.core.past.columns import Past, Rows
     from valve_twin.core.types import Estimate, FloatArray, IntArray, Maintenance
@@ -137,9 +138,15 @@ def search(past: Past, maintenance: Sequence[Maintenance]) -> Searched:
         if number == product[-1]:
             ready, far, newest = part.ready, part.departs, part.newest
         if number in lately and (anew or past.settled is None):
-            kept = _measure(cycles[own], part.findings, since=max(restarts, default=0))
-            others = None if model.feature_set.of_any_valve else _others(vectors, product, number)
-            doubt = doubt or doubt_of(cycles[own][kept], steady[kept], table, others=others)
+            kept = _measure(cycles[own], part.findings, max(restarts, default=0), config)
+            others = (
+                None
+                if model.feature_set.of_any_valve
+                else _others(vectors, product, number, config)
+            )
+            doubt = doubt or doubt_of(
+                cycles[own][kept], steady[kept], table, config, others=others
+            )
     stopped = settled.stopped and _holds(settled, restarts)
     if stopped:  # until maintenance
         next_ = min((c for c in restarts if c > settled.judged), default=np.inf)
@@ -181,9 +188,11 @@ def _table_of(model: ValveModel, shown: Rows) -> SignatureTable | None:
 _NONE = Settled((), 0, -1)
 
 
-def _others(vectors: FloatArray, product: IntArray, number: int) -> list[FloatArray]:
+def _others(
+    vectors: FloatArray, product: IntArray, number: int, config: DetectionConfig
+) -> list[FloatArray]:
     """Return the features of the newest cycles of all other products that are known."""
-    newest = DetectionConfig().learn
+    newest = config.learn
     return [vectors[product == p][-newest:] for p in sorted(set(product.tolist()) - {-1, number})]
 
 
@@ -228,13 +237,15 @@ def _text(finding: Finding) -> str:
     return kind.text if kind else "a sudden change that is like no known fault"
 
 
-def _measure(cycles: IntArray, findings: Sequence[Finding], *, since: int) -> IntArray:
+def _measure(
+    cycles: IntArray, findings: Sequence[Finding], since: int, config: DetectionConfig
+) -> IntArray:
     """Return which cycles since a start may be a reference: not those of an early fault now over.
 
     Where it was there from the first cycle on they stay: which of the two are right is not known.
     """
     kept = cycles >= since
-    first = cycles[kept][: DetectionConfig().settled]
+    first = cycles[kept][: config.settled]
     for f in findings:
         if f.end >= 0 and len(first) and int(first[0]) < f.onset <= int(first[-1]):
             kept &= (cycles < f.onset) | (cycles >= f.end)
