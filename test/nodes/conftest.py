@@ -27,7 +27,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-from valve_twin.nodes.player.dds_profile import remove_profile_file, use_fast_heartbeat
+from valve_twin.nodes.runtime.transport.profile import remove_profile_file, use_fast_heartbeat
 
 _domains = itertools.cycle(range(1, 100))
 for _ in range(os.getpid() * 7 % 99):

@@ -48,11 +48,11 @@ def publish_until_killed(path: str, heartbeat_s: float) -> None:
     from valve_twin_msgs.msg import Float64Stamped
 
     from valve_twin.io.cdr.codec import encode_stamped
-    from valve_twin.nodes.player import dds_profile
+    from valve_twin.nodes.runtime.transport import profile
 
     if heartbeat_s:
-        dds_profile.HEARTBEAT_S = heartbeat_s
-        dds_profile.use_fast_heartbeat()
+        profile.HEARTBEAT_S = heartbeat_s
+        profile.use_fast_heartbeat()
     sent = np.memmap(path, dtype="<i8", mode="r+")
     rclpy.init()
     node = Node("publisher", start_parameter_services=False)

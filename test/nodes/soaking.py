@@ -356,7 +356,7 @@ def plant(valves: int, rate: float, batch: int, seconds: float) -> None:
     from valve_twin_msgs import msg
 
     from valve_twin.io.cdr.codec import encode_series, encode_stamped
-    from valve_twin.nodes.player.dds_profile import use_fast_heartbeat
+    from valve_twin.nodes.runtime.transport.profile import use_fast_heartbeat
 
     use_fast_heartbeat()  # else every acknowledgement takes up to 3 s
     rclpy.init(args=[])

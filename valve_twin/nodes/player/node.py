@@ -13,11 +13,6 @@ from typing import TYPE_CHECKING, Any
 from valve_twin.io.config.node_parameters import BagPlayerParameters
 from valve_twin.io.errors import ValveTwinError
 from valve_twin.io.playback.player import bag_topics
-from valve_twin.nodes.player.dds_profile import (
-    has_fast_heartbeat,
-    remove_profile_file,
-    use_fast_heartbeat,
-)
 from valve_twin.nodes.player.playback import Phase, Playback
 from valve_twin.nodes.player.publishers import PlayerPublishers
 from valve_twin.nodes.player.services import PlayerServices
@@ -25,6 +20,7 @@ from valve_twin.nodes.player.settings import PlaybackSettings, read_settings
 from valve_twin.nodes.runtime.log_bridge import LogBridge
 from valve_twin.nodes.runtime.node import STEADY, ValveNode, run
 from valve_twin.nodes.runtime.safety import CHECK_S
+from valve_twin.nodes.runtime.transport.profile import has_fast_heartbeat, use_fast_heartbeat
 from valve_twin.nodes.twin.inputs import seconds_now
 
 if TYPE_CHECKING:
@@ -46,7 +42,6 @@ class BagPlayerNode(ValveNode):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("bag_player", **kwargs)
-        remove_profile_file()
         self._settings: PlaybackSettings | None = None
         self.playback: Playback | None = None
         self._player_publishers: PlayerPublishers | None = None

@@ -13,7 +13,6 @@ from valve_twin_msgs import msg, srv
 
 from valve_twin.io.bags.rolling import FileEvents
 from valve_twin.io.recording.recorder import Recording
-from valve_twin.nodes.player.dds_profile import remove_profile_file
 from valve_twin.nodes.recorder.config import RecorderConfig, read_config
 from valve_twin.nodes.recorder.disk_queue import PERIOD_S, DiskQueue
 from valve_twin.nodes.recorder.recorded_topic import RecordedTopic
@@ -44,7 +43,6 @@ class BagRecorderNode(ValveNode):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("bag_recorder", **kwargs)
-        remove_profile_file()
         self._topics: dict[str, RecordedTopic] = {}
         self._config: RecorderConfig | None = None
         self._recording: Recording | None = None

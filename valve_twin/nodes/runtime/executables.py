@@ -14,6 +14,7 @@ import valve_twin.one_thread  # noqa: F401 - before numpy
 from valve_twin.io.config.node_arguments import check_arguments
 from valve_twin.io.errors import ConfigError
 from valve_twin.nodes.runtime import compat, termination
+from valve_twin.nodes.runtime.transport import profile
 
 _NODES = {
     "twin": ("twin", "TwinNode"),
@@ -28,6 +29,9 @@ _NODES = {
 
 _NICENESS = {"gateway": 10}
 """Priority of who shows below that of who computes, so that no twin waits for a viewer [1]."""
+
+_ASKS_OFTEN = {"bag_player", "bag_recorder"}
+"""Nodes of few topics that ask for what is missing a hundred times a second."""
 
 _USAGE = 2
 
@@ -85,16 +89,21 @@ def run(name: str) -> int:
     gc.disable()  # until the node has started: imports make hardly any garbage
     if name in _PREDICT:
         compat.spare_imports()
-    if name == "bag_player" or (name == "bag_recorder" and _follows_a_dead_process()):
-        import_module("valve_twin.nodes.player.dds_profile").use_fast_heartbeat(over_udp=True)
+    _choose_transport(name)
     room, kind = _NODES[name]
     make = getattr(import_module(f"valve_twin.nodes.{room}.node"), kind)
     return int(import_module("valve_twin.nodes.runtime.node").run(make))
 
 
-def _follows_a_dead_process() -> bool:
-    ports = import_module("valve_twin.nodes.recorder.dead_ports")
-    return bool(ports.has_dead_port(ports.domain_id()))
+def _choose_transport(name: str) -> None:
+    """Keep off shared memory where it may leave a node deaf."""
+    ports = import_module("valve_twin.nodes.runtime.transport.dead_ports")  # not on Windows
+    if name != "bag_player" and not ports.has_dead_port(ports.domain_id()):
+        return
+    if name in _ASKS_OFTEN:
+        profile.use_fast_heartbeat(over_udp=True)
+    else:
+        profile.keep_off_shared_memory()
 
 
 def _accepts(name: str) -> bool:

@@ -29,6 +29,7 @@ from valve_twin.io.errors import ValveTwinError
 from valve_twin.nodes.runtime import compat, termination
 from valve_twin.nodes.runtime.fault_reporter import FaultReporter
 from valve_twin.nodes.runtime.parameters import Parameters
+from valve_twin.nodes.runtime.transport.profile import remove_profile_file
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -66,6 +67,7 @@ class ValveNode(LifecycleNode):
 
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
+        remove_profile_file()
         self.faults = FaultReporter(self, self.later)
         self.parameters = Parameters(self, is_idle=self._is_idle)
         self.parameters.declare(NODE_PARAMETERS[name])

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""How Fast DDS carries what a player publishes: over UDP, and asked for a hundred times a second.
+"""How Fast DDS carries what a node says: over UDP, and asked for a hundred times a second.
 
-A reliable writer learns what its readers lack only from their answers to its heartbeats. With the
-default period of 3 s, what is dropped in a burst is sent again seconds later, and waiting for
-acknowledgement takes up to 3 s a time.
+The latter for a player alone. A reliable writer learns what its readers lack only from their
+answers to its heartbeats. With the default period of 3 s, what is dropped in a burst is sent again
+seconds later, and waiting for acknowledgement takes up to 3 s a time.
 
 Shared memory does not survive a subscriber that stands still: after 1 s its port is taken for
 dead, every further message removes and makes it anew, and a subscriber that goes on meanwhile may
 be left with a port that nobody writes to, or leave the writer in an endless loop
 (eProsima/Fast-DDS issues 6484 and 5469, pull request 4737; all there in 2.14.5). A socket has no
-such state. A recorder that follows a killed process keeps off it, too (`recorder/dead_ports.py`).
+such state. Any node that follows a killed process keeps off it, too (`dead_ports.py`).
 """
 
 from __future__ import annotations
@@ -40,17 +40,19 @@ _NAMES = (
 
 _PROFILE = """<?xml version="1.0" encoding="UTF-8" ?>
 <dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
-  <profiles>{participant}
+  <profiles>{parts}
+  </profiles>
+</dds>
+"""
+
+_QUICK = """
     <publisher profile_name="valve_twin_quick" is_default_profile="true">
       <times>
         <initialHeartbeatDelay><nanosec>1000000</nanosec></initialHeartbeatDelay>
         <heartbeatPeriod><sec>0</sec><nanosec>{period_ns}</nanosec></heartbeatPeriod>
         <nackResponseDelay><sec>0</sec><nanosec>1000000</nanosec></nackResponseDelay>
       </times>
-    </publisher>
-  </profiles>
-</dds>
-"""
+    </publisher>"""
 
 _UDP = """
     <participant profile_name="valve_twin_udp" is_default_profile="true">
@@ -94,20 +96,38 @@ def use_fast_heartbeat(*, over_udp: bool = False) -> None:
     over_udp : bool
         Keep off shared memory.
     """
-    if any(os.environ.get(name) for name in _VARIABLES) or not _is_fast_dds():
+    if not _is_ours():
         return
-    third = is_fast_dds_3()
+    quick = _QUICK.format(period_ns=round(HEARTBEAT_S * 1e9))
+    for old, new in _NAMES if is_fast_dds_3() else ():
+        quick = quick.replace(old, new)
+    _use(_udp() + quick if over_udp else quick)
+    _quick.append(True)
+
+
+def keep_off_shared_memory() -> None:
+    """Let the middleware of this process use UDP alone; to be called before it is initialised.
+
+    Left alone is what `use_fast_heartbeat` leaves alone.
+    """
+    if _is_ours():
+        _use(_udp())
+
+
+def _is_ours() -> bool:
+    """Return whether nobody else says how the middleware is to be."""
+    return not any(os.environ.get(name) for name in _VARIABLES) and _is_fast_dds()
+
+
+def _use(parts: str) -> None:
+    """Write a profile of some parts for the middleware to read."""
+    if not parts:
+        return
     number, path = tempfile.mkstemp(prefix="valve_twin_", suffix=".xml")
     with os.fdopen(number, "w", encoding="ascii") as stream:
-        participant = _udp() if over_udp and not os.environ.get(_TRANSPORTS) else ""
-        participant = participant.format(buffer=BUFFER_B)
-        text = _PROFILE.format(participant=participant, period_ns=round(HEARTBEAT_S * 1e9))
-        for old, new in _NAMES if third else ():
-            text = text.replace(old, new)
-        stream.write(text)
-    os.environ[_VARIABLES[third]] = path
+        stream.write(_PROFILE.format(parts=parts))
+    os.environ[_VARIABLES[is_fast_dds_3()]] = path
     _files.append(path)
-    _made.append(path)
 
 
 def _is_fast_dds() -> bool:
@@ -125,15 +145,18 @@ def is_fast_dds_3() -> bool:
 def _udp() -> str:
     """Return the part of the profile that keeps off shared memory, in the range that is wanted.
 
-    Told of the range LOCALHOST, rmw_fastrtps adds shared memory whatever the profile says; so the
-    profile says what that range means and the middleware is left to it.
+    None where the user says which transports are to be. Told of the range LOCALHOST, rmw_fastrtps
+    adds shared memory whatever the profile says; so the profile says what that range means and the
+    middleware is left to it.
     """
+    if os.environ.get(_TRANSPORTS):
+        return ""
     if os.environ.get(_LOCAL_ONLY) == "1":  # the older name; it goes before range and peers
         del os.environ[_LOCAL_ONLY]
     elif os.environ.get(_RANGE) != "LOCALHOST" or os.environ.get("ROS_STATIC_PEERS"):
-        return _UDP
+        return _UDP.format(buffer=BUFFER_B)
     os.environ[_RANGE] = "SYSTEM_DEFAULT"
-    return _UDP_HERE
+    return _UDP_HERE.format(buffer=BUFFER_B)
 
 
 def remove_profile_file() -> None:
@@ -145,9 +168,9 @@ def remove_profile_file() -> None:
 
 
 def has_fast_heartbeat() -> bool:
-    """Return whether this process has the profile."""
-    return bool(_made)
+    """Return whether this process asks for what is missing a hundred times a second."""
+    return bool(_quick)
 
 
 _files: list[str] = []
-_made: list[str] = []
+_quick: list[bool] = []

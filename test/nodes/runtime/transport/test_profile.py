@@ -10,10 +10,10 @@ import pytest
 from valve_twin_msgs.msg import Float64Stamped
 
 from test.nodes.player.test_flow_control import TOPICS, write_bag
-from valve_twin.nodes.player import dds_profile
+from valve_twin.nodes.runtime.transport import profile
 
 VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
-VARIABLE = VARIABLES[dds_profile.is_fast_dds_3()]
+VARIABLE = VARIABLES[profile.is_fast_dds_3()]
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 
 
@@ -23,22 +23,22 @@ def fresh(monkeypatch):
     monkeypatch.setenv(RANGE, "SUBNET")
     for name in (*VARIABLES, "FASTDDS_BUILTIN_TRANSPORTS"):
         monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(dds_profile, "_made", [])
+    monkeypatch.setattr(profile, "_quick", [])
     yield
-    dds_profile.remove_profile_file()
+    profile.remove_profile_file()
 
 
 def test_the_profile_stands_until_the_first_node_has_read_it():
-    dds_profile.use_fast_heartbeat()
+    profile.use_fast_heartbeat()
     path = Path(os.environ[VARIABLE])
-    name = "heartbeat_period" if dds_profile.is_fast_dds_3() else "heartbeatPeriod"
+    name = "heartbeat_period" if profile.is_fast_dds_3() else "heartbeatPeriod"
     (period,) = ElementTree.parse(path).findall(".//{*}" + name)
     assert [part.text for part in period] == ["0", "10000000"]
-    assert dds_profile.has_fast_heartbeat()
-    dds_profile.remove_profile_file()
+    assert profile.has_fast_heartbeat()
+    profile.remove_profile_file()
     assert not path.exists()
     assert VARIABLE not in os.environ
-    assert dds_profile.has_fast_heartbeat()
+    assert profile.has_fast_heartbeat()
 
 
 def transports() -> list[str | None]:
@@ -48,31 +48,42 @@ def transports() -> list[str | None]:
 
 
 def test_a_player_keeps_off_shared_memory_unless_the_user_says_otherwise(monkeypatch):
-    dds_profile.use_fast_heartbeat(over_udp=True)
+    profile.use_fast_heartbeat(over_udp=True)
     assert transports() == ["UDPv4"]
-    dds_profile.remove_profile_file()
-    dds_profile.use_fast_heartbeat()
+    profile.remove_profile_file()
+    profile.use_fast_heartbeat()
     assert transports() == []
-    dds_profile.remove_profile_file()
+    profile.remove_profile_file()
     monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "SHM")
-    dds_profile.use_fast_heartbeat(over_udp=True)
+    profile.use_fast_heartbeat(over_udp=True)
     assert transports() == []
+
+
+def test_a_node_may_keep_off_shared_memory_and_ask_no_more_often(monkeypatch):
+    profile.keep_off_shared_memory()
+    assert transports() == ["UDPv4"]
+    assert not ElementTree.parse(os.environ[VARIABLE]).findall(".//{*}publisher")
+    assert not profile.has_fast_heartbeat()
+    profile.remove_profile_file()
+    monkeypatch.setenv("FASTDDS_BUILTIN_TRANSPORTS", "SHM")
+    profile.keep_off_shared_memory()
+    assert VARIABLE not in os.environ
 
 
 @pytest.mark.parametrize("name", VARIABLES)
 def test_a_user_s_profile_is_left_alone(monkeypatch, tmp_path, name):
     monkeypatch.setenv(name, str(tmp_path / "mine.xml"))
-    dds_profile.use_fast_heartbeat()
-    dds_profile.remove_profile_file()
+    profile.use_fast_heartbeat()
+    profile.remove_profile_file()
     assert os.environ[name] == str(tmp_path / "mine.xml")
-    assert not dds_profile.has_fast_heartbeat()
+    assert not profile.has_fast_heartbeat()
 
 
 def test_another_middleware_keeps_the_range_that_it_was_given(monkeypatch):
     monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
     monkeypatch.setenv(RANGE, "LOCALHOST")
     monkeypatch.setenv("ROS_LOCALHOST_ONLY", "1")
-    dds_profile.use_fast_heartbeat(over_udp=True)
+    profile.use_fast_heartbeat(over_udp=True)
     assert VARIABLE not in os.environ
     assert os.environ[RANGE] == "LOCALHOST"
     assert os.environ["ROS_LOCALHOST_ONLY"] == "1"
@@ -97,7 +108,7 @@ def test_a_player_of_this_machine_alone_keeps_off_shared_memory_too(
 def test_each_middleware_gets_the_names_that_it_knows(monkeypatch, tmp_path, third):
     (tmp_path / "share" / ("fastdds" if third else "fastrtps")).mkdir(parents=True)
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
-    dds_profile.use_fast_heartbeat(over_udp=True)
+    profile.use_fast_heartbeat(over_udp=True)
     text = Path(os.environ[VARIABLES[third]]).read_text()
     assert ("<heartbeat_period>" in text) is ("<nack_response_delay>" in text) is third
     assert ("<heartbeatPeriod>" in text) is ("<nackResponseDelay>" in text) is (not third)

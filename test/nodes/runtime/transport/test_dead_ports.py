@@ -3,10 +3,16 @@
 """Ports of shared memory whose process is dead, as the kernel shows them."""
 
 import fcntl
+import os
+import signal
+from pathlib import Path
 
 import pytest
+from valve_twin_msgs.msg import Prediction
 
-from valve_twin.nodes.recorder.dead_ports import domain_id, has_dead_port
+from test.nodes.conftest import NS
+from test.nodes.feeding import REARM, Feeder
+from valve_twin.nodes.runtime.transport.dead_ports import domain_id, has_dead_port
 
 PORT = 7400 + 250 * 3 + 11
 
@@ -68,3 +74,28 @@ def test_a_machine_that_shows_neither_has_none(tmp_path):
 def test_the_domain_is_that_of_the_environment(text, domain, monkeypatch):
     monkeypatch.setenv("ROS_DOMAIN_ID", text)
     assert domain_id() == domain
+
+
+def uses_shared_memory(node) -> bool:
+    return "/dev/shm/fast" in Path(f"/proc/{node.pid}/maps").read_text()
+
+
+def test_a_twin_that_follows_a_killed_one_keeps_off_its_memory_and_hears(graph, tmp_path):
+    """The publisher goes on; it has the memory of the dead open, which nobody reads."""
+    history = {"history_url": f"sqlite:///{tmp_path}/h.sqlite", **REARM}
+    twin = graph.start("twin", **history)
+    found = graph.record(f"{NS}/twin/prediction", Prediction)
+    feeder = Feeder(graph, NS)
+    graph.be_heard(f"{NS}/twin")
+    feeder.feed(10)
+    graph.spin_until(lambda: len(found) == 10, what="predictions")
+    assert uses_shared_memory(twin)
+    os.kill(twin.pid, signal.SIGKILL)
+    twin.process.wait()
+    found.clear()
+    twin = graph.start("twin", **history)
+    graph.spin_until(lambda: "is active" in twin.log, 60.0, "a second twin")
+    assert not uses_shared_memory(twin)
+    graph.be_heard(f"{NS}/twin")
+    feeder.feed(10)
+    graph.spin_until(lambda: len(found) >= 10, what="predictions of the second")

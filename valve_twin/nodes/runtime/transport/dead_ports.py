@@ -5,8 +5,8 @@
 Fast DDS gives a new process the port of a dead one, while a publisher may still have the dead
 one's memory open: what it publishes then comes seconds late or never, to any reader of the new
 process. The file `fastrtps_portN_el` (`fastdds_portN_el` of Fast DDS 3) is locked by whom the port
-belongs to, so a lock that can be had tells of the dead. Where there is such a port, a recorder
-listens over UDP, which has no such state.
+belongs to, so a lock that can be had tells of the dead. Where there is such a port, a node that
+starts keeps off shared memory.
 """
 
 from __future__ import annotations
