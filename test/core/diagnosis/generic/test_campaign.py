@@ -105,10 +105,15 @@ def test_the_campaign_gives_what_is_committed(name, committed):
 @pytest.mark.no_cover
 @pytest.mark.parametrize(
     ("name", "cycles", "seeds", "most"),
-    [("servo_system", 60, 1, 0), ("hybrid_actuator", 70, 2, 0), ("double_solenoid", 40, 4, 1)],
+    [
+        ("servo_system", 60, 1, 0),
+        ("hybrid_actuator", 70, 2, 0),
+        ("double_solenoid", 40, 4, 1),
+        ("stepper_servo", 90, 2, 0),
+    ],
 )
 def test_a_shipped_valve_that_ages_has_no_sudden_fault(root, name, cycles, seeds, most):
-    """They age up to ten times as fast as in the campaign: 5 of 5, 2 of 5 and 4 of 4 had one."""
+    """They age up to ten times as fast as in the campaign: most of them had one."""
     (shipped,) = load_config(root / "config" / f"{name}.yaml")
     rig = ModelRig(get_model(shipped.model), shipped.options, simulation_of(shipped))
     assert rig.simulation.aging
