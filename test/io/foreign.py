@@ -15,11 +15,13 @@ import struct
 import time
 from contextlib import closing
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 from mcap.records import Schema
 
+from test.io.instruments import foreign_files
 from valve_twin.core.types import Estimate, EstimateStatus, ParameterStatus, ParameterValue
 from valve_twin.io.bags.definitions import definition
 from valve_twin.io.bags.read import BagWriter, read_columns
@@ -30,6 +32,7 @@ from valve_twin.io.cdr.signals import SERIES_TYPE, STAMPED_TYPE, SignalSource
 from valve_twin.io.config.valve import load_config
 from valve_twin.io.errors import IndexLiesError, ValveTwinError
 from valve_twin.io.history.store import CycleRecord, History
+from valve_twin.io.instruments.read import read_recording
 from valve_twin.io.salvage.read import forget
 from valve_twin.io.tables.csv import read_table
 
@@ -303,7 +306,34 @@ def history(folder: Path) -> Subject:
     return Subject("a.sqlite", data, read, may_be)
 
 
+def recording(kind: str, suffix: str, folder: Path) -> Subject:
+    """Return a file of an instrument: most have no check sums, so that a number may be another."""
+    made = folder / "made"
+    made.mkdir()
+    getattr(foreign_files, kind)(made / f"a{suffix}")
+
+    def read(path: Path) -> object:
+        found = read_recording(path)
+        if found.notices:
+            logging.getLogger("valve_twin").warning("told")
+        return [(c.name, c.seconds.tobytes(), c.values.tobytes()) for c in found.columns]
+
+    data = (made / f"a{suffix}").read_bytes()
+    return Subject(f"a{suffix}", data, read, lambda *_: True)
+
+
+INSTRUMENTS = {
+    "text": ".csv",
+    "excel": ".xlsx",
+    "mat5": ".mat",
+    "mat73": ".mat",
+    "tdms": ".tdms",
+    "mdf": ".mf4",
+    "parquet": ".parquet",
+}
+
 SUBJECTS = {
+    **{kind: partial(recording, kind, suffix) for kind, suffix in INSTRUMENTS.items()},
     "history": history,
     "bag": bag,
     "metadata": metadata,

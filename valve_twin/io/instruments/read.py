@@ -8,11 +8,14 @@ import logging
 import warnings
 from contextlib import contextmanager, nullcontext
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
+from valve_twin.io.apart import run_apart
 from valve_twin.io.errors import BagError
 from valve_twin.io.instruments.clock import ClockChoice, with_clock
 from valve_twin.io.instruments.derived import resampled
+from valve_twin.io.instruments.table import load_package
 from valve_twin.io.limits import TOO_MUCH, bounded_memory
 
 if TYPE_CHECKING:
@@ -39,7 +42,17 @@ _BEGINS = {
     b"SQLite format 3": "sqlite",
     b"MATLAB 5.0": "mat",
 }
-_PACKED = frozenset(_BEGINS.values())
+_PACKAGES = {
+    "excel": "openpyxl",
+    "hdf5": "h5py",
+    "tdms": "nptdms",
+    "mdf": "asammdf",
+    "parquet": "pyarrow.parquet",
+    "sqlite": "rosbags.rosbag2",
+    "mat": "scipy.io",
+}
+"""What reads a kind: code of others, which unpacks and may die of it."""
+
 _LOGGING = ("nptdms", "asammdf")  # packages that tell by a logger what they make of a file
 _LONGEST = 400  # characters of a line that quotes them
 _OLD_EXCEL = b"\xd0\xcf\x11\xe0"
@@ -101,20 +114,28 @@ def read_recording(path: Path, choice: ClockChoice | None = None) -> Recording:
     """
     choice = choice or ClockChoice()
     kind = kind_of(path)
+    if kind in _PACKAGES:
+        load_package(_PACKAGES[kind], path)  # once, not in each process
+        found = run_apart(path, partial(_read, path, kind, choice))
+    else:
+        found = _read(path, kind, choice)
+    if not found.columns:
+        msg = f"{path}: holds no channel of numbers beside the time"
+        raise BagError(msg)
+    return resampled(found, choice.resample_s) if choice.resample_s else found
+
+
+def _read(path: Path, kind: str, choice: ClockChoice) -> Recording:
+    """Read a file of a known kind, with what its reader says of it."""
     try:
-        with _what_is_said() as said, bounded_memory() if kind in _PACKED else nullcontext():
+        with _what_is_said() as said, bounded_memory() if kind in _PACKAGES else nullcontext():
             found = _native(path, kind, choice) or with_clock(_sheet(path, kind), choice)
     except (BagError, MemoryError) as err:
         memory = isinstance(err.__cause__ or err, MemoryError)
         msg = f"{path}: {TOO_MUCH}" if memory else _one_line(str(err))
         raise BagError(msg) from err
-    if said:
-        told = (f"{path}: {text}" for text in dict.fromkeys(said))
-        found = replace(found, notices=(*found.notices, *told))
-    if not found.columns:
-        msg = f"{path}: holds no channel of numbers beside the time"
-        raise BagError(msg)
-    return resampled(found, choice.resample_s) if choice.resample_s else found
+    told = (f"{path}: {text}" for text in dict.fromkeys(said))
+    return replace(found, notices=(*found.notices, *told))
 
 
 class _Listener(logging.Handler):
