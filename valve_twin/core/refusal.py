@@ -50,6 +50,9 @@ class RefusalCode(str, Enum):
     MISFIT = "misfit"
     """The equations do not explain what was measured."""
 
+    FAILED = "failed"
+    """The model's own code raised an error: a defect of it."""
+
     OTHER = "other"
     """What only the line says."""
 

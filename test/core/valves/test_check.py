@@ -50,6 +50,8 @@ class Broken(Valve):
             validity[:] = 0
 
     def estimate(self, cycle, options, earlier=()):
+        if self.broken == "failure" and len(cycle.frames) < 100:
+            int("nothing")
         (found,) = super().estimate(cycle, options, earlier)
         if self.broken == "refusals":
             return (replace(found, status=EstimateStatus.ACCEPTED),)
@@ -68,6 +70,15 @@ def test_a_broken_promise_is_found(monkeypatch, broken):
     object.__setattr__(valve, "broken", broken)
     monkeypatch.setattr(check, "get_model", lambda name: valve)
     assert findings("first_order")[broken].passed is False
+
+
+def test_code_that_fails_on_a_bad_cycle_is_found(monkeypatch):
+    valve = Broken(VALVE.name, VALVE.inputs, VALVE.output, VALVE.law, VALVE.program)
+    object.__setattr__(valve, "broken", "failure")
+    monkeypatch.setattr(check, "get_model", lambda name: valve)
+    found = findings("first_order")["refusals"]
+    assert found.passed is False
+    assert "ValueError in estimate, line" in found.text
 
 
 def test_a_valve_of_another_name_is_told(monkeypatch):

@@ -19,9 +19,10 @@ from valve_twin.core.diagnosis.features import NEXT_CYCLE
 from valve_twin.core.diagnosis.generic.reference import estimate_features
 from valve_twin.core.estimation.cycle.comparison import compare_estimators
 from valve_twin.core.estimation.cycle.movement import MOVES, TRAVEL, count_movement
+from valve_twin.core.estimation.cycle.refused import coded, estimated, nothing_of, refused
 from valve_twin.core.estimation.cycle.scatter import scatter_between_cycles
 from valve_twin.core.prediction import fit_percent, restart_marks, run_model
-from valve_twin.core.refusal import Refusal, RefusalCode, code_of
+from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import (
     CONDITIONS,
     Condition,
@@ -32,7 +33,6 @@ from valve_twin.core.types import (
     Frames,
     Guard,
     Parameter,
-    ParameterStatus,
     ParameterValue,
     Validity,
 )
@@ -148,7 +148,8 @@ def estimate_cycle(
     data for the new one, the intervals from the scatter between cycles (NaN before there are
     ten), and how far the other estimators lie apart, unless the model `judges` nothing with these
     options. Where the signals cannot be what is configured (`plausibility`) nothing is fitted, and
-    the trend's estimator says so alone. Never raises for bad data.
+    the trend's estimator says so alone. Never raises for bad data; what the model's code raises
+    refuses the cycle.
 
     Parameters
     ----------
@@ -170,17 +171,17 @@ def estimate_cycle(
     """
     if len(cycle.frames) == 0:
         empty = cycle.reason or Refusal(RefusalCode.FEW_SAMPLES, "the cycle has no samples")
-        nothing = (_coded(_nothing(model, cycle, empty)),)
+        nothing = (coded(nothing_of(model, cycle, empty)),)
         return nothing, memory.after(nothing)
     fault = model.input_fault(cycle, options) if cycle.accepted else ""
     if fault:  # nothing is fitted to signals that cannot be what is configured
         implausible = Refusal(RefusalCode.IMPLAUSIBLE, fault)
-        results: tuple[Estimate, ...] = (_nothing(model, cycle, implausible),)
+        results: tuple[Estimate, ...] = (nothing_of(model, cycle, implausible),)
     else:
-        results = model.estimate(cycle, options, memory.estimates)
+        results = estimated(model, options, cycle, memory.estimates)
     if not cycle.accepted:
-        results = tuple(_refused(e, cycle.reason) for e in results)
-    results = tuple(map(_coded, results))
+        results = tuple(refused(e, cycle.reason) for e in results)
+    results = tuple(map(coded, results))
     if not model.judges(options):
         return results, memory
     conditions = cycle_conditions(cycle)
@@ -257,7 +258,7 @@ def _judged(
             f"the free run of this estimate misses the position by more than its mean does "
             f"(fit {fit_train:.0f} %): scales, directions, model or cycles are wrong"
         )
-        estimate = _coded(_refused(estimate, Refusal(RefusalCode.MISFIT, text)))
+        estimate = coded(refused(estimate, Refusal(RefusalCode.MISFIT, text)))
     elif estimate.estimator == model.trend_estimator and fit_test < 0.0:
         estimate = replace(estimate, guards=(*estimate.guards, _next_cycle(fit_test)))
     known = {p.name: p for p in model.parameters}
@@ -393,43 +394,3 @@ def _last_cycles(estimates: tuple[Estimate, ...]) -> tuple[Estimate, ...]:
         if i == 0 or (e.cycle, e.start_ns) != (estimates[i - 1].cycle, estimates[i - 1].start_ns)
     ]
     return estimates[starts[-MEMORY_CYCLES] :] if len(starts) > MEMORY_CYCLES else estimates
-
-
-def _refused(estimate: Estimate, reason: str) -> Estimate:
-    """Take back an estimate of a cycle that was not accepted."""
-    nothing = float("nan")
-    parameters = tuple(
-        ParameterValue(p.name, nothing, ParameterStatus.REFUSED, reason)
-        for p in estimate.parameters
-    )
-    return replace(estimate, parameters=parameters, status=EstimateStatus.REFUSED, reason=reason)
-
-
-def _coded(estimate: Estimate) -> Estimate:
-    """Give a refused estimate the code of its reason."""
-    if estimate.status is not EstimateStatus.REFUSED:
-        return estimate
-    reason = estimate.reason
-    return replace(estimate, reason=str(reason), reason_code=code_of(reason))
-
-
-def _nothing(model: ValveModel, cycle: Cycle, reason: str) -> Estimate:
-    """Refuse a cycle to which nothing can be fitted."""
-    there = len(cycle.frames) > 0
-    parameters = tuple(
-        ParameterValue(p.name, float("nan"), ParameterStatus.REFUSED, reason)
-        for p in model.parameters
-    )
-    return Estimate(
-        model=model.name,
-        estimator=model.trend_estimator,
-        cycle=cycle.number,
-        start_ns=cycle.start_ns if there else 0,
-        end_ns=cycle.end_ns if there else 0,
-        parameters=parameters,
-        status=EstimateStatus.REFUSED,
-        reason=reason,
-        missed_cycles=cycle.missed_cycles,
-        used_by_trend=True,
-        reproducible=there and cycle.reproducible,
-    )

@@ -9,6 +9,7 @@ from valve_twin.core.simulation import simulate_cycles, to_frames
 from valve_twin.core.simulation.settings import configure
 from valve_twin.core.types import Cycle
 from valve_twin.core.valves.positioner.check import rivals_of
+from valve_twin.core.valves.positioner.check.rivals import _Search
 from valve_twin.core.valves.positioner.fit import bounds, fit_free_run
 from valve_twin.core.valves.positioner.model import MODEL
 from valve_twin.core.valves.positioner.parameters import FITTED
@@ -53,6 +54,19 @@ def test_names_the_term_that_is_missing_and_reaches_the_truth(changes, term):
     scatter = 0.1 * truth  # of one cycle in which lag and rate trade against each other
     assert (np.abs(found - truth) <= rivals.moved[:5] + scatter).all()
     assert (np.abs(found - truth) > scatter).any()  # without the check it would be wrong
+
+
+def test_no_delay_and_the_longest_leave_no_room_for_both():
+    """A search over random valves ended there: the minimum of nothing."""
+    (block,) = simulate_cycles(MODEL.simulation(), 1, 11)
+    prepared = prepare(Cycle(1, MODEL.simulation().period_s, to_frames(block)), MODEL.options)
+    limits = bounds(0.02, min_slew=0.01, max_dead_band=0.1)
+    solution = fit_free_run(prepared.record, max_lag=3, limits=limits)
+    search = _Search(prepared.record, solution, limits, 3)
+    rival = search.plain._replace(delays=(0.0, 4.0))
+    assert search.with_delays(rival, "part_of_a_sample") is rival
+    other = search.with_delays(rival._replace(delays=(0.0, 3.0)), "part_of_a_sample")
+    assert "part_of_a_sample" in other.terms
 
 
 def test_a_long_record_is_thinned_and_still_names_the_lag():

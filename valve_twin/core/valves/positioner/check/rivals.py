@@ -212,7 +212,7 @@ class _Search:
         return self.fit(rival.parameters, rival.delays, rival.terms, _ITERATIONS)
 
     def with_term(self, rival: Rival, term: Term) -> Rival:
-        """Return the best fit with one more term."""
+        """Return the best fit with one more term, the rival where no delay leaves room for it."""
         found, terms = [], (*rival.terms, term.name)
         for start in term.starts:
             p, delays = rival.parameters.copy(), rival.delays
@@ -222,10 +222,13 @@ class _Search:
                 delays = delays[0] - floor(start), delays[1] - floor(start)
             if min(delays) >= 0.0:
                 found.append(self.fit(p, delays, terms))
-        return min(found, key=lambda r: r.cost)
+        return min(found, key=lambda r: r.cost, default=rival)
 
     def with_delays(self, rival: Rival, name: str) -> Rival:
-        """Return the best fit with other delays: a part of a sample, or of the falling command."""
+        """Return the best fit with other delays: a part of a sample, or of the falling command.
+
+        The rival where none is possible: none and the longest leave no room for both.
+        """
         alone, longest = name == _FALLING, self._max_lag if name == _FALLING else 1
         rise, fall = rival.delays
         parts = (k / _PARTS for k in range(1 - _PARTS, _PARTS))
@@ -234,13 +237,15 @@ class _Search:
             delays = (rise, fall + off) if alone else (rise + off, fall + off)
             if self._possible(delays):
                 tried.append((self._cost(rival.parameters, delays), delays))
+        if not tried:
+            return rival
         best = self.fit(rival.parameters, min(tried)[1], (*rival.terms, name))
         step = 0.5
         while step >= 1.0 / _PARTS:
             way = 0.0 if alone else step
             near = [(best.delays[0] + k * way, best.delays[1] + k * step) for k in (-1, 1)]
             sides = [self.fit(best.parameters, d, best.terms) for d in near if self._possible(d)]
-            better = min(sides, key=lambda r: r.cost)
+            better = min(sides, key=lambda r: r.cost, default=best)
             if better.cost < best.cost:
                 best = better
             else:
