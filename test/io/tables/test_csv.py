@@ -34,6 +34,7 @@ SAME = {
     "windows line ends": TABLE.replace("\n", "\r\n").encode(),
     "byte-order mark": b"\xef\xbb\xbf" + TABLE.encode(),
     "utf-16": TABLE.encode("utf-16"),
+    "utf-16 without a mark": TABLE.encode("utf-16-le"),
     "gzip": gzip.compress(TABLE.encode(), mtime=0),
     "decimal commas": TABLE.replace(".", ",").encode(),
     "quotes": TABLE.replace("time", '"time"').replace("1.5", '"1.5"').encode(),
@@ -96,11 +97,11 @@ BAD = [
     ("1;2\n3;4\n", ["u"], r"a.csv: column 'u': the file has no header; write the number"),
     (TABLE + "2;off;4\n", ["u"], r"a.csv:4: column 'u': 'off' is no number; correct it or leave"),
     (TABLE + "2;3\n", ["x"], r"a.csv:4: the row has 2 cells, column 'x' is missing; complete"),
-    (b"PK\x03\x04" + bytes(50), ["a"], r"a.csv: is no text; save the table as CSV"),
+    (b"PK\x03\x04" + bytes(50), ["a"], r"a.csv: is no text and of no kind that is read; save the table as CSV"),
     (
         gzip.compress(TABLE.encode(), mtime=0)[:-9],
         ["u"],
-        r"a.csv: cannot be read .*give a whole CSV file",
+        r"a.csv: cannot be read .*give a whole file, plain or gzip",
     ),
 ]
 
@@ -113,5 +114,12 @@ def test_what_cannot_be_read_is_named_with_line_and_remedy(csv_file, content, na
 
 
 def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(BagError, match=r"none.csv: there is no such file; give a CSV file"):
+    with pytest.raises(BagError, match=r"none.csv: there is no such file; give one that is there"):
         read_table(tmp_path / "none.csv", ["a"])
+
+
+def test_a_file_above_what_may_be_unpacked_is_refused_before_it_is_read(csv_file, monkeypatch):
+    path = csv_file("t,x\n" + "0.1,2.0\n" * 150_000)
+    monkeypatch.setenv("VALVE_TWIN_UNPACK_MB", "1")
+    with pytest.raises(BagError, match=r"a.csv: .*VALVE_TWIN_UNPACK_MB"):
+        read_table(path, ["t"])

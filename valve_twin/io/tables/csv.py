@@ -11,7 +11,6 @@ from __future__ import annotations
 import csv
 import math
 import re
-import zlib
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from typing import TYPE_CHECKING
@@ -20,7 +19,7 @@ import numpy as np
 
 from valve_twin.core.quantity import suggest
 from valve_twin.io.errors import BagError
-from valve_twin.io.limits import unpack_gzip
+from valve_twin.io.instruments.text.encoding import decode, unpacked
 from valve_twin.io.tables.csv_doubts import check_commas, check_quotes, clock_notices
 
 if TYPE_CHECKING:
@@ -92,7 +91,7 @@ def read_table(
         If the file is no CSV file, a column is missing, or a cell is no number; names the file,
         line and column.
     """
-    text = _read_text(path).lstrip("\ufeff")  # joined files carry more than one
+    text = _read_text(path)
     numbered = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip()]
     if not numbered:
         msg = f"{path}: is empty; give a CSV file with rows"
@@ -128,7 +127,7 @@ def read_header(path: Path, *, separator: str = "") -> list[str]:
     separator : str
         One character; empty = found from the first lines.
     """
-    lines = [x for x in _read_text(path).lstrip("\ufeff").splitlines() if x.strip()]
+    lines = [x for x in _read_text(path).splitlines() if x.strip()]
     if not lines:
         msg = f"{path}: is empty; give a CSV file with rows"
         raise BagError(msg)
@@ -138,25 +137,7 @@ def read_header(path: Path, *, separator: str = "") -> list[str]:
 
 
 def _read_text(path: Path) -> str:
-    try:
-        data = path.read_bytes()
-        if data.startswith(b"\x1f\x8b"):
-            data = unpack_gzip(data)
-    except FileNotFoundError:
-        msg = f"{path}: there is no such file; give a CSV file"
-        raise BagError(msg) from None
-    except (OSError, EOFError, zlib.error) as err:
-        msg = f"{path}: cannot be read ({err}); give a whole CSV file, plain or gzip"
-        raise BagError(msg) from err
-    if data.startswith(b"PK") or b"\0" in data[:4096]:
-        if data.startswith((b"\xff\xfe", b"\xfe\xff")):
-            return data.decode("utf-16", errors="replace")
-        msg = f"{path}: is no text; save the table as CSV"
-        raise BagError(msg)
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return data.decode("cp1252", errors="replace")
+    return decode(path, unpacked(path)).lstrip("\ufeff")  # joined files carry more than one
 
 
 def _find_separator(lines: Sequence[str]) -> str:

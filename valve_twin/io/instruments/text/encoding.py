@@ -42,7 +42,7 @@ def unpacked(path: Path) -> bytes:
         data = path.read_bytes()
         return unpack_gzip(data) if data.startswith(b"\x1f\x8b") else data
     except FileNotFoundError:
-        msg = f"{path}: there is no such file"
+        msg = f"{path}: there is no such file; give one that is there"
         raise BagError(msg) from None
     except (OSError, EOFError, zlib.error) as err:
         msg = f"{path}: cannot be read ({err}); give a whole file, plain or gzip"
@@ -72,7 +72,7 @@ def decode(path: Path, data: bytes, whole: bytes = b"") -> str:
     if even + odd:
         half = len(data[:4096]) // 4
         if max(even, odd) < half or min(even, odd) > 0:
-            msg = f"{path}: is no text and of no kind that is read"
+            msg = f"{path}: is no text and of no kind that is read; save the table as CSV"
             raise BagError(msg)
         return data.decode("utf-16-le" if odd > even else "utf-16-be", errors="replace")
     try:
