@@ -125,7 +125,7 @@ def test_a_cell_without_a_number_is_told_with_its_line(tmp_path, capsys):
         (["ring-down", "x.csv", "--set", "spring_rate=k"], "write a number"),
         (["current", "x.csv", "--set", "gain=1"], "there is no such setting; it takes none"),
         (["static-force", "x.csv", "--set", "kernel=lin"], "--set kernel=lin: "),
-        (["current", "x.csv"], "x.csv: there is no such file; give a CSV file"),
+        (["current", "x.csv"], "x.csv: there is no such file; give one that is there"),
     ],
 )
 def test_a_wrong_call_is_told_in_one_line(arguments, line, capsys):

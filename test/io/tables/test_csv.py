@@ -97,7 +97,11 @@ BAD = [
     ("1;2\n3;4\n", ["u"], r"a.csv: column 'u': the file has no header; write the number"),
     (TABLE + "2;off;4\n", ["u"], r"a.csv:4: column 'u': 'off' is no number; correct it or leave"),
     (TABLE + "2;3\n", ["x"], r"a.csv:4: the row has 2 cells, column 'x' is missing; complete"),
-    (b"PK\x03\x04" + bytes(50), ["a"], r"a.csv: is no text and of no kind that is read; save the table as CSV"),
+    (
+        b"PK\x03\x04" + bytes(50),
+        ["a"],
+        r"a.csv: is no text and of no kind that is read; save the table as CSV",
+    ),
     (
         gzip.compress(TABLE.encode(), mtime=0)[:-9],
         ["u"],

@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from textwrap import shorten
 from traceback import extract_tb
 from typing import TYPE_CHECKING
@@ -41,7 +40,7 @@ def estimated(
         return model.estimate(cycle, options, earlier)
     except Exception as err:
         at = extract_tb(err.__traceback__)[-1]
-        where = f"{type(err).__name__} in {at.name}, line {at.lineno} of {Path(at.filename).name}"
+        where = f"{type(err).__name__} in {at.name}, line {at.lineno} of {at.filename.rpartition('/')[2]}"
         text = shorten(f"the code of {model.name} failed: {where}: {err}", _LONGEST)
         failed = Refusal(RefusalCode.FAILED, f"{text}; report it with the record of this cycle")
         return (nothing_of(model, cycle, failed),)
