@@ -40,7 +40,8 @@ def estimated(
         return model.estimate(cycle, options, earlier)
     except Exception as err:
         at = extract_tb(err.__traceback__)[-1]
-        where = f"{type(err).__name__} in {at.name}, line {at.lineno} of {at.filename.rpartition('/')[2]}"
+        file = at.filename.rpartition("/")[2]
+        where = f"{type(err).__name__} in {at.name}, line {at.lineno} of {file}"
         text = shorten(f"the code of {model.name} failed: {where}: {err}", _LONGEST)
         failed = Refusal(RefusalCode.FAILED, f"{text}; report it with the record of this cycle")
         return (nothing_of(model, cycle, failed),)
