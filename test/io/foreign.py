@@ -332,7 +332,7 @@ INSTRUMENTS = {
     "parquet": ".parquet",
 }
 
-SUBJECTS = {
+SUBJECTS: dict[str, Callable[[Path], Subject]] = {
     **{kind: partial(recording, kind, suffix) for kind, suffix in INSTRUMENTS.items()},
     "history": history,
     "bag": bag,

@@ -100,9 +100,13 @@ def test_who_is_interrupted_leaves_no_reader(path, monkeypatch):
     def interrupted(_):
         raise KeyboardInterrupt
 
-    children = []
-    fork = os.fork
-    monkeypatch.setattr(os, "fork", lambda: children.append(fork()) or children[-1])
+    children, fork = [], os.fork
+
+    def noted():
+        children.append(fork())
+        return children[-1]
+
+    monkeypatch.setattr(os, "fork", noted)
     monkeypatch.setattr(apart, "_receive", interrupted)
     with pytest.raises(KeyboardInterrupt):
         run_apart(path, endless)

@@ -11,6 +11,7 @@ from valve_twin.core.refusal import RefusalCode
 from valve_twin.core.simulation import simulate_cycles, to_frames
 from valve_twin.core.types import Cycle, EstimateStatus
 from valve_twin.core.valves.first_order import VALVE
+from valve_twin.core.valves.registry import get_simulation
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +29,7 @@ class Failing:
 
 def test_only_the_cycle_on_which_the_code_fails_is_refused():
     model, memory, told = Failing(), Memory.empty(), []
-    simulation = VALVE.simulation()
+    simulation = get_simulation(VALVE.name)
     for number, block in enumerate(simulate_cycles(simulation, 3, 1), 1):
         cycle = Cycle(number, simulation.period_s, to_frames(block))
         found, memory = estimate_cycle(model, VALVE.options, cycle, memory)
