@@ -85,6 +85,15 @@ def test_a_reader_without_an_end_is_one_line(path, monkeypatch):
         run_apart(path, endless)
 
 
+def test_a_folder_may_take_as_long_as_its_files(tmp_path, monkeypatch):
+    monkeypatch.setattr(apart, "LEAST_S", 0.0)
+    monkeypatch.setattr(apart, "EACH_MEGABYTE_S", 1.0)
+    for name in ("a.db3", "b.db3"):
+        (tmp_path / name).write_bytes(bytes(2 << 19))
+    with pytest.raises(BagError, match=r"its reader comes to no end within 2 s"):
+        run_apart(tmp_path, endless)
+
+
 def test_what_it_prints_is_lost(path, capfd):
     def read():
         os.write(1, b"a dump of blocks")

@@ -43,7 +43,7 @@ def run_apart(path: Path, read: Callable[[], T]) -> T:
     Parameters
     ----------
     path : path
-        The file; its size bounds the processor time.
+        The file, or a folder of files; its size bounds the processor time.
     read : callable
         Reads it; what it returns is pickled. What it prints is lost.
 
@@ -56,7 +56,7 @@ def run_apart(path: Path, read: Callable[[], T]) -> T:
     """
     if sys.platform != "linux":
         return read()
-    most_s = LEAST_S + EACH_MEGABYTE_S * path.stat().st_size / _MEGABYTE
+    most_s = LEAST_S + EACH_MEGABYTE_S * _size(path) / _MEGABYTE
     ours, theirs = Pipe(duplex=False)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # threads stay behind: none is needed
@@ -80,6 +80,12 @@ def run_apart(path: Path, read: Callable[[], T]) -> T:
     if raised is not None:
         raise raised(value)
     return value  # type: ignore[no-any-return]
+
+
+def _size(path: Path) -> int:
+    """Return the bytes of a file, or of all files of a folder [B]."""
+    files = path.iterdir() if path.is_dir() else (path,)
+    return sum(file.stat().st_size for file in files)
 
 
 def _why(status: int, most_s: float) -> str:
@@ -128,7 +134,7 @@ def _send(pipe: Connection, answer: object) -> None:
     parts: list[pickle.PickleBuffer] = []
     head = pickle.dumps(answer, protocol=5, buffer_callback=parts.append)
     raws = [part.raw() for part in parts]
-    pipe.send(([raw.nbytes for raw in raws], len(head)))
+    pipe.send([raw.nbytes for raw in raws])
     pipe.send_bytes(head)
     for raw in raws:
         if raw.nbytes:
@@ -137,7 +143,7 @@ def _send(pipe: Connection, answer: object) -> None:
 
 def _receive(pipe: Connection) -> Any:  # noqa: ANN401
     """Return an object that was sent by `_send`."""
-    sizes, _ = pipe.recv()
+    sizes: list[int] = pipe.recv()
     head, parts = pipe.recv_bytes(), []
     for size in sizes:
         part = bytearray(size)

@@ -116,7 +116,8 @@ def read_recording(path: Path, choice: ClockChoice | None = None) -> Recording:
     kind = kind_of(path)
     if kind in _PACKAGES:
         load_package(_PACKAGES[kind], path)  # once, not in each process
-        found = run_apart(path, partial(_read, path, kind, choice))
+        whole = path.parent if kind == "sqlite" and path.is_file() else path  # all its files
+        found = run_apart(whole, partial(_read, path, kind, choice))
     else:
         found = _read(path, kind, choice)
     if not found.columns:
