@@ -68,6 +68,14 @@ def test_cycles_of_a_new_product_are_compared_with_nothing(newest, told):
     assert doubt.startswith(f"no reference yet: {told}") if told else not doubt
 
 
+def stored(kind, row):
+    """Return features as they are stored of a row as they are followed."""
+    return tuple(
+        ParameterValue(n, float(np.exp(v) if n in kind.relative else v))
+        for n, v in zip(kind.names, row, strict=True)
+    )
+
+
 CHANGED = 41
 """Cycle from which on another product is made."""
 
@@ -82,10 +90,7 @@ def changed_product(fault, *, which, cycles=70):
     return [
         replace(
             estimate(c),
-            parameters=tuple(
-                ParameterValue(n, float(np.exp(v) if n in kind.relative else v))
-                for n, v in zip(kind.names, row, strict=True)
-            ),
+            parameters=stored(kind, row),
             end_ns=c * 30 * 10**9 + (25 if c < CHANGED else 28) * 10**9,
         )
         for c, row in enumerate(rows, 1)
@@ -112,17 +117,12 @@ def test_maintenance_ends_a_fault_that_is_still_told_of_another_product():
 
 def features_of(model, vectors):
     """Return features as they are stored of a model that is held against a reference."""
-    kind = model.feature_set
     known = (ParameterValue(_PREFIX + model.parameters[0].name, 1.0),)
     return [
         replace(
             estimate(c),
             model=model.name,
-            parameters=known
-            + tuple(
-                ParameterValue(n, float(np.exp(v) if n in kind.relative else v))
-                for n, v in zip(kind.names, row, strict=True)
-            ),
+            parameters=known + stored(model.feature_set, row),
         )
         for c, row in enumerate(vectors, 1)
     ]

@@ -2,8 +2,6 @@
 # Copyright 2026 valve_twin maintainers
 """A cycle on which a model's own code fails is refused, and the next one is estimated."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
@@ -14,7 +12,6 @@ from valve_twin.core.valves.first_order import VALVE
 from valve_twin.core.valves.registry import get_simulation
 
 
-@dataclass(frozen=True, slots=True)
 class Failing:
     """A valve whose code fails on its second cycle."""
 
