@@ -31,8 +31,9 @@ def shown(motion):
 def test_a_position_like_the_models_differs_in_nothing(motion, shown):
     found = shown(motion)
     assert [found[n] for n in ("gain_up", "gain_down")] == pytest.approx([1.0, 1.0])
-    others = [v for n, v in found.items() if n not in {"gain_up", "gain_down", "saturated"}]
-    assert np.abs(others).max() < 1e-12
+    apart = {"gain_up", "gain_down", "saturated", "rest_noise"}
+    assert np.abs([v for n, v in found.items() if n not in apart]).max() < 1e-12
+    assert found["rest_noise"] < 1e-6
 
 
 def test_an_offset_moves_the_level_alone(motion, shown):
@@ -73,6 +74,24 @@ def test_a_lost_move_is_counted_and_spoils_nothing_else(motion, shown):
     found = shown(lost)
     assert found["unfollowed"] == pytest.approx(0.25)
     assert not np.isfinite([found[n] for n in ("level_zero", "gain_up", "rough_move")]).any()
+
+
+@pytest.mark.parametrize("factor", [1.0, 2.5, 7.0])
+def test_noise_is_that_of_the_sensor_where_the_model_errs_in_moves(motion, shown, factor):
+    n = np.arange(400.0)
+    late = np.interp(n - 2.0, n, motion)
+    noise = factor * 3e-4 * np.random.default_rng(8).standard_normal(400)
+    assert shown(late + noise)["rest_noise"] == pytest.approx(factor * 3e-4 / SPAN, rel=0.2)
+
+
+def test_a_rounded_position_has_at_least_the_noise_of_rounding(motion, shown):
+    step = 0.8 * 2.0**-8
+    found = shown(step * np.round(motion / step))
+    assert found["rest_noise"] == pytest.approx(step / SPAN / np.sqrt(12.0), rel=1e-4)
+    rng = np.random.default_rng(9)
+    louder = motion + step * rng.standard_normal(400)
+    found = shown(step * np.round(louder / step))
+    assert found["rest_noise"] == pytest.approx(step / SPAN * np.sqrt(1.0 + 1.0 / 12.0), rel=0.2)
 
 
 def test_noise_and_repeats_are_measured(motion, shown):

@@ -61,7 +61,17 @@ DEVIATION = "deviation"
 _LEAST_SAMPLES = 30
 _LEAST_LEVEL = 5
 _LEAST_MOVE = 6
-"""Fewest samples of a cycle, a level, and moves of one direction that say something."""
+_LEAST_QUIET = 20
+"""Fewest samples of a cycle, a level, moves of one direction, and a rest that say something."""
+
+_KEPT = 0.6230
+"""Mean square of normal numbers without the largest tenth of them [1]."""
+
+_ONE = 1e-9
+"""Share of the span below which two values are one: error of the arithmetic [1]."""
+
+_ROUNDED = 12.0**0.5
+"""Step of what is rounded over the standard deviation that this makes [1]."""
 
 _MISSED = 0.5
 """Share of a move by which an end of it is off where it was not followed, assumed [1]."""
@@ -169,12 +179,16 @@ def cycle_features(record: Record) -> dict[str, float]:
         return found
     off = (record.position[known] - response) / span
     found[DEVIATION] = float(np.sqrt(np.mean(off**2)))
-    found |= _compared(response / span, off, record.period_s)
+    step = step_of(record.position[known]) / span
+    found |= _compared(response / span, off, step, record.period_s)
     return found
 
 
-def _compared(s: FloatArray, off: FloatArray, period_s: float) -> dict[str, float]:
-    """Return what position minus response `off` shows of a response `s`, both over its span."""
+def _compared(s: FloatArray, off: FloatArray, step: float, period_s: float) -> dict[str, float]:
+    """Return what position minus response `off` shows of a response `s`, both over its span.
+
+    So is `step`, by which the position is rounded.
+    """
     moves, rest = find_moves(s)
     found: dict[str, float] = {}
     if moves:
@@ -183,7 +197,7 @@ def _compared(s: FloatArray, off: FloatArray, period_s: float) -> dict[str, floa
         if odd:  # tells nothing else
             return found
     found |= _levels(s, off, rest)
-    found[NOISE] = _noise(off)
+    found[NOISE] = max(_noise(off, rest), step / _ROUNDED)
     found["rough_rest"] = _rough(off, moves, rest)
     rough, stick = [], []
     for way, name in ((1.0, "up"), (-1.0, "down")):
@@ -201,6 +215,20 @@ def _compared(s: FloatArray, off: FloatArray, period_s: float) -> dict[str, floa
         starts = np.concatenate(stick)
         found["stick"] = float(starts.mean()) if len(starts) else np.nan
     return found
+
+
+def step_of(position: FloatArray) -> float:
+    """Return the step of a rounded position, 0 where it never changes.
+
+    Parameters
+    ----------
+    position : (N,) array
+        Measured, all finite [any unit].
+    """
+    values = np.unique(position)
+    steps = np.diff(values)
+    steps = steps[steps > _ONE * (values[-1] - values[0])]
+    return float(steps.min()) if len(steps) else 0.0
 
 
 def _is_off(off: FloatArray, move: Move) -> bool:
@@ -234,11 +262,16 @@ def _levels(s: FloatArray, off: FloatArray, rest: BoolArray) -> dict[str, float]
     return found
 
 
-def _noise(off: FloatArray) -> float:
-    """Return the noise from second differences without the largest hundredth [1]."""
-    bends = np.sort(np.diff(off, 2) ** 2)
-    kept = bends[: max(len(bends) - len(bends) // 100, 1)]
-    return float(np.sqrt(kept.mean() / 6.0))
+def _noise(off: FloatArray, rest: BoolArray) -> float:
+    """Return the noise from second differences at rest, without the largest tenth [1].
+
+    In a move they would show what the model errs. Where too little is at rest, all count.
+    """
+    bends = np.diff(off, 2) ** 2
+    quiet = bends[rest[:-2] & rest[1:-1] & rest[2:]]
+    bends = np.sort(quiet if len(quiet) >= _LEAST_QUIET else bends)
+    kept = bends[: max(len(bends) - len(bends) // 10, 1)]
+    return float(np.sqrt(kept.mean() / (6.0 * _KEPT)))
 
 
 def _rough(off: FloatArray, moves: tuple[Move, ...], rest: BoolArray) -> float:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.diagnosis.features import ESTIMATOR, MOTION, NOISE
+from valve_twin.core.diagnosis.generic.features import step_of
 from valve_twin.core.types import Parameter, ParameterValue
 
 if TYPE_CHECKING:
@@ -30,8 +31,6 @@ _NEAR = 5e-4
 """Share of the span within which those between need not be kept, assumed [1]."""
 
 _LEAST_SAMPLES = 30
-_ROUNDED = 1e-9
-"""Share of the span below which two values are one: error of the arithmetic [1]."""
 
 _LEAST_NOISE = 0.2
 """Noise of a sensor that rounds, over its step, at least: rounding hides what is less [1]."""
@@ -115,9 +114,7 @@ def motion_of(record: Record, found: Iterable[ParameterValue]) -> Motion | None:
     span = float(np.ptp(response)) if len(response) >= _LEAST_SAMPLES else 0.0
     if not (span > 0.0 and np.isfinite(noise)):
         return None
-    steps = np.diff(np.unique(record.position[known])) / span
-    steps = steps[steps > _ROUNDED]
-    step = float(steps.min()) if len(steps) else 0.0
+    step = step_of(record.position[known]) / span
     at = _kept(response / span)
     to = tuple(float(x) for x in response[at] / span)
     return Motion(record.period_s, noise, step, tuple(map(float, at)), to)
