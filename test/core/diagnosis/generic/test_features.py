@@ -31,9 +31,10 @@ def shown(motion):
 def test_a_position_like_the_models_differs_in_nothing(motion, shown):
     found = shown(motion)
     assert [found[n] for n in ("gain_up", "gain_down")] == pytest.approx([1.0, 1.0])
-    apart = {"gain_up", "gain_down", "saturated", "rest_noise"}
+    noises = {"rest_noise", "move_noise"}
+    apart = {"gain_up", "gain_down", "saturated", *noises}
     assert np.abs([v for n, v in found.items() if n not in apart]).max() < 1e-12
-    assert found["rest_noise"] < 1e-6
+    assert max(found[n] for n in noises) < 1e-6
 
 
 def test_an_offset_moves_the_level_alone(motion, shown):
@@ -81,7 +82,9 @@ def test_noise_is_that_of_the_sensor_where_the_model_errs_in_moves(motion, shown
     n = np.arange(400.0)
     late = np.interp(n - 2.0, n, motion)
     noise = factor * 3e-4 * np.random.default_rng(8).standard_normal(400)
-    assert shown(late + noise)["rest_noise"] == pytest.approx(factor * 3e-4 / SPAN, rel=0.2)
+    found = shown(late + noise)
+    assert found["rest_noise"] == pytest.approx(factor * 3e-4 / SPAN, rel=0.2)
+    assert found["move_noise"] > 1.5 * 3e-4 / SPAN
 
 
 def test_a_rounded_position_has_at_least_the_noise_of_rounding(motion, shown):
@@ -99,6 +102,7 @@ def test_noise_and_repeats_are_measured(motion, shown):
     noisy = motion + 1e-3 * rng.standard_normal(400)
     found = shown(noisy)
     assert found["rest_noise"] == pytest.approx(1e-3 / SPAN, rel=0.15)
+    assert found["move_noise"] == pytest.approx(1e-3 / SPAN, rel=0.2)
     assert found["rough_rest"] == pytest.approx(1e-3 / SPAN, rel=0.15)
     noisy[1::2] = noisy[::2]
     assert shown(noisy)["repeats"] == pytest.approx(0.5, abs=0.01)

@@ -41,6 +41,7 @@ FEATURES = (
     Parameter("short_up", "1", f"feature: what moves up lack from their start, {_SPAN}"),
     Parameter("short_down", "1", f"feature: what moves down lack from their start, {_SPAN}"),
     Parameter("stick", "1", f"feature: what the start of moves lacks beyond this, {_SPAN}"),
+    Parameter("move_noise", "1", f"feature: noise of the position in moves, {_SPAN}", 0.0),
     Parameter("rough_rest", "1", f"feature: rms about the mean at rest, {_SPAN}", 0.0),
     Parameter("rough_move", "1", f"feature: rms about the fit in moves, {_SPAN}", 0.0),
     Parameter(UNFOLLOWED, "1", "feature: share of the moves that were not followed", 0.0, 1.0),
@@ -49,9 +50,10 @@ FEATURES = (
 """What the features of any valve are."""
 
 NAMES = tuple(p.name for p in FEATURES)
-RELATIVE = frozenset((NOISE, "gain_up", "gain_down", "rough_rest", "rough_move"))
-ROOTS = (NOISE, "rough_rest", "rough_move")
+ROOTS = (NOISE, "move_noise", "rough_rest", "rough_move")
 """Features that are roots of sums of squares."""
+
+RELATIVE = frozenset((*ROOTS, "gain_up", "gain_down"))
 
 SHARES = ("repeats", UNFOLLOWED, "saturated")
 
@@ -197,7 +199,7 @@ def _compared(s: FloatArray, off: FloatArray, step: float, period_s: float) -> d
         if odd:  # tells nothing else
             return found
     found |= _levels(s, off, rest)
-    found[NOISE] = max(_noise(off, rest), step / _ROUNDED)
+    found |= _noise(off, rest, step)
     found["rough_rest"] = _rough(off, moves, rest)
     rough, stick = [], []
     for way, name in ((1.0, "up"), (-1.0, "down")):
@@ -262,14 +264,23 @@ def _levels(s: FloatArray, off: FloatArray, rest: BoolArray) -> dict[str, float]
     return found
 
 
-def _noise(off: FloatArray, rest: BoolArray) -> float:
-    """Return the noise from second differences at rest, without the largest tenth [1].
+def _noise(off: FloatArray, rest: BoolArray, step: float) -> dict[str, float]:
+    """Return the noise from second differences at rest and in moves, at least that of rounding.
 
-    In a move they would show what the model errs. Where too little is at rest, all count.
+    In moves they show what the model errs there, too, and jerks. Where too little is at rest, all
+    count as rest.
     """
     bends = np.diff(off, 2) ** 2
-    quiet = bends[rest[:-2] & rest[1:-1] & rest[2:]]
-    bends = np.sort(quiet if len(quiet) >= _LEAST_QUIET else bends)
+    quiet = rest[:-2] & rest[1:-1] & rest[2:]
+    found = {NOISE: _trimmed(bends[quiet] if quiet.sum() >= _LEAST_QUIET else bends)}
+    if np.count_nonzero(~quiet) >= _LEAST_QUIET:
+        found["move_noise"] = _trimmed(bends[~quiet])
+    return {n: max(x, step / _ROUNDED) for n, x in found.items()}
+
+
+def _trimmed(bends: FloatArray) -> float:
+    """Return the noise by squared second differences without the largest tenth [1]."""
+    bends = np.sort(bends)
     kept = bends[: max(len(bends) - len(bends) // 10, 1)]
     return float(np.sqrt(kept.mean() / (6.0 * _KEPT)))
 
