@@ -17,7 +17,7 @@ from valve_twin.core.diagnosis.detection import detect
 from valve_twin.core.diagnosis.direct import bounds, freezing, noise
 from valve_twin.core.diagnosis.features import NOISE
 from valve_twin.core.diagnosis.generic.motion import motion_from
-from valve_twin.core.diagnosis.generic.reference import has_reference
+from valve_twin.core.diagnosis.generic.reference import has_noise_of_rest, has_reference
 from valve_twin.core.diagnosis.generic.signatures import own_table, signatures_of
 from valve_twin.core.diagnosis.products import CLOCK, clocks_apart, products, without_slips
 from valve_twin.core.diagnosis.reference import doubt_of
@@ -115,7 +115,7 @@ def search(past: Past, maintenance: Sequence[Maintenance]) -> Searched:
         if model.signatures() is None and not model.feature_set.by_model:
             table = _table_of(model, shown) or table
     cycles = shown.cycle
-    vectors = feature_vectors(shown, model.feature_set)
+    vectors = _vectors_of(shown, model)
     restarts = [m.cycle for m in maintenance]
     settled = past.settled or _NONE
     product = _products_of(shown)
@@ -287,6 +287,15 @@ def _is_slip(finding: Finding, apart: Sequence[int]) -> bool:
     over = finding.alarm + 2 * _NEAR  # what is told by then stays told
     over = min(over, finding.end) if finding.end >= 0 else over
     return any(finding.onset - _NEAR <= cycle <= over for cycle in apart)
+
+
+def _vectors_of(shown: Rows, model: ValveModel) -> FloatArray:
+    """Return features as they are followed, (N, F); no noise where that was of whole cycles."""
+    kind = model.feature_set
+    vectors = feature_vectors(shown, kind)
+    if kind.of_any_valve and NOISE in kind.names:
+        vectors[~has_noise_of_rest(shown), kind.names.index(NOISE)] = np.nan
+    return vectors
 
 
 def _once_a_cycle(shown: Rows) -> Rows:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from valve_twin.core.aging import AgingConfig, assess
-from valve_twin.core.diagnosis.features import ESTIMATOR
-from valve_twin.core.diagnosis.generic.features import NAMES
+from valve_twin.core.diagnosis.features import ESTIMATOR, NOISE
+from valve_twin.core.diagnosis.generic.features import MOVE_NOISE, NAMES
 from valve_twin.core.diagnosis.generic.motion import numbers_of
 from valve_twin.core.diagnosis.generic.reference import (
     REFERENCE_CYCLES,
@@ -94,6 +94,23 @@ def test_a_healthy_valve_is_no_reference_first_and_then_in_order():
     assert verdict.text == "ok"
     early = [e for e in history if e.cycle <= 15]
     assert assess(early, (), AgingConfig(), parameters=MODEL.parameters).verdict.text != "ok"
+
+
+def as_before(estimate):
+    """Return features as they were stored when the noise was that of the whole cycle."""
+    kept = [
+        replace(p, value=3.0 * p.value) if p.name == NOISE else p
+        for p in estimate.parameters
+        if p.name != MOVE_NOISE
+    ]
+    return replace(estimate, parameters=tuple(kept))
+
+
+def test_features_stored_before_the_noise_was_that_of_rest_raise_no_alarm():
+    before = [as_before(e) if e.cycle <= 25 and e.estimator == ESTIMATOR else e for e in run()[0]]
+    found = assess(before, (), AgingConfig(), parameters=MODEL.parameters)
+    assert found.diagnosis.findings == ()
+    assert found.verdict.text == "ok"
 
 
 def test_features_come_only_where_they_are_asked_for():

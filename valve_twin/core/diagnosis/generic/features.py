@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from valve_twin.core.diagnosis.generic.moves import Move
     from valve_twin.core.types import BoolArray, FloatArray
 
+MOVE_NOISE, ROUGH_MOVE = "move_noise", "rough_move"
 _SPAN = "share of the span"
 FEATURES = (
     Parameter(NOISE, "1", f"feature: noise of the position, {_SPAN}", 0.0),
@@ -41,16 +42,16 @@ FEATURES = (
     Parameter("short_up", "1", f"feature: what moves up lack from their start, {_SPAN}"),
     Parameter("short_down", "1", f"feature: what moves down lack from their start, {_SPAN}"),
     Parameter("stick", "1", f"feature: what the start of moves lacks beyond this, {_SPAN}"),
-    Parameter("move_noise", "1", f"feature: noise of the position in moves, {_SPAN}", 0.0),
+    Parameter(MOVE_NOISE, "1", f"feature: noise of the position in moves, {_SPAN}", 0.0),
     Parameter("rough_rest", "1", f"feature: rms about the mean at rest, {_SPAN}", 0.0),
-    Parameter("rough_move", "1", f"feature: rms about the fit in moves, {_SPAN}", 0.0),
+    Parameter(ROUGH_MOVE, "1", f"feature: rms about the fit in moves, {_SPAN}", 0.0),
     Parameter(UNFOLLOWED, "1", "feature: share of the moves that were not followed", 0.0, 1.0),
     Parameter("saturated", "1", "feature: share of samples with a command at its end", 0.0, 1.0),
 )
 """What the features of any valve are."""
 
 NAMES = tuple(p.name for p in FEATURES)
-ROOTS = (NOISE, "move_noise", "rough_rest", "rough_move")
+ROOTS = (NOISE, MOVE_NOISE, "rough_rest", ROUGH_MOVE)
 """Features that are roots of sums of squares."""
 
 RELATIVE = frozenset((*ROOTS, "gain_up", "gain_down"))
@@ -90,7 +91,7 @@ _EDGE = 0.25
 _START = 0.15
 """Share of a move that is its start, assumed [1]."""
 
-_LEAST = {"saturated": 5e-3, "rough_rest": 0.1, "rough_move": 0.1}
+_LEAST = {"saturated": 5e-3, "rough_rest": 0.1, ROUGH_MOVE: 0.1}
 """Least standard deviations of features between cycles, a fault of small size is four of these.
 As a valve ages its controller is at its end for a sample more from some cycle on, and its steps of
 rounding fall otherwise: no fault [unit of the feature; roughness is a logarithm]."""
@@ -213,7 +214,7 @@ def _compared(s: FloatArray, off: FloatArray, step: float, period_s: float) -> d
             rough.append(fit.left)
             stick.append(fit.start)
     if rough:
-        found["rough_move"] = float(np.sqrt(np.mean(np.concatenate(rough) ** 2)))
+        found[ROUGH_MOVE] = float(np.sqrt(np.mean(np.concatenate(rough) ** 2)))
         starts = np.concatenate(stick)
         found["stick"] = float(starts.mean()) if len(starts) else np.nan
     return found
@@ -274,7 +275,7 @@ def _noise(off: FloatArray, rest: BoolArray, step: float) -> dict[str, float]:
     quiet = rest[:-2] & rest[1:-1] & rest[2:]
     found = {NOISE: _trimmed(bends[quiet] if quiet.sum() >= _LEAST_QUIET else bends)}
     if np.count_nonzero(~quiet) >= _LEAST_QUIET:
-        found["move_noise"] = _trimmed(bends[~quiet])
+        found[MOVE_NOISE] = _trimmed(bends[~quiet])
     return {n: max(x, step / _ROUNDED) for n, x in found.items()}
 
 

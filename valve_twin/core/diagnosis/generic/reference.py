@@ -18,6 +18,7 @@ from valve_twin.core.diagnosis.features import ESTIMATOR
 from valve_twin.core.diagnosis.generic.features import (
     DEVIATION,
     FEATURES,
+    MOVE_NOISE,
     RELATIVE,
     Record,
     cycle_features,
@@ -78,6 +79,15 @@ def has_reference(features: Rows) -> BoolArray:
         if name.startswith(_PREFIX):
             found |= columns.status >= 0
     return found
+
+
+def has_noise_of_rest(features: Rows) -> BoolArray:
+    """Return in which features the noise is that of rest alone, (N,).
+
+    Those that were stored before had the noise of the whole cycle, and none of moves.
+    """
+    columns = features.parameters.get(MOVE_NOISE)
+    return np.zeros(len(features), dtype=np.bool_) if columns is None else columns.status >= 0
 
 
 def reference_of(model: ValveModel, earlier: Sequence[Estimate]) -> Reference | None:
