@@ -13,9 +13,6 @@ import numpy as np
 from valve_twin.core.estimation.cycle.plausibility import wrong_step
 from valve_twin.core.quantity import suggest
 from valve_twin.core.valves.registry import get_model
-from valve_twin.io.bags.writer import BagWriter
-from valve_twin.io.cdr.codec import encode_string
-from valve_twin.io.cdr.signals import SERIES_TYPE, STAMPED_TYPE
 from valve_twin.io.config.topic_names import resolve_topic
 from valve_twin.io.errors import BagError, ConfigError
 from valve_twin.io.instruments.clock import ClockChoice
@@ -23,23 +20,19 @@ from valve_twin.io.instruments.derived import with_derived
 from valve_twin.io.instruments.read import SUFFIXES, kind_of, read_recording
 from valve_twin.io.instruments.table import topic_name, unique_name
 from valve_twin.io.tables.csv_import import (
-    LATCHED,
-    RAW_DEPTH,
-    RUN_TOPIC,
     SECOND_NS,
-    STRING_TYPE,
-    ImportedFile,
     ImportSummary,
+    Readings,
     Stream,
     base_stamp_ns,
-    encode_stream,
+    follows,
+    import_files,
     streams_of,
 )
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from valve_twin.core.types import IntArray
     from valve_twin.io.config.valve import ValveConfig
     from valve_twin.io.instruments.table import Recording
 
@@ -122,32 +115,14 @@ def import_recordings(
     given = recording_files(files)
     named = _left_out(given, config.csv.leave_out)
     paths = [p for p in given if p not in named]
-    bag: BagWriter | None = None
-    done: list[ImportedFile] = []
-    notices = [f"left out: {p}: csv.leave_out names it" for p in given if p not in paths]
-    try:
-        for path in paths:
-            try:
-                recording = _read(path, config, streams)
-                after = done[-1].end_ns if done else None
-                start_ns = _start_ns(recording, config, after)
-            except BagError as err:
-                if len(paths) == 1 or (path == paths[-1] and not done):
-                    raise
-                notices.append(f"left out: {err}")
-                continue
-            if bag is None:  # a wrong column or time leaves no bag behind
-                bag = BagWriter(out, flush_s=60.0)
-                bag.add_topic(resolve_topic(RUN_TOPIC, config.name), STRING_TYPE, qos=(LATCHED,))
-            notices += recording.notices
-            done.append(_write(bag, config, streams, recording, start_ns))
-            on_file()
-        assert bag is not None  # the last file would have raised
-        bag.note({"valve": config.name, "model": config.model, "imported_files": len(done)})
-        return ImportSummary(tuple(done), sum(bag.counts.values()), tuple(notices))
-    finally:
-        if bag is not None:
-            bag.close()
+    notices = [f"left out: {p}: csv.leave_out names it" for p in given if p in named]
+
+    def read(path: Path, end_ns: int | None) -> Readings:
+        recording = _read(path, config, streams)
+        start_ns = _start_ns(recording, config, end_ns)
+        return _readings(recording, config, streams, start_ns)
+
+    return import_files(paths, config, out, read, leave_out=True, notices=notices, on_file=on_file)
 
 
 def _left_out(given: Sequence[Path], names: Sequence[str]) -> set[Path]:
@@ -199,31 +174,19 @@ def _read(path: Path, config: ValveConfig, streams: Sequence[Stream]) -> Recordi
     return recording
 
 
-def _start_ns(recording: Recording, config: ValveConfig, after_ns: int | None) -> int:
+def _start_ns(recording: Recording, config: ValveConfig, end_ns: int | None) -> int:
     """Return the stamp of a recording's time 0 [ns]."""
     base_ns = base_stamp_ns(config)
     if recording.start_ns is not None and base_ns is None:
-        if after_ns is not None and recording.start_ns <= after_ns:
-            msg = (
-                f"{recording.path}: begins before the file before it ends; give the files in the "
-                "order of their time"
-            )
-            raise BagError(msg)
+        follows(recording.path, recording.start_ns, end_ns)
         return recording.start_ns
-    if after_ns is None:
-        return base_ns or 0
-    return after_ns + round(config.csv.gap_s * SECOND_NS)
+    return base_ns or 0 if end_ns is None else end_ns + round(config.csv.gap_s * SECOND_NS)
 
 
-def _write(
-    bag: BagWriter,
-    config: ValveConfig,
-    streams: Sequence[Stream],
-    recording: Recording,
-    start_ns: int,
-) -> ImportedFile:
-    """Write one file; channels without a signal are written as those with one."""
-    name = recording.path.name.removesuffix(".gz").rpartition(".")[0] or recording.path.name
+def _readings(
+    recording: Recording, config: ValveConfig, streams: Sequence[Stream], start_ns: int
+) -> Readings:
+    """Return what to write: channels without a signal as those with one."""
     taken = {s.topic for s in streams}
     batch = max((s.batch for s in streams), default=0)
     all_streams = list(streams)
@@ -234,25 +197,13 @@ def _write(
             taken.add(topic)
             all_streams.append(Stream(topic, column.name, batch))
     columns = {c.name: c for c in recording.columns}
-    parts: list[tuple[Stream, IntArray]] = []
-    for stream in all_streams:
-        stamps = start_ns + np.rint(columns[stream.column].seconds * 1e9).astype(np.int64)
-        parts.append((stream, stamps))
-        kind = SERIES_TYPE if stream.batch else STAMPED_TYPE
-        bag.add_topic(stream.topic, kind, qos=(RAW_DEPTH,))
-    first, last = min(int(t[0]) for _, t in parts), max(int(t[-1]) for _, t in parts)
-    bag.write(resolve_topic(RUN_TOPIC, config.name), encode_string(name), log_ns=first)
-    single = [(s.topic, t, columns[s.column].values) for s, t in parts if not s.batch]
-    if single:
-        bag.write_samples(single)
-    messages = [
-        (log_ns, number, stream.topic, data, stamp_ns)
-        for number, (stream, stamps) in enumerate(parts)
-        if stream.batch
-        for log_ns, stamp_ns, data in encode_stream(
-            stream, stamps, columns[stream.column].values, config.period_s
-        )
-    ]
-    for log_ns, _, topic, data, stamp_ns in sorted(messages, key=lambda m: m[:2]):
-        bag.write(topic, data, log_ns=log_ns, publish_ns=stamp_ns)
-    return ImportedFile(name, first, last, max(len(t) for _, t in parts))
+    name = recording.path.name.removesuffix(".gz").rpartition(".")[0] or recording.path.name
+    return Readings(
+        name,
+        [
+            (s, start_ns + np.rint(c.seconds * 1e9).astype(np.int64), c.values)
+            for s in all_streams
+            for c in (columns[s.column],)
+        ],
+        recording.notices,
+    )

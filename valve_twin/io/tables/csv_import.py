@@ -30,7 +30,7 @@ from valve_twin.io.errors import BagError, ConfigError
 from valve_twin.io.tables.csv import Table, read_table
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from valve_twin.io.config.valve import ValveConfig
 
@@ -88,6 +88,15 @@ class Stream:
     topic: str
     column: str
     batch: int
+
+
+@dataclass(frozen=True, slots=True)
+class Readings:
+    """One file as a reader gives it: the stamps [ns] and values of each topic."""
+
+    name: str
+    columns: list[tuple[Stream, IntArray, FloatArray]]
+    notices: tuple[str, ...] = ()
 
 
 def csv_files(pattern: str | Path) -> list[Path]:
@@ -149,28 +158,67 @@ def import_csv(
     paths = [path for pattern in files for path in csv_files(pattern)]
     streams = streams_of(config)
     base_ns = base_stamp_ns(config)
-    # a wrong column or time leaves no bag behind
-    tables = [_read(path, config, streams) for path in paths[:1]]
-    _stamps(tables[0], config, base_ns, None)
+
+    def read(path: Path, end_ns: int | None) -> Readings:
+        table = _read(path, config, streams)
+        stamps = _stamps(table, config, base_ns, end_ns)
+        columns = table.columns[len(table.columns) - len(streams) :]
+        return Readings(
+            path.name.removesuffix(".gz").removesuffix(".csv"),
+            [(s, stamps, values) for s, values in zip(streams, columns, strict=True)],
+            (*table.notices, *_notices(table, config)),
+        )
+
+    return import_files(paths, config, out, read, topics=streams, on_file=on_file)
+
+
+def import_files(
+    paths: Sequence[Path],
+    config: ValveConfig,
+    out: str | Path,
+    read: Callable[[Path, int | None], Readings],
+    *,
+    topics: Sequence[Stream] = (),
+    leave_out: bool = False,
+    notices: Sequence[str] = (),
+    on_file: Callable[[], object],
+) -> ImportSummary:
+    """Write files into a new bag folder, parameters as `import_csv`; none where none can be read.
+
+    `read` gives a file that follows a stamp [ns], None for the first, or raises BagError: with
+    `leave_out` it is left out as long as another can be read. `topics` are those of every file.
+    """
+    bag: BagWriter | None = None
     done: list[ImportedFile] = []
-    notices: list[str] = []
-    with BagWriter(out, flush_s=60.0) as bag:
-        _add_topics(bag, config, streams)
-        try:
-            for path in paths:
-                table = tables.pop() if tables else _read(path, config, streams)
-                after_ns = done[-1].end_ns + round(config.csv.gap_s * SECOND_NS) if done else None
-                stamps = _stamps(table, config, base_ns, after_ns)
-                notices += [*table.notices, *_notices(table, config)]
-                done.append(_write_file(bag, config, streams, table, stamps))
-                on_file()
-        except BagError as err:
-            if not done:
-                raise
-            msg = f"{err}; {bag.path} holds only the {len(done)} files before it: remove it"
-            raise BagError(msg) from err
+    told = list(notices)
+    try:
+        for path in paths:
+            try:
+                file = read(path, done[-1].end_ns if done else None)
+            except BagError as err:
+                if not leave_out or (path == paths[-1] and not done):
+                    raise
+                told.append(f"left out: {err}")
+                continue
+            if bag is None:  # a wrong column or time leaves no bag behind
+                bag = BagWriter(out, flush_s=60.0)
+                _add_topics(bag, topics)
+                bag.add_topic(resolve_topic(RUN_TOPIC, config.name), STRING_TYPE, qos=(LATCHED,))
+            told += file.notices
+            done.append(_write_file(bag, config, file))
+            on_file()
+    except BagError as err:
+        if bag is None or leave_out or not done:
+            raise
+        msg = f"{err}; {bag.path} holds only the {len(done)} files before it: remove it"
+        raise BagError(msg) from err
+    else:
+        assert bag is not None  # the last file would have raised
         bag.note({"valve": config.name, "model": config.model, "imported_files": len(done)})
-        return ImportSummary(tuple(done), sum(bag.counts.values()), tuple(notices))
+        return ImportSummary(tuple(done), sum(bag.counts.values()), tuple(told))
+    finally:
+        if bag is not None:
+            bag.close()
 
 
 def streams_of(config: ValveConfig) -> list[Stream]:
@@ -238,7 +286,7 @@ def _read(path: Path, config: ValveConfig, streams: Sequence[Stream]) -> Table:
 
 
 def _stamps(
-    table: Table, config: ValveConfig, base_ns: int | None, after_ns: int | None
+    table: Table, config: ValveConfig, base_ns: int | None, end_ns: int | None
 ) -> IntArray:
     """Return the (N,) stamps of the rows [ns]."""
     if not config.csv.time_column:
@@ -251,16 +299,27 @@ def _stamps(
         _check_sampling(table, elapsed_ns, config)
     if table.dated or base_ns is None:
         stamps: IntArray = np.rint(ticks * 1e6).astype(np.int64) * 1000
-        if after_ns is not None and stamps[0] <= after_ns - round(config.csv.gap_s * SECOND_NS):
-            msg = (
-                f"{table.path}: begins before the file before it ends; give the files in the "
-                "order of their time"
-            )
-            raise BagError(msg)
+        follows(table.path, int(stamps[0]), end_ns)
         return stamps
-    begin_ns = base_ns if after_ns is None else after_ns
+    begin_ns = base_ns if end_ns is None else end_ns + round(config.csv.gap_s * SECOND_NS)
     elapsed: IntArray = np.rint((ticks - ticks[0]) * 1e9).astype(np.int64)
     return begin_ns + elapsed
+
+
+def follows(path: Path, start_ns: int, end_ns: int | None) -> None:
+    """Refuse a file whose first stamp is not after the last one of the file before it [ns].
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    start_ns, end_ns : int
+        Both stamps [ns]; None = it is the first file.
+    """
+    if end_ns is not None and start_ns <= end_ns:
+        when = "begins before the file before it ends"
+        msg = f"{path}: {when}; give the files in the order of their time"
+        raise BagError(msg)
 
 
 def _check_time(table: Table, ticks: FloatArray, config: ValveConfig) -> None:
@@ -326,39 +385,29 @@ def _notices(table: Table, config: ValveConfig) -> list[str]:
     return notices
 
 
-def _add_topics(bag: BagWriter, config: ValveConfig, streams: Sequence[Stream]) -> None:
+def _add_topics(bag: BagWriter, streams: Iterable[Stream]) -> None:
     for stream in streams:
-        bag.add_topic(
-            stream.topic, SERIES_TYPE if stream.batch else STAMPED_TYPE, qos=(RAW_DEPTH,)
-        )
-    bag.add_topic(resolve_topic(RUN_TOPIC, config.name), STRING_TYPE, qos=(LATCHED,))
+        kind = SERIES_TYPE if stream.batch else STAMPED_TYPE
+        bag.add_topic(stream.topic, kind, qos=(RAW_DEPTH,))
 
 
-def _write_file(
-    bag: BagWriter,
-    config: ValveConfig,
-    streams: Sequence[Stream],
-    table: Table,
-    stamps: IntArray,
-) -> ImportedFile:
-    name = table.path.name.removesuffix(".gz").removesuffix(".csv")
-    start_ns = int(stamps[0])
-    bag.write(resolve_topic(RUN_TOPIC, config.name), encode_string(name), log_ns=start_ns)
-    offset = len(table.columns) - len(streams)
-    if not any(stream.batch for stream in streams):
-        columns = table.columns[offset:]
-        bag.write_samples([(s.topic, stamps, v) for s, v in zip(streams, columns, strict=True)])
-        return ImportedFile(name, start_ns, int(stamps[-1]), len(stamps))
-    messages = [
-        (log_ns, number, stream.topic, data, stamp_ns)
-        for number, stream in enumerate(streams)
-        for log_ns, stamp_ns, data in encode_stream(
-            stream, stamps, table.columns[offset + number], config.period_s
-        )
-    ]
-    for log_ns, _, topic, data, stamp_ns in sorted(messages, key=lambda m: m[:2]):
-        bag.write(topic, data, log_ns=log_ns, publish_ns=stamp_ns)
-    return ImportedFile(name, start_ns, int(stamps[-1]), len(stamps))
+def _write_file(bag: BagWriter, config: ValveConfig, file: Readings) -> ImportedFile:
+    _add_topics(bag, (stream for stream, _, _ in file.columns))
+    lengths = [len(stamps) for _, stamps, _ in file.columns]
+    start_ns = min(int(stamps[0]) for _, stamps, _ in file.columns)
+    end_ns = max(int(stamps[-1]) for _, stamps, _ in file.columns)
+    bag.write(resolve_topic(RUN_TOPIC, config.name), encode_string(file.name), log_ns=start_ns)
+    if not any(stream.batch for stream, _, _ in file.columns):
+        bag.write_samples([(s.topic, stamps, values) for s, stamps, values in file.columns])
+    else:
+        messages = [
+            (log_ns, number, stream.topic, data, stamp_ns)
+            for number, (stream, stamps, values) in enumerate(file.columns)
+            for log_ns, stamp_ns, data in encode_stream(stream, stamps, values, config.period_s)
+        ]
+        for log_ns, _, topic, data, stamp_ns in sorted(messages, key=lambda m: m[:2]):
+            bag.write(topic, data, log_ns=log_ns, publish_ns=stamp_ns)
+    return ImportedFile(file.name, start_ns, end_ns, max(lengths))
 
 
 def encode_stream(
