@@ -58,6 +58,34 @@ def demo(tmp_path_factory):
     return SimpleNamespace(folder=out / "1", code=code, text=text, left=left, page=page)
 
 
+def test_ctrl_c_ends_it_without_a_trace_and_says_where_to_look(tmp_path):
+    command = [sys.executable, "-m", "valve_twin.demo", "--cycles", "500", "--rate", "60"]
+    process = subprocess.Popen(
+        [*command, "--out", str(tmp_path)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+        env={k: v for k, v in os.environ.items() if k not in {"DISPLAY", "BROWSER"}},
+    )
+    try:
+        assert process.stdout is not None
+        next(line for line in process.stdout if "cycle 10 of 500" in line)
+        os.killpg(process.pid, signal.SIGINT)  # a terminal tells all of them
+        text = process.communicate(timeout=60)[0]
+        assert members(process.pid) == []
+    finally:
+        for pid in members(process.pid):
+            os.kill(pid, signal.SIGKILL)
+    assert process.returncode == 130
+    assert "Traceback" not in text
+    assert "Exception" not in text
+    assert "stopped; the logs are in" in text
+    for word in ("report page: tools/run valve-twin report", "in a browser:", "in Foxglove:"):
+        assert word in text
+    assert (tmp_path / "1" / "press_bag" / "metadata.yaml").is_file()
+
+
 def test_the_demo_ends_well_or_says_what_it_missed(demo):
     if "inside the interval" in demo.text:
         assert demo.code == 0, demo.text

@@ -17,11 +17,14 @@ from valve_twin.core.valves.registry import DEFAULT_MODEL
 from valve_twin.demo.cases import ROOT, case_names, find_case
 from valve_twin.demo.measured import BOILER_DATA, run_boiler
 from valve_twin.demo.processes import fresh_folder, isolate, say
-from valve_twin.demo.simulated import run_case
+from valve_twin.demo.simulated import run_case, say_stopped
 from valve_twin.io.errors import ValveTwinError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+STOPPED = 130
+"""Exit status of what Ctrl-C has stopped, as of a shell."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -36,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     -------
     int
         0; 1 where the demo did not reach its cycles or its trend missed the injected drift; 2
-        where there is no such valve or file.
+        where there is no such valve or file; 130 where it was stopped by Ctrl-C.
     """
     arguments = _arguments(argv)
     try:
@@ -52,15 +55,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     isolate()
     out = fresh_folder(Path(arguments.out))
     say(f"writing to {out}")
-    ok = run_case(case, out)
-    if case.model != DEFAULT_MODEL or arguments.config:
-        return 0 if ok else 1
-    data = Path(arguments.data) / BOILER_DATA
-    if data.is_file():
-        ok = run_boiler(out, data) and ok
-    else:
-        say(f"no measured data at {data}: the second part, a real boiler valve, is left out")
+    boiler = case.model == DEFAULT_MODEL and not arguments.config
+    try:
+        ok = run_case(case, out)
+        if boiler:
+            ok = _boiler(out, Path(arguments.data) / BOILER_DATA) and ok
+    except KeyboardInterrupt:
+        say_stopped(case, out)
+        return STOPPED
     return 0 if ok else 1
+
+
+def _boiler(out: Path, data: Path) -> bool:
+    if data.is_file():
+        return run_boiler(out, data)
+    say(f"no measured data at {data}: the second part, a real boiler valve, is left out")
+    return True
 
 
 def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:

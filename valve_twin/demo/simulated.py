@@ -23,9 +23,10 @@ if TYPE_CHECKING:
 SPARE = 2
 """Cycles beyond those waited for: the start of one ends the last, and the first may be cut."""
 
-
 PAGE_S = 60.0
 """The page is waited for so long [s]."""
+
+HISTORY = "history.sqlite"
 
 
 def run_case(case: Case, out: Path) -> bool:
@@ -69,7 +70,7 @@ def _parameters(case: Case, out: Path) -> dict[str, object]:
         "stop_after_cycles": case.cycles + SPARE,
         "wait_for_subscribers": 2,  # the twin and the recorder, on every topic
         "signals": _signals(case),
-        "history_url": f"sqlite:///{out / 'history.sqlite'}",
+        "history_url": f"sqlite:///{out / HISTORY}",
         "simulation": {"aging": {case.aged: {"law": "linear", "rate": case.aging_rate}}},
     }
 
@@ -133,13 +134,39 @@ def _conclude(case: Case, out: Path, bag: Path, files: list[Path]) -> bool:
     code = valve_twin(["report", str(bag), "--config", str(merged), "--out", str(page)])
     found = _injected_drift_is_found(case, merged)
     say(f"report page: {page}")
+    _say_where(out, bag)
+    return code == 0 and found
+
+
+def say_stopped(case: Case, out: Path) -> None:
+    """Say where to look after a demo that somebody stopped.
+
+    Parameters
+    ----------
+    case : Case
+        The valve.
+    out : Path
+        The demo's folder.
+    """
+    say(f"stopped; the logs are in {out}")
+    bag, overrides = out / f"{case.label}_bag", out / f"{case.label}.yaml"
+    if not (bag.is_dir() and (out / HISTORY).is_file()):
+        say("nothing is recorded yet")
+        return
+    merged = _merged(case, [case.file, overrides], out / f"{case.label}_config.yaml")
+    page = out / f"{case.label}_report.html"
+    say(f"report page: tools/run valve-twin report {bag} --config {merged} --out {page}")
+    _say_where(out, bag)
+
+
+def _say_where(out: Path, bag: Path) -> None:
+    """Say where bag and history are, and how to look at them."""
+    history = out / HISTORY
     say(f"recorded bag: {bag}")
-    history = out / "history.sqlite"
     say(f"history:      {history}")
     browser = f"tools/run valve-twin serve --url sqlite:///{history} --bag {bag}"
     say(f"in a browser: {browser}, then http://127.0.0.1:8107/ and the valve's name there")
     say(f"in Foxglove:  {browser} --foxglove, then ws://127.0.0.1:8765 (layouts/foxglove.json)")
-    return code == 0 and found
 
 
 def _tree(files: list[Path]) -> dict[str, object]:

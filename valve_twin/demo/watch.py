@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import rclpy
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rich.console import Console, Group
@@ -101,6 +102,11 @@ def watch(
     -------
     int
         Cycles seen.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        If it is stopped by Ctrl-C or SIGTERM, whichever of Python and rclpy hears of it first.
     """
     rclpy.init()
     node = Watcher(namespace)
@@ -120,6 +126,8 @@ def watch(
                     console.print(_line(node, cycles, first, console.width), highlight=False)
         if table is None:
             console.print(render(node, cycles, first, console.width))
+    except ExternalShutdownException as err:
+        raise KeyboardInterrupt from err
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
