@@ -161,3 +161,15 @@ def test_what_a_cycle_tells_apart(solenoid):
     assert 0.0 < found.leaves[at["gap_a"], at["turns_a"]] < 1.0
     assert found.leaves.diagonal() == pytest.approx(0.0, abs=1e-9)
     assert all(len(group) > 1 for group in found.together)
+
+
+def test_dynamics_that_are_not_the_valves_are_refused_with_the_reason(solenoid, capfd):
+    """A zero column became NaN, at which LAPACK writes to stdout and numpy raises."""
+    branches = {"gain_1": 0.0121, "time_1": 4.57e-4, "gain_2": 0.0346, "time_2": 8.58e-3}
+    lossy = replaced(solenoid.plant, {f"eddies.{n}": v for n, v in branches.items()})
+    found, _ = follow(options_for(solenoid.plant, solenoid.wear), lossy, 1, 3)
+    told = found[ESTIMATOR]
+    assert told.status is EstimateStatus.REFUSED
+    assert "it asks for a friction of -" in told.reason
+    assert found["balance"].status is EstimateStatus.PARTIAL
+    assert capfd.readouterr().out == ""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.quantity import replaced
+from valve_twin.core.refusal import Refusal
 from valve_twin.core.simulation.block import to_frames
 from valve_twin.core.simulation.valve import SimulatedValve
 from valve_twin.core.valves.designed import Apart
@@ -64,8 +65,8 @@ def tell_apart(numbers: Numbers, wear: Sequence[Wear]) -> Apart:
     volts = frames.inputs[:, 1:3] * valve.supply_voltage
     start = np.array([plant.force_gain, plant.friction, plant.preload_1])
     fit = fit_dimensions(record, volts, valve.valve(), valve.tables(), table, start)
-    if fit is None:
-        message = "the simulated cycle tells no dimension: no three parts of it are off the stops"
+    if isinstance(fit, Refusal):
+        message = f"the simulated cycle tells no dimension: {fit}"
         raise ValueError(message)
     causes = causes_of(table.names)
     leaves = leftovers(fit.covariance, causes)

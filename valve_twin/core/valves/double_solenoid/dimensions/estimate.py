@@ -16,7 +16,7 @@ import numpy as np
 from valve_twin.core.physics.coenergy_tables import CoenergyTables
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import EstimateStatus, Guard, MaskCounts, ParameterValue
-from valve_twin.core.valves.double_solenoid.dimensions.fit import fit_dimensions
+from valve_twin.core.valves.double_solenoid.dimensions.fit import UNFOLLOWED, fit_dimensions
 from valve_twin.core.valves.double_solenoid.dimensions.judge import (
     NONE,
     REFERENCE_CYCLES,
@@ -104,13 +104,13 @@ def _fit(
         bad = int(np.count_nonzero(~record.known))
         text = f"{bad} samples cannot be used: the flux balance has no room for gaps"
         return None, table.names, Refusal(RefusalCode.NOT_EXCITED, text)
-    fit = None
-    if motion is not None:
-        known = valve.valve(), valve.tables()
-        fit = fit_dimensions(record, volts, *known, table, motion.values)
-    if fit is None or not np.isfinite(fit.values).all():
-        text = "the motion of the cycle cannot be followed: too little of it is off the stops"
+    if motion is None:
+        text = f"{UNFOLLOWED}: too little of it is off the stops"
         return None, table.names, Refusal(RefusalCode.NOT_EXCITED, text)
+    known = valve.valve(), valve.tables()
+    fit = fit_dimensions(record, volts, *known, table, motion.values)
+    if isinstance(fit, Refusal):
+        return None, table.names, fit
     return fit, table.names, ""
 
 

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.valves.double_solenoid.coils import flux_record
 from valve_twin.core.valves.double_solenoid.dimensions.published import COMPANIONS
 from valve_twin.core.valves.double_solenoid.motion import (
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
     from valve_twin.core.valves.double_solenoid.motion import Record
     from valve_twin.core.valves.double_solenoid.plant_kernel import Valve
 
-_SUPPLY = COMPANIONS.index("supply")
+_SUPPLY, _FRICTION = COMPANIONS.index("supply"), COMPANIONS.index("friction")
 _ROUNDS = 8
 _SHOWN = 1e-2  # combinations that the motion alone hardly shows take no step [1]
 _ENDED = 1.05  # what is left before a last step over that behind it [1]
@@ -50,6 +51,11 @@ _FORCE_STEP = 1e-2  # size of a dimension for derivatives, of its column [1]
 _FEWEST_WINDOWS = 3
 _THINNED = 8  # neighbouring samples of a flux balance err alike: so many count as one, assumed
 _LEAST_FLUX, _LEAST_PLACE = 1e-6, 1e-9  # of what the fits leave [Wb], [m]
+
+UNFOLLOWED = "the motion of the cycle cannot be followed"
+_FEW = Refusal(RefusalCode.NOT_EXCITED, f"{UNFOLLOWED}: too little of it is off the stops")
+_ENDLESS = Refusal(RefusalCode.NO_CONVERGENCE, f"{UNFOLLOWED}: the fit comes to no end")
+_SINGULAR = Refusal(RefusalCode.NOT_EXCITED, "motion and fluxes do not show every dimension")
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,8 +120,8 @@ def fit_dimensions(
     m: Curves,
     table: DimensionTable,
     start: FloatArray,
-) -> DimensionFit | None:
-    """Fit all dimensions to a cycle; None with too few windows, a singular problem or no end.
+) -> DimensionFit | Refusal:
+    """Fit all dimensions to a cycle, or say why that cannot be done.
 
     Parameters
     ----------
@@ -132,20 +138,24 @@ def fit_dimensions(
     """
     firsts = usable_windows(record, v.stop)
     if len(firsts) < _FEWEST_WINDOWS:
-        return None
+        return _FEW
     motion = _motion_rows(record, v, m, table, (firsts, start))
-    if motion is None:
-        return None
+    if isinstance(motion, Refusal):
+        return motion
     blocks = [motion]
     blocks += [_flux_rows(record, volts, v, m, table, coil) for coil in (0, 1)]
     return _solve(blocks, len(table.names))
 
 
-def _solve(blocks: list[tuple[FloatArray, FloatArray, float]], count: int) -> DimensionFit | None:
+def _solve(
+    blocks: list[tuple[FloatArray, FloatArray, float]], count: int
+) -> DimensionFit | Refusal:
     """Weigh the blocks by what each leaves alone, and solve them together."""
     size = len(COMPANIONS) + count
     normal, right, left = np.zeros((size, size)), np.zeros(size), []
     for rows, values, least in blocks:
+        if not (np.isfinite(rows).all() and np.isfinite(values).all()):
+            return _ENDLESS
         found = np.linalg.lstsq(rows, values, rcond=1e-10)[0]
         sigma = max(float(np.sqrt(np.mean((values - rows @ found) ** 2))), least)
         left.append(sigma)
@@ -153,7 +163,7 @@ def _solve(blocks: list[tuple[FloatArray, FloatArray, float]], count: int) -> Di
         right += rows.T @ values / sigma**2
     scale = np.sqrt(np.diag(normal))
     if not (np.isfinite(scale).all() and scale.all()):
-        return None
+        return _SINGULAR
     scaled = normal / np.outer(scale, scale)
     covariance = np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) / np.outer(scale, scale)
     condition = float(np.sqrt(np.linalg.cond(scaled)))
@@ -166,10 +176,10 @@ def _motion_rows(
     m: Curves,
     table: DimensionTable,
     begin: tuple[FloatArray, FloatArray],
-) -> tuple[FloatArray, FloatArray, float] | None:
+) -> tuple[FloatArray, FloatArray, float] | Refusal:
     """Return rows and values of the motion, whose solution are companions and sizes.
 
-    None where the steps do not come to an end.
+    A refusal where the steps do not come to an end or the motion is no longer one of the law.
     """
     firsts, companions = begin
     count, period = len(record.x), record.period_s
@@ -214,6 +224,10 @@ def _motion_rows(
         rest = residual - (basis @ (basis.transpose(0, 2, 1) @ residual[:, :, None]))[:, :, 0]
         scale = np.linalg.norm(left, axis=0)
         scale[_SUPPLY] = 1.0
+        if not np.isfinite(scale).all():
+            return _ENDLESS
+        if not scale.all():
+            return _without_effect(values, table, scale)
         change = np.linalg.lstsq(left / scale, rest.ravel(), rcond=_SHOWN)[0] / scale
         off = residual - rows @ change
         move = np.linalg.solve(own.transpose(0, 2, 1) @ own,
@@ -224,7 +238,19 @@ def _motion_rows(
         before, after = np.linalg.norm(rest), np.linalg.norm(rest.ravel() - left @ change)
         if before <= _ENDED * after:
             return left, target, _LEAST_PLACE
-    return None
+    return _ENDLESS
+
+
+def _without_effect(values: FloatArray, table: DimensionTable, scale: FloatArray) -> Refusal:
+    """Return why a fit ends whose motion does not answer to one of its numbers."""
+    if values[_FRICTION] < 0.0:
+        text = (
+            f"{UNFOLLOWED}: it asks for a friction of {values[_FRICTION]:.2g} N; curves, G_A or "
+            f"G_F are not those of this valve"
+        )
+        return Refusal(RefusalCode.MISFIT, text)
+    name = (*COMPANIONS, *table.names)[int(np.argmin(scale))]
+    return Refusal(RefusalCode.NOT_EXCITED, f"{UNFOLLOWED}: it does not answer to {name}")
 
 
 def _flux_rows(
