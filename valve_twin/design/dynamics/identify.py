@@ -19,6 +19,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.prediction import fit_percent
+
 if TYPE_CHECKING:
     from valve_twin.core.physics.coenergy import CoenergyMap
     from valve_twin.core.types import FloatArray
@@ -128,8 +130,8 @@ def fit_dynamics(time_s: FloatArray, source: FloatArray, answer: FloatArray) -> 
         a1=1.0 / slow + 1.0 / fast,
         a2=1.0 / (slow * fast),
         poles_hz=(slow / (2.0 * math.pi), fast / (2.0 * math.pi)),
-        fit=_fit(y, shown),
-        without=_fit(y, u),
+        fit=fit_percent(y, shown),
+        without=fit_percent(y, u),
     )
 
 
@@ -153,7 +155,3 @@ def _response(
     scale = np.linalg.norm(basis, axis=0)
     best = np.linalg.lstsq(basis / scale, y - rows[0], rcond=None)[0] / scale
     return (float(best[0]), float(best[1])), rows[0] + basis @ best
-
-
-def _fit(y: FloatArray, shown: FloatArray) -> float:
-    return 100.0 * (1.0 - float(np.linalg.norm(y - shown) / np.linalg.norm(y - y.mean())))

@@ -125,10 +125,10 @@ def gram_condition(gram: FloatArray) -> float:
     return float(np.sqrt(np.linalg.cond(unit_diagonal(gram[np.ix_(seen, seen)])[0])))
 
 
-def column_condition(jacobian: FloatArray) -> float:
+def column_condition(jacobian: FloatArray, without_effect: float = np.inf) -> float:
     """Return the condition number of column-scaled sensitivities (N, P) [1].
 
-    Infinite where a parameter has no effect.
+    `without_effect` where a parameter has none.
     """
     scale = np.sqrt(np.sum(jacobian**2, axis=0))
-    return float(np.linalg.cond(jacobian / scale)) if (scale > 0.0).all() else float("inf")
+    return float(np.linalg.cond(jacobian / scale)) if (scale > 0.0).all() else without_effect

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.estimation.solvers.least_squares import column_condition
 from valve_twin.core.valves.hydraulic_actuator.kernels import N_PARAMETERS, free_run
-from valve_twin.core.valves.kit.fit import sensitivity_condition
 
 if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray
@@ -110,7 +110,7 @@ def fit_free_run(record: Record, *, shown: tuple[bool, bool]) -> Solution:
     best = min(found, key=lambda r: float(r.cost))
     rmse = float(np.sqrt(2.0 * best.cost / np.count_nonzero(record.used)))
     return Solution(
-        expand(best.x), lower, upper, shown, rmse, sensitivity_condition(np.asarray(best.jac))
+        expand(best.x), lower, upper, shown, rmse, column_condition(np.asarray(best.jac), np.nan)
     )
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.estimation.solvers.least_squares import column_condition
 from valve_twin.core.valves.kit.intervals import block_errors, half_width
 
 if TYPE_CHECKING:
@@ -165,7 +166,7 @@ class _Problem:
             at_bound[p],
             lag,
             rmse,
-            sensitivity_condition(j[:, ~at_bound]),
+            column_condition(j[:, ~at_bound], np.nan),
         )
 
     def _inside(self, z: FloatArray) -> FloatArray:
@@ -187,9 +188,3 @@ def _errors(r: FloatArray, j: FloatArray, free: BoolArray) -> FloatArray:
         white = np.sqrt(noise * np.diag(np.linalg.pinv(q.T @ q)))
         errors[known] = np.maximum(errors[known], white)
     return errors
-
-
-def sensitivity_condition(j: FloatArray) -> float:
-    """Return the condition number of column-scaled sensitivities (N, P); NaN where one is 0."""
-    scale = np.linalg.norm(j, axis=0)
-    return float(np.linalg.cond(j / scale)) if (scale > 0.0).all() else float("nan")

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.estimation.solvers.least_squares import gram_condition, unit_diagonal
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.valves.double_solenoid.coils import flux_record
 from valve_twin.core.valves.double_solenoid.dimensions.published import COMPANIONS
@@ -161,13 +162,11 @@ def _solve(
         left.append(sigma)
         normal += rows.T @ rows / sigma**2
         right += rows.T @ values / sigma**2
-    scale = np.sqrt(np.diag(normal))
-    if not (np.isfinite(scale).all() and scale.all()):
+    scaled, scale = unit_diagonal(normal)
+    if not (np.isfinite(scale).all() and np.diag(normal).all()):
         return _SINGULAR
-    scaled = normal / np.outer(scale, scale)
     covariance = np.linalg.pinv(scaled, rcond=1e-13, hermitian=True) / np.outer(scale, scale)
-    condition = float(np.sqrt(np.linalg.cond(scaled)))
-    return DimensionFit(covariance @ right, covariance, np.array(left), condition)
+    return DimensionFit(covariance @ right, covariance, np.array(left), gram_condition(normal))
 
 
 def _motion_rows(
