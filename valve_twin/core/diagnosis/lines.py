@@ -12,7 +12,7 @@ import numpy as np
 from valve_twin.core.diagnosis.features import NOISE, UNFOLLOWED
 from valve_twin.core.diagnosis.table import SignatureTable, held_correlations, whitener, with_floor
 from valve_twin.core.estimation.data.one_thread import rows_times
-from valve_twin.core.estimation.data.robust import MAD_SCALE
+from valve_twin.core.estimation.data.robust import MAD_SCALE, robust_sigma
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -420,6 +420,6 @@ def more_noise(before: FloatArray, after: FloatArray, table: SignatureTable) -> 
     if len(old) < _LEAST_NOISE or not len(new):
         return 0.0
     usual = float(np.median(old))
-    spread = MAD_SCALE * float(np.median(np.abs(old - usual)))
+    spread = robust_sigma(old - usual)
     rise = float(np.median(new)) - usual
     return float(np.exp(rise)) if rise > max(_RISE, 6.0 * spread) else 0.0

@@ -12,7 +12,7 @@ import numpy as np
 from valve_twin.core.diagnosis.changes.finding import Finding
 from valve_twin.core.diagnosis.changes.kept import kept
 from valve_twin.core.diagnosis.features import DELAYS
-from valve_twin.core.estimation.data.robust import MAD_SCALE
+from valve_twin.core.estimation.data.robust import robust_sigma
 from valve_twin.kernels import njit
 
 if TYPE_CHECKING:
@@ -258,8 +258,7 @@ def _slope(t: FloatArray, y: FloatArray) -> _Slope:
     middle = float(np.median((y[j] - y[i]) / (t[j] - t[i])))
     off = y - middle * t
     off -= np.median(off)
-    spread = MAD_SCALE * float(np.median(np.abs(off)))
-    kept = np.abs(off) <= 4.0 * spread
+    kept = np.abs(off) <= 4.0 * robust_sigma(off)
     x = t[kept] - t[kept].mean()
     square = max(float(x @ x), 1e-300)
     slope = float(x @ y[kept]) / square

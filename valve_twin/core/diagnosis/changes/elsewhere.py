@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.data.robust import MAD_SCALE
+from valve_twin.core.estimation.data.robust import robust_sigma
 
 if TYPE_CHECKING:
     from valve_twin.core.diagnosis.features import FeatureSet
@@ -108,7 +108,7 @@ def _ratio(before: FloatArray, faulty: FloatArray, now: FloatArray, kind: Featur
         if name not in kind.across or min(len(c) for c in columns) < 1:
             continue
         right, wrong, new = (float(np.median(c)) for c in columns)
-        spread = MAD_SCALE * float(np.median(np.abs(columns[0] - right)))
+        spread = robust_sigma(columns[0] - right)
         few = sum(1.0 / len(c) for c in columns)
         variance = kind.across[name] ** 2 + spread**2 * few
         off = np.array([(new - right) ** 2, (new - wrong) ** 2]) / variance
