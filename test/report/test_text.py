@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from valve_twin.report.svg import round_ticks, thin, tick_texts
-from valve_twin.report.text import count, number, percent, when, with_interval
+from valve_twin.report.text import count, fixed, number, percent, when, with_interval
 
 
 @pytest.mark.parametrize(
@@ -30,6 +30,11 @@ def test_an_interval_sets_the_decimals() -> None:
     assert with_interval(0.0435678, np.nan, np.nan) == "0.04357"
     assert with_interval(np.nan, 1.0, 2.0) == "–"
     assert percent(-14.36, -14.8, -14.0) == "−14.4 %<small>−14.8 … −14.0</small>"
+
+
+def test_what_rounds_to_zero_has_no_sign() -> None:
+    assert fixed(-0.04, 1, sign=True) == fixed(0.04, 1, sign=True) == fixed(-0.0, 1) == "0.0"
+    assert fixed(-0.06, 1, sign=True) == "−0.1"
 
 
 def test_counts_and_times() -> None:

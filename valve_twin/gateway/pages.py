@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+import re
 import zlib
 from dataclasses import asdict, dataclass, field
 from datetime import datetime, timezone
@@ -18,11 +19,11 @@ from markupsafe import Markup
 
 from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.gateway.page.details import DRAWING
-from valve_twin.report.language.words import LANGUAGES, cell, drawn, sentence, words
+from valve_twin.report.language.words import LANGUAGES, cell, drawn, figures, sentence, words
 from valve_twin.report.plots import plot_cycle
 from valve_twin.report.svg import polyline
 from valve_twin.report.tables import life_table
-from valve_twin.report.text import count, day, fixed, number, render, when
+from valve_twin.report.text import NONE, count, day, fixed, number, render, when
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -36,6 +37,9 @@ if TYPE_CHECKING:
 
 RELOAD_S = 5
 """A page asks anew so often [s]."""
+
+LONG_PART = 24
+"""Part of a name above which it may be broken at other places, too [letters]."""
 
 SIGNS = {
     Ne107.FAILURE: "F",
@@ -108,6 +112,7 @@ def _templates(language: str) -> Environment:
     made.install_gettext_translations(told)  # type: ignore[attr-defined]
     made.filters["cell"] = partial(cell, told=told)
     made.filters["drawn"] = partial(drawn, told=told)
+    made.filters["named"] = _named
     made.filters["sentence"] = partial(sentence, told=told)
     made.globals["style"] = render("style.css")
     made.globals["own_style"] = Markup(made.get_template("page.css").render())
@@ -115,7 +120,15 @@ def _templates(language: str) -> Environment:
 
 
 def _page(name: str, visitor: Visitor, **values: object) -> str:
-    return _templates(visitor.language).get_template(name).render(visitor=visitor, **values)
+    made = _templates(visitor.language).get_template(name).render(visitor=visitor, **values)
+    return figures(made, visitor.language)
+
+
+def _named(name: str) -> Markup:
+    """Return a name that breaks between its parts, and within those only that are long."""
+    parts = [Markup("<wbr>").join(re.split("(?<=[_.-])", part)) if len(part) > LONG_PART else part
+             for part in name.split("/")]  # fmt: skip
+    return Markup("/<wbr>").join(parts)
 
 
 def script() -> str:
@@ -183,8 +196,8 @@ def link_of(valve: str) -> str:
 def _cells(row: FleetRow, course: Sequence[float] = ()) -> dict[str, object]:
     state = Ne107(row.ne107)
     known = math.isfinite(row.drift)
-    interval = f"{row.drift_lower_95:+.1f} .. {row.drift_upper_95:+.1f}"
-    left = f"{row.remaining:.0f} {row.axis}" if math.isfinite(row.remaining) else "-"
+    lower, upper = (fixed(x, 1, sign=True) for x in (row.drift_lower_95, row.drift_upper_95))
+    left = f"{count(round(row.remaining))} {row.axis}" if math.isfinite(row.remaining) else NONE
     return {
         "valve": row.valve,
         "link": "valve/" + link_of(row.valve),
@@ -194,9 +207,9 @@ def _cells(row: FleetRow, course: Sequence[float] = ()) -> dict[str, object]:
         "verdict": row.verdict.text,
         "why": row.evidence,
         "action": row.action,
-        "worst": f"{row.parameter} {row.drift:+.1f} %" if known else "-",
-        "interval": interval if math.isfinite(row.drift_lower_95) else "",
-        "way": f"{max(row.way, 0.0):.0%}" if math.isfinite(row.way) else "-",
+        "worst": f"{row.parameter} {fixed(row.drift, 1, sign=True)} %" if known else NONE,
+        "interval": f"{lower} … {upper}" if math.isfinite(row.drift_lower_95) else "",
+        "way": f"{100.0 * max(row.way, 0.0):.0f} %" if math.isfinite(row.way) else NONE,
         "limit": row.limit_state,
         "service": day(row.service_date_ns) if row.service_date_ns else left,
         "cycle": str(row.cycle),
@@ -388,13 +401,13 @@ def _cycle(shown: ShownCycle) -> dict[str, object]:
             {
                 "name": p.name,
                 "value": number(p.value),
-                "interval": f"{number(p.lower_95)} .. {number(p.upper_95)}"
+                "interval": f"{number(p.lower_95)} … {number(p.upper_95)}"
                 if math.isfinite(p.upper_95 - p.lower_95)
                 else "",
             }
             for p in parameters
         ],
-        "plot": plot_cycle(shown.samples) if shown.samples is not None else "",
+        "plot": plot_cycle(shown.samples, narrow=True) if shown.samples is not None else "",
         "why": shown.why,
     }
 

@@ -53,13 +53,15 @@ _MAX_BARS = 400
 """Estimates up to which every one's 95 % limits are drawn."""
 
 
-def plot_cycle(prediction: Prediction) -> Markup:
+def plot_cycle(prediction: Prediction, *, narrow: bool = False) -> Markup:
     """Draw measured, predicted and simulated position of a cycle, and the residual below.
 
     Parameters
     ----------
     prediction : Prediction
         All samples of the cycle, N >= 2.
+    narrow : bool
+        Whether it is for a column or a phone: fewer ticks and shorter words.
 
     Returns
     -------
@@ -67,7 +69,8 @@ def plot_cycle(prediction: Prediction) -> Markup:
         SVG element.
     """
     t = (prediction.stamp_ns - prediction.stamp_ns[0]) / 1e9
-    width, height, left, right = 960.0, 470.0, 64.0, 944.0
+    width, height, left = 560.0 if narrow else 960.0, 470.0, 64.0
+    right, ticks = width - 16.0, 5 if narrow else 8
     x = (0.0, float(t[-1]))
     curves = (prediction.simulated, prediction.predicted, prediction.measured)
     upper = Panel(left, 34.0, right - left, 262.0, x, _range(curves, floor=0.02))
@@ -76,14 +79,12 @@ def plot_cycle(prediction: Prediction) -> Markup:
     lower = Panel(
         left, 346.0, right - left, 84.0, x, _range([prediction.residual, *shown], floor=1e-4)
     )
-    upper.axes(y_label="position, share of the stroke", x_texts=False, y_ticks=5, x_ticks=8)
+    upper.axes(y_label="position, share of the stroke", x_texts=False, y_ticks=5, x_ticks=ticks)
     lower.axes(
         x_label="time since the start of the cycle [s]",
-        y_label="residual: measured "
-        + MINUS
-        + (" predicted; band: ± 2 expected standard deviations" if shown else " predicted"),
+        y_label=_residual_label(narrow=narrow, band=bool(shown)),
         y_ticks=3,
-        x_ticks=8,
+        x_ticks=ticks,
     )
     unused = prediction.validity != Validity.VALID
     for panel in (upper, lower):
@@ -97,7 +98,14 @@ def plot_cycle(prediction: Prediction) -> Markup:
     lower.level(0.0, "axis")
     lower.line(*thin(t, prediction.residual, _BINS), "residual")
     title = f"Position and residual over cycle {prediction.cycle}"
-    return drawing(width, height, upper.parts + lower.parts, title, "wide")
+    return drawing(width, height, upper.parts + lower.parts, title, "narrow" if narrow else "wide")
+
+
+def _residual_label(*, narrow: bool, band: bool) -> str:
+    if narrow:
+        return "residual; band: 2 expected standard deviations" if band else "residual"
+    label = f"residual: measured {MINUS} predicted"
+    return f"{label}; band: ± 2 expected standard deviations" if band else label
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,7 +42,7 @@ def number(x: float, digits: int = 4) -> str | Markup:
 
 
 def fixed(x: float, decimals: int, *, sign: bool = False) -> str:
-    """Return a number with so many decimals; a dash where it is not finite.
+    """Return a number with so many decimals, a zero without a sign; a dash if not finite.
 
     Parameters
     ----------
@@ -55,7 +55,8 @@ def fixed(x: float, decimals: int, *, sign: bool = False) -> str:
     """
     if not math.isfinite(x):
         return str(number(x))
-    return f"{x:{'+' if sign else ''}.{decimals}f}".replace("-", MINUS)
+    text = f"{x:{'+' if sign else ''}.{decimals}f}"
+    return text.replace("-", MINUS) if text.strip("+-0.") else text.lstrip("+-")
 
 
 def with_interval(value: float, lower: float, upper: float) -> str | Markup:

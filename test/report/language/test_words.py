@@ -32,6 +32,7 @@ from valve_twin.report.language.words import (
     cell,
     chosen,
     drawn,
+    figures,
     language_of,
     read_catalogue,
     sentence,
@@ -81,6 +82,36 @@ def test_the_words_inside_a_picture_are_translated():
     assert drawn(name, words("de")) == name.replace("over cycle", "über Zyklus")
     limit = '<text class="limit">service limit 0.5, beyond this view ▼</text>'
     assert ">Wartungsgrenze 0.5, unterhalb dieses Bildes ▼<" in drawn(limit, words("de"))
+
+
+def test_a_drawing_for_a_phone_has_short_words_of_the_language():
+    stamp_ns = np.arange(20, dtype=np.int64) * 10**8
+    x = np.linspace(0.0, 1.0, 20)
+    valid = np.full(20, Validity.VALID, dtype=np.uint8)
+    prediction = Prediction(7, stamp_ns, x, x, x, 0.0 * x, 1e-3, valid)
+    found = drawn(plot_cycle(prediction, narrow=True), words("de"))
+    texts = re.findall(r"<text [^>]*>([^<]*[a-z]{3}[^<]*)<", found)
+    assert "Residuum; Band: 2 erwartete Standardabweichungen" in texts
+    assert max(map(len, texts)) < 50
+    assert 'viewBox="0 0 560 ' in found
+
+
+@pytest.mark.parametrize(
+    ("page", "english", "german"),
+    [
+        ("<p>-25.1 % (-25.4 .. +0.3)</p>", "−25.1 % (−25.4 .. +0.3)", "−25,1 % (−25,4 .. +0,3)"),
+        ("<p>leak -0.0 %, +0.0 %, 0 %</p>", "leak 0.0 %, 0.0 %, 0 %", "leak 0,0 %, 0,0 %, 0 %"),
+        ("<p>p = 9.4e-84.</p>", "p = 9.4e-84.", "p = 9,4e-84."),
+        ("<p>version 0.1.0, 2026-11-14, /v-1.5</p>",) + ("version 0.1.0, 2026-11-14, /v-1.5",) * 2,
+        ('<svg d="M-1.5 2.5"/><b translate="no">-1.5</b>',) + ("-1.5",) * 2,
+        ("<text>0.5</text>", "0.5", "0,5"),
+    ],
+)
+def test_numbers_are_written_as_the_language_does(page, english, german):
+    for language, text in (("en", english), ("de", german)):
+        found = figures(page, language)
+        assert re.sub("<[^>]*>", "", found) == text
+        assert re.findall("<[^>]*>", found) == re.findall("<[^>]*>", page)
 
 
 def test_the_words_in_the_cells_of_a_table_are_translated():

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from valve_twin.gateway.live.plot import LivePlot
-from valve_twin.report.text import MINUS
+from valve_twin.report.text import NONE, fixed
 
 if TYPE_CHECKING:
     from collections.abc import AsyncGenerator, Callable, Mapping
@@ -165,7 +165,7 @@ class LiveValve:
 
 def shown(value: float) -> str:
     """Return a value as it stands beside the plot."""
-    return f"{value:.5f}".replace("-", MINUS) if math.isfinite(value) else "–"
+    return fixed(value, 5) if math.isfinite(value) else NONE
 
 
 def _event(content: Mapping[str, object]) -> bytes:

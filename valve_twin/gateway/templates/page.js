@@ -49,19 +49,21 @@ if (live) {
     for (const name in given) made.setAttribute(name, given[name]);
     return parent.appendChild(made);
   };
+  const [, point] = (0.5).toLocaleString(document.documentElement.lang);
+  const number = (text) => String(text).replace(".", point);
   const write = (name, text) => { const at = live.querySelector(`[data-value="${name}"]`); if (at) at.textContent = text; };
   const show = (told) => {
     heard = Date.now();
     live.dataset.state = told.state;
     write("quiet", told.quiet);
-    for (const name in told.values) write(name, told.values[name]);
+    for (const name in told.values) write(name, number(told.values[name]));
     if (told.stamp) write("stamp", local(new Date(told.stamp)));
     if (told.axes) {
       axes.replaceChildren();
       slices.replaceChildren();
       for (const line of told.axes) {
         make(axes, "path", { class: "grid", d: `M0 ${line.y}H${WIDTH}` });
-        make(axes, "text", { class: "tick end", x: -8, y: line.y + 5 }).textContent = line.text;
+        make(axes, "text", { class: "tick end", x: -8, y: line.y + 5 }).textContent = number(line.text);
       }
     }
     for (const slice of told.slices) {

@@ -14,11 +14,16 @@ from typing import TYPE_CHECKING
 
 from markupsafe import Markup, escape
 
+from valve_twin.report.text import MINUS
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
 LANGUAGES = {"en": "English", "de": "Deutsch"}
 """Names of the languages by code; the first is that of the templates."""
+
+DECIMAL = {"de": ","}
+"""Decimal signs by code, where it is no point."""
 
 COOKIE = "valve_twin_language"
 
@@ -148,6 +153,40 @@ def whole_page(page: str, language: str) -> str:
     page = page.replace(f'lang="{next(iter(LANGUAGES))}"', f'lang="{language}"', 1)
     parts = _NOT_OURS.split(drawn(page, told))
     return "".join(part if part.startswith("<") else _told_part(part, told) for part in parts)
+
+
+_FIGURES = re.compile(
+    r"<style>.*?</style>|<script.*?</script>|"
+    r'<(?P<name>\w+) (?:[^>]* )?translate="no"[^>]*>.*?</(?P=name)>|<[^>]*>|'
+    r"(?<![\w./#)\]+-])(?P<sign>[+-]?)(?P<whole>\d+)(?P<part>\.\d+)?(?=e[+-]?\d|(?!\w|\.\d|-\d))",
+    re.DOTALL,
+)
+"""Tags, what is no sentence of ours, and numbers: no version, date, address or part of a name."""
+
+
+def figures(page: str, language: str) -> str:
+    """Return a page (HTML) with the minus of typography and the decimal sign of its language.
+
+    A zero has no sign. Attributes and what is marked as not to be translated stay as they are.
+
+    Parameters
+    ----------
+    page : str
+        The page.
+    language : str
+        Code of its language.
+    """
+    point = DECIMAL.get(language, ".")
+
+    def written(found: re.Match[str]) -> str:
+        whole, part = found["whole"], found["part"] or ""
+        if whole is None:
+            return found.group()
+        is_zero = not (whole + part).strip("0.") and page[found.end() : found.end() + 1] != "e"
+        sign = "" if is_zero else found["sign"].replace("-", MINUS)
+        return sign + whole + part.replace(".", point)
+
+    return _FIGURES.sub(written, page)
 
 
 def language_of(page: str) -> str:
