@@ -23,6 +23,7 @@ import zlib
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
+import sqlalchemy as sa
 from sqlalchemy.exc import DBAPIError
 
 from valve_twin.core.state import Announced
@@ -147,8 +148,8 @@ class ServerClaim(Claim):
             return
         connection = self._database.engine.connect()
         key = zlib.crc32(self._valve.encode())
-        taken = f"SELECT pg_try_advisory_lock({_SERVER_KEY}, {key - (1 << 31)})"
-        if not connection.exec_driver_sql(taken).scalar_one():
+        lock = sa.func.pg_try_advisory_lock(_SERVER_KEY, key - (1 << 31))
+        if not connection.scalar(sa.select(lock)):
             connection.close()
             msg = (
                 f"{self._database.where}: {self._valve} is already written by another twin: stop"
@@ -163,7 +164,7 @@ class ServerClaim(Claim):
         if self._connection is None:
             return False
         try:
-            self._connection.exec_driver_sql("SELECT 1")
+            self._connection.execute(sa.select(1))
             self._connection.commit()
         except DBAPIError as err:
             if not err.connection_invalidated:

@@ -345,7 +345,7 @@ class Database:
     def _upgrade(self) -> None:
         with self.transaction() as connection:
             if not self.is_sqlite:
-                connection.exec_driver_sql(f"SELECT pg_advisory_xact_lock({_ADVISORY_LOCK})")
+                connection.execute(sa.select(sa.func.pg_advisory_xact_lock(_ADVISORY_LOCK)))
             if self._schema_is_current(connection):  # another process was faster
                 return
             if not sa.inspect(connection).has_table(SCHEMA_TABLE):
