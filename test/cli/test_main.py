@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from test.bag_samples import write_sample
 from valve_twin.cli import main
 from valve_twin.cli.design import verb as design
 from valve_twin.cli.design.verb import STEPS
@@ -403,7 +404,7 @@ def test_a_bag_without_messages_is_told(refused, press, tmp_path):
 def test_a_bag_of_something_else_is_told_with_what_it_holds(refused, press, tmp_path):
     bag = tmp_path / "foreign"
     with BagWriter(bag) as writer:
-        writer.write_sample("/robot/joint", 10**18, 1.0)
+        write_sample(writer, "/robot/joint", 10**18, 1.0)
     parts = (bag, "not in the bag", "/robot/joint")
     refused(FAILED, parts, "estimate", bag, "--config", press.config)
 
@@ -441,7 +442,7 @@ def test_a_record_without_a_cycle_is_told_with_its_rule(refused, press, tmp_path
     with BagWriter(bag) as writer:
         for n in range(100):
             for topic in ("command/v_in", "command/v_out", "spool_position"):
-                writer.write_sample(f"/sim{VALVE}/{topic}", 10**18 + n * 30_000_000, 0.0)
+                write_sample(writer, f"/sim{VALVE}/{topic}", 10**18 + n * 30_000_000, 0.0)
     parts = (bag, "no cycle", "rule 'commands'", "valve-twin configure")
     refused(FAILED, parts, "report", bag, "--config", press.config, "--out", page)
     assert not page.exists()

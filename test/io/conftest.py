@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from test.bag_samples import write_sample
 from valve_twin.io.bags.read import BagWriter
 
 START_NS = 1_577_836_800_000_000_000
@@ -29,8 +30,8 @@ def small_bag(tmp_path: Path) -> Path:
         bag.note({"valve": "/press/valve_1", "serial": 4711})
         for i in range(1000):
             stamp = START_NS + i * 10_000_000
-            bag.write_sample("/press/command", stamp, 0.5 * i)
-            bag.write_sample("/press/position", stamp + 1_000_000, -0.25 * i)
+            write_sample(bag, "/press/command", stamp, 0.5 * i)
+            write_sample(bag, "/press/position", stamp + 1_000_000, -0.25 * i)
     return path
 
 

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from mcap.records import Schema
 
+from test.bag_samples import write_sample
 from test.io.instruments import foreign_files
 from valve_twin.core.types import Estimate, EstimateStatus, ParameterStatus, ParameterValue
 from valve_twin.io.bags.definitions import definition
@@ -185,8 +186,8 @@ def bag(folder: Path) -> Subject:
     """Return a bag of ours: every message stands under a check sum."""
     with BagWriter(folder / "made", chunk_size=1500) as writer:
         for i in range(60):
-            writer.write_sample("/press/position", START_NS + i * 10_000_000, 0.25 * i)
-            writer.write_sample("/press/command", START_NS + i * 10_000_000, -0.5 * i)
+            write_sample(writer, "/press/position", START_NS + i * 10_000_000, 0.25 * i)
+            write_sample(writer, "/press/command", START_NS + i * 10_000_000, -0.5 * i)
 
     def read(path: Path) -> object:
         columns = read_columns(path, SOURCES)
@@ -201,7 +202,7 @@ def metadata(folder: Path) -> Subject:
     """Return the metadata of a bag; what stands in the files must come whatever it says."""
     with BagWriter(folder / "meta") as writer:
         for i in range(5):
-            writer.write_sample("/press/position", START_NS + i * 10_000_000, 0.25 * i)
+            write_sample(writer, "/press/position", START_NS + i * 10_000_000, 0.25 * i)
 
     def read(path: Path) -> object:
         report = bag_report(path.parent)

@@ -16,6 +16,7 @@ from rosgraph_msgs.msg import Clock
 from valve_twin_msgs.msg import Float64Stamped, RecorderStatus, Verdict
 from valve_twin_msgs.srv import GetRate, IsPaused, Pause, Resume, SetRate, TogglePaused
 
+from test.bag_samples import write_sample
 from test.nodes.conftest import NS
 from test.nodes.feeding import START_NS, Feeder
 from valve_twin.io.bags.read import bag_info
@@ -39,7 +40,7 @@ def bag(tmp_path):
     with BagWriter(path) as writer:
         for i in range(100):
             for k, topic in enumerate(TOPICS):
-                writer.write_sample(topic, START_NS + i * PERIOD_NS + k, float(3 * i + k))
+                write_sample(writer, topic, START_NS + i * PERIOD_NS + k, float(3 * i + k))
     return str(path)
 
 
@@ -167,7 +168,7 @@ def test_a_slow_subscriber_sets_the_pace_and_loses_nothing(graph, tmp_path):
     path = tmp_path / "long"
     with BagWriter(path) as writer:
         for i in range(15000):
-            writer.write_sample(TOPICS[0], START_NS + i * PERIOD_NS, float(i))
+            write_sample(writer, TOPICS[0], START_NS + i * PERIOD_NS, float(i))
     values: list[Any] = []
     source = SignalSource("v_in", f"/replay{TOPICS[0]}")
     reader = TopicInput(

@@ -12,6 +12,7 @@ import pytest
 from rosgraph_msgs.msg import Clock
 from valve_twin_msgs.msg import Float64Stamped
 
+from test.bag_samples import write_sample
 from valve_twin.io.bags.read import BagWriter
 from valve_twin.nodes.runtime.stamps import from_time
 
@@ -24,7 +25,7 @@ ATTENDED = ("--wait-for-subscribers", "1")
 def bag(tmp_path):
     with BagWriter(tmp_path / "bag") as writer:
         for n in range(200):
-            writer.write_sample(TOPIC, START_NS + n * 30_000_000, n / 8)
+            write_sample(writer, TOPIC, START_NS + n * 30_000_000, n / 8)
     return tmp_path / "bag"
 
 

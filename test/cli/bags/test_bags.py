@@ -6,6 +6,7 @@ import json
 
 import pytest
 
+from test.bag_samples import write_sample
 from valve_twin.cli.main import main
 from valve_twin.io.bags.read import BagWriter, bag_info
 from valve_twin.io.salvage.read import forget
@@ -18,7 +19,7 @@ def bag(tmp_path):
     with BagWriter(tmp_path / "bag", chunk_size=2000) as writer:
         writer.note({"valve": "/press/valve_1"})
         for i in range(300):
-            writer.write_sample("/press/position", START_NS + i * 10_000_000, float(i))
+            write_sample(writer, "/press/position", START_NS + i * 10_000_000, float(i))
     return tmp_path / "bag"
 
 

@@ -14,6 +14,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as PeerWriter
 from rosbags.typesys import Stores, get_typestore
 
+from test.bag_samples import write_sample
 from valve_twin.io.bags.definitions import definition
 from valve_twin.io.bags.read import BagWriter, bag_info, bag_types, read_signals, read_texts
 from valve_twin.io.cdr.codec import encode_stamped
@@ -106,7 +107,7 @@ def test_round_trip_of_batches_of_any_length(tmp_path_factory, batches):
 
 def test_messages_without_a_stamp_take_the_log_time(tmp_path):
     with BagWriter(tmp_path / "bag") as bag:
-        bag.write_sample("/a", 0, 1.0, log_ns=77)
+        write_sample(bag, "/a", 0, 1.0, log_ns=77)
     (block,) = read_signals(tmp_path / "bag", [SignalSource("a", "/a")])
     assert (block.stamp_ns.tolist(), block.has_header) == ([77], False)
 
@@ -117,7 +118,7 @@ def test_overlapping_files_are_merged_in_log_order(tmp_path):
     for part in (0, 1):
         with BagWriter(tmp_path / f"part{part}") as bag:
             for i in range(part, 3000, 2):
-                bag.write_sample("/press/position", START_NS + i * 10**6, float(i))
+                write_sample(bag, "/press/position", START_NS + i * 10**6, float(i))
         shutil.copy(tmp_path / f"part{part}" / f"part{part}_0.mcap", folder)
     _, values = joined(list(read_signals(folder, [POSITION])), "position")
     np.testing.assert_array_equal(values, np.arange(3000.0))
@@ -326,7 +327,7 @@ def whole_file(tmp_path_factory):
     path = tmp_path_factory.mktemp("bags") / "bag"
     with BagWriter(path) as bag:
         for i in range(200):
-            bag.write_sample("/press/position", START_NS + i, float(i))
+            write_sample(bag, "/press/position", START_NS + i, float(i))
             if i % 50 == 49:
                 bag.flush()
     file = path / "bag_0.mcap"

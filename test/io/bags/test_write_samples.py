@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
+from test.bag_samples import write_sample
 from valve_twin.io.bags.read import BagWriter, bag_info, read_columns
 from valve_twin.io.bags.rolling import SplitRule
 from valve_twin.io.cdr.signals import STAMPED_TYPE, SignalSource
@@ -33,7 +34,7 @@ def write_both(folder, columns, **options: Any):
             for stamp, value in zip(stamps, values, strict=True)
         ]
         for stamp, _, topic, value in sorted(rows, key=lambda r: r[:2]):
-            bag.write_sample(topic, stamp, value)
+            write_sample(bag, topic, stamp, value)
         singly = bag.counts
     with BagWriter(folder / "all" / "bag", **KEPT, **options) as bag:
         bag.write_samples(columns)

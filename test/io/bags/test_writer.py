@@ -11,6 +11,7 @@ from mcap.records import Header, Message
 from mcap.stream_reader import StreamReader
 from rosbags.highlevel import AnyReader
 
+from test.bag_samples import write_sample
 from valve_twin.io.bags.definitions import definition, type_hash
 from valve_twin.io.bags.qos import QosProfile
 from valve_twin.io.bags.rolling import SplitRule
@@ -68,7 +69,7 @@ def test_channels_carry_definition_and_offered_qos(tmp_path):
     latched = QosProfile(durability="transient_local", depth=1)
     with BagWriter(tmp_path / "bag") as bag:
         bag.add_topic("/a", STAMPED_TYPE, qos=(latched,))
-        bag.write_sample("/a", START_NS, 1.0)
+        write_sample(bag, "/a", START_NS, 1.0)
     with (tmp_path / "bag" / "bag_0.mcap").open("rb") as stream:
         summary = make_reader(stream).get_summary()
     assert summary is not None
@@ -110,7 +111,7 @@ def test_flushes_and_syncs_at_least_once_a_second(tmp_path):
     sizes = []
     for i in range(50):
         now[0] = 0.1 * i
-        bag.write_sample("/a", START_NS + i, float(i))
+        write_sample(bag, "/a", START_NS + i, float(i))
         sizes.append(len(synced))
     assert sizes[10] >= 1
     assert np.diff(sizes[:50:10]).min() >= 1
@@ -123,7 +124,7 @@ def test_flushes_and_syncs_at_least_once_a_second(tmp_path):
 def test_what_was_flushed_is_readable_without_close(tmp_path):
     bag = BagWriter(tmp_path / "bag", flush_s=0.0)
     for i in range(20):
-        bag.write_sample("/a", START_NS + i, float(i))
+        write_sample(bag, "/a", START_NS + i, float(i))
     found: list[int] = []
     with (tmp_path / "bag" / "bag_0.mcap").open("rb") as stream:
         records = iter(StreamReader(stream).records)
@@ -153,7 +154,7 @@ def test_closing_twice_does_nothing(tmp_path):
 def test_what_was_written_survives_an_error_of_the_caller(tmp_path):
     def fail():
         with BagWriter(tmp_path / "bag") as bag:
-            bag.write_sample("/a", START_NS, 1.0)
+            write_sample(bag, "/a", START_NS, 1.0)
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -181,7 +182,7 @@ def test_a_full_disk_is_named_and_keeps_what_is_written(tmp_path):
     with pytest.raises(
         BagError, match=r"bag_0.mcap: cannot be written \(No space left on device\)"
     ):
-        bag.write_sample("/a", START_NS, 1.0)
+        write_sample(bag, "/a", START_NS, 1.0)
     with pytest.raises(BagError, match="free some space"):
         bag.close()
 
@@ -196,7 +197,7 @@ def test_a_topic_that_was_not_added_is_named(tmp_path):
 
 def test_a_second_type_on_a_topic_is_named(tmp_path):
     with BagWriter(tmp_path / "bag") as bag:
-        bag.write_sample("/a", START_NS, 1.0)
+        write_sample(bag, "/a", START_NS, 1.0)
         with pytest.raises(BagError, match=r"topic '/a' is of type .*Stamped, not .*Series"):
             bag.write_series("/a", START_NS, 0.1, np.zeros(2))
 
@@ -215,8 +216,8 @@ def split_bag(path, rule, count=100, **options):
     """Write a bag of two topics, a message each every 10 ms."""
     with BagWriter(path, split=rule, chunk_size=512, **options) as bag:
         for i in range(count):
-            bag.write_sample("/a", START_NS + i * 10_000_000, float(i))
-            bag.write_sample("/b", START_NS + i * 10_000_000, float(-i))
+            write_sample(bag, "/a", START_NS + i * 10_000_000, float(i))
+            write_sample(bag, "/b", START_NS + i * 10_000_000, float(-i))
     return yaml.safe_load((path / "metadata.yaml").read_text(encoding="utf-8"))[ROOT_KEY]
 
 
@@ -263,7 +264,7 @@ def test_the_last_files_are_kept_and_the_metadata_stay_true(tmp_path):
 
 def test_metadata_list_the_running_file_while_it_is_written(tmp_path):
     bag = BagWriter(tmp_path / "bag")
-    bag.write_sample("/a", START_NS, 1.0)
+    write_sample(bag, "/a", START_NS, 1.0)
     assert bag.split() == ("bag_0.mcap", "bag_1.mcap")
     content = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text(encoding="utf-8"))
     assert content[ROOT_KEY]["relative_file_paths"] == ["bag_0.mcap", "bag_1.mcap"]
@@ -282,7 +283,7 @@ def test_every_policy_that_is_offered_is_stored(tmp_path):
     offered = QosProfile("keep_all", 3, "best_effort", "volatile", deadline=1_500_000_000)
     with BagWriter(tmp_path / "bag") as bag:
         bag.add_topic("/a", STAMPED_TYPE, qos=(offered,))
-        bag.write_sample("/a", START_NS, 1.0)
+        write_sample(bag, "/a", START_NS, 1.0)
     content = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text(encoding="utf-8"))
     (topic,) = content[ROOT_KEY]["topics_with_message_count"]
     (profile,) = topic["topic_metadata"]["offered_qos_profiles"]

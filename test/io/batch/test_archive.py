@@ -16,6 +16,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from test.bag_samples import write_sample
 from valve_twin.cli import main
 from valve_twin.io.bags.read import BagWriter
 from valve_twin.io.batch.archive import estimate_task, find_bags, lost_bag, run_batch
@@ -64,7 +65,7 @@ def archive(tmp_path_factory, root):
         out.parent.mkdir(parents=True, exist_ok=True)
         call("simulate", "--config", simulation, "--cycles", 2, "--seed", seed, "--out", out)
     with BagWriter(bags / "line_b" / "other_topics") as bag:
-        bag.write_sample("/temperature", 10**18, 21.5)
+        write_sample(bag, "/temperature", 10**18, 21.5)
     (bags / "line_b" / "notes.mcap").write_bytes(b"this is no bag" * 100)
     config = folder / "valves.yaml"
     config.write_text(CONFIG.format(model="press_cartridge"), encoding="utf-8")
@@ -287,9 +288,11 @@ def _short_cycle(bag):
     with bag:
         for n in range(200):
             stamp = 10**18 + 30_000_000 * n
-            bag.write_sample("/sim/press/valve_1/command/v_in", stamp, 0.5 if 50 < n < 99 else 0.0)
-            bag.write_sample("/sim/press/valve_1/command/v_out", stamp, 0.0)
-            bag.write_sample("/sim/press/valve_1/spool_position", stamp, 0.1 + 1e-3 * n)
+            write_sample(
+                bag, "/sim/press/valve_1/command/v_in", stamp, 0.5 if 50 < n < 99 else 0.0
+            )
+            write_sample(bag, "/sim/press/valve_1/command/v_out", stamp, 0.0)
+            write_sample(bag, "/sim/press/valve_1/spool_position", stamp, 0.1 + 1e-3 * n)
 
 
 def test_a_dask_cluster_gives_the_same_bits(archive, tmp_path, capsys):

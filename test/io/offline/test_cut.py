@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
+from test.bag_samples import write_sample
 from valve_twin.io.bags.read import BagWriter, QosProfile, bag_info
 from valve_twin.io.cdr.signals import STAMPED_TYPE
 from valve_twin.io.errors import BagError, ConfigError
@@ -24,8 +25,8 @@ def latched_bag(small_bag, tmp_path):
         bag.add_topic("/press/limit", STAMPED_TYPE, qos=(LATCHED,))
         for i in range(1000):
             if i in {0, 400}:
-                bag.write_sample("/press/limit", START_NS + i * 10_000_000, 1.0 + i)
-            bag.write_sample("/press/position", START_NS + i * 10_000_000, float(i))
+                write_sample(bag, "/press/limit", START_NS + i * 10_000_000, 1.0 + i)
+            write_sample(bag, "/press/position", START_NS + i * 10_000_000, float(i))
     return path
 
 

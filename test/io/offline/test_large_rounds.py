@@ -9,6 +9,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from test.bag_samples import write_sample
 from valve_twin.core.simulation import SimulatedValve
 from valve_twin.core.types import Cycle, Prediction
 from valve_twin.core.valves.registry import get_model, get_simulation
@@ -101,7 +102,7 @@ def on_change(rows):
 def bag_of(rows, path):
     with BagWriter(path, chunk_size=16_384) as bag:
         for log_ns, topic, stamp_ns, value in rows:
-            bag.write_sample(f"{PREFIX}/{topic}", stamp_ns, value, log_ns=log_ns)
+            write_sample(bag, f"{PREFIX}/{topic}", stamp_ns, value, log_ns=log_ns)
     return path
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_typestore
 
+from test.bag_samples import write_sample
 from valve_twin.cli import main
 from valve_twin.core.types import CycleRule, EstimateStatus
 from valve_twin.io.bags.read import BagWriter
@@ -206,7 +207,7 @@ def test_the_command_writes_the_proposal(tmp_path, capsys):
 def nothing_moves(path):
     with BagWriter(path) as bag:
         for i in range(200):
-            bag.write_sample("/still", START_NS + i * 10_000_000, 1.0)
+            write_sample(bag, "/still", START_NS + i * 10_000_000, 1.0)
     return path
 
 

@@ -11,6 +11,7 @@ import yaml
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
+from test.bag_samples import write_sample
 from valve_twin.io.bags.read import BagWriter, QosProfile, bag_info, read_signals
 from valve_twin.io.bags.report import bag_report, report_lines
 from valve_twin.io.cdr.signals import STAMPED_TYPE, SignalSource
@@ -28,8 +29,8 @@ def write(path, first=0, count=400):
         bag.note({"valve": "/press/valve_1"})
         bag.add_topic("/press/position", STAMPED_TYPE, qos=(LATCHED,))
         for i in range(first, first + count):
-            bag.write_sample("/press/position", START_NS + i, float(i))
-            bag.write_sample("/press/command", START_NS + i, -float(i))
+            write_sample(bag, "/press/position", START_NS + i, float(i))
+            write_sample(bag, "/press/command", START_NS + i, -float(i))
     return path / f"{path.name}_0.mcap"
 
 

@@ -10,6 +10,7 @@ import math
 import numpy as np
 import pytest
 
+from test.bag_samples import write_sample
 from valve_twin.core.simulation import SimulatedValve
 from valve_twin.core.types import Estimate, EstimateStatus, Frames, Validity
 from valve_twin.core.valves.registry import get_simulation
@@ -61,10 +62,10 @@ def write(tmp_path_factory):
             for n, stamp in enumerate((block.stamp_ns + START_NS).tolist()):
                 v_in = commanded.get(n, float(block.inputs[n, 0]))
                 ahead_ns = stamp + ahead_s * 10**9
-                bag.write_sample(f"{PREFIX}/command/v_in", ahead_ns, v_in, log_ns=stamp)
-                bag.write_sample(f"{PREFIX}/command/v_out", stamp, float(block.inputs[n, 1]))
+                write_sample(bag, f"{PREFIX}/command/v_in", ahead_ns, v_in, log_ns=stamp)
+                write_sample(bag, f"{PREFIX}/command/v_out", stamp, float(block.inputs[n, 1]))
                 measured = other.get(n, float(block.position[n]))
-                bag.write_sample(f"{PREFIX}/spool_position", stamp, measured)
+                write_sample(bag, f"{PREFIX}/spool_position", stamp, measured)
         return path
 
     return record
@@ -205,7 +206,7 @@ def test_an_open_last_cycle_is_left_out_on_demand(config, write):
 
 def test_a_bag_is_checked_before_the_first_event(config, tmp_path):
     with BagWriter(tmp_path / "bag") as bag:
-        bag.write_sample("/other", START_NS, 0.0)
+        write_sample(bag, "/other", START_NS, 0.0)
     with pytest.raises(BagError, match=r"spool_position|v_in"):
         estimate_bag(config, tmp_path / "bag")
 

@@ -7,6 +7,7 @@ import random
 import pytest
 from rosbags.rosbag2 import Reader
 
+from test.bag_samples import write_sample
 from valve_twin.io.bags.qos import FOREVER_NS, QosProfile, override, read_offer, read_overrides
 from valve_twin.io.bags.read import bag_info
 from valve_twin.io.bags.writer import BagWriter
@@ -37,9 +38,9 @@ def bag(tmp_path):
     with BagWriter(path) as writer:
         writer.add_topic(**string("/state", qos=LATCHED))
         for i in range(100):
-            writer.write_sample("/fast", (10 + i) * S // 10, float(i))
+            write_sample(writer, "/fast", (10 + i) * S // 10, float(i))
             if i % 10 == 0:
-                writer.write_sample("/slow", (10 + i) * S // 10, float(i))
+                write_sample(writer, "/slow", (10 + i) * S // 10, float(i))
             if i in (0, 30, 50):
                 writer.write("/state", text(str(i)), log_ns=(10 + i) * S // 10)
     return path
@@ -51,7 +52,7 @@ def test_messages_come_by_log_time_though_the_files_overlap(tmp_path):
     for number in range(3):
         with BagWriter(tmp_path / f"part_{number}") as writer:
             for n, t in enumerate(times[number::3]):
-                writer.write_sample(f"/t{n % 2}", t, float(number), log_ns=t)
+                write_sample(writer, f"/t{n % 2}", t, float(number), log_ns=t)
                 if n % 50 == 0:
                     writer.flush()  # which closes a chunk
     whole = tmp_path / "whole"

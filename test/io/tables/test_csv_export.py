@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 
+from test.bag_samples import write_sample
 from valve_twin.io.bags.read import BagWriter, read_signals
 from valve_twin.io.cdr.signals import SERIES_TYPE
 from valve_twin.io.config.valve import load_config
@@ -21,7 +22,7 @@ def test_csv_holds_every_field_in_full(tmp_path):
     numbers = np.random.default_rng(1).normal(size=50)
     with BagWriter(tmp_path / "bag") as bag:
         for i, number in enumerate(numbers.tolist()):
-            bag.write_sample("/a", START_NS + i, number, log_ns=START_NS + 10 * i)
+            write_sample(bag, "/a", START_NS + i, number, log_ns=START_NS + 10 * i)
     (written,) = convert_topics(tmp_path / "bag", tmp_path / "x.csv")
     assert (written.rows, written.topic) == (50, "/a")
     with (tmp_path / "x.csv").open(newline="", encoding="utf-8") as stream:
@@ -82,7 +83,7 @@ def test_signals_of_a_valve_share_rows_by_stamp(root, tmp_path):
         for i in range(30):
             for number, source in enumerate(sources):
                 if i % (number + 1) == 0:
-                    bag.write_sample(source.topic, START_NS + i * 1000, 0.01 * i)
+                    write_sample(bag, source.topic, START_NS + i * 1000, 0.01 * i)
     written = convert_signals(tmp_path / "bag", tmp_path / "x.csv", config)
     assert written.rows == 30
     with (tmp_path / "x.csv").open(newline="", encoding="utf-8") as stream:

@@ -15,6 +15,7 @@ from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 from valve_twin_msgs.msg import Float64Stamped
 
+from test.bag_samples import write_sample
 from test.nodes.conftest import NS
 from test.nodes.feeding import REARM, START_NS
 from valve_twin.io.bags.qos import QosProfile
@@ -30,7 +31,7 @@ def write_bag(path, samples: int) -> str:
     with BagWriter(path) as writer:
         for i in range(samples):
             for topic in TOPICS:
-                writer.write_sample(topic, START_NS + i * PERIOD_NS, float(i % 7))
+                write_sample(writer, topic, START_NS + i * PERIOD_NS, float(i % 7))
     return str(path)
 
 

@@ -18,6 +18,7 @@ from std_msgs.msg import String
 from valve_twin_msgs import srv
 from valve_twin_msgs.msg import Float64Stamped
 
+from test.bag_samples import write_sample
 from test.nodes.conftest import NS
 from valve_twin.io.bags.qos import QosProfile
 from valve_twin.io.bags.writer import BagWriter
@@ -53,7 +54,7 @@ def write(path, steps: int, states=(), topics=TOPICS):
         writer.add_topic(STATE, STRING, qos=offer)
         for i in range(steps):
             for k, topic in enumerate(topics):
-                writer.write_sample(topic, at(i) + k, float(len(topics) * i + k))
+                write_sample(writer, topic, at(i) + k, float(len(topics) * i + k))
             if i in states:
                 data = serialize_message(String(data=str(i)))
                 writer.write(STATE, data, log_ns=at(i) + len(topics))
@@ -154,7 +155,7 @@ def test_a_recorded_clock_gives_way_to_the_published_one(graph, tmp_path):
     with BagWriter(path) as writer:
         writer.add_topic("/clock", "rosgraph_msgs/msg/Clock")
         for i in range(20):
-            writer.write_sample(TOPICS[0], at(i), float(i))
+            write_sample(writer, TOPICS[0], at(i), float(i))
             data = serialize_message(Clock(clock=time_of(7 * S + i)))
             writer.write("/clock", data, log_ns=at(i) + 1)
     listener = Listener(graph, topics=TOPICS[:1])
@@ -271,7 +272,7 @@ def test_a_type_that_subscribers_would_misread_is_not_played(graph, tmp_path, ca
         writer.add_topic("/text", STRING, message_definition="float64 x\n", definition_hash="")
         for i in range(5):
             writer.write("/text", bytes(12), log_ns=at(i))
-            writer.write_sample(TOPICS[0], at(i), float(i))
+            write_sample(writer, TOPICS[0], at(i), float(i))
     listener = Listener(graph, topics=TOPICS[:1])
     misread = graph.record("/replay/text", String)
     graph.host(BagPlayerNode, bag=str(path), rate=0.0, start_delay_s=1.0)
@@ -287,7 +288,7 @@ def test_policies_are_those_of_the_bag_and_of_the_file(graph, tmp_path):
         offer = QosProfile(reliability="best_effort")
         for topic in TOPICS[:2]:
             writer.add_topic(topic, "valve_twin_msgs/msg/Float64Stamped", qos=(offer,))
-            writer.write_sample(topic, at(0), 1.0)
+            write_sample(writer, topic, at(0), 1.0)
     file = tmp_path / "qos.yaml"
     file.write_text(f"{TOPICS[1]}:\n  reliability: reliable\n  durability: transient_local\n")
     graph.host(
@@ -472,7 +473,7 @@ def test_a_damaged_bag_is_played_as_far_as_it_is_intact(graph, tmp_path, capfd):
     path = tmp_path / "bag"
     with BagWriter(path) as writer:
         for i in range(300):
-            writer.write_sample(TOPICS[0], at(i), float(i))
+            write_sample(writer, TOPICS[0], at(i), float(i))
             if i % 100 == 99:
                 writer.flush()
     (mcap,) = path.glob("*.mcap")

@@ -10,6 +10,7 @@ import pytest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 
+from test.bag_samples import write_sample
 from test.nodes.conftest import NS, NodeProcess
 from valve_twin.io.bags.writer import BagWriter
 from valve_twin.nodes.aging.node import AgingMonitorNode
@@ -36,7 +37,7 @@ LIMIT_S = 2.0
 def parameters(tmp_path):
     """Parameters that let every node run."""
     with BagWriter(tmp_path / "bag") as writer:
-        writer.write_sample("/press/v1/spool_position", 10**9, 0.5)
+        write_sample(writer, "/press/v1/spool_position", 10**9, 0.5)
     history = {"history_url": f"sqlite:///{tmp_path}/history.sqlite"}
     return {
         "twin": history,

@@ -16,6 +16,7 @@ from std_msgs.msg import String
 from valve_twin_msgs import srv
 from valve_twin_msgs.msg import Float64Stamped
 
+from test.bag_samples import write_sample
 from test.nodes.conftest import NS
 from valve_twin.io.bags.qos import QosProfile as Offered
 from valve_twin.io.bags.writer import BagWriter
@@ -31,7 +32,7 @@ def bag(tmp_path):
     path = tmp_path / "bag"
     with BagWriter(path) as writer:
         for i in range(300):
-            writer.write_sample(f"{NS}{COMMAND}", 10**9 + i * 10**7, 0.1)
+            write_sample(writer, f"{NS}{COMMAND}", 10**9 + i * 10**7, 0.1)
     return {"bag": str(path), "publish_prefix": ""}
 
 
@@ -172,7 +173,7 @@ def test_no_name_leads_to_a_real_valve(graph, tmp_path, capfd, way):
     with BagWriter(path) as writer:
         for i in range(100):
             for topic in (REAL, "/other"):
-                writer.write_sample(topic, 10**9 + i * 10**7, 0.1)
+                write_sample(writer, topic, 10**9 + i * 10**7, 0.1)
     taken: list[Float64Stamped] = []
     valve = graph.stranger("real_valve")
     valve.create_subscription(Float64Stamped, REAL, taken.append, 10)
@@ -234,7 +235,7 @@ def test_another_publisher_that_comes_later_stops_the_player(graph, tmp_path):
     path = tmp_path / "bag"
     with BagWriter(path) as writer:
         for i in range(300):
-            writer.write_sample(REAL, 10**9 + i * 10**7, 0.1)
+            write_sample(writer, REAL, 10**9 + i * 10**7, 0.1)
     node = graph.host(BagPlayerNode, bag=str(path), start_paused=True)
     assert node.state == "active"
     graph.stranger("second_player").create_publisher(Float64Stamped, f"/replay{REAL}", 10)

@@ -17,6 +17,7 @@ import pytest
 from ament_index_python import get_package_prefix
 from valve_twin_msgs.msg import Float64Stamped
 
+from test.bag_samples import write_sample
 from test.nodes.conftest import NS, has_ended, ready_s
 from valve_twin.io.bags.writer import BagWriter
 from valve_twin.nodes.recorder.node import BagRecorderNode
@@ -115,7 +116,7 @@ def run(names, per_signal: int, graph, folder: Path) -> list[Case]:
     """Spread the moments over the first seconds, the first at once, for each signal."""
     with BagWriter(folder / "bag") as writer:
         for i in range(2000):
-            writer.write_sample("/press/v1/spool_position", 10**9 + i * 10**7, 0.5)
+            write_sample(writer, "/press/v1/spool_position", 10**9 + i * 10**7, 0.5)
     cases = [
         Case(
             name,

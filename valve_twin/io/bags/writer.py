@@ -14,7 +14,7 @@ import numpy as np
 from valve_twin.io.bags.qos import QosProfile
 from valve_twin.io.bags.rolling import FileEvents, RollingFiles, SplitRule, Storage
 from valve_twin.io.bags.topics import WrittenTopic, WrittenTopics
-from valve_twin.io.cdr.codec import encode_series, encode_stamped, encode_stamped_rows
+from valve_twin.io.cdr.codec import encode_series, encode_stamped_rows
 from valve_twin.io.cdr.signals import SERIES_TYPE, STAMPED_TYPE
 from valve_twin.io.errors import BagError
 from valve_twin.io.mcap.writer import CHUNK_SIZE
@@ -166,26 +166,6 @@ class BagWriter:
                 self._flush(file)
         except OSError as err:
             raise self.rolling.failure(file, err) from err
-
-    def write_sample(
-        self, topic: str, stamp_ns: int, value: float, *, log_ns: int | None = None
-    ) -> None:
-        """Append a Float64Stamped.
-
-        Parameters
-        ----------
-        topic : str
-            Added where it is not known.
-        stamp_ns : int
-            Stamp [ns].
-        value : float
-            In the unit of the topic [any].
-        log_ns : int, optional
-            Receive time [ns]; the stamp where not given.
-        """
-        self.add_topic(topic, STAMPED_TYPE)
-        at = stamp_ns if log_ns is None else log_ns
-        self.write(topic, encode_stamped(stamp_ns, value), log_ns=at, publish_ns=stamp_ns)
 
     def write_samples(self, columns: Sequence[tuple[str, IntArray, FloatArray]]) -> None:
         """Append many Float64Stamped; the same bytes as one by one in the order of their stamps.
