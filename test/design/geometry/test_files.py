@@ -7,6 +7,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from ezdxf.filemanagement import new
 
 from valve_twin.design.geometry import DoubleStroke, Section, read_design, write_design, write_dxf
 from valve_twin.design.materials import Steel
@@ -43,6 +44,17 @@ def test_the_sample_with_a_magnet_is_a_section(root):
     assert isinstance(found, Section)
     assert found.coils == ("A",)
     assert found.excited
+
+
+def test_an_outline_of_a_drawing_that_crosses_itself_is_refused(tmp_path):
+    drawing = new("R2010", units=4)
+    bowtie = [(0, 0), (5, 9), (5, 0), (0, 12)]
+    drawing.modelspace().add_lwpolyline(bowtie, close=True, dxfattribs={"layer": "x"})
+    drawing.saveas(tmp_path / "d.dxf")
+    text = SECTION.replace("outline_mm: [[0, 0], [5, 0], [5, 9], [0, 9]]", "layer: x")
+    (tmp_path / "d.yaml").write_text(f"{text}dxf: d.dxf\n", encoding="utf-8")
+    with pytest.raises(ValueError, match=r"core: the edge from r = 0, z = 0 to r = 0.005, z = 0"):
+        read_design(tmp_path / "d.yaml")
 
 
 def test_regions_come_from_the_layers_of_a_drawing(tmp_path):

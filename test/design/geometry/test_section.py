@@ -7,9 +7,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from valve_twin.design.geometry.section import Motion, Region, Section, area, inside, rectangle
+from valve_twin.design.geometry.section import (
+    Motion,
+    Region,
+    Section,
+    area,
+    crossing,
+    inside,
+    rectangle,
+)
 from valve_twin.design.materials import Steel
 
+CROSS = ((0, 0), (5, 0), (5, 9), (2, 9), (2, -3), (3, -3), (3, 5), (0, 5))
 ONE = Region("one", "steel", rectangle(0.0, 2e-3, 0.0, 5e-3))
 
 
@@ -45,11 +54,31 @@ def test_area_and_inside_of_a_triangle():
             Region("two", "steel", rectangle(3e-3, 4e-3, 0.0, 1e-3), "A", 5),
             "wound in a linear material without",
         ),
+        (
+            Region("two", "air", ((3e-3, 0.0), (5e-3, 9e-3), (5e-3, 0.0), (3e-3, 12e-3))),
+            "two: the edge from r = 0.003, z = 0 to r = 0.005, z = 0.009 crosses that from "
+            "r = 0.005, z = 0 to r = 0.003, z = 0.012",
+        ),
+        (
+            Region("two", "air", tuple((3e-3 + 1e-3 * r, 1e-3 * z) for r, z in CROSS)),
+            "two: the edge from r = 0.003, z = 0 to r = 0.008, z = 0 crosses that from r = 0.005,",
+        ),
     ],
 )
 def test_a_region_that_cannot_be_is_refused(region, words):
     with pytest.raises(ValueError, match=words):
         section(ONE, region)
+
+
+def test_an_outline_with_a_slit_to_its_hole_is_none_that_crosses_itself():
+    ring = ((0, 0), (9, 0), (9, 9), (0, 9), (0, 4), (3, 4), (3, 6), (6, 6), (6, 3), (3, 3),
+            (3, 4), (0, 4))  # fmt: skip
+    assert crossing(tuple((1e-3 * r, 1e-3 * z) for r, z in ring)) == ()
+    turns = np.linspace(0.0, 2.0 * np.pi, 2000, endpoint=False)
+    fine = [(1.0 + np.cos(a), np.sin(a)) for a in turns]
+    assert crossing(tuple(fine)) == ()
+    fine[3], fine[5] = fine[5], fine[3]
+    assert len(crossing(tuple(fine))) == 2
 
 
 def test_regions_that_touch_do_not_overlap():

@@ -141,6 +141,17 @@ class Section:
         if len(region.outline) < 3 or not area(region.outline) > 0.0:
             message = f"{region.name}: outline of {len(region.outline)} corners has no area"
             raise ValueError(message)
+        crossed = crossing(region.outline)
+        if crossed:
+            one, other = (
+                f"r = {a[0]:.6g}, z = {a[1]:.6g} to r = {b[0]:.6g}, z = {b[1]:.6g}"
+                for a, b in crossed
+            )
+            message = (
+                f"{region.name}: the edge from {one} crosses that from {other} [m]: an outline "
+                "goes around its area once"
+            )
+            raise ValueError(message)
         for r, z in region.outline:
             if not (0.0 <= r <= self.radius and self.low <= z <= self.high):
                 message = (
@@ -189,6 +200,36 @@ def area(outline: Outline) -> float:
     for (r0, z0), (r1, z1) in zip(outline, (*outline[1:], outline[0]), strict=True):
         twice += r0 * z1 - r1 * z0
     return 0.5 * abs(twice)
+
+
+def crossing(outline: Outline) -> tuple[Outline, ...]:
+    """Return the ends of the first two edges of a polygon that cross; () where none do.
+
+    Edges that touch or lie on each other, as of a slit to a hole, do not cross.
+
+    Parameters
+    ----------
+    outline : tuple of (r, z)
+        Corners [m].
+    """
+    start = np.array(outline)
+    end = np.roll(start, -1, axis=0)
+    least = 1e-12 * float(np.ptp(start, axis=0).max()) ** 2
+
+    def side(a: FloatArray, b: FloatArray, of: FloatArray) -> FloatArray:
+        """Return on which side of the lines a-b points lie: 1, -1, or 0 = on it."""
+        turn = (b - a)[..., 0] * (of - a)[..., 1] - (b - a)[..., 1] * (of - a)[..., 0]
+        found: FloatArray = np.sign(np.where(np.abs(turn) > least, turn, 0.0))
+        return found
+
+    for k in range(len(start) - 2):
+        a, b, c, d = start[k], end[k], start[k + 2 :], end[k + 2 :]
+        apart = (side(a, b, c) * side(a, b, d) < 0.0) & (side(c, d, a) * side(c, d, b) < 0.0)
+        if apart.any():
+            other = k + 2 + int(np.argmax(apart))
+            pairs = [(outline[n], outline[(n + 1) % len(outline)]) for n in (k, other)]
+            return tuple(pairs)
+    return ()
 
 
 def rectangle(r0: float, r1: float, z0: float, z1: float) -> Outline:
