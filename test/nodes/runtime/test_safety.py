@@ -99,6 +99,19 @@ def test_a_valve_that_comes_later_stops_the_simulation(graph, capfd):
     graph.spin_until(is_told, what="the word of it")
 
 
+def test_a_tick_that_was_due_at_the_stop_publishes_nothing(graph):
+    """The events executor runs a timer once more that was due when it was destroyed."""
+    node = graph.host(SimulatedValveNode, rate=0.0)
+    graph.spin_until(lambda: node._outbox.sent, what="samples")
+    sensor = graph.stranger("real_sensor")
+    sensor.create_publisher(Float64Stamped, f"/sim{NS}{POSITION}", 10)
+    graph.spin_until(lambda: node.state == "inactive", what="the simulation to stop")
+    sent = node._outbox.sent
+    node._tick()
+    node._watch()
+    assert (node.state, node._outbox.sent) == ("inactive", sent)
+
+
 def test_nothing_leaves_before_the_graph_is_known(graph):
     """A valve that is there from the start sees no command at all."""
     taken: list[Float64Stamped] = []

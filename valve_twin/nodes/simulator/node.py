@@ -171,18 +171,27 @@ class SimulatedValveNode(ValveNode):
 
     def _watch(self) -> None:
         """Look at the graph again; stop where a real valve has come into reach."""
+        if not self._timers_made:
+            return  # it was due when the node was stopped
         for valve in self._valves:
             valve.look()
+        if self._is_safe():
+            self.faults.passed("safety.stopped")
+
+    def _is_safe(self) -> bool:
+        """Return whether no real valve is in reach; stop where one is."""
         try:
             self._check_safety()
         except ConfigError as err:
             self.faults.report("safety.stopped", f"stopped: {err}")
             self.trigger_deactivate()
-        else:
-            self.faults.passed("safety.stopped")
+            return False
+        return True
 
     def _tick(self) -> None:
         """Publish the samples that are due."""
+        if not self._timers_made:
+            return  # as in `_watch`
         if not self._outbox.send() or not self._is_released():
             return
         for _ in range(self._due_samples()):
@@ -201,7 +210,8 @@ class SimulatedValveNode(ValveNode):
             return False
         if wanted and not self._gate.is_open(awaited, wanted, now):
             return False
-        self._check_safety()
+        if not self._is_safe():
+            return False
         self._begin_s = now
         return True
 
