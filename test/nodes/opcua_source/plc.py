@@ -2,7 +2,10 @@
 # Copyright 2026 valve_twin maintainers
 """A PLC for tests: a server of asyncua in its own process that writes what it is told to.
 
-    python plc.py PORT TAGS
+    python plc.py PORT TAGS QUEUE PUBLISHING_MS
+
+It keeps at most QUEUE samples of a tag, without a word where it loses one, and sends every
+PUBLISHING_MS at most; 0 = as asyncua does.
 
 A line of JSON from stdin is a write of many samples: columns by tag, start and period [ns], pace
 [samples/s] (0 = as fast as it can), status. It answers with a line when it is done.
@@ -25,11 +28,15 @@ def say(word: str) -> None:
     sys.stdout.flush()
 
 
-async def serve(port: int, tags: int) -> None:
+async def serve(port: int, tags: int, queue: int, publishing_ms: float) -> None:
     from asyncua import Server, ua
 
     server = Server()
     await server.init()
+    if queue:
+        server.iserver.max_monitored_item_queue_size = queue
+    if publishing_ms:
+        revise(server.iserver.subscription_service, publishing_ms)
     server.set_endpoint(f"opc.tcp://127.0.0.1:{port}")
     server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
     for tag in range(tags):
@@ -40,6 +47,24 @@ async def serve(port: int, tags: int) -> None:
         while line := await asyncio.to_thread(sys.stdin.readline):
             await write(server, json.loads(line))
             say("done")
+
+
+def revise(service, least_ms: float) -> None:
+    """Let publishing be no faster than this, and be changed: asyncua ignores such a request."""
+    create, modify = service.create_subscription, service.modify_subscription
+
+    async def created(params, *given, **named):
+        params.RequestedPublishingInterval = max(params.RequestedPublishingInterval, least_ms)
+        return await create(params, *given, **named)
+
+    def modified(params):
+        found = service.subscriptions[params.SubscriptionId]
+        found.data.RevisedPublishingInterval = max(params.RequestedPublishingInterval, least_ms)
+        found._task.cancel()
+        found._task = asyncio.get_running_loop().create_task(found._subscription_loop())
+        return modify(params)
+
+    service.create_subscription, service.modify_subscription = created, modified
 
 
 async def write(server, order) -> None:
@@ -62,10 +87,12 @@ async def write(server, order) -> None:
 class Plc:
     """The process, as a test has it."""
 
-    def __init__(self, port: int, tags: int = 1) -> None:
+    def __init__(
+        self, port: int, tags: int = 1, *, queue: int = 0, publishing_ms: float = 0.0
+    ) -> None:
         self.address = f"opc.tcp://127.0.0.1:{port}"
         self.process = subprocess.Popen(
-            [sys.executable, __file__, str(port), str(tags)],
+            [sys.executable, __file__, str(port), str(tags), str(queue), str(publishing_ms)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -96,4 +123,4 @@ class Plc:
 
 
 if __name__ == "__main__":
-    asyncio.run(serve(int(sys.argv[1]), int(sys.argv[2])))
+    asyncio.run(serve(*map(int, sys.argv[1:4]), float(sys.argv[4])))

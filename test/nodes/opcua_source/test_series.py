@@ -60,3 +60,15 @@ def test_masked_samples_are_counted_and_kept():
 
 def test_without_a_stamp_it_is_now():
     assert list(Grid(0.0).sorted([Sample(0, 0, 2.0)], 7 * MS)) == [(7 * MS, [2.0])]
+
+
+def test_what_came_between_two_connections_is_not_lost_by_the_server():
+    grid = Grid(0.001)
+    begins = [Sample(0, 3 * MS, 1.0, first=True)]  # as old as it likes
+    assert list(grid.sorted([*begins, *samples(10, 11, 13)], 0))
+    assert (grid.missing, grid.unheard) == (1, 0)
+    again = [Sample(0, 13 * MS, 1.0, first=True)]
+    assert list(grid.sorted([*again, *samples(20, 21)], 0))
+    assert (grid.missing, grid.unheard, grid.repeated) == (1, 6, 1)
+    assert list(grid.sorted([Sample(0, 25 * MS, 1.0, first=True), *samples(29, 31)], 0))
+    assert (grid.missing, grid.unheard) == (2, 6 + 3 + 3)

@@ -38,10 +38,10 @@ def free_port() -> int:
 class Client:
     """A subscription and what it took."""
 
-    def __init__(self, address: str, tags=1, names=None) -> None:
+    def __init__(self, address: str, tags=1, names=None, **asked) -> None:
         names = names or [f"ns=1;s=tag{tag}" for tag in range(tags)]
         self.samples: list[Sample] = []
-        self.subscription = TagSubscription(Server(address), names, lambda: None)
+        self.subscription = TagSubscription(Server(address, **asked), names, lambda: None)
 
     @property
     def figures(self):
@@ -88,6 +88,34 @@ def test_every_sample_comes_in_order_with_the_stamp_of_its_source(plc, client):
         assert [s.stamp_ns for s in mine] == [START_NS + i * MS for i in range(1000)]
     assert not client.figures.overflows
     assert not client.figures.dropped
+
+
+@pytest.mark.parametrize("least_ms", [20.0, 1500.0])
+def test_a_server_that_keeps_fewer_is_asked_to_send_more_often_or_the_loss_is_foretold(least_ms):
+    """40 samples at 50 Hz are 0.8 s: too few for what is sent every 2 s, enough for 0.4 s."""
+    plc, period_ms = Plc(free_port(), 2, queue=40, publishing_ms=least_ms), 20
+    client = Client(plc.address, 2, publishing_ms=2000.0, period_s=period_ms / 1e3)
+    try:
+        client.until(lambda: client.figures.connected and len(client.take()) >= 2)
+        plc.begin({0: list(map(float, range(150)))}, START_NS, period_ms * MS, pace=50.0)
+        plc.wait()
+        last_ns = START_NS + 149 * period_ms * MS
+        client.until(lambda: client.stamps()[-1:] == [last_ns])
+        figures = client.figures
+        if least_ms < 400.0:
+            assert (figures.publishing_ms, figures.doubt) == (400.0, "")
+            assert len(client.stamps()) == 150
+        else:
+            assert len(client.stamps()) < 150
+            assert figures.doubt == (
+                "the server keeps 40 samples of ns=1;s=tag0 and of 1 tags more, 800 ms at 50 Hz, "
+                "and sends every 1500 ms: samples get lost where it is late: let the server's "
+                "settings allow a queue of 150 (asked for 10000) or a publishing interval of "
+                "400 ms, queue and publishing_ms of this node cannot help"
+            )
+    finally:
+        client.subscription.close()
+        plc.kill()
 
 
 @pytest.mark.parametrize("status", [UNCERTAIN, BAD_SENSOR])

@@ -15,7 +15,7 @@ from valve_twin_msgs.msg import Float64Series, Float64Stamped
 from valve_twin.io.config.node_parameters import OpcuaSourceParameters
 from valve_twin.io.errors import ConfigError
 from valve_twin.nodes.opcua_source.series import Grid
-from valve_twin.nodes.opcua_source.subscription import Server, TagSubscription
+from valve_twin.nodes.opcua_source.subscription import Figures, Server, TagSubscription
 from valve_twin.nodes.opcua_source.tags import Sample, Tag, read_tags
 from valve_twin.nodes.player.outbox import sending_profile
 from valve_twin.nodes.runtime.diagnostics import WARN, Diagnostics, Report
@@ -46,7 +46,8 @@ class OpcuaSourceNode(ValveNode):
         self._publishers: list[Any] = []
         self._grids: list[Grid] = []
         self._diagnostics: Diagnostics | None = None
-        self._told_overflows = 0
+        self._told_lost = 0
+        self._told_doubt = ""
 
     def configure(self) -> None:
         """Read the parameters."""
@@ -84,7 +85,7 @@ class OpcuaSourceNode(ValveNode):
             self.create_publisher(kind, tag.topic, sending_profile()) for tag in self._tags
         ]
         self._grids = [Grid(given.period_s) for _ in self._tags]
-        self._told_overflows = 0  # a subscription counts anew
+        self._told_lost = 0  # a subscription counts anew
         server = Server(
             given.address,
             given.user,
@@ -93,6 +94,7 @@ class OpcuaSourceNode(ValveNode):
             given.publishing_ms,
             given.sampling_ms,
             given.queue,
+            given.period_s,
         )
         nodes = [tag.node for tag in self._tags]
         self._subscription = TagSubscription(server, nodes, lambda: self.post(self._publish))
@@ -144,23 +146,46 @@ class OpcuaSourceNode(ValveNode):
             "samples": sum(grid.samples for grid in self._grids),
             "masked (status not good)": sum(grid.masked for grid in self._grids),
             "lost (stamps missing)": sum(grid.missing for grid in self._grids),
-            "lost (queue of the server)": figures.overflows,
+            "not heard (no connection)": sum(grid.unheard for grid in self._grids),
+            "lost (queue of the server), at least": figures.overflows,
             "lost (this node too slow)": figures.dropped,
             "repeated after a connection": sum(grid.repeated for grid in self._grids),
+            "sent every [ms]": f"{figures.publishing_ms:g}",
             "clock of the PLC ahead [s]": f"{figures.ahead_s:.3f}",
         }
         gone = "" if figures.connected else f"{given.address}: {figures.trouble}"
         self.faults.look("input.silent", gone, valve=report.hardware_id, subject=given.address)
         self._look_for_missing(dict(figures.unknown), report.hardware_id)
-        new = figures.overflows - self._told_overflows
-        if new > 0:
-            self._told_overflows = figures.overflows
-            text = f"{given.address}: a queue of the server overflowed {new} times: raise queue"
-            self.faults.report("input.loss", text, valve=report.hardware_id, events=new)
+        self._tell_lost(figures, report.hardware_id)
+        doubt = f"{given.address}: {figures.doubt}" if figures.doubt else ""
+        if doubt:
+            report.raise_to(WARN, doubt)
+        if doubt and doubt != self._told_doubt:
+            self.get_logger().warning(doubt)
+        self._told_doubt = doubt or self._told_doubt
         if abs(figures.ahead_s) > CLOCK_S:
             text = f"the PLC's clock is {figures.ahead_s:+.0f} s from this machine's"
             report.raise_to(WARN, text)
         return [report]
+
+    def _tell_lost(self, figures: Figures, valve: str) -> None:
+        """Tell what was lost since the last time: by stamps, else what the server says."""
+        given = self._given
+        lost = sum(grid.missing for grid in self._grids) if given.period_s else figures.overflows
+        new, self._told_lost = lost - self._told_lost, lost
+        if new <= 0:
+            return
+        text = f"a queue of the server overflowed {new} times: one sample or more is lost each"
+        if given.period_s:
+            worst = max(range(len(self._tags)), key=lambda tag: self._grids[tag].missing)
+            where = f"{self._tags[worst].node} the most, {self._grids[worst].missing} in all"
+            text = f"{new} samples are missing by their stamps, of {where}"
+        why = figures.doubt or (
+            f"the server sends every {figures.publishing_ms:g} ms: look at the load of PLC and "
+            "network" + ("" if given.period_s else "; set period_s to have samples counted")
+        )
+        evidence = f"{given.address}: {text}: {why}"
+        self.faults.report("input.loss", evidence, valve=valve, events=new)
 
     def _look_for_missing(self, unknown: dict[int, str], valve: str) -> None:
         """Tell the tags that the server does not know, each or, where they are many, in a line."""

@@ -26,15 +26,19 @@ class Grid:
 
     Attributes
     ----------
-    samples, masked, missing, repeated : int
-        Samples that came, those of them without a good value, those whose stamps are missing,
-        and those that came again with the last stamp [1].
+    samples, masked, repeated : int
+        Samples that came, those of them without a good value, and those that came again with the
+        last stamp [1].
+    missing, unheard : int
+        Samples whose stamps are missing while connected, and those between two connections [1].
     """
 
     def __init__(self, period_s: float) -> None:
         self._period_ns = period_s * 1e9
         self._last_ns = 0
-        self.samples = self.masked = self.missing = self.repeated = 0
+        self._connections = 0
+        self._begins = False
+        self.samples = self.masked = self.missing = self.unheard = self.repeated = 0
 
     def sorted(self, samples: Iterable[Sample], now_ns: int) -> Iterator[tuple[int, list[float]]]:
         """Yield runs: the stamp of the first sample [ns since 1970] and all values.
@@ -52,10 +56,12 @@ class Grid:
         start_ns, values = 0, list[float]()
         for sample in samples:
             stamp_ns = sample.stamp_ns or now_ns
+            self._connections += sample.first
             if sample.stamp_ns and stamp_ns == self._last_ns:
                 self.repeated += 1
+                self._begins = sample.first
                 continue
-            self._count(stamp_ns, sample.value)
+            self._count(stamp_ns, sample)
             off_ns = stamp_ns - (start_ns + len(values) * self._period_ns)
             if values and (not self._period_ns or abs(off_ns) > SHARE * self._period_ns):
                 yield start_ns, values
@@ -66,9 +72,14 @@ class Grid:
         if values:
             yield start_ns, values
 
-    def _count(self, stamp_ns: int, value: float) -> None:
+    def _count(self, stamp_ns: int, sample: Sample) -> None:
         self.samples += 1
-        self.masked += math.isnan(value)
+        self.masked += math.isnan(sample.value)
         if self._period_ns and 0 < self._last_ns < stamp_ns:
-            self.missing += max(round((stamp_ns - self._last_ns) / self._period_ns) - 1, 0)
+            gap = max(round((stamp_ns - self._last_ns) / self._period_ns) - 1, 0)
+            if not (sample.first or self._begins):
+                self.missing += gap
+            elif self._connections > 1:
+                self.unheard += gap
+        self._begins = sample.first
         self._last_ns = stamp_ns

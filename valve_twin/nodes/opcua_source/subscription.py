@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from valve_twin.nodes.opcua_source.tags import Sample, to_sample
+from valve_twin.nodes.opcua_source.terms import LEAST_MS, Granted, Terms
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -54,6 +55,8 @@ class Server:
         It looks at a tag so often; 0 = as fast as it can [ms].
     queue : int
         So many values of a tag it keeps meanwhile [1].
+    period_s : float
+        Sampling time of the tags [s]; 0 = not known.
     """
 
     address: str
@@ -63,6 +66,7 @@ class Server:
     publishing_ms: float = 50.0
     sampling_ms: float = 0.0
     queue: int = 10_000
+    period_s: float = 0.0
 
 
 @dataclass(slots=True)
@@ -79,8 +83,12 @@ class Figures:
         How often that succeeded [1].
     unknown : dict
         Why a tag is not subscribed, by its number.
+    publishing_ms : float
+        The server sends so often [ms].
+    doubt : str
+        Why samples may be lost by what it grants, in one line.
     overflows : int
-        How often the server said that its queue lost values [1].
+        How often the server said that its queue lost values: one at least each time [1].
     dropped : int
         Samples that the node did not take in time [1].
     ahead_s : float
@@ -92,6 +100,8 @@ class Figures:
     trouble: str = "not connected yet"
     connections: int = 0
     unknown: dict[int, str] = field(default_factory=dict)
+    publishing_ms: float = 0.0
+    doubt: str = ""
     overflows: int = 0
     dropped: int = 0
     ahead_s: float = 0.0
@@ -151,10 +161,11 @@ class TagSubscription:
         del value
         item = data.monitored_item.Value
         self._count += 1
-        sample = to_sample(self._numbers[node.nodeid], item)
+        tag = self._numbers[node.nodeid]
+        sample = to_sample(tag, item, first=tag not in self._heard)
         self.figures.overflows += sample.lost_before
-        if sample.tag not in self._heard:
-            self._heard.add(sample.tag)
+        if sample.first:
+            self._heard.add(tag)
         elif sample.stamp_ns and not math.isnan(sample.value):
             self.figures.ahead_s = (sample.stamp_ns - time.time_ns()) * 1e-9
         if len(self._waiting) >= MOST_WAITING:
@@ -199,6 +210,8 @@ class TagSubscription:
             ids = [ua.NodeId.from_string(text) for text in self._nodes]
             self._numbers = {node: number for number, node in enumerate(ids)}
             self._heard.clear()
+            self._granted = Granted(client.uaclient.session)
+            self._terms = Terms(self._server.period_s, self._server.queue)
             subscription = await client.create_subscription(self._server.publishing_ms, self)
             await self._add(client, subscription, range(len(ids)))
             self.figures.connected, self.figures.trouble = True, ""
@@ -241,21 +254,44 @@ class TagSubscription:
         from asyncua import ua
 
         every = ua.DataChangeFilter(Trigger=ua.DataChangeTrigger.StatusValueTimestamp)
-        results: list[Any] = []
+        self._granted.items.clear()
         for first in range(0, len(tags), PART):
             nodes = [client.get_node(self._nodes[tag]) for tag in tags[first : first + PART]]
-            results += await subscription._subscribe(
+            await subscription._subscribe(
                 nodes,
                 ua.AttributeIds.Value,
                 mfilter=every,
                 queuesize=self._server.queue,
                 sampling_interval=self._server.sampling_ms,
             )
-        for tag, result in zip(tags, results, strict=True):
-            if isinstance(result, ua.StatusCode):
-                self.figures.unknown[tag] = result.name
-            else:
+        for tag, result in zip(tags, self._granted.items, strict=True):
+            if result.StatusCode.is_good():
                 self.figures.unknown.pop(tag, None)
+                self._terms.queues[tag] = max(result.RevisedQueueSize, 1)
+                self._terms.samplings_ms[tag] = result.RevisedSamplingInterval
+            else:
+                self.figures.unknown[tag] = result.StatusCode.name
+        await self._hurry(client, subscription)
+
+    async def _hurry(self, client: Any, subscription: Any) -> None:
+        """Ask for more frequent publishing where a queue fills up between two."""
+        from asyncua import ua
+
+        terms = self._terms
+        wanted_ms = max(terms.wanted_ms(), LEAST_MS)
+        if self._granted.publishing_ms > wanted_ms:
+            asked = subscription.parameters
+            params = ua.ModifySubscriptionParameters(
+                SubscriptionId=subscription.subscription_id,
+                RequestedPublishingInterval=wanted_ms,
+                RequestedLifetimeCount=asked.RequestedLifetimeCount,
+                RequestedMaxKeepAliveCount=client.get_keepalive_count(wanted_ms),
+                MaxNotificationsPerPublish=asked.MaxNotificationsPerPublish,
+            )
+            with suppress(ua.UaStatusCodeError):  # it changes none: the doubt stays
+                await subscription.update(params)
+        terms.publishing_ms = self.figures.publishing_ms = self._granted.publishing_ms
+        self.figures.doubt = terms.doubt(self._nodes)
 
     async def _pause(self, seconds: float) -> None:
         end_s = asyncio.get_running_loop().time() + seconds

@@ -51,12 +51,15 @@ class Sample:
         NaN where the status is not good or it is no number.
     lost_before : bool
         Whether the server says that its queue overflowed here.
+    first : bool
+        Whether it is the first after a connection: it may be as old as it likes.
     """
 
     tag: int
     stamp_ns: int
     value: float
     lost_before: bool = False
+    first: bool = False
 
 
 def read_tags(lines: Sequence[str], valve: str, prefix: str, *, where: str) -> tuple[Tag, ...]:
@@ -105,7 +108,7 @@ def read_tags(lines: Sequence[str], valve: str, prefix: str, *, where: str) -> t
     return tuple(found)
 
 
-def to_sample(tag: int, data: Any) -> Sample:
+def to_sample(tag: int, data: Any, *, first: bool = False) -> Sample:
     """Return a sample of what a server notified.
 
     Parameters
@@ -114,6 +117,8 @@ def to_sample(tag: int, data: Any) -> Sample:
         Which tag.
     data : DataValue
         Value, status and stamps; Uncertain and Bad give NaN.
+    first : bool
+        Whether it is the first after a connection.
     """
     status = data.StatusCode
     good = status is None or status.is_good()
@@ -122,7 +127,7 @@ def to_sample(tag: int, data: Any) -> Sample:
     stamps = (data.SourceTimestamp, data.ServerTimestamp)
     stamp = next((s for s in stamps if s is not None and s.year > _EPOCH.year), None)
     lost = status is not None and _overflowed(status.value)
-    return Sample(tag, _nanoseconds(stamp), value, lost)
+    return Sample(tag, _nanoseconds(stamp), value, lost, first)
 
 
 def _overflowed(status: int) -> bool:
