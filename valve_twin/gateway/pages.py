@@ -412,6 +412,11 @@ def _cycle(shown: ShownCycle) -> dict[str, object]:
     }
 
 
+def report_bar(valve: str, visitor: Visitor) -> str:
+    """Return what stands above a report of a valve that is served: the way back, and languages."""
+    return _page("report_bar.html", visitor, valve=valve, link="valve/" + link_of(valve))
+
+
 def login_page(visitor: Visitor, following: str, wrong: str = "") -> str:
     """Return the page that asks for name and password.
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from valve_twin.gateway.metrics import TYPE, exposition
 from valve_twin.gateway.page import forms
 from valve_twin.gateway.page.answers import HEADERS, MARK, visitor_of
+from valve_twin.gateway.page.filed import served_report
 from valve_twin.gateway.page.samples import NoSamplesError, Samples
 from valve_twin.gateway.pages import (
     ShownCycle,
@@ -194,7 +195,9 @@ class _Pages:
             page = self._plant.page(row.valve) if row is not None else None
         except ValveTwinError as err:
             return self._message("The history cannot be read", str(err), request, 503)
-        return self._unknown(request) if page is None else self._html(page, request)
+        if row is None or page is None:
+            return self._unknown(request)
+        return self._html(served_report(page, row.valve, self._visitor(request)), request)
 
     def cycles(self, request: Request) -> Response:
         row = self._row(request)

@@ -18,7 +18,7 @@ from valve_twin.io.errors import ValveTwinError
 from valve_twin.io.history.tiers.reading import told
 from valve_twin.report.budget import budget_section
 from valve_twin.report.faults import faults_section, operation_section, steps_section
-from valve_twin.report.language.words import whole_page
+from valve_twin.report.language.words import figures, whole_page
 from valve_twin.report.plots import Marks, draws_laws, has_line, plot_cycle, plot_parameter
 from valve_twin.report.signals import plot_signals
 from valve_twin.report.tables import (
@@ -134,7 +134,7 @@ def render_report(data: ReportData) -> str:
         condensed=told(data.condensed) if data.condensed else "",
         versions=sorted({c.software for c in data.cycles if c.software}),
     )
-    return whole_page(page, data.language)
+    return figures(whole_page(page, data.language), data.language)
 
 
 def _signal_plot(data: ReportData) -> Markup | str:

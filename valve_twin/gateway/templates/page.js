@@ -3,7 +3,7 @@
 // Glue: times in the viewer's zone, what is stored asked anew, the moving plot put together. The server words and draws all.
 "use strict";
 
-const FORMAT = { dateStyle: "medium", timeStyle: "medium" };
+const FORMAT = { dateStyle: "medium", timeStyle: document.querySelector("[data-clock]")?.dataset.clock ?? "medium" };
 const local = (date) => date.toLocaleString(document.documentElement.lang, FORMAT);
 const zone = (part) => part.querySelectorAll("time[datetime]").forEach((t) => {
   t.title = t.textContent;

@@ -130,7 +130,7 @@ def sentence(text: object, told: Words, *, begins: bool = False) -> Markup:
 
 _NOT_OURS = re.compile(
     r"(<style>.*?</style>|<script.*?</script>|"
-    r'<(?:h1|td) translate="no">.*?</(?:h1|td)>|<[^>]*>)',
+    r'<(?:h1|td|span) translate="no">.*?</(?:h1|td|span)>|<[^>]*>)',
     re.DOTALL,
 )
 """Tags, and what is not to be told in another language: names and notes of users."""
@@ -158,7 +158,8 @@ def whole_page(page: str, language: str) -> str:
 _FIGURES = re.compile(
     r"<style>.*?</style>|<script.*?</script>|"
     r'<(?P<name>\w+) (?:[^>]* )?translate="no"[^>]*>.*?</(?P=name)>|<[^>]*>|'
-    r"(?<![\w./#)\]+-])(?P<sign>[+-]?)(?P<whole>\d+)(?P<part>\.\d+)?(?=e[+-]?\d|(?!\w|\.\d|-\d))",
+    r"(?<![\w./#)\]+-])(?P<sign>[+-]?)(?P<whole>\d+)(?P<part>\.\d+)?(?P<power>e[+-]?\d+)?"
+    r"(?!\w|\.\d|-\d)",
     re.DOTALL,
 )
 """Tags, what is no sentence of ours, and numbers: no version, date, address or part of a name."""
@@ -182,9 +183,9 @@ def figures(page: str, language: str) -> str:
         whole, part = found["whole"], found["part"] or ""
         if whole is None:
             return found.group()
-        is_zero = not (whole + part).strip("0.") and page[found.end() : found.end() + 1] != "e"
-        sign = "" if is_zero else found["sign"].replace("-", MINUS)
-        return sign + whole + part.replace(".", point)
+        sign = found["sign"] if (whole + part).strip("0.") else ""
+        power = found["power"] or ""
+        return f"{sign}{whole}{part.replace('.', point)}{power}".replace("-", MINUS)
 
     return _FIGURES.sub(written, page)
 
