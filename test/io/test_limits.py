@@ -215,3 +215,18 @@ def test_no_mutation_of_a_file_ends_in_a_trace_or_is_read_wrong_silently(kind, t
 @pytest.mark.parametrize("kind", SUBJECTS)
 def test_none_of_ten_thousand_mutations_does(kind, part, tmp_path):
     hold(kind, tmp_path, 100 + part, 1000)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="memory is bounded on Linux")
+def test_what_takes_more_memory_than_it_is_given_gets_none():
+    code = """
+from valve_twin.io.limits import bounded_memory
+with bounded_memory(50_000_000):
+    some = bytearray(20_000_000)
+    try:
+        more = bytearray(100_000_000)
+    except MemoryError:
+        print("none")
+more = bytearray(100_000_000)
+"""
+    assert subprocess.check_output([sys.executable, "-c", code], text=True) == "none\n"

@@ -83,10 +83,15 @@ def too_large(size: int, packed: int) -> str:
 
 
 @contextmanager
-def bounded_memory() -> Iterator[None]:
+def bounded_memory(most: int | None = None) -> Iterator[None]:
     """Read by another's code: where it wants far more than may be unpacked it gets none.
 
     What a file claims can be a lie that only its reader meets. On Linux; elsewhere nothing holds.
+
+    Parameters
+    ----------
+    most : int, optional
+        So much beyond what is held now [B], default what reading takes.
 
     Raises
     ------
@@ -101,8 +106,10 @@ def bounded_memory() -> Iterator[None]:
     soft, hard = resource.getrlimit(resource.RLIMIT_DATA)
     status = Path("/proc/self/status").read_text(encoding="ascii")
     own = next(int(row.split()[1]) for row in status.splitlines() if row.startswith("VmData:"))
-    most = own * 1024 + _TIMES_UNPACKED * unpack_limit()
-    limits = [limit for limit in (soft, hard, most) if limit != resource.RLIM_INFINITY]
+    more = _TIMES_UNPACKED * unpack_limit() if most is None else most
+    limits = [
+        limit for limit in (soft, hard, own * 1024 + more) if limit != resource.RLIM_INFINITY
+    ]
     resource.setrlimit(resource.RLIMIT_DATA, (min(limits), hard))
     try:
         yield

@@ -10,6 +10,7 @@ from test.nodes.conftest import NS
 from valve_twin.core.simulation import configure
 from valve_twin.core.valves.error_budget import BudgetOptions, error_budget
 from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
+from valve_twin.nodes.twin import budget_service
 from valve_twin.nodes.twin.node import TwinNode
 
 SERVICE = f"{NS}/twin/get_error_budget"
@@ -44,3 +45,47 @@ def test_a_setting_that_is_unknown_is_refused_with_its_name(graph, twin):
     assert not answer.success
     assert "did you mean 'plant.mass'" in answer.message
     assert list(answer.parameters) == []
+
+
+@pytest.fixture
+def ask(graph, twin):
+    """Return what asks for a large budget and does not wait for the answer."""
+    client = graph.node.create_client(GetErrorBudget, SERVICE)
+    graph.spin_until(client.service_is_ready, what="the service")
+    return lambda: client.call_async(GetErrorBudget.Request(realisations=64))
+
+
+def test_no_estimation_waits_for_a_budget_and_others_are_refused_meanwhile(graph, twin, ask):
+    asked = [ask() for _ in range(10)]
+    graph.spin_until(lambda: sum(a.done() for a in asked) == 9, what="nine refusals")
+    estimated = []
+    twin._valves[0].jobs.run(int, ("7",), estimated.append)
+    graph.spin_until(lambda: estimated, what="a job of the estimating process")
+    assert estimated[0].result == 7
+    assert sum(a.done() for a in asked) == 9
+    for one in asked:
+        if one.done():
+            told = f"{NS}: no error budget: that of {NS} is being computed; ask again when"
+            assert one.result().message.startswith(told)
+
+
+def test_a_budget_without_an_end_is_ended_and_told(graph, twin, ask, monkeypatch):
+    monkeypatch.setattr(budget_service, "MOST_S", 0.5)
+    for _ in range(2):  # the next one is taken
+        asked = ask()
+        answer = graph.spin_until(asked.result, what="the answer")
+        assert not answer.success
+        assert "it is not done within 0.5 s; ask for fewer realisations" in answer.message
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        (["fmu.file=/tmp/a.fmu"], "settings: fmu.file is that of the valve and is not set here"),
+        (["period_s=1e-6"], "settings: period_s is that of the valve and is not set here"),
+    ],
+)
+def test_settings_that_would_do_harm_are_refused_in_a_line(graph, twin, settings, told):
+    answer = graph.call(GetErrorBudget, SERVICE, timeout=60.0, settings=settings)
+    assert not answer.success
+    assert told in answer.message

@@ -22,6 +22,7 @@ from valve_twin.nodes.runtime.node import SPIN_S, STEADY, ValveNode
 from valve_twin.nodes.runtime.parameters import OF_VALVES
 from valve_twin.nodes.runtime.second_reader import LOOK_S
 from valve_twin.nodes.runtime.worker import WorkerProcess
+from valve_twin.nodes.twin.budget_service import BudgetDesk
 from valve_twin.nodes.twin.estimation_job import warm_up, warm_up_prediction
 from valve_twin.nodes.twin.faults import TwinFaults
 from valve_twin.nodes.twin.history.upkeep import HistoryKeeper, retention_of
@@ -64,6 +65,7 @@ class TwinNode(ValveNode):
         self._valve_services: list[TwinServices] = []
         self._history_writers: dict[str, HistoryWriter] = {}
         self._worker: WorkerProcess | None = None
+        self._budgets = BudgetDesk(self)
         self._keeper: HistoryKeeper | None = None
         self._diagnostics: Diagnostics | None = None
         self._jump: Any = None
@@ -110,7 +112,7 @@ class TwinNode(ValveNode):
                 budget=budget,
             )
             self._valves.append(valve)
-            self._valve_services.append(TwinServices(self, valve))
+            self._valve_services.append(TwinServices(self, valve, self._budgets))
             self._faults[valve.name] = TwinFaults(self.faults, valve)
             self.get_logger().info(
                 f"{valve.name}: {config.model}, cycles go on from {valve.last_cycle}, "
@@ -189,6 +191,7 @@ class TwinNode(ValveNode):
             )
         if self._worker is not None:
             self._worker.close()
+        self._budgets.close()
         for service in self._valve_services:
             service.destroy()
         for valve in self._valves:

@@ -23,12 +23,12 @@ from valve_twin.io.history.remarks import wrong_note
 from valve_twin.io.history.tiers.reading import condensed, condensed_until, told
 from valve_twin.nodes.runtime import messages as convert
 from valve_twin.nodes.runtime.services import DeferredService, Done
-from valve_twin.nodes.twin.budget_service import begin_budget
 from valve_twin.nodes.twin.publishers import LATCHED
 
 if TYPE_CHECKING:
     from valve_twin.nodes.runtime.node import ValveNode
     from valve_twin.nodes.runtime.worker import Outcome, WorkerThread
+    from valve_twin.nodes.twin.budget_service import BudgetDesk
     from valve_twin.nodes.twin.live_valve import LiveValve
 
 DEFAULT_PAGE, MOST_OF_A_PAGE = 1000, 10000
@@ -41,7 +41,7 @@ EVENTS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 class TwinServices:
     """The services of one valve; what touches the database runs on the history's threads."""
 
-    def __init__(self, node: ValveNode, valve: LiveValve) -> None:
+    def __init__(self, node: ValveNode, valve: LiveValve, budgets: BudgetDesk) -> None:
         self._node, self._valve = node, valve
         base = f"{valve.name}/twin"
         self._estimate_now_service = node.create_service(
@@ -59,7 +59,7 @@ class TwinServices:
             DeferredService(node, srv.GetHistory, f"{base}/get_history", self._get_history),
             DeferredService(node, srv.BackupHistory, f"{base}/backup_history", self._backup),
             DeferredService(
-                node, srv.GetErrorBudget, f"{base}/get_error_budget", partial(begin_budget, valve)
+                node, srv.GetErrorBudget, f"{base}/get_error_budget", partial(budgets.begin, valve)
             ),
         ]
 
