@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from valve_twin.core.valves.designed import SCALED, find_designable
+from valve_twin.core.valves.designed import SCALED, Surroundings, find_designable
 from valve_twin.design import chain
 from valve_twin.design.geometry import DoubleStroke
 from valve_twin.design.map import MapGrid, compute_map
@@ -54,6 +54,41 @@ def test_half_the_power_slows_the_largest_step_and_changes_no_field():
     slow = model.loop(found, 1.0, {})
     assert slow.rise_s > model.loop(usual, 1.0, {}).rise_s
     assert max(slow.rows[2][1]["A"]) < 1.2 * (2.0 / design.winding().resistance) ** 0.5
+
+
+@pytest.mark.parametrize(
+    ("changes", "end"),
+    [
+        ({}, 3.0),  # power allows 2.78 A
+        ({"turns": 260}, 3.6),  # 3.51 A
+        ({"valve": Surroundings(power=22.0)}, 3.4),  # 3.36 A
+        ({"valve": Surroundings(power=100.0)}, 1700.0 / 375.0),  # 7.2 A
+    ],
+)
+def test_a_map_ends_where_the_power_does(changes, end):
+    found = chain.reaching(GRID, replace(DoubleStroke(), **changes))
+    assert found == replace(GRID, largest_current=end)
+
+
+def test_the_map_of_few_turns_leaves_the_force_that_their_power_gives():
+    design = DoubleStroke(turns=260)
+    model, of = find_designable(), chain.FIDELITIES["search"]
+    designed, _ = chain.compute_design(design, fidelity=of)
+    by_power = (design.valve.power / design.winding().resistance) ** 0.5
+    assert designed.largest_current == by_power
+    capped = replace(designed, curves=compute_map(design.section(), of.grid))
+    margins = [model.force_margin(model.of_design(each)) for each in (designed, capped)]
+    assert margins == pytest.approx([66.0, 50.9], abs=1.0)
+
+
+def test_current_that_the_power_allows_and_no_step_gets_is_told():
+    designed, _ = chain.compute_design(DoubleStroke(), fidelity=QUICK)
+    assert chain.short_of_current(designed) == ""
+    low = replace(designed, around=Surroundings(span=1.5))
+    assert "valve.bias + valve.span = 2 A: the steps get no more" in chain.short_of_current(low)
+    strong = replace(designed, around=Surroundings(power=30.0))
+    said = chain.short_of_current(strong)
+    assert said.startswith("the map ends at 3 A, below the 3.93 A that valve.power = 30 W allows")
 
 
 def test_a_map_of_another_section_is_refused():

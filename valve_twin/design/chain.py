@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import TYPE_CHECKING
@@ -29,6 +30,10 @@ STEPS = (0.1, 0.25, 0.5, 1.0)
 
 COARSE = MapGrid(currents=6, positions=7, fine=0.6)
 """Of an evaluation: 1.6 of 136 N and 1.0 of 168 mWb off the usual map of the reference at most."""
+
+AMPERE_TURNS = 1700.0
+"""At most at the end of a map: 1.5 times those of the reference, as its nodes do not become more,
+assumed [A]."""
 
 VARIED = 0.1
 """By how much a robust evaluation scales friction, supply and copper, assumed [1]."""
@@ -105,6 +110,48 @@ class Evaluation:
     margin: float
 
 
+def reaching(grid: MapGrid, design: DoubleStroke) -> MapGrid:
+    """Return a grid whose map ends where the power of a design's coils does, if that is later.
+
+    Its nodes stay as many: as power and winding space give the ampere turns, they lie as close
+    in those. Above `AMPERE_TURNS` the map ends earlier, see `short_of_current`.
+
+    Parameters
+    ----------
+    grid : MapGrid
+        Of the solenoid of the reference.
+    design : DoubleStroke
+        With its power.
+    """
+    by_power = math.sqrt(design.valve.power / design.winding().resistance)
+    end = min(math.ceil(10.0 * by_power) / 10.0, AMPERE_TURNS / design.turns)
+    return replace(grid, largest_current=max(grid.largest_current, end))
+
+
+def short_of_current(designed: Designed) -> str:
+    """Return one line where a coil gets less current than its power allows; "" where it does not.
+
+    Parameters
+    ----------
+    designed : Designed
+        With its map and its surroundings.
+    """
+    around, end = designed.around, float(designed.curves.currents[-1])
+    by_power = math.sqrt(around.power / designed.resistance)
+    allowed = f"the {by_power:.3g} A that valve.power = {around.power:g} W allows"
+    if end < by_power:
+        return (
+            f"the map ends at {end:.3g} A, below {allowed}: force margin and steps are those of "
+            f"{end:.3g} A; lower valve.power or give a map with a higher --largest-current"
+        )
+    if around.bias + around.span < by_power:
+        return (
+            f"valve.bias + valve.span = {around.bias + around.span:.3g} A: the steps get no more, "
+            f"the force margin is that of {allowed}; raise valve.span"
+        )
+    return ""
+
+
 def compute_design(
     design: DoubleStroke,
     curves: CoenergyMap | None = None,
@@ -138,7 +185,7 @@ def compute_design(
         raise ValueError(message)
     section, of = design.section(), fidelity or FIDELITIES["export"]
     if curves is None:
-        curves = compute_map(section, of.grid, advance)
+        curves = compute_map(section, reaching(of.grid, design), advance)
     elif curves.provenance.get("section") != repr(section):
         message = "the map was computed of another section: compute one of this design"
         raise ValueError(message)

@@ -56,6 +56,8 @@ def compute_doubts(
     ValueError
         If a section or a map of it is none.
     """
+    end = max(grid.largest_current, float(curves.currents[-1]))
+    grid = replace(grid, largest_current=end)
     own = compute_map(design.section(), grid, advance)
     finer = compute_map(design.section(), replace(grid, fine=_FINER * grid.fine), advance)
     found = [Wear("mesh", replace(own, coefficients=finer.coefficients - own.coefficients))]

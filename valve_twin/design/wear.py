@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.valves.designed import Wear
+from valve_twin.design.chain import reaching
 from valve_twin.design.geometry.section import Section
 from valve_twin.design.map import MapGrid, compute_map
 
@@ -105,6 +106,7 @@ def compute_wear(
     ValueError
         If a section or a map of it is none.
     """
+    grid = reaching(grid, design)
     new = compute_map(design.section(), grid, advance)
     found: list[Wear] = []
     for name in SIZES:

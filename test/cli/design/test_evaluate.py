@@ -29,6 +29,15 @@ def test_it_prints_the_steps_and_draws_them(tmp_path, capsys, monkeypatch):
     assert svg.read_text(encoding="utf-8").startswith("<svg")
 
 
+def test_a_power_that_no_step_gets_is_told(capsys, monkeypatch):
+    monkeypatch.setattr(chain, "STEPS", (1.0,))
+    words = ["--fidelity", "search", "--set", "turns=60", "--set", "wire=1.4e-3"]
+    assert main(["design", "evaluate", *words]) == 0
+    said = capsys.readouterr().err
+    assert "valve.bias + valve.span = 3 A: the steps get no more" in said
+    assert "16.1 A that valve.power = 15 W allows; raise valve.span" in said
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [

@@ -33,6 +33,7 @@ def test_valve_and_twin_run_on_the_map(coarse, tmp_path, capsys, monkeypatch):
     assert main(["design", "export", "--map", coarse, "--out", path]) == 0
     told = capsys.readouterr()
     found = json.loads(told.out)
+    assert "valve.power" not in told.err
     assert f"next: make demo VALVE=double_solenoid CONFIG={path}" in told.err
     options = load_config(path)[0].options
     assert found["map"] in options.map_source
@@ -47,6 +48,16 @@ def test_valve_and_twin_run_on_the_map(coarse, tmp_path, capsys, monkeypatch):
     value = dict(zip(last["names"], last["values"], strict=True))
     assert value["resistance_a"] == pytest.approx(options.resistance_a, rel=0.02)
     assert value["force_gain"] == pytest.approx(1.0, abs=0.02)
+
+
+def test_a_map_that_ends_too_early_for_the_power_is_told(coarse, tmp_path, capsys, monkeypatch):
+    quick = chain.Fidelity(MapGrid(currents=4, positions=4, fine=0.3), fine=0.3, step=4e-4)
+    monkeypatch.setitem(chain.FIDELITIES, "export", quick)
+    words = ["--map", coarse, "--set", "valve.power=30", "--out", str(tmp_path / "designed.yaml")]
+    assert main(["design", "export", *words]) == 0
+    assert (
+        "the map ends at 3 A, below the 3.93 A that valve.power = 30 W" in capsys.readouterr().err
+    )
 
 
 def test_a_twin_that_names_dimensions_takes_the_file(coarse, tmp_path, capsys, monkeypatch):

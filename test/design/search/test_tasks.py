@@ -40,6 +40,20 @@ def test_a_task_travels_and_gives_the_figures_of_the_chain(monkeypatch):
     assert again.curves == found.curves
 
 
+def test_power_reaches_the_map(monkeypatch):
+    asked = []
+
+    def fields_of(solenoid, fidelity):
+        asked.append(fidelity.grid.largest_current)
+        raise ValueError
+
+    monkeypatch.setattr(tasks, "_fields_of", fields_of)
+    for power in (15.0, 30.0):
+        strong = changed(DoubleStroke(), {"valve.power": power})
+        evaluate_task(DesignTask("a", strong, given=QUICK))
+    assert asked == [3.0, 4.0]
+
+
 def test_a_broken_geometry_is_a_line_with_its_amount_and_costs_nothing():
     found = evaluate_task(DesignTask("a", DoubleStroke(turns=500)))
     assert found.error.startswith("winding height = 0.0118516: must be 0 to 0.0095")

@@ -70,7 +70,7 @@ def _evaluate(arguments: argparse.Namespace) -> int:
     if arguments.svg:
         check_writable(arguments.svg)
     from valve_twin.core.valves.designed import find_designable
-    from valve_twin.design.chain import STEPS, evaluate, find_fidelity
+    from valve_twin.design.chain import STEPS, evaluate, find_fidelity, short_of_current
 
     missing = [share for share in arguments.shares or () if share not in STEPS]
     if missing:
@@ -99,6 +99,9 @@ def _evaluate(arguments: argparse.Namespace) -> int:
 
         Path(arguments.svg).write_text(draw_loops(found.loops), encoding="utf-8")
         say(f"{arguments.svg}: written")
+    short = short_of_current(found.designed)
+    if short:
+        say(short)
     worst = {share: _worst(found, share) for share in found.loops} if arguments.robust else {}
     if arguments.json:
         replayed = [{"step": share, **figures} for share, figures in again.items()]

@@ -49,7 +49,7 @@ def _export(arguments: argparse.Namespace) -> int:
     design = read_double_stroke(arguments)
     check_writable(arguments.out)
     from valve_twin.core.valves.designed import find_designable
-    from valve_twin.design.chain import compute_design
+    from valve_twin.design.chain import compute_design, short_of_current
     from valve_twin.design.map import read_map
     from valve_twin.io.config.exported import exported_yaml
     from valve_twin.io.config.valve import load_config
@@ -70,6 +70,9 @@ def _export(arguments: argparse.Namespace) -> int:
     Path(arguments.out).write_text(text, encoding="utf-8")
     load_config(Path(arguments.out))
     say(f"{arguments.out}: written")
+    short = short_of_current(designed)
+    if short:
+        say(short)
     say(f"next: make demo VALVE={valve.name} CONFIG={Path(arguments.out).resolve()}")
     fits = {name: found.fit for name, found in zip(("G_A", "G_F"), dynamics, strict=True)}
     print_json({"map": source["sha256"], "resistance": designed.resistance, "fit": fits} | apart)

@@ -24,7 +24,7 @@ def add(steps: Verbs) -> None:
     parser.add_argument("--out", required=True, metavar="FILE", help="map to write, .npz")
     parser.add_argument("--svg", metavar="FILE", help="picture to write")
     for name, kind, text in (
-        ("largest_current", float, "of each coil [A], default 3"),
+        ("largest_current", float, "of each coil [A], default 3 or what valve.power allows"),
         ("currents", int, "currents of each coil, default 7"),
         ("positions", int, "positions over the stroke, default 9"),
         ("fine", float, "elements along a line over the usual, default 0.8"),
@@ -38,12 +38,16 @@ def _map(arguments: argparse.Namespace) -> int:
         if path:
             check_writable(path)
     from valve_twin.core.physics.coenergy import check_inductances
+    from valve_twin.design.chain import reaching
+    from valve_twin.design.geometry import DoubleStroke
     from valve_twin.design.map import MapGrid, compute_map, write_map
 
     names = ("largest_current", "currents", "positions", "fine")
     given = {n: getattr(arguments, n) for n in names if getattr(arguments, n) is not None}
     with refusals():
         section, grid = section_of(design), MapGrid(**given)
+        if isinstance(design, DoubleStroke) and arguments.largest_current is None:
+            grid = reaching(grid, design)
         with progress_of("computing fields", None) as advance:
             found = compute_map(section, grid, advance)
     write_map(found, Path(arguments.out))

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.valves.designed import Surroundings, find_designable
-from valve_twin.design.chain import compute_design, evaluate, find_fidelity
+from valve_twin.design.chain import compute_design, evaluate, find_fidelity, reaching
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -31,7 +31,7 @@ HEAT_TRANSFER = 12.0
 """Of a yoke's surface to still air, convection and radiation, assumed [W/(m^2 K)]."""
 
 _KEPT = 8  # solenoids whose fields a process keeps
-_SHARES = (0.25, 0.5, 0.75, 1.0)  # of the largest current, coil A alone
+_CURRENTS = (0.75, 1.5, 2.25, 3.0)  # coil A alone, within any map [A]
 _PLACES = (-1.0, -0.5, 0.0, 0.5, 1.0)  # of the stroke
 
 
@@ -111,7 +111,8 @@ def evaluate_task(task: DesignTask) -> Outcome:
         fidelity = task.given or find_fidelity(task.fidelity)
         valve = find_designable(task.valve)
         solenoid = replace(task.design, valve=Surroundings())
-        designed, dynamics = _fields_of(solenoid, fidelity)
+        grid = reaching(fidelity.grid, task.design)
+        designed, dynamics = _fields_of(solenoid, replace(fidelity, grid=grid))
         designed = replace(designed, around=task.design.valve)
         found = evaluate(task.design, valve, computed=(designed, dynamics))
         figures, curves = figures_of(task.design, found), _curves(found.designed.curves)
@@ -202,10 +203,10 @@ def _zeros(of: Dynamics) -> tuple[float, float]:
 
 
 def _curves(curves: CoenergyMap) -> dict[str, tuple[float, ...]]:
-    """Return force [N] and flux linkage [Wb] of coil A at `_SHARES` and `_PLACES`."""
-    currents = np.zeros((len(_SHARES) * len(_PLACES), len(curves.coils)))
-    currents[:, 0] = np.repeat(np.array(_SHARES) * curves.currents[-1], len(_PLACES))
-    x: FloatArray = np.tile(np.array(_PLACES) * curves.positions[-1], len(_SHARES))
+    """Return force [N] and flux linkage [Wb] of coil A at `_CURRENTS` and `_PLACES`."""
+    currents = np.zeros((len(_CURRENTS) * len(_PLACES), len(curves.coils)))
+    currents[:, 0] = np.repeat(_CURRENTS, len(_PLACES))
+    x: FloatArray = np.tile(np.array(_PLACES) * curves.positions[-1], len(_CURRENTS))
     flux = curves.flux(currents, x)[:, 0]
     return {"force": tuple(curves.force(currents, x).tolist()), "flux": tuple(flux.tolist())}
 
