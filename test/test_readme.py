@@ -13,6 +13,9 @@ from pathlib import Path
 import pytest
 import yaml
 
+from valve_twin.core.valves.registry import DEFAULT_MODEL, model_names
+from valve_twin.demo.cases import case_names
+
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```sh\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
@@ -24,6 +27,8 @@ COMMANDS = [
 ]
 OFFLINE = [c for c in COMMANDS if c.startswith("tools/run valve-twin ")]
 LINKED = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+TOLD_ELSEWHERE = {"damadics": "docs/damadics.md", "first_order": "docs/developers/add_a_valve.md"}
+"""Pages of valves outside docs/valves: a benchmark, and the example of how to add one."""
 
 
 def test_every_command_is_of_a_kind_that_is_checked():
@@ -61,6 +66,17 @@ def test_make_targets_exist():
             ["make", "-n", target], cwd=ROOT, capture_output=True, text=True, check=False
         )
         assert done.returncode == 0, done.stderr
+
+
+def test_the_demo_and_the_pages_of_valves_are_those_of_the_registry():
+    (shown,) = re.findall(r"^Another valve: ([^;]*);", README, re.MULTILINE)
+    shown = re.findall(r"`(?:make demo VALVE=)?(\w+)`", shown)
+    assert sorted([DEFAULT_MODEL, *shown]) == sorted(case_names())
+    (listed,) = re.findall(r"^\| \[docs/valves\]\(docs/valves\) \| ([^:]*):", README, re.MULTILINE)
+    pages = sorted(page.stem for page in (ROOT / "docs" / "valves").glob("*.md"))
+    assert sorted(listed.split(", ")) == pages
+    assert sorted([*pages, *TOLD_ELSEWHERE]) == sorted(model_names())
+    assert [page for page in TOLD_ELSEWHERE.values() if not (ROOT / page).is_file()] == []
 
 
 def test_launch_files_and_their_arguments_exist():

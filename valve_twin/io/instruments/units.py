@@ -8,6 +8,7 @@ import re
 from dataclasses import dataclass
 
 from valve_twin.core.survey.choose import ANSWERS
+from valve_twin.core.valves.registry import DEFAULT_MODEL, get_model
 
 PRESSURE, FLOW = ANSWERS[1:3]
 _TABLE = {
@@ -32,7 +33,8 @@ _TABLE = {
 }
 _ROLES = {
     "command": r"cv|co|mv|cmd|command|soll\w*|set|setpoint|set_point|sp|demand|duty|stell\w*|ref|"
-    r"reference|u|input|opening|request|out_?put_signal|drive|target|v_in|v_out",
+    r"reference|u|input|opening|request|out_?put_signal|drive|target|"
+    + "|".join(get_model(DEFAULT_MODEL).inputs),
     "position": r"pos|position|travel|stroke|hub|weg|lvdt|spool|stem|rod|x|ist\w*|lift|y|"
     r"valve_pos|opening_fb|feedback|fb|rueck\w*|rück\w*|zt|stellung",
     PRESSURE: r"p\d?|press|pressure|druck|pt\d*",
