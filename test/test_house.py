@@ -89,6 +89,11 @@ COMMANDS = {"__main__.py", "warmup.py", "executables.py"}
 MOST_MODULES, MOST_LINES, MOST_PARAMETERS = 15, 450, 10
 """Of a folder beside its `__init__`, of a module, and of a public function."""
 
+PUBLIC = {"_asdict", "_exit", "_fields", "_make", "_replace"}  # documented, for all their names
+PUBLIC |= {"_ArgumentGroup", "_typeshed"}  # for types alone
+REACHING = {"compat.py", "kernels.py"}
+"""Modules that say, entry by entry, what they take of others' private things, why and how long."""
+
 EXCEPTIONS = yaml.safe_load((ROOT / "test" / "house.yaml").read_text(encoding="utf-8"))
 """What still breaks a rule, and may only become less."""
 
@@ -230,6 +235,50 @@ def test_nothing_outside_its_own_folder_names_a_valve() -> None:
     default = f"names {DEFAULT_MODEL}"  # what a configuration means that names no model
     offences = [o for o in offences if not ("valves/registry.py" in o and o.endswith(default))]
     assert not offences, "\n".join(offences)
+
+
+def private_names(tree: ast.AST) -> Iterator[tuple[ast.AST, str]]:
+    """Yield what a file names of the private things of others: neither bound in it nor its own."""
+    bound = {"self", "cls", "super()"}
+    found: list[tuple[ast.AST, str]] = []
+    for node in ast.walk(tree):
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
+            bound.add(node.name)
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            bound.add(node.id)
+        elif isinstance(node, ast.Attribute) and ast.unparse(node.value) in {"self", "cls"}:
+            bound.add(node.attr)
+        elif isinstance(node, ast.Attribute):
+            found.append((node, node.attr))
+        elif isinstance(node, ast.Call) and ast.unparse(node.func) in {"getattr", "setattr"}:
+            found.append((node, str(getattr(node.args[1], "value", ""))))
+        elif isinstance(node, (ast.Import, ast.ImportFrom)):
+            module = getattr(node, "module", "") or ""
+            if not module.startswith("valve_twin"):
+                names = [module, *(a.name for a in node.names)]
+                found += [(node, part) for name in names for part in name.split(".")]
+    for node, name in found:
+        if re.match("_[^_]", name) and name not in bound | PUBLIC:
+            yield node, name
+
+
+def test_only_compat_reaches_into_what_others_keep_private() -> None:
+    offences = [
+        f"{place(path, node)} takes {name}"
+        for path in python_files(PACKAGE)
+        if str(path.relative_to(PACKAGE)) not in REACHING
+        for node, name in private_names(parse(path))
+    ]
+    assert not offences, "\n".join(offences)
+
+
+def test_the_search_for_private_things_finds_them() -> None:
+    source = (
+        "from a import _b\nimport c._d\n"
+        "class E(F):\n    def g(self, other):\n        self._h = other._h\n"
+        "        self._i()\n        other._j = getattr(other, '_k', other._replace(x=1))\n"
+    )
+    assert [name for _, name in private_names(ast.parse(source))] == ["_b", "_d", "_j", "_k"]
 
 
 def test_nothing_below_the_commands_prints_or_exits() -> None:

@@ -22,6 +22,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
+from valve_twin.compat import policies_of, sessions_of
 from valve_twin.io.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -105,7 +106,7 @@ class Access:
             policies.append(_POLICY.NoSecurity)
         else:  # asyncua opens such a channel anyway and would then ask nobody for permission
             none = ua.MessageSecurityMode.None_
-            server._policies.append(
+            policies_of(server).append(
                 SecurityPolicyFactory(SecurityPolicyNone, none, permission_ruleset=_Nothing())
             )
         server.set_security_policy(policies, permission_ruleset=rules)
@@ -129,7 +130,7 @@ def _close_ways_in(server: Server) -> None:
         raise ServiceError(ua.StatusCodes.BadServiceUnsupported)
 
     def create(name: str, *arguments: Any, **named: Any) -> Any:  # noqa: ANN401  of asyncua
-        found = inner._external_sessions
+        found = sessions_of(server)
         if len(found) >= MOST_SESSIONS:
             unused = (s for s in found.values() if s.state is SessionState.Created)
             oldest = next(unused, None)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 from weakref import finalize
 
 from valve_twin import __version__
+from valve_twin.compat import end_processes
 from valve_twin.io.errors import ValveTwinError
 
 if TYPE_CHECKING:
@@ -98,7 +99,7 @@ class LocalRunner(Generic[T, R]):
         except BrokenProcessPool:  # a process died: any that ran may have done it
             suspects += running.values()
         except BaseException:
-            _end(pool)
+            end_processes(pool)  # an interrupted batch does not wait for a long bag
             raise
         else:
             if self._keep:
@@ -113,12 +114,6 @@ def _opened(jobs: int) -> ProcessPoolExecutor:
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # inherited: one core a process
     context = multiprocessing.get_context("spawn")
     return ProcessPoolExecutor(jobs, mp_context=context, initializer=_ignore_interrupts)
-
-
-def _end(pool: ProcessPoolExecutor) -> None:
-    """End the processes of a pool now: an interrupted batch does not wait for a long bag."""
-    for process in list((getattr(pool, "_processes", None) or {}).values()):
-        process.terminate()
 
 
 def _ignore_interrupts() -> None:

@@ -15,12 +15,12 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from valve_twin_msgs.msg import Prediction, PredictionSeries
 
+from valve_twin.compat import take_waiting
 from valve_twin.core.valves.registry import get_model
 from valve_twin.gateway.live.plot import MOST_COMMANDS
 from valve_twin.io.cdr.message_types import RosTypes, message_class
 from valve_twin.io.cdr.predictions import decode_prediction_run
 from valve_twin.io.cdr.signals import Extractor, batch_stamps
-from valve_twin.nodes.runtime.compat import take_waiting
 from valve_twin.nodes.runtime.stamps import from_time
 
 if TYPE_CHECKING:

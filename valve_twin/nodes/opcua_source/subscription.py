@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from valve_twin.compat import publishing_of, subscribing_of
 from valve_twin.nodes.opcua_source.tags import Sample, to_sample
 from valve_twin.nodes.opcua_source.terms import LEAST_MS, Granted, Terms
 
@@ -234,7 +235,7 @@ class TagSubscription:
         loop = asyncio.get_running_loop()
         again_s = loop.time() + AGAIN_S
         while not self._end:
-            task = client.uaclient._publish_task
+            task = publishing_of(client)
             if self._ended or task is None or task.done():
                 msg = "the server ended the subscription"
                 raise ConnectionError(msg)
@@ -257,7 +258,7 @@ class TagSubscription:
         self._granted.items.clear()
         for first in range(0, len(tags), PART):
             nodes = [client.get_node(self._nodes[tag]) for tag in tags[first : first + PART]]
-            await subscription._subscribe(
+            await subscribing_of(subscription)(
                 nodes,
                 ua.AttributeIds.Value,
                 mfilter=every,

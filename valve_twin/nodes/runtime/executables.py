@@ -11,9 +11,10 @@ from importlib import import_module
 from importlib.util import find_spec
 
 import valve_twin.one_thread  # noqa: F401 - before numpy
+from valve_twin import compat
 from valve_twin.io.config.node_arguments import check_arguments
 from valve_twin.io.errors import ConfigError
-from valve_twin.nodes.runtime import compat, termination
+from valve_twin.nodes.runtime import termination
 from valve_twin.nodes.runtime.transport import profile
 
 _NODES = {

@@ -23,10 +23,11 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
+from valve_twin import compat
 from valve_twin.io.config.every_node import NodeParameters
 from valve_twin.io.config.node_parameters import NODE_PARAMETERS
 from valve_twin.io.errors import ValveTwinError
-from valve_twin.nodes.runtime import compat, termination
+from valve_twin.nodes.runtime import termination
 from valve_twin.nodes.runtime.fault_reporter import FaultReporter
 from valve_twin.nodes.runtime.parameters import Parameters
 from valve_twin.nodes.runtime.transport.profile import remove_profile_file

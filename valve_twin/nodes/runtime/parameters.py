@@ -16,10 +16,10 @@ from rcl_interfaces.msg import (
 from rclpy.exceptions import ParameterUninitializedException
 from rclpy.parameter import Parameter
 
+from valve_twin.compat import overrides_of
 from valve_twin.core.quantity import Kind, describe, replaced, suggest
 from valve_twin.io.config.node_parameters import NODE_PARAMETERS
 from valve_twin.io.errors import ConfigError
-from valve_twin.nodes.runtime.compat import overrides_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

@@ -12,7 +12,7 @@ import sys
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from valve_twin.nodes.runtime.compat import leave
+from valve_twin.compat import leave
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -21,16 +21,16 @@ from rclpy.qos import (
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 
-from valve_twin.core.quantity import suggest
-from valve_twin.io.cdr.message_types import RosTypes, message_class
-from valve_twin.io.cdr.signals import Extractor, SignalBlock, SignalSource
-from valve_twin.io.errors import ConfigError
-from valve_twin.nodes.runtime.compat import (
+from valve_twin.compat import (
     message_and_info,
     overrides_of,
     take_with_info,
     without_place,
 )
+from valve_twin.core.quantity import suggest
+from valve_twin.io.cdr.message_types import RosTypes, message_class
+from valve_twin.io.cdr.signals import Extractor, SignalBlock, SignalSource
+from valve_twin.io.errors import ConfigError
 from valve_twin.nodes.runtime.node import RCLError
 from valve_twin.nodes.runtime.safety import is_replayed, node_name
 from valve_twin.nodes.runtime.second_reader import Pace, SecondReader, refused_policy

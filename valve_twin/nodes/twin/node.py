@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 from rclpy.clock import JumpThreshold, TimeJump
 from rclpy.duration import Duration
 
+from valve_twin.compat import share_interpreter
 from valve_twin.io.config.node_parameters import TwinParameters
 from valve_twin.io.errors import ConfigError
 from valve_twin.io.history.spool import MemoryBudget
 from valve_twin.io.history.store import History
 from valve_twin.io.instruments.derived import is_made
-from valve_twin.nodes.runtime.compat import share_interpreter
 from valve_twin.nodes.runtime.diagnostics import ERROR, STALE, Diagnostics, Report
 from valve_twin.nodes.runtime.memory_trim import MemoryTrimmer
 from valve_twin.nodes.runtime.node import SPIN_S, STEADY, ValveNode

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Every use of what rclpy, numba and Python keep private or global, in one place.
+"""Every use of what rclpy, numba, asyncua and Python keep private or global, in one place.
 
 Each function says why it is needed, what is known of it upstream and when it can go. Nothing heavy
-is imported here: the first of them run before the slow imports of a node.
+is imported here: the first of them run before the slow imports of a node. Only what `kernels`
+takes of numba stands there: a kernel is compiled anew with each change of a file behind it.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, NoReturn
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, MutableSequence
+    from concurrent.futures import ProcessPoolExecutor
 
     from rclpy.lifecycle import LifecycleNode
     from rclpy.node import Node
@@ -193,6 +195,54 @@ def destroy_state_machine(node: LifecycleNode) -> None:
     The state machine holds the node's handle; no issue is known. Goes when `destroy_node` does it.
     """
     node._state_machine.destroy_when_not_in_use()
+
+
+def end_processes(pool: ProcessPoolExecutor) -> None:
+    """End the processes of a pool now, whatever they do.
+
+    Before Python 3.14 an executor only waits for them (python/cpython#128041). Goes with 3.13:
+    `terminate_workers` is it.
+    """
+    for process in list((getattr(pool, "_processes", None) or {}).values()):
+        process.terminate()
+
+
+def policies_of(server: Any) -> MutableSequence[Any]:
+    """Return the security policies that an OPC UA server offers, to add one with its own rules.
+
+    asyncua knows one set of permissions for all that `set_security_policy` names; no issue is
+    known. Goes when it takes one a policy.
+    """
+    policies: MutableSequence[Any] = server._policies
+    return policies
+
+
+def sessions_of(server: Any) -> dict[Any, Any]:
+    """Return the sessions that clients opened at an OPC UA server, by their tokens.
+
+    asyncua keeps any number that is made and never used, and shows none; no issue is known. Goes
+    when the server takes a greatest number.
+    """
+    sessions: dict[Any, Any] = server.iserver._external_sessions
+    return sessions
+
+
+def publishing_of(client: Any) -> Any:
+    """Return the task by which an OPC UA client asks for what is published, None where none does.
+
+    asyncua lets it end without a word where the server ends the subscription; no issue is known.
+    Goes when it tells.
+    """
+    return client.uaclient._publish_task
+
+
+def subscribing_of(subscription: Any) -> Any:
+    """Return what adds nodes to an OPC UA subscription under a filter.
+
+    asyncua's `subscribe_data_change` does the same without one; no issue is known. Goes when it
+    takes a filter.
+    """
+    return subscription._subscribe
 
 
 def leave(code: int) -> NoReturn:

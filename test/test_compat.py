@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from valve_twin.nodes.runtime import compat
+from valve_twin import compat
 
 
 @pytest.mark.parametrize("arguments", [("m", {"i": 1}), (("m", {"i": 1}),)])
