@@ -39,6 +39,7 @@ class Browser:
         flags += ["--remote-debugging-port=0", f"--user-data-dir={folder}", "--hide-scrollbars"]
         flags += ["--no-first-run", "--disable-extensions", "--ignore-certificate-errors"]
         flags += ["--disable-background-networking", "--disable-component-update"]
+        flags += ["--disable-quic", "--disable-sync"]
         self._process = subprocess.Popen(
             [PROGRAM, *flags, "about:blank"], stderr=subprocess.PIPE, text=True
         )
@@ -110,6 +111,23 @@ class Browser:
         )
         scheme = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
         self.call("Emulation.setEmulatedMedia", media="screen", features=scheme)
+
+    def paper(self, width: int) -> None:
+        """Take the style of a printed page of a width [px]; `resize` takes the screen's again."""
+        self.resize(width, 1000)
+        self.call("Emulation.setEmulatedMedia", media="print", features=[])
+
+    def printed(self) -> bytes:
+        """Return the page as PDF, backgrounds included."""
+        found = self.call("Page.printToPDF", printBackground=True, preferCSSPageSize=True)
+        return base64.b64decode(found["data"])
+
+    def press(self, key: str, code: int) -> None:
+        """Press a key and let it go."""
+        text = {"text": "\r"} if key == "Enter" else {}
+        given = {"key": key, "code": key, "windowsVirtualKeyCode": code, **text}
+        self.call("Input.dispatchKeyEvent", type="keyDown", **given)
+        self.call("Input.dispatchKeyEvent", type="keyUp", **given)
 
     def shoot(self, path: Path, *, whole: bool = True) -> None:
         """Write a picture of the page."""
