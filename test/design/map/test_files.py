@@ -46,6 +46,20 @@ def test_what_is_no_map_is_refused_with_its_name(tmp_path):
         read_map(path)
 
 
+def test_no_file_is_told_to_be_loaded_unsafely(tmp_path):
+    path = tmp_path / "README.md"
+    path.write_text("# no map\n", encoding="utf-8")
+    with pytest.raises(
+        ValueError, match=r"is no map of .* \(its bytes are no archive npz of"
+    ) as of:
+        read_map(path)
+    assert "pickle" not in str(of.value)
+    np.savez(tmp_path / "o.npz", form=np.array([{}], dtype=object))
+    with pytest.raises(ValueError, match=r"\(it holds objects of a program, which are") as of:
+        read_map(tmp_path / "o.npz")
+    assert "trust" not in str(of.value)
+
+
 def test_a_map_that_unpacks_to_much_or_claims_to_is_refused(tmp_path):
     path = tmp_path / "map.npz"
     with (

@@ -15,9 +15,12 @@ from valve_twin.core.physics.coenergy import CoenergyMap
 
 if TYPE_CHECKING:
     from pathlib import Path
+    from typing import BinaryIO
 
 _FORM = 1
 _MOST_BYTES = 256 << 20
+_NO_ARCHIVE = "its bytes are no archive npz of arrays"
+_OBJECTS = "it holds objects of a program, which are never loaded"  # what numpy says tells how
 _TOO_LARGE = f"it unpacks to more than {_MOST_BYTES >> 20} MB"
 _BROKEN = (
     OSError,
@@ -64,21 +67,34 @@ def read_map(path: Path) -> CoenergyMap:
         If the file cannot be read or is no map; names it.
     """
     try:
-        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            if sum(item.file_size for item in file.zip.infolist()) > _MOST_BYTES:
-                raise ValueError(_TOO_LARGE)
-            held = {name: file[name] for name in file.files}
-        form = int(held["form"])
-        if form == _FORM:
-            return CoenergyMap(
-                tuple(str(name) for name in held["coils"]),
-                held["currents"],
-                held["positions"],
-                held["coefficients"],
-                json.loads(str(held["provenance"])),
-            )
+        with path.open("rb") as opened:
+            if not zipfile.is_zipfile(opened):
+                raise ValueError(_NO_ARCHIVE)
+            opened.seek(0)
+            form, found = _read(opened)
     except _BROKEN as err:
-        message = f"{path}: is no map of valve-twin design map ({' '.join(str(err).split())})"
+        said = _OBJECTS if "pickle" in str(err) else " ".join(str(err).split())
+        message = f"{path}: is no map of valve-twin design map ({said})"
         raise ValueError(message) from err
-    message = f"{path}: is a map of form {form}: this version reads form {_FORM}"
-    raise ValueError(message)
+    if found is None:
+        message = f"{path}: is a map of form {form}: this version reads form {_FORM}"
+        raise ValueError(message)
+    return found
+
+
+def _read(opened: BinaryIO) -> tuple[int, CoenergyMap | None]:
+    """Return the form of a map and, where it is known, the map."""
+    with np.load(opened, allow_pickle=False) as file:
+        if sum(item.file_size for item in file.zip.infolist()) > _MOST_BYTES:
+            raise ValueError(_TOO_LARGE)
+        held = {name: file[name] for name in file.files}
+    form = int(held["form"])
+    if form != _FORM:
+        return form, None
+    return form, CoenergyMap(
+        tuple(str(name) for name in held["coils"]),
+        held["currents"],
+        held["positions"],
+        held["coefficients"],
+        json.loads(str(held["provenance"])),
+    )
