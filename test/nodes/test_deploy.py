@@ -146,7 +146,7 @@ def test_the_policy_allows_what_the_nodes_do(graph, simulated_bag):
         "twin": ("subscribe", f"{NS}/spool_position"),
         "aging_monitor": ("subscribe", f"{NS}/twin/estimate"),
         "bag_recorder": ("subscribe", "/sim/press/valve_1/spool_position"),
-        "bag_player": ("publish", "/replay/sim/press/valve_1/spool_position"),
+        "bag_player": ("publish", "/replay/press/valve_1/spool_position"),
     }
     for node, (kind, name) in busy.items():
         graph.spin_until(lambda n=node, k=kind, t=name: t in does(graph, n)[k], 40.0, node)

@@ -123,7 +123,7 @@ def test_live_replayed_and_offline_give_the_same_bits(tmp_path, domain):
         SOURCE
         | {
             "history_url": replay_url,
-            "topic_prefix": "/replay/sim",
+            "topic_prefix": "/replay",
             "bag": str(bag),
             "rate": 0.0,
             "wait_for_subscribers": 1,

@@ -248,6 +248,43 @@ def test_topics_are_filtered_and_renamed(graph, bag):
     assert not listener.states
 
 
+@pytest.mark.parametrize(
+    ("recorded", "given", "played"),
+    [
+        (["/sim/v/x", "/v/y"], {}, ["/replay/v/x", "/replay/v/y"]),
+        (["/replay/v/x"], {}, ["/replay/v/x"]),
+        (["/simon/x"], {}, ["/replay/simon/x"]),
+        (["/sim/v/x"], {"publish_prefix": "/replay_2"}, ["/replay_2/v/x"]),
+        (["/line2_sim/v/x"], {"replaced_prefixes": ["line2_sim"]}, ["/replay/v/x"]),
+        (["/sim/v/x"], {"replaced_prefixes": [""]}, ["/replay/sim/v/x"]),
+        (["/sim/v/x"], {"remap": ["/sim/v/x:=/sim/z"]}, ["/replay/sim/z"]),
+        (["/sim/v/x", "/v/x"], {}, ["/replay/sim/v/x", "/replay/v/x"]),
+        (["/replay/v/x", "/sim/v/x"], {}, ["/replay/replay/v/x", "/replay/v/x"]),
+        (["/sim/v/x"], {"publish_prefix": ""}, ["/sim/v/x"]),
+        (["/sim/v/x"], {"publish_prefix": "/plant"}, ["/plant/sim/v/x"]),
+    ],
+)
+def test_the_prefix_of_a_simulated_or_replayed_valve_is_replaced(
+    graph, tmp_path, recorded, given, played
+):
+    with BagWriter(tmp_path / "bag") as writer:
+        for i, topic in enumerate(recorded):
+            write_sample(writer, topic, at(i), 0.0)
+    node = graph.host(BagPlayerNode, bag=str(tmp_path / "bag"), **given)
+    assert node._settings is not None
+    assert sorted(t.name for t in node._settings.topics) == played
+
+
+def test_a_replaced_prefix_is_told(graph, tmp_path, capfd):
+    with BagWriter(tmp_path / "bag") as writer:
+        for i, topic in enumerate(["/sim/v/x", "/sim/v/y", "/v/y"]):
+            write_sample(writer, topic, at(i), 0.0)
+    graph.host(BagPlayerNode, bag=str(tmp_path / "bag"))
+    told = capfd.readouterr().err
+    assert "1 topics recorded below /sim are played below /replay instead" in told
+    assert "topic '/sim/v/y' is played as '/replay/sim/v/y': '/replay/v/y' is another's" in told
+
+
 def test_bytes_and_stamps_pass_untouched(graph, tmp_path):
     """Also a NaN with a payload, a negative zero and a stamp that no clock gives."""
     path = tmp_path / "bag"

@@ -183,6 +183,12 @@ class BagPlayerParameters(LiveParameters):
     publish_prefix: str = setting(
         "/replay", "Put before every topic, so that no real valve is moved.", local=True
     )
+    replaced_prefixes: tuple[str, ...] = setting(
+        ("/sim", "/replay"),
+        "Recorded prefixes that publish_prefix replaces, where it begins with /sim or /replay "
+        "itself; empty = put it before them.",
+        local=True,
+    )
     topics: tuple[str, ...] = setting((), "Topics to play; empty with an empty regex = all.")
     regex: str = setting("", "Play also topics in whose name this expression is found.")
     exclude_topics: tuple[str, ...] = setting((), "Topics not to play.")

@@ -72,7 +72,8 @@ class BagPlayerNode(ValveNode):
         self.parameters.check()
         logger = self.get_logger()
         self._bridge = LogBridge(logger)
-        settings = read_settings(self.parameters, self.get_fully_qualified_name(), logger.warning)
+        where = self.get_fully_qualified_name()
+        settings = read_settings(self.parameters, where, logger.warning, logger.info)
         most = MOST_MESSAGES if has_fast_heartbeat() else MOST_SLOWLY
         self._settings, self.playback = settings, Playback(settings, most, logger.info)
 

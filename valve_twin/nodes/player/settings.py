@@ -27,6 +27,7 @@ from valve_twin.io.errors import ConfigError
 from valve_twin.io.playback.choice import Choice, Stretch, read_remaps, stretch
 from valve_twin.io.playback.player import BagTopic, bag_topics
 from valve_twin.nodes.player.outbox import DEPTH
+from valve_twin.nodes.runtime.safety import is_free
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -100,7 +101,10 @@ class PlaybackSettings:
 
 
 def read_settings(
-    parameters: Parameters, where: str, warn: Callable[[str], object]
+    parameters: Parameters,
+    where: str,
+    warn: Callable[[str], object],
+    tell: Callable[[str], object] = lambda _: None,
 ) -> PlaybackSettings:
     """Return what the parameters ask for.
 
@@ -111,7 +115,9 @@ def read_settings(
     where : str
         Name of the node, for messages.
     warn : callable
-        Gets a line for each topic that cannot be played.
+        Gets a line for each topic that cannot be played, or not under the name that is looked for.
+    tell : callable
+        Gets a line for each recorded prefix that gives way to the player's.
 
     Raises
     ------
@@ -131,7 +137,8 @@ def read_settings(
         exclude_topics=p.exclude_topics,
         exclude_regex=p.exclude_regex,
     )
-    topics = _topics(p, [t for t in bag_topics(bag, choice) if _is_playable(t, warn)])
+    playable = [t for t in bag_topics(bag, choice) if _is_playable(t, warn)]
+    topics = _topics(p, playable, _names(p, [t.name for t in playable], warn, tell))
     if p.clock:
         topics = [r for r in topics if r.topic.name != CLOCK]
     _check_names(topics, where)
@@ -166,20 +173,46 @@ def _is_playable(topic: BagTopic, warn: Callable[[str], object]) -> bool:
     return not problem
 
 
-def _topics(p: BagPlayerParameters, topics: list[BagTopic]) -> list[PlayedTopic]:
-    prefix = p.publish_prefix
-    renamed = read_remaps(p.remap)
+def _names(
+    p: BagPlayerParameters,
+    recorded: list[str],
+    warn: Callable[[str], object],
+    tell: Callable[[str], object],
+) -> dict[str, str]:
+    """Return under which name each topic is published.
+
+    Where the player's prefix is free of real valves it takes the place of that of a simulated or
+    replayed valve, so that its twin finds the topics; unless two would have one name.
+    """
+    prefix, renamed = p.publish_prefix, read_remaps(p.remap)
+    names = {n: resolve_topic(renamed.get(n, n), "", prefix) for n in recorded}
+    heads = [f"/{h.strip('/')}" for h in p.replaced_prefixes if h.strip("/")]
+    for head in heads if is_free(prefix) else ():
+        below = [n for n in recorded if n.startswith(f"{head}/") and n not in renamed]
+        taken = {name for n, name in names.items() if n not in below}
+        shorter = {n: resolve_topic(n.removeprefix(head), "", prefix) for n in below}
+        for name in [n for n in below if shorter[n] in taken]:
+            warn(f"topic '{name}' is played as '{names[name]}': '{shorter[name]}' is another's")
+            del shorter[name]
+        names |= shorter
+        if shorter:
+            tell(f"{len(shorter)} topics recorded below {head} are played below {prefix} instead")
+    return names
+
+
+def _topics(
+    p: BagPlayerParameters, topics: list[BagTopic], names: dict[str, str]
+) -> list[PlayedTopic]:
     path = p.qos_overrides_path
     overrides = read_overrides(path) if path else {}
     clock_topics = p.clock_topics
     lossless = p.lossless
     found = []
     for topic in topics:
-        name = resolve_topic(renamed.get(topic.name, topic.name), "", prefix)
         offer = _lossless(topic.qos) if lossless else topic.qos
         offer = override(offer, overrides.get(topic.name, {}), f"{path}: topic '{topic.name}'")
         ticks = not clock_topics or topic.name in clock_topics
-        found.append(PlayedTopic(topic, name, offer, ticks))
+        found.append(PlayedTopic(topic, names[topic.name], offer, ticks))
     return found
 
 
