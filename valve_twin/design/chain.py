@@ -15,7 +15,7 @@ from valve_twin.core.quantity import assumed, check_quantities
 from valve_twin.core.valves.designed import SCALED, Designed
 from valve_twin.design.dynamics import branch_records, fit_branches, identify
 from valve_twin.design.field import Trapezoid, make_model, run_transient
-from valve_twin.design.map import MapGrid, compute_map
+from valve_twin.design.map import MapGrid, compute_map, unlike
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -186,9 +186,8 @@ def compute_design(
     section, of = design.section(), fidelity or FIDELITIES["export"]
     if curves is None:
         curves = compute_map(section, reaching(of.grid, design), advance)
-    elif curves.provenance.get("section") != repr(section):
-        message = "the map was computed of another section: compute one of this design"
-        raise ValueError(message)
+    else:
+        unlike(curves, section, of.grid)
     model = make_model(section, of.fine, of.skin)
     time_s, currents = Trapezoid(step=of.step).record(len(section.coils))
     found = run_transient(model, time_s, currents, np.zeros(len(time_s)), "euler")

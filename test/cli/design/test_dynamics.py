@@ -5,19 +5,22 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
 
 from test.design.dynamics.made import CURVES, GAINS, answer
 from valve_twin.cli import main
 from valve_twin.design.dynamics import eddies, switched
+from valve_twin.design.geometry import DoubleStroke
 from valve_twin.design.map import write_map
 
 
 def test_it_fits_draws_and_says_how_steep_the_flanks_may_be(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(switched, "run_transient", answer)
     monkeypatch.setattr(eddies, "run_transient", answer)
-    write_map(CURVES, tmp_path / "m.npz")
+    of = {"section": repr(DoubleStroke().section())}
+    write_map(replace(CURVES, provenance=of), tmp_path / "m.npz")
     words = ["--map", str(tmp_path / "m.npz"), "--svg", str(tmp_path / "d.svg")]
     assert main(["design", "dynamics", *words]) == 0
     said = json.loads(capsys.readouterr().out)
@@ -34,6 +37,7 @@ def test_it_fits_draws_and_says_how_steep_the_flanks_may_be(tmp_path, capsys, mo
     [
         (["--slope", "-1"], "Trapezoid.slope = -1.0: must be a number from 1e-07 to 10 [s/A]"),
         (["--fidelity", "fine"], "fidelity 'fine': must be one of search"),
+        (["--map", "none.npz"], "none.npz: is no map of valve-twin design map"),
         (["--set", "turns=500"], "winding height = 0.0118516: must be 0 to 0.0095"),
     ],
 )

@@ -34,6 +34,10 @@ def test_valve_and_twin_run_on_the_map(coarse, tmp_path, capsys, monkeypatch):
     told = capsys.readouterr()
     found = json.loads(told.out)
     assert "valve.power" not in told.err
+    assert (
+        f"{coarse}: made with currents 4 (now 7), positions 4 (now 9), fine 0.3 (now 0.8)\n"
+        in (told.err)
+    )
     assert f"next: make demo VALVE=double_solenoid CONFIG={path}" in told.err
     options = load_config(path)[0].options
     assert found["map"] in options.map_source

@@ -11,6 +11,7 @@ import pytest
 
 from valve_twin.cli import main
 from valve_twin.core.physics.coenergy import CoenergyMap, spline_coefficients
+from valve_twin.design.geometry import DoubleStroke
 from valve_twin.design.map import write_map
 
 SHORT = [
@@ -49,7 +50,8 @@ def test_with_a_map_it_fits_the_dynamics(tmp_path, capsys):
     values[1::2, 0::2, 0::2], values[0::2, 1::2, 0::2] = 0.06 * a * at, 0.06 * b * (2.0 - at)
     values[0::2, 0::2, 1::2] = 15.0 * (a**2 - b**2)
     values[1::2, 0::2, 1::2], values[0::2, 1::2, 1::2] = 30.0 * a, -30.0 * b
-    made = CoenergyMap(("A", "B"), i, x, spline_coefficients(values, (i, i, x)), {})
+    of = {"section": repr(DoubleStroke().section())}
+    made = CoenergyMap(("A", "B"), i, x, spline_coefficients(values, (i, i, x)), of)
     write_map(made, tmp_path / "m.npz")
     words = ["--out", str(tmp_path / "t.csv"), "--map", str(tmp_path / "m.npz")]
     assert main(["design", "transient", *SHORT, *words]) == 0

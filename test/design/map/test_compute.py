@@ -12,7 +12,7 @@ import pytest
 from valve_twin.core.physics.coenergy import check_inductances
 from valve_twin.design.field import make_model, solve_field
 from valve_twin.design.geometry import DoubleStroke, Section, read_design
-from valve_twin.design.map import MapGrid, compute_map
+from valve_twin.design.map import MapGrid, compute_map, unlike
 
 SECTION = DoubleStroke().section()
 GRID = MapGrid(currents=6, positions=5, fine=0.3)
@@ -60,6 +60,20 @@ def test_it_says_what_it_was_made_of(coarse):
     assert "armature" in str(said["section"])
     assert said["fields"] == 6 * 6 * 2 + 21
     assert len(str(said["sha256"])) == 64
+    assert {"skin", "largest_current", "currents", "positions", "fine"} < set(said)
+    assert "numba" in said["versions"]
+
+
+def test_it_says_in_what_it_is_not_the_map_that_would_be_computed(coarse):
+    assert unlike(coarse, SECTION, GRID) == ()
+    finer = replace(GRID, skin=1e-3, currents=7)
+    assert unlike(coarse, SECTION, finer) == ("currents 6 (now 7)", "skin 1.0 (now 0.001)")
+    versions = {**coarse.provenance["versions"], "numba": "0.1"}
+    old = replace(coarse, provenance={**coarse.provenance, "versions": versions})
+    (said,) = unlike(old, SECTION, GRID)
+    assert said.startswith("numba 0.1 (now ")
+    with pytest.raises(ValueError, match="the map was computed of another section"):
+        unlike(coarse, DoubleStroke(gap_ratio=0.2).section(), GRID)
 
 
 def test_a_single_coil_with_a_magnet_has_a_map(root):

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from valve_twin.cli.common import OK, add_verb, check_writable, progress_of, say
-from valve_twin.cli.design.given import add_design, read_double_stroke, refusals
+from valve_twin.cli.design.given import add_design, read_double_stroke, read_map_of, refusals
 from valve_twin.cli.output import print_json
 
 if TYPE_CHECKING:
@@ -46,13 +46,13 @@ def _dynamics(arguments: argparse.Namespace) -> int:
     from valve_twin.design.chain import find_fidelity
     from valve_twin.design.dynamics import Bridge, branch_records, fit_branches, identify_switched
     from valve_twin.design.field import Trapezoid, make_model
-    from valve_twin.design.map import compute_map, read_map
+    from valve_twin.design.map import compute_map
 
     with refusals():
         of, shape = find_fidelity(arguments.fidelity), Trapezoid(slope=arguments.slope)
         section = design.section()
         if arguments.map:
-            curves = read_map(Path(arguments.map))
+            curves = read_map_of(arguments.map, design)
         else:
             with progress_of("computing fields", None) as advance:
                 curves = compute_map(section, of.grid, advance)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from valve_twin.cli.common import OK, add_verb, check_writable, progress_of, say
-from valve_twin.cli.design.given import add_design, read_double_stroke, refusals
+from valve_twin.cli.design.given import add_design, read_double_stroke, read_map_of, refusals
 from valve_twin.cli.output import print_json
 
 if TYPE_CHECKING:
@@ -50,13 +50,12 @@ def _export(arguments: argparse.Namespace) -> int:
     check_writable(arguments.out)
     from valve_twin.core.valves.designed import find_designable
     from valve_twin.design.chain import compute_design, short_of_current
-    from valve_twin.design.map import read_map
     from valve_twin.io.config.exported import exported_yaml
     from valve_twin.io.config.valve import load_config
 
     with refusals():
         valve = find_designable(arguments.valve)
-        curves = read_map(Path(arguments.map)) if arguments.map else None
+        curves = read_map_of(arguments.map, design) if arguments.map else None
         with progress_of("computing fields", None) as advance:
             designed, dynamics = compute_design(design, curves, advance=advance)
         numbers = valve.of_design(designed)

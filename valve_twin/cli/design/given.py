@@ -8,14 +8,17 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from valve_twin.cli.common import say
 from valve_twin.io.errors import ConfigError
 from valve_twin.io.limits import load_yaml
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
+    from valve_twin.core.physics.coenergy import CoenergyMap
     from valve_twin.design.geometry import DoubleStroke, HybridPole, Section
+    from valve_twin.design.map import MapGrid
     from valve_twin.design.search.archive import Archive
 
 
@@ -105,6 +108,55 @@ def refusals() -> Iterator[None]:
         yield
     except ValueError as err:
         raise ConfigError(str(err)) from err
+
+
+def grid_of(design: DoubleStroke | HybridPole | Section, given: Mapping[str, float]) -> MapGrid:
+    """Return where the fields of a design's map are computed.
+
+    Parameters
+    ----------
+    design : DoubleStroke, HybridPole or Section
+        The design; a double-stroke solenoid says by its power how far the currents go.
+    given : mapping
+        Numbers of the grid [their units].
+
+    Raises
+    ------
+    ValueError
+        If a number is outside its range.
+    """
+    from valve_twin.design.chain import reaching
+    from valve_twin.design.geometry import DoubleStroke
+    from valve_twin.design.map import MapGrid
+
+    grid = MapGrid(**given)  # type: ignore[arg-type]
+    if isinstance(design, DoubleStroke) and "largest_current" not in given:
+        return reaching(grid, design)
+    return grid
+
+
+def read_map_of(path: str, design: DoubleStroke | HybridPole | Section) -> CoenergyMap:
+    """Read a map, and say what in it is not as `design map` would compute it now.
+
+    Parameters
+    ----------
+    path : str
+        The file.
+    design : DoubleStroke, HybridPole or Section
+        Of which it has to be.
+
+    Raises
+    ------
+    ValueError
+        If it is none of this design.
+    """
+    from valve_twin.design.map import read_map, unlike
+
+    found = read_map(Path(path))
+    other = unlike(found, section_of(design), grid_of(design, {}))
+    if other:
+        say(f"{path}: made with {', '.join(other)}")
+    return found
 
 
 @contextmanager

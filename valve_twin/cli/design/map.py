@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from valve_twin.cli.common import OK, add_verb, check_writable, progress_of, say
-from valve_twin.cli.design.given import add_design, read_given, refusals, section_of
+from valve_twin.cli.design.given import add_design, grid_of, read_given, refusals, section_of
 from valve_twin.cli.output import print_json
 
 if TYPE_CHECKING:
@@ -38,16 +38,12 @@ def _map(arguments: argparse.Namespace) -> int:
         if path:
             check_writable(path)
     from valve_twin.core.physics.coenergy import check_inductances
-    from valve_twin.design.chain import reaching
-    from valve_twin.design.geometry import DoubleStroke
-    from valve_twin.design.map import MapGrid, compute_map, write_map
+    from valve_twin.design.map import compute_map, write_map
 
     names = ("largest_current", "currents", "positions", "fine")
     given = {n: getattr(arguments, n) for n in names if getattr(arguments, n) is not None}
     with refusals():
-        section, grid = section_of(design), MapGrid(**given)
-        if isinstance(design, DoubleStroke) and arguments.largest_current is None:
-            grid = reaching(grid, design)
+        section, grid = section_of(design), grid_of(design, given)
         with progress_of("computing fields", None) as advance:
             found = compute_map(section, grid, advance)
     write_map(found, Path(arguments.out))

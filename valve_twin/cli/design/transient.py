@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.cli.common import OK, add_verb, check_writable, say
-from valve_twin.cli.design.given import add_design, read_given, refusals, section_of
+from valve_twin.cli.design.given import add_design, read_given, read_map_of, refusals, section_of
 from valve_twin.cli.output import print_json
 
 if TYPE_CHECKING:
@@ -64,11 +64,10 @@ def _transient(arguments: argparse.Namespace) -> int:
     names = [f.name for f in fields(Trapezoid)]
     given = {n: getattr(arguments, n) for n in names if getattr(arguments, n) is not None}
     from valve_twin.design.dynamics import identify
-    from valve_twin.design.map import read_map
 
     fitted: dict[str, object] = {}
     with refusals():
-        curves = read_map(Path(arguments.map)) if arguments.map else None
+        curves = read_map_of(arguments.map, design) if arguments.map else None
         shape = Trapezoid(**given)
         model = make_model(section_of(design), arguments.fine, arguments.skin)
         time_s, currents = shape.record(len(model.section.coils))

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import hashlib
 import platform
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import combinations
 from typing import TYPE_CHECKING
 
@@ -116,11 +116,39 @@ def map_of(sweep: Sweep, coils: tuple[str, ...], provenance: dict[str, object]) 
     return CoenergyMap(coils, sweep.currents, sweep.positions, coefficients, provenance)
 
 
+def unlike(curves: CoenergyMap, section: Section, grid: MapGrid) -> tuple[str, ...]:
+    """Return in what a map is not that which would be computed now, what it is and what it would.
+
+    Parameters
+    ----------
+    curves : CoenergyMap
+        The map.
+    section : Section
+        Of which it is to be.
+    grid : MapGrid
+        Where its fields would be computed.
+
+    Raises
+    ------
+    ValueError
+        If it is the map of another section.
+    """
+    held = curves.provenance
+    if held.get("section") != repr(section):
+        message = "the map was computed of another section: compute one of this design"
+        raise ValueError(message)
+    now: dict[str, object] = {**asdict(grid), **_versions()}
+    versions = held.get("versions")
+    then = {**held, **(versions if isinstance(versions, dict) else {})}
+    return tuple(
+        f"{name} {then.get(name, 'unknown')} (now {value})"
+        for name, value in now.items()
+        if then.get(name) != value
+    )
+
+
 def _provenance(model: FieldModel, grid: MapGrid, sweep: Sweep) -> dict[str, object]:
     """Return what a map was computed from and with."""
-    import scipy
-    import skfem
-
     section = model.section
     arrays: tuple[FloatArray, ...] = (sweep.coenergy, sweep.force, sweep.flux, sweep.inductance)
     digest = hashlib.sha256(repr(section).encode())
@@ -129,16 +157,25 @@ def _provenance(model: FieldModel, grid: MapGrid, sweep: Sweep) -> dict[str, obj
     return {
         "name": section.name,
         "section": repr(section),
-        "fine": grid.fine,
+        **asdict(grid),
         "unknowns": model.unknowns,
         "fields": sweep.solved,
         "newton_steps": sweep.steps,
-        "versions": {
-            "valve_twin": __version__,
-            "python": platform.python_version(),
-            "numpy": np.__version__,
-            "scipy": scipy.__version__,
-            "scikit-fem": skfem.__version__,
-        },
+        "versions": _versions(),
         "sha256": digest.hexdigest(),
+    }
+
+
+def _versions() -> dict[str, str]:
+    import numba
+    import scipy
+    import skfem
+
+    return {
+        "valve_twin": __version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "scipy": scipy.__version__,
+        "numba": numba.__version__,
+        "scikit-fem": skfem.__version__,
     }
