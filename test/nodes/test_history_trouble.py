@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import os
 import resource
 import shutil
 import sqlite3
@@ -14,7 +15,7 @@ from pathlib import Path
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from valve_twin_msgs.msg import CycleSummary, Estimate, Prediction
+from valve_twin_msgs.msg import CycleSummary, Estimate, Prediction, Trend
 
 from test.nodes.conftest import NS
 from test.nodes.feeding import REARM, Feeder
@@ -165,6 +166,39 @@ def test_a_deleted_database_is_written_again_with_all_it_held(graph, database):
     plant.wait_stored([1, 2, 3, 4, 5])
     assert plant.twin.end() == 0
     assert plant.in_database() == [1, 2, 3, 4, 5]
+
+
+@pytest.mark.parametrize("tail", ["-wal", ""], ids=["log", "file"])
+def test_a_truncated_history_is_whole_again_and_survives_a_kill(graph, database, tail):
+    plant = Plant(graph, database)
+    plant.feed(3)
+    plant.wait_stored([1, 2])
+    os.truncate(f"{database}{tail}", 0)
+    plant.feed(3)
+    graph.spin_until(lambda: plant.told(stored=True) == [1, 2, 3, 4, 5], what="five stored")
+    assert "was truncated while in use" in plant.twin.log
+    plant.twin.kill()
+    assert plant.in_database() == [1, 2, 3, 4, 5]
+    with History(database, read_only=True) as history:
+        assert not history.verify().damaged
+
+
+def test_a_killed_monitor_takes_nothing_along(graph, database):
+    plant = Plant(graph, database)
+    trends = graph.record(f"{NS}/aging_monitor/trend/K_in", Trend)
+    cycles = 0
+    for _ in range(3):
+        monitor = graph.start("aging_monitor", retry_s=0.1)
+        plant.feed(2)
+        cycles += 2
+        graph.spin_until(
+            lambda n=cycles - 1: trends and trends[-1].samples >= n, 120.0, "the trend"
+        )
+        monitor.kill()
+    plant.wait_stored([1, 2, 3, 4, 5])
+    assert plant.twin.end() == 0
+    with History(database, read_only=True) as history:
+        assert not history.verify().damaged
 
 
 def test_a_full_disk_delays_storing(graph, database):

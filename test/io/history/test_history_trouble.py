@@ -4,12 +4,15 @@
 
 from __future__ import annotations
 
+import os
 import resource
 import shutil
 import sqlite3
+import tempfile
 import threading
 from contextlib import closing
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -19,6 +22,9 @@ from valve_twin.core.state import Announced
 from valve_twin.core.types import Maintenance
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.store import CycleTakenError, History
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 TAILS = ("", "-wal", "-shm")
 OK = Verdict(6, VALVE, VerdictKind.OK, VerdictKind.OK.text, "largest drift: K_in +0.1 %", 6)
@@ -122,6 +128,110 @@ class TestDeletedFile:
             assert stored(file) == [1, 2, 3, 4]
 
 
+class TestTruncatedFile:
+    """`truncate`, `cp /dev/null` or a disk that lost pages, under an open history."""
+
+    @pytest.mark.parametrize("left", [0, 32, 9000, -2000], ids=str)
+    def test_a_truncated_log_is_written_back(self, file: Path, left: int) -> None:
+        log = Path(f"{file}-wal")
+        with filled(file) as history:
+            history.add_maintenance(VALVE, Maintenance(5, 2, "seal"))
+            os.truncate(log, left if left >= 0 else log.stat().st_size + left)
+            assert history.store(VALVE, record(4), both(4))
+            (notice,) = history.notices
+            assert "log was truncated while in use: what it held was written back" in notice
+            assert history.maintenance(VALVE) == [Maintenance(5, 2, "seal")]
+            assert stored(file) == [1, 2, 3, 4]
+        assert stored(file) == [1, 2, 3, 4]
+
+    def test_a_truncated_log_is_written_back_while_nothing_is_stored(self, file: Path) -> None:
+        with filled(file) as history:
+            os.truncate(f"{file}-wal", 0)
+            history.repair()
+            assert stored(file) == [1, 2, 3]
+
+    def test_a_log_that_is_truncated_just_before_the_end_is_written_back(self, file: Path) -> None:
+        with filled(file):
+            os.truncate(f"{file}-wal", 0)
+        assert stored(file) == [1, 2, 3]
+
+    def test_a_cycle_whose_log_was_truncated_while_it_was_stored_is_not_stored(
+        self, file: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        with filled(file) as history:
+            database = history._database
+            log, size = Path(f"{file}-wal"), Path(f"{file}-wal").stat().st_size
+            look = database.check_file
+
+            def cut_after(*, grown: bool = False) -> None:
+                if grown:
+                    os.truncate(log, size)
+                look(grown=grown)
+
+            with monkeypatch.context() as change:
+                change.setattr(database, "check_file", cut_after)
+                with pytest.raises(StoreError, match="log was truncated while in use"):
+                    history.store(VALVE, record(4), both(4))
+            history.store(VALVE, record(4), both(4))  # may be there: the open file remembers it
+            assert "it was written again with" in history.notices[0]
+            store_cycles(history, 5, 7)
+        assert stored(file) == [1, 2, 3, 4, 5, 6]
+
+    @pytest.mark.parametrize("left", [0, 1000, 4096, 12288], ids=str)
+    def test_a_truncated_file_is_written_again_as_far_as_it_is_known(
+        self, file: Path, left: int
+    ) -> None:
+        with filled(file) as history:
+            with closing(sqlite3.connect(file)) as other:
+                other.execute("PRAGMA wal_checkpoint(PASSIVE)")  # the log has it still
+            history.repair()  # looks
+            os.truncate(file, left)
+            assert history.store(VALVE, record(4), both(4))
+            assert "the file was truncated while in use: it was written" in history.notices[0]
+            assert stored(file) == [1, 2, 3, 4]
+        assert stored(file) == [1, 2, 3, 4]
+
+    def test_a_truncated_file_that_nobody_knows_is_told_until_a_backup_is_there(
+        self, file: Path, tmp_path: Path
+    ) -> None:
+        with filled(file) as history:
+            backup = history.backup(tmp_path / "backup.db")
+            store_cycles(history, 4, 700)  # more than the open file remembers
+            with closing(sqlite3.connect(file)) as other:
+                other.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+            os.truncate(file, file.stat().st_size // 2)
+            for _ in range(2):
+                with pytest.raises(StoreError, match=r"truncated while .*put the last backup"):
+                    history.store(VALVE, record(700), both(700))
+            file.rename(file.with_name("damaged.db"))
+            backup.rename(file)
+            assert history.store(VALVE, record(700), both(700))
+        assert stored(file) == [1, 2, 3, 700]
+
+    def test_a_vacuumed_file_is_whole(self, file: Path) -> None:
+        with filled(file) as history:
+            with history._database.write() as connection:
+                connection.exec_driver_sql("CREATE TABLE big AS SELECT zeroblob(400000) AS x")
+            for statement in ("PRAGMA wal_checkpoint", "DROP TABLE big", "VACUUM"):
+                with closing(sqlite3.connect(file, isolation_level=None)) as other:
+                    other.execute(statement)
+                    other.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+                history.repair()
+            assert history.store(VALVE, record(4), both(4))
+            assert not history.notices
+        assert stored(file) == [1, 2, 3, 4]
+
+    def test_two_that_write_to_it_lose_nothing(self, file: Path) -> None:
+        with filled(file) as first, History(file) as second:
+            second.store("/other", record(1), both(1))
+            for number in range(4, 10):
+                os.truncate(f"{file}-wal", 0)
+                for history, valve in ((first, VALVE), (second, "/other")):
+                    assert history.store(valve, record(number), both(number))
+            assert stored(file) == [1, 2, 3, *range(4, 10)]
+            assert [c.cycle for c in first.cycles("/other")] == [1, *range(4, 10)]
+
+
 class TestReplacedFile:
     def test_is_used_and_gets_what_it_lacks(self, file: Path, tmp_path: Path) -> None:
         backup = tmp_path / "backup.db"
@@ -198,6 +308,38 @@ class TestDamagedFile:
             assert history.store(VALVE, record(300), both(300))
             assert "the one before was damaged" in history.notices[0]
         assert stored(file) == [1, 2, 3, 300]
+
+
+@pytest.fixture
+def nobodys_file() -> Iterator[Path]:
+    """A history of nobody, whom permissions bind; root they do not."""
+    user = os.geteuid()
+    with tempfile.TemporaryDirectory() as folder:
+        if user == 0:
+            os.chown(folder, 65534, 65534)
+            os.seteuid(65534)
+        try:
+            yield Path(folder, "history.db")
+        finally:
+            os.seteuid(user)
+
+
+class TestPermissions:
+    def test_that_are_taken_away_cost_nothing_that_was_stored(self, nobodys_file: Path) -> None:
+        file, folder, log = nobodys_file, nobodys_file.parent, Path(f"{nobodys_file}-wal")
+        with filled(file) as history:
+            for path, mode in ((file, 0), (log, 0), (folder, 0o500)):
+                path.chmod(mode)
+            assert history.store(VALVE, record(4), both(4))  # what is open stays open
+            folder.chmod(0)
+            for _ in range(2):
+                with pytest.raises(StoreError, match="Permission denied: check the path and the"):
+                    history.store(VALVE, record(5), both(5))
+            folder.chmod(0o700)
+            for path in (file, log):
+                path.chmod(0o600)
+            assert history.store(VALVE, record(5), both(5))
+        assert stored(file) == [1, 2, 3, 4, 5]
 
 
 class TestFullDisk:

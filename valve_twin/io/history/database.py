@@ -13,7 +13,6 @@ import os
 import sqlite3
 import threading
 from contextlib import contextmanager
-from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,20 +25,13 @@ from valve_twin.io.history.check_sums import seal_all
 from valve_twin.io.history.errors import explain
 from valve_twin.io.history.migrations.schema import create, migrate
 from valve_twin.io.history.tables import METADATA, SCHEMA_TABLE, SCHEMA_VERSION
+from valve_twin.io.history.wal.watch import FileWatch, Trouble
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
 _ADVISORY_LOCK = 0x56414C56
 """Key of the PostgreSQL lock that lets one process at a time upgrade the schema ("VALV")."""
-
-
-class Trouble(Enum):
-    """What can happen to the file under an open history."""
-
-    DELETED = "the file was deleted while in use"
-    REPLACED = "the file was replaced while in use"
-    LOG_DELETED = "its write-ahead log was deleted while in use"
 
 
 class Database:
@@ -67,9 +59,7 @@ class Database:
         self.file = Path(self.url.database or "") if self.is_sqlite else None
         self.where = place_of(url)
         self._busy_timeout_s = busy_timeout_s
-        self._identity: tuple[int, int] | None = None
-        self._log = f"{self.file}-wal"
-        self._log_identity: tuple[int, int] | None = None
+        self.files = FileWatch(self.file, lambda: self.driver) if self.file else None
         self._kept: Connection | None = None
         self._turn = threading.Lock()
         self.engine = self._make_engine()
@@ -87,6 +77,8 @@ class Database:
 
     def close(self) -> None:
         """Give all connections back."""
+        if self.files is not None:
+            self.files.close()
         with self._turn:
             if self._kept is not None:
                 self._kept.close()
@@ -115,8 +107,10 @@ class Database:
             self.check_file()
             with self.transaction() as connection:
                 self.check_file()
+                before = self._changes()
                 yield connection
-            self.check_file()
+                grown = self._changes() > before
+            self.check_file(grown=grown)
 
     @contextmanager
     def transaction(self) -> Iterator[Connection]:
@@ -175,34 +169,29 @@ class Database:
         assert isinstance(driver, sqlite3.Connection)
         return driver
 
-    def trouble(self) -> Trouble | None:
-        """Return what happened to the SQLite file: its commits would be lost."""
-        if self.file is None:
-            return None
-        found = _identity(self.file)
-        if self._identity is None:
-            self._identity = found
-        if found is None:
-            return Trouble.DELETED
-        if found != self._identity:
-            return Trouble.REPLACED
-        if self._log_identity is None or self.log_is_own():
-            return None
-        return Trouble.LOG_DELETED
+    def trouble(self, *, grown: bool = False) -> Trouble | None:
+        """Return what happened to the SQLite file: its commits would be lost.
 
-    def log_is_own(self) -> bool:
-        """Return whether the write-ahead log under its name is the one that was opened."""
-        return self._log_identity is not None and _identity(self._log) == self._log_identity
+        Parameters
+        ----------
+        grown : bool
+            Whether something was just written, so that its log must have grown.
+        """
+        with self.errors("looked at"):
+            return None if self.files is None else self.files.trouble(grown=grown)
 
-    def check_file(self) -> None:
-        """Refuse to go on with a SQLite file that is no longer there.
+    def _changes(self) -> int:
+        return self.driver.total_changes if self.is_sqlite else 0
+
+    def check_file(self, *, grown: bool = False) -> None:
+        """Refuse to go on with a SQLite file that is no longer there, or not whole.
 
         Raises
         ------
         StoreError
             If the path no longer leads to the files that were opened.
         """
-        trouble = self.trouble()
+        trouble = self.trouble(grown=grown)
         if trouble is not None:
             msg = (
                 f"{self.where}: cannot be written: {trouble.value}: what was stored is kept and"
@@ -240,8 +229,9 @@ class Database:
 
     def _connect_sqlite(self) -> sqlite3.Connection:
         assert self.file is not None
+        assert self.files is not None
         path = self.file.absolute()
-        mode = "ro" if self.read_only else ("rwc" if self._identity is None else "rw")
+        mode = "ro" if self.read_only else ("rwc" if not self.files.is_known else "rw")
         if self.read_only and not _can_write(path.parent) and not Path(f"{path}-wal").exists():
             # read-only media: the lock file of WAL cannot be made there and is not needed
             mode = "ro&immutable=1"
@@ -296,7 +286,8 @@ class Database:
         self.driver.execute(f"SELECT count(*) FROM {SCHEMA_TABLE}").fetchone()  # takes no lock
         with self.read() as connection:
             self._schema_is_current(connection)
-        self._log_identity = _identity(self._log)
+        assert self.files is not None
+        self.files.begin()
 
     def _check_content(self, connection: Connection) -> None:
         problem = connection.exec_driver_sql("PRAGMA quick_check(1)").scalar_one()
@@ -410,15 +401,6 @@ def _parse_url(text: str) -> URL:
 def _text(data: bytes) -> str:
     """Read a text; what is damaged in it stays so, for its check sum to tell."""
     return data.decode("utf-8", "surrogateescape")
-
-
-def _identity(path: Path | str) -> tuple[int, int] | None:
-    """Return what tells a file from another one under the same name, None if there is none."""
-    try:
-        status = os.stat(path)
-    except (FileNotFoundError, NotADirectoryError):
-        return None
-    return status.st_dev, status.st_ino
 
 
 def _can_write(folder: Path) -> bool:

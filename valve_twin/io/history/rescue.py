@@ -1,10 +1,11 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""What is done when the file of an open history is deleted, replaced or loses its log.
+"""What is done when the file of an open history is deleted, replaced, cut or loses its log.
 
 Nothing that was acknowledged may be lost. A deleted file still lives as long as it is open, so it
 is written again under its name. A file put in its place is used, and gets what it lacks of the
-old one. A lost log is emptied into its database. One process at a time does this.
+old one. A lost log is emptied into its database, a truncated one filled again from the copy in
+memory. One process at a time does this.
 """
 
 from __future__ import annotations
@@ -21,7 +22,6 @@ from sqlalchemy.exc import DBAPIError
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.check_sums import sealed, sound_rows
 from valve_twin.io.history.claim import only_one
-from valve_twin.io.history.database import Database, Trouble
 from valve_twin.io.history.insert import Insert
 from valve_twin.io.history.tables import (
     CHECK_SUM,
@@ -35,9 +35,13 @@ from valve_twin.io.history.tables import (
     VALVE,
     VERDICT,
 )
+from valve_twin.io.history.wal.mend import mend_cut, sync
+from valve_twin.io.history.wal.watch import Trouble
 
 if TYPE_CHECKING:
     from sqlalchemy.engine import Connection
+
+    from valve_twin.io.history.database import Database
 
 _DAMAGED = ("malformed", "not a database")
 """What SQLite says of a damaged file: its codes reach Python from 3.11 on only."""
@@ -70,6 +74,10 @@ def repair(database: Database, writers: Path) -> tuple[Database, str]:
         if trouble is None:
             return database, ""
         note = trouble.value
+        if trouble in {Trouble.CUT, Trouble.LOG_CUT}:
+            note += mend_cut(database, trouble)
+            database.close()
+            return database.again(), f"{database.where}: {note}"
         if trouble is not Trouble.LOG_DELETED:
             _part_from_log(database)
         if trouble is Trouble.DELETED:
@@ -101,9 +109,9 @@ def _write_again(database: Database) -> str:
             copy.execute("PRAGMA synchronous=FULL")
         for tail in ("-wal", "-shm"):  # of the deleted file: they must not meet the new one
             Path(f"{path}{tail}").unlink(missing_ok=True)
-        _sync(part)
+        sync(part)
         os.link(part, path)
-        _sync(path.parent)
+        sync(path.parent)
     except sqlite3.DatabaseError as err:
         if not any(sign in str(err) for sign in _DAMAGED):
             raise
@@ -117,17 +125,9 @@ def _part_from_log(database: Database) -> None:
     """Complete a file that was moved away and remove its log, which must not meet a new one."""
     with suppress(sqlite3.Error):
         database.driver.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
-    if database.log_is_own():
+    if database.files is None or database.files.log_is_own():
         for tail in ("-wal", "-shm"):
             Path(f"{database.file}{tail}").unlink(missing_ok=True)
-
-
-def _sync(path: Path) -> None:
-    file = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(file)
-    finally:
-        os.close(file)
 
 
 def _empty_log(database: Database) -> None:

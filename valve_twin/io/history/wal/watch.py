@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Watch the files of an open SQLite database: whether they are what was opened, and whole."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+from contextlib import suppress
+from enum import Enum
+from typing import TYPE_CHECKING
+
+from valve_twin.io.history.wal.copy import LogCopy
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+
+class Trouble(Enum):
+    """What can happen to the file under an open history."""
+
+    DELETED = "the file was deleted while in use"
+    REPLACED = "the file was replaced while in use"
+    LOG_DELETED = "its write-ahead log was deleted while in use"
+    CUT = "the file was truncated while in use"
+    LOG_CUT = "its write-ahead log was truncated while in use"
+
+
+class FileWatch:
+    """What the files of a database were when it was opened.
+
+    Parameters
+    ----------
+    file : Path
+        The database.
+    driver : callable
+        Returns SQLite's connection that stays open.
+
+    Attributes
+    ----------
+    is_known : bool
+        Whether the file was seen.
+    log_copy : LogCopy or None
+        What its log holds, from `begin` on.
+    """
+
+    def __init__(self, file: Path, driver: Callable[[], sqlite3.Connection]) -> None:
+        self._file, self._driver = file, driver
+        self._log = f"{file}-wal"
+        self._identity: tuple[int, int] | None = None
+        self._log_identity: tuple[int, int] | None = None
+        self._size_b = 0
+        self.log_copy: LogCopy | None = None
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the file was seen."""
+        return self._identity is not None
+
+    def begin(self) -> None:
+        """Watch the log, too, which is there from now on."""
+        self._log_identity = _identity(self._log)
+        self.log_copy = LogCopy(self._log)
+        self.trouble()
+
+    def close(self) -> None:
+        """Let go of the log, before SQLite takes it in with whatever it lacks."""
+        if self.log_copy is not None:
+            with suppress(OSError):
+                if self.log_is_own() and not self.log_copy.is_whole():
+                    self.log_copy.restore()
+            self.log_copy.close()
+
+    def trouble(self, *, grown: bool = False) -> Trouble | None:
+        """Return what happened to the files: commits would be lost.
+
+        Parameters
+        ----------
+        grown : bool
+            Whether something was just written, so that the log must have grown.
+        """
+        found = _identity(self._file)
+        if self._identity is None:
+            self._identity = found
+        if found is None:
+            return Trouble.DELETED
+        if found != self._identity:
+            return Trouble.REPLACED
+        if self.log_copy is None:
+            return None
+        if not self.log_is_own():
+            return Trouble.LOG_DELETED
+        if self._is_cut():
+            return Trouble.CUT
+        return None if self.log_copy.is_whole(grown=grown) else Trouble.LOG_CUT
+
+    def log_is_own(self) -> bool:
+        """Return whether the write-ahead log under its name is the one that was opened."""
+        return self._log_identity is not None and _identity(self._log) == self._log_identity
+
+    def _is_cut(self) -> bool:
+        """Return whether the file lost pages; a vacuumed one has those that it should."""
+        size_b = self._file.stat().st_size
+        if size_b >= self._size_b:
+            self._size_b = size_b
+            return False
+        with suppress(sqlite3.Error):
+            pages, page_b = (
+                self._driver().execute(f"PRAGMA {what}").fetchone()[0]
+                for what in ("page_count", "page_size")
+            )
+            if size_b >= pages * page_b > 0:
+                self._size_b = size_b
+        return size_b < self._size_b
+
+
+def _identity(path: Path | str) -> tuple[int, int] | None:
+    """Return what tells a file from another one under the same name, None if there is none."""
+    try:
+        status = os.stat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    return status.st_dev, status.st_ino
