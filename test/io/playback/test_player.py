@@ -4,17 +4,27 @@
 
 import random
 
+import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader
 
 from test.bag_samples import write_sample
+from test.io.salvage.damage_truth import written
+from test.io.salvage.test_agreement import wrong_times
 from valve_twin.io.bags.qos import FOREVER_NS, QosProfile, override, read_offer, read_overrides
 from valve_twin.io.bags.read import bag_info
 from valve_twin.io.bags.writer import BagWriter
-from valve_twin.io.errors import BagError, ConfigError
+from valve_twin.io.errors import BagError, ConfigError, IndexLiesError
 from valve_twin.io.playback.choice import Choice, read_remaps, stretch
-from valve_twin.io.playback.player import bag_topics, latched_before, read_messages
+from valve_twin.io.playback.player import (
+    BagMessage,
+    bag_topics,
+    compare_small,
+    latched_before,
+    read_messages,
+)
 from valve_twin.io.playback.reel import Reel
+from valve_twin.io.salvage.read import forget
 
 LATCHED = (QosProfile(durability="transient_local", depth=2),)
 STRING = "std_msgs/msg/String"
@@ -104,7 +114,7 @@ def test_the_state_before_a_time_is_the_last_of_each_topic(bag):
 
 
 def test_a_reel_goes_anywhere_and_takes_a_message_back(bag):
-    reel = Reel(bag, bag_topics(bag, ["/fast", "/state"]), stretch(bag))
+    reel = Reel(bag, bag_topics(bag, ["/fast", "/state"]), stretch(bag), stretch(bag))
     first, second = reel.take(), reel.take()
     reel.put_back()
     assert reel.take() == second != first
@@ -115,6 +125,45 @@ def test_a_reel_goes_anywhere_and_takes_a_message_back(bag):
     while reel.take() is not None:
         pass
     assert reel.next is None
+
+
+@pytest.fixture
+def lying(tmp_path):
+    """A bag one of whose chunks states times too late, and the same without the lie."""
+    truth = written("zstd-crc-2000", np.random.default_rng(0), tmp_path, 300)
+    (tmp_path / "sound.mcap").write_bytes(truth.data)
+    path = tmp_path / "lying.mcap"
+    path.write_bytes(wrong_times(truth.data, np.random.default_rng(1), late_ns=100_000_000))
+    forget()
+    return path, tmp_path / "sound.mcap"
+
+
+def play(path, told) -> list[BagMessage]:
+    """Return what a reel gives, begun anew where it says so."""
+    topics = bag_topics(path)
+    try:
+        reel = Reel(path, topics, stretch(path), stretch(path), told.append)
+    except IndexLiesError:
+        reel = Reel(path, topics, stretch(path), stretch(path), told.append)
+    return list(iter(reel.take, None))
+
+
+def test_a_bag_that_states_wrong_times_is_played_on_and_what_came_too_late_is_counted(lying):
+    told: list[str] = []
+    path, sound = lying
+    played, all_of = play(path, told), play(sound, told)
+    left_out = len(all_of) - len(played)
+    assert left_out > 0
+    assert [m for m in all_of if m in played] == played
+    assert [f"{path}: {left_out} messages are not played: it states" in t for t in told] == [True]
+
+
+def test_a_small_bag_that_states_wrong_times_is_played_whole(lying):
+    told: list[str] = []
+    path, sound = lying
+    compare_small(path)
+    assert play(path, told) == play(sound, told)
+    assert not told
 
 
 @pytest.mark.parametrize(

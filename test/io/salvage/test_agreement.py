@@ -86,13 +86,13 @@ def wrong_counts(data, rng):
     return sealed(out)
 
 
-def wrong_times(data, rng):
-    """State a chunk index and the head of its chunk an hour late."""
+def wrong_times(data, rng, late_ns=3_000_000):
+    """State a chunk index and the head of its chunk late, one to eight times `late_ns` [ns]."""
     out = bytearray(data)
     places = [b for op, b, _ in records(data) if op == CHUNK_INDEX]
     begin = int(rng.choice(places[1:-1]))
     start, end, offset = struct.unpack_from("<QQQ", out, begin + 9)
-    late = 3_000_000 * int(rng.integers(1, 9))
+    late = late_ns * int(rng.integers(1, 9))
     struct.pack_into("<QQ", out, begin + 9, start + late, end + late)
     struct.pack_into("<QQ", out, offset + 9, start + late, end + late)
     return sealed(out)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import TYPE_CHECKING
 
-from valve_twin.io.bags.contents import open_file, topic_name
+from valve_twin.io.bags.contents import compare_with_data, open_file, topic_name
 from valve_twin.io.bags.folder import bag_files
 from valve_twin.io.bags.qos import QosProfile, read_offer
 from valve_twin.io.cdr.message_types import known_type_name
@@ -31,6 +31,10 @@ if TYPE_CHECKING:
 
     from valve_twin.io.mcap.format import ChunkIndex
     from valve_twin.io.mcap.reader import McapFile
+
+
+COMPARED_B = 16_000_000
+"""Largest bag that is read once before it is played [B]: half a million samples, 2 s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +105,23 @@ def bag_topics(path: str | Path, wanted: Sequence[str] | Choice = ()) -> list[Ba
         raise BagError(msg)
     choice = wanted if isinstance(wanted, Choice) else Choice(topics=tuple(wanted))
     return [_topic(name, found[name]) for name in choice.of(sorted(found), str(path))]
+
+
+def compare_small(path: str | Path) -> None:
+    """Compare a bag with what it states of itself before it is played, where that takes no time.
+
+    Parameters
+    ----------
+    path : path
+        The bag; above `COMPARED_B` it is compared chunk by chunk on the way.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be read.
+    """
+    if sum(file.stat().st_size for file in bag_files(path)[0]) <= COMPARED_B:
+        compare_with_data(path)
 
 
 def _topic(name: str, entries: list[tuple[BagType, str]]) -> BagTopic:

@@ -11,7 +11,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from valve_twin.io.config.node_parameters import BagPlayerParameters
-from valve_twin.io.errors import ValveTwinError
+from valve_twin.io.errors import IndexLiesError, ValveTwinError
 from valve_twin.io.playback.player import bag_topics
 from valve_twin.nodes.player.playback import Phase, Playback
 from valve_twin.nodes.player.publishers import PlayerPublishers
@@ -72,10 +72,17 @@ class BagPlayerNode(ValveNode):
         self.parameters.check()
         logger = self.get_logger()
         self._bridge = LogBridge(logger)
-        where = self.get_fully_qualified_name()
+        try:
+            self._open()
+        except IndexLiesError:  # what is wrong has been said; it is known from now on
+            self._open()
+
+    def _open(self) -> None:
+        logger, where = self.get_logger(), self.get_fully_qualified_name()
         settings = read_settings(self.parameters, where, logger.warning, logger.info)
         most = MOST_MESSAGES if has_fast_heartbeat() else MOST_SLOWLY
-        self._settings, self.playback = settings, Playback(settings, most, logger.info)
+        self.playback = Playback(settings, most, logger.info, logger.warning)
+        self._settings = settings
 
     def activate(self) -> None:
         """Check that no real valve is in reach, then play."""

@@ -48,17 +48,22 @@ class Playback:
         What is played, and how.
     most : int
         Messages published at a time.
-    say : callable
-        Gets a line for the log.
+    say, warn : callable
+        Get a line for the log, and one on what is left out.
     """
 
     def __init__(
-        self, settings: PlaybackSettings, most: int, say: Callable[[str], object]
+        self,
+        settings: PlaybackSettings,
+        most: int,
+        say: Callable[[str], object],
+        warn: Callable[[str], object],
     ) -> None:
         self._settings = settings
         self._most = most
         self._say = say
-        self._reel = Reel(settings.given.bag, [r.topic for r in settings.topics], settings.part)
+        topics = [r.topic for r in settings.topics]
+        self._reel = Reel(settings.given.bag, topics, settings.part, settings.whole, warn)
         self._time = PlaybackClock(settings.given.rate)
         self._time.jump(settings.part.begin_ns, 0.0)
         self._publishers: PlayerPublishers | None = None

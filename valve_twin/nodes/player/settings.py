@@ -25,7 +25,7 @@ from valve_twin.io.config.node_parameters import BagPlayerParameters
 from valve_twin.io.config.topic_names import resolve_topic
 from valve_twin.io.errors import ConfigError
 from valve_twin.io.playback.choice import Choice, Stretch, read_remaps, stretch
-from valve_twin.io.playback.player import BagTopic, bag_topics
+from valve_twin.io.playback.player import BagTopic, bag_topics, compare_small
 from valve_twin.nodes.player.outbox import DEPTH
 from valve_twin.nodes.runtime.safety import is_free
 
@@ -131,6 +131,7 @@ def read_settings(
     if not bag:
         msg = f"{where}: key 'bag' is empty; write the folder of a bag"
         raise ConfigError(msg)
+    compare_small(bag)
     choice = Choice(
         topics=p.topics,
         regex=p.regex,
