@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import signal
 import sqlite3
 import subprocess
@@ -186,6 +187,17 @@ def test_prometheus_reads_every_valve(server):
     assert -30.0 < drift < -20.0
     document = (Path(__file__).parents[2] / "docs" / "browser.md").read_text(encoding="utf-8")
     assert {s.name for s in samples} <= set(re.findall(r"valve_twin_\w+", document))
+
+
+def test_the_linter_of_prometheus_finds_nothing(server):
+    program = shutil.which("promtool")
+    if program is None:
+        pytest.skip("promtool is not on this machine: sudo apt install prometheus")
+    text = server.get("/metrics")[1]
+    found = subprocess.run(
+        [program, "check", "metrics"], input=text, capture_output=True, text=True, check=False
+    )
+    assert (found.returncode, found.stdout + found.stderr) == (0, "")
 
 
 def test_the_dashboard_asks_for_series_and_labels_that_there_are(server):
