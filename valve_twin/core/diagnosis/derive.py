@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from copy import deepcopy
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -46,13 +46,17 @@ _STEPS = 6
 """Secant steps to the size of a small fault."""
 
 
-class Diagnosable(Protocol):
-    """A model whose cycles show features and that knows how faults change them."""
+class Followed(Protocol):
+    """What has features to follow."""
 
     @property
     def feature_set(self) -> FeatureSet:
         """Return which features, and how they are followed."""
         ...
+
+
+class Diagnosable(Followed, Protocol):
+    """A model whose cycles show features and that knows how faults change them."""
 
     def features(self, cycle: Cycle, options: Options) -> tuple[ParameterValue, ...]:
         """Return the features of a cycle."""
@@ -85,19 +89,16 @@ class Faulty(Protocol):
 
 
 V = TypeVar("V", bound=Faulty)
+M = TypeVar("M", bound=Followed)
+S = TypeVar("S", bound="SimulatedBench[Any]")
 
 
-class Bench(Protocol[V]):
+class Bench(Followed, Protocol[V]):
     """What a campaign needs: valves that take faults, and the features of their cycles."""
 
     @property
     def cycle_samples(self) -> int:
         """Return the number of samples of a cycle."""
-        ...
-
-    @property
-    def feature_set(self) -> FeatureSet:
-        """Return which features, and how they are followed."""
         ...
 
     def start(self, seed: int) -> V:
@@ -118,12 +119,12 @@ class AgingBench(Bench[V], Protocol[V]):
 
 
 @dataclass(frozen=True, slots=True)
-class Rig:
+class SimulatedBench(Generic[M]):
     """A simulated valve and the model that looks at its cycles.
 
     Attributes
     ----------
-    model : Diagnosable
+    model : Followed
         The valve's model.
     options : mapping
         Its options, complete.
@@ -131,7 +132,7 @@ class Rig:
         The valve.
     """
 
-    model: Diagnosable
+    model: M
     options: Options
     simulation: SimulationConfig
 
@@ -145,13 +146,19 @@ class Rig:
         """Return the number of samples of a cycle."""
         return self.simulation.cycle_samples
 
+    def aged(self: S, rules: tuple[AgingRule, ...]) -> S:
+        """Return the bench with valves that age."""
+        return replace(self, simulation=replace(self.simulation, aging=rules))
+
+
+class Rig(SimulatedBench[Diagnosable]):
+    """A simulated valve and a model that knows its faults."""
+
+    __slots__ = ()
+
     def start(self, seed: int) -> SimulatedValve:
         """Return a new valve."""
         return SimulatedValve(self.simulation, seed)
-
-    def aged(self, rules: tuple[AgingRule, ...]) -> Rig:
-        """Return the rig with a valve that ages."""
-        return replace(self, simulation=replace(self.simulation, aging=rules))
 
     def run(self, valve: SimulatedValve, cycles: int) -> FloatArray:
         """Run a valve on and return the features of its next cycles, (cycles, F)."""

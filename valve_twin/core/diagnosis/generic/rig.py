@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.diagnosis.derive import SimulatedBench
 from valve_twin.core.diagnosis.generic.faults import FAULTS, Sensed, source
 from valve_twin.core.diagnosis.generic.features import Record, cycle_features
 from valve_twin.core.diagnosis.generic.reference import (
@@ -22,15 +23,14 @@ from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.simulation.block import to_frames
 from valve_twin.core.simulation.valve import SimulatedValve
 from valve_twin.core.types import Cycle, ParameterValue
+from valve_twin.core.valves.interface import ValveModel
 
 if TYPE_CHECKING:
     from valve_twin.core.diagnosis.features import FeatureSet
     from valve_twin.core.diagnosis.generic.motion import Motion
-    from valve_twin.core.simulation.aging_laws import AgingRule
     from valve_twin.core.simulation.block import SimulationBlock
     from valve_twin.core.simulation.config import SimulationConfig
     from valve_twin.core.types import FloatArray
-    from valve_twin.core.valves.interface import Options, ValveModel
 
 
 class FaultyValve:
@@ -98,33 +98,10 @@ class FaultyValve:
         return step * np.round(shown / step) if step > 0.0 else shown
 
 
-@dataclass(frozen=True, slots=True)
-class ModelRig:
-    """A simulated valve and its model, fitted to the first cycles of each record.
+class ModelRig(SimulatedBench[ValveModel]):
+    """A simulated valve and its model, fitted to the first cycles of each record."""
 
-    Attributes
-    ----------
-    model : ValveModel
-        The valve's model.
-    options : dataclass
-        Its options, complete.
-    simulation : SimulationConfig
-        The valve.
-    """
-
-    model: ValveModel
-    options: Options
-    simulation: SimulationConfig
-
-    @property
-    def feature_set(self) -> FeatureSet:
-        """Return which features, and how they are followed."""
-        return self.model.feature_set
-
-    @property
-    def cycle_samples(self) -> int:
-        """Return the number of samples of a cycle."""
-        return self.simulation.cycle_samples
+    __slots__ = ()
 
     def start(self, seed: int) -> FaultyValve:
         """Return a valve whose first cycles gave the model that it is held against."""
@@ -139,10 +116,6 @@ class ModelRig:
             memory = estimate_cycle(self.model, self.options, cycle, memory)[1]
             valve.reference = reference_of(self.model, memory.estimates)
         return valve
-
-    def aged(self, rules: tuple[AgingRule, ...]) -> ModelRig:
-        """Return the rig with a valve that ages."""
-        return replace(self, simulation=replace(self.simulation, aging=rules))
 
     def run(self, valve: FaultyValve, cycles: int) -> FloatArray:
         """Run a valve on and return the features of its next cycles, (cycles, F)."""
