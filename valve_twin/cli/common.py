@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from valve_twin.core.aging import Assessment
     from valve_twin.io.config.valve import ValveConfig
     from valve_twin.io.offline.run import Record
+    from valve_twin.progress import Steps
 
     Verbs: TypeAlias = "argparse._SubParsersAction[Parser]"
 
@@ -269,8 +270,8 @@ def say(text: str) -> None:
     sys.stderr.write(f"{text}\n")
 
 
-def progress_of(what: str, total: int | None) -> AbstractContextManager[Callable[[], None]]:
-    """Show a progress bar on stderr; call what it gives once a step."""
+def progress_of(what: str, total: int | None) -> AbstractContextManager[Steps]:
+    """Show a progress bar on stderr, or a line a minute; call what it gives once a step."""
     from valve_twin.progress import progress
 
     return progress(what, total)

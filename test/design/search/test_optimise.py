@@ -38,6 +38,18 @@ def test_it_finds_better_designs_and_its_hypervolume_never_falls(design, archive
     assert {of.error for of in found.searched} >= {"", "a line that says why"}
 
 
+def test_the_front_on_its_final_fields_counts_as_well(design, archive, stand_in):
+    """It is half of the work, and nothing was told of it."""
+    advanced, expected = [], []
+    problem = make_problem(design, VARIED)
+    found = optimise(problem, SETTINGS, archive, stand_in, advance=lambda: advanced.append(1),
+                     expect=expected.append)  # fmt: skip
+    (more,) = expected
+    assert more % 2 == 0
+    assert more >= 2 * (1 + len(found.front))
+    assert len(advanced) == SETTINGS.population * SETTINGS.generations + more
+
+
 def test_an_interrupted_search_goes_on_to_the_same_front(design, archive, stand_in, tmp_path):
     problem = make_problem(design, VARIED)
     whole = optimise(problem, SETTINGS, archive, stand_in)

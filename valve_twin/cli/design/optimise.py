@@ -113,7 +113,7 @@ def _optimise(arguments: argparse.Namespace) -> int:
     with archive_at(Path(arguments.archive), design, arguments.valve) as archive:
         try:
             with refusals(), progress_of("evaluating designs", total) as advance:
-                found = optimise(problem, settings, archive, run, _tell, advance)
+                found = optimise(problem, settings, archive, run, _tell, advance, advance.more)
         except KeyboardInterrupt:
             known = sum(1 for _ in archive)
             say(f"valve-twin: interrupted: {known} designs are kept; the same command goes on")

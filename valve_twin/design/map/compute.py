@@ -7,6 +7,7 @@ from __future__ import annotations
 import hashlib
 import platform
 from dataclasses import asdict, dataclass
+from importlib.metadata import version
 from itertools import combinations
 from typing import TYPE_CHECKING
 
@@ -167,7 +168,6 @@ def _provenance(model: FieldModel, grid: MapGrid, sweep: Sweep) -> dict[str, obj
 
 
 def _versions() -> dict[str, str]:
-    import numba
     import scipy
     import skfem
 
@@ -176,6 +176,6 @@ def _versions() -> dict[str, str]:
         "python": platform.python_version(),
         "numpy": np.__version__,
         "scipy": scipy.__version__,
-        "numba": numba.__version__,
+        "numba": version("numba"),
         "scikit-fem": skfem.__version__,
     }

@@ -214,6 +214,7 @@ def optimise(
     run: Run,
     tell: Callable[[Progress], None] = lambda progress: None,
     advance: Callable[[], None] = lambda: None,
+    expect: Callable[[int], None] = lambda more: None,
 ) -> Found:
     """Search for better designs.
 
@@ -230,7 +231,10 @@ def optimise(
     tell : callable
         Called once a generation.
     advance : callable
-        Called once a design of the search, also where the archive has it.
+        Called once a design on its fields, also where the archive has it.
+    expect : callable
+        Called with how many evaluations the search adds to its population times generations: the
+        front on the final fields.
 
     Raises
     ------
@@ -266,13 +270,15 @@ def optimise(
     if not front:
         raise ValueError(_nearest(tuple(searched.values()), limits, figures))
     wanted = [start, *(dict(of.values) for of in front)]
-    finals = archive.outcomes([problem.task(v, settings.final) for v in wanted], run)
+    check = settings.final == CHECKED
+    expect((1 + check) * len(wanted))
+    finals = archive.outcomes([problem.task(v, settings.final) for v in wanted], run, advance)
     true = finals[0]
     if true.error:
         message = f"the reference cannot be evaluated: {true.error}"
         raise ValueError(message)
-    if settings.final == CHECKED:
-        archive.outcomes([problem.task(v, CHECK) for v in wanted], run)
+    if check:
+        archive.outcomes([problem.task(v, CHECK) for v in wanted], run, advance)
     apart = apart_of(finals, archive, settings.final)
     best = front_of([of for of in finals if of not in apart], limits, true.figures)
     if not best:
