@@ -32,6 +32,16 @@ def test_a_copy_goes_beside_the_database_or_where_it_is_configured(history, tmp_
         assert copy.last_cycle("/v") == 1
 
 
+@pytest.mark.parametrize("folder", ["", "copies"])
+def test_a_copy_is_named_from_the_root_wherever_it_was_asked_for(tmp_path, monkeypatch, folder):
+    monkeypatch.chdir(tmp_path)
+    with History("history.sqlite") as made:
+        made.store("/v", record(1))
+        assert (
+            made.backup_for(BackupRules(folder, 5), "x") == tmp_path / (folder or "backups") / "x"
+        )
+
+
 @pytest.mark.parametrize(
     "name", ["/etc/x", "../x", "a/b", "x\ny", ".hidden", "", " x", "x" * 121, "-rf", "x\0"]
 )

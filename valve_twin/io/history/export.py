@@ -103,7 +103,7 @@ def requested_backup_path(database: Database, rules: BackupRules, name: str) -> 
         If it is more than a name, is taken, or there is no room for it.
     """
     beside = database.file.parent if database.file else Path.cwd()
-    folder = Path(rules.folder) if rules.folder else beside / "backups"
+    folder = (Path(rules.folder) if rules.folder else beside / "backups").absolute()
     if name and not _BACKUP_NAME.fullmatch(name):
         msg = (
             f"{name[:80]!r} is no name for a backup: it goes to {folder} under letters, digits, "

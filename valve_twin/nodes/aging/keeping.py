@@ -52,12 +52,13 @@ class Keeper:
         self._config, self._kept = config, 0
         self._path: Path | None = None
         if folder:
+            place = Path(folder).absolute()
             try:
-                Path(folder).mkdir(parents=True, exist_ok=True)
+                place.mkdir(parents=True, exist_ok=True)
             except OSError as err:
-                msg = f"state_folder {folder}: {err.strerror}: name a folder that can be written"
+                msg = f"state_folder {place}: {err.strerror}: name a folder that can be written"
                 raise ConfigError(msg) from err
-            self._path = Path(folder) / f"aging{config.name.replace('/', '.')}"
+            self._path = place / f"aging{config.name.replace('/', '.')}"
 
     def load(self, tell: Callable[[str], object]) -> Known | None:
         """Return what was kept, None where nothing was or it is of no use.

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from valve_twin.core.valves.registry import get_model
@@ -17,6 +18,8 @@ if TYPE_CHECKING:
 
     from valve_twin.core.quantity import Descriptor
     from valve_twin.nodes.runtime.node import ValveNode
+
+SQLITE = "sqlite:///"
 
 
 def read_valves(node: ValveNode, refused: dict[str, str] | None = None) -> list[ValveConfig]:
@@ -35,7 +38,7 @@ def read_valves(node: ValveNode, refused: dict[str, str] | None = None) -> list[
     Returns
     -------
     list of ValveConfig
-        At least one.
+        At least one; the file of a history is absolute.
 
     Raises
     ------
@@ -69,7 +72,21 @@ def read_valves(node: ValveNode, refused: dict[str, str] | None = None) -> list[
         node.get_logger().error(f"{valve} is left out: {why}")
     if refused is not None:
         refused |= left_out
-    return configs
+    return [replace(c, history_url=absolute_url(c.history_url)) for c in configs]
+
+
+def absolute_url(url: str) -> str:
+    """Return a database with the whole path where it is a file.
+
+    Parameters
+    ----------
+    url : str
+        File or URL, as a configuration has it.
+    """
+    head, file = (SQLITE, url.removeprefix(SQLITE)) if url.startswith(SQLITE) else ("", url)
+    if "://" in file or not file.strip() or file == ":memory:":
+        return url
+    return f"{head}{Path(file).absolute()}"
 
 
 def _is_known(model: str) -> bool:
