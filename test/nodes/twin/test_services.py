@@ -59,6 +59,15 @@ def test_counters_are_those_of_the_history_and_go_on_in_the_next_twin(graph, par
     assert (again[-1].cycles, again[-1].travel) == (2, told.travel)
 
 
+def test_an_unknown_estimator_is_told_also_of_an_empty_history(graph, parameters):
+    graph.host(TwinNode, **parameters)
+    name = f"{NS}/twin/get_history"
+    answer = graph.call(GetHistory, name, estimator="output_eror")
+    assert answer.success
+    assert "no estimator 'output_eror': did you mean 'output_error'" in answer.message
+    assert not graph.call(GetHistory, name, estimator="output_error").message
+
+
 def test_events_are_listed_and_acknowledged(graph, parameters):
     graph.host(TwinNode, **parameters)
     monitor = graph.stranger("monitor")
