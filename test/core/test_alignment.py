@@ -119,6 +119,24 @@ def test_a_value_that_cannot_be_believed_marks_its_frame(bad):
     assert aligner.counts()["position"].bad == 1
 
 
+def test_a_frame_before_the_first_value_of_a_command_is_no_bad_value_of_it():
+    data = stream()
+    stamps, values = data["v_in"]
+    data["v_in"] = (stamps[30:], np.zeros(len(values) - 30))
+    aligner = make_aligner()
+    frames = deliver(aligner, [(k, t, v) for k, (t, v) in data.items()])
+    assert np.count_nonzero(~frames.valid) == 10
+    assert [c.bad for c in aligner.counts().values()] == [0, 0, 0]
+
+
+def test_a_value_that_is_none_stays_bad_until_the_next():
+    data = stream()
+    data["v_in"] = (data["v_in"][0][[0, 30]], np.array([np.nan, 0.0]))
+    aligner = make_aligner()
+    deliver(aligner, [(k, t, v) for k, (t, v) in data.items()])
+    assert aligner.counts()["v_in"].bad == 10
+
+
 def test_duplicate_and_late_samples_are_dropped_and_counted():
     data = stream()
     t, v = data["position"]

@@ -57,6 +57,7 @@ class _Track:
     values: deque[FloatArray] = field(default_factory=deque)
     last_ns: int | None = None
     held_value: float = np.nan
+    begun: bool = False
     older: list[int] = field(default_factory=list)
     counts: SignalCounts = field(default_factory=SignalCounts)
 
@@ -142,6 +143,7 @@ class Aligner:
             track.stamps = deque([then.stamp_ns] if some else [])
             track.values = deque([then.values] if some else [])
             track.last_ns, track.held_value = then.last_ns, then.held_value
+            track.begun = then.last_ns is not None
             track.older, track.counts = list(then.older_ns), SignalCounts(*then.counts)
         self._released_ns, self.jumps, self.late = state.released_ns, state.jumps, set(state.late)
 
@@ -213,7 +215,7 @@ class Aligner:
             track.values.clear()
             track.older.clear()
             track.last_ns = None
-            track.held_value = np.nan
+            track.held_value, track.begun = np.nan, False
         self.late.clear()
         self._released_ns = None
 
@@ -399,13 +401,20 @@ def _hold(
     *,
     judge: bool,
 ) -> None:
-    """Write the last value at or before each stamp, NaN before the first; forget the older."""
+    """Write the last value at or before each stamp, NaN before the first; forget the older.
+
+    A frame before the first value has none to judge: it is not valid, but no bad value either.
+    """
     stamps, values = _NO_STAMPS, _NO_VALUES
     if track.stamps and track.stamps[0][0] <= at_ns[-1]:
         stamps, values = _take(track, int(at_ns[-1]))
     _hold_into(at_ns, stamps, values, track.held_value, column, held)
+    before_all = 0
+    if not track.begun:
+        before_all = int(np.searchsorted(at_ns, stamps[0])) if len(stamps) else len(at_ns)
     if len(stamps):
-        track.held_value = float(values[-1])
+        track.held_value, track.begun = float(values[-1]), True
     if judge:
         limits = track.signal
-        track.counts.bad += _judge(held, column, limits.lower, limits.upper, valid)
+        bad = _judge(held, column, limits.lower, limits.upper, valid)
+        track.counts.bad += bad - before_all

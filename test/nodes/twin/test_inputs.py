@@ -216,6 +216,19 @@ def test_an_input_that_falls_silent_is_stale(graph, history):
     assert "is silent for" in newest(diagnostics).message
 
 
+def test_a_publisher_that_comes_late_was_not_silent_before(graph, history):
+    node = graph.host(TwinNode, silence_s=1.0, **history)
+    diagnostics = graph.record("/diagnostics", DiagnosticArray)
+    graph.spin(2.5)
+    assert "has no publisher" in newest(diagnostics).message
+    Feeder(graph, NS)
+    topics = node._valves[0].inputs.topics
+    graph.spin_until(
+        lambda: all(node.count_publishers(t.topic) for t in topics), what="the publishers"
+    )
+    assert [t.problem() for t in topics] == [("", "")] * len(topics)
+
+
 def test_signals_of_one_foreign_message_without_stamps_share_its_receive_time(graph, history):
     joint = {"topic": "/plc/joints", "type": "sensor_msgs/msg/JointState"}
     mapping = {

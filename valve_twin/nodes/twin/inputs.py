@@ -249,6 +249,7 @@ class TopicInput:
                 f"set {key}.type to {wrong[0].topic_type} and {key}.field to its field"
             )
         if not publishers and self._heard is None:
+            self._since = seconds_now()  # one that comes now has not been silent
             return "input.missing", (
                 f"topic '{self.topic}' (signal {names}) has no publisher: start it or correct "
                 f"{key}.topic; {self._suggestion()}"
@@ -256,8 +257,7 @@ class TopicInput:
         if self.refused_policy and publishers and not self._matched:
             return "input.qos", (
                 f"topic '{self.topic}' (signal {names}): its publisher {node_name(publishers[0])} "
-                "offers an "
-                f"incompatible {self.refused_policy}: change that policy there, or set "
+                f"offers an incompatible {self.refused_policy}: change that policy there, or set "
                 f"{self._remedy()}"
             )
         if self.age_s > self._config.silence_s:
@@ -273,7 +273,7 @@ class TopicInput:
 
     @property
     def age_s(self) -> float:
-        """Time since the last message or since the start [s]."""
+        """Time since the last message, before it since there is a publisher [s]."""
         return seconds_now() - (self._heard if self._heard is not None else self._since)
 
     def _remedy(self) -> str:
