@@ -80,3 +80,13 @@ def test_the_table_of_the_worst_caller_names_every_service():
     rows = [line for line in table.splitlines() if line.startswith("| ")]
     known = set(re.findall(r"[`/](\w+)`", "\n".join(row.split(" | ")[0] for row in rows)))
     assert sorted(set(names) - known) == []
+
+
+def test_latched_topics_are_echoed_by_the_line_that_works():
+    """The default of `ros2 topic echo` is best effort, which is sent nothing that is latched."""
+    for name in ("README.md", "docs/troubleshooting.md"):
+        lines = (ROOT / name).read_text(encoding="utf-8").splitlines()
+        found = [line for line in lines if "ros2 topic echo --" in line]
+        assert found, name
+        for line in found:
+            assert "--qos-durability transient_local --qos-reliability reliable" in line
