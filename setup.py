@@ -134,6 +134,7 @@ setup(
         "daqp",
         "jinja2",
         "lz4",
+        "markupsafe",
         "mcap",
         "numba",
         "numpy",

@@ -379,6 +379,60 @@ def test_every_package_that_is_needed_has_a_rosdep_key_or_stands_in_the_pip_line
     assert missing == []
 
 
+ROS_PACKAGES = {"rclpy", "launch", "launch_ros", "rosidl_parser"}
+BROUGHT = {"llvmlite": "numba", "cryptography": "asyncua"}
+"""What is imported and comes with another package, without which it is not imported."""
+IMPORTED_AS = {"pyyaml": "yaml", "scikit-fem": "skfem", "foxglove-sdk": "foxglove"} | {
+    "paho-mqtt": "paho",
+    "psycopg[binary]": "psycopg",
+}
+
+
+def imported(*folders: str) -> set[str]:
+    """Return the packages that modules import, also where they do it later."""
+    found = set()
+    for path in (p for folder in folders for p in (ROOT / folder).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                found |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                found.add(node.module.partition(".")[0])
+    return found - set(sys.stdlib_module_names) - {"valve_twin", "_typeshed"}
+
+
+def listed(section: str) -> set[str]:
+    """Return the packages of a section of setup.py."""
+    text = (ROOT / "setup.py").read_text(encoding="utf-8")
+    (found,) = re.findall(section + r"=[\[{](.*?)\n    [\]}]", text, re.DOTALL)
+    lists = re.findall(r"\[(.*?)\](?!\")", found, re.DOTALL) or [found]
+    return {name for part in lists for name in re.findall(r'"([\w\[\]-]+)', part)}
+
+
+def test_package_xml_lists_the_ros_packages_that_are_imported_and_no_other() -> None:
+    keys = {d.name for d in parse_package(str(ROOT / "package.xml")).exec_depends}
+    wanted = {
+        name
+        for name in imported("valve_twin", "launch")
+        if name.endswith(("_msgs", "_interfaces")) or name in ROS_PACKAGES
+    }
+    assert {key for key in keys if not key.startswith("python3-")} == wanted
+
+
+def test_every_import_is_of_a_package_that_setup_names() -> None:
+    names = listed("install_requires") | listed("extras_require")
+    modules = {IMPORTED_AS.get(n, n).lower().replace("-", "_") for n in names}
+    for module in imported("valve_twin"):
+        known = BROUGHT.get(module, module).lower()
+        ros = known.endswith(("_msgs", "_interfaces")) or known in ROS_PACKAGES
+        assert ros or known in modules, module
+
+
+def test_every_package_of_an_extra_stands_in_a_pip_line() -> None:
+    page = (ROOT / "docs" / "operation.md").read_text(encoding="utf-8")
+    named = {n for line in re.findall(r"`([^`|]*)` \|", page) for n in re.split(r"[\s\"]+", line)}
+    assert listed("extras_require") - {"hypothesis", "pytest", "pytest-timeout"} <= named
+
+
 def test_the_bill_of_materials_is_that_of_the_lock_files() -> None:
     spec = importlib.util.spec_from_file_location("lock", ROOT / "tools" / "lock.py")
     assert spec is not None
