@@ -274,26 +274,43 @@ def test_who_guesses_does_not_shut_out_the_owner_of_the_name_elsewhere(server, f
 
 
 def test_more_wrong_users_than_sessions_are_one_line_and_keep_nobody_out(server, folder):
-    async def guess() -> None:
-        await make_client_pair(folder)
-        client = Client(server.opcua)
-        client.application_uri = "urn:test:client"
-        pair = str(folder / "client.der"), str(folder / "client.pem")
-        await client.set_security(SecurityPolicyBasic256Sha256, *pair)
-        await client.connect_socket()
-        try:
-            await client.send_hello()
-            await client.open_secure_channel()
-            for number in range(MOST_SESSIONS + 50):
-                await client.create_session()
-                with pytest.raises(ua.uaerrors.BadUserAccessDenied):
-                    await client.activate_session(username=f"user {number}", password=PASSWORD)
-            async with connected(server, folder):  # while the guesser stays
-                pass
-        finally:
-            client.disconnect_socket()
+    asyncio.run(guess(server, folder, MOST_SESSIONS + 50))
 
-    asyncio.run(guess())
+
+@pytest.mark.slow
+def test_a_thousand_wrong_users_are_a_line_in_half_a_minute_and_keep_nobody_out(path, folder):
+    users = folder / "users_of_thousand"
+    users.write_text(f"{user_line('anna', PASSWORD)}\n", encoding="utf-8")
+    server = Server(path, folder / "pki", "--opcua-users", str(users))
+    begun_s = time.monotonic()
+    try:
+        asyncio.run(guess(server, folder, 1000))
+    finally:
+        took_s, said = time.monotonic() - begun_s, server.end()
+    lines = said.count("users that do not exist from 127.0.0.1: refused for 30 s")
+    assert 1 <= lines == len(said.splitlines()) <= 1 + took_s / 30.0
+    print(f"\n1000 wrong users in {took_s:.0f} s: {lines} lines")  # noqa: T201
+
+
+async def guess(server, folder, users: int) -> None:
+    """Try so many users in as many sessions of one channel; somebody else comes in meanwhile."""
+    await make_client_pair(folder)
+    client = Client(server.opcua)
+    client.application_uri = "urn:test:client"
+    pair = str(folder / "client.der"), str(folder / "client.pem")
+    await client.set_security(SecurityPolicyBasic256Sha256, *pair)
+    await client.connect_socket()
+    try:
+        await client.send_hello()
+        await client.open_secure_channel()
+        for number in range(users):
+            await client.create_session()
+            with pytest.raises(ua.uaerrors.BadUserAccessDenied):
+                await client.activate_session(username=f"user {number}", password=PASSWORD)
+        async with connected(server, folder):  # while the guesser stays
+            pass
+    finally:
+        client.disconnect_socket()
 
 
 class Events:
@@ -453,6 +470,44 @@ def test_a_client_that_never_reads_is_let_go_and_one_that_reads_slowly_stays(tmp
     ]
 
 
+def test_a_client_that_asks_and_never_reads_is_let_go_while_another_one_reads(path, tmp_path):
+    server = Server(path, tmp_path / "pki", "--anonymous")
+
+    async def ask_and_never_read(client) -> None:
+        """Ask for 3.4 MB at a time, until the server has hung up."""
+        whole = ua.ReadValueId(NodeId=ua.NodeId(8252))  # the types as XML: 343 kB
+        whole.AttributeId = ua.AttributeIds.Value
+        asked = ua.ReadParameters(NodesToRead=[whole] * 10)
+        transport, tasks = client.uaclient.protocol.transport, []
+        transport.pause_reading()
+        end_s = time.monotonic() + 100.0
+        while not transport.is_closing():
+            assert time.monotonic() < end_s
+            tasks.append(asyncio.create_task(client.uaclient.session.read(asked)))
+            await asyncio.sleep(0.1)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+    async def look() -> None:
+        deaf = Client(server.opcua, timeout=200)
+        await deaf.connect()
+        async with Client(server.opcua) as other:
+            name = other.get_node(ua.NodeId(ua.ObjectIds.Server_ServerStatus_State))
+            asking = asyncio.create_task(ask_and_never_read(deaf))
+            while not asking.done():
+                assert await name.read_value() == ua.ServerState.Running
+                await asyncio.sleep(0.05)
+            await asking
+        deaf.disconnect_socket()
+
+    try:
+        asyncio.run(look())
+    finally:
+        said = server.end()
+    assert re.fullmatch(r".*OPC UA: .*127\.0\.0\.1.* does not read: let go\n", said)
+
+
 def test_no_look_for_garbage_holds_up_the_making_of_the_nodes(tmp_path):
     looks: list[str] = []
     plant = Plant(f"sqlite:///{tmp_path}/none.sqlite")
@@ -469,9 +524,9 @@ def test_no_look_for_garbage_holds_up_the_making_of_the_nodes(tmp_path):
 class Follower:
     """A client that stays: connects again and again and notes each cycle that it sees."""
 
-    def __init__(self, address: str) -> None:
+    def __init__(self, address: str, valve: str = "/v") -> None:
         self.seen: list[int] = []
-        self._address, self._ends = address, threading.Event()
+        self._address, self._valve, self._ends = address, valve, threading.Event()
         self._thread = threading.Thread(target=lambda: asyncio.run(self._follow()), daemon=True)
         self._thread.start()
 
@@ -480,7 +535,7 @@ class Follower:
             with suppress(Exception):  # the server is gone, or not there yet
                 async with Client(self._address, timeout=2) as client:
                     own = await client.get_namespace_index(VALVES)
-                    node = client.get_node(ua.NodeId("/v#Cycle", own))
+                    node = client.get_node(ua.NodeId(f"{self._valve}#Cycle", own))
                     while not self._ends.is_set():
                         self._note(await node.read_value())
                         await asyncio.sleep(0.05)
