@@ -49,7 +49,8 @@ def parameter_reference(models: Sequence[str]) -> str:
         "condition that a trend may take out: `supply_pressure`, `load`, `temperature`.\n",
         _section("Cycles", describe(CycleConfig, "cycles.")),
         _section("Aging", describe(AgingConfig, "aging.", [_PARAMETER])),
-        f"`{_PARAMETER}` is a parameter of the model.\n",
+        f"`{_PARAMETER}` is a parameter of the model. A node has one below `aging.thresholds` or "
+        "`aging.commissioning` once a file gives it or it is set, not before.\n",
         _section("Nameplate", describe(Nameplate, "nameplate.")),
         _section("CSV files", describe(CsvConfig, "csv.")),
     ]

@@ -2,6 +2,8 @@
 # Copyright 2026 valve_twin maintainers
 """The error budget as a service: the numbers of the command, the cause of a refusal."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from valve_twin_msgs.srv import GetErrorBudget
@@ -10,7 +12,6 @@ from test.nodes.conftest import NS
 from valve_twin.core.simulation import configure
 from valve_twin.core.valves.error_budget import BudgetOptions, error_budget
 from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
-from valve_twin.nodes.runtime.worker import Outcome
 from valve_twin.nodes.twin import budget_service
 from valve_twin.nodes.twin.node import TwinNode
 
@@ -59,7 +60,7 @@ def ask(graph, twin):
 def test_no_estimation_waits_for_a_budget_and_others_are_refused_meanwhile(graph, twin, ask):
     asked = [ask() for _ in range(10)]
     graph.spin_until(lambda: sum(a.done() for a in asked) == 9, what="nine refusals")
-    estimated: list[Outcome] = []
+    estimated: list[Any] = []
     twin._valves[0].jobs.run(int, ("7",), estimated.append)
     graph.spin_until(lambda: estimated, what="a job of the estimating process")
     assert estimated[0].result == 7

@@ -173,6 +173,7 @@ class ValveNode(LifecycleNode):
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
         """Set all or none; a refusal says why and is filed as a fault, too."""
+        self.parameters.declare_offered(p.name for p in parameter_list)
         try:
             result = super().set_parameters_atomically(parameter_list)
         except ParameterNotDeclaredException:

@@ -56,6 +56,7 @@ class Parameters:
         self._node = node
         self._is_idle = is_idle
         self._specs: dict[str, Descriptor] = {}
+        self._offered: dict[str, Descriptor] = {}
         self._errors: dict[str, str] = {}
         self.overrides: dict[str, object] = overrides_of(node)
         node.add_pre_set_parameters_callback(self._accept_integers)
@@ -90,6 +91,19 @@ class Parameters:
             )
             if problem:
                 self._errors[spec.name] = problem
+
+    def offer(self, specs: Iterable[Descriptor]) -> None:
+        """Declare of many parameters those that were given; the others once they are set.
+
+        A file or a caller may set each by its name; a list of all parameters stays readable.
+        """
+        specs = list(specs)
+        self.declare(s for s in specs if s.name in self.overrides)
+        self._offered |= {s.name: s for s in specs}
+
+    def declare_offered(self, names: Iterable[str]) -> None:
+        """Declare what is about to be set."""
+        self.declare(self._offered[name] for name in names if name in self._offered)
 
     def check(self) -> None:
         """Raise for the first override of a wrong type or outside its limits.
@@ -128,8 +142,11 @@ class Parameters:
             if name in self._specs or name in others or name.startswith(foreign):
                 continue
             self._node.get_logger().warning(
-                f"parameter '{name}' is unknown and has no effect: {suggest(name, self._specs)}"
+                f"parameter '{name}' is unknown and has no effect: {suggest(name, self._known())}"
             )
+
+    def _known(self) -> list[str]:
+        return list(self._specs | self._offered)
 
     def unknown(self, names: Iterable[str]) -> str:
         """Return in one line which of the names is no parameter of this node and what to do."""
@@ -139,7 +156,7 @@ class Parameters:
                 f"'{name}' is read at start only: start the node with it, or call "
                 "simulated_valve/set_aging to change the aging of a running valve"
             )
-        return f"'{name}' is no parameter of this node: {suggest(name, self._specs)}"
+        return f"'{name}' is no parameter of this node: {suggest(name, self._known())}"
 
     def _accept_integers(self, parameters: list[Parameter]) -> list[Parameter]:
         """Take 1 for 1.0 where a number is meant."""

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 SQLITE = "sqlite:///"
 
+ON_USE = ("aging.thresholds.", "aging.commissioning.")
+"""Keys of every parameter of a model, five each, of which a user sets a few."""
+
 
 def read_valves(node: ValveNode, refused: dict[str, str] | None = None) -> list[ValveConfig]:
     """Declare the parameters of the node's valves and read them.
@@ -48,7 +51,8 @@ def read_valves(node: ValveNode, refused: dict[str, str] | None = None) -> list[
     parameters = node.parameters
     parameters.declare(VALVE_KEYS)
     model = str(parameters["model"])
-    parameters.declare(_keys(model))
+    parameters.declare(s for s in _keys(model) if not s.name.startswith(ON_USE))
+    parameters.offer(s for s in _keys(model) if s.name.startswith(ON_USE))
     parameters.declare(s for s in _constants(model) if s.name in parameters.overrides)
     names = _names(parameters["valves"])
     for valve in names:
