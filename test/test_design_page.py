@@ -26,7 +26,8 @@ def test_the_fifteen_minutes_run_in_their_order(tmp_path, monkeypatch):
     quick = chain.Fidelity(GRID, fine=0.3, step=4e-4)
     monkeypatch.setitem(chain.FIDELITIES, "export", quick)
     monkeypatch.setitem(chain.FIDELITIES, "usual", chain.find_fidelity("search"))
-    monkeypatch.setattr(compute_wear, "__defaults__", (GRID, *compute_wear.__defaults__[1:]))
+    kept = (compute_wear.__defaults__ or ())[1:]
+    monkeypatch.setattr(compute_wear, "__defaults__", (GRID, *kept))
     (block,) = re.findall(r"^```sh\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.M | re.S)
     lines = [line for line in block.splitlines() if not line.startswith("#")]
     assert len(lines) == 11

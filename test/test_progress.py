@@ -6,13 +6,12 @@ from __future__ import annotations
 
 import time
 
-from valve_twin import progress as module
 from valve_twin.progress import Steps, progress
 
 
 def test_a_line_says_what_is_done_and_how_long_the_rest_takes(monkeypatch):
     now = [0.0]
-    monkeypatch.setattr(module.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
     steps = Steps("evaluating designs", 100)
     assert steps.line() == "evaluating designs: 0 of 100 done"
     for _ in range(60):

@@ -13,6 +13,7 @@ from valve_twin.design.field.model import steel_table
 from valve_twin.design.geometry import DoubleStroke
 
 ngs = pytest.importorskip("ngsolve", reason="python -m pip install ngsolve")
+nm = pytest.importorskip("netgen.meshing", reason="python -m pip install ngsolve")
 
 DESIGN = DoubleStroke()
 _CURVE_POINTS = 3001
@@ -25,8 +26,6 @@ def model():
 
 def mesh_of(model, position):
     """Return the triangles of a model as a mesh of NGSolve, one material a region."""
-    import netgen.meshing as nm
-
     points, triangles = model.moved(position), model.grid.triangles
     made = nm.Mesh(dim=2)
     ids = [made.Add(nm.MeshPoint(nm.Pnt(float(r), float(z), 0.0))) for r, z in points.T]

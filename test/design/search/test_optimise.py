@@ -40,7 +40,8 @@ def test_it_finds_better_designs_and_its_hypervolume_never_falls(design, archive
 
 def test_the_front_on_its_final_fields_counts_as_well(design, archive, stand_in):
     """It is half of the work, and nothing was told of it."""
-    advanced, expected = [], []
+    advanced: list[int] = []
+    expected: list[int] = []
     problem = make_problem(design, VARIED)
     found = optimise(problem, SETTINGS, archive, stand_in, advance=lambda: advanced.append(1),
                      expect=expected.append)  # fmt: skip
