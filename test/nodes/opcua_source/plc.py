@@ -2,10 +2,10 @@
 # Copyright 2026 valve_twin maintainers
 """A PLC for tests: a server of asyncua in its own process that writes what it is told to.
 
-    python plc.py PORT TAGS QUEUE PUBLISHING_MS
+    python plc.py PORT TAGS QUEUE FIRST_NS PUBLISHING_MS
 
 It keeps at most QUEUE samples of a tag, without a word where it loses one, and sends every
-PUBLISHING_MS at most; 0 = as asyncua does.
+PUBLISHING_MS at most; 0 = as asyncua does. What a tag holds at first is stamped FIRST_NS; 0 = now.
 
 A line of JSON from stdin is a write of many samples: columns by tag, start and period [ns], pace
 [samples/s] (0 = as fast as it can), status. It answers with a line when it is done.
@@ -18,6 +18,7 @@ import json
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from datetime import datetime, timedelta, timezone
 
 EPOCH = datetime(1970, 1, 1, tzinfo=timezone.utc)
@@ -28,7 +29,7 @@ def say(word: str) -> None:
     sys.stdout.flush()
 
 
-async def serve(port: int, tags: int, queue: int, publishing_ms: float) -> None:
+async def serve(port: int, tags: int, queue: int, first_ns: int, publishing_ms: float) -> None:
     from asyncua import Server, ua
 
     server = Server()
@@ -42,6 +43,9 @@ async def serve(port: int, tags: int, queue: int, publishing_ms: float) -> None:
     for tag in range(tags):
         name = ua.QualifiedName(f"tag{tag}", 1)
         await server.nodes.objects.add_variable(ua.NodeId(f"tag{tag}", 1), name, 0.0)
+    if first_ns:
+        first = {str(tag): [0.0] for tag in range(tags)}
+        await write(server, {"columns": first, "start_ns": first_ns, "period_ns": 0})
     async with server:
         say("ready")
         while line := await asyncio.to_thread(sys.stdin.readline):
@@ -88,11 +92,18 @@ class Plc:
     """The process, as a test has it."""
 
     def __init__(
-        self, port: int, tags: int = 1, *, queue: int = 0, publishing_ms: float = 0.0
+        self,
+        port: int,
+        tags: int = 1,
+        *,
+        queue: int = 0,
+        first_ns: int = 0,
+        publishing_ms: float = 0.0,
     ) -> None:
+        given = port, tags, queue, first_ns, publishing_ms
         self.address = f"opc.tcp://127.0.0.1:{port}"
         self.process = subprocess.Popen(
-            [sys.executable, __file__, str(port), str(tags), str(queue), str(publishing_ms)],
+            [sys.executable, __file__, *map(str, given)],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
@@ -118,9 +129,11 @@ class Plc:
     def kill(self) -> None:
         self.process.kill()
         self.process.wait()
-        self._in.close()
+        with suppress(OSError):  # an order that it did not take
+            self._in.close()
         self._out.close()
 
 
 if __name__ == "__main__":
-    asyncio.run(serve(*map(int, sys.argv[1:4]), float(sys.argv[4])))
+    port, tags, queue, first_ns, publishing_ms = sys.argv[1:]
+    asyncio.run(serve(int(port), int(tags), int(queue), int(first_ns), float(publishing_ms)))
