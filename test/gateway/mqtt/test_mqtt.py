@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import queue
+import socket
 import threading
 from types import SimpleNamespace
 
@@ -15,7 +16,7 @@ pytest.importorskip("paho.mqtt.client", reason="needs the extra gateway")
 from paho.mqtt.client import CONNACK_ACCEPTED, MQTT_ERR_NO_CONN
 
 from valve_twin.gateway.mqtt import face
-from valve_twin.gateway.mqtt.broker import Message
+from valve_twin.gateway.mqtt.broker import Broker, Message
 from valve_twin.gateway.plant import View
 from valve_twin.io.errors import StoreError
 
@@ -64,6 +65,9 @@ class Speaker:
 
     def farewell(self):
         return [Message("death", b"")]
+
+    def will(self):
+        return Message("death", b"")
 
 
 def conversation(client, speaker, view=View):
@@ -146,3 +150,26 @@ def test_what_nobody_reads_is_not_kept_without_end(monkeypatch):
     for _ in range(9):
         face._hear(events, HEARD)
     assert events.qsize() == 3
+
+
+def test_a_broker_that_is_gone_for_a_day_is_told_once_and_tried_twice_a_minute(
+    monkeypatch, caplog
+):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]  # where nobody listens any more
+    speaker = Speaker()
+    told = face.MqttFace(View, Broker(f"mqtt://127.0.0.1:{port}"), speaker)
+    pauses: list[float] = []
+
+    def wait(pause_s):
+        pauses.append(pause_s)
+        if sum(pauses) > 86_400.0:
+            told._end.set()
+
+    monkeypatch.setattr(told._end, "wait", wait)
+    threads = threading.active_count()
+    told._run()
+    assert max(pauses) <= 1.2 * face.LONGEST_PAUSE_S
+    assert len(pauses) == pytest.approx(86_400.0 / face.LONGEST_PAUSE_S, rel=0.05)
+    assert [r.getMessage().partition("; ")[2] for r in caplog.records] == ["trying again"]
+    assert threading.active_count() == threads
