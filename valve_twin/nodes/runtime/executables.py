@@ -97,9 +97,10 @@ def run(name: str) -> int:
 
 
 def _choose_transport(name: str) -> None:
-    """Keep off shared memory where it may leave a node deaf."""
+    """Hear at once who is there; keep off shared memory where it may leave a node deaf."""
     ports = import_module("valve_twin.nodes.runtime.transport.dead_ports")  # not on Windows
     if name != "bag_player" and not ports.has_dead_port(ports.domain_id()):
+        profile.announce_from_a_thread()
         return
     if name in _ASKS_OFTEN:
         profile.use_fast_heartbeat(over_udp=True)

@@ -1,10 +1,19 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""How Fast DDS carries what a node says: over UDP, and asked for a hundred times a second.
+"""How Fast DDS carries what a node says: announced from a thread, over UDP, asked for often.
 
-The latter for a player alone. A reliable writer learns what its readers lack only from their
-answers to its heartbeats. With the default period of 3 s, what is dropped in a burst is sent again
-seconds later, and waiting for acknowledgement takes up to 3 s a time.
+A participant of Fast DDS 2 announces itself before its receivers are attached (in
+`RTPSParticipantImpl::enable`), and to 32 ports one after the other where discovery is local. Who
+knows it already answers once, within 0.3 ms; an answer that comes before they are attached is
+dropped, and the next is that participant's own announcement, up to 3 s later. So a third to a half
+of all nodes that were started beside running ones saw these late. Where the throughput of a
+participant is bounded, its announcements go out from a thread of their own, and the answers find
+the receivers there; the bound is more than any machine sends.
+
+The player asks for what is missing a hundred times a second. A reliable writer learns what its
+readers lack only from their answers to its heartbeats. With the default period of 3 s, what is
+dropped in a burst is sent again seconds later, and waiting for acknowledgement takes up to 3 s a
+time.
 
 Shared memory does not survive a subscriber that stands still: after 1 s its port is taken for
 dead, every further message removes and makes it anew, and a subscriber that goes on meanwhile may
@@ -54,9 +63,21 @@ _QUICK = """
       </times>
     </publisher>"""
 
+_ANNOUNCED_FROM_A_THREAD = """
+        <throughputController>
+          <bytesPerPeriod>2000000000</bytesPerPeriod><periodMillisecs>1000</periodMillisecs>
+        </throughputController>"""
+"""Not known to Fast DDS 3."""
+
+_PLAIN = """
+    <participant profile_name="valve_twin" is_default_profile="true">
+      <rtps>{thread}
+      </rtps>
+    </participant>"""
+
 _UDP = """
     <participant profile_name="valve_twin_udp" is_default_profile="true">
-      <rtps>
+      <rtps>{thread}
         <builtinTransports>UDPv4</builtinTransports>
         <listenSocketBufferSize>{buffer}</listenSocketBufferSize>
       </rtps>
@@ -72,7 +93,7 @@ _UDP_HERE = """
       </transport_descriptor>
     </transport_descriptors>
     <participant profile_name="valve_twin_udp" is_default_profile="true">
-      <rtps>
+      <rtps>{thread}
         <useBuiltinTransports>false</useBuiltinTransports>
         <userTransports><transport_id>valve_twin_here</transport_id></userTransports>
         <builtin>
@@ -101,7 +122,7 @@ def use_fast_heartbeat(*, over_udp: bool = False) -> None:
     quick = _QUICK.format(period_ns=round(HEARTBEAT_S * 1e9))
     for old, new in _NAMES if is_fast_dds_3() else ():
         quick = quick.replace(old, new)
-    _use(_udp() + quick if over_udp else quick)
+    _use((_udp() if over_udp else _plain()) + quick)
     _quick.append(True)
 
 
@@ -112,6 +133,15 @@ def keep_off_shared_memory() -> None:
     """
     if _is_ours():
         _use(_udp())
+
+
+def announce_from_a_thread() -> None:
+    """Let the middleware of this process hear who answers it at once; before it is initialised.
+
+    Left alone is what `use_fast_heartbeat` leaves alone.
+    """
+    if _is_ours():
+        _use(_plain())
 
 
 def _is_ours() -> bool:
@@ -145,18 +175,27 @@ def is_fast_dds_3() -> bool:
 def _udp() -> str:
     """Return the part of the profile that keeps off shared memory, in the range that is wanted.
 
-    None where the user says which transports are to be. Told of the range LOCALHOST, rmw_fastrtps
-    adds shared memory whatever the profile says; so the profile says what that range means and the
-    middleware is left to it.
+    It leaves transports alone where the user says which are to be. Told of the range LOCALHOST,
+    rmw_fastrtps adds shared memory whatever the profile says; so the profile says what that range
+    means and the middleware is left to it.
     """
     if os.environ.get(_TRANSPORTS):
-        return ""
+        return _plain()
     if os.environ.get(_LOCAL_ONLY) == "1":  # the older name; it goes before range and peers
         del os.environ[_LOCAL_ONLY]
     elif os.environ.get(_RANGE) != "LOCALHOST" or os.environ.get("ROS_STATIC_PEERS"):
-        return _UDP.format(buffer=BUFFER_B)
+        return _UDP.format(buffer=BUFFER_B, thread=_thread())
     os.environ[_RANGE] = "SYSTEM_DEFAULT"
-    return _UDP_HERE.format(buffer=BUFFER_B)
+    return _UDP_HERE.format(buffer=BUFFER_B, thread=_thread())
+
+
+def _plain() -> str:
+    """Return the part of the profile that leaves the transports as they are."""
+    return "" if is_fast_dds_3() else _PLAIN.format(thread=_thread())
+
+
+def _thread() -> str:
+    return "" if is_fast_dds_3() else _ANNOUNCED_FROM_A_THREAD
 
 
 def remove_profile_file() -> None:
