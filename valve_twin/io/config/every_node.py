@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
-"""Parameters that every node has."""
+"""Parameters that every node has, and those of all that publish what a valve would."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from valve_twin.core.quantity import setting
+from valve_twin.core.quantity import quantity, setting
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,4 +23,23 @@ class NodeParameters:
         default=False,
         text="Let parameter services set what names a place on this machine: files, databases.",
         local=True,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class LiveParameters(NodeParameters):
+    """Parameters of the nodes that publish what a valve would."""
+
+    allow_live: bool = setting(
+        default=False,
+        text="Publish also to topics that already have a foreign publisher, and commands "
+        "that somebody else takes.",
+        local=True,
+    )
+    lossless: bool = setting(
+        default=True,
+        text="Wait for reliable subscribers rather than overwrite what they have not taken.",
+    )
+    wait_for_subscribers: int = quantity(
+        0, "1", "Begin when this many nodes subscribe to every topic.", lower=0, upper=1000
     )

@@ -10,27 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from valve_twin.core.quantity import Descriptor, assumed, describe, quantity, setting
-from valve_twin.io.config.every_node import NodeParameters
+from valve_twin.io.config.every_node import LiveParameters, NodeParameters
 from valve_twin.io.config.gateway_parameters import GatewayParameters
-
-
-@dataclass(frozen=True, slots=True)
-class LiveParameters(NodeParameters):
-    """Parameters of the nodes that publish what a valve would."""
-
-    allow_live: bool = setting(
-        default=False,
-        text="Publish also to topics that already have a foreign publisher, and commands "
-        "that somebody else takes.",
-        local=True,
-    )
-    lossless: bool = setting(
-        default=True,
-        text="Wait for reliable subscribers rather than overwrite what they have not taken.",
-    )
-    wait_for_subscribers: int = quantity(
-        0, "1", "Begin when this many nodes subscribe to every topic.", lower=0, upper=1000
-    )
 
 
 @dataclass(frozen=True, slots=True)
