@@ -162,10 +162,10 @@ def test_a_history_without_features_has_the_verdict_of_its_trends(healthy):
 def test_ok_waits_for_one_more_cycle_where_the_newest_departs(healthy):
     first = assess_fault(healthy, "coil_resistance", 0.1, cycles=1).verdict
     assert (first.kind, first.fault) == (VerdictKind.NOT_ENOUGH_DATA, "")
-    assert first.waits
+    assert first.held_back
     assert first.evidence.startswith(f"not yet judged: cycle {BEFORE + 1} lies ")
     later = assess_fault(healthy, "coil_resistance", 0.1, cycles=3).verdict
-    assert (later.kind, later.waits) == (VerdictKind.VALVE, False)
+    assert (later.kind, later.held_back) == (VerdictKind.VALVE, False)
 
 
 def test_what_is_not_yet_judged_is_told_of_the_cycle_that_departs(healthy):

@@ -178,7 +178,8 @@ class Verdict:
     """One word with its evidence; fields as in Verdict.msg.
 
     `fault` is the name of the sudden fault (`core.diagnosis.table`, or `UNKNOWN`), else the
-    parameter whose drift gives the verdict; empty where there is neither.
+    parameter whose drift gives the verdict; empty where there is neither. `held_back` until one
+    more cycle came: no news for a log.
     """
 
     stamp_ns: int
@@ -188,14 +189,7 @@ class Verdict:
     evidence: str
     cycle: int
     fault: str = ""
-
-    @property
-    def waits(self) -> bool:
-        """Whether it is held back until one more cycle came: no news for a log."""
-        return self.evidence.startswith(_WAITS)
-
-
-_WAITS = "not yet judged: "
+    held_back: bool = False
 
 
 def held_back(verdict: Verdict, departs: float, *, cycle: int = 0) -> Verdict:
@@ -213,12 +207,12 @@ def held_back(verdict: Verdict, departs: float, *, cycle: int = 0) -> Verdict:
     if verdict.kind is not VerdictKind.OK or not departs:
         return verdict
     far = f"{departs:.1f}" if departs < 100.0 else "over 100"
-    newest = f"{_WAITS}cycle {cycle or verdict.cycle} lies {far} standard deviations off"
+    newest = f"not yet judged: cycle {cycle or verdict.cycle} lies {far} standard deviations off"
     evidence = (
         f"{newest} those before it, and one more tells whether that is a fault; {verdict.evidence}"
     )
     kind = VerdictKind.NOT_ENOUGH_DATA
-    return replace(verdict, kind=kind, text=kind.text, evidence=evidence)
+    return replace(verdict, kind=kind, text=kind.text, evidence=evidence, held_back=True)
 
 
 def way_to_threshold(trend: Trend) -> float:

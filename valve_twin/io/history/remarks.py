@@ -148,7 +148,7 @@ def add_verdict(connection: Connection, valve_id: int, verdict: Verdict, kept: i
     kept : int
         Entries of the event log that may be there [1].
     """
-    if verdict.waits:
+    if verdict.held_back:
         return False
     query = sa.select(VERDICT).where(VERDICT.c.valve_id == valve_id)
     last = connection.execute(query.order_by(VERDICT.c.id.desc()).limit(1)).mappings().first()

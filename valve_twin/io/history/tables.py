@@ -154,7 +154,7 @@ def _plain(record: type) -> tuple[RecordColumn, ...]:
 
 _ELSEWHERE = {
     Estimate: {"trend_reason", *(f"samples_masked_{m}" for m in MaskCounts.__slots__[1:])},
-    Verdict: {"valve", "text"},
+    Verdict: {"valve", "text", "held_back"},
     Event: {"valve"},
 }
 """Columns of a record that stand in a text, or follow from others."""
