@@ -52,6 +52,17 @@ def test_a_port_that_is_held_is_alive(kernel, name):
     assert has_dead_port(3, *kernel)
 
 
+def test_a_port_that_was_dead_is_kept_off_as_long_as_who_had_it_open_lives(kernel, name):
+    memory, processes = kernel
+    assert has_dead_port(3, *kernel)
+    with (memory / f"{name}_el").open("rb") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        assert has_dead_port(3, *kernel)
+        assert not has_dead_port(2, *kernel)
+        (processes / "41").rename(processes / "42")
+        assert not has_dead_port(3, *kernel)
+
+
 def test_a_dead_port_that_nobody_has_open_harms_nobody(kernel):
     _, processes = kernel
     write_maps(processes / "41")

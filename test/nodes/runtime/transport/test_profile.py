@@ -148,6 +148,24 @@ def test_every_profile_announces_from_a_thread(monkeypatch, here, choose):
     assert [int(part.text or 0) for part in bound] == [2_000_000_000, 1000]
 
 
+@pytest.mark.skipif(profile.is_fast_dds_3(), reason="left as it is")
+@pytest.mark.parametrize("here", ["LOCALHOST", "SUBNET"])
+@pytest.mark.parametrize(
+    "choose", [profile.announce_from_a_thread, profile.keep_off_shared_memory]
+)
+def test_a_killed_node_is_waited_for_no_longer_than_its_lease(monkeypatch, here, choose):
+    monkeypatch.setenv(RANGE, here)
+    choose()
+    tree = ElementTree.parse(os.environ[VARIABLE])
+    found = {
+        n: tree.find(".//{*}" + n + "/{*}sec") for n in ("leaseDuration", "leaseAnnouncement")
+    }
+    assert {n: e.text for n, e in found.items() if e is not None} == {
+        "leaseDuration": str(profile.LEASE_S),
+        "leaseAnnouncement": "1",
+    }
+
+
 def test_nodes_beside_a_running_one_hear_it_at_once(graph):
     """Of a third of them the first announcement was answered before they listened, 3 s lost."""
     there = graph.stranger("there")

@@ -6,7 +6,9 @@ Fast DDS gives a new process the port of a dead one, while a publisher may still
 one's memory open: what it publishes then comes seconds late or never, to any reader of the new
 process. The file `fastrtps_portN_el` (`fastdds_portN_el` of Fast DDS 3) is locked by whom the port
 belongs to, so a lock that can be had tells of the dead. Where there is such a port, a node that
-starts keeps off shared memory.
+starts keeps off shared memory. So does every later one as long as a process lives that had one
+open: the port looks alive again once somebody took it, and a twin that took the port of the one
+before the last, which had kept off it, heard nothing for 10 to 18 s.
 """
 
 from __future__ import annotations
@@ -42,13 +44,36 @@ def has_dead_port(
         Where the kernel shows shared memory and processes; nothing is found where it does not.
     """
     first = _FIRST_PORT + _PORTS * domain
-    found: set[tuple[str, int, bool]] = set()
+    users, ports = set(), set()
     for path in processes.glob("[0-9]*/maps"):
         with suppress(OSError):  # it has just ended, or belongs to somebody else
             text = path.read_text(encoding="utf-8", errors="replace")
-            found |= {(m[1], int(m[2]), bool(m[3])) for m in _MAPPED.finditer(text)}
-    ports = {(name, gone) for name, port, gone in found if first <= port < first + _PORTS}
-    return any(gone or _is_dead(memory / f"{name}_el") for name, gone in ports)
+            found = [m for m in _MAPPED.finditer(text) if first <= int(m[2]) < first + _PORTS]
+            ports |= {(m[1], bool(m[3])) for m in found}
+            users |= {path.parent.name for _ in found[:1]}
+    note = memory / f"valve_twin_dead_port_{domain}"
+    if any(gone or _is_dead(memory / f"{name}_el") for name, gone in ports):
+        _take_down(note, users)
+        return True
+    return bool(users & _taken_down(note))
+
+
+def _take_down(note: Path, users: set[str]) -> None:
+    """Remember who had a dead one's memory open."""
+    with suppress(OSError):  # of another user, whose nodes took the same down
+        flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
+        file = os.open(note, flags, 0o644)
+        try:
+            os.write(file, " ".join(sorted(users)).encode())
+        finally:
+            os.close(file)
+
+
+def _taken_down(note: Path) -> set[str]:
+    try:
+        return set(note.read_text(encoding="ascii", errors="replace").split())
+    except OSError:
+        return set()
 
 
 def _is_dead(lock: Path) -> bool:

@@ -35,6 +35,10 @@ BUFFER_B = 4 * 2**20
 """Wanted of the kernel for what has arrived and was not taken yet; it gives `net.core.rmem_max` at
 most [B]."""
 
+LEASE_S = 4
+"""A node that was killed is waited for so long: a reliable publisher that loses nothing, as a
+simulated valve at another rate than 1, stands still meanwhile; 20 by default [s]."""
+
 _VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 _TRANSPORTS = "FASTDDS_BUILTIN_TRANSPORTS"
 _RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
@@ -69,9 +73,17 @@ _ANNOUNCED_FROM_A_THREAD = """
         </throughputController>"""
 """Not known to Fast DDS 3."""
 
+_LEASE = f"""
+          <discovery_config>
+            <leaseDuration><sec>{LEASE_S}</sec></leaseDuration>
+            <leaseAnnouncement><sec>1</sec></leaseAnnouncement>
+          </discovery_config>"""
+
 _PLAIN = """
     <participant profile_name="valve_twin" is_default_profile="true">
       <rtps>{thread}
+        <builtin>{lease}
+        </builtin>
       </rtps>
     </participant>"""
 
@@ -80,6 +92,8 @@ _UDP = """
       <rtps>{thread}
         <builtinTransports>UDPv4</builtinTransports>
         <listenSocketBufferSize>{buffer}</listenSocketBufferSize>
+        <builtin>{lease}
+        </builtin>
       </rtps>
     </participant>"""
 
@@ -96,7 +110,7 @@ _UDP_HERE = """
       <rtps>{thread}
         <useBuiltinTransports>false</useBuiltinTransports>
         <userTransports><transport_id>valve_twin_here</transport_id></userTransports>
-        <builtin>
+        <builtin>{lease}
           <metatrafficUnicastLocatorList><locator><udpv4/></locator></metatrafficUnicastLocatorList>
           <initialPeersList>
             <locator><udpv4><address>127.0.0.1</address></udpv4></locator>
@@ -184,14 +198,14 @@ def _udp() -> str:
     if os.environ.get(_LOCAL_ONLY) == "1":  # the older name; it goes before range and peers
         del os.environ[_LOCAL_ONLY]
     elif os.environ.get(_RANGE) != "LOCALHOST" or os.environ.get("ROS_STATIC_PEERS"):
-        return _UDP.format(buffer=BUFFER_B, thread=_thread())
+        return _UDP.format(buffer=BUFFER_B, thread=_thread(), lease=_LEASE)
     os.environ[_RANGE] = "SYSTEM_DEFAULT"
-    return _UDP_HERE.format(buffer=BUFFER_B, thread=_thread())
+    return _UDP_HERE.format(buffer=BUFFER_B, thread=_thread(), lease=_LEASE)
 
 
 def _plain() -> str:
     """Return the part of the profile that leaves the transports as they are."""
-    return "" if is_fast_dds_3() else _PLAIN.format(thread=_thread())
+    return "" if is_fast_dds_3() else _PLAIN.format(thread=_thread(), lease=_LEASE)
 
 
 def _thread() -> str:
