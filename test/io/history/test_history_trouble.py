@@ -221,6 +221,20 @@ class TestTruncatedFile:
             assert not history.notices
         assert stored(file) == [1, 2, 3, 4]
 
+    def test_a_file_that_was_vacuumed_and_then_written_to_is_whole(self, file: Path) -> None:
+        with filled(file) as history, History(file) as other:
+            with closing(sqlite3.connect(file, isolation_level=None)) as shell:
+                shell.execute("CREATE TABLE big AS SELECT zeroblob(400000) AS x")
+                shell.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+                history.repair()  # looks
+                for statement in ("DROP TABLE big", "VACUUM", "PRAGMA wal_checkpoint(TRUNCATE)"):
+                    shell.execute(statement)
+            for number in range(1, 30):  # pages that the file gets later
+                other.store("/other", record(number), both(number))
+            assert history.store(VALVE, record(4), both(4))
+            assert not history.notices
+        assert stored(file) == [1, 2, 3, 4]
+
     def test_two_that_write_to_it_lose_nothing(self, file: Path) -> None:
         with filled(file) as first, History(file) as second:
             second.store("/other", record(1), both(1))

@@ -8,8 +8,8 @@ whatever death. The slot also says which cycle was last told of, stored or not, 
 is not given to another cycle after a restart. It is written past the database: at once, also while
 that is locked; what a killed process wrote there stays.
 
-The library filelock would replace `_lock` alone and want a file a valve: its lock is as safe, but
-it says neither who holds it nor which cycle was told of, for which the slots are here.
+The library filelock would replace `lock_part` alone and want a file a valve: its lock is as safe,
+but it says neither who holds it nor which cycle was told of, for which the slots are here.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from sqlalchemy.exc import DBAPIError
 
 from valve_twin.core.state import Announced
 from valve_twin.io.errors import StoreError
+from valve_twin.io.history.locks import lock_part
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -39,9 +40,6 @@ if TYPE_CHECKING:
 
 _SLOT = struct.Struct("<qqq64s400s")
 """Number and start of the last announced cycle [ns], process id, host, name of the valve."""
-
-_LOCK = struct.Struct("hhqqi4x")
-"""The system's struct flock: type, whence, start, length, process."""
 
 _SERVER_KEY = 0x56414C56
 """First half of the keys of claims on a PostgreSQL server ("VALV")."""
@@ -255,7 +253,7 @@ def _read(file: int, place: int) -> tuple[int, int, int, str, str]:
 
 def _take(file: int, place: int, valve: str, path: Path) -> None:
     try:
-        _lock(file, place, _SLOT.size)
+        lock_part(file, place, _SLOT.size)
     except (BlockingIOError, PermissionError) as err:
         _, _, pid, host, _ = _read(file, place)
         msg = (
@@ -267,11 +265,11 @@ def _take(file: int, place: int, valve: str, path: Path) -> None:
 
 @contextmanager
 def _alone(file: int) -> Iterator[None]:
-    _lock(file, _ALL, 1, wait=True)
+    lock_part(file, _ALL, 1, wait=True)
     try:
         yield
     finally:
-        _lock(file, _ALL, 1, free=True)
+        lock_part(file, _ALL, 1, free=True)
 
 
 def _require_locks(path: Path) -> None:
@@ -282,12 +280,3 @@ def _require_locks(path: Path) -> None:
             "apart; it is read anywhere: give the URL of a PostgreSQL database, or write on Linux"
         )
         raise StoreError(msg)
-
-
-def _lock(file: int, start: int, length: int, *, wait: bool = False, free: bool = False) -> None:
-    """Lock a part of the file for this open file alone, not for the process as a whole."""
-    import fcntl
-
-    kind = fcntl.F_UNLCK if free else fcntl.F_WRLCK
-    command = fcntl.F_OFD_SETLKW if wait else fcntl.F_OFD_SETLK
-    fcntl.fcntl(file, command, _LOCK.pack(kind, os.SEEK_SET, start, length, 0))

@@ -12,11 +12,14 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from valve_twin.io.history.wal import copy as copies
 from valve_twin.io.history.wal.copy import LogCopy
 from valve_twin.io.history.wal.frames import read_index
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+    from valve_twin.io.history.wal.frames import Index
 
 
 class Written:
@@ -126,3 +129,85 @@ def test_the_index_names_the_frames_in_force(written: Written):
     assert written.copy.is_whole(grown=True)
     assert index.salts == written.copy.content[16:24]
     assert read_index(f"{written.file}none-wal") is None
+
+
+def test_a_log_longer_than_what_is_kept_is_whole_until_it_is_cut(
+    written: Written, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(copies, "MOST_B", 300_000)
+    with closing(sqlite3.connect(written.file, isolation_level=None)) as reader:
+        reader.execute("BEGIN")
+        reader.execute("SELECT count(*) FROM cycle").fetchone()  # the log cannot be taken in
+        for _ in range(100):
+            written.write(20_000)  # many frames at once
+            assert written.copy.is_whole(grown=True)
+        assert len(written.copy.content) <= 300_000 < os.stat(written.log).st_size
+        os.truncate(written.log, os.stat(written.log).st_size - 5000)
+        assert not written.copy.is_whole(grown=True)
+        assert not written.copy.restore()
+
+
+@pytest.mark.parametrize("mode", ["RESTART", "TRUNCATE"])
+def test_a_log_that_is_begun_anew_while_it_is_read_is_whole(
+    written: Written, monkeypatch: pytest.MonkeyPatch, mode: str
+):
+    for _ in range(5):
+        written.write()
+    assert written.copy.is_whole(grown=True)
+    overtaken: list[Index | None] = []
+
+    def read_and_be_overtaken(log: str) -> Index | None:
+        index = read_index(log)
+        if not overtaken:
+            overtaken.append(index)
+            written.connection.execute(f"PRAGMA wal_checkpoint({mode})")
+            written.write()
+        return index
+
+    monkeypatch.setattr(copies, "read_index", read_and_be_overtaken)
+    assert written.copy.is_whole(grown=True)  # nothing grew since, as it seems
+    assert overtaken
+    assert written.rows() == 6
+
+
+def test_nobody_writes_while_a_log_is_written_back(
+    written: Written, monkeypatch: pytest.MonkeyPatch
+):
+    written.write()
+    assert written.copy.is_whole(grown=True)
+    overtaken: list[Index | None] = []
+
+    def read_and_be_overtaken(log: str) -> Index | None:
+        with closing(sqlite3.connect(written.file, timeout=0)) as other:
+            with pytest.raises(sqlite3.OperationalError, match="locked"):
+                other.execute("BEGIN IMMEDIATE")
+            assert other.execute("PRAGMA wal_checkpoint(RESTART)").fetchone()[0] == 1
+            overtaken.append(read_index(log))
+        return overtaken[-1]
+
+    monkeypatch.setattr(copies, "read_index", read_and_be_overtaken)
+    assert written.copy.restore()
+    assert overtaken
+    monkeypatch.undo()
+    assert written.copy.is_whole()
+    assert written.rows() == 1
+
+
+def test_what_a_killed_writer_left_is_not_written_over_what_came_after(written: Written):
+    written.write()
+    assert written.copy.is_whole(grown=True)
+    end, index = os.stat(written.log).st_size, Path(f"{written.file}-shm").read_bytes()[:96]
+    written.write()
+    assert written.copy.is_whole(grown=True)  # knows a transaction whose writer then dies
+    shm = os.open(f"{written.file}-shm", os.O_RDWR)
+    os.pwrite(shm, index, 0)
+    written.connection.execute("INSERT INTO cycle VALUES ('of another one')")
+    os.pwrite(written_log := os.open(written.log, os.O_RDWR), b"\0" * 32, 0)
+    log = os.pread(written_log, 1 << 20, 0)
+    assert not written.copy.is_whole()
+    assert written.copy.restore()
+    assert os.pread(written_log, 1 << 20, 0)[end:] == log[end:]
+    assert written.connection.execute("SELECT max(text) FROM cycle").fetchone()[0][0] == "x"
+    assert written.rows() == 2
+    os.close(written_log)
+    os.close(shm)

@@ -12,6 +12,8 @@ from __future__ import annotations
 
 import os
 import struct
+import sys
+import threading
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
@@ -27,7 +29,7 @@ HEADER_B, FRAME_B = 32, 24
 
 _MAGIC = {0x377F0682: "<u4", 0x377F0683: ">u4"}
 _INDEX_HEAD = struct.Struct("=4x4x4xBBHII2I8s")
-_INDEX_COPY_B = 48
+_INDEX_COPY_B, _INDEX_B = 48, 100
 
 Sum = tuple[int, int]
 """A check sum of SQLite's log."""
@@ -68,11 +70,30 @@ class Frame(NamedTuple):
 
 
 class Index(NamedTuple):
-    """What the index says: frames in force [1], salts, and the check sum of the last frame."""
+    """What the index of a log says.
+
+    Attributes
+    ----------
+    frames, taken_in : int
+        Frames in force, and how many of them the database has, too [1].
+    salts : bytes
+        Of the log.
+    check_sum : tuple of int
+        Of the last frame.
+    pages, page_b : int
+        Pages that the database then has [1], and their size [B].
+    """
 
     frames: int
     salts: bytes
     check_sum: Sum
+    pages: int
+    page_b: int
+    taken_in: int
+
+    def tells_of_the_log_of(self, later: Index) -> bool:
+        """Return whether the log was not begun anew since: what it held stands there still."""
+        return self.salts == later.salts and self.frames <= later.frames
 
 
 def read_header(data: bytes) -> Header | None:
@@ -143,6 +164,11 @@ def _weights(pairs: int) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
     return np.hstack(columns[::-1]), power
 
 
+def index_of(log: str) -> str:
+    """Return the path of the index of a log, NAME-wal."""
+    return f"{log.removesuffix('-wal')}-shm"
+
+
 def read_index(log: str) -> Index | None:
     """Return what the index of a log says, None where it cannot be read.
 
@@ -152,27 +178,38 @@ def read_index(log: str) -> Index | None:
         Path of the log, NAME-wal.
     """
     with suppress(OSError):
-        file = keep_open(log.removesuffix("-wal") + "-shm")
+        file = keep_open(index_of(log))
         for _ in range(100):  # a writer changes both copies, one after the other
-            data = os.pread(file, 2 * _INDEX_COPY_B, 0)
-            first, second = data[:_INDEX_COPY_B], data[_INDEX_COPY_B:]
-            if first == second and len(first) == _INDEX_COPY_B:
-                _, _, _, frames, _, s0, s1, salts = _INDEX_HEAD.unpack_from(first)
-                return Index(frames, salts, (s0, s1))
+            data = os.pread(file, _INDEX_B, 0)
+            first, second = data[:_INDEX_COPY_B], data[_INDEX_COPY_B : 2 * _INDEX_COPY_B]
+            if first == second and len(data) == _INDEX_B:
+                _, _, page_b, frames, pages, s0, s1, salts = _INDEX_HEAD.unpack_from(first)
+                page_b = 65536 if page_b == 1 else page_b
+                taken_in = int.from_bytes(data[2 * _INDEX_COPY_B :], sys.byteorder)
+                return Index(frames, salts, (s0, s1), pages, page_b, taken_in)
     return None
 
 
-def keep_open(path: str) -> int:
+def keep_open(path: str, flags: int = os.O_RDONLY) -> int:
     """Open a file that SQLite has locked, for good.
 
     To close it would free the locks that SQLite holds on it in this process (POSIX); an index is
     looked at only after something happened to its log.
+
+    Parameters
+    ----------
+    path : str
+        The file.
+    flags : int
+        How to open it, as `os.open` takes it.
     """
     status = os.stat(path)
-    key = status.st_dev, status.st_ino
-    if key not in _kept:
-        _kept[key] = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-    return _kept[key]
+    key = status.st_dev, status.st_ino, flags
+    with _turn:
+        if key not in _kept:
+            _kept[key] = os.open(path, flags | os.O_CLOEXEC)
+        return _kept[key]
 
 
-_kept: dict[tuple[int, int], int] = {}
+_kept: dict[tuple[int, int, int], int] = {}
+_turn = threading.Lock()

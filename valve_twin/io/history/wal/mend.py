@@ -6,19 +6,26 @@ from __future__ import annotations
 
 import os
 import sqlite3
-from contextlib import closing, suppress
+from contextlib import closing, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.tables import SCHEMA_TABLE
-from valve_twin.io.history.wal.frames import keep_open
+from valve_twin.io.history.wal.frames import index_of, keep_open
+from valve_twin.io.history.wal.hold import nobody_writes, others_have
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from valve_twin.io.history.database import Database
     from valve_twin.io.history.wal.watch import Trouble
+
+OTHERS_S = 15.0
+"""How long another process may take to write back what it knows; it looks every 5 s [s].
+
+Whoever committed last knows all.
+"""
 
 _BLOCK_B = 1 << 20
 
@@ -45,10 +52,24 @@ def mend_cut(database: Database, trouble: Trouble) -> str:
     """
     assert database.file is not None
     assert database.files is not None
-    copy = database.files.log_copy
-    if trouble is trouble.LOG_CUT and copy is not None and copy.restore():
-        return ": what it held was written back from memory"
-    path = database.file
+    log = f"{database.file}-wal"
+    alone = nobody_writes(log) if os.path.exists(index_of(log)) else nullcontext()
+    with alone:  # what others store in the old file from then on, they find replaced
+        if database.trouble() is not trouble:
+            return ": it is whole again"
+        copy = database.files.log_copy
+        if trouble is trouble.LOG_CUT and copy is not None and copy.restore():
+            return ": what it held was written back from memory"
+        if others_have(log) and database.files.troubled_s() < OTHERS_S:
+            msg = (
+                f"{database.where}: {trouble.value}: what is missing may be known to the others"
+                " that have it open: tried again"
+            )
+            raise StoreError(msg)
+        return _write_anew(database, database.file, trouble)
+
+
+def _write_anew(database: Database, path: Path, trouble: Trouble) -> str:
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         for write, lost in ((_by_pages, "all that it held"), (_by_bytes, "what was known of it")):
@@ -71,7 +92,7 @@ def _is_sound(write: Callable[[Database, Path], None], database: Database, part:
     with suppress(sqlite3.DatabaseError):
         write(database, part)
         with closing(sqlite3.connect(part)) as copy:
-            found: str = copy.execute("PRAGMA quick_check(1)").fetchone()[0]
+            found: str = copy.execute("PRAGMA integrity_check(1)").fetchone()[0]
             known: int = copy.execute(f"SELECT count(*) FROM {SCHEMA_TABLE}").fetchone()[0]
             copy.execute("PRAGMA journal_mode=DELETE")
             return found == "ok" and known > 0
@@ -93,6 +114,9 @@ def _by_bytes(database: Database, part: Path) -> None:
             at += len(block)
     copy = database.files.log_copy if database.files else None
     if copy is not None:
+        if not copy.reaches_what_was_taken_in():
+            msg = "the database is malformed: it is newer than the copy of its log"
+            raise sqlite3.DatabaseError(msg)
         Path(f"{part}-wal").write_bytes(copy.content)
 
 

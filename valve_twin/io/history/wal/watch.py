@@ -4,8 +4,10 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sqlite3
+import time
 from contextlib import suppress
 from enum import Enum
 from typing import TYPE_CHECKING
@@ -52,6 +54,7 @@ class FileWatch:
         self._log_identity: tuple[int, int] | None = None
         self._size_b = 0
         self.log_copy: LogCopy | None = None
+        self._since_s = math.inf
 
     @property
     def is_known(self) -> bool:
@@ -93,7 +96,15 @@ class FileWatch:
             return Trouble.LOG_DELETED
         if self._is_cut():
             return Trouble.CUT
-        return None if self.log_copy.is_whole(grown=grown) else Trouble.LOG_CUT
+        if not self.log_copy.is_whole(grown=grown):
+            self._since_s = min(self._since_s, time.monotonic())
+            return Trouble.LOG_CUT
+        self._since_s = math.inf
+        return None
+
+    def troubled_s(self) -> float:
+        """Return for how long the log has been cut [s]; long ago where it is not."""
+        return time.monotonic() - self._since_s if self._since_s < math.inf else math.inf
 
     def log_is_own(self) -> bool:
         """Return whether the write-ahead log under its name is the one that was opened."""
@@ -110,9 +121,14 @@ class FileWatch:
                 self._driver().execute(f"PRAGMA {what}").fetchone()[0]
                 for what in ("page_count", "page_size")
             )
-            if size_b >= pages * page_b > 0:
+            if size_b >= pages * page_b > 0 or self._log_fills_up():
                 self._size_b = size_b
         return size_b < self._size_b
+
+    def _log_fills_up(self) -> bool:
+        """Return whether what a vacuumed file lacks was written since, and is in the log yet."""
+        assert self.log_copy is not None
+        return self.log_copy.holds_pages(lambda: self._file.stat().st_size)
 
 
 def _identity(path: Path | str) -> tuple[int, int] | None:
