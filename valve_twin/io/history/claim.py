@@ -28,7 +28,7 @@ from sqlalchemy.exc import DBAPIError
 
 from valve_twin.core.state import Announced
 from valve_twin.io.errors import StoreError
-from valve_twin.io.history.locks import lock_part
+from valve_twin.io.locks import lock_part
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

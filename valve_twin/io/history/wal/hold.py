@@ -11,8 +11,8 @@ import time
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from valve_twin.io.history.locks import lock_part, others_lock
 from valve_twin.io.history.wal.frames import index_of, keep_open
+from valve_twin.io.locks import lock_part, others_lock
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
