@@ -31,6 +31,7 @@ _SEED = 1  # of these draws
 _NO_STEP = 1e-9  # a smaller change of a current is none [A]
 _LONGEST_S = 0.03  # longest transient that is used [s]
 _MIN_EXCITATION = 0.02  # of the resistance's column that the others leave [1], assumed
+_NOT_APART = "voltage and flux do not tell the resistance apart"
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,15 +187,18 @@ def _fit_parts(
 
 def _solved(matrix: FloatArray, target: FloatArray, m: Magnetics, seat_gap: float) -> CoilFit:
     scale = np.sqrt(np.sum(matrix**2, axis=0))
-    used = scale > 1e-12
+    used = scale > 1e-12  # of a column that is not finite, too: it tells nothing
+    if not used[0]:
+        nothing = float("nan")
+        return CoilFit(nothing, nothing, _NOT_APART)
     columns = matrix[:, used] / scale[used]
     left = (
         columns[:, 0]
         - columns[:, 1:] @ np.linalg.lstsq(columns[:, 1:], columns[:, 0], rcond=None)[0]
     )
-    if not used[0] or float(np.sqrt(left @ left)) < _MIN_EXCITATION:
+    if float(np.sqrt(left @ left)) < _MIN_EXCITATION:
         nothing = float("nan")
-        return CoilFit(nothing, nothing, "voltage and flux do not tell the resistance apart")
+        return CoilFit(nothing, nothing, _NOT_APART)
     solution = np.zeros(3)
     solution[used] = np.linalg.lstsq(columns, target, rcond=None)[0] / scale[used]
     small = 1e-3
