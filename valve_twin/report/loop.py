@@ -25,6 +25,7 @@ svg { font: 12px sans-serif; fill: #1b2026; } path { fill: none; }
 .key { font-weight: 600; } .in-a { fill: #0072b2; } .in-b { fill: #c2500a; }
 </style>
 <rect width="100%" height="100%" fill="#fff"/>"""
+_STYLES = {"B": "b", "setpoint": "c"}  # of a signal by its name; "a" of all others
 
 
 def draw_loops(loops: Mapping[float, Loop]) -> str:
@@ -48,8 +49,8 @@ def draw_loops(loops: Mapping[float, Loop]) -> str:
                           (0.0, 1e3 * _SHOWN_S), (low - margin, high + margin))  # fmt: skip
             last = k + 1 == len(rows)
             panel.axes(x_label="time [ms]" if last else "", y_label=label, x_texts=last)
-            for (_, y), style in zip(of.rows[k][1].items(), _styles(label), strict=False):
-                panel.line(ms, y[shown], style)
+            for name, y in of.rows[k][1].items():
+                panel.line(ms, y[shown], _STYLES.get(name, "a"))
             parts += panel.parts
             if k == 0:
                 middle = _LEFT + _COLUMN * column + 0.5 * (_COLUMN - 76.0)
@@ -63,7 +64,3 @@ def draw_loops(loops: Mapping[float, Loop]) -> str:
     )
     svg = str(drawing(width, height, parts, "steps of a designed valve"))
     return svg.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1) + "\n"
-
-
-def _styles(label: str) -> tuple[str, str]:
-    return ("a", "c") if label.startswith("position") else ("a", "b")

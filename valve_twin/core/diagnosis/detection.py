@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from valve_twin.core.types import BoolArray, FloatArray, IntArray
 
 _OF_LARGEST = 0.3
-"""Share of the largest deviation that another cycle must show: one wild cycle is no fault [1]."""
+"""Share of the largest deviation that another cycle must show: one outlier is no fault [1]."""
 
 _ABRUPT = 0.5
 """Share of a change by which the cycles behind its onset must lie off those just before it, since

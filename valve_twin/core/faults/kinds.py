@@ -49,8 +49,9 @@ _INPUTS = (
     FaultKind(
         "input.loss",
         _WARN,
-        "Messages were lost between publisher and twin, by the publisher's own numbering.",
-        "Look at the network, or publish reliably with a deeper queue.",
+        "Messages or values of a PLC were lost on the way: by the publisher's own numbering, or by"
+        " their stamps or the server's word.",
+        "Look at the network; publish reliably with a deeper queue, or let the server send oftener.",
         heal_s=EVENT_HEAL_S,
     ),
     FaultKind(

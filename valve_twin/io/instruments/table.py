@@ -173,7 +173,7 @@ def check_count(path: Path, count: int) -> None:
 def rising(seconds: FloatArray) -> BoolArray:
     """Return which times can be those of one clock: (N,) bool.
 
-    The most rows that rise strictly: a wild time is left out by itself, whether it lies before or
+    The most rows that rise strictly: an outlier is left out by itself, whether it lies before or
     behind its neighbours. So are the first or last rows (one in a hundred, five at most) where a
     pause of more than ten times all the others' time sets them apart.
 

@@ -96,11 +96,11 @@ def jumped_back(w: FloatArray, onset: int, alarm: int, config: DetectionConfig) 
         lately = w[row - _LAST : row]
         each = w[row : row + config.heal] - lately.mean(axis=0)
         along = each @ way / far**2  # -1 = back by as much
-        wild = (lately.mean(axis=0) - np.median(lately, axis=0)) @ way / far**2  # one is no end
+        outlier = (lately.mean(axis=0) - np.median(lately, axis=0)) @ way / far**2  # one is no end
         left = each.mean(axis=0) + way
         chance = w.shape[1] * (2.0 / _LAST + 1.0 / len(since) + 1.0 / config.heal)
         like = float(left @ left) < (_BESIDE * far) ** 2 + 2.0 * chance
-        if like and along.max() + max(wild, 0.0) < -0.5 and along.mean() < _NEAR - 1.0:
+        if like and along.max() + max(outlier, 0.0) < -0.5 and along.mean() < _NEAR - 1.0:
             return row + config.heal - 1
     return -1
 

@@ -65,7 +65,7 @@ _LEAST_SMALL = 0.6
 strangers without a fault the least has 0.74."""
 
 _LEAST_SPIKE = 6e-3
-"""Height of a single wild sample that is left out [1]: what noise of 5e-4 does not reach."""
+"""Height of a single outlier that is left out [1]: what noise of 5e-4 does not reach."""
 
 NO_GAIN = 1e-6
 """Gain of a command that moves nothing, or the wrong way: its logarithm must exist."""
