@@ -51,7 +51,7 @@ _INPUTS = (
         _WARN,
         "Messages or values of a PLC were lost on the way: by the publisher's own numbering, or by"
         " their stamps or the server's word.",
-        "Look at the network; publish reliably with a deeper queue, or let the server send oftener.",
+        "Look at the network; publish reliably with a deeper queue; let a server send oftener.",
         heal_s=EVENT_HEAL_S,
     ),
     FaultKind(
