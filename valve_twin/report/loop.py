@@ -25,7 +25,7 @@ svg { font: 12px sans-serif; fill: #1b2026; } path { fill: none; }
 .key { font-weight: 600; } .in-a { fill: #0072b2; } .in-b { fill: #c2500a; }
 </style>
 <rect width="100%" height="100%" fill="#fff"/>"""
-_STYLES = {"B": "b", "setpoint": "c"}  # of a signal by its name; "a" of all others
+_STYLES = {"B": "b", "wanted": "c"}  # of a signal by its name; "a" of all others
 
 
 def draw_loops(loops: Mapping[float, Loop]) -> str:

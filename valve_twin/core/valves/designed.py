@@ -148,7 +148,7 @@ class Loop:
         Since the step [s].
     rows : tuple
         Signals to show together: label with unit, and by name (N,) arrays [of the label]; A and B
-        are of the coils, setpoint is what is wanted.
+        are of the coils.
     rise_s, overshoot, settling_s : float
         10 to 90 % [s], beyond the step over the step [1], until it stays within 2 % [s].
     graded_s : float

@@ -165,7 +165,7 @@ def _loop(plant: DoubleSolenoidPlant, copper: float, share: float, s: FloatArray
         ("current [A]", {"A": s[:, at.MEAN_A], "B": s[:, at.MEAN_B]}),
         ("u [1]", {"u": s[:, at.COMMAND]}),
         ("force [N]", {"F": s[:, at.FORCE]}),
-        ("position [mm]", {"x": 1e3 * s[:, at.X], "setpoint": wanted}),
+        ("position [mm]", {"x": 1e3 * s[:, at.X], "wanted": wanted}),
     )
     error = abs(float(place[-1]) - 1.0)
     return Loop(
