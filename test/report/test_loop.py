@@ -14,7 +14,7 @@ from valve_twin.report.loop import draw_loops
 TIME = 1e-4 * np.arange(801.0)
 ROWS = (
     ("current [A]", {"A": np.exp(-TIME), "B": -np.exp(-TIME)}),
-    ("position [mm]", {"x": 1.0 - np.exp(-300 * TIME), "setpoint": np.ones(801)}),
+    ("position [mm]", {"x": 1.0 - np.exp(-300 * TIME), "wanted": np.ones(801)}),
 )
 LOOP = Loop(TIME, ROWS, 2e-3, 0.0, 5e-3, 5e-3, 0.0, 1.0)
 

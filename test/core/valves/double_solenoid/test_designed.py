@@ -33,7 +33,7 @@ def test_a_step_shows_every_signal_and_judges_the_position():
     assert of.time_s[-1] == pytest.approx(0.08)
     x = rows["position [mm]"]["x"]
     assert x[-1] == pytest.approx(0.5 * 0.8 / 0.9, rel=0.05)
-    assert of.error == pytest.approx(abs(x[-1] / rows["position [mm]"]["setpoint"][-1] - 1.0))
+    assert of.error == pytest.approx(abs(x[-1] / rows["position [mm]"]["wanted"][-1] - 1.0))
     assert np.abs(rows["voltage [V]"]["A"]).max() <= 24.0
     assert 0.0 < of.rise_s < of.settling_s
     heat = 2.0 * sum(float(np.mean(i**2)) for i in rows["current [A]"].values())
