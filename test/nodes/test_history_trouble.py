@@ -189,6 +189,7 @@ def test_a_killed_monitor_takes_nothing_along(graph, database):
     cycles = 0
     for _ in range(3):
         monitor = graph.start("aging_monitor", retry_s=0.1)
+        graph.spin_until(lambda node=monitor: "is active" in node.log, 120.0, "a monitor")
         plant.feed(2)
         cycles += 2
         graph.spin_until(

@@ -245,6 +245,7 @@ def test_a_twin_goes_on_inside_a_cycle_with_the_bits_of_an_undisturbed_one(graph
     data.publish(life.publishers, until - again, len(data))
     predicted(NS, len(data) - 5)
     wait_for_cycle(life, 5)
+    graph.spin_until(lambda: summaries[-1].cycle == 5, 120.0, "the word of the last cycle")
     assert "goes on where it ended, inside cycle 3" in life.twin.log
     assert life.twin.end() == 0
 

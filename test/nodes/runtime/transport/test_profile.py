@@ -166,6 +166,7 @@ def test_a_killed_node_is_waited_for_no_longer_than_its_lease(monkeypatch, here,
     }
 
 
+@pytest.mark.alone
 def test_nodes_beside_a_running_one_hear_it_at_once(graph):
     """Of a third of them the first announcement was answered before they listened, 3 s lost."""
     there = graph.stranger("there")
