@@ -288,6 +288,7 @@ def test_it_adapts_to_a_publisher_that_offers_less(graph, tmp_path):
     graph.spin_until(lambda: written(recorder, "/x") == 1, what="the strong one")
     weak = graph.stranger("weak").create_publisher(String, "/x", BEST_EFFORT)
     meet(graph, recorder, ["/x"], publishers=2)
+    graph.spin_until(weak.get_subscription_count, what="the recorder: nothing is sent again")
     weak.publish(String(data="weak"))
     graph.spin_until(lambda: written(recorder, "/x") == 2, what="the weak one")
     graph.call(SplitBagfile, f"{NS}/bag_recorder/split_bagfile")
