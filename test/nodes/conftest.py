@@ -27,6 +27,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
+from valve_twin.nodes.runtime.transport.dead_ports import remove_unborn
 from valve_twin.nodes.runtime.transport.profile import remove_profile_file, use_fast_heartbeat
 
 _domains = itertools.cycle(range(1, 100))
@@ -323,8 +324,10 @@ def make_graph(folder: Path) -> Graph:
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     os.environ["OMP_NUM_THREADS"] = "1"
     use_fast_heartbeat()
+    domain = own_domain()
+    remove_unborn(domain)
     try:
-        return Graph(own_domain(), folder)
+        return Graph(domain, folder)
     finally:
         remove_profile_file()
 

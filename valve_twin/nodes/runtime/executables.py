@@ -99,7 +99,9 @@ def run(name: str) -> int:
 def _choose_transport(name: str) -> None:
     """Hear at once who is there; keep off shared memory where it may leave a node deaf."""
     ports = import_module("valve_twin.nodes.runtime.transport.dead_ports")  # not on Windows
-    if name != "bag_player" and not ports.has_dead_port(ports.domain_id()):
+    domain = ports.domain_id()
+    ports.remove_unborn(domain)
+    if name != "bag_player" and not ports.has_dead_port(domain):
         profile.announce_from_a_thread()
         return
     if name in _ASKS_OFTEN:

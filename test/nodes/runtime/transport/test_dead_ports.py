@@ -5,6 +5,7 @@
 import fcntl
 import os
 import signal
+import time
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from valve_twin_msgs.msg import Prediction
 
 from test.nodes.conftest import NS
 from test.nodes.feeding import REARM, Feeder
-from valve_twin.nodes.runtime.transport.dead_ports import domain_id, has_dead_port
+from valve_twin.nodes.runtime.transport.dead_ports import domain_id, has_dead_port, remove_unborn
 
 PORT = 7400 + 250 * 3 + 11
 
@@ -110,3 +111,22 @@ def test_a_twin_that_follows_a_killed_one_keeps_off_its_memory_and_hears(graph, 
     graph.be_heard(f"{NS}/twin")
     feeder.feed(10)
     graph.spin_until(lambda: len(found) >= 10, what="predictions of the second")
+
+
+@pytest.mark.parametrize(
+    ("size", "age_s", "port", "is_there"),
+    [
+        (0, 3.0, PORT, False),
+        (0, 0.0, PORT, True),
+        (9, 3.0, PORT, True),
+        (0, 3.0, PORT + 250, True),
+    ],
+    ids=["unborn", "being made", "alive", "of another domain"],
+)
+def test_a_port_whose_maker_was_killed_is_removed(tmp_path, size, age_s, port, is_there):
+    path = tmp_path / f"fastrtps_port{port}"
+    path.write_bytes(bytes(size))
+    made_s = time.time() - age_s
+    os.utime(path, (made_s, made_s))
+    remove_unborn(3, tmp_path)
+    assert path.exists() == is_there

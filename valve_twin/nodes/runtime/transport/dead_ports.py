@@ -16,6 +16,7 @@ from __future__ import annotations
 import fcntl
 import os
 import re
+import time
 from contextlib import suppress
 from pathlib import Path
 
@@ -25,10 +26,39 @@ _FIRST_PORT, _PORTS = 7400, 250
 _MAPPED = re.compile(r"/(fast(?:rtps|dds)_port(\d+))( \(deleted\))?$", re.MULTILINE)
 
 
+_PORT = re.compile(r"fast(?:rtps|dds)_port(\d+)")
+
+_UNBORN_S = 2.0
+"""A port that is empty for so long has no maker any more: to make one takes microseconds [s]."""
+
+
 def domain_id() -> int:
     """Return the domain that the environment names."""
     text = os.environ.get("ROS_DOMAIN_ID", "")
     return int(text) if text.isdecimal() else 0
+
+
+def remove_unborn(domain: int, memory: Path = Path("/dev/shm")) -> None:
+    """Remove ports whose makers were killed while they made them.
+
+    They are empty files. A process was seen to stand before one for minutes, in the creation of its
+    participant (boost::interprocess, spin_wait); an empty file alone does not always do that.
+
+    Parameters
+    ----------
+    domain : int
+        ROS domain [1].
+    memory : Path
+        Where the kernel shows shared memory; nothing is found where it does not.
+    """
+    first = _FIRST_PORT + _PORTS * domain
+    for path in memory.glob("fast*_port*"):
+        port = _PORT.fullmatch(path.name)
+        if port and first <= int(port[1]) < first + _PORTS:
+            with suppress(OSError):  # somebody else removed it, or it is another user's
+                found = path.stat()
+                if found.st_size == 0 and time.time() - found.st_mtime > _UNBORN_S:
+                    path.unlink()
 
 
 def has_dead_port(
