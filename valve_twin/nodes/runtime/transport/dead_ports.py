@@ -41,8 +41,8 @@ def domain_id() -> int:
 def remove_unborn(domain: int, memory: Path = Path("/dev/shm")) -> None:
     """Remove ports whose makers were killed while they made them.
 
-    They are empty files. A process was seen to stand before one for minutes, in the creation of its
-    participant (boost::interprocess, spin_wait); an empty file alone does not always do that.
+    They are empty files. A process was seen to stand before one for minutes, in the creation of
+    its participant (boost::interprocess, spin_wait); an empty file alone does not always do that.
 
     Parameters
     ----------
