@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from valve_twin.io.cdr.signals import SignalBlock
-from valve_twin.nodes.twin.collector import MOST_WAIT_S, SHARE, SLICE_SHARE, Collector
+from valve_twin.nodes.twin.collector import MOST_WAIT_S, REJOIN_S, SHARE, SLICE_SHARE, Collector
 
 HOLD_BACK_NS = 1_000_000_000
 SLICE_NS = round(SLICE_SHARE * HOLD_BACK_NS)
@@ -90,6 +90,32 @@ def test_a_signal_that_fell_silent_at_the_pace_of_a_plant_holds_nothing_up_when_
             collector.add(block("v_in", n), 0, now)
         taken(collector, now + 0.02)
     assert not collector
+
+
+@pytest.mark.parametrize("count", [1, 850])
+def test_after_a_pause_of_all_a_signal_is_waited_for_before_its_samples_are_guessed(
+    collector, count
+):
+    """It lagged by the pause and had been quiet for as long: taken for silent at once."""
+    for signal in ("position", "v_in"):
+        collector.add(block(signal, 0), 0, 0.0)
+    taken(collector, 0.0)
+    collector.add(block("position", 400, count), 0, 12.0)  # 12 s later by either clock
+    assert taken(collector, 12.0) == []
+    assert taken(collector, 12.4) == []
+    collector.add(block("v_in", 400, count), 0, 12.4)
+    assert sum(n for _, n in taken(collector, 12.4)) == 2 * count
+
+
+def test_a_signal_that_died_in_a_pause_of_all_holds_the_others_up_once(collector):
+    for signal in ("position", "v_in"):
+        collector.add(block(signal, 0), 0, 0.0)
+    taken(collector, 0.0)
+    for n in range(100):
+        now = 12.0 + n * 0.03
+        collector.add(block("position", 400 + n), 0, now)
+        taken(collector, now + 0.02)
+        assert bool(collector) is (now + 0.02 < 12.0 + REJOIN_S)
 
 
 def test_a_dead_signal_is_waited_for_only_so_long(collector):

@@ -10,6 +10,9 @@ steady clock, seconds at most. At the pace of a plant nothing is held.
 A signal that stood back while the others ran ahead faster than that, and by more than the core
 waits for, is given the whole of those seconds, whether more data comes or not: else the end of a
 rush would be handed on before the middleware has asked for what it lost of it.
+
+After a pause of all signals one of them comes first, and the others lag by the whole pause and
+have been quiet for as long. They are counted from there on, and given half a second to come.
 """
 
 from __future__ import annotations
@@ -31,6 +34,9 @@ too [s]."""
 
 SHARE = 0.5
 """A signal that has been quiet for this share of the data time by which it lags is silent [1]."""
+
+REJOIN_S = 0.5
+"""After a pause of all signals each is waited for at least so long [s]."""
 
 SLICE_SHARE = 0.5
 """Data time handed on at once, as a share of the time by which the core waits for a signal [1]:
@@ -57,6 +63,8 @@ class Collector:
         self._blocks: dict[str, list[SignalBlock]] = {}
         self._last_ns: dict[str, int] = {}
         self._heard_s: dict[str, float] = {}
+        self._newest_ns = _FAR
+        self._resumed_ns, self._resumed_s = -_FAR, 0.0
         self.oldest_ns = 0
 
     def __bool__(self) -> bool:
@@ -81,6 +89,10 @@ class Collector:
         if not self._last_ns or first < self._last_ns[block.signal]:
             self._last_ns = dict.fromkeys(self._signals, first - 1)
             self._heard_s = dict.fromkeys(self._signals, now_s)
+            self._newest_ns, self._resumed_ns = first, -_FAR
+        if first - self._newest_ns > self._hold_back_ns:
+            self._resumed_ns, self._resumed_s = first, now_s
+        self._newest_ns = max(self._newest_ns, last)
         self._blocks.setdefault(block.signal, []).append(block)
         self._last_ns[block.signal], self._heard_s[block.signal] = last, now_s
 
@@ -102,8 +114,11 @@ class Collector:
         newest, newest_s = self._last_ns[leading], self._heard_s[leading]
         limit = _FAR
         for signal, last in self._last_ns.items():
-            lag_ns, heard_s = newest - last, self._heard_s[signal]
-            wait_s = SHARE * 1e-9 * lag_ns
+            lag_ns, heard_s, least_s = newest - last, self._heard_s[signal], 0.0
+            if last < self._resumed_ns:
+                lag_ns, least_s = newest - self._resumed_ns, REJOIN_S
+                heard_s = max(heard_s, self._resumed_s)
+            wait_s = max(SHARE * 1e-9 * lag_ns, least_s)
             if lag_ns > self._hold_back_ns and newest_s - heard_s < wait_s:
                 wait_s = MOST_WAIT_S
             if now_s - heard_s < min(wait_s, MOST_WAIT_S):
