@@ -92,18 +92,22 @@ def test_a_signal_that_fell_silent_at_the_pace_of_a_plant_holds_nothing_up_when_
     assert not collector
 
 
-@pytest.mark.parametrize("count", [1, 850])
+@pytest.mark.parametrize(
+    ("first", "count"),
+    [(400, 1), (400, 850), (1, 850)],
+    ids=["of a plant", "of a plant, sent at once", "of a player alone"],
+)
 def test_after_a_pause_of_all_a_signal_is_waited_for_before_its_samples_are_guessed(
-    collector, count
+    collector, first, count
 ):
-    """It lagged by the pause and had been quiet for as long: taken for silent at once."""
+    """It had been quiet for as long as it lagged, or longer: taken for silent at once."""
     for signal in ("position", "v_in"):
         collector.add(block(signal, 0), 0, 0.0)
     taken(collector, 0.0)
-    collector.add(block("position", 400, count), 0, 12.0)  # 12 s later by either clock
+    collector.add(block("position", first, count), 0, 12.0)
     assert taken(collector, 12.0) == []
     assert taken(collector, 12.4) == []
-    collector.add(block("v_in", 400, count), 0, 12.4)
+    collector.add(block("v_in", first, count), 0, 12.4)
     assert sum(n for _, n in taken(collector, 12.4)) == 2 * count
 
 

@@ -11,8 +11,8 @@ A signal that stood back while the others ran ahead faster than that, and by mor
 waits for, is given the whole of those seconds, whether more data comes or not: else the end of a
 rush would be handed on before the middleware has asked for what it lost of it.
 
-After a pause of all signals one of them comes first, and the others lag by the whole pause and
-have been quiet for as long. They are counted from there on, and given half a second to come.
+After a pause of all signals, by either clock, one of them comes first, and the others lag by the
+whole pause or have been quiet for as long. They are counted from there on, and given half a second.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ SHARE = 0.5
 """A signal that has been quiet for this share of the data time by which it lags is silent [1]."""
 
 REJOIN_S = 0.5
-"""After a pause of all signals each is waited for at least so long [s]."""
+"""After a pause of all signals each is given at least so long, if the core waits that long [s]."""
 
 SLICE_SHARE = 0.5
 """Data time handed on at once, as a share of the time by which the core waits for a signal [1]:
@@ -63,7 +63,8 @@ class Collector:
         self._blocks: dict[str, list[SignalBlock]] = {}
         self._last_ns: dict[str, int] = {}
         self._heard_s: dict[str, float] = {}
-        self._newest_ns = _FAR
+        self._rejoin_s = min(REJOIN_S, 1e-9 * hold_back_ns)
+        self._newest_ns, self._newest_s = _FAR, 0.0
         self._resumed_ns, self._resumed_s = -_FAR, 0.0
         self.oldest_ns = 0
 
@@ -89,10 +90,11 @@ class Collector:
         if not self._last_ns or first < self._last_ns[block.signal]:
             self._last_ns = dict.fromkeys(self._signals, first - 1)
             self._heard_s = dict.fromkeys(self._signals, now_s)
-            self._newest_ns, self._resumed_ns = first, -_FAR
-        if first - self._newest_ns > self._hold_back_ns:
+            self._newest_ns, self._newest_s, self._resumed_ns = first, now_s, -_FAR
+        pause_ns = max(first - self._newest_ns, 1e9 * (now_s - self._newest_s))
+        if pause_ns > self._hold_back_ns:
             self._resumed_ns, self._resumed_s = first, now_s
-        self._newest_ns = max(self._newest_ns, last)
+        self._newest_ns, self._newest_s = max(self._newest_ns, last), now_s
         self._blocks.setdefault(block.signal, []).append(block)
         self._last_ns[block.signal], self._heard_s[block.signal] = last, now_s
 
@@ -116,7 +118,7 @@ class Collector:
         for signal, last in self._last_ns.items():
             lag_ns, heard_s, least_s = newest - last, self._heard_s[signal], 0.0
             if last < self._resumed_ns:
-                lag_ns, least_s = newest - self._resumed_ns, REJOIN_S
+                lag_ns, least_s = newest - self._resumed_ns, self._rejoin_s
                 heard_s = max(heard_s, self._resumed_s)
             wait_s = max(SHARE * 1e-9 * lag_ns, least_s)
             if lag_ns > self._hold_back_ns and newest_s - heard_s < wait_s:
