@@ -12,7 +12,7 @@ waits for, is given the whole of those seconds, whether more data comes or not: 
 rush would be handed on before the middleware has asked for what it lost of it.
 
 After a pause of all signals, by either clock, one of them comes first, and the others lag by the
-whole pause or have been quiet for as long. They are counted from there on, and given half a second.
+whole pause or have been quiet for as long. They count from there on, and are given half a second.
 """
 
 from __future__ import annotations
