@@ -26,7 +26,7 @@ from valve_twin.core.job_queue import JobQueue
 from valve_twin.core.prediction import residuals, restart_marks, run_model
 from valve_twin.core.state import TwinState, join_parts
 from valve_twin.core.types import Cycle, Estimate, FloatArray, Frames, IntArray, Prediction
-from valve_twin.core.valves.interface import NoOptions
+from valve_twin.core.valves.interface import ModelOptions
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -66,7 +66,7 @@ class TwinConfig:
     counter: SignalRange | None = None
     reference: SignalRange | None = None
     cycles: CycleConfig = field(default_factory=CycleConfig)
-    options: Options = field(default_factory=NoOptions)
+    options: Options = field(default_factory=ModelOptions)
     hold_back_s: float = 2.0
     conditions: tuple[SignalRange, ...] = ()
 

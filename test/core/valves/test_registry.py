@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from valve_twin.core.valves import registry
+from valve_twin.core.valves.interface import ModelOptions
 from valve_twin.core.valves.registry import MEMBERS, get_model, get_simulation, model_names
 
 
@@ -39,11 +40,20 @@ def test_a_model_that_lacks_members_is_refused_by_their_names(monkeypatch):
 
 
 def test_a_model_that_is_driven_by_no_input_of_its_own_is_refused(monkeypatch):
-    whole = dict.fromkeys(MEMBERS) | {"inputs": ("command",), "driven_by": ("voltage",)}
+    own = {"inputs": ("command",), "driven_by": ("voltage",), "options": ModelOptions()}
+    whole = dict.fromkeys(MEMBERS) | own
     entry = SimpleNamespace(name="driven", load=lambda: SimpleNamespace(**whole))
     monkeypatch.setattr(registry, "entry_points", lambda group: [entry])
     with pytest.raises(ValueError, match="driven_by names voltage, its inputs are command"):
         get_model("driven")
+
+
+def test_a_model_with_options_of_another_kind_is_refused(monkeypatch):
+    whole = dict.fromkeys(MEMBERS) | {"options": {"estimators": ()}}
+    entry = SimpleNamespace(name="loose", load=lambda: SimpleNamespace(**whole))
+    monkeypatch.setattr(registry, "entry_points", lambda group: [entry])
+    with pytest.raises(ValueError, match="its options are a dict, which does not inherit from"):
+        get_model("loose")
 
 
 def test_a_valve_of_another_package_is_found_behind_ours(monkeypatch):

@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.quantity import describe
 from valve_twin.core.simulation.block import to_frames
 from valve_twin.core.simulation.config import StartFault
 from valve_twin.core.simulation.valve import SimulatedValve
 from valve_twin.core.types import Cycle, EstimateStatus
+from valve_twin.core.valves.interface import estimator_choices
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -162,7 +162,7 @@ def error_budget(
     ----------
     model : ValveModel
         What is estimated.
-    options : PressCartridgeOptions
+    options : ModelOptions
         The model's options.
     simulation : SimulationConfig
         The valve, its cycle, sampling time and measurement layer; aging, scatter and faults are
@@ -233,19 +233,16 @@ def _cycles(
 
 def _with_second(model: ValveModel, options: Options) -> Options:
     """Return the options with the model's second estimator beside the trend's, if it has one."""
-    second = model.budget_estimator
-    known = next((d for d in describe(model.options) if d.name == "estimators"), None)
-    if known is None or second not in known.choices:
+    second, known = model.budget_estimator, estimator_choices(model)
+    if second not in known:
         return options
-    needed = [name for name in (model.trend_estimator, second) if name in known.choices]
+    needed = [name for name in (model.trend_estimator, second) if name in known]
     return replace(options, estimators=tuple(needed))
 
 
 def _with_lag(options: Options, first: tuple[Estimate, ...]) -> Options:
     """Return the options with the lag that was found: a budget is that of one known lag."""
-    if getattr(options, "lag", None) != -1:
-        return options
-    return replace(options, lag=first[-1].lag)
+    return replace(options, lag=first[-1].lag) if options.lag == -1 else options
 
 
 def _columns(model: ValveModel, first: tuple[Estimate, ...]) -> tuple[BudgetColumn, ...]:

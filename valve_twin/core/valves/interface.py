@@ -41,8 +41,26 @@ O_co = TypeVar("O_co", covariant=True)
 
 
 @dataclass(frozen=True, slots=True)
-class NoOptions:
-    """Options of a model that has none."""
+class ModelOptions:
+    """What the house reads of the options of any model; by itself the options of one without any.
+
+    The options of a model inherit from it and declare as fields what they have of these.
+    """
+
+    @property
+    def estimators(self) -> tuple[str, ...]:
+        """Names of the estimators to run, where there is a choice."""
+        return ()
+
+    @property
+    def lag(self) -> int:
+        """Input to output lag that is given [samples]; -1 = found in each cycle."""
+        return 0
+
+    @property
+    def tolerances(self) -> object:
+        """Half widths of the constants' tolerances, of `kit.tolerances`; None = no constants."""
+        return None
 
 
 class HasOptions(Protocol[O_co]):
@@ -149,8 +167,8 @@ class ValveModel(Protocol):
     parameters : tuple of Parameter
         Every parameter that an estimator of this model may publish.
     options : frozen dataclass
-        Options of estimation and prediction with their defaults, fields declared by
-        `core.quantity`; `NoOptions()` where there are none.
+        Options of estimation and prediction with their defaults, of a class that inherits from
+        `ModelOptions`, fields declared by `core.quantity`; `ModelOptions()` where there are none.
     trend_estimator : str
         Name of the estimator that feeds the trend and the predictions.
     normalised : bool
@@ -388,3 +406,8 @@ def option_descriptors(model: ValveModel, prefix: str = "") -> tuple[Descriptor,
         replace(d, note="estimated, this is where the search starts") if d.name in estimated else d
         for d in describe(model.options, prefix)
     )
+
+
+def estimator_choices(model: ValveModel) -> tuple[str, ...]:
+    """Return the estimators that a model's options choose from; empty = there is no choice."""
+    return next((d.choices for d in describe(model.options) if d.name == "estimators"), ())

@@ -15,7 +15,7 @@ from importlib.metadata import EntryPoint, PackageNotFoundError, distribution, e
 from typing import TYPE_CHECKING, TypeVar, cast
 
 from valve_twin.core.quantity import checked, replaced, suggest
-from valve_twin.core.valves.interface import ValveModel
+from valve_twin.core.valves.interface import ModelOptions, ValveModel
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -51,7 +51,8 @@ def get_model(name: str) -> ValveModel:
     ------
     ValueError
         If there is no such model, the message names the nearest one; if what is registered cannot
-        be loaded; or if it lacks a member of `ValveModel` or is driven by what is no input.
+        be loaded; or if it lacks a member of `ValveModel`, has options of another kind or is
+        driven by what is no input.
     """
     entry = _entry(name)
     if entry is not None:
@@ -128,6 +129,12 @@ def _checked(model: object, name: str) -> ValveModel:
         )
         raise ValueError(msg)
     whole = cast("ValveModel", model)
+    if not isinstance(whole.options, ModelOptions):
+        msg = (
+            f"'{name}' is no valve model: its options are a {type(whole.options).__name__}, which "
+            "does not inherit from valve_twin.core.valves.interface.ModelOptions"
+        )
+        raise ValueError(msg)
     unknown = [n for n in whole.driven_by or () if n not in whole.inputs]
     if unknown:
         msg = (

@@ -85,10 +85,9 @@ def score_strangers(
     for i, (how, changes) in enumerate(model.strangers().items()):
         if how.startswith(only):
             yield _score(model, options, configure(simulation, changes), how, seed_base + i)
-    tolerances = getattr(options, "tolerances", None)
-    if tolerances is None or not DRAWN.startswith(only):
+    if options.tolerances is None or not DRAWN.startswith(only):
         return
-    constants, plant = tolerated(options, tolerances), simulation.plant
+    constants, plant = tolerated(options), simulation.plant
     if not constants.names:
         return
     own = [plant.constants.get(name, name) for name in constants.names]

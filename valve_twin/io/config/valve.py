@@ -17,7 +17,7 @@ from valve_twin.core.aging.config import AgingConfig
 from valve_twin.core.cycle_config import CycleConfig
 from valve_twin.core.quantity import replaced, suggest
 from valve_twin.core.types import CycleRule
-from valve_twin.core.valves.interface import NoOptions, Options
+from valve_twin.core.valves.interface import ModelOptions, Options
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.cdr.message_types import full_type_name
 from valve_twin.io.cdr.signals import SERIES_TYPE, SignalSource
@@ -91,7 +91,7 @@ class ValveConfig:
     hold_back_s: float
     signals: dict[str, SignalSource]
     cycles: CycleConfig = field(default_factory=CycleConfig)
-    options: Options = field(default_factory=NoOptions)
+    options: Options = field(default_factory=ModelOptions)
     aging: AgingConfig = field(default_factory=AgingConfig)
     history_url: str = DEFAULT_HISTORY
     simulation: dict[str, object] = field(default_factory=dict)

@@ -9,8 +9,8 @@ import math
 from typing import TYPE_CHECKING
 
 from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
-from valve_twin.core.quantity import describe
 from valve_twin.core.types import CycleRule
+from valve_twin.core.valves.interface import estimator_choices
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.cdr.signals import SERIES_TYPE
 from valve_twin.io.config.csv import BASE_STAMP
@@ -229,10 +229,10 @@ def limit_line(limits: Sequence[Limit]) -> str:
 
 def _estimators(name: str) -> list[str]:
     """Return the line of a model's estimators with the one that tells faults, where it has it."""
-    known = next(d for d in describe(get_model(name).options) if d.name == "estimators")
-    if FEATURES not in known.choices or not isinstance(known.default, tuple):
+    model = get_model(name)
+    if FEATURES not in estimator_choices(model):
         return []
-    names = ", ".join([*map(str, known.default), FEATURES])
+    names = ", ".join([*model.options.estimators, FEATURES])
     return [f"      estimators: [{names}]   # the last one tells faults, see docs/diagnosis.md"]
 
 

@@ -67,7 +67,7 @@ class MonitoredValve:
         self.name = config.name
         model = get_model(config.model)
         self._parameters, self._trend_estimator = model.parameters, model.trend_estimator
-        self._features = ESTIMATOR in getattr(config.options, "estimators", ())
+        self._features = ESTIMATOR in config.options.estimators
         self._sought: set[int] = set()
         self._begin()
         self._asked_s: float | None = None

@@ -13,8 +13,9 @@ from valve_twin_msgs import msg, srv
 from valve_twin import __version__
 from valve_twin.core.aging.verdict import LimitState, Trend, Verdict, VerdictKind
 from valve_twin.core.operation.events import start_event
-from valve_twin.core.quantity import describe, suggest
+from valve_twin.core.quantity import suggest
 from valve_twin.core.types import Maintenance
+from valve_twin.core.valves.interface import estimator_choices
 from valve_twin.core.valves.registry import get_model
 from valve_twin.io.config.node_parameters import TwinParameters
 from valve_twin.io.history.export import BackupRules
@@ -26,7 +27,6 @@ from valve_twin.nodes.runtime.services import DeferredService, Done
 from valve_twin.nodes.twin.publishers import LATCHED
 
 if TYPE_CHECKING:
-    from valve_twin.core.valves.interface import ValveModel
     from valve_twin.nodes.runtime.node import ValveNode
     from valve_twin.nodes.runtime.worker import Outcome, WorkerThread
     from valve_twin.nodes.twin.budget_service import BudgetDesk
@@ -138,7 +138,8 @@ class TwinServices:
             found = valve.history.estimates(valve.name, estimator, first, limit + 1)
             if not found and request.estimator:
                 stored = {e.estimator for e in valve.history.recent_estimates(valve.name)}
-                known = sorted(stored or _estimators(valve.model))
+                model = valve.model
+                known = sorted(stored or {model.trend_estimator, *estimator_choices(model)})
                 if estimator not in known:
                     response.message = f"no estimator {estimator!r}: {suggest(estimator, known)}"
             page = found[:limit]
@@ -179,12 +180,6 @@ class TwinServices:
     def _in_background(self, thread: WorkerThread, work: Any, answer: Any) -> None:
         post = self._node.post
         thread.submit(work, lambda outcome: post(partial(answer, outcome)))
-
-
-def _estimators(model: ValveModel) -> set[str]:
-    """Return the estimators that a model has, from the choices of its options."""
-    named = (d.choices for d in describe(model.options) if d.name == "estimators")
-    return {model.trend_estimator, *next(named, ())}
 
 
 def _wrong_mark(note: str, cycle: int, following: int) -> str:

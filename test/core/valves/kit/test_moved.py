@@ -13,6 +13,7 @@ from valve_twin.core.quantity import quantity
 from valve_twin.core.simulation import simulate_cycles, to_frames
 from valve_twin.core.simulation.settings import configure
 from valve_twin.core.types import Cycle, Estimate, EstimateStatus, ParameterValue
+from valve_twin.core.valves.interface import ModelOptions
 from valve_twin.core.valves.kit.moved import moves_of, with_tolerances
 from valve_twin.core.valves.kit.tolerances import tolerance_section
 from valve_twin.core.valves.registry import complete_options, get_model, get_simulation
@@ -29,7 +30,7 @@ Absolute = tolerance_section("Absolute", __name__, Numbers, {"a": 0.03, "b": 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Options(Numbers):
+class Options(Numbers, ModelOptions):
     estimators: tuple[str, ...] = ("one", "features")
     tolerances: object = field(default_factory=Relative)
 

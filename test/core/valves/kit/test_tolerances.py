@@ -1,12 +1,13 @@
 # SPDX-License-Identifier: Apache-2.0
 # Copyright 2026 valve_twin maintainers
 import pickle
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
 
 from valve_twin.core.quantity import assumed
+from valve_twin.core.valves.interface import ModelOptions
 from valve_twin.core.valves.kit.tolerances import (
     Doubt,
     Tolerated,
@@ -29,8 +30,13 @@ Section = tolerance_section(
 )
 
 
+@dataclass(frozen=True, slots=True)
+class Options(Numbers, ModelOptions):
+    tolerances: object = field(default_factory=Section)
+
+
 def test_a_constant_of_zero_or_without_tolerance_is_exact():
-    found = tolerated(Numbers(), Section())
+    found = tolerated(Options())
     assert found.names == ("mass",)
     assert found.sigmas == pytest.approx([0.03 / np.sqrt(3.0)])
 
@@ -48,7 +54,7 @@ def test_a_tolerance_of_an_unknown_number_is_refused():
 def test_limits_hold_a_constant_inside_its_tolerance_in_95_of_100():
     # a value that is 3 mass, mass evenly spread over its tolerance of 3 %
     rng = np.random.default_rng(1)
-    constants = tolerated(Numbers(), Section())
+    constants = tolerated(Options())
     doubt = Doubt(np.array([3.0 * 2.0 * constants.sigmas[0]]), constants.names)
     given = doubt.around("force", 6.0)
     true = 6.0 * (1.0 + rng.uniform(-0.03, 0.03, 2000))

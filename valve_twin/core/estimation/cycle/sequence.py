@@ -40,7 +40,7 @@ from valve_twin.core.types import (
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from valve_twin.core.valves.interface import Options, ValveModel
+    from valve_twin.core.valves.interface import ModelOptions, Options, ValveModel
 
 MEMORY_CYCLES = 50
 """How many cycles the memory reaches back."""
@@ -200,9 +200,9 @@ def estimate_cycle(
     return done, memory.after(done)
 
 
-def _wants_features(model: ValveModel, options: Options, done: Sequence[Estimate]) -> bool:
+def _wants_features(model: ValveModel, options: ModelOptions, done: Sequence[Estimate]) -> bool:
     """Return whether features of any valve are asked for that the model did not give itself."""
-    asked = FEATURES in getattr(options, "estimators", ()) and model.feature_set.of_any_valve
+    asked = FEATURES in options.estimators and model.feature_set.of_any_valve
     return asked and all(e.estimator != FEATURES for e in done)
 
 

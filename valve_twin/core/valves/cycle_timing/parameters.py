@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.quantity import assumed, quantity, setting
 from valve_twin.core.types import Parameter
+from valve_twin.core.valves.interface import ModelOptions
 
 ESTIMATOR = "centroid"
 
@@ -43,7 +44,7 @@ PARAMETERS = (
 
 
 @dataclass(frozen=True, slots=True)
-class CycleTimingOptions:
+class CycleTimingOptions(ModelOptions):
     """Options of the model."""
 
     spike_start_s: float = quantity(9.0, "s", "the spike is looked for from here on", 0.0, 1e5)

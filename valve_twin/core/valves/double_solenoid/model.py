@@ -142,7 +142,7 @@ class DoubleSolenoidModel(CompiledModel):
         refusal = _beyond(record, valve)
         if refusal:
             return (_estimate(cycle, blank(NAMES, refusal), known, refused=refusal),)
-        constants = tolerated(options, options.tolerances)
+        constants = tolerated(options)
         here = valve, record
         aside = _aside(cycle, options, here, constants)
         names = (*constants.names, *options.map_doubt_names)

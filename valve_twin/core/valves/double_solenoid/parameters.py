@@ -16,6 +16,7 @@ from valve_twin.core.valves.double_solenoid.dimensions.published import ESTIMATO
 from valve_twin.core.valves.double_solenoid.dimensions.published import PUBLISHED
 from valve_twin.core.valves.double_solenoid.numbers import DoubleSolenoidNumbers
 from valve_twin.core.valves.double_solenoid.plant import DoubleSolenoidPlant
+from valve_twin.core.valves.interface import ModelOptions
 from valve_twin.core.valves.kit.tolerances import tolerance_section
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ DoubleSolenoidTolerances = tolerance_section(
 
 
 @dataclass(frozen=True, slots=True)
-class DoubleSolenoidOptions(DoubleSolenoidNumbers):
+class DoubleSolenoidOptions(DoubleSolenoidNumbers, ModelOptions):
     """The numbers of the data sheet: what is not estimated has to be known."""
 
     estimators: tuple[str, ...] = setting(

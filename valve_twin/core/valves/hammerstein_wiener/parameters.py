@@ -24,6 +24,7 @@ from valve_twin.core.valves.hammerstein_wiener.kernels import (
     B,
 )
 from valve_twin.core.valves.hammerstein_wiener.shape import INPUT_KNOTS, OUTPUT_KNOTS
+from valve_twin.core.valves.interface import ModelOptions
 
 ESTIMATOR = "output_error"
 
@@ -77,7 +78,7 @@ NAMES = tuple(p.name for p in PARAMETERS)
 
 
 @dataclass(frozen=True, slots=True)
-class HammersteinWienerOptions:
+class HammersteinWienerOptions(ModelOptions):
     """Options of the model."""
 
     blocks: tuple[str, ...] = setting(

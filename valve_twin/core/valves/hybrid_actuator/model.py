@@ -189,7 +189,7 @@ def _record(cycle: Cycle, options: HybridActuatorOptions, known: BoolArray) -> F
 def _electrical(
     cycle: Cycle, options: HybridActuatorOptions, record: Flights, known: BoolArray
 ) -> list[ParameterValue]:
-    constants = tolerated(options, options.tolerances)
+    constants = tolerated(options)
     found: list[ParameterValue] = []
     for column, side in enumerate(_SIDES):
         fit = _fit_side(cycle, options, record, known, column)
@@ -252,7 +252,7 @@ def _mechanical(
     if fit is None:
         reason = "the armature did not cross from seat to seat"
         return [*blank(NAMES[4:], reason, ParameterStatus.NOT_EXCITED)]
-    constants = tolerated(options, options.tolerances)
+    constants = tolerated(options)
     moved = by_constants(fit, lambda o: _record(cycle, o, known), options, constants)
     status, reason = _doubt(fit, cycle, 2.0 * options.half_travel)
     values: list[ParameterValue] = []

@@ -10,6 +10,7 @@ from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.quantity import setting
 from valve_twin.core.types import Parameter
 from valve_twin.core.valves.hybrid_actuator.plant import HybridActuatorNumbers, check_gap
+from valve_twin.core.valves.interface import ModelOptions
 from valve_twin.core.valves.kit.tolerances import tolerance_section
 
 ESTIMATOR = "flight"
@@ -65,7 +66,7 @@ HybridActuatorTolerances = tolerance_section(
 
 
 @dataclass(frozen=True, slots=True)
-class HybridActuatorOptions(HybridActuatorNumbers):
+class HybridActuatorOptions(HybridActuatorNumbers, ModelOptions):
     """The numbers of the data sheet: what is not estimated has to be known."""
 
     estimators: tuple[str, ...] = setting(

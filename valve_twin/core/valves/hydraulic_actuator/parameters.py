@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.quantity import assumed, setting
 from valve_twin.core.types import Parameter
+from valve_twin.core.valves.interface import ModelOptions
 
 ESTIMATOR = "output_error"
 
@@ -63,7 +64,7 @@ NAMES = tuple(p.name for p in PARAMETERS)
 
 
 @dataclass(frozen=True, slots=True)
-class HydraulicActuatorOptions:
+class HydraulicActuatorOptions(ModelOptions):
     """Options of the model."""
 
     min_opening: float = assumed(

@@ -27,8 +27,9 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
     from valve_twin.core.types import Estimate, FloatArray, ParameterValue
+    from valve_twin.core.valves.interface import ModelOptions
 
-T = TypeVar("T", bound="DataclassInstance")
+T = TypeVar("T", bound="ModelOptions")
 
 _UNMOVED = 1e-9  # of a value, below which nothing moved it [1]
 
@@ -50,7 +51,7 @@ class Moves:
     values: tuple[tuple[float, ...], ...]
 
 
-def moves_of(options: DataclassInstance, *, absolute: bool) -> Moves:
+def moves_of(options: ModelOptions, *, absolute: bool) -> Moves:
     """Return the constants with a tolerance above 0, and by how much they may be off.
 
     Parameters
@@ -61,7 +62,7 @@ def moves_of(options: DataclassInstance, *, absolute: bool) -> Moves:
         The tolerances are in the unit of the constant, not in parts of it.
     """
     found, known = {}, {d.name: d for d in describe(options)}
-    for constant in describe(options.tolerances):  # type: ignore[attr-defined]
+    for constant in describe(cast("DataclassInstance", options.tolerances)):
         value = float(getattr(options, constant.name))
         sigma = cast("float", constant.default) * (1.0 if absolute else abs(value)) / sqrt(3.0)
         if sigma > 0.0:
@@ -95,7 +96,7 @@ def with_tolerances(
     found, moves = estimate(options), moves_of(options, absolute=absolute)
     if not moves.names or all(e.status is EstimateStatus.REFUSED for e in found):
         return found
-    asked = tuple(name for name in options.estimators if name in of)  # type: ignore[attr-defined]
+    asked = tuple(name for name in options.estimators if name in of)
     asides = []
     for name, values in zip(moves.names, moves.values, strict=True):
         changes = [{"estimators": asked, name: value} for value in values]

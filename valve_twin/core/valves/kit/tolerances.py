@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
     from valve_twin.core.quantity import Descriptor
     from valve_twin.core.types import FloatArray
+    from valve_twin.core.valves.interface import ModelOptions
 
 _BEYOND = 4.0  # standard deviations beyond its tolerance that show a constant to be wrong [1]
 _WORTH_NAMING = 0.1  # share of the variance from which a constant limits a parameter [1]
@@ -103,19 +104,16 @@ class Tolerated:
         return np.asarray(self.widths / sqrt(3.0))
 
 
-def tolerated(options: object, tolerances: object) -> Tolerated:
+def tolerated(options: ModelOptions) -> Tolerated:
     """Return the constants with a tolerance above 0; a value of 0 has no relative tolerance.
 
     Parameters
     ----------
     options : dataclass
-        Has the values of the constants.
-    tolerances : dataclass
-        Has their tolerances, see `tolerance_section`.
+        Has the values of the constants and their `tolerances`, see `tolerance_section`.
     """
-    given = {
-        d.name: cast("float", d.default) for d in describe(cast("DataclassInstance", tolerances))
-    }
+    widths = describe(cast("DataclassInstance", options.tolerances))
+    given = {d.name: cast("float", d.default) for d in widths}
     names = tuple(n for n, width in given.items() if width > 0.0 and getattr(options, n) != 0.0)
     return Tolerated(names, np.array([given[n] for n in names]))
 

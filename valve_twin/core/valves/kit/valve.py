@@ -13,6 +13,7 @@ from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.quantity import quantity, setting
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import Estimate, EstimateStatus, ParameterStatus, ParameterValue
+from valve_twin.core.valves.interface import ModelOptions
 from valve_twin.core.valves.kit.compiled import CompiledModel
 from valve_twin.core.valves.kit.fit import fit_free_run
 from valve_twin.core.valves.kit.law import Law, Lawful
@@ -42,7 +43,7 @@ ESTIMATOR = "output_error"
 
 
 @dataclass(frozen=True, slots=True)
-class LawOptions:
+class LawOptions(ModelOptions):
     """Options of a valve that is a law plus data."""
 
     max_lag: int = quantity(

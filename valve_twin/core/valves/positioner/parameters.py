@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.quantity import assumed, quantity, setting
 from valve_twin.core.types import Parameter
+from valve_twin.core.valves.interface import ModelOptions
 from valve_twin.core.valves.kit.tolerances import tolerance_section
 from valve_twin.core.valves.positioner.structure import Structure
 
@@ -150,7 +151,7 @@ PositionerTolerances = tolerance_section(
 
 
 @dataclass(frozen=True, slots=True)
-class PositionerOptions(PositionerNumbers):
+class PositionerOptions(PositionerNumbers, ModelOptions):
     """Options of the model."""
 
     max_delay_s: float = assumed(0.5, "s", "longest delay tried", 0.0, 60.0)

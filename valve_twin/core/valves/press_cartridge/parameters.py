@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from valve_twin.core.diagnosis.features import ESTIMATOR as SHOWN
 from valve_twin.core.quantity import assumed, quantity, setting
 from valve_twin.core.types import Parameter
+from valve_twin.core.valves.interface import ModelOptions
 from valve_twin.core.valves.kit.tolerances import tolerance_section
 from valve_twin.core.valves.press_cartridge.diagnosis.features import COUNTS, FEATURES
 from valve_twin.core.valves.press_cartridge.estimation import kalman, output_error
@@ -98,7 +99,7 @@ PressCartridgeTolerances = tolerance_section(
 
 
 @dataclass(frozen=True, slots=True)
-class PressCartridgeOptions(PressCartridgeNumbers):
+class PressCartridgeOptions(PressCartridgeNumbers, ModelOptions):
     """Options of the model."""
 
     estimators: tuple[str, ...] = setting(

@@ -113,7 +113,7 @@ class ServoSystemModel(CompiledModel):
             refusal = excitation_of(record, options)
         if record is None or refusal:
             return (_refused(cycle, refusal),)
-        kept = recall(earlier, tolerated(options, options.tolerances), options)
+        kept = recall(earlier, tolerated(options), options)
         told, fit = _fitted(record, options, kept, _guess(earlier))
         refusal = fit.failed or _misfit(fit, options) or told.contradiction
         if refusal:

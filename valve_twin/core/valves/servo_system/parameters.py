@@ -13,6 +13,7 @@ from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.quantity import assumed, describe, setting
 from valve_twin.core.refusal import Refusal, RefusalCode
 from valve_twin.core.types import Parameter
+from valve_twin.core.valves.interface import ModelOptions
 from valve_twin.core.valves.kit.tolerances import tolerance_section
 from valve_twin.core.valves.servo_system.numbers import COUNT, PHYSICAL, ServoSystemNumbers, derive
 from valve_twin.core.valves.servo_system.plant import check_numbers
@@ -126,7 +127,7 @@ CONSTANTS = tuple(
 
 
 @dataclass(frozen=True, slots=True)
-class ServoSystemOptions(ServoSystemNumbers):
+class ServoSystemOptions(ServoSystemNumbers, ModelOptions):
     """The numbers of the data sheet, and what a cycle must show."""
 
     estimators: tuple[str, ...] = setting(

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
 from valve_twin.core.quantity import assumed, quantity, setting
 from valve_twin.core.types import Parameter
+from valve_twin.core.valves.interface import ModelOptions
 from valve_twin.core.valves.kit.tolerances import tolerance_section
 from valve_twin.core.valves.stepper_servo.predictor import MAX_LAG, ORDER
 
@@ -94,7 +95,7 @@ StepperServoTolerances = tolerance_section(
 
 
 @dataclass(frozen=True, slots=True)
-class StepperServoOptions(StepperServoNumbers):
+class StepperServoOptions(StepperServoNumbers, ModelOptions):
     """Options of the model."""
 
     estimators: tuple[str, ...] = setting(
