@@ -4,6 +4,7 @@
 
 import struct
 import zlib
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -74,6 +75,26 @@ def wrong_places(data, rng):
     return bytes(out)
 
 
+def wrong_middle(data, rng, *, swapped=False):
+    """Change one entry in the middle of a message index, or exchange two in log time or place."""
+    begins = [b for op, b, e in records(data) if op == INDEX and e - b > 15 + 4 * 16]
+    begin = int(rng.choice(begins))
+    (size,) = struct.unpack_from("<I", data, begin + 11)
+    place = int(rng.integers(1, size // 16 - 2))
+    at = begin + 15 + 16 * place + 8 * int(rng.integers(2))
+    out = bytearray(data)
+    if swapped:
+        out[at : at + 8], out[at + 16 : at + 24] = data[at + 16 : at + 24], data[at : at + 8]
+    else:
+        out[at] ^= 1 << int(rng.integers(8))
+    return bytes(out)
+
+
+def swapped_middle(data, rng):
+    """Exchange log times or places of two neighbours in the middle of a message index."""
+    return wrong_middle(data, rng, swapped=True)
+
+
 def wrong_counts(data, rng):
     """Count fewer messages of one topic in the statistics, so that the sum is still right."""
     out = bytearray(data)
@@ -128,6 +149,8 @@ def repeated_chunk(data, rng):
 LIES = [
     swap_indexes,
     wrong_places,
+    wrong_middle,
+    swapped_middle,
     wrong_counts,
     wrong_times,
     wrong_offset,
@@ -169,6 +192,26 @@ def test_a_lie_about_intact_chunks_loses_nothing_and_is_told(lie, kind, tmp_path
     forget()
     rows = {w.topic: w.rows for w in convert_topics(path, tmp_path / "t.csv")}
     assert sum(rows.values()) == truth.messages.total()
+
+
+@pytest.mark.parametrize("lie", [wrong_middle, swapped_middle], ids=lambda f: f.__name__)
+def test_the_compiled_walk_tells_of_one_wrong_entry_wherever_it_stands(lie, tmp_path, caplog):
+    import_module("valve_twin.io.cdr.columns_kernel")  # without it few messages are decoded
+    rng = np.random.default_rng(5)
+    truth = written("zstd-crc-2000", rng, tmp_path, 300)
+    path, sound = tmp_path / "lying.mcap", tmp_path / "sound.mcap"
+    sound.write_bytes(truth.data)
+    sources = [SignalSource(n.split("/")[-1], n) for n in list(TOPICS)[:1]]
+    (right,) = read_columns(sound, sources)
+    assert caplog.text == ""
+    for _ in range(40):
+        path.write_bytes(lie(truth.data, rng))
+        forget()
+        caplog.clear()
+        (found,) = read_columns(path, sources)
+        assert "message index" in caplog.text
+        assert found.log_ns.tobytes() == right.log_ns.tobytes()
+        assert found.values.tobytes() == right.values.tobytes()
 
 
 @pytest.mark.parametrize("summary", [True, False])
