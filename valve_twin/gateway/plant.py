@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from valve_twin.core.aging.verdict import Trend, Verdict
     from valve_twin.core.types import Estimate
-    from valve_twin.io.history.marks import Mark
+    from valve_twin.io.history.valves.marks import Mark
     from valve_twin.io.history.tables import CycleRecord
 
     StoredCycle: TypeAlias = tuple[CycleRecord, list[Estimate]]

@@ -178,6 +178,7 @@ class TestWithdrawnEvents:
                 connection.execute(f"ALTER TABLE maintenance DROP COLUMN {name}")
             for table in ("counters", "event", "condensate", "condensed"):
                 connection.execute(f"DROP TABLE {table}")
+            connection.execute("ALTER TABLE valve DROP COLUMN check_sum")
             connection.execute("UPDATE valve_twin_schema SET version_num = '0007'")
         with History(tmp_path / "history.sqlite") as upgraded:
             assert upgraded.maintenance(VALVE) == [self.SEAL]

@@ -14,7 +14,6 @@ from statistics import median as middle
 from typing import TYPE_CHECKING
 
 import numpy as np
-import sqlalchemy as sa
 
 from valve_twin.bench.measure import Ratio, median
 from valve_twin.core.aging import AgingConfig, assess
@@ -31,7 +30,8 @@ from valve_twin.io.history.database import Database
 from valve_twin.io.history.fleet import rank_fleet
 from valve_twin.io.history.insert import Insert
 from valve_twin.io.history.store import CycleRecord, History
-from valve_twin.io.history.tables import CYCLE, ESTIMATE, VALVE, estimate_row, to_row
+from valve_twin.io.history.tables import CYCLE, ESTIMATE, estimate_row, to_row
+from valve_twin.io.history.valves.names import key_of
 from valve_twin.report.build import history_data
 from valve_twin.report.page import render_report
 
@@ -272,8 +272,7 @@ def _fill(path: Path, cycles: int) -> None:
     database = Database(str(path))
     try:
         with database.write() as connection:
-            Insert(database, VALVE)(connection, [{"name": _VALVE}])
-            valve_id = int(connection.execute(sa.select(VALVE.c.id)).scalar_one())
+            valve_id = key_of(connection, _VALVE, database.where)
             insert_cycle, insert_estimate = Insert(database, CYCLE), Insert(database, ESTIMATE)
             for e in life(cycles):
                 record = CycleRecord(e.cycle, e.start_ns, e.end_ns, 800)

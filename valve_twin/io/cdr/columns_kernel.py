@@ -274,7 +274,7 @@ def _index_flaw(
                 return _PLACES
             outside = outside or log_ns < start_ns or log_ns > end_ns
         for entry in range(begin, begin + size, ENTRY_SIZE):
-            sum_ += _mixed(channel, _i64(content, entry), _i64(content, entry + 8))
+            sum_ += _mixed(int(channel), _i64(content, entry), _i64(content, entry + 8))
         entries += size // ENTRY_SIZE
         at = begin + size
     if entries != messages:
@@ -364,7 +364,7 @@ def take(  # noqa: PLR0912, PLR0915  to hand arrays on to a call costs more than
             break
         messages += 1
         channel = np.int64(_u16(data, at + _CHANNEL_AT))
-        sum_ += _mixed(channel, _i64(data, at + _LOG_AT), at)
+        sum_ += _mixed(int(channel), _i64(data, at + _LOG_AT), at)
         k = first_of[channel] if channel < len(first_of) else -1
         while k >= 0:
             row = plan[k, ROW]

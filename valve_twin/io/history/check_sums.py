@@ -7,7 +7,6 @@ The sum stands over all values of a row but its own key, in the form in which th
 
 from __future__ import annotations
 
-import logging
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -23,9 +22,9 @@ from valve_twin.io.history.tables import (
     EVENT,
     MAINTENANCE,
     UNSUMMED,
-    VALVE,
     VERDICT,
 )
+from valve_twin.io.history.valves.names import read_names, tell_once
 from valve_twin.io.mcap.checksum import crc32
 
 if TYPE_CHECKING:
@@ -35,8 +34,8 @@ if TYPE_CHECKING:
     from sqlalchemy.engine import Connection
 
 Rows: TypeAlias = "list[Mapping[str, Any]]"
-_LOGGER = logging.getLogger("valve_twin")
 _PAGE = 1000
+_MOST_PROBLEMS = 20
 _SEPARATOR = "\x1f"
 UNSEALED = 0
 """Of a row that a twin of a version before check sums stored after the upgrade: it is believed."""
@@ -79,19 +78,6 @@ def row_sum(table: sa.Table, row: Mapping[str, Any]) -> int:
     return crc32(text.encode("utf-8", "surrogateescape"))
 
 
-_MOST_TOLD = 10_000
-_told: set[str] = set()
-
-
-def _tell(line: str) -> None:
-    """Log what is damaged once: a twin reads its history again and again."""
-    if line not in _told:
-        if len(_told) >= _MOST_TOLD:
-            _told.clear()
-        _told.add(line)
-        _LOGGER.warning("%s", line)
-
-
 def sound_rows(
     table: sa.Table, rows: Iterable[Mapping[str, Any]], where: str
 ) -> Iterator[Mapping[str, Any]]:
@@ -110,7 +96,7 @@ def sound_rows(
         if row[CHECK_SUM] in (UNSEALED, row_sum(table, row)):
             yield row
         else:
-            _tell(_damaged_line(table, row, where))
+            tell_once(_damaged_line(table, row, where))
 
 
 def sound_page(
@@ -164,16 +150,20 @@ def verify(read: Callable[[], AbstractContextManager[Connection]], where: str) -
 
 
 def _verified(connection: Connection, where: str) -> Verification:
-    found = Verification()
-    known = set(connection.scalars(sa.select(VALVE.c.id)))
+    known, damaged = read_names(connection, where)
+    found = Verification(len(known) + len(damaged), list(damaged.values()))
     for table in SEALED:
         result = connection.execution_options(yield_per=_PAGE).execute(sa.select(table))
         for row in result.mappings():
             found.rows += 1
             if row[CHECK_SUM] not in (UNSEALED, row_sum(table, dict(row))):
                 found.damaged.append(_damaged_line(table, dict(row), where))
-            elif row["valve_id"] not in known:
+            elif row["valve_id"] not in known | damaged:
                 found.damaged.append(f"{_place(table, dict(row), where)}: its valve is not there")
+    if connection.dialect.name == "sqlite":  # rows that an index hides, too
+        problems = connection.exec_driver_sql(f"PRAGMA integrity_check({_MOST_PROBLEMS})")
+        lines = [str(line) for (line,) in problems if line != "ok"]
+        found.damaged += [f"{where}: {line}: put the last backup in its place" for line in lines]
     return found
 
 

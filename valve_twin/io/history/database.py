@@ -25,6 +25,7 @@ from valve_twin.io.history.check_sums import seal_all
 from valve_twin.io.history.errors import explain
 from valve_twin.io.history.migrations.schema import create, migrate
 from valve_twin.io.history.tables import METADATA, SCHEMA_TABLE, SCHEMA_VERSION
+from valve_twin.io.history.valves.names import seal_names, sound_names
 from valve_twin.io.history.wal.watch import FileWatch, Trouble
 
 if TYPE_CHECKING:
@@ -275,6 +276,8 @@ class Database:
                 )
                 raise StoreError(msg)
             self._upgrade()
+        with self.engine.connect() as connection:
+            sound_names(connection, self.where)
         if self.file is not None and not self.read_only:
             self._keep_open()
 
@@ -344,6 +347,7 @@ class Database:
                 return
             migrate(connection)
             seal_all(connection)
+            seal_names(connection)
 
 
 def place_of(url: str) -> str:

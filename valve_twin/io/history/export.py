@@ -39,6 +39,7 @@ from valve_twin.io.history.tables import (
     VALVE,
     row_estimate,
 )
+from valve_twin.io.history.valves.names import sound_names
 from valve_twin.io.limits import no_formula
 
 if TYPE_CHECKING:
@@ -239,14 +240,15 @@ def _move(part: Path, target: Path) -> None:
 
 def _rows(connection: Connection, table: sa.Table) -> Iterator[Mapping[str, Any]]:
     order = [table.c[name] for name in ("cycle", "position", "id") if name in table.c]
-    query = sa.select(VALVE.c.name.label("valve"), table).join(
-        VALVE, VALVE.c.id == table.c.valve_id
-    )
+    names = sound_names(connection, "the export")
+    query = sa.select(table).join(VALVE, VALVE.c.id == table.c.valve_id)
     result = connection.execution_options(yield_per=_PAGE).execute(
         query.order_by(VALVE.c.name, *order)
     )
     for row in sound_rows(table, map(dict, result.mappings()), "the export"):
-        yield {name: value for name, value in row.items() if name not in _HIDDEN}
+        if row["valve_id"] in names:
+            own = {name: value for name, value in row.items() if name not in _HIDDEN}
+            yield {"valve": names[row["valve_id"]], **own}
 
 
 def _write_csv(path: Path, columns: list[str], rows: Iterator[Mapping[str, Any]]) -> None:

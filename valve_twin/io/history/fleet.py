@@ -294,18 +294,35 @@ def _counted(row: FleetRow, history: History) -> FleetRow:
 
 def _assessed(row: FleetRow, found: Assessment, estimates: Rows, config: AgingConfig) -> FleetRow:
     residual, ratio = recent_residual(estimates)
-    advice = advise(found.verdict, found.trends)
-    worst = max(found.trends, key=lambda t: _gravity(t, config), default=None)
+    row = replace(row, residual=residual, residual_ratio=ratio, confidence=confidence(estimates))
+    return judged(row, found.verdict, found.trends, config)
+
+
+def judged(
+    row: FleetRow, verdict: Verdict, trends: Sequence[Trend], config: AgingConfig
+) -> FleetRow:
+    """Return a row with what a verdict and its trends say of the valve.
+
+    Parameters
+    ----------
+    row : FleetRow
+        What else is known of it.
+    verdict : Verdict
+        Of its newest cycle.
+    trends : sequence of Trend
+        What it was made from, one a followed parameter.
+    config : AgingConfig
+        Rules of aging.
+    """
+    advice = advise(verdict, trends)
+    worst = max(trends, key=lambda t: _gravity(t, config), default=None)
     row = replace(
         row,
-        verdict=found.verdict.kind,
-        evidence=found.verdict.evidence,
+        verdict=verdict.kind,
+        evidence=verdict.evidence,
         ne107=advice.ne107.value,
         failure_mode=advice.failure_mode,
         action=advice.sentence,
-        residual=residual,
-        residual_ratio=ratio,
-        confidence=confidence(estimates),
     )
     return row if worst is None else _with_trend(row, worst, config)
 

@@ -22,7 +22,6 @@ from sqlalchemy.exc import DBAPIError
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.check_sums import sealed, sound_rows
 from valve_twin.io.history.claim import only_one
-from valve_twin.io.history.insert import Insert
 from valve_twin.io.history.tables import (
     CHECK_SUM,
     CONDENSATE,
@@ -32,9 +31,9 @@ from valve_twin.io.history.tables import (
     ESTIMATE,
     EVENT,
     MAINTENANCE,
-    VALVE,
     VERDICT,
 )
+from valve_twin.io.history.valves.names import key_of, sound_names
 from valve_twin.io.history.wal.mend import mend_cut, sync
 from valve_twin.io.history.wal.watch import Trouble
 
@@ -144,8 +143,8 @@ def _carry_over(old: Database, new: Database) -> str:
     """Store in the new file what the old one has and it lacks."""
     try:
         with new.transaction() as sink, old.transaction() as source:
-            valves = source.execute(sa.select(VALVE.c.name, VALVE.c.id)).all()
-            count = sum(_carry_valve(source, sink, new, *valve) for valve in valves)
+            valves = sound_names(source, old.where)
+            count = sum(_carry_valve(source, sink, new, n, key) for key, n in valves.items())
         new.check_file()
     except (DBAPIError, sqlite3.DatabaseError) as err:
         if not any(sign in str(err) for sign in _DAMAGED):
@@ -157,8 +156,7 @@ def _carry_over(old: Database, new: Database) -> str:
 def _carry_valve(
     source: Connection, sink: Connection, new: Database, name: str, old_id: int
 ) -> int:
-    Insert(new, VALVE, skip_taken=True)(sink, [{"name": name}])
-    new_id = sink.scalars(sa.select(VALVE.c.id).where(VALVE.c.name == name)).one()
+    new_id = key_of(sink, name, new.where)
     kept = {row["cycle"]: row for row in _rows(sink, CYCLE, new_id)}
     until, condensed = _carry_condensed(source, sink, old_id, new_id)
     missing = []

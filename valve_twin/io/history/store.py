@@ -34,22 +34,21 @@ from valve_twin.io.history.insert import Insert, check_estimates, is_condensed, 
 from valve_twin.io.history.log.counters import put_counters
 from valve_twin.io.history.log.events import KEPT
 from valve_twin.io.history.log.log import OperationLog
-from valve_twin.io.history.marks import Mark, read_marks
 from valve_twin.io.history.remarks import add_event, add_verdict, row_verdict, withdraw_event
 from valve_twin.io.history.tables import (
     CYCLE,
     ESTIMATE,
     MAINTENANCE,
-    VALVE,
     VERDICT,
     CycleRecord,
     cycle_record,
     estimate_row,
     from_row,
-    of_valve,
     row_estimate,
     to_row,
 )
+from valve_twin.io.history.valves.marks import Mark, read_marks
+from valve_twin.io.history.valves.names import key_of, of_valve, own_key, sound_names
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -116,7 +115,6 @@ class History:
         self._repairing = threading.Lock()
         self.notices: deque[str] = deque(maxlen=100)
         self.log = OperationLog(self, events_kept)
-        self._insert_valve = Insert(self._database, VALVE, skip_taken=True)
         self._insert_cycle = Insert(self._database, CYCLE, skip_taken=True)
         self._insert_estimates = Insert(self._database, ESTIMATE)
 
@@ -256,7 +254,7 @@ class History:
         """
         self.repair()
         with self._database.write() as connection:
-            valve_id = connection.scalar(sa.select(VALVE.c.id).where(VALVE.c.name == valve))
+            valve_id = connection.scalar(sa.select(own_key(valve)))
             return withdraw_event(connection, valve_id, cycle, note, self.where, self.log.kept)
 
     def add_verdict(self, valve: str, verdict: Verdict) -> bool:
@@ -272,12 +270,12 @@ class History:
     def valves(self) -> list[str]:
         """Return the names of all valves, sorted."""
         with self._database.read() as connection:
-            return list(connection.scalars(sa.select(VALVE.c.name).order_by(VALVE.c.name)))
+            return list(sound_names(connection, self.where).values())
 
     def marks(self) -> dict[str, Mark]:
         """Return by valve what changes whenever something of it was stored, without reading it."""
         with self._database.read() as connection:
-            return read_marks(connection)
+            return read_marks(connection, self.where)
 
     def last_cycle(self, valve: str) -> int:
         """Return the highest number that is taken, also by a damaged row; 0 if there is none."""
@@ -441,9 +439,4 @@ class History:
 
     def _valve_id(self, connection: Connection, valve: str) -> int:
         known = self._valve_ids.get(valve)
-        if known is not None:
-            return known
-        self._insert_valve(connection, [{"name": valve}])
-        return int(
-            connection.execute(sa.select(VALVE.c.id).where(VALVE.c.name == valve)).scalar_one()
-        )
+        return key_of(connection, valve, self.where) if known is None else known

@@ -35,7 +35,6 @@ from sqlalchemy import (
     Text,
     UniqueConstraint,
     false,
-    select,
 )
 
 from valve_twin.core.aging.verdict import Verdict
@@ -55,12 +54,10 @@ from valve_twin.core.types import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from sqlalchemy import Select
-
     from valve_twin.core.records import Column as RecordColumn
     from valve_twin.core.records import Field
 
-SCHEMA_VERSION = "0010"
+SCHEMA_VERSION = "0011"
 """Revision of the schema of this code: the newest file in `migrations/versions`."""
 
 SCHEMA_TABLE = "valve_twin_schema"
@@ -197,7 +194,9 @@ META = Table(
     Column("name", String(64), primary_key=True),
     Column("value", Text, nullable=False),
 )
-VALVE = Table("valve", METADATA, _id(), Column("name", String(255), nullable=False, unique=True))
+VALVE = Table(
+    "valve", METADATA, _id(), Column("name", String(255), nullable=False, unique=True), _sum()
+)
 CYCLE = Table(
     "cycle",
     METADATA,
@@ -274,11 +273,6 @@ COUNTERS = Table(
     ),
     _sum(),
 )
-
-
-def of_valve(table: Table, valve: str) -> Select[Any]:
-    """Return the query of all rows of a table that belong to a valve."""
-    return select(table).join(VALVE, VALVE.c.id == table.c.valve_id).where(VALVE.c.name == valve)
 
 
 def to_row(value: object, valve_id: int) -> dict[str, Any]:

@@ -28,8 +28,6 @@ from valve_twin.io.history.tables import (
     CHECK_SUM,
     ESTIMATE,
     MAINTENANCE,
-    VALVE,
-    of_valve,
     row_estimate,
 )
 from valve_twin.io.history.tiers.reading import (
@@ -38,6 +36,7 @@ from valve_twin.io.history.tiers.reading import (
     condensed_until,
     undisturbed,
 )
+from valve_twin.io.history.valves.names import of_valve, own_key
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -208,10 +207,9 @@ def _holds(history: History, valve: str, place: dict[str, Any]) -> bool:
         [*place["at"], place["sum"]]
     ]:
         return False
-    of = sa.select(VALVE.c.id).where(VALVE.c.name == valve).scalar_subquery()
     late = sa.select(ESTIMATE.c.id).where(
         ESTIMATE.c.id > place["looked"],
-        ESTIMATE.c.valve_id + 0 == of,  # by the key, which says what is new
+        ESTIMATE.c.valve_id + 0 == own_key(valve),  # by the key, which says what is new
         ESTIMATE.c.cycle <= place["at"][0],
     )
     return not history.select(late.limit(1))

@@ -21,7 +21,8 @@ from valve_twin.io.history.log.events import (
     events_query,
     row_event,
 )
-from valve_twin.io.history.tables import COUNTERS, CYCLE, EVENT, of_valve
+from valve_twin.io.history.tables import COUNTERS, CYCLE, EVENT
+from valve_twin.io.history.valves.names import of_valve
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager

@@ -29,7 +29,6 @@ from valve_twin.io.history.tables import (
     ESTIMATE,
     CycleRecord,
     from_row,
-    of_valve,
     row_estimate,
     to_row,
 )
@@ -41,6 +40,7 @@ from valve_twin.io.history.tiers.reading import (
     counted,
 )
 from valve_twin.io.history.tiers.state import state_text
+from valve_twin.io.history.valves.names import of_valve
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping

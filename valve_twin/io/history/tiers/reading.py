@@ -14,10 +14,10 @@ from valve_twin.io.history.tables import (
     CONDENSED,
     ESTIMATE,
     from_row,
-    of_valve,
     row_estimate,
 )
 from valve_twin.io.history.tiers.state import text_state
+from valve_twin.io.history.valves.names import of_valve
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

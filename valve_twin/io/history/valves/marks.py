@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import sqlalchemy as sa
 
 from valve_twin.io.history.tables import CYCLE, EVENT, MAINTENANCE, VALVE
+from valve_twin.io.history.valves.names import sound_names
 
 if TYPE_CHECKING:
     from sqlalchemy.engine import Connection
@@ -26,13 +27,15 @@ class Mark(NamedTuple):
     entry: int = 0
 
 
-def read_marks(connection: Connection) -> dict[str, Mark]:
+def read_marks(connection: Connection, where: str) -> dict[str, Mark]:
     """Return the mark of every valve, sorted by name: a look at ends of indexes and at events.
 
     Parameters
     ----------
     connection : Connection
         To the database, in a transaction that reads.
+    where : str
+        The database, for messages.
     """
     last = [
         sa.select(sa.func.max(column)).where(table.c.valve_id == VALVE.c.id).scalar_subquery()
@@ -47,5 +50,6 @@ def read_marks(connection: Connection) -> dict[str, Mark]:
         .where(MAINTENANCE.c.valve_id == VALVE.c.id, MAINTENANCE.c.withdrawn)
         .scalar_subquery()
     )
-    rows = connection.execute(sa.select(VALVE.c.name, withdrawn, *last).order_by(VALVE.c.name))
-    return {str(row[0]): Mark(row[2] or 0, row[3] or 0, int(row[1]), row[4] or 0) for row in rows}
+    rows = connection.execute(sa.select(VALVE.c.id, withdrawn, *last))
+    found = {row[0]: Mark(row[2] or 0, row[3] or 0, int(row[1]), row[4] or 0) for row in rows}
+    return {name: found[key] for key, name in sound_names(connection, where).items()}
