@@ -29,6 +29,9 @@ if TYPE_CHECKING:
     from valve_twin.io.history.store import History
 
 
+PAUSES = {name: getattr(module, name) for name in ("REFRESH_S", "RETRY_S", "REST")}
+
+
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     made = tmp_path / "history.sqlite"
@@ -39,8 +42,8 @@ def path(tmp_path: Path) -> Path:
 
 @pytest.fixture(autouse=True)
 def at_once(monkeypatch):
-    monkeypatch.setattr(module, "REFRESH_S", 0.0)
-    monkeypatch.setattr(module, "REST", 0.0)
+    for name in PAUSES:
+        monkeypatch.setattr(module, name, 0.0)
     monkeypatch.setattr(module, "WAIT_S", 60.0)
 
 
@@ -325,7 +328,8 @@ def test_a_first_reading_that_goes_on_is_waited_for_however_long(path, monkeypat
         return 0.0
 
     monkeypatch.setattr(Plant, "_state", slow)
-    monkeypatch.setattr(module, "time", SimpleNamespace(monotonic=now_s, time_ns=time.time_ns))
+    clock = SimpleNamespace(monotonic=now_s, thread_time=time.thread_time, time_ns=time.time_ns)
+    monkeypatch.setattr(module, "time", clock)
     monkeypatch.setattr(module, "LATE_S", 0.01)
     assert len(Plant(str(path)).view().rows) == 2
     assert go_on.is_set()
@@ -401,3 +405,31 @@ def test_a_history_that_goes_away_during_a_first_reading_leaves_what_was_assesse
     where.rename(path)
     assert plant.page("/b")  # is waited for
     assert plant.view().whole
+
+
+def test_a_history_that_was_locked_is_read_again_a_second_after_its_release(path, monkeypatch):
+    for name, pause in PAUSES.items():
+        monkeypatch.setattr(module, name, pause)
+    now_s = [100.0]
+    clock = SimpleNamespace(
+        monotonic=lambda: now_s[0], thread_time=time.thread_time, time_ns=time.time_ns
+    )
+    monkeypatch.setattr(module, "time", clock)
+    plant = Plant(str(path))
+    assert not plant.view().failure
+    store(path, "/b", range(4, 5), 0.0)
+
+    def locked(*_):
+        now_s[0] += 5.0  # who waits for a lock needs no processor
+        msg = "the database is locked"
+        raise StoreError(msg)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(module, "describe_valve", locked)
+        now_s[0] += 10.0
+        assert "locked" in plant.view().failure
+    now_s[0] += module.RETRY_S
+    view = plant.view()
+    row = view.row("/b")
+    assert row is not None
+    assert (view.failure, row.cycle) == ("", 4)

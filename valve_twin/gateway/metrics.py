@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from valve_twin.core.aging.verdict import Trend
-    from valve_twin.gateway.plant import View
+    from valve_twin.gateway.view import View
     from valve_twin.io.history.fleet import FleetRow
 
 TYPE = "text/plain; version=0.0.4; charset=utf-8"

@@ -8,10 +8,8 @@ import math
 import re
 import zlib
 from dataclasses import asdict, dataclass, field
-from datetime import datetime, timezone
 from functools import cache, partial
-from typing import TYPE_CHECKING, NamedTuple
-from urllib.parse import quote
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -19,11 +17,12 @@ from markupsafe import Markup
 
 from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.gateway.page.details import DRAWING
+from valve_twin.gateway.page.lines import MOST_LINES, SIGNS, fault_lines, link_of, moment
 from valve_twin.report.language.words import LANGUAGES, cell, drawn, figures, sentence, words
 from valve_twin.report.plots import plot_cycle
 from valve_twin.report.svg import polyline
 from valve_twin.report.tables import life_table
-from valve_twin.report.text import NONE, count, day, fixed, number, render, when
+from valve_twin.report.text import NONE, count, day, fixed, number, render
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -31,26 +30,23 @@ if TYPE_CHECKING:
     from valve_twin.core.types import Estimate, Prediction
     from valve_twin.gateway.page.accounts import Session
     from valve_twin.gateway.page.details import Details
-    from valve_twin.gateway.plant import View
+    from valve_twin.gateway.view import View
     from valve_twin.io.history.fleet import FleetRow
     from valve_twin.io.history.tables import CycleRecord
 
 RELOAD_S = 5
 """A page asks anew so often [s]."""
 
+LIVE_RELOAD_S = 2
+"""The same where running nodes are listened to [s]."""
+
+EAGER_RELOAD_S = 1
+"""The same while something is awaited: a first reading, a drawing, a locked history [s]."""
+
 LONG_PART = 24
 """Part of a name above which it may be broken at other places, too [letters]."""
 
-SIGNS = {
-    Ne107.FAILURE: "F",
-    Ne107.CHECK_FUNCTION: "C",
-    Ne107.OUT_OF_SPECIFICATION: "S",
-    Ne107.MAINTENANCE_REQUIRED: "M",
-    Ne107.GOOD: "\N{CHECK MARK}",
-}
-
 _GRAVEST_FIRST = sorted(Ne107, key=lambda state: -state.severity)
-_CLOCK_SET_NS = 10**18
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,25 +75,6 @@ class Visitor:
     session: Session | None = None
     accounts: bool = False
     languages: Mapping[str, str] = field(default_factory=lambda: LANGUAGES)
-
-
-class Moment(NamedTuple):
-    """A time: what a browser puts into its zone, and the words where it does not."""
-
-    text: str
-    iso: str
-
-
-def moment(stamp_ns: int) -> Moment:
-    """Return a stamp for a page; one of a clock that was not set stays as it is."""
-    if not stamp_ns:
-        return Moment("", "")
-    return Moment(when(stamp_ns), utc(stamp_ns) if stamp_ns >= _CLOCK_SET_NS else "")
-
-
-def utc(stamp_ns: int) -> str:
-    """Return a stamp by ISO 8601, empty for 0."""
-    return datetime.fromtimestamp(stamp_ns * 1e-9, timezone.utc).isoformat() if stamp_ns else ""
 
 
 @cache
@@ -138,7 +115,7 @@ def script() -> str:
 
 def fleet_mark(view: View) -> str:
     """Return what changes whenever the page of all valves says something else."""
-    return _mark(view.rows, view.failure, view.where)
+    return _mark(view.rows, view.failure, view.where, view.last, view.faults)
 
 
 def valve_mark(view: View, row: FleetRow, details: Details) -> str:
@@ -151,11 +128,19 @@ def valve_mark(view: View, row: FleetRow, details: Details) -> str:
     """
     last = [(e.id, e.acknowledged) for e in details.events]
     of_it = row, view.failure, len(details.report), details.failure, last
-    return _mark(of_it, details.maintenance)
+    told = view.last.get(row.valve), view.faults_of(row.valve)
+    return _mark(of_it, details.maintenance, told)
 
 
 def _mark(*content: object) -> str:
     return f"{zlib.crc32(repr(content).encode('utf-8', 'replace')):08x}"
+
+
+def _pace_s(view: View, *, awaited: bool = False) -> int:
+    """Return how often a page asks anew [s]."""
+    if awaited or view.failure or not view.whole:
+        return EAGER_RELOAD_S
+    return LIVE_RELOAD_S if view.live else RELOAD_S
 
 
 def _age_s(view: View, now_ns: int) -> int | None:
@@ -179,22 +164,19 @@ def fleet_page(view: View, now_ns: int, visitor: Visitor) -> str:
         "fleet.html",
         visitor,
         view=view,
-        rows=[_cells(row, view.courses.get(row.valve, ())) for row in view.rows],
+        rows=[_cells(row, view) for row in view.rows],
+        faults=fault_lines(view.faults, MOST_LINES),
         counts=[(SIGNS[s], s.name.lower(), s.value, n) for s, n in counts.items() if n],
         read=moment(view.read_ns),
         age_s=_age_s(view, now_ns),
-        reload_s=RELOAD_S if view.whole else 1,
+        reload_s=_pace_s(view),
         mark=fleet_mark(view),
     )
 
 
-def link_of(valve: str) -> str:
-    """Return the part of an address that names a valve."""
-    return quote(valve.lstrip("/"))
-
-
-def _cells(row: FleetRow, course: Sequence[float] = ()) -> dict[str, object]:
+def _cells(row: FleetRow, view: View) -> dict[str, object]:
     state = Ne107(row.ne107)
+    last, faults = view.last.get(row.valve), fault_lines(view.faults_of(row.valve))
     known = math.isfinite(row.drift)
     lower, upper = (fixed(x, 1, sign=True) for x in (row.drift_lower_95, row.drift_upper_95))
     left = f"{count(round(row.remaining))} {row.axis}" if math.isfinite(row.remaining) else NONE
@@ -212,9 +194,10 @@ def _cells(row: FleetRow, course: Sequence[float] = ()) -> dict[str, object]:
         "way": f"{100.0 * max(row.way, 0.0):.0f} %" if math.isfinite(row.way) else NONE,
         "limit": row.limit_state,
         "service": day(row.service_date_ns) if row.service_date_ns else left,
-        "cycle": str(row.cycle),
-        "end": moment(row.end_ns),
-        "spark": _spark(row.parameter, course),
+        "cycle": str(last.cycle if last is not None else row.cycle),
+        "end": moment(last.end_ns if last is not None else row.end_ns),
+        "spark": _spark(row.parameter, view.courses.get(row.valve, ())),
+        "faults": faults.shown,
     }
 
 
@@ -264,15 +247,16 @@ def valve_page(
         row=row,
         link=link_of(row.valve),
         plate=view.nameplates.get(row.valve, {}),
-        cells=_cells(row),
-        facts=_facts(row),
+        cells=_cells(row, view),
+        facts=_facts(row, view),
+        node_faults=fault_lines(view.faults_of(row.valve)),
         parameters=parameters,
         counters={"head": _COUNTERS_HEAD, "rows": _counters(row)},
         details=_shown(details),
         live=commands is not None,
         commands=commands or (),
         age_s=_age_s(view, view.read_ns),
-        reload_s=1 if details.failure == DRAWING else RELOAD_S,
+        reload_s=_pace_s(view, awaited=details.failure == DRAWING),
         mark=valve_mark(view, row, details),
         said=said,
     )
@@ -286,9 +270,10 @@ def _plain_head(head: str) -> str:
     return str(head).partition("<small>")[0]
 
 
-def _facts(row: FleetRow) -> list[tuple[str, str, str]]:
-    cells = _cells(row)
-    found = [("Last cycle", str(row.cycle), "")]
+def _facts(row: FleetRow, view: View) -> list[tuple[str, str, str]]:
+    cells, last = _cells(row, view), view.last.get(row.valve)
+    refused = "refused" if last is not None and not last.accepted else ""
+    found = [("Last cycle", str(cells["cycle"]), refused)]
     if row.parameter:
         found.append(("Worst parameter, change", str(cells["worst"]), str(cells["interval"])))
     found += [

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 from valve_twin.core.aging.verdict import outlook
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from valve_twin.core.aging import Trend
-    from valve_twin.gateway.plant import View
+    from valve_twin.gateway.view import NodeFault, View
     from valve_twin.io.history.fleet import FleetRow
 
 
@@ -33,6 +33,32 @@ def plain_valve(view: View, row: FleetRow) -> dict[str, object]:
     plate = dict(view.nameplates.get(row.valve, {}))
     parameters = [_plain_trend(t) for t in trends]
     return {**_known(found), "nameplate": plate, "parameters": parameters}
+
+
+def plain_words(view: View, row: FleetRow) -> dict[str, object]:
+    """Return as plain data what running nodes say of a valve beside its verdict.
+
+    Parameters
+    ----------
+    view : View
+        What is shown.
+    row : FleetRow
+        The valve's row in it.
+    """
+    last = view.last.get(row.valve)
+    faults = plain_faults(view.faults_of(row.valve))
+    return {"last": None if last is None else asdict(last), "faults": faults}
+
+
+def plain_faults(faults: Sequence[NodeFault]) -> list[dict[str, object]]:
+    """Return faults of nodes as plain data.
+
+    Parameters
+    ----------
+    faults : sequence of NodeFault
+        Worst first.
+    """
+    return [asdict(fault) | {"ne107": fault.ne107.value} for fault in faults]
 
 
 _OF_TREND = {

@@ -6,12 +6,13 @@ from __future__ import annotations
 
 import threading
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
 from valve_twin.core.aging.config import AgingConfig
 from valve_twin.gateway.page.details import Details, DetailsOf, make_details
+from valve_twin.gateway.view import View
 from valve_twin.io.errors import StoreError, ValveTwinError
 from valve_twin.io.history.database import place_of
 from valve_twin.io.history.fleet import (
@@ -27,9 +28,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from typing import TypeAlias
 
-    from valve_twin.core.aging.verdict import Trend, Verdict
     from valve_twin.core.types import Estimate
-    from valve_twin.io.history.valves.marks import Mark
+    from valve_twin.gateway.live.told import Told
+    from valve_twin.io.history.marks import Mark
     from valve_twin.io.history.tables import CycleRecord
 
     StoredCycle: TypeAlias = tuple[CycleRecord, list[Estimate]]
@@ -38,8 +39,12 @@ REFRESH_S = 2.0
 """The history is asked at most so often, however many look [s]."""
 
 REST = 4.0
-"""Between two readings lies so many times what the last one took [1]: reading takes a fifth of a
-core at most, also where a large file cannot be opened and is checked again and again."""
+"""Between two readings lies so many times the processor time of the last one [1]: reading takes a
+fifth of a core at most, also where a large file cannot be opened and is checked again and again.
+What it waited, for a lock or for a core, does not count."""
+
+RETRY_S = 1.0
+"""A history that could not be read is tried again after so long, if that was cheap [s]."""
 
 WAIT_S = 0.5
 """Who looks while the history is read waits at most so long, then sees what there was [s]."""
@@ -53,51 +58,6 @@ WAITING = "is being assessed for the first time since the start"
 
 COURSE = 60
 """Estimates of the small course beside a valve's name [1]."""
-
-
-@dataclass(frozen=True, slots=True)
-class View:
-    """What the faces show.
-
-    Attributes
-    ----------
-    rows : tuple of FleetRow
-        One a valve, worst first.
-    where : str
-        The history.
-    read_ns : int
-        When it was read last [ns since 1970]; 0 = never.
-    failure : str
-        Why it could not be read now; the rows are then those of `read_ns`.
-    trends : mapping
-        The trends of the followed parameters by name of the valve.
-    nameplates : mapping
-        What is given of a nameplate, by name of the valve.
-    verdicts : mapping
-        The verdict of each valve that could be assessed, by its name.
-    courses : mapping
-        The last `COURSE` estimates of the worst parameter [its unit], by name of the valve.
-    whole : bool
-        Whether every valve was assessed.
-    """
-
-    rows: tuple[FleetRow, ...] = ()
-    where: str = ""
-    read_ns: int = 0
-    failure: str = ""
-    trends: Mapping[str, tuple[Trend, ...]] = field(default_factory=dict)
-    nameplates: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    verdicts: Mapping[str, Verdict] = field(default_factory=dict)
-    courses: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
-    whole: bool = True
-
-    def row(self, valve: str) -> FleetRow | None:
-        """Return the row of a valve; None where the history does not know it."""
-        return next((row for row in self.rows if row.valve == valve), None)
-
-    def made_of(self, row: FleetRow) -> tuple[object, ...]:
-        """Return what is said of a valve; the same objects where nothing of it was read anew."""
-        return row, self.trends.get(row.valve), self.nameplates.get(row.valve)
 
 
 _NOTHING = View(whole=False)
@@ -162,6 +122,8 @@ class Plant:
         Rules of aging by name of the valve; the usual ones where one is missing.
     nameplates : mapping
         What is given of a nameplate, by name of the valve.
+    told : Told, optional
+        What running nodes say on their topics, which goes before the history; None = none are.
     """
 
     def __init__(
@@ -169,8 +131,9 @@ class Plant:
         url: str,
         aging: Mapping[str, AgingConfig] | None = None,
         nameplates: Mapping[str, Mapping[str, str]] | None = None,
+        told: Told | None = None,
     ) -> None:
-        self._url, self._aging = url, dict(aging or {})
+        self._url, self._aging, self._told = url, dict(aging or {}), told
         self._nameplates = dict(nameplates or {})
         self._reading = threading.Lock()
         self._history: History | None = None
@@ -197,13 +160,19 @@ class Plant:
             self._first.wait(LATE_S)
             so_far = self._begun.view()
             if so_far.rows:
-                return self._or_late(so_far)
-        return self.view() if self._view is _NOTHING else self._looked(WAIT_S)[0]
+                return self._as_told(self._or_late(so_far))
+        return self.view() if self._view is _NOTHING else self._as_told(self._looked(WAIT_S)[0])
+
+    def _as_told(self, view: View) -> View:
+        """Return a view of the history as the topics have it."""
+        return view if self._told is None else self._told.over(view, self._rules)
 
     def news(self) -> View:
         """Return all valves; before the first reading is done nothing (not `whole`), at once."""
         found, _ = self._looked(WAIT_S if self._view.whole else 0.0)
-        if found.whole or found is _NOTHING:
+        if found.whole:
+            return self._as_told(found)
+        if found is _NOTHING:
             return found
         return replace(_NOTHING, where=found.where, failure=found.failure)
 
@@ -212,7 +181,7 @@ class Plant:
         while True:
             found, is_over = self._looked(WAIT_S if self._view.whole else LATE_S)
             if found.whole or is_over:  # else a first one that goes on
-                return found
+                return self._as_told(found)
 
     def _looked(self, wait_s: float) -> tuple[View, bool]:
         """Return what there is, and whether no reading goes on or one that does not get on."""
@@ -252,11 +221,12 @@ class Plant:
     def _read_once(self) -> None:
         """Read where it is due; lets go of the reading that was taken."""
         try:
-            begun_s = time.monotonic()
-            if begun_s >= self._due_s:
+            if time.monotonic() >= self._due_s:
+                begun_s = time.thread_time()
                 self._read()
-                end_s = time.monotonic()
-                self._due_s = end_s + max(REFRESH_S, REST * (end_s - begun_s))
+                pause_s = RETRY_S if self._view.failure else REFRESH_S
+                rest_s = REST * (time.thread_time() - begun_s)
+                self._due_s = time.monotonic() + max(pause_s, rest_s)
         finally:
             self._first.set()
             self._end_reading()

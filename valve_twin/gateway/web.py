@@ -15,6 +15,7 @@ from valve_twin.gateway.metrics import TYPE, exposition
 from valve_twin.gateway.page import forms
 from valve_twin.gateway.page.answers import HEADERS, MARK, visitor_of
 from valve_twin.gateway.page.filed import served_report
+from valve_twin.gateway.page.lines import utc
 from valve_twin.gateway.page.samples import NoSamplesError, Samples
 from valve_twin.gateway.pages import (
     ShownCycle,
@@ -24,11 +25,10 @@ from valve_twin.gateway.pages import (
     fleet_page,
     message_page,
     script,
-    utc,
     valve_mark,
     valve_page,
 )
-from valve_twin.gateway.plain import plain_valve
+from valve_twin.gateway.plain import plain_faults, plain_valve, plain_words
 from valve_twin.io.errors import ValveTwinError
 from valve_twin.report.language import words
 
@@ -245,7 +245,8 @@ class _Pages:
             "read": utc(view.read_ns),
             "failure": view.failure,
             "whole": view.whole,
-            "valves": [plain_valve(view, row) for row in view.rows],
+            "valves": [plain_valve(view, row) | plain_words(view, row) for row in view.rows],
+            "faults": plain_faults(view.faults),
         }
         return JSONResponse(found, headers=HEADERS)
 
@@ -256,7 +257,8 @@ class _Pages:
         if row is None:
             failure = {"failure": f"no valve {request.path_params['name']}"}
             return JSONResponse(failure, 404, headers=HEADERS)
-        return JSONResponse(plain_valve(self._plant.glance(), row), headers=HEADERS)
+        view = self._plant.glance()
+        return JSONResponse(plain_valve(view, row) | plain_words(view, row), headers=HEADERS)
 
     def metrics(self, _: Request) -> Response:
         from starlette.responses import Response

@@ -31,7 +31,7 @@ from test.gateway.test_web import HOSTILE, store
 from valve_twin.cli import main
 from valve_twin.gateway.foxglove import face as module
 from valve_twin.gateway.foxglove.face import PAST, REST, FoxgloveFace
-from valve_twin.gateway.plant import View
+from valve_twin.gateway.view import View
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

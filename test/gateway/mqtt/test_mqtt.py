@@ -17,7 +17,7 @@ from paho.mqtt.client import CONNACK_ACCEPTED, MQTT_ERR_NO_CONN
 
 from valve_twin.gateway.mqtt import face
 from valve_twin.gateway.mqtt.broker import Broker, Message
-from valve_twin.gateway.plant import View
+from valve_twin.gateway.view import View
 from valve_twin.io.errors import StoreError
 
 HEARD = SimpleNamespace(topic="t", payload=b"", retain=False)

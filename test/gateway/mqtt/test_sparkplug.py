@@ -22,7 +22,7 @@ from valve_twin.gateway.mqtt.sparkplug import (
     SparkplugSpeaker,
     _metrics,
 )
-from valve_twin.gateway.plant import View
+from valve_twin.gateway.view import View
 from valve_twin.io.errors import ConfigError, StoreError
 from valve_twin.io.history.fleet import FleetRow
 

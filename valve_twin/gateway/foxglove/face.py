@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from valve_twin.core.aging.verdict import Trend, Verdict
     from valve_twin.core.types import Estimate
-    from valve_twin.gateway.plant import View
+    from valve_twin.gateway.view import View
     from valve_twin.io.history.fleet import FleetRow
 
 PERIOD_S = 1.0

@@ -65,14 +65,17 @@ class LiveValve:
         Told True when somebody begins to look, and False when nobody does any more.
     clock : callable
         Returns a time that only goes on [s].
+    news : callable
+        Returns what grows whenever the page beside the plot says something new [1].
     """
 
     def __init__(
         self,
         watched: Callable[[bool], None] = lambda _: None,
         clock: Callable[[], float] = time.monotonic,
+        news: Callable[[], int] = lambda: 0,
     ) -> None:
-        self._watched, self._clock = watched, clock
+        self._watched, self._clock, self._news = watched, clock, news
         self._lock = threading.Lock()
         self._plot = LivePlot()
         self._heard_s: float | None = None
@@ -159,6 +162,7 @@ class LiveValve:
             "state": state,
             "quiet": round(quiet_s),
             "stamp": self._stamp_ns // 1_000_000,
+            "news": self._news(),
             "values": values | {"cycle": str(self._cycle)},
         }
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from valve_twin.core.types import Estimate
-    from valve_twin.gateway.plant import View
+    from valve_twin.gateway.view import View
 
 PAGE = 50
 """Cycles of a valve that are read at a time [1]."""

@@ -21,7 +21,7 @@ from paho.mqtt.client import (
     connack_string,
 )
 
-from valve_twin.gateway.plant import View
+from valve_twin.gateway.view import View
 from valve_twin.io.errors import ValveTwinError
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from valve_twin.gateway.mqtt.names import topic_path
 from valve_twin.gateway.plain import plain_valve
 
 if TYPE_CHECKING:
-    from valve_twin.gateway.plant import View
+    from valve_twin.gateway.view import View
     from valve_twin.io.history.fleet import FleetRow
 
 

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
     from valve_twin.core.types import Estimate
     from valve_twin.gateway.mqtt.backlog import Backlog
-    from valve_twin.gateway.plant import View
+    from valve_twin.gateway.view import View
 
 REBIRTH = "Node Control/Rebirth"
 SEQUENCE = 256

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from valve_twin.gateway.opcua.access import Access
-    from valve_twin.gateway.plant import View
+    from valve_twin.gateway.view import View
 
 URI = "urn:valve_twin:valves"
 """Namespace of the valves."""

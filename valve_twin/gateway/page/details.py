@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from valve_twin.core.operation.counters import Counters
     from valve_twin.core.operation.events import Event
     from valve_twin.core.types import Maintenance
-    from valve_twin.io.history.valves.marks import Mark
     from valve_twin.io.history.store import History
+    from valve_twin.io.history.valves.marks import Mark
     from valve_twin.report.page import Figure
     from valve_twin.report.tables import Table
 

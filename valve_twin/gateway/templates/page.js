@@ -43,7 +43,7 @@ const live = document.getElementById("live");
 if (live) {
   const WIDTH = 1000, QUIET_MS = 2000;
   const axes = document.getElementById("axes"), slices = document.getElementById("slices");
-  let heard = Date.now(), asked, source;
+  let heard = Date.now(), asked, source, news;
   const make = (parent, kind, given) => {
     const made = document.createElementNS("http://www.w3.org/2000/svg", kind);
     for (const name in given) made.setAttribute(name, given[name]);
@@ -55,6 +55,8 @@ if (live) {
   const show = (told) => {
     heard = Date.now();
     live.dataset.state = told.state;
+    if (told.news !== news && news !== undefined) renew();
+    news = told.news;
     write("quiet", told.quiet);
     for (const name in told.values) write(name, number(told.values[name]));
     if (told.stamp) write("stamp", local(new Date(told.stamp)));

@@ -15,6 +15,7 @@ from valve_twin.core.valves.registry import get_model
 from valve_twin.gateway.faces import faces
 from valve_twin.gateway.live.channel import Channels, LiveValve
 from valve_twin.gateway.live.plot import MOST_COMMANDS
+from valve_twin.gateway.live.told import Told
 from valve_twin.gateway.page.accounts import Accounts
 from valve_twin.gateway.page.samples import Samples
 from valve_twin.gateway.plant import Plant
@@ -24,6 +25,7 @@ from valve_twin.io.config.gateway_parameters import GatewayParameters
 from valve_twin.io.errors import ConfigError
 from valve_twin.nodes.gateway.live_feed import LiveFeed
 from valve_twin.nodes.gateway.service_marker import ServiceMarker
+from valve_twin.nodes.gateway.state_feed import StateFeed
 from valve_twin.nodes.runtime.diagnostics import Diagnostics, Report
 from valve_twin.nodes.runtime.node import STEADY, ValveNode
 from valve_twin.nodes.twin.valve_parameters import read_valves
@@ -36,6 +38,9 @@ if TYPE_CHECKING:
 
 LOOK_S = 0.1
 """What came on the topics is taken so often while somebody looks [s]."""
+
+STATE_EVERY = 4
+"""Of these looks one takes verdicts, last cycles and faults, whoever looks [1]."""
 
 
 class GatewayNode(ValveNode):
@@ -55,6 +60,8 @@ class GatewayNode(ValveNode):
         self._timer: Any = None
         self._faces = ExitStack()
         self._relay: FoxgloveRelay | None = None
+        self._state: StateFeed | None = None
+        self._looks = 0
 
     @property
     def address(self) -> str:
@@ -78,7 +85,8 @@ class GatewayNode(ValveNode):
             raise ConfigError(msg)
         aging = {name: config.aging for name, config in self._configs.items()}
         plates = {name: config.nameplate.given for name, config in self._configs.items()}
-        self._plant = Plant(next(iter(urls)), aging, plates)
+        self._told = Told({name: config.model for name, config in self._configs.items()})
+        self._plant = Plant(next(iter(urls)), aging, plates, self._told)
         given = self._given = self.parameters.read(GatewayParameters)
         place = Place(given.host, given.port, given.certificate, given.key)
         told = check_place(place, accounts=bool(given.users))
@@ -102,7 +110,11 @@ class GatewayNode(ValveNode):
             start_parameter_services=False,
             enable_rosout=False,
         )
-        live = {name: LiveValve(partial(self._on_watched, name)) for name in self._configs}
+        self._state = StateFeed(self._reader, self._configs, self._told)
+        live = {
+            name: LiveValve(partial(self._on_watched, name), news=partial(self._told.number, name))
+            for name in self._configs
+        }
         self._feeds = {
             name: LiveFeed(self._reader, self._configs[name], valve)
             for name, valve in live.items()
@@ -145,6 +157,9 @@ class GatewayNode(ValveNode):
         for feed in self._feeds.values():
             feed.end()
         self._feeds, self._watched = {}, set()
+        if self._state is not None:
+            self._state.end()
+            self._state = None
         if self._marker is not None:
             self._marker.destroy()
             self._marker = None
@@ -177,6 +192,9 @@ class GatewayNode(ValveNode):
     def _look(self) -> None:
         for valve in self._watched:
             self._feeds[valve].look()
+        if self._state is not None and self._looks % STATE_EVERY == 0:
+            self._state.look()
+        self._looks += 1
         if self._relay is not None:
             self._relay.look()
 
