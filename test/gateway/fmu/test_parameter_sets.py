@@ -12,7 +12,7 @@ import pytest
 from test.gateway.fmu.test_valve import made, record
 from valve_twin.cli import main
 from valve_twin.core.types import ParameterStatus, ParameterValue
-from valve_twin.gateway.fmu.parameter_sets import draw_sets, ssv
+from valve_twin.gateway.fmu.parameter_sets import LEAST_PAIRS, correlation, draw_sets, ssv
 from valve_twin.gateway.fmu.valve import law_of, valve_of
 from valve_twin.io.history.store import History
 from valve_twin.io.history.tables import CycleRecord
@@ -47,6 +47,67 @@ def test_draws_scatter_as_the_interval_says_and_stay_in_the_bounds():
     assert min(d["dead_band"] for d in drawn) == 0.0
     again = [s.values for s in draw_sets(valve, LAW, estimate, 4000, 1)]
     assert again == drawn
+
+
+NAMES = "time_constant", "dead_band"
+SIGMAS = np.array([0.01, 0.002])
+
+
+def cycles(seed, rho, count=101):
+    """Return estimates whose errors go together; the valve drifts and is mended once."""
+    random = np.random.default_rng(seed)
+    errors = random.multivariate_normal([0.0, 0.0], [[1.0, rho], [rho, 1.0]], count)
+    past = []
+    for k, error in enumerate(errors):
+        truth = np.array([0.4 + 1e-4 * k, 0.05]) + (0.1 if k > 60 else 0.0)
+        values = truth + SIGMAS * error
+        bounds = [(v - 1.96 * s, v + 1.96 * s) for v, s in zip(values, SIGMAS, strict=True)]
+        found = [ParameterValue(n, v, lower_95=lower, upper_95=upper)
+                 for n, v, (lower, upper) in zip(NAMES, values, bounds, strict=True)]  # fmt: skip
+        past.append(made(k + 1, tuple(found)))
+    return past
+
+
+def drawn_of(past, seed):
+    """Return draws of the last estimate, in its standard deviations."""
+    valve = valve_of("db", "/v", past[-1], record(past[-1].cycle))
+    sets = draw_sets(valve, LAW, past[-1], 500, seed, past)
+    found = np.array([[s.values[name] for name in NAMES] for s in sets])
+    return (found - [p.value for p in past[-1].parameters]) / SIGMAS, sets[0].text
+
+
+@pytest.mark.parametrize("rho", [-0.9, 0.0, 0.6])
+def test_draws_go_together_as_the_errors_of_the_estimates_do(rho):
+    seeds = 60
+    draws = [drawn_of(cycles(seed, rho), seed)[0] for seed in range(seeds)]
+    found = np.array([np.corrcoef(d, rowvar=False)[0, 1] for d in draws])
+    # by ranks of 100 changes with an error in common: (1 - rho^2) sqrt(1.5 * 1.1 / 100), draws
+    # add 1 / sqrt(500); what cannot be told from none is none, which at 0.6 never happens
+    scatter = (1.0 - rho**2) * np.sqrt(1.65 / 100 + 1.0 / 500)
+    assert abs(found.mean() - rho) < 4.0 * scatter / np.sqrt(seeds) + 0.01
+    assert found.std() < 1.5 * scatter
+    whole = np.concatenate(draws)
+    assert np.std(whole, axis=0) == pytest.approx([1.0, 1.0], abs=0.02)  # the intervals stay
+    assert np.var(whole.sum(axis=1)) == pytest.approx(2.0 * (1.0 + rho), abs=0.15)
+
+
+def test_too_few_cycles_tell_no_correlation_and_the_set_says_so():
+    past = cycles(1, -0.9, LEAST_PAIRS)
+    drawn, text = drawn_of(past, 1)
+    assert abs(np.corrcoef(drawn, rowvar=False)[0, 1]) < 4.0 / np.sqrt(500)
+    assert f"independent: fewer than {LEAST_PAIRS} pairs" in text
+    _, text = drawn_of(cycles(1, -0.9, LEAST_PAIRS + 1), 1)
+    assert f"correlated as the estimates of {LEAST_PAIRS} pairs" in text
+
+
+def test_a_parameter_that_never_changes_goes_with_none():
+    past = [
+        replace(e, parameters=(e.parameters[0], replace(e.parameters[1], value=0.05)))
+        for e in cycles(1, 0.9)
+    ]
+    found = correlation(past, NAMES)
+    assert found is not None
+    assert found.matrix.tolist() == [[1.0, 0.0], [0.0, 1.0]]
 
 
 def test_what_rests_on_a_bound_is_not_drawn():

@@ -62,7 +62,11 @@ def add(verbs: Verbs) -> None:
         "--aged-to", type=_date, metavar="DATE", help="as its trends say it will be at YYYY-MM-DD"
     )
     sets.add_argument(
-        "--draws", type=positive, default=0, metavar="N", help="drawn from the 95 %% intervals"
+        "--draws",
+        type=positive,
+        default=0,
+        metavar="N",
+        help="drawn from the 95 %% intervals and how errors of its estimates go together",
     )
     sets.add_argument("--seed", type=seed_number, default=0, metavar="N", help="of the draws")
     sets.add_argument(
@@ -115,7 +119,7 @@ def _sets(
     arguments: argparse.Namespace, history: History, valve: FmuValve, estimate: Estimate
 ) -> list[ParameterSet]:
     from valve_twin.core.aging.config import AgingConfig
-    from valve_twin.gateway.fmu.parameter_sets import aged_set, draw_sets
+    from valve_twin.gateway.fmu.parameter_sets import PAST, aged_set, draw_sets
     from valve_twin.gateway.fmu.valve import law_of
     from valve_twin.io.history.fleet import describe_valve
 
@@ -129,5 +133,8 @@ def _sets(
         for line in lines:
             say(f"{arguments.aged_to:%Y-%m-%d}: {line}")
     if arguments.draws:
-        sets += draw_sets(valve, law, estimate, arguments.draws, arguments.seed)
+        first = max(estimate.cycle - PAST, 1)
+        past = history.estimates("/" + arguments.valve.strip("/"), estimate.estimator, first)
+        past = [e for e in past if e.cycle <= estimate.cycle]
+        sets += draw_sets(valve, law, estimate, arguments.draws, arguments.seed, past)
     return sets

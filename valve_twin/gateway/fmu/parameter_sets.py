@@ -10,11 +10,11 @@ from math import isfinite, nan
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.stats import rankdata
 
 from valve_twin import __version__
 from valve_twin.core.aging.verdict import TrendStatus
-from valve_twin.core.estimation.data.robust import NORMAL_975
-from valve_twin.core.types import ParameterStatus
+from valve_twin.core.estimation.data.robust import MAD_SCALE, NORMAL_975
 from valve_twin.gateway.fmu.description import base_units, xml_bytes
 from valve_twin.io.errors import FmuError
 
@@ -23,13 +23,22 @@ if TYPE_CHECKING:
     from datetime import datetime
 
     from valve_twin.core.aging.verdict import Trend
-    from valve_twin.core.types import Estimate
+    from valve_twin.core.types import Estimate, FloatArray, ParameterValue
     from valve_twin.core.valves.kit import Law
     from valve_twin.gateway.fmu.valve import FmuValve
 
 _VALUES = "http://ssp-standard.org/SSP1/SystemStructureParameterValues"
 _COMMON = "http://ssp-standard.org/SSP1/SystemStructureCommon"
 _NS = 1e-9
+
+LEAST_PAIRS = 30
+"""Pairs of cycles from which a correlation is taken at least [1], assumed."""
+
+JUMP = 5.0
+"""Changes beyond so many standard deviations, by the median, are no errors [1], assumed."""
+
+PAST = 200
+"""Estimates up to the exported cycle that a correlation is taken from [1], assumed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,12 +118,18 @@ def _aged(trend: Trend | None, start: float, date: datetime) -> tuple[float, str
 
 
 def draw_sets(
-    valve: FmuValve, law: Law, estimate: Estimate, count: int, seed: int
+    valve: FmuValve,
+    law: Law,
+    estimate: Estimate,
+    count: int,
+    seed: int,
+    past: Sequence[Estimate] = (),
 ) -> list[ParameterSet]:
-    """Return draws of the parameters from their 95 % intervals, normal and independent (assumed).
+    """Return draws of the parameters from their 95 % intervals, normal (assumed).
 
-    The history keeps no covariances, so none can be drawn. A parameter on its bound, or without
-    an interval, stays as it is; nothing leaves the bounds of the law.
+    What was wrong with two parameters together is taken from estimates before (`correlation`);
+    where they are too few, parameters are drawn independently. One on its bound, or without an
+    interval, stays as it is; nothing leaves the bounds of the law.
 
     Parameters
     ----------
@@ -128,21 +143,101 @@ def draw_sets(
         How many.
     seed : int
         Of the random numbers: the same one gives the same sets.
+    past : sequence of Estimate
+        Estimates of the same estimator by cycle, for the correlation.
     """
     random = np.random.default_rng(seed)
-    found = {p.name: p for p in estimate.parameters}
+    sigmas = {p.name: _sigma(p) for p in estimate.parameters if p.usable}
+    names = [p.name for p in law.parameters if isfinite(sigmas.get(p.name, nan))]
+    found = correlation(past, names)
+    root = np.eye(len(names)) if found is None else _root(found.matrix)
+    beside = (
+        f"independent: fewer than {LEAST_PAIRS} pairs of cycles tell what goes together"
+        if found is None
+        else f"correlated as the estimates of {found.pairs} pairs of cycles up to it"
+    )
     sets = []
     for k in range(1, count + 1):
+        drawn = dict(zip(names, root @ random.standard_normal(len(names)), strict=True))
         values = {}
         for p, q in zip(law.parameters, valve.parameters, strict=True):
-            one = found.get(p.name)
-            sigma = 0.5 * (one.upper_95 - one.lower_95) / NORMAL_975 if one else nan
-            known = one and one.status is ParameterStatus.OK and isfinite(sigma + one.value)
-            value = q.start + (sigma * float(random.standard_normal()) if known else 0.0)
+            value = q.start + (sigmas[p.name] * float(drawn[p.name]) if p.name in drawn else 0.0)
             values[p.name] = min(max(value, p.published.lower), p.published.upper)
-        text = f"draw {k} of {count}, seed {seed}, from the 95 % intervals of {valve.text}"
+        text = f"draw {k} of {count}, seed {seed}, from the 95 % intervals, {beside}; {valve.text}"
         sets.append(ParameterSet(f"draw_{k:02d}", text, values))
     return sets
+
+
+def _sigma(p: ParameterValue) -> float:
+    """Return the standard deviation of an estimate by its interval; NaN where there is none."""
+    sigma = 0.5 * (p.upper_95 - p.lower_95) / NORMAL_975
+    return sigma if isfinite(p.value) else nan
+
+
+@dataclass(frozen=True, slots=True)
+class Correlation:
+    """How the errors of estimates go together.
+
+    Attributes
+    ----------
+    matrix : (P, P) array
+        Correlation [1].
+    pairs : int
+        Pairs of cycles that it was taken from [1].
+    """
+
+    matrix: FloatArray
+    pairs: int
+
+
+def correlation(past: Sequence[Estimate], names: Sequence[str]) -> Correlation | None:
+    """Return how the errors of estimates go together, from the changes between two cycles.
+
+    No estimate carries a covariance. What changes from one cycle to the next is error but for
+    what the valve itself did, so its correlation is that of the errors (assumed). By ranks and
+    without jumps, as maintenance and bad cycles make changes that are no errors; two parameters
+    whose correlation cannot be told from none have none.
+
+    Parameters
+    ----------
+    past : sequence of Estimate
+        Of one estimator, by cycle; what is not usable is passed over.
+    names : sequence of str
+        The P parameters.
+
+    Returns
+    -------
+    Correlation or None
+        None where fewer than `LEAST_PAIRS` pairs know all parameters, or fewer than two are asked.
+    """
+    rows = []
+    for estimate in past:
+        known = {p.name: p.value for p in estimate.parameters if p.usable}
+        rows.append([known.get(name, nan) for name in names])
+    changes = np.diff(np.array(rows), axis=0) if len(rows) > 1 else np.empty((0, len(names)))
+    changes = changes[np.isfinite(changes).all(axis=1)]
+    if len(changes):
+        apart = np.abs(changes - np.median(changes, axis=0))
+        usual = MAD_SCALE * np.median(apart, axis=0)
+        changes = changes[(apart <= JUMP * usual).all(axis=1)]
+    pairs = len(changes)
+    if pairs < LEAST_PAIRS or len(names) < 2:
+        return None
+    ranks = np.apply_along_axis(rankdata, 0, changes)
+    with np.errstate(invalid="ignore"):  # of a parameter that never changed
+        by_ranks = np.nan_to_num(np.atleast_2d(np.corrcoef(ranks, rowvar=False)))
+    matrix = 2.0 * np.sin(np.pi / 6.0 * by_ranks)  # of two normal ones by their ranks
+    # a change has the error of the cycle between in common with the next one: 3/2 of the variance
+    matrix[np.abs(matrix) < NORMAL_975 * np.sqrt(1.5 / pairs)] = 0.0
+    np.fill_diagonal(matrix, 1.0)
+    return Correlation(matrix, pairs)
+
+
+def _root(matrix: FloatArray) -> FloatArray:
+    """Return a (P, P) root of the nearest correlation matrix that has no negative variance."""
+    values, vectors = np.linalg.eigh(matrix)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    return np.asarray(root / np.linalg.norm(root, axis=1)[:, None], dtype=float)
 
 
 def ssv(valve: FmuValve, values: ParameterSet) -> bytes:
