@@ -63,7 +63,7 @@ class FileWatch:
 
     def begin(self) -> None:
         """Watch the log, too, which is there from now on."""
-        self._log_identity = _identity(self._log)
+        self._log_identity = _identity(_status(self._log))
         self.log_copy = LogCopy(self._log)
         self.trouble()
 
@@ -83,10 +83,11 @@ class FileWatch:
         grown : bool
             Whether something was just written, so that the log must have grown.
         """
-        found = _identity(self._file)
+        status = _status(self._file)
+        found = _identity(status)
         if self._identity is None:
             self._identity = found
-        if found is None:
+        if status is None:
             return Trouble.DELETED
         if found != self._identity:
             return Trouble.REPLACED
@@ -94,7 +95,7 @@ class FileWatch:
             return None
         if not self.log_is_own():
             return Trouble.LOG_DELETED
-        if self._is_cut():
+        if self._is_cut(status.st_size):
             return Trouble.CUT
         if not self.log_copy.is_whole(grown=grown):
             self._since_s = min(self._since_s, time.monotonic())
@@ -108,11 +109,11 @@ class FileWatch:
 
     def log_is_own(self) -> bool:
         """Return whether the write-ahead log under its name is the one that was opened."""
-        return self._log_identity is not None and _identity(self._log) == self._log_identity
+        own = self._log_identity
+        return own is not None and own == _identity(_status(self._log))
 
-    def _is_cut(self) -> bool:
+    def _is_cut(self, size_b: int) -> bool:
         """Return whether the file lost pages; a vacuumed one has those that it should."""
-        size_b = self._file.stat().st_size
         if size_b >= self._size_b:
             self._size_b = size_b
             return False
@@ -131,10 +132,14 @@ class FileWatch:
         return self.log_copy.holds_pages(lambda: self._file.stat().st_size)
 
 
-def _identity(path: Path | str) -> tuple[int, int] | None:
-    """Return what tells a file from another one under the same name, None if there is none."""
+def _status(path: Path | str) -> os.stat_result | None:
+    """Return what the kernel says of a file, None if there is none."""
     try:
-        status = os.stat(path)
+        return os.stat(path)
     except (FileNotFoundError, NotADirectoryError):
         return None
-    return status.st_dev, status.st_ino
+
+
+def _identity(status: os.stat_result | None) -> tuple[int, int] | None:
+    """Return what tells a file from another one under the same name, None if there is none."""
+    return None if status is None else (status.st_dev, status.st_ino)

@@ -23,10 +23,9 @@ from pathlib import Path
 _FIRST_PORT, _PORTS = 7400, 250
 """First port of domain 0 and ports of a domain, as DDS counts them."""
 
-_MAPPED = re.compile(r"/(fast(?:rtps|dds)_port(\d+))( \(deleted\))?$", re.MULTILINE)
-
-
-_PORT = re.compile(r"fast(?:rtps|dds)_port(\d+)")
+_NAME = r"(fast(?:rtps|dds)_port(\d+))"
+_PORT = re.compile(_NAME)
+_MAPPED = re.compile(rf"/{_NAME}( \(deleted\))?$", re.MULTILINE)
 
 _UNBORN_S = 2.0
 """A port that is empty for so long has no maker any more: to make one takes microseconds [s]."""
@@ -54,7 +53,7 @@ def remove_unborn(domain: int, memory: Path = Path("/dev/shm")) -> None:
     first = _FIRST_PORT + _PORTS * domain
     for path in memory.glob("fast*_port*"):
         port = _PORT.fullmatch(path.name)
-        if port and first <= int(port[1]) < first + _PORTS:
+        if port and first <= int(port[2]) < first + _PORTS:
             with suppress(OSError):  # somebody else removed it, or it is another user's
                 found = path.stat()
                 if found.st_size == 0 and time.time() - found.st_mtime > _UNBORN_S:
