@@ -4,9 +4,21 @@
 
 import json
 
+import numpy as np
 import pytest
 
+from test.gateway.fmu.test_valve import made, record
 from valve_twin.cli.main import main
+from valve_twin.core.diagnosis.generic.campaign import model_rig
+from valve_twin.core.types import ParameterValue
+from valve_twin.gateway.fmu.export import write_fmu
+from valve_twin.gateway.fmu.valve import valve_of
+from valve_twin.io.fmu.plant import simulation_for
+
+VALUES = (
+    ParameterValue("time_constant", 0.7, lower_95=0.69, upper_95=0.71),
+    ParameterValue("dead_band", 0.02, lower_95=0.01, upper_95=0.03),
+)
 
 SHORT = """
 model: press_cartridge
@@ -77,3 +89,56 @@ def test_a_wrong_file_is_one_line(config, capsys, old, new, text):
 def test_a_missing_file_is_said(tmp_path, capsys):
     assert main(["campaign", "--config", str(tmp_path / "none.yaml")]) == 1
     assert "none.yaml" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def fmu(tmp_path_factory):
+    pytest.importorskip("fmpy")
+    pytest.importorskip("ziglang")
+    path = tmp_path_factory.mktemp("fmu") / "valve.fmu"
+    write_fmu(valve_of("db", "/v", made(values=VALUES), record()), path, 2)
+    return path
+
+
+@pytest.mark.timeout(900)  # the first use of the compiler builds its C libraries
+def test_an_fmu_as_the_plant_has_the_faults_of_any_valve(fmu, tmp_path):
+    out = tmp_path / "faults.json"
+    arguments = ["--model", "first_order", "--fmu", str(fmu), "--seeds", "1", "--json", str(out)]
+    assert main(["campaign", *arguments, "--fault", "sensor_offset"]) == 0
+    figures = json.loads(out.read_text())
+    assert figures["false_alarms"] == []
+    assert [(r["size"], r["within_5"], r["named"]) for r in figures["rows"]] == [
+        ("medium", 1, 1),
+        ("large", 1, 1),
+    ]
+    ours = {"plant.time_constant": 0.7, "plant.dead_band": 0.02}
+    rigs = [
+        model_rig("first_order", simulation_for("first_order", given))
+        for given in ({"fmu.file": str(fmu)}, ours)
+    ]
+    theirs, own = (rig.run(rig.start(3), 6) for rig in rigs)
+    np.testing.assert_allclose(theirs, own, rtol=1e-6, atol=1e-9)  # the FMU is that valve
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (["--model", "first_order", "--fmu", "none.fmu"], "none.fmu: there is no such file"),
+        (["--config", "x.yaml", "--fmu", "none.fmu"], "--fmu needs --model NAME"),
+        (["--model", "none", "--fmu", "none.fmu"], "'none' is unknown"),
+    ],
+)
+def test_an_fmu_that_cannot_be_the_plant_is_one_line(capsys, more, said):
+    assert main(["campaign", *more]) == 2
+    told = capsys.readouterr().err
+    assert said in told
+    assert told.count("\n") == 1
+
+
+@pytest.mark.timeout(900)
+def test_its_variables_are_named_where_they_have_other_names(fmu, capsys):
+    arguments = ["campaign", "--model", "first_order", "--fmu", str(fmu)]
+    assert main([*arguments, "--fmu-output", "positon"]) == 2
+    assert "did you mean 'position'" in capsys.readouterr().err
+    assert main([*arguments, "--fmu-input", "comand"]) == 2
+    assert "did you mean 'command'" in capsys.readouterr().err

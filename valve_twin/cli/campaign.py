@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from valve_twin.core.diagnosis.derive import AgingBench
     from valve_twin.core.diagnosis.isolability import Isolability
     from valve_twin.core.diagnosis.table import SignatureTable
+    from valve_twin.core.simulation.config import SimulationConfig
 
 
 def add(verbs: Verbs) -> None:
@@ -37,6 +38,19 @@ def add(verbs: Verbs) -> None:
     )
     parser.add_argument(
         "--model", metavar="NAME", help="instead of FILE: the faults of any valve, this model's"
+    )
+    parser.add_argument(
+        "--fmu", metavar="FILE", help="with --model: the plant is this FMU (FMI 2.0 or 3.0)"
+    )
+    parser.add_argument(
+        "--fmu-input",
+        action="append",
+        metavar="VARIABLE",
+        help="variable of the FMU that takes an input of the model, in their order; default those "
+        "of the same names",
+    )
+    parser.add_argument(
+        "--fmu-output", default="", metavar="VARIABLE", help="the one that is measured, likewise"
     )
     parser.add_argument(
         "--first", type=positive, default=1, metavar="SEED", help="seed of the first record"
@@ -60,6 +74,9 @@ def _campaign(arguments: argparse.Namespace) -> int:
         return run_strangers(arguments)
     if bool(arguments.config) == bool(arguments.model):
         return fail("campaign: give --config FILE, --model NAME, or --strangers", USAGE)
+    if arguments.fmu and (arguments.config or arguments.derive):
+        text = "campaign: --fmu needs --model NAME; in a FILE of --config it is simulation.fmu"
+        return fail(text, USAGE)
     if arguments.derive:
         return _derive(arguments)
     from valve_twin.core.diagnosis.campaign import run_campaign
@@ -102,12 +119,24 @@ def _chosen(
     from valve_twin.core.diagnosis.generic.faults import FAULTS
     from valve_twin.core.diagnosis.generic.signatures import signatures_of
 
-    rig = model_rig(arguments.model)
+    rig = model_rig(arguments.model, _fmu_of(arguments))
     table = signatures_of(rig.model)
     assert table is not None
     with progress_of("sizes", len(FAULTS)) as advance:
         config = campaign_of(rig, seeds or tuple(range(first, first + 20)), advance=advance)
     return rig, table, config, partial(own_signatures, rig)
+
+
+def _fmu_of(arguments: argparse.Namespace) -> SimulationConfig | None:
+    """Return the simulation whose plant is the FMU that is given; None without one."""
+    if not arguments.fmu:
+        return None
+    from valve_twin.io.fmu.plant import simulation_for
+
+    given = {"fmu.file": arguments.fmu, "fmu.output": arguments.fmu_output}
+    if arguments.fmu_input:
+        given["fmu.inputs"] = tuple(arguments.fmu_input)
+    return simulation_for(arguments.model, given)
 
 
 def _derive(arguments: argparse.Namespace) -> int:

@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
     from valve_twin.core.types import Estimate
     from valve_twin.gateway.live.told import Told
-    from valve_twin.io.history.marks import Mark
     from valve_twin.io.history.tables import CycleRecord
+    from valve_twin.io.history.valves.marks import Mark
 
     StoredCycle: TypeAlias = tuple[CycleRecord, list[Estimate]]
 

@@ -40,13 +40,15 @@ _ALL_SCATTER = 0.003
 """The same of every parameter that is followed, where signatures are by the model [1]."""
 
 
-def model_rig(name: str) -> ModelRig:
+def model_rig(name: str, simulation: SimulationConfig | None = None) -> ModelRig:
     """Return the simulated valve of a model with its defaults.
 
     Parameters
     ----------
     name : str
         Name of the model.
+    simulation : SimulationConfig, optional
+        Valve that is simulated instead, such as one whose plant is an FMU.
 
     Raises
     ------
@@ -57,7 +59,7 @@ def model_rig(name: str) -> ModelRig:
     if not model.feature_set.of_any_valve:
         msg = f"model '{name}' has features of its own: give --config FILE"
         raise ValueError(msg)
-    simulation = get_simulation(name)
+    simulation = simulation or get_simulation(name)
     followed = _followed(model, simulation)
     scatter = [Scatter(ages, _SCATTERS) for ages in followed[:1]]
     if model.feature_set.by_model:  # what it does not know of a cycle moves all that it sees
