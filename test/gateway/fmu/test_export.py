@@ -3,6 +3,7 @@
 """FMUs of a stored valve, run by FMPy: the core's numbers, states, instances, refusals."""
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from numba import njit
 from test.core.valves.hybrid_actuator import test_law as hybrid
 from test.core.valves.press_cartridge import test_law as press
 from test.core.valves.stepper_servo import test_law as stepper
+from test.gateway.fmu.portable_executable import AMD64, read_image
 from test.gateway.fmu.test_valve import made, record
 from valve_twin.cli import main
 from valve_twin.core.prediction import fit_percent
@@ -164,6 +166,36 @@ def test_the_same_history_gives_the_same_bytes_with_sources_and_both_binaries(
     assert {"sources/law.h", "sources/model.h", f"sources/fmi{version}.c"} <= names
     assert all(b"2-Clause BSD" in text for text in headers)
     assert ("sources/buildDescription.xml" in names) == (version == 3)
+
+
+OF_WINDOWS = re.compile(r"kernel32\.dll|ntdll\.dll|msvcrt\.dll|api-ms-win-crt-[a-z]+-l1-1-0\.dll")
+"""Libraries that every 64-bit Windows 10 and later brings along."""
+NOT_OF_CO_SIMULATION = (
+    "NewDiscreteStates|ContinuousTimeMode|CompletedIntegratorStep|SetTime|ContinuousStates|"
+    "Derivatives$|EventIndicators|EventMode"
+)
+
+
+@both
+def test_the_windows_binary_exports_all_of_fmi_and_needs_nothing_but_windows(fmus, version):
+    with zipfile.ZipFile(fmus[version]) as packed:
+        (name,) = (n for n in packed.namelist() if n.endswith(".dll"))
+        (other,) = (n for n in packed.namelist() if n.endswith(".so"))
+        image, linux = read_image(packed.read(name)), packed.read(other)
+        header = packed.read(f"sources/fmi{version}Functions.h").decode()
+    wanted = set(re.findall(rf"^\s*FMI{version}_Export \w+\s+(\w+);", header, re.MULTILINE))
+    assert len(wanted) > 40
+    assert (image.machine, image.is_dll) == (AMD64, True)
+    missing = wanted - image.exports
+    if version == 2:  # of FMI 3.0 all functions are there, of 2.0 those of the kind
+        missing = {n for n in missing if not re.search(NOT_OF_CO_SIMULATION, n)} | {
+            n for n in missing if re.search("(Input|Output)Derivatives", n)
+        }
+    assert missing == set()
+    assert all(e.encode() + b"\0" in linux for e in image.exports)  # the same as on Linux
+    assert image.exports <= wanted  # and nothing else
+    assert [n for n in image.imports if not OF_WINDOWS.fullmatch(n)] == []
+    assert not any(entry.startswith("#") for found in image.imports.values() for entry in found)
 
 
 @both
