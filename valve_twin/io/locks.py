@@ -12,7 +12,13 @@ _LOCK = struct.Struct("hhqqi4x")
 
 
 def lock_part(
-    file: int, start: int, length: int, *, wait: bool = False, free: bool = False
+    file: int,
+    start: int,
+    length: int,
+    *,
+    wait: bool = False,
+    free: bool = False,
+    shared: bool = False,
 ) -> None:
     """Lock a part of the file for this open file alone, not for the process as a whole.
 
@@ -26,6 +32,8 @@ def lock_part(
         Until others have freed it; else refuse.
     free : bool
         Free it instead.
+    shared : bool
+        Keep others from locking it alone; it may be locked so by several.
 
     Raises
     ------
@@ -34,7 +42,7 @@ def lock_part(
     """
     import fcntl
 
-    kind = fcntl.F_UNLCK if free else fcntl.F_WRLCK
+    kind = fcntl.F_UNLCK if free else fcntl.F_RDLCK if shared else fcntl.F_WRLCK
     command = fcntl.F_OFD_SETLKW if wait else fcntl.F_OFD_SETLK
     fcntl.fcntl(file, command, _LOCK.pack(kind, os.SEEK_SET, start, length, 0))
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import os
 import sqlite3
 import threading
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -80,11 +80,14 @@ class Database:
         """Give all connections back."""
         if self.files is not None:
             self.files.close()
-        with self._turn:
+        self._let_go()
+
+    def _let_go(self) -> None:
+        with self._turn, self.files.index.left_alone() if self.files else nullcontext():
             if self._kept is not None:
                 self._kept.close()
                 self._kept = None
-        self.engine.dispose()
+            self.engine.dispose()
 
     def again(self) -> Database:
         """Open what stands under the name now, as at the first time."""
@@ -128,6 +131,7 @@ class Database:
     @contextmanager
     def read(self) -> Iterator[Connection]:
         """Run reads that all see one state of the database."""
+        self.mend_index()
         level: dict[str, Any] = {} if self.is_sqlite else {"isolation_level": "REPEATABLE READ"}
         with (
             self.errors("read"),
@@ -180,6 +184,15 @@ class Database:
         """
         with self.errors("looked at"):
             return None if self.files is None else self.files.trouble(grown=grown)
+
+    def mend_index(self) -> None:
+        """Make the index of the log usable again where it is not; StoreError says why not."""
+        if self.files is None or self.files.index_trouble() is None:
+            return
+        with self.errors("used"):
+            self.files.mend_index(self.where, self._let_go)
+            if not self.read_only:
+                self._keep_open()
 
     def _changes(self) -> int:
         return self.driver.total_changes if self.is_sqlite else 0

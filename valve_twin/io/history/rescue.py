@@ -72,6 +72,9 @@ def repair(database: Database, writers: Path) -> tuple[Database, str]:
         trouble = database.trouble()  # another process may have been faster
         if trouble is None:
             return database, ""
+        if trouble in {Trouble.INDEX_CUT, Trouble.INDEX_LOST}:
+            database.mend_index()
+            return database, ""
         note = trouble.value
         if trouble in {Trouble.CUT, Trouble.LOG_CUT}:
             note += mend_cut(database, trouble)

@@ -23,6 +23,9 @@ WAIT_S = 5.0
 _WRITE, _COUNT = 120, 2
 """Where SQLite locks an index for who writes the log, and behind it for who takes it in [B]."""
 
+_LOCKS = 8
+"""Locks of an index, from `_WRITE` on: writing, taking in, making anew and reading [B]."""
+
 _OPEN = 128
 """Where each process that has a database open keeps its index locked [B]."""
 
@@ -49,13 +52,36 @@ def nobody_writes(log: str) -> Iterator[None]:
         if file in _held:
             yield
             return
-        _take(file)
+        _take(file, _COUNT)
         _held.add(file)
         try:
             yield
         finally:
             _held.discard(file)
             lock_part(file, _WRITE, _COUNT, free=True)
+
+
+@contextmanager
+def nobody_uses(log: str) -> Iterator[None]:
+    """Keep everybody, this process too, from any transaction, also one that reads.
+
+    Parameters
+    ----------
+    log : str
+        Path of the log, NAME-wal.
+
+    Raises
+    ------
+    OSError
+        If others do not stop, or the index cannot be opened.
+    """
+    with _turn:
+        file = keep_open(index_of(log), os.O_RDWR)
+        _take(file, _LOCKS)
+        try:
+            yield
+        finally:
+            lock_part(file, _WRITE, _LOCKS, free=True)
 
 
 def others_have(log: str) -> bool:
@@ -69,12 +95,12 @@ def others_have(log: str) -> bool:
     return os.path.exists(index_of(log)) and others_lock(keep_open(index_of(log)), _OPEN)
 
 
-def _take(file: int) -> None:
+def _take(file: int, count: int) -> None:
     """Take the lock, which SQLite's own locks in this process keep from it, too."""
     end_s = time.monotonic() + WAIT_S
     while True:
         try:
-            lock_part(file, _WRITE, _COUNT)
+            lock_part(file, _WRITE, count)
         except (BlockingIOError, PermissionError):
             if time.monotonic() > end_s:
                 text = "others do not stop writing its log"

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import os
 import sqlite3
@@ -12,11 +13,16 @@ from contextlib import suppress
 from enum import Enum
 from typing import TYPE_CHECKING
 
+from valve_twin.io.errors import StoreError
 from valve_twin.io.history.wal.copy import LogCopy
+from valve_twin.io.history.wal.index import IndexWatch, State
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
+
+
+_LOGGER = logging.getLogger("valve_twin")
 
 
 class Trouble(Enum):
@@ -27,6 +33,11 @@ class Trouble(Enum):
     LOG_DELETED = "its write-ahead log was deleted while in use"
     CUT = "the file was truncated while in use"
     LOG_CUT = "its write-ahead log was truncated while in use"
+    INDEX_CUT = "its index (-shm) was truncated while in use"
+    INDEX_LOST = "its index (-shm) was deleted or replaced while in use"
+
+
+_OF_INDEX = {State.SOUND: None, State.CUT: Trouble.INDEX_CUT, State.LOST: Trouble.INDEX_LOST}
 
 
 class FileWatch:
@@ -45,6 +56,8 @@ class FileWatch:
         Whether the file was seen.
     log_copy : LogCopy or None
         What its log holds, from `begin` on.
+    index : IndexWatch
+        The index of the log.
     """
 
     def __init__(self, file: Path, driver: Callable[[], sqlite3.Connection]) -> None:
@@ -55,6 +68,7 @@ class FileWatch:
         self._size_b = 0
         self.log_copy: LogCopy | None = None
         self._since_s = math.inf
+        self.index = IndexWatch(self._log)
 
     @property
     def is_known(self) -> bool:
@@ -62,7 +76,9 @@ class FileWatch:
         return self._identity is not None
 
     def begin(self) -> None:
-        """Watch the log, too, which is there from now on."""
+        """Watch the log, too, which is there from now on; one that was watched is let go."""
+        if self.log_copy is not None:
+            self.log_copy.close()
         self._log_identity = _identity(_status(self._log))
         self.log_copy = LogCopy(self._log)
         self.trouble()
@@ -71,7 +87,11 @@ class FileWatch:
         """Let go of the log, before SQLite takes it in with whatever it lacks."""
         if self.log_copy is not None:
             with suppress(OSError):
-                if self.log_is_own() and not self.log_copy.is_whole():
+                if (
+                    self.log_is_own()
+                    and self._index_trouble() is None
+                    and not self.log_copy.is_whole()
+                ):
                     self.log_copy.restore()
             self.log_copy.close()
 
@@ -91,10 +111,11 @@ class FileWatch:
             return Trouble.DELETED
         if found != self._identity:
             return Trouble.REPLACED
-        if self.log_copy is None:
-            return None
-        if not self.log_is_own():
+        if self.log_copy is not None and not self.log_is_own():
             return Trouble.LOG_DELETED
+        trouble = self._index_trouble()
+        if trouble is not None or self.log_copy is None:
+            return trouble
         if self._is_cut(status.st_size):
             return Trouble.CUT
         if not self.log_copy.is_whole(grown=grown):
@@ -102,6 +123,50 @@ class FileWatch:
             return Trouble.LOG_CUT
         self._since_s = math.inf
         return None
+
+    def index_trouble(self) -> Trouble | None:
+        """Return what happened to the index of the log, while file and log are those opened."""
+        if _identity(_status(self._file)) != self._identity:
+            return None
+        if self.log_copy is not None and not self.log_is_own():
+            return None
+        return self._index_trouble()
+
+    def mend_index(self, where: str, let_go: Callable[[], None]) -> None:
+        """Make the index usable again, before SQLite looks at it.
+
+        Parameters
+        ----------
+        where : str
+            The database, for messages.
+        let_go : callable
+            Gives back all connections to it.
+
+        Raises
+        ------
+        StoreError
+            If another part of this process uses the one that was deleted.
+        OSError
+            If others do not stop using it.
+        """
+        trouble = self.index_trouble()
+        if trouble is None:
+            return
+        if trouble is Trouble.INDEX_CUT:
+            self.index.restore()
+        else:
+            let_go()
+            if self.index.is_used():
+                msg = (
+                    f"{where}: {trouble.value}, and another part of this process uses the old one"
+                    " still: tried again"
+                )
+                raise StoreError(msg)
+            self.index.forget()
+        _LOGGER.warning("%s: %s: SQLite made it anew from the log", where, trouble.value)
+
+    def _index_trouble(self) -> Trouble | None:
+        return _OF_INDEX[self.index.state()]
 
     def troubled_s(self) -> float:
         """Return for how long the log has been cut [s]; long ago where it is not."""

@@ -1,0 +1,220 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""The index of a log in use is truncated, deleted or replaced: no process dies, no row is lost."""
+
+from __future__ import annotations
+
+import os
+import sqlite3
+import subprocess
+import sys
+from collections import Counter
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from valve_twin.io.errors import StoreError
+from valve_twin.io.history.store import CycleRecord, History
+from valve_twin.io.history.wal.index import IndexWatch, State
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+_OTHER = """
+import logging, sys
+logging.basicConfig(stream=sys.stderr)
+from valve_twin.io.history.store import CycleRecord, History
+path, valve = sys.argv[1:3]
+with History(path, read_only=valve == "reader") as history:
+    print("open", flush=True)
+    for cycle, line in enumerate(sys.stdin, 1):
+        if valve == "reader":
+            print(len(history.cycles(line.strip())), flush=True)
+        else:
+            print(history.store(valve, CycleRecord(cycle, 0, cycle, 850)), flush=True)
+"""
+
+
+class Other:
+    """A process of its own that stores a cycle, or reads, whenever it is asked."""
+
+    def __init__(self, file: Path, valve: str) -> None:
+        self.valve, self._errors = valve, Path(f"{file}.{valve.strip('/')}.log")
+        with self._errors.open("w") as errors:
+            self._process = subprocess.Popen(
+                [sys.executable, "-c", _OTHER, str(file), valve],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                text=True,
+            )
+        self.stored = 0
+        self._answer()
+
+    def store(self, times: int = 1) -> None:
+        for _ in range(times):
+            assert self.ask("") == "True"
+            self.stored += 1
+
+    def ask(self, line: str) -> str:
+        assert self._process.stdin is not None
+        self._process.stdin.write(f"{line}\n")
+        self._process.stdin.flush()
+        return self._answer()
+
+    def end(self) -> str:
+        """End it; return what it logged."""
+        self._process.communicate()
+        assert self._process.returncode == 0, self._errors.read_text()
+        return self._errors.read_text()
+
+    def kill(self) -> None:
+        self._process.kill()
+        self._process.communicate()
+
+    def _answer(self) -> str:
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline().strip()
+        assert line, (self._process.wait(), self._errors.read_text())
+        return line
+
+
+@pytest.fixture
+def other(tmp_path: Path) -> Iterator[Callable[[str], Other]]:
+    made: list[Other] = []
+
+    def make(valve: str) -> Other:
+        made.append(Other(tmp_path / "history.db", valve))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.kill()
+
+
+def cut(index: Path, size_b: int) -> None:
+    os.truncate(index, size_b)
+
+
+def delete(index: Path, _: int) -> None:
+    index.unlink()
+
+
+def replace(index: Path, size_b: int) -> None:
+    index.with_name("new").write_bytes(bytes(size_b))
+    os.replace(index.with_name("new"), index)
+
+
+HARM = [(cut, 0), (cut, 100), (delete, 0), (replace, 32768)]
+IDS = [f"{harm.__name__}_{size_b}" for harm, size_b in HARM]
+
+
+def require_all(file: Path, *others: Other) -> None:
+    """Require of a database that nobody has open any more that it is whole and has all rows."""
+    with closing(sqlite3.connect(file)) as connection:
+        assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+        names = connection.execute(
+            "SELECT name FROM cycle JOIN valve ON valve.id = valve_id"
+        ).fetchall()
+    assert Counter(name for (name,) in names) == {o.valve: o.stored for o in others}
+    with History(file, read_only=True) as history:
+        assert history.verify().damaged == []
+
+
+@pytest.mark.parametrize(("harm", "size_b"), HARM, ids=IDS)
+def test_whoever_has_it_open_goes_on_and_says_so(harm, size_b, other, tmp_path):
+    file, first, second = tmp_path / "history.db", other("/a"), other("/b")
+    reader = other("reader")
+    first.store(5)
+    second.store(3)
+    assert reader.ask("/a") == "5"
+    harm(Path(f"{file}-shm"), size_b)
+    assert reader.ask("/a") == "5"
+    first.store(2)
+    third = other("/c")
+    third.store(2)
+    second.store(2)
+    first.store(2)
+    assert reader.ask("/a") == "9"
+    assert reader.ask("/b") == "5"
+    told = "".join(one.end() for one in (first, second, third, reader))
+    assert "its index (-shm) was" in told
+    require_all(file, first, second, third)
+
+
+@pytest.mark.parametrize("stays", [True, False])
+@pytest.mark.parametrize(("harm", "size_b"), HARM[2:], ids=IDS[2:])
+def test_what_a_newcomer_stored_meanwhile_is_kept(harm, size_b, stays, other, tmp_path):
+    file, first = tmp_path / "history.db", other("/a")
+    first.store(5)
+    harm(Path(f"{file}-shm"), size_b)
+    second = other("/b")
+    second.store(4)
+    if not stays:
+        second.end()
+    first.store(3)
+    if stays:
+        second.store(2)
+        second.end()
+    first.end()
+    require_all(file, first, second)
+
+
+def test_who_only_ends_takes_nothing_along(other, tmp_path):
+    file, first = tmp_path / "history.db", other("/a")
+    first.store(5)
+    Path(f"{file}-shm").unlink()
+    second = other("/b")
+    second.store(4)
+    second.kill()
+    first.end()
+    require_all(file, first, second)
+
+
+def test_log_and_index_may_go_together(other, tmp_path):
+    file, first = tmp_path / "history.db", other("/a")
+    first.store(5)
+    Path(f"{file}-shm").unlink()
+    Path(f"{file}-wal").unlink()
+    first.store(3)
+    first.end()
+    require_all(file, first)
+
+
+def test_several_parts_of_a_process_give_the_old_one_up_before_there_is_a_new_one(tmp_path):
+    file = tmp_path / "history.db"
+    with History(file) as one, History(file) as two:
+        one.store("/a", CycleRecord(1, 0, 1, 850))
+        two.store("/b", CycleRecord(1, 0, 1, 850))
+        Path(f"{file}-shm").unlink()
+        with pytest.raises(StoreError, match="another part of this process uses the old one"):
+            one.store("/a", CycleRecord(2, 0, 2, 850))
+        assert two.store("/b", CycleRecord(2, 0, 2, 850))
+        assert one.store("/a", CycleRecord(2, 0, 2, 850))
+        assert [len(two.cycles(v)) for v in ("/a", "/b")] == [2, 2]
+
+
+@pytest.mark.parametrize("left", [0, 32768, 40000])
+def test_an_index_of_many_parts_is_as_long_as_before(left, tmp_path):
+    file = tmp_path / "a.db"
+    with closing(sqlite3.connect(file, isolation_level=None)) as connection:
+        connection.execute("PRAGMA journal_mode=WAL")
+        connection.execute("PRAGMA wal_autocheckpoint=0")
+        connection.execute("CREATE TABLE cycle (text TEXT)")
+        watch = IndexWatch(f"{file}-wal")
+        rows = [("x" * 9000,) for _ in range(2500)]
+        connection.execute("BEGIN")
+        connection.executemany("INSERT INTO cycle VALUES (?)", rows)
+        connection.execute("COMMIT")
+        assert watch.state() is State.SOUND
+        size_b = os.stat(f"{file}-shm").st_size
+        assert size_b > 40000
+        os.truncate(f"{file}-shm", left)
+        assert watch.state() is State.CUT
+        watch.restore()
+        assert watch.state() is State.SOUND
+        assert os.stat(f"{file}-shm").st_size == size_b
+        assert connection.execute("SELECT count(*) FROM cycle").fetchone() == (len(rows),)
+        assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)

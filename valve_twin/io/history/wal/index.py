@@ -1,0 +1,124 @@
+# SPDX-License-Identifier: Apache-2.0
+# Copyright 2026 valve_twin maintainers
+"""Watch the index of the write-ahead log, which all processes share as memory: the file `-shm`.
+
+SQLite looks at it through a map of the file. Where somebody truncates it, the system kills whoever
+looks (SIGBUS); where somebody deletes it, the next process makes another one and neither sees the
+locks and frames of the other: they write over each other. All that it says follows from the log.
+"""
+
+from __future__ import annotations
+
+import os
+from contextlib import contextmanager, nullcontext, suppress
+from enum import Enum
+from typing import TYPE_CHECKING
+
+from valve_twin.io.history.wal.frames import HEADER_B, index_of, keep_open, read_header
+from valve_twin.io.history.wal.hold import nobody_uses
+from valve_twin.io.locks import lock_part
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+_HEAD_B = 136
+_REGION_B, _FIRST_FRAMES, _FRAMES = 32768, 4062, 4096
+"""Bytes of a part of an index, and frames in the first and in each other part [1]."""
+
+_SHARED, _SHARED_B = 0x40000002, 510
+"""Where SQLite locks a database that it has open [B]."""
+
+
+class State(Enum):
+    """What can become of an index."""
+
+    SOUND = "it is the one that was opened"
+    CUT = "it is shorter than it was"
+    LOST = "it was deleted or replaced"
+
+
+class IndexWatch:
+    """What the index of an open database was.
+
+    Parameters
+    ----------
+    log : str
+        The log, NAME-wal.
+    """
+
+    def __init__(self, log: str) -> None:
+        self._log, self._path = log, index_of(log)
+        self.forget()
+
+    def forget(self) -> None:
+        """Know nothing of it: what is there next is the one in use."""
+        self._identity: tuple[int, int] | None = None
+        self._size_b = 0
+
+    def state(self) -> State:
+        """Return what became of it since it was opened."""
+        try:
+            status = os.stat(self._path)
+        except (FileNotFoundError, NotADirectoryError):
+            return State.SOUND if self._identity is None else State.LOST
+        found = status.st_dev, status.st_ino
+        if self._identity is None:
+            self._identity = found
+        if found != self._identity:
+            return State.LOST
+        if status.st_size < self._size_b:
+            return State.CUT
+        self._size_b = status.st_size
+        return State.SOUND
+
+    def restore(self) -> None:
+        """Make a cut one as long as before and empty: SQLite then makes it anew from the log.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written, or others do not stop using it.
+        """
+        with nobody_uses(self._log):
+            file = keep_open(self._path, os.O_RDWR)
+            os.pwrite(file, bytes(_HEAD_B), 0)
+            os.ftruncate(file, max(self._size_b, self._least_b()))
+
+    @contextmanager
+    def left_alone(self) -> Iterator[None]:
+        """Let SQLite close the database without harm: it would take the log in by this index."""
+        state = self.state()
+        if state is State.CUT:
+            with suppress(OSError):
+                self.restore()
+        database = self._log.removesuffix("-wal")
+        lost = state is State.LOST and os.path.exists(database)
+        with _held(database) if lost else nullcontext():
+            yield
+
+    def is_used(self) -> bool:
+        """Return whether another part of this process still uses one that was deleted."""
+        gone = f"{os.path.realpath(self._path)} (deleted)"
+        with suppress(FileNotFoundError), open("/proc/self/maps", encoding="utf-8") as maps:
+            return any(line.rstrip("\n").endswith(gone) for line in maps)
+        return False
+
+    def _least_b(self) -> int:
+        """Return how long it is at least for as many frames as the log may hold [B]."""
+        with suppress(OSError), open(self._log, "rb") as log:
+            header = read_header(log.read(HEADER_B))
+            if header is not None:
+                frames = (os.fstat(log.fileno()).st_size - HEADER_B) // header.frame_b
+                return _REGION_B * (1 + -(-max(frames - _FIRST_FRAMES, 0) // _FRAMES))
+        return _REGION_B
+
+
+@contextmanager
+def _held(database: str) -> Iterator[None]:
+    """Keep this process from being the last to close the database, which would end the log."""
+    file = keep_open(database)
+    lock_part(file, _SHARED, _SHARED_B, shared=True)
+    try:
+        yield
+    finally:
+        lock_part(file, _SHARED, _SHARED_B, free=True)
