@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from valve_twin.core.estimation.solvers.least_squares import minimise_residuals
 from valve_twin.core.prediction import fit_percent
 from valve_twin.design.field import Trapezoid, run_transient
 
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
 
 _SHORTEST, _LONGEST = 1e-4, 3e-2  # of the times, assumed [s]
 _STARTS = (4e-4, 5e-3)
+_DIFFERENCE = 1e-6  # of the logarithms of the times [1]
+_ITERATIONS = 100
 _SLOPE = 1e-3  # of the flanks: the voltage plays no part here, assumed [s/A]
 _AROUND = ((1.0, False), (0.5, True))  # bias and swing [A], whether the second coil goes against
 _PASSES = 4  # over the mutual dependence of both currents, which is weak
@@ -97,8 +100,6 @@ def fit_branches(records: Sequence[Transient], curves: CoenergyMap) -> Branches:
     ValueError
         If a record goes beyond the map, or its eddy currents are none.
     """
-    from scipy.optimize import least_squares
-
     rest = [magnetising(curves, of.flux, of.currents, of.position) for of in records]
     eddy = [of.currents - i - (of.currents[0] - i[0]) for of, i in zip(records, rest, strict=True)]
     wanted = np.concatenate([e.T.ravel() for e in eddy])
@@ -108,9 +109,15 @@ def fit_branches(records: Sequence[Transient], curves: CoenergyMap) -> Branches:
         difference: FloatArray = basis @ _gains(basis, wanted) - wanted
         return difference
 
-    bounds = np.log([_SHORTEST, _LONGEST])
-    best = least_squares(missed, np.log(_STARTS), bounds=tuple(bounds))
-    times = np.sort(np.exp(best.x))
+    start, (low, high) = np.log(_STARTS), np.log([_SHORTEST, _LONGEST])
+    best = minimise_residuals(
+        missed,
+        start,
+        (np.full_like(start, low), np.full_like(start, high)),
+        steps=np.full_like(start, _DIFFERENCE),
+        iterations=_ITERATIONS,
+    )
+    times = np.sort(np.exp(best.parameters))
     basis = _basis(records, times)
     gains = _gains(basis, wanted)
     if not gains.min() > 0.0:

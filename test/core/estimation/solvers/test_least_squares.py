@@ -11,7 +11,9 @@ from valve_twin.core.estimation.solvers.least_squares import (
     damped_step,
     gram_condition,
     minimise,
+    minimise_residuals,
 )
+from valve_twin.core.estimation.solvers.least_squares import sensitivities as differences
 from valve_twin.core.simulation import configure, simulate_cycles, to_frames
 from valve_twin.core.types import Cycle
 from valve_twin.core.valves.positioner.fit import bounds, fit_free_run
@@ -40,6 +42,25 @@ def sensitivities(p):
 def normal(p):
     r, j = MEASURED - model(p), sensitivities(p)
     return float(r @ r), j.T @ r, j.T @ j
+
+
+def test_differences_find_the_minimum_of_known_derivatives_and_stay_inside_bounds():
+    limits, steps = (np.array([-10.0, 0.0, 0.0]), np.array([1.5, 1.1, 0.6])), np.full(3, 1e-6)
+    seen = []
+
+    def watched(p):
+        seen.append(p.copy())
+        return miss(p)
+
+    start = np.array([1.0, 0.5, 0.5])
+    found = minimise_residuals(watched, start, limits, steps=steps, iterations=60)
+    known = minimise(normal, start, limits, iterations=60)
+    assert found.parameters == pytest.approx(known.parameters, rel=1e-6)
+    assert found.cost == pytest.approx(known.cost, rel=1e-9)
+    assert all((limits[0] <= p).all() and (p <= limits[1]).all() for p in seen)
+    off, j = differences(miss, found.parameters, limits, steps)
+    assert off == pytest.approx(miss(found.parameters))
+    assert j == pytest.approx(sensitivities(found.parameters), rel=1e-4, abs=1e-6)
 
 
 @pytest.mark.parametrize(

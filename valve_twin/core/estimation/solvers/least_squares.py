@@ -79,6 +79,65 @@ def minimise(
     return Minimum(p, cost, gram)
 
 
+def minimise_residuals(
+    residuals: Callable[[FloatArray], FloatArray],
+    start: FloatArray,
+    limits: Limits,
+    *,
+    steps: FloatArray,
+    iterations: int,
+) -> Minimum:
+    """Find the least sum of squared residuals whose derivatives are differences.
+
+    Parameters
+    ----------
+    residuals : callable
+        Of the parameters (P,): simulated - measured or the reverse (N,).
+    start : (P,) array
+        Where the search begins, clipped to the bounds [units of the caller].
+    limits : tuple of (P,) arrays
+        Lower and upper bounds.
+    steps : (P,) array
+        Of the differences [units of the caller].
+    iterations : int
+        Most steps tried.
+    """
+
+    def normal_equations(p: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        r, j = sensitivities(residuals, p, limits, steps)
+        return float(r @ r), -(j.T @ r), j.T @ j
+
+    return minimise(normal_equations, start, limits, iterations=iterations)
+
+
+def sensitivities(
+    residuals: Callable[[FloatArray], FloatArray],
+    p: FloatArray,
+    limits: Limits,
+    steps: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Return residuals (N,) and their derivatives (N, P), differences that stay inside the bounds.
+
+    Parameters
+    ----------
+    residuals : callable
+        Of the parameters (P,): simulated - measured or the reverse (N,).
+    p : (P,) array
+        Where [units of the caller].
+    limits : tuple of (P,) arrays
+        Lower and upper bounds.
+    steps : (P,) array
+        Of the differences [units of the caller].
+    """
+    at, columns = residuals(p), []
+    for i, step in enumerate(steps):
+        moved = p.copy()
+        inside = step if p[i] + step <= limits[1][i] else -step
+        moved[i] += inside
+        columns.append((residuals(moved) - at) / inside)
+    return at, np.stack(columns, axis=1)
+
+
 def free_inside(p: FloatArray, gradient: FloatArray, limits: Limits) -> BoolArray:
     """Return which parameters (P,) no bound holds.
 

