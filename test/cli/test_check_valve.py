@@ -20,6 +20,13 @@ def test_one_object_a_check(capsys):
     assert {f["check"]: f["passed"] for f in found}["recovery"] is None
 
 
+def test_strangers_of_a_valve_without_a_simulation_are_wrong_usage_and_there_may_be_none(capsys):
+    assert main(["check-valve", "cycle_timing", "--strangers"]) == 2
+    assert "check-valve: model 'cycle_timing' cannot be simulated" in capsys.readouterr().err
+    assert main(["check-valve", "damadics", "--strangers", "--seeds", "1"]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 2
+
+
 def test_an_unknown_valve_is_wrong_usage(capsys):
     assert main(["check-valve", "first_ordr"]) == 2
     assert "did you mean 'first_order'?" in capsys.readouterr().err

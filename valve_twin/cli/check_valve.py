@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from valve_twin.cli.common import FAILED, OK, USAGE, add_verb, fail, positive
 from valve_twin.core.valves.check import SEEDS, check_valve
-from valve_twin.core.valves.registry import get_model
+from valve_twin.core.valves.registry import get_model, get_simulation
 from valve_twin.core.valves.strangers import DRAWN, SEED_BASE, Score, score_strangers
 
 if TYPE_CHECKING:
@@ -65,6 +65,10 @@ def _check(arguments: argparse.Namespace) -> int:
     except ValueError as err:
         return fail(f"check-valve: model {err}", USAGE)
     if arguments.strangers:
+        try:
+            get_simulation(arguments.name)
+        except ValueError as err:
+            return fail(f"check-valve: {err}", USAGE)
         return _strangers(arguments)
     failed = False
     for found in check_valve(arguments.name, perf_counter, seeds=arguments.seeds):

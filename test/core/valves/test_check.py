@@ -15,6 +15,9 @@ from valve_twin.core.valves.first_order import VALVE
 from valve_twin.core.valves.kit import Valve
 from valve_twin.core.valves.registry import model_names
 
+WITHOUT = ("cycle_timing", "damadics", "hydraulic_actuator")
+"""Valves without a simulation, or with one whose numbers are not those that are followed."""
+
 
 def findings(name, seeds=1):
     ticks = count()
@@ -25,12 +28,18 @@ def findings(name, seeds=1):
 @pytest.mark.parametrize("name", model_names())
 def test_every_valve_of_ours_keeps_the_protocol(name):
     found = findings(name, seeds=0)
-    found.pop("recovery")  # each valve's own tests hold its intervals against the truth
+    found.pop("recovery")  # by the next test
     assert [f.check for f in found.values() if f.passed is not True] == []
 
 
-def test_the_intervals_of_the_example_hold_its_parameters():
-    assert findings("first_order", seeds=20)["recovery"].passed is True
+LENGTHY = [pytest.param(n, marks=pytest.mark.slow) for n in model_names() if n != "first_order"]
+
+
+@pytest.mark.no_cover
+@pytest.mark.parametrize("name", ["first_order", *LENGTHY])
+def test_the_intervals_hold_the_parameters_of_the_valve_s_own_simulation(name):
+    found = findings(name, seeds=20)["recovery"]
+    assert found.passed is (True if name not in WITHOUT else None), found.text
 
 
 class Broken(Valve):

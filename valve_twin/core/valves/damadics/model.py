@@ -14,6 +14,8 @@ from valve_twin.core.valves.damadics.plant import default_simulation
 from valve_twin.core.valves.positioner.model import PositionerModel
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from valve_twin.core.simulation.config import SimulationConfig
 
 
@@ -23,6 +25,10 @@ class DamadicsModel(PositionerModel):
 
     name: str = "damadics"
     proposed_for: str = ""
+
+    def strangers(self) -> Mapping[str, Mapping[str, object]]:
+        """Return none: the benchmark's actuator has no number that the twin learns."""
+        return {}
 
     def simulation(self) -> SimulationConfig:
         """Return the default simulation: the benchmark's actuator under steps and ramps."""
