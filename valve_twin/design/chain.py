@@ -66,6 +66,9 @@ and eddy currents on one mesh, to look at dynamics alone."""
 FORMS = ("second_order", "eddies")
 """What stands beside static curves: G_A and G_F of paper 000, or two branches of eddy currents."""
 
+USUAL_FORM = "eddies"
+"""Where nothing else is said: on steps it comes nearer to the moving field."""
+
 
 def find_fidelity(name: str) -> Fidelity:
     """Return what a name of `FIDELITIES` stands for.
@@ -157,7 +160,7 @@ def compute_design(
     curves: CoenergyMap | None = None,
     fidelity: Fidelity | None = None,
     advance: Callable[[], None] = lambda: None,
-    form: str = FORMS[0],
+    form: str = USUAL_FORM,
 ) -> tuple[Designed, tuple[Dynamics, Dynamics]]:
     """Compute what a valve needs of a double-stroke solenoid.
 
@@ -172,7 +175,8 @@ def compute_design(
     advance : callable
         Called once a field of the map.
     form : str
-        One of `FORMS`; with eddies two more transient fields are computed.
+        One of `FORMS`; with eddies two more transient fields are computed, G_A and G_F are found
+        as well.
 
     Raises
     ------
@@ -216,7 +220,7 @@ def evaluate(
     fidelity: Fidelity | None = None,
     computed: tuple[Designed, tuple[Dynamics, Dynamics]] | None = None,
     advance: Callable[[], None] = lambda: None,
-    form: str = FORMS[0],
+    form: str = USUAL_FORM,
 ) -> Evaluation:
     """Follow steps of a valve with a designed solenoid.
 

@@ -42,6 +42,9 @@ def test_valve_and_twin_run_on_the_map(coarse, tmp_path, capsys, monkeypatch):
     options = load_config(path)[0].options
     assert found["map"] in options.map_source
     assert options.resistance_a == pytest.approx(found["resistance"])
+    branches = [getattr(options.eddies, n) for n in ("gain_1", "time_1", "gain_2", "time_2")]
+    assert branches == found["eddies"]
+    assert min(branches) > 0.0
     bag = str(tmp_path / "bag")
     assert main(["simulate", "--config", path, "--cycles", "2", "--out", bag]) == 0
     capsys.readouterr()
@@ -52,6 +55,16 @@ def test_valve_and_twin_run_on_the_map(coarse, tmp_path, capsys, monkeypatch):
     value = dict(zip(last["names"], last["values"], strict=True))
     assert value["resistance_a"] == pytest.approx(options.resistance_a, rel=0.02)
     assert value["force_gain"] == pytest.approx(1.0, abs=0.02)
+
+
+def test_second_order_leaves_the_eddy_currents_out(coarse, tmp_path, capsys, monkeypatch):
+    quick = chain.Fidelity(MapGrid(currents=4, positions=4, fine=0.3), fine=0.3, step=4e-4)
+    monkeypatch.setitem(chain.FIDELITIES, "export", quick)
+    path = tmp_path / "designed.yaml"
+    words = ["--map", coarse, "--dynamics", "second_order", "--out", str(path)]
+    assert main(["design", "export", *words]) == 0
+    assert json.loads(capsys.readouterr().out)["eddies"] == []
+    assert "eddies" not in path.read_text(encoding="utf-8")
 
 
 def test_a_map_that_ends_too_early_for_the_power_is_told(coarse, tmp_path, capsys, monkeypatch):

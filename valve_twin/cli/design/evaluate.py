@@ -10,7 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from valve_twin.cli.common import OK, add_verb, check_writable, progress_of, say
-from valve_twin.cli.design.given import add_design, read_double_stroke, refusals
+from valve_twin.cli.design.given import (
+    add_design,
+    add_form,
+    form_of,
+    read_double_stroke,
+    refusals,
+)
 from valve_twin.cli.output import console, number, print_json, table
 from valve_twin.io.errors import ConfigError
 
@@ -56,11 +62,7 @@ def add(steps: Verbs) -> None:
         "--shares", type=float, nargs="+", metavar="SHARE",
         help="steps that --replay follows: 0.1, 0.25, 0.5 (default), 1",
     )  # fmt: skip
-    parser.add_argument(
-        "--dynamics", default="second_order", metavar="FORM",
-        help="beside static curves: second_order (G_A and G_F, default) or eddies (two branches "
-        "of eddy currents a coil)",
-    )  # fmt: skip
+    add_form(parser)
     parser.add_argument("--svg", metavar="FILE", help="picture to write")
     parser.add_argument("--json", action="store_true", help="one JSON object")
 
@@ -90,7 +92,7 @@ def _evaluate(arguments: argparse.Namespace) -> int:
                 robust=arguments.robust,
                 fidelity=of,
                 advance=advance,
-                form=arguments.dynamics,
+                form=form_of(arguments),
             )
         shares = (arguments.shares or [_REPLAYED]) if arguments.replay else []
         again = {share: _replayed(design, found, of, share) for share in shares}

@@ -8,7 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from valve_twin.cli.common import OK, add_verb, check_writable, progress_of, say
-from valve_twin.cli.design.given import add_design, read_double_stroke, read_map_of, refusals
+from valve_twin.cli.design.given import (
+    add_design,
+    add_form,
+    form_of,
+    read_double_stroke,
+    read_map_of,
+    refusals,
+)
 from valve_twin.cli.output import print_json
 
 if TYPE_CHECKING:
@@ -35,6 +42,7 @@ def add(steps: Verbs) -> None:
         "--like", metavar="FILE", help="parameter file whose other keys are kept, default that "
         "of the model in config/",
     )  # fmt: skip
+    add_form(parser)
     parser.add_argument(
         "--faults", action="store_true", help="also how worn dimensions change its curves: the "
         "twin then names the one that has drifted",
@@ -57,7 +65,9 @@ def _export(arguments: argparse.Namespace) -> int:
         valve = find_designable(arguments.valve)
         curves = read_map_of(arguments.map, design) if arguments.map else None
         with progress_of("computing fields", None) as advance:
-            designed, dynamics = compute_design(design, curves, advance=advance)
+            designed, dynamics = compute_design(
+                design, curves, advance=advance, form=form_of(arguments)
+            )
         numbers = valve.of_design(designed)
         twin, apart = _faults(design, valve, numbers) if arguments.faults else ({}, {})
         if arguments.doubts:
@@ -74,7 +84,8 @@ def _export(arguments: argparse.Namespace) -> int:
         say(short)
     say(f"next: make demo VALVE={valve.name} CONFIG={Path(arguments.out).resolve()}")
     fits = {name: found.fit for name, found in zip(("G_A", "G_F"), dynamics, strict=True)}
-    print_json({"map": source["sha256"], "resistance": designed.resistance, "fit": fits} | apart)
+    told = {"map": source["sha256"], "resistance": designed.resistance, "fit": fits}
+    print_json(told | {"eddies": designed.eddies} | apart)
     return OK
 
 

@@ -33,6 +33,22 @@ def add_design(
     )
 
 
+def add_form(parser: argparse.ArgumentParser) -> None:
+    """Add what stands beside the static curves."""
+    parser.add_argument(
+        "--dynamics", metavar="FORM",
+        help="beside static curves: eddies (two branches of eddy currents a coil, default) or "
+        "second_order (G_A and G_F)",
+    )  # fmt: skip
+
+
+def form_of(arguments: argparse.Namespace) -> str:
+    """Return the form of `add_form`, one of `FORMS` or what was written."""
+    from valve_twin.design.chain import USUAL_FORM
+
+    return arguments.dynamics or USUAL_FORM
+
+
 def read_given(
     arguments: argparse.Namespace, kind: str = "double_stroke"
 ) -> DoubleStroke | HybridPole | Section:

@@ -67,8 +67,8 @@ class Designed:
     around : Surroundings
         What is not the solenoid's.
     eddies : tuple of float
-        Gain and time of the faster and the slower branch of eddy currents, which the simulated
-        valve then has in place of G_A and G_F [A/V], [s]; empty = none.
+        Gain and time of the faster and the slower branch of eddy currents, which simulated valve
+        and twin then have in place of G_A and G_F [A/V], [s]; empty = none.
     """
 
     curves: CoenergyMap

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from valve_twin.design.geometry import DoubleStroke
     from valve_twin.design.search.tasks import DesignTask, Run
 
-_FORM = 4
+_FORM = 5
 _NO_DESIGN = "no evaluated design: remove the line, and it is computed again"
 
 

@@ -43,7 +43,8 @@ def exported_yaml(
     model : str
         Name of the model.
     shared : mapping
-        Options of the twin, which the simulated valve has as well [unit by option].
+        Options of the twin, which the simulated valve has as well, by dotted name [unit by
+        option].
     own : mapping
         Settings of the simulated valve alone, by dotted name [unit by setting].
     title : str
@@ -66,9 +67,10 @@ def exported_yaml(
     if found != model:
         msg = f"{like}: is of model '{found}'; give one of '{model}'"
         raise ConfigError(msg)
-    section["options"] = {**section.get("options", {}), **shared, **twin}
+    both = _nested(shared)
+    section["options"] = {**section.get("options", {}), **both, **twin}
     simulation = section.setdefault("simulation", {})
-    simulation["plant"] = {**simulation.get("plant", {}), **shared, **_nested(own)}
+    simulation["plant"] = {**simulation.get("plant", {}), **both, **_nested(own)}
     known = (*option_descriptors(get_model(model), "options."),
              *describe(get_simulation(model), "simulation."))  # fmt: skip
     notes = {d.name: f"{d.text} [{d.unit}]" if d.unit else d.text for d in known}

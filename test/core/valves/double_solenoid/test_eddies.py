@@ -5,21 +5,45 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from operator import attrgetter
 
 import numpy as np
 import pytest
 
 from test.core.valves.test_designed import FOUND
+from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
 from valve_twin.core.physics.curves import force_of
+from valve_twin.core.quantity import describe, replaced
+from valve_twin.core.simulation import configure, simulate_cycles, to_frames
+from valve_twin.core.types import Cycle, EstimateStatus
 from valve_twin.core.valves.double_solenoid import MODEL
 from valve_twin.core.valves.double_solenoid import plant_kernel as at
 from valve_twin.core.valves.double_solenoid.control.kernel import drive_open_loop
 from valve_twin.core.valves.double_solenoid.designed import plant_of
-from valve_twin.core.valves.double_solenoid.eddies import EddyConfig, step_branches
+from valve_twin.core.valves.double_solenoid.eddies import EddyConfig, magnetising, step_branches
+from valve_twin.core.valves.double_solenoid.numbers import DoubleSolenoidNumbers
+from valve_twin.core.valves.double_solenoid.parameters import constants_of
 from valve_twin.core.valves.double_solenoid.plant import DoubleSolenoidPlant
+from valve_twin.core.valves.double_solenoid.record import make_record
+from valve_twin.core.valves.registry import complete_options, get_simulation
 
 BRANCHES = (0.012, 4e-4, 0.035, 8e-3)
 PLANT = plant_of(MODEL.of_design(replace(FOUND, eddies=BRANCHES)))
+
+STIFF = replace(PLANT, spring_1=2e4, spring_2=2e4)
+NAMES = ("resistance_a", "resistance_b", "force_gain", "friction", "preload_1")
+
+
+def cycles_of(plant, count, seed):
+    """Return cycles of a plant, the first at rest left out."""
+    config = replace(configure(get_simulation("double_solenoid"), {}), plant=plant)
+    blocks = list(simulate_cycles(config, count + 1, seed))[1:]
+    return [Cycle(k, config.period_s, to_frames(b)) for k, b in enumerate(blocks, 1)]
+
+
+def options_for(plant, **given):
+    names = [d.name for d in describe(DoubleSolenoidNumbers)]
+    return complete_options(MODEL, {**{n: attrgetter(n)(plant) for n in names}, **given})
 
 
 def open_loop(command):
@@ -86,3 +110,72 @@ def test_coils_of_a_table_that_drive_each_other_up_are_refused_with_them_too():
             map_mutual=0.3,
             eddies=EddyConfig(*BRANCHES),
         )
+
+
+def test_what_magnetises_is_exact_for_a_voltage_that_is_held():
+    of, fast, slow = EddyConfig(*BRANCHES).numbers(), 0.01, -0.02
+    seen, after_1, after_2 = magnetising(of, 1.0, 10.0, fast, slow, 1e-4)
+    past, steps = [], 2000
+    for _ in range(steps):
+        before = fast + slow
+        fast, slow = step_branches(of, fast, slow, 10.0, 1e-4 / steps)
+        past.append(0.5 * (before + fast + slow))
+    assert (after_1, after_2) == pytest.approx((fast, slow), rel=1e-4)
+    assert seen == pytest.approx(1.0 - np.mean(past), rel=1e-5)
+
+
+def test_a_record_holds_the_currents_that_magnetise_also_of_a_warm_coil():
+    warm = replace(STIFF, resistance_a=1.3 * STIFF.resistance_a)
+    (cycle,) = cycles_of(warm, 1, 3)
+    known = np.ones(len(cycle.frames), dtype=np.bool_)
+    apart = {}
+    for name, plant in (("with", STIFF), ("without", replace(STIFF, eddies=EddyConfig()))):
+        record = make_record(cycle.frames, known, cycle.period_s, plant)
+        apart[name] = record.drawn[:, 0] - record.current_a
+    assert not apart["without"].any()
+    rest = apart["with"][-300:]  # the spool stands, the coil is 30 % off its option
+    assert np.abs(rest.mean()) < 5e-3
+    assert np.abs(apart["with"]).max() > 0.2
+
+
+def test_the_free_run_of_a_twin_that_knows_them_follows_the_valve():
+    for options, least, most in (
+        (options_for(STIFF), 97.0, 100.0),
+        (options_for(replace(STIFF, eddies=EddyConfig())), -np.inf, 90.0),
+    ):
+        first, second = cycles_of(STIFF, 2, 5)
+        _, memory = estimate_cycle(MODEL, options, first, Memory.empty())
+        (done,), _ = estimate_cycle(MODEL, options, second, memory)
+        assert least < done.fit_test < most
+
+
+@pytest.mark.parametrize("seed", [821, 822, 823])
+def test_a_twin_that_knows_them_withholds_nothing_of_a_valve_that_has_aged(seed):
+    rng = np.random.default_rng(seed)
+    truth = {n: getattr(STIFF, n) * rng.uniform(0.85, 1.15) for n in NAMES}
+    (cycle,) = cycles_of(replaced(STIFF, truth), 1, seed)
+    (found,) = MODEL.estimate(cycle, options_for(STIFF))
+    assert found.status is EstimateStatus.ACCEPTED, found.reason
+    for p in found.parameters:
+        if p.name in truth:
+            assert p.lower_95 <= truth[p.name] <= p.upper_95, p.name
+    (blind,) = MODEL.estimate(cycle, options_for(replace(STIFF, eddies=EddyConfig())))
+    assert blind.status is EstimateStatus.PARTIAL
+
+
+def test_a_tolerance_of_the_branches_widens_what_the_motion_tells():
+    (cycle,) = cycles_of(STIFF, 1, 7)
+    none = {f"tolerances.eddies.{n}": 0.0 for n in ("gain_1", "time_1", "gain_2", "time_2")}
+    half = []
+    for given in (none, {}):
+        (found,) = MODEL.estimate(cycle, options_for(STIFF, **given))
+        of = {p.name: p for p in found.parameters}["friction"]
+        half.append(of.upper_95 - of.lower_95)
+    assert half[1] > 1.2 * half[0]
+
+
+def test_without_them_no_constant_of_theirs_is_in_doubt():
+    assert not [n for n in constants_of(options_for(DoubleSolenoidPlant())).names if "eddies" in n]
+    assert [n for n in constants_of(options_for(STIFF)).names if "eddies" in n] == [
+        f"eddies.{n}" for n in ("gain_1", "time_1", "gain_2", "time_2")
+    ]

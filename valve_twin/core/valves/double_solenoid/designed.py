@@ -58,6 +58,7 @@ def numbers_of(found: Designed) -> Numbers:
         "force_f2": f2,
         "force_d1": d1,
         "force_d2": d2,
+        **dict(zip(_EDDIES, found.eddies, strict=False)),
         **map_lists(curves),
         "map_source": source,
     }
@@ -73,7 +74,6 @@ def numbers_of(found: Designed) -> Numbers:
         "trajectory_set.small": around.small,
         "trajectory_set.sizes": around.sizes,
         "trajectory_set.horizon": around.horizon,
-        **dict(zip(_EDDIES, found.eddies, strict=False)),
     }
     return Numbers(shared, own)
 

@@ -96,3 +96,33 @@ def step_branches(
         fast + step_s * of.rate_1 * (of.gain_1 * induced - fast),
         slow + step_s * of.rate_2 * (of.gain_2 * induced - slow),
     )
+
+
+@njit(cache=True)
+def magnetising(
+    of: Eddies, drawn: float, induced: float, fast: float, slow: float, period_s: float
+) -> tuple[float, float, float]:
+    """Return the current that magnetises a coil in a sample, and its eddy currents after it [A].
+
+    Exact for a voltage that is constant within the sample.
+
+    Parameters
+    ----------
+    of : Eddies
+        The branches.
+    drawn, induced : float
+        Measured current [A] and d psi/dt [V], means over the sample.
+    fast, slow : float
+        Eddy currents before it [A].
+    period_s : float
+        The sample [s].
+    """
+    end_1, end_2 = of.gain_1 * induced, of.gain_2 * induced
+    left_1, left_2 = math.exp(-period_s * of.rate_1), math.exp(-period_s * of.rate_2)
+    mean_1 = end_1 + (fast - end_1) * (1.0 - left_1) / (period_s * of.rate_1)
+    mean_2 = end_2 + (slow - end_2) * (1.0 - left_2) / (period_s * of.rate_2)
+    return (
+        drawn - mean_1 - mean_2,
+        end_1 + (fast - end_1) * left_1,
+        end_2 + (slow - end_2) * left_2,
+    )

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from operator import attrgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,7 +26,6 @@ from valve_twin.core.types import (
     ParameterValue,
 )
 from valve_twin.core.valves.double_solenoid.bench_fits import BENCH_FITS
-from valve_twin.core.valves.double_solenoid.coils import CoilFit, fit_resistance, flux_record
 from valve_twin.core.valves.double_solenoid.designed import (
     doubt_lists,
     follow_step,
@@ -37,7 +37,7 @@ from valve_twin.core.valves.double_solenoid.dimensions.apart import tell_apart
 from valve_twin.core.valves.double_solenoid.dimensions.estimate import judge_cycle
 from valve_twin.core.valves.double_solenoid.dimensions.published import ESTIMATOR as DIMENSIONS
 from valve_twin.core.valves.double_solenoid.dimensions.table import options_of
-from valve_twin.core.valves.double_solenoid.motion import MotionFit, Record, fit_motion
+from valve_twin.core.valves.double_solenoid.motion import MotionFit, fit_motion
 from valve_twin.core.valves.double_solenoid.parameters import (
     COILS,
     ESTIMATOR,
@@ -45,6 +45,7 @@ from valve_twin.core.valves.double_solenoid.parameters import (
     NAMES,
     PARAMETERS,
     DoubleSolenoidOptions,
+    constants_of,
     doubted,
     known_valve,
 )
@@ -61,11 +62,17 @@ from valve_twin.core.valves.double_solenoid.predictor import (
     predict_block,
     predict_map,
 )
+from valve_twin.core.valves.double_solenoid.record import (
+    Record,
+    coil_of,
+    longest_part,
+    make_record,
+)
 from valve_twin.core.valves.interface import Scale
 from valve_twin.core.valves.kit.compiled import CompiledModel
 from valve_twin.core.valves.kit.outcome import Evidence, blank, conclude, withheld
-from valve_twin.core.valves.kit.record import held, usable, whole_refusal
-from valve_twin.core.valves.kit.tolerances import Doubt, Tolerated, tolerated
+from valve_twin.core.valves.kit.record import usable, whole_refusal
+from valve_twin.core.valves.kit.tolerances import Doubt, Tolerated
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -138,15 +145,15 @@ class DoubleSolenoidModel(CompiledModel):
         refusal = refusal or _refusal(cycle, known)
         if refusal or valve is None:
             return (_estimate(cycle, blank(NAMES, refusal), known, refused=refusal),)
-        record = _record(cycle, valve, known)
+        record = make_record(cycle.frames, known, cycle.period_s, valve)
         refusal = _beyond(record, valve)
         if refusal:
             return (_estimate(cycle, blank(NAMES, refusal), known, refused=refusal),)
-        constants = tolerated(options)
+        constants = constants_of(options)
         here = valve, record
         aside = _aside(cycle, options, here, constants)
         names = (*constants.names, *options.map_doubt_names)
-        coils = _coils(cycle, here, aside, names)
+        coils = _coils(here, aside, names)
         variations = [(r, v.valve(), v.tables()) for v, r in aside]
         fit = fit_motion(record, valve.valve(), valve.tables(), variations)
         noise = _rest_noise(record.x)
@@ -154,8 +161,7 @@ class DoubleSolenoidModel(CompiledModel):
         balance = _estimate(cycle, values, known, fit=fit, valve=valve)
         if DIMENSIONS not in options.estimators:
             return (balance,)
-        volts = np.nan_to_num(cycle.frames.inputs[:, 1:3]) * valve.supply_voltage
-        told, guards = judge_cycle(cycle, (record, volts, fit), valve, options, earlier)
+        told, guards = judge_cycle(cycle, (record, fit), valve, options, earlier)
         return replace(balance, guards=guards), told
 
     @property
@@ -265,18 +271,6 @@ def _beyond(record: Record, valve: DoubleSolenoidPlant) -> str:
     return Refusal(RefusalCode.IMPLAUSIBLE, text)
 
 
-def _record(cycle: Cycle, valve: DoubleSolenoidPlant, known: BoolArray) -> Record:
-    """Return position and currents in SI units; unusable samples repeat the last usable one."""
-    position, inputs = held(cycle.frames.position, known), held(cycle.frames.inputs, known)
-    return Record(
-        x=valve.half_stroke * (2.0 * position - 1.0),
-        current_a=np.ascontiguousarray(inputs[:, 3] * valve.current_scale),
-        current_b=np.ascontiguousarray(inputs[:, 4] * valve.current_scale),
-        known=known,
-        period_s=cycle.period_s,
-    )
-
-
 def _aside(
     cycle: Cycle,
     options: DoubleSolenoidOptions,
@@ -286,40 +280,45 @@ def _aside(
     """Return valve and record with each constant, then the map, moved by standard deviations."""
     moved, (ours, record) = [], here
     for name, sigma in zip(constants.names, constants.sigmas.tolist(), strict=True):
-        value = getattr(options, name)
+        value = attrgetter(name)(options)
         try:
             valve = known_valve(options, {name: value * (1.0 + sigma)})
         except ValueError:  # it stands at its limit: as far the other way
             valve = known_valve(options, {name: value * (1.0 - sigma)})
-        scaled = (valve.half_stroke, valve.current_scale) != (ours.half_stroke, ours.current_scale)
-        moved.append((valve, _record(cycle, valve, record.known) if scaled else record))
+        if _seen_by(valve) != _seen_by(ours):
+            moved.append((valve, make_record(cycle.frames, record.known, cycle.period_s, valve)))
+        else:
+            moved.append((valve, record))
     moved += [(known_valve(other, {}), record) for other in doubted(options)]
     return moved
 
 
+def _seen_by(valve: DoubleSolenoidPlant) -> tuple[object, ...]:
+    """Return the numbers that a record depends on."""
+    return valve.half_stroke, valve.current_scale, valve.supply_voltage, valve.eddies
+
+
 def _coils(
-    cycle: Cycle,
     here: tuple[DoubleSolenoidPlant, Record],
     aside: list[tuple[DoubleSolenoidPlant, Record]],
     names: tuple[str, ...],
 ) -> list[ParameterValue]:
     """Return the resistances; they need every sample, their sums have no room for gaps."""
     known = here[1].known
-    first, end = (0, len(known)) if known.all() else _longest_run(known)
-    if end - first < _FEWEST and not known.all():
+    part = longest_part(known)
+    if part.stop - part.start < _FEWEST and not known.all():
         bad = int(np.count_nonzero(~known))
         return list(blank(COILS, f"{bad} samples cannot be used, no long part is whole"))
-    part = slice(first, end)
     values: list[ParameterValue] = []
     for column, name in enumerate(COILS):
-        fit = _coil(cycle, *here, part, column)
+        fit = coil_of(here[1], here[0], part, column)
         if fit.reason:
             status = ParameterStatus.REFUSED if fit.refused else ParameterStatus.NOT_EXCITED
             values += blank((name,), fit.reason, status)
             continue
         others = [
-            _coil(cycle, *one, part, column).resistance if _shows(one, here) else fit.resistance
-            for one in aside
+            coil_of(r, v, part, column).resistance if _shows((v, r), here) else fit.resistance
+            for v, r in aside
         ]
         moved = np.nan_to_num(np.array(others) - fit.resistance, nan=fit.resistance)
         values.append(Doubt(moved, names).around(name, fit.resistance))
@@ -331,29 +330,7 @@ def _shows(
 ) -> bool:
     """Whether what is aside changes anything that a resistance is found from."""
     (valve, record), (ours, measured) = one, here
-    same = valve.tables() is ours.tables() and valve.supply_voltage == ours.supply_voltage
-    return not (same and record is measured)
-
-
-def _coil(
-    cycle: Cycle, valve: DoubleSolenoidPlant, record: Record, part: slice, column: int
-) -> CoilFit:
-    """Return the resistance of coil A (0) or B (1) from a part of the cycle."""
-    currents, x = (record.current_a[part], record.current_b[part]), record.x[part]
-    own, other = currents if column == 0 else currents[::-1]
-    flux = np.empty(len(x))
-    both = np.ascontiguousarray(own), np.ascontiguousarray(other)
-    flux_record(valve.tables(), column, *both, np.ascontiguousarray(x), flux)
-    volts = np.nan_to_num(cycle.frames.inputs[part, 1 + column]) * valve.supply_voltage
-    return fit_resistance(volts, own, flux, cycle.period_s)
-
-
-def _longest_run(known: BoolArray) -> tuple[int, int]:
-    """Return first and end of the longest part without unusable samples."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], known, [False])).astype(np.int8)))
-    starts, ends = edges[::2], edges[1::2]
-    longest = int(np.argmax(ends - starts))
-    return int(starts[longest]), int(ends[longest])
+    return not (valve.tables() is ours.tables() and record is measured)
 
 
 def _mechanical(

@@ -2,8 +2,8 @@
 # Copyright 2026 valve_twin maintainers
 """Force gain, friction and preload from the motion of a cycle, with measured currents.
 
-The force by the curves is computed once from measured currents and position; in windows of 10 ms
-the spool then obeys
+The force by the curves is computed once from position and the currents that magnetise
+(`record.py`); in windows of 10 ms the spool then obeys
 
     m v' = g F(t) + spring_1 - spring_2 - F_h/(1 + exp(-alpha v)) + F_h/2 - beta v
 
@@ -31,7 +31,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from valve_twin.core.physics.curves import Curves
-    from valve_twin.core.types import BoolArray, FloatArray
+    from valve_twin.core.types import FloatArray
+    from valve_twin.core.valves.double_solenoid.record import Record
 
 SUB = 8
 """Steps of the integration in a sample of 0.1 ms."""
@@ -46,29 +47,6 @@ _STOP_MARGIN = 1e-5  # nearer to an end stop a window is left out [m], assumed
 _SPEED_STEP = 1e-4  # for derivatives [m/s]
 _FEWEST_WINDOWS = 3
 _HALF = 6  # samples on either side of a local parabola, assumed
-
-
-@dataclass(frozen=True, slots=True)
-class Record:
-    """What was measured in a cycle, SI units.
-
-    Attributes
-    ----------
-    x : (N,) array
-        Position [m].
-    current_a, current_b : (N,) arrays
-        Means over the samples before the stamps [A].
-    known : (N,) bool array
-        Samples that can be used.
-    period_s : float
-        Sampling time [s].
-    """
-
-    x: FloatArray
-    current_a: FloatArray
-    current_b: FloatArray
-    known: BoolArray
-    period_s: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,9 +4,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from valve_twin.core.quantity import assumed, quantity, setting
+from valve_twin.core.valves.double_solenoid.eddies import EddyConfig
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +50,7 @@ class DoubleSolenoidNumbers:
     force_f2: float = assumed(0.010e-6, "s^2", "f2 of G_F", 0.0, 1e-2, ages=False)
     force_d1: float = assumed(0.75e-3, "s", "d1 of G_F", 2e-5, 0.1, ages=False)
     force_d2: float = assumed(0.090e-6, "s^2", "d2 of G_F", 1e-9, 1e-2, ages=False)
+    eddies: EddyConfig = field(default_factory=EddyConfig)
     supply_voltage: float = quantity(
         24.0, "V", "Levels of the bridges, + and -", 1.0, 100.0, ages=False
     )

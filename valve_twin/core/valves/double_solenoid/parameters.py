@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from valve_twin.core.diagnosis.features import ESTIMATOR as FEATURES
-from valve_twin.core.quantity import quantity, setting
+from valve_twin.core.quantity import quantity, replaced, setting
 from valve_twin.core.types import Parameter
 from valve_twin.core.valves.double_solenoid.dimensions.published import ESTIMATOR as DIMENSIONS
 from valve_twin.core.valves.double_solenoid.dimensions.published import PUBLISHED
+from valve_twin.core.valves.double_solenoid.eddies import EddyConfig
 from valve_twin.core.valves.double_solenoid.numbers import DoubleSolenoidNumbers
 from valve_twin.core.valves.double_solenoid.plant import DoubleSolenoidPlant
 from valve_twin.core.valves.interface import ModelOptions
-from valve_twin.core.valves.kit.tolerances import tolerance_section
+from valve_twin.core.valves.kit.tolerances import Tolerated, tolerance_section, tolerated
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -49,12 +50,21 @@ PARAMETERS = (
     *PUBLISHED,
 )
 NAMES = tuple(p.name for p in PARAMETERS if p.trend)
+_EDDIES = "eddies."
 COILS = NAMES[:2]
 MECHANICAL = NAMES[2:]
 
 
-DoubleSolenoidTolerances = tolerance_section(
-    "DoubleSolenoidTolerances",
+EddyTolerances = tolerance_section(
+    "EddyTolerances",
+    __name__,
+    EddyConfig,
+    {"gain_1": 0.05, "time_1": 0.05, "gain_2": 0.05, "time_2": 0.05},
+)
+
+
+_KnownTolerances = tolerance_section(
+    "_KnownTolerances",
     __name__,
     DoubleSolenoidNumbers,
     {
@@ -74,6 +84,13 @@ DoubleSolenoidTolerances = tolerance_section(
         "current_scale": 0.005,
     },
 )
+
+
+@dataclass(frozen=True, slots=True)
+class DoubleSolenoidTolerances(_KnownTolerances):  # type: ignore[misc,valid-type]
+    """Half widths of the known constants, in parts of their values."""
+
+    eddies: object = field(default_factory=EddyTolerances)
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,15 +122,28 @@ class DoubleSolenoidOptions(DoubleSolenoidNumbers, ModelOptions):
 def known_valve(
     options: DoubleSolenoidOptions, values: Mapping[str, float]
 ) -> DoubleSolenoidPlant:
-    """Return the valve of the options, with estimated `values` in their place.
+    """Return the valve of the options, with `values` by dotted name in their place.
 
     Raises
     ------
     ValueError
         If a number is outside its range or does not fit the others; it names the number.
     """
-    names = [f.name for f in fields(DoubleSolenoidNumbers)]
-    return DoubleSolenoidPlant(**{n: values.get(n, getattr(options, n)) for n in names})
+    given = {f.name: getattr(options, f.name) for f in fields(DoubleSolenoidNumbers)}
+    given |= {name: value for name, value in values.items() if name in given}
+    inside = {n.removeprefix(_EDDIES): v for n, v in values.items() if n.startswith(_EDDIES)}
+    if inside:
+        given["eddies"] = replaced(options.eddies, inside)
+    return DoubleSolenoidPlant(**given)
+
+
+def constants_of(options: DoubleSolenoidOptions) -> Tolerated:
+    """Return the constants that are not known exactly; eddy currents only where there are any."""
+    found = tolerated(options)
+    if options.eddies.gain_1:
+        return found
+    kept = [k for k, name in enumerate(found.names) if not name.startswith(_EDDIES)]
+    return Tolerated(tuple(found.names[k] for k in kept), found.widths[kept])
 
 
 def doubted(options: DoubleSolenoidOptions) -> list[DoubleSolenoidOptions]:

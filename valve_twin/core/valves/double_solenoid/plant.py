@@ -48,7 +48,6 @@ from valve_twin.core.valves.double_solenoid.control.kernel import (
     run_valve,
 )
 from valve_twin.core.valves.double_solenoid.control.observer import KnownNumbers, ObserverConfig
-from valve_twin.core.valves.double_solenoid.eddies import EddyConfig
 from valve_twin.core.valves.double_solenoid.numbers import DoubleSolenoidNumbers
 from valve_twin.core.valves.double_solenoid.plant_kernel import Second, Valve, second_order
 
@@ -87,7 +86,6 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
     current_quantum: float = assumed(
         1.25e-3, "A", "Resolution of current sensors", 0.0, 1.0, ages=False
     )
-    eddies: EddyConfig = field(default_factory=EddyConfig)
     pid: PidConfig = field(default_factory=PidConfig)
     trajectory_set: TrajectorySetConfig = field(default_factory=TrajectorySetConfig)
     observer: ObserverConfig = field(default_factory=ObserverConfig)
@@ -186,7 +184,9 @@ class DoubleSolenoidPlant(DoubleSolenoidNumbers, Plant):
         return second_order(self.current_b1, self.current_b2, self.current_a1, self.current_a2)
 
     def force_dynamics(self) -> Second:
-        """Return G_F, paper 000, eq. (4)."""
+        """Return G_F, paper 000, eq. (4); none where `eddies` make the flux late."""
+        if self.eddies.gain_1:
+            return at.AT_ONCE
         return second_order(self.force_f1, self.force_f2, self.force_d1, self.force_d2)
 
     def current_gains(self) -> CurrentGains:

@@ -68,6 +68,10 @@ class Second(NamedTuple):
     direct: float
 
 
+AT_ONCE = Second(0.0, 0.0, 0.0, 0.0, 1.0)
+"""G = 1: what comes out is what goes in."""
+
+
 class Valve(NamedTuple):
     """Numbers of coils and mechanics, SI units."""
 

@@ -2,6 +2,8 @@
 # Copyright 2026 valve_twin maintainers
 """Compiled prediction of the spool from measured currents: one step ahead, and free.
 
+With `Eddies` the currents that magnetise are told by currents and voltages.
+
 One step ahead, an observer follows the measured position; the free run starts from it at the
 beginning of a cycle and sees the currents only. Near an end the magnets pull harder than the
 springs push, so a free run at a held current drifts away by itself.
@@ -22,7 +24,7 @@ from valve_twin.core.physics.solenoid_map import (
     MapTables,
 )
 from valve_twin.core.types import Validity
-from valve_twin.core.valves.double_solenoid.eddies import Eddies
+from valve_twin.core.valves.double_solenoid.eddies import Eddies, magnetising
 from valve_twin.core.valves.double_solenoid.motion import SUB
 from valve_twin.core.valves.double_solenoid.plant_kernel import (
     Second,
@@ -41,14 +43,18 @@ if TYPE_CHECKING:
 
 _X, _SPEED, _FORCE, _FORCE_RATE = range(4)
 _RUN = 4  # position [m], speed [m/s] and both states of the force filter [N], [N/s]
-STATE_SIZE = state_size(_RUN, 0)
+_FAST_A, _SLOW_A, _FAST_B, _SLOW_B, _NOW_A, _NOW_B = range(6)
+_MEMORY = 6  # eddy currents of both coils, and what magnetises them in the last sample [A]
+STATE_SIZE = state_size(_RUN, _MEMORY)
 
 _MASS, _PRELOAD_1, _PRELOAD_2, _SPRING_1, _SPRING_2 = range(5)
 _FRICTION, _ALPHA, _BETA, _STOP, _HALF_STROKE, _FORCE_GAIN = range(5, 11)
 _RATE_1, _RATE_2, _OUT_1, _OUT_2, _DIRECT = range(11, 16)
 _OWN = 16  # five numbers of the magnetic tables
 _CURRENT_SCALE, _PERIOD = 21, 22
-_SCALARS = 23
+_RESISTANCE_A, _RESISTANCE_B, _SUPPLY = 23, 24, 25
+_EDDIES = 26  # four numbers of them
+_SCALARS = 30
 _CURRENT_TABLE = FLUX_NODES * POSITION_NODES
 _FORCE_TABLE = CURRENT_NODES * POSITION_NODES
 N_COEFFICIENTS = _SCALARS + _CURRENT_TABLE + _FORCE_TABLE
@@ -78,24 +84,27 @@ def coefficients(valve: DoubleSolenoidPlant, period_s: float) -> FloatArray:
         own = (m.per_flux, m.per_current, m.reach, m.per_position, m.mutual)
         tables = (m.current, m.force)
     numbers = [*mechanics, *rubbing, *v.force, *own, valve.current_scale, period_s]
+    numbers += [v.resistance_a, v.resistance_b, valve.supply_voltage, *v.eddies]
     assert len(numbers) == _SCALARS
     return np.concatenate([numbers, *(table.ravel() for table in tables)])
 
 
 class _Numbers(NamedTuple):
-    """Mechanics, magnetic tables, full scale of the currents [A] and sampling time [s]."""
+    """Valve, magnetic tables, full scales of currents [A] and voltages [V], sampling time [s]."""
 
     valve: Valve
     tables: Any  # `MapTables` or `CoenergyTables`
     current_scale: float
+    supply: float
     period_s: float
 
 
 @njit(cache=True)
 def _valve(c: FloatArray) -> Valve:
     force = Second(c[_RATE_1], c[_RATE_2], c[_OUT_1], c[_OUT_2], c[_DIRECT])
+    eddies = Eddies(c[_EDDIES], c[_EDDIES + 1], c[_EDDIES + 2], c[_EDDIES + 3])
     return Valve(
-        1.0, 1.0, force, force, Eddies(0.0, 1.0, 0.0, 1.0), c[_FORCE_GAIN], c[_MASS],
+        c[_RESISTANCE_A], c[_RESISTANCE_B], force, force, eddies, c[_FORCE_GAIN], c[_MASS],
         c[_PRELOAD_1], c[_PRELOAD_2], c[_SPRING_1], c[_SPRING_2], c[_FRICTION], c[_ALPHA],
         c[_BETA], c[_STOP], c[_HALF_STROKE], 0.0, 0.0, 0.0,
     )  # fmt: skip
@@ -108,7 +117,7 @@ def _of_tables(c: FloatArray) -> _Numbers:
     force = c[b : b + _FORCE_TABLE].reshape((CURRENT_NODES, POSITION_NODES))
     per_flux, per_current, reach, per_position, mutual = c[_OWN:_CURRENT_SCALE]
     tables = MapTables(current, force, per_flux, per_current, reach, per_position, mutual)
-    return _Numbers(_valve(c), tables, c[_CURRENT_SCALE], c[_PERIOD])
+    return _Numbers(_valve(c), tables, c[_CURRENT_SCALE], c[_SUPPLY], c[_PERIOD])
 
 
 @njit(cache=True)
@@ -129,7 +138,7 @@ def _of_map(c: FloatArray) -> _Numbers:
         per_position,
         largest,
     )
-    return _Numbers(_valve(c), tables, c[_CURRENT_SCALE], c[_PERIOD])
+    return _Numbers(_valve(c), tables, c[_CURRENT_SCALE], c[_SUPPLY], c[_PERIOD])
 
 
 @njit(cache=True)
@@ -152,14 +161,35 @@ def _move(run: FloatArray, v: Valve, m: Curves, i_a: float, i_b: float, period: 
 
 
 @per_sample
+def _magnetise(m: _Numbers, memory: FloatArray, inputs: FloatArray, n: int) -> None:
+    """Write the currents that magnetise both coils in a sample."""
+    v = m.valve
+    i_a, i_b = inputs[n, 3] * m.current_scale, inputs[n, 4] * m.current_scale
+    if v.eddies.gain_1 > 0.0:
+        induced_a = inputs[n, 1] * m.supply - v.resistance_a * i_a
+        induced_b = inputs[n, 2] * m.supply - v.resistance_b * i_b
+        i_a, memory[_FAST_A], memory[_SLOW_A] = magnetising(
+            v.eddies, i_a, induced_a, memory[_FAST_A], memory[_SLOW_A], m.period_s
+        )
+        i_b, memory[_FAST_B], memory[_SLOW_B] = magnetising(
+            v.eddies, i_b, induced_b, memory[_FAST_B], memory[_SLOW_B], m.period_s
+        )
+    memory[_NOW_A], memory[_NOW_B] = i_a, i_b
+
+
+@per_sample
 def _advance(
     m: _Numbers, seen: float, followed: FloatArray, free: FloatArray, memory: FloatArray,
     inputs: FloatArray, n: int, bad: bool,
 ) -> Validity:  # fmt: skip
     if seen == 0.0:
+        memory[:] = 0.0
+    if not bad:
+        _magnetise(m, memory, inputs, n)
+    if seen == 0.0:
         return Validity.STARTING
     if not bad:
-        i_a, i_b = inputs[n, 3] * m.current_scale, inputs[n, 4] * m.current_scale
+        i_a, i_b = memory[_NOW_A], memory[_NOW_B]
         _move(followed, m.valve, m.tables, i_a, i_b, m.period_s)
         _move(free, m.valve, m.tables, i_a, i_b, m.period_s)
     return Validity.AT_SEAT if abs(followed[_X]) >= m.valve.stop else Validity.VALID
@@ -178,9 +208,9 @@ def _follow(
     v = m.valve
     x = min(max((2.0 * position - 1.0) * v.half_stroke, -v.stop), v.stop)
     if code == Validity.STARTING:
-        i_a, i_b = inputs[n, 3] * m.current_scale, inputs[n, 4] * m.current_scale
         followed[_X], followed[_SPEED] = x, 0.0
-        followed[_FORCE], followed[_FORCE_RATE] = force_of(m.tables, i_a, i_b, x), 0.0
+        followed[_FORCE] = force_of(m.tables, memory[_NOW_A], memory[_NOW_B], x)
+        followed[_FORCE_RATE] = 0.0
         return code
     off = x - followed[_X]
     followed[_X] = min(max(followed[_X] + _POSITION_GAIN * off, -v.stop), v.stop)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, make_dataclass
 from math import isfinite, sqrt
+from operator import attrgetter
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -114,7 +115,7 @@ def tolerated(options: ModelOptions) -> Tolerated:
     """
     widths = describe(cast("DataclassInstance", options.tolerances))
     given = {d.name: cast("float", d.default) for d in widths}
-    names = tuple(n for n, width in given.items() if width > 0.0 and getattr(options, n) != 0.0)
+    names = tuple(n for n, w in given.items() if w > 0.0 and attrgetter(n)(options) != 0.0)
     return Tolerated(names, np.array([given[n] for n in names]))
 
 

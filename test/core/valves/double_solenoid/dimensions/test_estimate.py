@@ -5,12 +5,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from operator import attrgetter
 
 import numpy as np
 import pytest
 
 from valve_twin.core.estimation.cycle.sequence import Memory, estimate_cycle
-from valve_twin.core.quantity import replaced
+from valve_twin.core.quantity import describe, replaced
 from valve_twin.core.simulation import configure, simulate_cycles, to_frames
 from valve_twin.core.types import Cycle, Estimate, EstimateStatus, MaskCounts
 from valve_twin.core.valves.designed import Numbers
@@ -27,9 +28,13 @@ from valve_twin.core.valves.registry import complete_options, get_simulation
 SCATTER = {f"scatter.{n}": 0.002 for n in ("friction", "resistance_a", "resistance_b")}
 
 
+BRANCHES = {"eddies.gain_1": 0.0121, "eddies.time_1": 4.57e-4,
+            "eddies.gain_2": 0.0346, "eddies.time_2": 8.58e-3}  # fmt: skip
+
+
 def options_for(plant, wear, **given):
-    names = DoubleSolenoidNumbers.__dataclass_fields__
-    numbers = {n: getattr(plant, n) for n in names}
+    names = [d.name for d in describe(DoubleSolenoidNumbers)]
+    numbers = {n: attrgetter(n)(plant) for n in names}
     chosen = {**options_of(wear), "estimators": ("balance", ESTIMATOR), **given}
     return complete_options(MODEL, {**numbers, **chosen})
 
@@ -165,8 +170,7 @@ def test_what_a_cycle_tells_apart(solenoid):
 
 def test_dynamics_that_are_not_the_valves_are_refused_with_the_reason(solenoid, capfd):
     """A zero column became NaN, at which LAPACK writes to stdout and numpy raises."""
-    branches = {"gain_1": 0.0121, "time_1": 4.57e-4, "gain_2": 0.0346, "time_2": 8.58e-3}
-    lossy = replaced(solenoid.plant, {f"eddies.{n}": v for n, v in branches.items()})
+    lossy = replaced(solenoid.plant, BRANCHES)
     found, _ = follow(options_for(solenoid.plant, solenoid.wear), lossy, 1, 3)
     told = found[ESTIMATOR]
     assert told.status is EstimateStatus.REFUSED

@@ -18,9 +18,9 @@ from valve_twin.core.valves.double_solenoid.dimensions.fit import fit_dimensions
 from valve_twin.core.valves.double_solenoid.dimensions.judge import UNLIKE, leftovers
 from valve_twin.core.valves.double_solenoid.dimensions.published import causes_of
 from valve_twin.core.valves.double_solenoid.dimensions.table import DimensionTable
-from valve_twin.core.valves.double_solenoid.motion import Record
 from valve_twin.core.valves.double_solenoid.numbers import DoubleSolenoidNumbers
 from valve_twin.core.valves.double_solenoid.plant import DoubleSolenoidPlant, default_simulation
+from valve_twin.core.valves.double_solenoid.record import make_record
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -53,18 +53,11 @@ def tell_apart(numbers: Numbers, wear: Sequence[Wear]) -> Apart:
         frames = to_frames(running.advance(config.cycle_samples))
     known = {f.name: getattr(plant, f.name) for f in fields(DoubleSolenoidNumbers)}
     valve = DoubleSolenoidPlant(**known)
-    currents = np.ascontiguousarray(frames.inputs[:, 3:5].T * valve.current_scale)
-    record = Record(
-        x=valve.half_stroke * (2.0 * frames.position - 1.0),
-        current_a=currents[0],
-        current_b=currents[1],
-        known=np.ones(len(frames), dtype=np.bool_),
-        period_s=config.period_s,
-    )
+    usable = np.ones(len(frames), dtype=np.bool_)
+    record = make_record(frames, usable, config.period_s, valve)
     table = DimensionTable(tuple(w.name for w in wear), tuple(w.change for w in wear))
-    volts = frames.inputs[:, 1:3] * valve.supply_voltage
     start = np.array([plant.force_gain, plant.friction, plant.preload_1])
-    fit = fit_dimensions(record, volts, valve.valve(), valve.tables(), table, start)
+    fit = fit_dimensions(record, valve.valve(), valve.tables(), table, start)
     if isinstance(fit, Refusal):
         message = f"the simulated cycle tells no dimension: {fit}"
         raise ValueError(message)

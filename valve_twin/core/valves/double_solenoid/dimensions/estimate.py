@@ -44,16 +44,17 @@ if TYPE_CHECKING:
 
     from valve_twin.core.types import Cycle, Estimate, FloatArray
     from valve_twin.core.valves.double_solenoid.dimensions.fit import DimensionFit
-    from valve_twin.core.valves.double_solenoid.motion import MotionFit, Record
+    from valve_twin.core.valves.double_solenoid.motion import MotionFit
     from valve_twin.core.valves.double_solenoid.parameters import DoubleSolenoidOptions
     from valve_twin.core.valves.double_solenoid.plant import DoubleSolenoidPlant
+    from valve_twin.core.valves.double_solenoid.record import Record
 
 _MODEL = "double_solenoid"
 
 
 def judge_cycle(
     cycle: Cycle,
-    measured: tuple[Record, FloatArray, MotionFit | None],
+    measured: tuple[Record, MotionFit | None],
     valve: DoubleSolenoidPlant,
     options: DoubleSolenoidOptions,
     earlier: Sequence[Estimate],
@@ -65,7 +66,7 @@ def judge_cycle(
     cycle : Cycle
         The cycle.
     measured : tuple
-        Its record, its voltages (N, 2) [V] and what `fit_motion` found.
+        Its record and what `fit_motion` found.
     valve : DoubleSolenoidPlant
         The valve of the design.
     options : DoubleSolenoidOptions
@@ -87,7 +88,6 @@ def judge_cycle(
 
 def _fit(
     record: Record,
-    volts: FloatArray,
     motion: MotionFit | None,
     valve: DoubleSolenoidPlant,
     options: DoubleSolenoidOptions,
@@ -108,7 +108,7 @@ def _fit(
         text = f"{UNFOLLOWED}: too little of it is off the stops"
         return None, table.names, Refusal(RefusalCode.NOT_EXCITED, text)
     known = valve.valve(), valve.tables()
-    fit = fit_dimensions(record, volts, *known, table, motion.values)
+    fit = fit_dimensions(record, *known, table, motion.values)
     if isinstance(fit, Refusal):
         return None, table.names, fit
     return fit, table.names, ""

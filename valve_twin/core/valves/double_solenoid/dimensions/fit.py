@@ -8,10 +8,10 @@ A dimension changes the coenergy by a known function dW (`table`), so to first o
     F     = F_0    + sum over dimensions of size * d(dW)/dx
 
 The flux balance of either coil (V summed up, less R i) is compared with psi at the currents
-before the eddy currents, G_A^-1 i, and the motion in windows of 10 ms with the force behind G_F
-(`motion.py`). Both are linear in the sizes and are solved together, with the resistances, the
-supply, the fluxes at the start, force gain, friction and the start of every window as their
-companions.
+before the eddy currents, G_A^-1 i or those of the record, and the motion in windows of 10 ms
+with the force behind G_F (`motion.py`). Both are linear in the sizes and are solved together,
+with the resistances, the supply, the fluxes at the start, force gain, friction and the start of
+every window as their companions.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     from valve_twin.core.physics.curves import Curves
     from valve_twin.core.types import FloatArray
     from valve_twin.core.valves.double_solenoid.dimensions.table import DimensionTable
-    from valve_twin.core.valves.double_solenoid.motion import Record
     from valve_twin.core.valves.double_solenoid.plant_kernel import Valve
+    from valve_twin.core.valves.double_solenoid.record import Record
 
 _SUPPLY, _FRICTION = COMPANIONS.index("supply"), COMPANIONS.index("friction")
 _ROUNDS = 8
@@ -116,7 +116,6 @@ def inverse(g: Second) -> Second:
 
 def fit_dimensions(
     record: Record,
-    volts: FloatArray,
     v: Valve,
     m: Curves,
     table: DimensionTable,
@@ -127,9 +126,7 @@ def fit_dimensions(
     Parameters
     ----------
     record : Record
-        Motion and currents, every sample known.
-    volts : (N, 2) array
-        Voltages, means over the samples before the stamps [V].
+        Motion, voltages and currents, every sample known.
     v, m : Valve, Curves
         The valve of the design.
     table : DimensionTable
@@ -144,7 +141,7 @@ def fit_dimensions(
     if isinstance(motion, Refusal):
         return motion
     blocks = [motion]
-    blocks += [_flux_rows(record, volts, v, m, table, coil) for coil in (0, 1)]
+    blocks += [_flux_rows(record, v, m, table, coil) for coil in (0, 1)]
     return _solve(blocks, len(table.names))
 
 
@@ -253,22 +250,24 @@ def _without_effect(values: FloatArray, table: DimensionTable, scale: FloatArray
 
 
 def _flux_rows(
-    record: Record, volts: FloatArray, v: Valve, m: Curves, table: DimensionTable, coil: int
+    record: Record, v: Valve, m: Curves, table: DimensionTable, coil: int
 ) -> tuple[FloatArray, FloatArray, float]:
     """Return rows and values of a coil's flux balance: its solution is the supply and sizes."""
     period = record.period_s
     both = np.column_stack([record.current_a, record.current_b])
-    early = np.empty((len(both), SUB))
-    filtered(inverse(v.current), np.ascontiguousarray(both[:, coil]), period, early)
-    own = early.mean(axis=1)
+    own = np.ascontiguousarray(both[:, coil])
+    if v.eddies.gain_1 == 0.0:
+        early = np.empty((len(both), SUB))
+        filtered(inverse(v.current), own, period, early)
+        own = early.mean(axis=1)
     other = np.ascontiguousarray(both[:, 1 - coil])
     flux = np.empty(len(both))
     flux_record(m, coil, own, other, record.x, flux)
     at = both.copy()
     at[:, coil] = own
     at = 0.5 * (at + np.concatenate([at[1:], at[-1:]]))
-    charge = np.concatenate([[0.0], np.cumsum(both[1:, coil])]) * period
-    applied = np.concatenate([[0.0], np.cumsum(volts[1:, coil])]) * period
+    charge = np.concatenate([[0.0], np.cumsum(record.drawn[1:, coil])]) * period
+    applied = np.concatenate([[0.0], np.cumsum(record.volts[1:, coil])]) * period
     beside = np.column_stack([charge, np.ones(len(both))])
     rows = np.zeros((len(both), len(COMPANIONS) + len(table.names)))
     rows[:, _SUPPLY] = -applied
