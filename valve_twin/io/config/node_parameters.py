@@ -111,6 +111,13 @@ class TwinParameters(NodeParameters):
         1,
         10**7,
     )
+    state_folder: str = setting(
+        "",
+        "Folder in which cycles wait, over restarts too, while the server of the history is away,"
+        " and those beyond memory_budget_mb; a SQLite history has them beside it. Empty = "
+        "$STATE_DIRECTORY, which systemd sets; without it they wait in memory.",
+        local=True,
+    )
     busy_timeout_s: float = assumed(
         5.0, "s", "How long another program's lock of the database is waited for.", 0.0, 3600.0
     )

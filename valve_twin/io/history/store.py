@@ -131,6 +131,11 @@ class History:
         """File or URL of the database, without a password."""
         return self._database.where
 
+    @property
+    def is_remote(self) -> bool:
+        """Whether it is kept by a server."""
+        return not self._database.is_sqlite
+
     def close(self) -> None:
         """Give the connections and the claims back; what was stored is stored."""
         for claim in self._claims.values():

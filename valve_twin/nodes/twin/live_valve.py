@@ -98,6 +98,7 @@ class LiveValve:
         self.name, self.history = config.name, history_writer.history
         self.model = get_model(config.model)
         self._claim = self.history.claim(self.name)
+        history_writer.store_left(self.name)
         self._restart = Restart(
             self.history,
             config,
@@ -106,7 +107,7 @@ class LiveValve:
             tell=node.get_logger().info,
         )
         self.twin, self.last_cycle = self._restart.twin, self._restart.last_cycle
-        self.spool = self._queue_in(budget)
+        self.spool = self._queue_in(budget, history_writer)
         self.counters = self.history.log.counters(self.name) or Counters()
         self.publishers = ValvePublishers(node, config, self.model)
         self.publishers.count(self.counters)
@@ -129,10 +130,12 @@ class LiveValve:
         self.stopped = ""
         self._saving, self._saved, self._save_error = False, (0, 0), ""
 
-    def _queue_in(self, budget: MemoryBudget) -> CycleSpool:
+    def _queue_in(self, budget: MemoryBudget, writer: HistoryWriter) -> CycleSpool:
         """Let cycles wait for their estimation within the budget, else on disk."""
         path = self.history.snapshot_path(self.name)
         folder = None if path is None else path.with_name(f"{path.name}-cycles")
+        if path is None and writer.unsaved is not None:
+            folder = writer.unsaved.cycles_folder(self.name)
         spools: list[CycleSpool] = []
 
         def fill(jobs: Iterable[QueuedJob]) -> JobQueue:

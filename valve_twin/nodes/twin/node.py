@@ -15,6 +15,7 @@ from valve_twin.io.config.node_parameters import TwinParameters
 from valve_twin.io.errors import ConfigError
 from valve_twin.io.history.spool import MemoryBudget
 from valve_twin.io.history.store import History
+from valve_twin.io.history.unsaved import unsaved_of
 from valve_twin.io.instruments.derived import is_made
 from valve_twin.nodes.runtime.diagnostics import ERROR, STALE, Diagnostics, Report
 from valve_twin.nodes.runtime.memory_trim import MemoryTrimmer
@@ -87,11 +88,15 @@ class TwinNode(ValveNode):
         given = self.parameters.read(TwinParameters)
         rule = retention_of(given)
         for url in dict.fromkeys(c.history_url for c in configs):
+            history = History(
+                url, busy_timeout_s=given.busy_timeout_s, events_kept=given.events_kept
+            )
             self._history_writers[url] = HistoryWriter(
                 self,
-                History(url, busy_timeout_s=given.busy_timeout_s, events_kept=given.events_kept),
+                history,
                 retry_s=given.retry_s,
                 limit=given.unsaved_limit,
+                unsaved=unsaved_of(history, given.state_folder),
             )
         kinds = [(c.model, c.cycles.rule, c.options) for c in configs]
         kinds = [kind for i, kind in enumerate(kinds) if kind not in kinds[:i]]

@@ -38,10 +38,14 @@ def put_counters(connection: Connection, valve_id: int, counters: Counters) -> N
     counters : Counters
         With that cycle.
     """
-    row: dict[str, Any] = {name: _put(getattr(counters, name)) for name in _NAMES}
-    row["valve_id"] = valve_id
+    row = {**counters_row(counters), "valve_id": valve_id}
     connection.execute(sa.delete(COUNTERS).where(COUNTERS.c.valve_id == valve_id))
     connection.execute(COUNTERS.insert(), sealed(COUNTERS, row))
+
+
+def counters_row(counters: Counters) -> dict[str, Any]:
+    """Return the row of counters of no valve yet."""
+    return {name: _put(getattr(counters, name)) for name in _NAMES}
 
 
 def row_counters(row: Mapping[str, Any]) -> Counters:

@@ -12,20 +12,25 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from valve_twin import __version__
 from valve_twin.io.history.store import CycleTakenError, History, cycle_record
+from valve_twin.io.history.unsaved import UnsavedCycle
 from valve_twin.nodes.runtime.node import STEADY, ValveNode
 from valve_twin.nodes.runtime.worker import WorkerThread
 from valve_twin.nodes.twin.inputs import seconds_now
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from valve_twin.core.operation.counters import Counters
     from valve_twin.core.types import Cycle, Estimate
     from valve_twin.io.history.store import CycleRecord
+    from valve_twin.io.history.unsaved import UnsavedCycles
     from valve_twin.nodes.runtime.worker import Outcome
 
 WATCH_S = 5.0
@@ -53,6 +58,10 @@ class QueuedCycle:
         The valve's, with this cycle.
     was_published : bool
         Whether it was published as not stored.
+    file : Path or None
+        Where it is kept on disk.
+    is_shed : bool
+        Whether its estimates are there only.
     """
 
     valve: CycleQueue
@@ -61,6 +70,12 @@ class QueuedCycle:
     wall_s: float
     counters: Counters | None = None
     was_published: bool = False
+    file: Path | None = None
+    is_shed: bool = False
+
+    def shed(self) -> None:
+        """Keep on disk only what is kept there."""
+        self.is_shed, self.estimates, self.counters = True, (), None
 
 
 class CycleQueue:
@@ -133,11 +148,23 @@ class HistoryWriter:
     retry_s : float
         Pause before a refused cycle is offered again [s].
     limit : int
-        Cycles kept in memory at most; beyond it the oldest are dropped [1].
+        Cycles kept in memory at most; beyond it the oldest are on disk only, else dropped [1].
+    unsaved : UnsavedCycles, optional
+        Keeps cycles on disk while the history refuses them.
     """
 
-    def __init__(self, node: ValveNode, history: History, *, retry_s: float, limit: int) -> None:
-        self._node, self.history = node, history
+    def __init__(
+        self,
+        node: ValveNode,
+        history: History,
+        *,
+        retry_s: float,
+        limit: int,
+        unsaved: UnsavedCycles | None = None,
+    ) -> None:
+        self._node, self.history, self.unsaved = node, history, unsaved
+        self._shed = 0
+        self._unkept = ""
         self._retry_s, self._limit = retry_s, limit
         self._waiting: deque[QueuedCycle] = deque()
         self._storing: QueuedCycle | None = None
@@ -164,11 +191,39 @@ class HistoryWriter:
         """
         return CycleQueue(self, name, publish, number_from)
 
+    def store_left(self, name: str) -> None:
+        """Store what an earlier twin of a valve could not, before the next one begins.
+
+        Raises
+        ------
+        StoreError
+            If the history refuses it still.
+        """
+        files = self.unsaved.waiting(name) if self.unsaved else []
+        lost = 0
+        for file in files:
+            found = self.unsaved.read(name, file) if self.unsaved else None
+            try:
+                if found is not None:
+                    self.history.store(name, *found)
+            except CycleTakenError as err:
+                found = None
+                self._node.get_logger().error(f"{name}: {err}")
+            lost += found is None
+            file.unlink(missing_ok=True)
+        if files:
+            text = f"{name}: {len(files) - lost} cycles that waited on disk are stored"
+            lost_text = (
+                f", {lost} could not be read or have a number that is taken" if lost else ""
+            )
+            self._node.get_logger().warning(text + lost_text)
+
     def add(self, queued: QueuedCycle) -> None:
         """Store a cycle after all earlier ones."""
         self._waiting.append(queued)
         if self.error:
             self._publish_unstored(queued)
+            self._keep(queued)
         self._drop_excess()
         self._next()
 
@@ -202,15 +257,19 @@ class HistoryWriter:
             for queued in rest:
                 if seconds_now() > end_s:
                     return
-                _store(self.history, queued)
+                _store(self.history, queued, self.unsaved)
                 self._waiting.popleft()
+                _forget(queued)
             when_stored()
 
         self.read_thread.close(0.0)
         self.write_thread.submit(store_rest, lambda _: None)
         self.write_thread.submit(self.history.close, lambda _: None)  # never while it is in use
         self.write_thread.close(timeout_s + save_s)
-        return len(self._waiting)
+        left = tuple(self._waiting)
+        for queued in left:
+            self._keep(queued)
+        return sum(queued.file is None for queued in left)
 
     def _next(self) -> None:
         """Store the oldest cycle; one at a time keeps the order."""
@@ -218,7 +277,9 @@ class HistoryWriter:
             return
         if self._waiting:
             self._storing = queued = self._waiting.popleft()
-            self._submit(partial(_store, self.history, queued), partial(self._on_stored, queued))
+            self._shed -= queued.is_shed
+            work = partial(_store, self.history, queued, self.unsaved)
+            self._submit(work, partial(self._on_stored, queued))
         elif self.error:
             self._check_database()
 
@@ -252,9 +313,11 @@ class HistoryWriter:
         taken: _Taken | None = outcome.result
         if outcome.error:
             self._waiting.appendleft(queued)
-            self._drop_excess()
+            self._shed += queued.is_shed
             self._refuse(outcome.error)
+            self._drop_excess()
             return
+        _forget(queued)
         queued.valve.waiting -= 1
         if taken is not None:
             self._give_up(queued, taken)
@@ -271,6 +334,7 @@ class HistoryWriter:
         self.error = error
         for queued in self._waiting:
             self._publish_unstored(queued)
+            self._keep(queued)
         self._timer = self._node.create_timer(self._retry_s, self._retry, clock=STEADY)
 
     def _retry(self) -> None:
@@ -293,9 +357,27 @@ class HistoryWriter:
         )
 
     def _drop_excess(self) -> None:
-        """Let go of the oldest cycles beyond the limit."""
-        while len(self._waiting) > self._limit:
-            self._drop(self._waiting.popleft())
+        """Let go of the oldest cycles beyond the limit, which are kept on disk or lost."""
+        while len(self._waiting) - self._shed > self._limit:
+            queued = self._waiting[self._shed]
+            if queued.file is None:
+                del self._waiting[self._shed]
+                self._drop(queued)
+            else:
+                queued.shed()
+                self._shed += 1
+
+    def _keep(self, queued: QueuedCycle) -> None:
+        """Keep what is not stored on disk, if there is a place for it."""
+        if self.unsaved is None or queued.file is not None:
+            return
+        cycle = UnsavedCycle(queued.record, queued.estimates, queued.counters)
+        try:
+            queued.file = self.unsaved.put(queued.valve.name, cycle)
+        except OSError as err:
+            if self._unkept != str(err):
+                self._node.get_logger().error(f"not kept on disk: {err}")
+            self._unkept = str(err)
 
     def _drop(self, queued: QueuedCycle) -> None:
         queued.valve.waiting -= 1
@@ -320,7 +402,14 @@ class _Taken:
     last_cycle: int
 
 
-def _store(history: History, queued: QueuedCycle) -> _Taken | None:
+def _forget(queued: QueuedCycle) -> None:
+    """Let go of what is kept on disk of a cycle."""
+    if queued.file is not None:
+        with suppress(OSError):  # it is stored once more at the next start, which does nothing
+            queued.file.unlink(missing_ok=True)
+
+
+def _store(history: History, queued: QueuedCycle, unsaved: UnsavedCycles | None) -> _Taken | None:
     """Store a cycle on the writer's thread.
 
     Raises
@@ -328,8 +417,16 @@ def _store(history: History, queued: QueuedCycle) -> _Taken | None:
     StoreError
         If it is worth trying again.
     """
+    cycle = UnsavedCycle(queued.record, queued.estimates, queued.counters)
+    if queued.is_shed and unsaved is not None and queued.file is not None:
+        found = unsaved.read(queued.valve.name, queued.file)
+        if found is None:
+            text = f"{queued.file}: it is damaged or gone"
+            return _Taken(text, history.last_cycle(queued.valve.name))
+        cycle = found
     try:
-        history.store(queued.valve.name, queued.record, queued.estimates, queued.counters)
+        history.store(queued.valve.name, *cycle)
+        queued.estimates = tuple(cycle.estimates)
     except CycleTakenError as err:
         return _Taken(str(err), history.last_cycle(queued.valve.name))
     return None
