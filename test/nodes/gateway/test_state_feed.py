@@ -23,10 +23,11 @@ from test.nodes.conftest import NS
 from valve_twin.core.aging.verdict import LimitState, Trend, TrendStatus, Verdict, VerdictKind
 from valve_twin.core.faults.advice import advise
 from valve_twin.core.faults.ne107 import NODE_FAULTS
+from valve_twin.gateway.plant import Plant
 from valve_twin.nodes.aging.node import AgingMonitorNode
 from valve_twin.nodes.gateway.node import GatewayNode
 from valve_twin.nodes.gateway.state_feed import LATCHED
-from valve_twin.nodes.runtime.messages import to_message
+from valve_twin.nodes.runtime.messages import to_message, to_value
 
 END_NS = 1_700_000_500 * 10**9
 WORD = Verdict(
@@ -228,3 +229,34 @@ def test_a_browser_shows_faults_on_every_screen_as_soon_as_they_are_said(graph, 
         assert browser.complaints() == []
     finally:
         browser.close()
+
+
+def test_real_nodes_are_shown_as_they_speak_and_as_stored_once_they_are_gone(graph, tmp_path):
+    path = tmp_path / "history.sqlite"
+    store(path, NS, range(1, 61), -0.0045)
+    url = f"sqlite:///{path}"
+    twin = graph.start("twin", history_url=url)
+    words = graph.record(f"{NS}/aging_monitor/verdict", msg.Verdict, LATCHED)
+    trends = graph.record(f"{NS}/aging_monitor/trend/K_in", msg.Trend, LATCHED)
+    monitor = graph.start("aging_monitor", history_url=url)
+    graph.spin_until(lambda: words and trends, what="the monitor")
+    node = graph.host(GatewayNode, port=0, history_url=url)
+    view = node._plant.glance
+
+    def heard() -> bool:
+        told = view().verdicts.get(NS)
+        return told is not None and view().live and NS in node._told._said
+
+    graph.spin_until(heard, what="the verdict")
+    graph.spin_until(lambda: "K_in" in node._state._trends[NS], what="the trend")
+    word, trend, row = words[-1], trends[-1], row_of(node)
+    assert node._told._said[NS].verdict == to_value(Verdict, word)
+    assert (row["verdict"], row["evidence"]) == (word.text, word.evidence)
+    assert (row["parameter"], row["drift"]) == ("K_in", trend.drift_reference)
+    stored = Plant(url).view().row(NS)
+    assert stored is not None
+    assert (row["ne107"], row["action"]) == (stored.ne107, stored.action)
+    monitor.kill()
+    twin.kill()
+    graph.spin_until(lambda: node._told._said[NS].verdict is None, what="that they are gone")
+    assert row_of(node)["evidence"] == stored.evidence

@@ -22,6 +22,7 @@ from valve_twin.core.diagnosis.changes.finding import UNKNOWN, Finding
 from valve_twin.core.diagnosis.history import describe_finding
 from valve_twin.core.diagnosis.table import BY_NAME, partner
 from valve_twin.core.faults.advice import BY_VERDICT, FAULT_ADVICE
+from valve_twin.core.faults.kinds import FAULT_KINDS
 from valve_twin.core.faults.ne107 import Ne107
 from valve_twin.core.types import Prediction, Validity
 from valve_twin.core.valves.registry import get_model, model_names
@@ -65,6 +66,15 @@ def test_words_that_come_from_elsewhere_are_translated():
     assert {kind.text for kind in VerdictKind} <= known
     assert set(STATUS_WORDS.values()) <= known
     assert forms.WRONG in known
+
+
+def test_what_to_do_against_every_fault_of_a_node_is_told_in_german():
+    german = words("de")
+    remedies = {kind.remedy for kind in FAULT_KINDS}
+    assert len(remedies) > 30
+    assert [
+        r for r in remedies if sentence(r, german) == r or "lang=" in sentence(r, german)
+    ] == []
 
 
 def test_the_words_inside_a_picture_are_translated():

@@ -32,8 +32,9 @@ if TYPE_CHECKING:
 DISCOVER_EVERY = 5
 """What is published, and by whom, is asked at one look in so many [1]."""
 
-MOST_NEW = 50
-"""Topics that are subscribed to at one look, so that no other work waits for hundreds [1]."""
+MOST_NEW = 5
+"""Topics that are found and subscribed to at one look [1]: rclpy keeps all threads waiting while
+it makes a subscription, which takes 10 ms where many nodes come at a time."""
 
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -75,14 +76,11 @@ class StateFeed:
         self._verdicts: dict[str, Verdict | None] = {}
         self._trends: dict[str, dict[str, Trend]] = {valve: {} for valve in self._valves}
         self._topics: dict[str, _Topic] = {}
-        self._wanted = {
-            topic: found
-            for valve in self._valves
-            for topic, found in (
-                (f"{valve}/twin/cycle", (msg.CycleSummary, partial(self._on_cycle, valve))),
-                (f"{valve}/aging_monitor/verdict", (msg.Verdict, partial(self._on_word, valve))),
-            )
-        }
+        self._wanted: dict[str, tuple[Any, Callable[[Any], None]]] = {}
+        for valve in self._valves:
+            own, word = f"{valve}/twin/cycle", f"{valve}/aging_monitor/verdict"
+            self._subscribe(own, msg.CycleSummary, partial(self._on_cycle, valve))
+            self._subscribe(word, msg.Verdict, partial(self._on_word, valve))
 
     def look(self) -> None:
         """Take what came since the last look."""
@@ -91,9 +89,7 @@ class StateFeed:
         self._looks += 1
         for _ in range(min(MOST_NEW, len(self._wanted))):
             topic = next(iter(self._wanted))
-            kind, take = self._wanted.pop(topic)
-            made = self._reader.create_subscription(kind, topic, nothing, LATCHED, raw=True)
-            self._topics[topic] = _Topic(made, take)
+            self._subscribe(topic, *self._wanted.pop(topic))
         for of in self._topics.values():
             found = take_waiting(of.subscription, LATCHED.depth)
             if found:
@@ -108,6 +104,10 @@ class StateFeed:
             topic.take(None)
         self._judge()
         self._topics, self._wanted = {}, {}
+
+    def _subscribe(self, topic: str, kind: Any, take: Callable[[Any], None]) -> None:
+        made = self._reader.create_subscription(kind, topic, nothing, LATCHED, raw=True)
+        self._topics[topic] = _Topic(made, take)
 
     def _discover(self) -> None:
         """Want what is published now, and forget what nobody publishes any more."""
