@@ -66,6 +66,16 @@ def test_the_table_names_reference_front_and_choice(tmp_path, capsys):
     assert "reference" in shown.out
     assert " *" in shown.out
     assert "gap_ratio:" in shown.err
+    assert "the search ended by its generations: 3 of 3 generations, " in shown.err
+
+
+def test_a_search_that_its_time_ends_says_so_and_goes_on(tmp_path, capsys):
+    words = ["design", "optimise", "--archive", str(tmp_path / "a"), *QUICK]
+    assert main([*words, "--seconds", "1e-9"]) == 0
+    shown = capsys.readouterr().err
+    assert "the search ended by its time, 1e-09 s: 1 of 3 generations, " in shown
+    assert main(words) == 0
+    assert "the search ended by its generations: 3 of 3" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

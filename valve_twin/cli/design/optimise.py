@@ -75,6 +75,11 @@ def add(steps: Verbs) -> None:
         ("seed", "of all random numbers, default 0"),
     ):
         parser.add_argument(f"--{name}", type=int, metavar="N", help=about)
+    parser.add_argument(
+        "--seconds", type=float, metavar="S",
+        help="time after which no generation is begun any more, default any; its front is "
+        "computed after it",
+    )  # fmt: skip
     for name, about in (
         ("fidelity", "fields of the search: search (coarse, default), usual or twice"),
         (
@@ -118,6 +123,7 @@ def _optimise(arguments: argparse.Namespace) -> int:
             known = sum(1 for _ in archive)
             say(f"valve-twin: interrupted: {known} designs are kept; the same command goes on")
             return FAILED
+    say(found.ended)
     if arguments.yaml:
         write_design(changed(design, found.chosen.values), Path(arguments.yaml))
         say(f"{arguments.yaml}: written")
@@ -204,5 +210,6 @@ def _as_json(found: Found) -> dict[str, object]:
         "front": [{"values": dict(of.values), "figures": dict(of.figures)} for of in found.front],
         "apart": [{"values": dict(of.values), "figures": dict(of.figures)} for of in found.apart],
         "chosen": dict(found.chosen.values),
+        "ended": found.ended,
         "history": [asdict(at) for at in found.history],
     }

@@ -11,6 +11,7 @@ agree on both: the loop of some is on the edge of one more rebound.
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -70,6 +71,9 @@ class Settings:
     population: int = assumed(16, "1", "Designs of a generation", 2, 10000)
     generations: int = assumed(10, "1", "Generations", 1, 100000)
     seed: int = assumed(0, "1", "Of all random numbers", 0, 2**31 - 1)
+    seconds: float = assumed(
+        0.0, "s", "Time after which no generation is begun any more, 0 = any", 0.0, 1e8
+    )
     fidelity: str = "search"
     final: str = "twice"
     limits: Limits = field(default_factory=Limits)
@@ -162,6 +166,8 @@ class Found:
     apart : tuple of Outcome
         Designs on the final fields that were left out: on half the elements along a line, the
         usual fields, their figures differ.
+    ended : str
+        Which limit ended the search, its generations or its time, one line.
     """
 
     reference: Outcome
@@ -170,6 +176,7 @@ class Found:
     searched: tuple[Outcome, ...]
     history: tuple[Progress, ...]
     apart: tuple[Outcome, ...] = ()
+    ended: str = ""
 
 
 def make_problem(
@@ -215,6 +222,7 @@ def optimise(
     tell: Callable[[Progress], None] = lambda progress: None,
     advance: Callable[[], None] = lambda: None,
     expect: Callable[[int], None] = lambda more: None,
+    clock: Callable[[], float] = time.monotonic,
 ) -> Found:
     """Search for better designs.
 
@@ -235,12 +243,15 @@ def optimise(
     expect : callable
         Called with how many evaluations the search adds to its population times generations: the
         front on the final fields.
+    clock : callable
+        Returns the time [s].
 
     Raises
     ------
     ValueError
         If the reference cannot be evaluated or no design keeps all limits; says what was nearest.
     """
+    began = clock()
     start = {v.name: value_of(problem.start, v.name) for v in problem.variables}
     start = problem.values([v.share(start[v.name]) for v in problem.variables])
     (reference,) = archive.outcomes([problem.task(start, settings.fidelity)], run)
@@ -267,6 +278,9 @@ def optimise(
         counts = (len(searched), failed, kept, len(front))
         history.append(Progress(len(history) + 1, settings.generations, *counts, volume))
         tell(history[-1])
+        if settings.seconds and clock() - began >= settings.seconds:
+            break
+    ended = _ended(history[-1], settings.seconds)
     if not front:
         raise ValueError(_nearest(tuple(searched.values()), limits, figures))
     wanted = [start, *(dict(of.values) for of in front)]
@@ -284,7 +298,15 @@ def optimise(
     if not best:
         raise ValueError(_nearest(finals, limits, true.figures, len(apart)))
     chosen = chosen_of(best, true.figures)
-    return Found(true, best, chosen, tuple(searched.values()), tuple(history), apart)
+    return Found(true, best, chosen, tuple(searched.values()), tuple(history), apart, ended)
+
+
+def _ended(at: Progress, seconds: float) -> str:
+    """Return which limit ended a search, in one line."""
+    done = f"{at.generation} of {at.generations} generations, {at.designs} different designs"
+    if at.generation < at.generations:
+        return f"the search ended by its time, {seconds:g} s: {done}; the same command goes on"
+    return f"the search ended by its generations: {done}"
 
 
 def apart_of(finals: Sequence[Outcome], archive: Archive, final: str) -> tuple[Outcome, ...]:
