@@ -15,8 +15,11 @@ import pytest
 from starlette.requests import Request
 
 from test.gateway.test_web import store
+from valve_twin.core.aging.verdict import Verdict, VerdictKind
 from valve_twin.gateway import plant as module
+from valve_twin.gateway.live.told import Told
 from valve_twin.gateway.plant import WAITING, Plant
+from valve_twin.gateway.view import LastCycle
 from valve_twin.gateway.web import Site, _Pages
 from valve_twin.io.errors import StoreError
 from valve_twin.io.history.database import Database
@@ -433,3 +436,22 @@ def test_a_history_that_was_locked_is_read_again_a_second_after_its_release(path
     row = view.row("/b")
     assert row is not None
     assert (view.failure, row.cycle) == ("", 4)
+
+
+def test_every_face_gets_what_the_topics_say_and_what_is_stored_keeps_its_number(path):
+    told = Told({"/a": "press_cartridge"})
+    plant = Plant(str(path), told=told)
+    stored = plant.view().row("/a")
+    assert stored is not None
+    told.judge("/a", Verdict(1, "/a", VerdictKind.SENSOR, "sensor", "it freezes", 9))
+    told.close_cycle("/a", LastCycle(9))
+    for look in (plant.glance, plant.news, plant.view):
+        view = look()
+        row = view.row("/a")
+        assert row is not None
+        assert (row.evidence, row.cycle) == ("it freezes", stored.cycle)  # faces read up to it
+        other = view.row("/b")
+        assert other is not None
+        assert other == plant._states["/b"][1].row
+    told.judge("/a", None)
+    assert plant.view().row("/a") == stored
