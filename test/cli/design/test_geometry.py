@@ -35,6 +35,15 @@ def test_the_table_names_resistance_and_mass(capsys):
     [
         (["--set", "turns=500"], "winding height = 0.0118516: must be 0 to 0.0095 [m], off by"),
         (["--set", "wire=0.6e-3"], "the nearest are 0.00056 and 0.00063"),
+        (
+            ["--set", "wire=2e-3"],
+            "wire = 0.002: must be 0.0001 to 0.0016 [m], the wires of EN IEC",
+        ),
+        (
+            ["--set", "wire=9e-5"],
+            "wire = 9e-05: must be 0.0001 to 0.0016 [m], the wires of EN IEC",
+        ),
+        (["--set", "wire=thin"], "wire: value 'thin' is no number"),
         (["--set", "turns"], "--set turns: write NAME=VALUE"),
         (["missing.yaml"], "missing.yaml: cannot be read"),
     ],

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -75,10 +75,19 @@ def read_given(
         if not equals:
             msg = f"--set {text}: write NAME=VALUE"
             raise ConfigError(msg)
-        changes[name] = load_yaml(value)
+        changes[name] = _value(value)
     with refusals():
         path = Path(arguments.design) if arguments.design else None
         return read_design(path, changes, kind)
+
+
+def _value(text: str) -> object:
+    """Return a value of --set; 2e-3, which YAML takes for a text, is a number."""
+    found: object = load_yaml(text)
+    if isinstance(found, str):
+        with suppress(ValueError):
+            return float(found)
+    return found
 
 
 def read_double_stroke(arguments: argparse.Namespace) -> DoubleStroke:

@@ -68,6 +68,12 @@ def find_wire(copper: float, grade: int = 1) -> Wire:
         if abs(copper - nominal * _MM) < 1e-9:
             return Wire(copper, overall[grade - 1] * _MM)
     sizes = list(_OVERALL_MM)
+    if not sizes[0] * _MM <= copper <= sizes[-1] * _MM:
+        message = (
+            f"wire = {copper:g}: must be {sizes[0] * _MM:g} to {sizes[-1] * _MM:g} [m], the wires "
+            "of EN IEC 60317-0-1; give wire_overall as well for any other"
+        )
+        raise ValueError(message)
     near = sorted(sorted(sizes, key=lambda d: abs(d * _MM - copper))[:2])
     message = (
         f"wire = {copper:g}: no nominal diameter of EN IEC 60317-0-1 from {sizes[0] * _MM:g} to "
