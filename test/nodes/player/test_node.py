@@ -505,6 +505,14 @@ def test_what_cannot_be_played_is_told_in_one_line(graph, bag, capfd, parameters
     assert said.count("\n") == 1
 
 
+def test_a_relative_bag_is_named_from_the_root(graph, bag, capfd, monkeypatch):
+    path = Path(bag)
+    monkeypatch.chdir(path.parent)
+    player = graph.host(BagPlayerNode, bag=path.name, topics=["/press/v1/spool"])
+    assert player.state == "unconfigured"
+    assert f"{path}: there is no topic" in capfd.readouterr().err
+
+
 def test_a_damaged_bag_is_played_as_far_as_it_is_intact(graph, tmp_path, capfd):
     """One byte in the middle of three chunks is wrong, and the end of the file is missing."""
     path = tmp_path / "bag"

@@ -11,6 +11,7 @@ import pytest
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rosgraph_msgs.msg import Clock
 from valve_twin_msgs.msg import Faults, Prediction
+from valve_twin_msgs.srv import ClearFaults
 
 from test.nodes.conftest import NS
 from test.nodes.feeding import START_NS, Feeder
@@ -104,3 +105,17 @@ def test_a_node_answers_no_questions_about_message_types_unless_it_is_told_to(gr
     graph.hosted.append(node)
     services = [service.srv_name for service in node.services]
     assert any(name.endswith("get_type_description") for name in services) == bool(given)
+
+
+@pytest.mark.parametrize("count", [100, 400])
+def test_many_requests_at_once_are_all_answered(graph, count):
+    """The middleware keeps ten of a service by default: the others were never answered."""
+    node = graph.host(AgingMonitorNode, start=False)
+    deep = QoSProfile(depth=1000)
+    client = graph.node.create_client(
+        ClearFaults, f"{NS}/{node.get_name()}/clear_faults", qos_profile=deep
+    )
+    graph.spin_until(client.service_is_ready, what="the service")
+    asked = [client.call_async(ClearFaults.Request()) for _ in range(count)]
+    graph.spin_until(lambda: all(f.done() for f in asked), 60.0, "all answers")
+    graph.node.destroy_client(client)

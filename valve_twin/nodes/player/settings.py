@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rclpy.duration import Duration
@@ -131,6 +132,8 @@ def read_settings(
     if not bag:
         msg = f"{where}: key 'bag' is empty; write the folder of a bag"
         raise ConfigError(msg)
+    bag = str(Path(bag).absolute())  # who asks from elsewhere knows no folder of ours
+    p = replace(p, bag=bag)
     compare_small(bag)
     choice = Choice(
         topics=p.topics,

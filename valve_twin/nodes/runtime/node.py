@@ -20,6 +20,7 @@ from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedE
 from rclpy.experimental import EventsExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
@@ -36,10 +37,14 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rclpy.parameter import Parameter
+    from rclpy.service import Service
 
 RCLError = rclpy_implementation.RCLError
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 """For liveness, diagnostics and pacing; never for the data."""
+
+REQUESTS = QoSProfile(depth=1000)
+"""Of services: the middleware keeps ten by itself, and drops the first where more come at once."""
 
 SPIN_S = 0.1
 """Longest wait of the loop: a signal is noticed within it [s]."""
@@ -77,6 +82,11 @@ class ValveNode(LifecycleNode):
         self._inbox: deque[Callable[[], None]] = deque()
         compat.answer_refused_transitions(self, self._tell_refused)
         compat.answer_unknown_types(self, self._tell_unknown_type)
+
+    def create_service(self, *args: Any, **given: Any) -> Service:
+        """Make a service as rclpy does, of which many may ask at once."""
+        given.setdefault("qos_profile", REQUESTS)
+        return super().create_service(*args, **given)
 
     # -- to be implemented
 
